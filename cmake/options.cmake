@@ -1,0 +1,50 @@
+# Language, warnings and build options that hold for every target.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
+endif()
+
+option(ZLOAM_WERROR "Warnings are errors" ON)
+option(ZLOAM_NATIVE "Optimise for this machine's CPU (-march=native): not portable, changes last bits" OFF)
+set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
+
+find_program(ZLOAM_CCACHE ccache)
+if(ZLOAM_CCACHE)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${ZLOAM_CCACHE})
+  set(CMAKE_C_COMPILER_LAUNCHER ${ZLOAM_CCACHE})
+endif()
+
+# No fused multiply-add behind our back: the same source must give the same bytes on every build of
+# one compiler, and -O levels may otherwise contract differently (protocols.md, section 8).
+add_compile_options(-ffp-contract=off)
+add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-Wall> $<$<COMPILE_LANGUAGE:CXX>:-Wextra>
+                    $<$<COMPILE_LANGUAGE:CXX>:-Wshadow> $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor>)
+if(ZLOAM_WERROR)
+  add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-Werror>)
+endif()
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # False positives of GCC 12's flow analysis inside Eigen and std::vector at -O3.
+  add_compile_options(-Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow)
+endif()
+if(ZLOAM_NATIVE)
+  add_compile_options(-march=native)
+endif()
+if(ZLOAM_SANITIZE)
+  add_compile_options(-fsanitize=${ZLOAM_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  add_link_options(-fsanitize=${ZLOAM_SANITIZE})
+endif()
+
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
+set(CMAKE_LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/lib)
+
+# A unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)
+function(zloam_test)
+  cmake_parse_arguments(T "" "NAME" "SOURCES;LIBS" ${ARGN})
+  add_executable(${T_NAME} ${T_SOURCES})
+  target_link_libraries(${T_NAME} PRIVATE ${T_LIBS} GTest::gtest_main GTest::gmock)
+  set_target_properties(${T_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  gtest_discover_tests(${T_NAME} DISCOVERY_MODE PRE_TEST PROPERTIES TIMEOUT 300)
+endfunction()

@@ -1,0 +1,33 @@
+#include "common/geometry/deskew.hpp"
+
+#include <algorithm>
+
+namespace zloam {
+
+DeskewTable::DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns,
+                         std::uint32_t instant_ns)
+    : step_per_ns_(period_ns == 0 ? 0.0 : static_cast<double>(kSteps) / period_ns) {
+  motions_.reserve(kSteps + 1);
+  for (int i = 0; i <= kSteps; ++i) {
+    const double time_ns = static_cast<double>(period_ns) * i / kSteps;
+    motions_.push_back(exp_se3(twist_per_s * ((time_ns - instant_ns) * 1e-9)));
+  }
+}
+
+const Pose& DeskewTable::motion_at(std::uint32_t time_ns) const {
+  const auto index = static_cast<std::size_t>(time_ns * step_per_ns_ + 0.5);
+  return motions_[std::min<std::size_t>(index, kSteps)];
+}
+
+PointVector deskewed(PointSpan points, const DeskewTable& table) {
+  PointVector out(points.begin(), points.end());
+  for (Point& p : out) {
+    const Eigen::Vector3d moved = table.motion_at(p.time_ns) * p.position().cast<double>();
+    p.x = static_cast<float>(moved.x());
+    p.y = static_cast<float>(moved.y());
+    p.z = static_cast<float>(moved.z());
+  }
+  return out;
+}
+
+}  // namespace zloam
