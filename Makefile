@@ -1,0 +1,82 @@
+# The commands of the project. `make help` lists them.
+SHELL := /bin/bash
+PRESET ?= release
+BUILD := build/$(PRESET)
+JOBS ?= $(shell nproc)
+STEP := deploy/build/step.sh
+PY := .venv/bin/python
+export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
+export ZLOAM_BUILD := $(CURDIR)/$(BUILD)
+export ZLOAM_SHARED ?= $(abspath ../shared)
+
+.PHONY: help deps tools venv build demo run test test-full accept bench sanitize fuzz fmt lint clean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+deps: ## install what is missing from the distribution (prints the list first)
+	@$(STEP) "system packages" deploy/build/deps.sh
+
+tools: ## deps, and the tools for formatting, linting and fuzzing
+	@$(STEP) "system packages and tools" deploy/build/deps.sh --tools
+
+venv: deps
+	@$(STEP) "python packages" deploy/build/venv.sh
+
+$(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | deps
+	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET)
+
+build: deps $(BUILD)/build.ninja ## build everything (PRESET=release|debug|asan-ubsan|tsan)
+	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS)
+
+# PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
+# CONFIG=deploy/robots/...yaml and SET="key=value ..." configure; RATE=max|realtime|factor.
+DEMO_ARGS = $(if $(PCAP),--pcap "$(PCAP)") $(if $(BIN),--bin "$(BIN)") $(if $(KITTI),--kitti "$(KITTI)") \
+  $(if $(SCANS),--scans "$(SCANS)") $(if $(TRUTH),--truth $(TRUTH)) $(if $(CONFIG),--config "$(CONFIG)") \
+  $(if $(RATE),--rate $(RATE)) $(if $(OUT),--out "$(OUT)") $(foreach s,$(SET),--set "$(s)")
+
+demo: build venv ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
+	@$(PY) -m zloam_monitor demo --preset-dir $(BUILD) $(DEMO_ARGS)
+
+run: build venv ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
+	@$(PY) -m zloam_monitor run --preset-dir $(BUILD) --config "$(or $(CONFIG),deploy/robots/vlp16-outdoor.yaml)" \
+	  $(foreach s,$(SET),--set "$(s)") $(if $(OUT),--out "$(OUT)")
+
+test: build venv ## unit and integration tests, layers, schemas
+	@$(STEP) "layers and schemas" deploy/build/checks.sh
+	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
+	@$(STEP) "integration tests" $(PY) -m pytest -q
+
+test-full: test lint sanitize ## everything: tests, lint, sanitizers, acceptance, benchmarks, a longer fuzz
+	@$(MAKE) fuzz FUZZ_SECONDS=60
+	@$(MAKE) accept
+	@$(MAKE) bench
+
+accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
+	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
+
+bench: build venv ## speed, as ratios in one run: out/bench
+	@$(PY) -m tests.bench --preset-dir $(BUILD)
+
+sanitize: ## the unit tests under AddressSanitizer and UBSan
+	@$(MAKE) PRESET=asan-ubsan build
+	@$(STEP) "unit tests (asan-ubsan)" ctest --test-dir build/asan-ubsan --output-on-failure -j $(JOBS) --no-tests=error
+
+FUZZ_SECONDS ?= 60
+fuzz: tools ## libFuzzer on packets, position packets, NMEA and pcap (FUZZ_SECONDS= each)
+	@$(STEP) "fuzz" tests/fuzz/run.sh $(FUZZ_SECONDS)
+
+fmt: tools venv ## format C++, Rust and Python
+	@git ls-files '*.cpp' '*.hpp' | xargs clang-format -i
+	@cd services/common/zenoh/bridge && cargo fmt
+	@.venv/bin/ruff format -q . && .venv/bin/ruff check -q --fix .
+
+lint: tools build venv ## formatting, clang-tidy, ruff, types, layers, the ten largest functions and files
+	@$(STEP) "format" deploy/build/lint.sh format
+	@$(STEP) "python" deploy/build/lint.sh python
+	@$(STEP) "layers and schemas" deploy/build/checks.sh
+	@$(STEP) "clang-tidy" deploy/build/lint.sh tidy $(BUILD)
+	@$(STEP) "sizes" deploy/build/lint.sh sizes
+
+clean: ## remove build/ and out/ (caches under ~/.cache stay)
+	rm -rf build out

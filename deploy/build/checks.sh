@@ -1,0 +1,52 @@
+#!/usr/bin/env bash
+# The rules of the structure that a program can hold (CONTRIBUTING.md draws them):
+#  - an algorithm library includes no Zenoh, FlatBuffers, logger, clock or thread;
+#  - no stage includes anything of another;
+#  - schemas carry explicit ids and conform to the released state.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+fail=0
+complain() { printf 'checks: %s\n' "$1" >&2; fail=1; }
+
+# What a library of algorithms may not see. Shells (main.cpp, *_stage.*, *_parameters.*, io/) may.
+forbidden='(common/zenoh|common/runtime|common/messages|flatbuffers|_generated\.h|spdlog|<chrono>|<thread>|<mutex>|<atomic>|<condition_variable>|<future>|<ctime>|<sys/time\.h>)'
+stages="driver registration odometry mapping integration simulator"
+for stage in $stages common/geometry common/plane_map; do
+  [ -d "services/$stage" ] || continue
+  while IFS= read -r file; do
+    hits=$(grep -nE "^\s*#\s*include.*$forbidden" "$file" || true)
+    [ -z "$hits" ] || complain "$file is an algorithm and may not include: $hits"
+  done < <(find "services/$stage" \( -name '*.hpp' -o -name '*.cpp' \) \
+             ! -name main.cpp ! -name '*_stage.*' ! -name '*_parameters.*' ! -name '*_test.cpp' \
+             ! -path '*/io/*' ! -path '*/tools/*' ! -path '*/tests/*')
+done
+for stage in $stages; do
+  for other in $stages; do
+    [ "$stage" = "$other" ] && continue
+    hits=$(grep -rnE "^\s*#\s*include\s+\"$other/" "services/$stage" --include='*.hpp' --include='*.cpp' || true)
+    [ -z "$hits" ] || complain "services/$stage includes of services/$other: $hits"
+  done
+done
+hits=$(grep -rnE "^\s*#\s*include\s+\"($(echo $stages | tr ' ' '|'))/" services/common --include='*.hpp' --include='*.cpp' || true)
+[ -z "$hits" ] || complain "services/common includes of a stage: $hits"
+hits=$(grep -rnE 'pcl_io|vtk' --include=CMakeLists.txt services tests CMakeLists.txt || true)
+[ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
+for entry in services/*; do
+  case $(basename "$entry") in
+    common | driver | registration | odometry | mapping | integration | simulator | monitor | router | store | README.md) ;;
+    *) complain "unexpected $entry" ;;
+  esac
+done
+
+released=schemas/.released
+if [ -d "$released" ]; then
+  for schema in schemas/*.fbs; do
+    old=$released/$(basename "$schema")
+    [ -f "$old" ] || continue
+    flatc --conform "$old" --conform-includes "$released" -I schemas "$schema" || complain "$schema breaks $old"
+  done
+else
+  complain "$released is missing"
+fi
+[ $fail -eq 0 ] && echo "checks: layers and schemas hold"
+exit $fail

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# lint.sh format | python | tidy BUILD_DIR | sizes
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+cpp_files() { git ls-files '*.cpp' '*.hpp'; }
+
+case "$1" in
+  format)
+    cpp_files | xargs clang-format --dry-run --Werror
+    (cd services/common/zenoh/bridge && cargo fmt --check)
+    ;;
+  python)
+    .venv/bin/ruff format --check -q . && .venv/bin/ruff check -q .
+    .venv/bin/mypy services/monitor/src
+    ;;
+  tidy)
+    git ls-files 'services/*.cpp' | grep -v '_test.cpp$' | xargs -P "$(nproc)" -n 4 clang-tidy -p "$2" --quiet
+    ;;
+  sizes)
+    echo "ten largest files (lines):"
+    git ls-files '*.cpp' '*.hpp' '*.rs' '*.py' | xargs wc -l | grep -v ' total$' | sort -rn | head -n 10
+    echo "ten largest functions (code lines, complexity, place):"
+    .venv/bin/python -m lizard -l cpp -l python -l rust --csv services tests 2>/dev/null |
+      sort -t, -k1 -rn | head -n 10 | awk -F, '{gsub(/"/, ""); print $1, $2, $6}'
+    ;;
+  *)
+    echo "usage: lint.sh format | python | tidy BUILD_DIR | sizes" >&2
+    exit 2
+    ;;
+esac
