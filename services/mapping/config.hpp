@@ -1,0 +1,83 @@
+#pragma once
+// What can be set about mapping. Defaults stand here and nowhere else.
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+namespace zloam::mapping {
+
+enum class WeakDirections : std::uint8_t {
+  kPrior = 0,  ///< the prediction weighs in with its covariance everywhere (MAP)
+  kRemap = 1,  ///< steps along flagged directions are cut to zero (Zhang, Kaess, Singh, ICRA 2016)
+};
+
+/// LOAM's matching.
+struct LoamConfig {
+  /// map points looked at around a feature
+  int neighbours = 5;
+  /// a feature counts only when all of them are nearer, m
+  double neighbour_radius_m = 1.0;
+  /// line when the largest eigenvalue is more than so many times the middle one
+  double line_ratio = 3.0;
+  /// plane when all neighbours are within, m
+  double plane_distance_m = 0.2;
+  /// the middle eigenvalue must be more than so many times the smallest: no plane from points in a
+  /// row
+  double plane_spread_ratio = 3.0;
+  /// voxel filter of the sweep before matching (not before insertion), m; 0: none
+  double match_leaf_edge_m = 0.2;
+  double match_leaf_plane_m = 0.4;
+  int max_iterations = 10;
+  /// end of the iteration: step below both
+  double stop_translation_m = 1e-4;
+  double stop_rotation_rad = 1e-5;
+  /// neighbours are searched again when the feature moved by more, m
+  double reassociate_m = 0.02;
+  /// fewer matched features than this: the pose is the prediction
+  int min_correspondences = 50;
+  /// width of the Geman-McClure kernel, m
+  double kernel_m = 0.1;
+  /// residuals on one surface are correlated: their information counts this many times less
+  double correlation = 10.0;
+  /// information of an edge's residual against a plane's
+  double edge_weight = 1.0;
+};
+
+struct MappingConfig {
+  /// loam, or voxel_planes
+  std::string method = "loam";
+  /// every n-th sweep by number is mapped
+  std::uint32_t every = 1;
+  /// edge of a cube, m
+  double tile_edge_m = 50.0;
+  /// cubes kept at hand around the sensor, and cubes matched against (odd numbers)
+  std::array<int, 3> window_tiles = {21, 21, 11};
+  std::array<int, 3> local_tiles = {5, 5, 3};
+  /// one map point a voxel, m
+  double leaf_edge_m = 0.2;
+  double leaf_plane_m = 0.4;
+  /// what the prediction's covariance has at least, one sigma a mapped sweep
+  double prior_sigma_m = 0.03;
+  double prior_sigma_rad = 0.005;
+  /// the odometry's covariance counts this many times (variance)
+  double prior_scale = 1.0;
+  WeakDirections weak_directions = WeakDirections::kPrior;
+  /// a direction is flagged when measured sigma > on * predicted sigma, until below off * predicted
+  double degenerate_on = 1.0;
+  double degenerate_off = 0.7;
+  /// not inserted when the residual is above so many times its recent median
+  double insert_residual_factor = 2.0;
+  /// sweeps over which the median is taken
+  int insert_residual_window = 21;
+  /// inserted only when moved or turned by more since the last insertion; 0: every sweep
+  double insert_distance_m = 0.0;
+  double insert_rotation_rad = 0.0;
+  /// evicted tiles are kept in memory up to this many points, then in a file in spill_directory
+  std::uint64_t archive_points = 20'000'000;
+  /// empty: in memory without a bound
+  std::string spill_directory;
+  LoamConfig loam;
+};
+
+}  // namespace zloam::mapping

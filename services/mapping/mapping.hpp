@@ -1,0 +1,161 @@
+#pragma once
+// Scan to map: keeps T_map_odom, the map in tiles and the path of mapped poses.
+//
+// Method: LOAM's mapping (Zhang and Singh, LOAM: Lidar Odometry and Mapping in Real-time, RSS 2014,
+// section VI): edge and plane clouds in cubes, a window of cubes that follows the sensor, matching
+// of each feature against the nearest map points. How a sweep is matched is a strategy
+// (method.hpp); prediction, insertion policy, tiles and path are the same for all methods.
+//
+// Frames: everything that comes in is in base_link at one instant of the sweep; poses are
+// T_map_base at that instant. The map's origin is the first pose of base_link in odom.
+// Tangents are (translation m, rotation rad), right perturbation: T = T0 * Exp(x), i.e. in
+// base_link.
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/geometry/health.hpp"
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+#include "mapping/config.hpp"
+
+namespace zloam::mapping {
+
+/// One sweep as odometry hands it on. Spans are only read during the call.
+struct MappingInput {
+  std::uint64_t sweep = 0;
+  /// the instant of pose and points, ns after the sweep's first point
+  std::uint32_t instant_ns = 0;
+  /// time covered by the points, ns
+  std::uint32_t period_ns = 0;
+  /// +1 when the odom frame could not be continued: the new one is searched for around the last
+  /// pose
+  std::uint32_t odom_epoch = 0;
+  Pose T_odom_base = Pose::Identity();
+  /// twist with which the points were moved to the instant, m/s and rad/s, body frame
+  Vector6 twist_per_s = Vector6::Zero();
+  /// of the odometry step from the sweep before, tangent at base_link
+  Matrix6 step_covariance = Matrix6::Zero();
+  Pose T_base_lidar = Pose::Identity();
+  /// frame base_link at the instant; time_ns is still each point's own
+  PointSpan edges;
+  PointSpan planes;
+  Health health = Health::kOk;
+  bool degenerate = false;
+  double range_noise_m = 0.02;
+};
+
+enum class Layer : std::uint8_t { kEdge = 0, kPlane = 1 };
+inline constexpr std::array<Layer, 2> kLayers = {Layer::kEdge, Layer::kPlane};
+/// "edge" or "plane", as in keys and files.
+const char* layer_name(Layer layer);
+std::optional<Layer> layer_from_name(const std::string& name);
+
+/// Cube (i, j, k) spans [i, i+1) * tile edge on x, likewise y and z, frame map.
+struct TileIndex {
+  std::int32_t i = 0, j = 0, k = 0;
+  auto operator<=>(const TileIndex&) const = default;
+};
+
+struct TileId {
+  TileIndex index;
+  Layer layer = Layer::kEdge;
+  auto operator<=>(const TileId&) const = default;
+};
+
+struct Tile {
+  TileId id;
+  double edge_m = 0.0;
+  /// grows with each sweep that changed the tile
+  std::uint64_t version = 0;
+  /// frame map, in the order in which their voxels were first hit
+  std::vector<MapPoint> points;
+};
+
+/// A point of the whole map with its layer.
+struct LayeredPoint {
+  MapPoint point;
+  Layer layer;
+};
+
+/// The direction that the data fixes least. Vectors are unit in base_link, zero when none is weak.
+struct Degeneracy {
+  bool degenerate = false;
+  Eigen::Vector3d weak_translation = Eigen::Vector3d::Zero();
+  Eigen::Vector3d weak_rotation = Eigen::Vector3d::Zero();
+  /// one sigma along the weakest direction: m when a translation is weak (or none), else rad
+  double sigma_measured = 0.0;
+  double sigma_predicted = 0.0;
+  /// mean squared share of the normals along the weakest translation, 0..1
+  double share = 0.0;
+};
+
+struct MappingResult {
+  std::uint64_t sweep = 0;
+  Pose T_map_odom = Pose::Identity();
+  Pose T_map_base = Pose::Identity();
+  /// of T_map_base, tangent at base_link
+  Matrix6 covariance = Matrix6::Zero();
+  Health health = Health::kOk;
+  bool inserted = false;
+  Degeneracy degeneracy;
+  std::uint32_t iterations = 0;
+  std::uint32_t correspondences = 0;
+  /// rms of the residuals after the last iteration, m
+  double residual_m = 0.0;
+  /// tiles changed by this sweep, ascending; empty when not inserted
+  std::vector<TileId> changed;
+  /// tiles that left the window at this sweep, as they were; the mapper keeps them for the whole
+  /// map
+  std::vector<Tile> evicted;
+  /// why the sweep was not inserted, empty when it was
+  std::string reason;
+};
+
+struct PathPose {
+  std::uint64_t sweep = 0;
+  Pose T_map_base = Pose::Identity();
+};
+
+class MappingMethod;
+
+class Mapper {
+ public:
+  /// The method that config.method names.
+  explicit Mapper(const MappingConfig& config);
+  Mapper(const MappingConfig& config, std::unique_ptr<MappingMethod> method);
+  ~Mapper();
+  Mapper(Mapper&&) noexcept;
+  Mapper& operator=(Mapper&&) noexcept;
+
+  /// Matches one sweep, corrects T_map_odom and inserts it where the policy allows. Sweeps must
+  /// come in ascending order. Points that are not finite are left out. Never throws on bad data:
+  /// the result's health says what was wrong, and the pose is then the prediction.
+  MappingResult process(const MappingInput& input);
+
+  /// Empties map and path; the next sweep founds a new map at its predicted pose.
+  void reset();
+
+  const Pose& T_map_odom() const;
+  const std::vector<PathPose>& path() const;
+  /// The points of one tile, also of one that left the window; empty when there is none.
+  std::optional<Tile> tile(const TileId& id) const;
+  /// All tiles that hold points, ascending (i, j, k, layer).
+  std::vector<TileId> tiles() const;
+  /// The local map around the last pose, in the order of cloud().
+  std::vector<LayeredPoint> surround() const;
+  /// The whole map in the order (tile, layer, insertion).
+  std::vector<LayeredPoint> cloud() const;
+  std::size_t point_count() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace zloam::mapping
