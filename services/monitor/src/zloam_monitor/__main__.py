@@ -1,0 +1,7 @@
+"""`python -m zloam_monitor`."""
+
+import sys
+
+from zloam_monitor.cli import main
+
+sys.exit(main())

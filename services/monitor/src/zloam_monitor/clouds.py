@@ -1,0 +1,58 @@
+"""Map points: gathered from tiles, written as PCD (read by PCL, Open3D, CloudCompare)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor.files import written_whole
+from zloam_monitor.messages import MAP_POINT
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One cube of one layer, frame map."""
+
+    layer: str
+    index: tuple[int, int, int]
+    version: int
+    points: NDArray[Any]
+
+
+def merged(tiles: list[Tile]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
+    """All points in the order (tile, layer, insertion), and the layer of each: 0 edge, 1 plane."""
+    ordered = sorted(tiles, key=lambda tile: (tile.index, tile.layer))
+    if not ordered:
+        return np.empty(0, MAP_POINT), np.empty(0, np.uint8)
+    layers = [np.full(len(t.points), 0 if t.layer == "edge" else 1, np.uint8) for t in ordered]
+    return np.concatenate([t.points for t in ordered]), np.concatenate(layers)
+
+
+def write_pcd(path: Path, points: NDArray[Any], layers: NDArray[np.uint8]) -> None:
+    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane)."""
+    record = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
+    rows = np.empty(len(points), record)
+    for name in MAP_POINT.names or ():
+        rows[name] = points[name]
+    rows["layer"] = layers
+    header = (
+        "# .PCD v0.7 - Point Cloud Data file format\n"
+        "VERSION 0.7\nFIELDS x y z intensity layer\nSIZE 4 4 4 4 1\nTYPE F F F F U\n"
+        f"COUNT 1 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        f"POINTS {len(rows)}\nDATA binary\n"
+    )
+    with written_whole(path, "wb") as out:
+        out.write(header.encode())
+        out.write(rows.tobytes())
+
+
+def read_pcd(path: Path) -> NDArray[Any]:
+    """A file written by write_pcd."""
+    data = path.read_bytes()
+    marker = b"DATA binary\n"
+    start = data.index(marker) + len(marker)
+    return np.frombuffer(data, np.dtype([*MAP_POINT.descr, ("layer", "u1")]), -1, start)

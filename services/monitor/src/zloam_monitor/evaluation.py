@@ -1,0 +1,162 @@
+"""How far a trajectory is from the truth.
+
+Alignment and absolute and relative errors are evo's (Umeyama without scale); drift over sub-lengths
+is the KITTI benchmark's (Geiger et al., CVPR 2012), with lengths that fit the path.
+Truth is taken at each pose's own instant, never at the nearest one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from evo.core import metrics
+from evo.core.filters import FilterException
+from evo.core.geometry import GeometryException
+from evo.core.trajectory import PosePath3D
+from numpy.typing import NDArray
+
+from zloam_monitor import se3
+from zloam_monitor.trajectory import Trajectory, interpolate, path_m
+
+Array = NDArray[np.float64]
+#: every so many poses a sub-length starts, as the KITTI development kit does
+SUB_LENGTH_STEP = 10
+MIN_POSES = 3
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors of one trajectory; None where the data cannot say."""
+
+    poses: int
+    matched: int
+    ate_rmse_m: float | None = None
+    ate_max_m: float | None = None
+    drift_percent: float | None = None
+    drift_deg_per_m: float | None = None
+    rpe_1m_m: float | None = None
+    path_m: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """An estimate beside the truth at its instants; `aligned` lies on the truth."""
+
+    truth: Array
+    estimate: Array
+    aligned: Array
+    stamps_ns: NDArray[np.int64]
+
+    def errors_m(self) -> Array:
+        """Distance from the truth of each aligned pose."""
+        distance: Array = np.linalg.norm(self.aligned[:, :3, 3] - self.truth[:, :3, 3], axis=1)
+        return distance
+
+
+def sub_lengths_m(path_length_m: float) -> list[float]:
+    """Sub-lengths for a path: KITTI's own on a long one, shorter ones on a short one."""
+    if path_length_m > 800:
+        return [100, 200, 300, 400, 500, 600, 700, 800]
+    if path_length_m > 250:
+        return [50, 100, 200, 300, 400]
+    if path_length_m > 60:
+        return [5, 10, 20, 40, 60, 80]
+    return [1, 2, 5, 10]
+
+
+def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.int64]]:
+    """(truth, estimate, stamps) at the estimate's instants; by sweep number if truth has no time."""
+    stamps = estimate.stamps_ns
+    if stamps is None:
+        stamps = estimate.sweeps
+    if truth.stamps_ns is not None and estimate.stamps_ns is not None:
+        at, inside = interpolate(truth, estimate.stamps_ns)
+        return at.transforms, estimate.transforms[inside], stamps[inside]
+    row = {int(sweep): i for i, sweep in enumerate(truth.sweeps)}
+    pairs = [(row[int(s)], i) for i, s in enumerate(estimate.sweeps) if int(s) in row]
+    of_truth = [t for t, _ in pairs]
+    of_estimate = [e for _, e in pairs]
+    return truth.transforms[of_truth], estimate.transforms[of_estimate], stamps[of_estimate]
+
+
+def drift(truth: Array, estimate: Array) -> tuple[float | None, float | None]:
+    """(percent, degrees per m): mean relative error over all sub-lengths."""
+    along = path_m(truth)
+    first, last, length = _sub_length_pairs(along)
+    if len(first) == 0:
+        return None, None
+    step_truth = se3.inverse(truth[first]) @ truth[last]
+    step_estimate = se3.inverse(estimate[first]) @ estimate[last]
+    error = se3.inverse(step_estimate) @ step_truth
+    translation = np.linalg.norm(error[:, :3, 3], axis=1) / length * 100.0
+    rotation = np.degrees(se3.rotation_angle_rad(error)) / length
+    return float(translation.mean()), float(rotation.mean())
+
+
+def _sub_length_pairs(along: Array) -> tuple[list[int], list[int], Array]:
+    """Start and end index and length of each sub-length that fits on the path."""
+    found = [
+        (i, int(j), length)
+        for i in range(0, len(along), SUB_LENGTH_STEP)
+        for length in sub_lengths_m(float(along[-1]))
+        if (j := np.searchsorted(along, along[i] + length)) < len(along)
+    ]
+    return [f[0] for f in found], [f[1] for f in found], np.array([f[2] for f in found], float)
+
+
+def _path(transforms: Array) -> PosePath3D:
+    return PosePath3D(poses_se3=list(transforms))
+
+
+def _rpe_over_1m(truth: PosePath3D, estimate: PosePath3D) -> float | None:
+    """rmse of the translation of relative errors over steps of 1 m of the true path."""
+    rpe = metrics.RPE(
+        metrics.PoseRelation.translation_part, 1.0, metrics.Unit.meters, pairs_from_reference=True
+    )
+    try:
+        rpe.process_data((truth, estimate))
+    except (FilterException, metrics.MetricsException):
+        return None
+    return float(rpe.get_statistic(metrics.StatisticsType.rmse))
+
+
+def compare(estimate: Trajectory, truth: Trajectory) -> Compared | None:
+    """The estimate aligned to the truth (rotation and translation, no scale)."""
+    of_truth, of_estimate, stamps = associate(estimate, truth)
+    if len(of_truth) < MIN_POSES:
+        return None
+    reference, path = _path(of_truth), _path(of_estimate)
+    try:
+        path.align(reference, correct_scale=False)
+    except GeometryException:
+        # all positions on one spot or line leave a rotation open: taken from the first pose
+        turned = of_truth[0] @ se3.inverse(of_estimate[0]) @ of_estimate
+        turned[:, :3, 3] += (of_truth[:, :3, 3] - turned[:, :3, 3]).mean(axis=0)
+        path = _path(turned)
+    return Compared(of_truth, of_estimate, np.array(path.poses_se3), stamps)
+
+
+def evaluate(estimate: Trajectory, truth: Trajectory) -> Scores:
+    """All scores of one trajectory. `truth` must be of the same frame (see Trajectory.carried)."""
+    compared = compare(estimate, truth)
+    if compared is None:
+        return Scores(len(estimate), 0)
+    reference = _path(compared.truth)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, _path(compared.aligned)))
+    percent, degrees = drift(compared.truth, compared.estimate)
+    return Scores(
+        poses=len(estimate),
+        matched=len(compared.truth),
+        ate_rmse_m=float(ape.get_statistic(metrics.StatisticsType.rmse)),
+        ate_max_m=float(ape.get_statistic(metrics.StatisticsType.max)),
+        drift_percent=percent,
+        drift_deg_per_m=degrees,
+        rpe_1m_m=_rpe_over_1m(reference, _path(compared.estimate)),
+        path_m=float(path_m(compared.truth)[-1]),
+    )

@@ -1,0 +1,157 @@
+"""One picture of a run: the map from above with the trajectory, the error over time, a close look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor.evaluation import Compared
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+Array = NDArray[np.float64]
+#: more points than this are thinned evenly: the picture has fewer pixels
+MOST_POINTS = 600_000
+ESTIMATE_COLOUR = "#d62728"
+TRUTH_COLOUR = "#111111"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the picture shows; positions in m, frame map."""
+
+    title: str
+    points: NDArray[Any]  # structured: x y z intensity
+    positions: Array  # (n, 3) of base_link
+    seconds: Array  # (n,) since the first pose
+    compared: Compared | None = None
+    intensity: bool = False
+
+
+def draw(path: Path, scene: Scene) -> None:
+    """Writes the PNG."""
+    figure = plt.figure(figsize=(16, 10), dpi=110, layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.7, 1.0])
+    whole = figure.add_subplot(grid[:, 0])
+    close = figure.add_subplot(grid[0, 1])
+    below = figure.add_subplot(grid[1, 1])
+    figure.suptitle(scene.title)
+    window = _close_window(scene.positions)
+    _draw_map(figure, whole, scene)
+    whole.add_patch(
+        Rectangle((window[0], window[2]), window[1] - window[0], window[3] - window[2],
+                  fill=False, edgecolor="#1f77b4", linewidth=1.5, label="close view")
+    )  # fmt: skip
+    whole.legend(loc="upper right", framealpha=0.9)
+    _draw_close(close, scene, window)
+    if scene.compared is None:
+        _draw_height(below, scene)
+    else:
+        _draw_error(below, scene.compared)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".part")
+    figure.savefig(temporary, format="png")
+    plt.close(figure)
+    temporary.replace(path)
+
+
+def _thinned(points: NDArray[Any]) -> NDArray[Any]:
+    return points[:: max(1, -(-len(points) // MOST_POINTS))]
+
+
+def _truth_in_map(scene: Scene) -> Array | None:
+    """Truth moved into the map frame, where the estimate lies unaligned."""
+    if scene.compared is None:
+        return None
+    aligned, raw = scene.compared.aligned[0], scene.compared.estimate[0]
+    back = raw @ np.linalg.inv(aligned)
+    moved: Array = scene.compared.truth[:, :3, 3] @ back[:3, :3].T + back[:3, 3]
+    return moved
+
+
+def _draw_paths(axes: Axes, scene: Scene, width: float) -> None:
+    truth = _truth_in_map(scene)
+    if truth is not None:
+        axes.plot(truth[:, 0], truth[:, 1], "-", color=TRUTH_COLOUR, lw=width + 1.2, label="truth")
+    p = scene.positions
+    axes.plot(p[:, 0], p[:, 1], "-", color=ESTIMATE_COLOUR, lw=width, label="trajectory")
+    if len(p):
+        axes.plot(*p[0, :2], "o", color="#2ca02c", ms=7, label="start")
+        axes.plot(*p[-1, :2], "s", color="#9467bd", ms=6, label="end")
+
+
+def _draw_map(figure: Figure, axes: Axes, scene: Scene) -> None:
+    points = _thinned(scene.points)
+    if len(points):
+        value = points["intensity"] if scene.intensity else points["z"]
+        low, high = np.percentile(value, [2, 98])
+        drawn = axes.scatter(
+            points["x"], points["y"], c=value, s=0.35, cmap="viridis", vmin=low,
+            vmax=max(high, low + 1e-3), linewidths=0, rasterized=True,
+        )  # fmt: skip
+        label = "reflectivity (0–255)" if scene.intensity else "height (m, frame map)"
+        figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, location="bottom", aspect=40)
+    _draw_paths(axes, scene, 1.2)
+    axes.set(title=f"map from above, {len(scene.points):,} points", xlabel="x (m)", ylabel="y (m)")
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(alpha=0.25)
+
+
+def _close_window(positions: Array) -> tuple[float, float, float, float]:
+    """A square around the end of the path, where a loop closes: x0, x1, y0, y1."""
+    if len(positions) == 0:
+        return (-10.0, 10.0, -10.0, 10.0)
+    extent = float(np.ptp(positions[:, :2], axis=0).max())
+    half = float(np.clip(extent * 0.15, 4.0, 20.0))
+    x, y = positions[-1, :2]
+    return (x - half, x + half, y - half, y + half)
+
+
+def _draw_close(axes: Axes, scene: Scene, window: tuple[float, float, float, float]) -> None:
+    x0, x1, y0, y1 = window
+    p = scene.points
+    inside = (p["x"] > x0) & (p["x"] < x1) & (p["y"] > y0) & (p["y"] < y1)
+    near = _thinned(p[inside])
+    # without the ground walls show as lines, and a doubled wall as two
+    if len(near) > 50:
+        near = near[near["z"] > np.percentile(near["z"], 2) + 0.5]
+    axes.scatter(near["x"], near["y"], s=1.5, c="#555555", linewidths=0, rasterized=True)
+    _draw_paths(axes, scene, 1.5)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x (m)", ylabel="y (m)")
+    axes.set_title("close view at the end of the path, without the ground")
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(alpha=0.25)
+
+
+def _draw_error(axes: Axes, compared: Compared) -> None:
+    seconds = (compared.stamps_ns - compared.stamps_ns[0]) * 1e-9
+    if seconds[-1] < 1e-3:  # truth known by sweep number only
+        seconds, label = np.arange(len(seconds), dtype=float), "pose"
+    else:
+        label = "time (s)"
+    error = compared.errors_m()
+    rmse = float(np.sqrt(np.mean(error**2)))
+    difference = compared.aligned[:, :3, 3] - compared.truth[:, :3, 3]
+    axes.plot(seconds, error, color=ESTIMATE_COLOUR, lw=1.4, label="distance")
+    for axis, name in enumerate("xyz"):
+        axes.plot(seconds, np.abs(difference[:, axis]), lw=0.8, alpha=0.7, label=f"|{name}|")
+    axes.axhline(rmse, color=TRUTH_COLOUR, ls="--", lw=1, label=f"rmse {rmse:.3f} m")
+    axes.set(title="error after alignment", xlabel=label, ylabel="error (m)")
+    axes.set_ylim(bottom=0, top=max(float(error.max()) * 1.35, 1e-3))
+    axes.legend(loc="upper center", ncols=5, fontsize=8)
+    axes.grid(alpha=0.25)
+
+
+def _draw_height(axes: Axes, scene: Scene) -> None:
+    axes.plot(scene.seconds, scene.positions[:, 2], color=ESTIMATE_COLOUR, lw=1.4)
+    axes.set(title="height of the path (no truth given)", xlabel="time (s)", ylabel="z (m)")
+    axes.grid(alpha=0.25)

@@ -1,0 +1,158 @@
+"""Scores against closed forms, and against evo's own programs."""
+
+import numpy as np
+import pytest
+from evo.core import metrics, sync
+from evo.core import trajectory as evo_trajectory
+from scipy.spatial.transform import Rotation
+
+from zloam_monitor import evaluation, se3
+from zloam_monitor.trajectory import Trajectory
+
+START_NS = 1_600_000_000_000_000_000
+
+
+def loop(n=2001, radius_m=50.0, turns=1.0):
+    """A circle with a little height, heading along the path; about 314 m a turn."""
+    angle = np.linspace(0, 2 * np.pi * turns, n)
+    positions = np.c_[radius_m * np.cos(angle), radius_m * np.sin(angle), 0.5 * np.sin(3 * angle)]
+    quats = Rotation.from_rotvec(np.outer(angle + np.pi / 2, [0, 0, 1])).as_quat()
+    stamps = START_NS + (np.arange(n) * 20_000_000).astype(np.int64)
+    return Trajectory(se3.matrices(positions, quats), stamps, np.arange(n))
+
+
+def straight(n, step_m):
+    positions = np.c_[np.arange(n) * step_m, np.zeros(n), np.zeros(n)]
+    quats = np.tile([0.0, 0, 0, 1], (n, 1))
+    stamps = START_NS + (np.arange(n) * 100_000_000).astype(np.int64)
+    return Trajectory(se3.matrices(positions, quats), stamps, np.arange(n))
+
+
+def test_another_origin_is_no_error():
+    truth = loop()
+    moved = se3.from_xyz_rpy_deg([30, -7, 2], [3, -5, 120])
+    estimate = Trajectory(moved @ truth.transforms, truth.stamps_ns, truth.sweeps)
+    scores = evaluation.evaluate(estimate, truth)
+    assert scores.ate_rmse_m == pytest.approx(0, abs=1e-6)
+    assert scores.drift_percent == pytest.approx(0, abs=1e-6)
+    assert scores.rpe_1m_m == pytest.approx(0, abs=1e-6)
+
+
+def test_scale_is_not_forgiven():
+    truth = straight(1001, 0.3)
+    stretched = truth.transforms.copy()
+    stretched[:, :3, 3] *= 1.01
+    scores = evaluation.evaluate(Trajectory(stretched, truth.stamps_ns, truth.sweeps), truth)
+    # 1 % along a line of length L leaves, after centring, a uniform error with rms 0.01 L / sqrt(12)
+    assert scores.ate_rmse_m == pytest.approx(0.01 * 300.3 / np.sqrt(12), rel=0.01)
+    assert scores.drift_percent == pytest.approx(1.0, rel=0.01)
+    # steps of 1 m are four poses of 0.3 m
+    assert scores.rpe_1m_m == pytest.approx(0.012, rel=1e-6)
+
+
+def test_heading_drift_in_closed_form():
+    truth = straight(401, 0.5)  # 200 m: sub-lengths 5 to 80 m
+    rate = np.radians(0.02)  # per m
+    along = np.arange(401) * 0.5
+    quats = Rotation.from_rotvec(np.outer(rate * along, [0, 0, 1])).as_quat()
+    positions = np.c_[np.sin(rate * along) / rate, (1 - np.cos(rate * along)) / rate, 0 * along]
+    estimate = Trajectory(se3.matrices(positions, quats), truth.stamps_ns, truth.sweeps)
+    scores = evaluation.evaluate(estimate, truth)
+    assert scores.drift_deg_per_m == pytest.approx(0.02, rel=1e-6)
+    # chord against straight line, for each start that still fits, as KITTI averages them
+    expected = []
+    for start in range(0, 401, 10):
+        for length in (5, 10, 20, 40, 60, 80):
+            if start * 0.5 + length <= 200:
+                a = rate * length
+                gap = np.hypot(np.sin(a) / rate - length, (1 - np.cos(a)) / rate)
+                expected.append(gap / length * 100)
+    assert scores.drift_percent == pytest.approx(np.mean(expected), rel=1e-6)
+
+
+def test_white_noise_shows_in_full():
+    truth = loop(20_001)
+    noise = np.random.default_rng(3).normal(0, 0.1, (len(truth), 3))
+    noisy = truth.transforms.copy()
+    noisy[:, :3, 3] += noise
+    scores = evaluation.evaluate(Trajectory(noisy, truth.stamps_ns, truth.sweeps), truth)
+    assert scores.ate_rmse_m == pytest.approx(0.1 * np.sqrt(3), rel=0.02)
+
+
+def test_truth_is_taken_at_the_instant_of_the_pose():
+    truth = loop(2001)
+    between, _ = evaluation.interpolate(truth, truth.stamps_ns[:-1] + 9_000_000)
+    scores = evaluation.evaluate(between, truth)
+    assert scores.ate_rmse_m < 1e-6
+    # half a stamp off would be 7.5 mm on each pose: the score must see it
+    late = Trajectory(between.transforms, between.stamps_ns + 1_000_000_000, between.sweeps)
+    assert evaluation.evaluate(late, truth).drift_percent is not None
+
+
+def test_a_constant_time_error_is_seen():
+    truth = straight(500, 0.1)
+    wobble = truth.transforms.copy()
+    wobble[:, 1, 3] = np.sin(np.arange(500) / 10)
+    truth = Trajectory(wobble, truth.stamps_ns, truth.sweeps)
+    late = Trajectory(wobble[:-2], truth.stamps_ns[2:], truth.sweeps[:-2])
+    assert evaluation.evaluate(late, truth).ate_rmse_m > 0.1
+
+
+def test_truth_of_the_sensor_is_carried_to_base_link():
+    T_base_lidar = se3.from_xyz_rpy_deg([0.4, 0.1, 1.2], [2, -8, 90])
+    base = loop()
+    sensor = base.carried(T_base_lidar)
+    carried = sensor.carried(se3.inverse(T_base_lidar))
+    assert evaluation.evaluate(base, carried).ate_rmse_m == pytest.approx(0, abs=1e-9)
+    # uncarried, the lever arm and the mounting's rotation show
+    assert evaluation.evaluate(base, sensor).rpe_1m_m > 1e-3
+
+
+def test_kitti_truth_is_joined_by_sweep_number():
+    truth = loop(200, turns=0.2)
+    by_number = Trajectory(truth.transforms, None, truth.sweeps)
+    missing = np.r_[0:50, 60:200]
+    estimate = Trajectory(truth.transforms[missing], truth.stamps_ns[missing], truth.sweeps[missing])
+    scores = evaluation.evaluate(estimate, by_number)
+    assert scores.matched == 190
+    assert scores.ate_rmse_m == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("path_m", "lengths"),
+    [(801, [100, 800]), (800, [50, 400]), (250, [5, 80]), (61, [5, 80]), (60, [1, 10])],
+)
+def test_sub_length_rule(path_m, lengths):
+    found = evaluation.sub_lengths_m(path_m)
+    assert [found[0], found[-1]] == lengths
+
+
+def test_too_few_poses_give_no_figure():
+    truth = loop(10)
+    few = Trajectory(truth.transforms[:2], truth.stamps_ns[:2], truth.sweeps[:2])
+    assert evaluation.evaluate(few, truth).ate_rmse_m is None
+
+
+def test_standing_still_is_an_answer():
+    still = straight(50, 0.0)
+    assert evaluation.evaluate(still, still).ate_rmse_m == pytest.approx(0, abs=1e-9)
+
+
+def test_ape_equals_evo_by_its_own_association():
+    truth = loop(2001)
+    rng = np.random.default_rng(5)
+    bent = truth.transforms.copy()
+    bent[:, :3, 3] += np.cumsum(rng.normal(0, 0.002, (len(truth), 3)), axis=0)
+    estimate = Trajectory(bent[::5], truth.stamps_ns[::5], truth.sweeps[::5])
+    scores = evaluation.evaluate(estimate, truth)
+
+    def as_evo(t):
+        return evo_trajectory.PoseTrajectory3D(
+            poses_se3=list(t.transforms), timestamps=t.times_s(START_NS)
+        )
+
+    reference, path = sync.associate_trajectories(as_evo(truth), as_evo(estimate), max_diff=0.001)
+    path.align(reference, correct_scale=False)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, path))
+    assert scores.ate_rmse_m == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse))

@@ -1,0 +1,89 @@
+"""The numpy dtypes are the structs of the schemas, and what is written is read again."""
+
+import re
+
+import flatbuffers
+import numpy as np
+import pytest
+
+from zloam_monitor import messages
+
+
+@pytest.fixture(autouse=True)
+def _needs_generated_code():
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+
+
+def generated_value(struct, path):
+    """Reads x or translation.x by the generated accessors."""
+    for name in path[:-1]:
+        accessor = "".join(part.capitalize() for part in name.split("_"))
+        inner = messages.STRUCTS["Pose"] if name == "pose" else None
+        type_name = "Pose" if inner is not None else ("Quat" if name == "rotation" else "Vec3")
+        child = getattr(messages.module(type_name), type_name)()
+        struct = getattr(struct, accessor)(child)
+    return getattr(struct, "".join(part.capitalize() for part in path[-1].split("_")))()
+
+
+def leaves(dtype, prefix=()):
+    for name in dtype.names:
+        field = dtype.fields[name][0]
+        if field.names:
+            yield from leaves(field, (*prefix, name))
+        else:
+            yield (*prefix, name)
+
+
+@pytest.mark.parametrize("name", sorted(messages.STRUCTS))
+def test_dtype_equals_the_struct_of_the_schema(name):
+    dtype = messages.STRUCTS[name]
+    generated = getattr(messages.module(name), name)
+    assert dtype.itemsize == generated.SizeOf()
+    # bytes that differ everywhere: a field at a wrong offset or of a wrong type reads another value
+    raw = bytes((i * 37 + 11) % 120 + 1 for i in range(dtype.itemsize))
+    struct = generated()
+    struct.Init(bytearray(raw), 0)
+    row = np.frombuffer(raw, dtype, 1)[0]
+    for path in leaves(dtype):
+        value = row
+        for part in path:
+            value = value[part]
+        assert generated_value(struct, path) == value, path
+
+
+def test_every_schema_has_its_kind_here():
+    root = messages.Path(__file__).resolve().parents[3]
+    declared = set()
+    for schema in sorted((root / "schemas").glob("*.fbs")):
+        identifier = re.search(r'file_identifier "(\w{4})"', schema.read_text())
+        if identifier:
+            declared.add((schema.stem, identifier[1].encode()))
+    assert declared == set(messages.KINDS.values())
+
+
+def test_struct_vector_round_trip():
+    tile = messages.module("MapTile")
+    points = np.zeros(5, messages.MAP_POINT)
+    points["x"] = np.arange(5) + 0.5
+    points["intensity"] = 7
+    builder = flatbuffers.Builder(0)
+    vector = messages.put_struct_vector(builder, points)
+    tile.MapTileStart(builder)
+    tile.MapTileAddPoints(builder, vector)
+    tile.MapTileAddI(builder, -3)
+    builder.Finish(tile.MapTileEnd(builder), b"ZLTI")
+    decoded = messages.decode("MapTile", bytes(builder.Output()))
+    assert decoded.I() == -3
+    np.testing.assert_array_equal(
+        messages.struct_vector(decoded, "Points", messages.MAP_POINT), points
+    )
+
+
+def test_a_foreign_or_short_message_is_refused():
+    with pytest.raises(messages.MessageError):
+        messages.decode("MapPose", b"\x08\0\0\0ZLTI" + bytes(64))
+    with pytest.raises(messages.MessageError):
+        messages.decode("MapPose", b"")
