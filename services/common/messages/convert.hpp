@@ -1,0 +1,65 @@
+#pragma once
+// Between the messages' structs and the geometry of the algorithms. Arrays of points are read where
+// they arrived.
+
+#include <flatbuffers/flatbuffers.h>
+
+#include <cstddef>
+#include <cstring>
+#include <span>
+
+#include "common/geometry/health.hpp"
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+#include "schemas/common_generated.h"
+
+namespace zloam {
+
+static_assert(sizeof(msg::Point) == sizeof(Point) && alignof(msg::Point) == alignof(Point));
+static_assert(offsetof(Point, x) == 0 && offsetof(Point, y) == 4 && offsetof(Point, z) == 8 &&
+              offsetof(Point, intensity) == 12 && offsetof(Point, time_ns) == 16 &&
+              offsetof(Point, ring) == 20 && offsetof(Point, return_type) == 22 &&
+              offsetof(Point, reserved) == 23);
+static_assert(sizeof(msg::MapPoint) == sizeof(MapPoint) &&
+              alignof(msg::MapPoint) == alignof(MapPoint));
+
+/// The points of a message in place; empty when the field is absent. Valid as long as the message.
+PointSpan points_of(const flatbuffers::Vector<const msg::Point*>* vector);
+std::span<const MapPoint> map_points_of(const flatbuffers::Vector<const msg::MapPoint*>* vector);
+template <class Struct>
+std::span<const Struct> structs_of(const flatbuffers::Vector<const Struct*>* vector) {
+  if (vector == nullptr) return {};
+  return {reinterpret_cast<const Struct*>(vector->Data()), vector->size()};
+}
+
+/// One copy of the points into a message under construction.
+flatbuffers::Offset<flatbuffers::Vector<const msg::Point*>> put_points(
+    flatbuffers::FlatBufferBuilder& builder, PointSpan points);
+flatbuffers::Offset<flatbuffers::Vector<const msg::MapPoint*>> put_points(
+    flatbuffers::FlatBufferBuilder& builder, std::span<const MapPoint> points);
+template <class Struct>
+flatbuffers::Offset<flatbuffers::Vector<const Struct*>> put_structs(
+    flatbuffers::FlatBufferBuilder& builder, std::span<const Struct> items) {
+  return builder.CreateVectorOfStructs(items.data(), items.size());
+}
+
+/// Same numbers, quaternion normalised.
+Pose pose_of(const msg::Pose& pose);
+/// Identity when the field is absent.
+Pose pose_of(const msg::Pose* pose);
+msg::Pose to_message(const Pose& pose);
+Eigen::Vector3d vector_of(const msg::Vec3& v);
+Eigen::Vector3d vector_of(const msg::Vec3* v);
+msg::Vec3 to_message(const Eigen::Vector3d& v);
+/// (linear, angular) as (translation, rotation).
+Vector6 twist_of(const msg::Twist* twist);
+msg::Twist twist_message(const Vector6& twist_per_s);
+/// Row-major 6x6; zero when the field is absent.
+Matrix6 covariance_of(const flatbuffers::Vector<double>* values);
+flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
+    flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance);
+
+inline Health health_of(msg::Health health) { return static_cast<Health>(health); }
+inline msg::Health to_message(Health health) { return static_cast<msg::Health>(health); }
+
+}  // namespace zloam

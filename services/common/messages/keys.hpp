@@ -1,0 +1,100 @@
+#pragma once
+// All keys of the system in one place, each with its schema and how it is delivered. Nothing else
+// in the tree spells a key; schemas/README.md shows the same table and a test compares the two.
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace zloam {
+
+enum class Key : std::uint8_t {
+  kPackets,
+  kSweep,
+  kImu,
+  kGnss,
+  kFeatures,
+  kRejected,
+  kOdometry,
+  kOdometryFeatures,
+  kOdometrySweep,
+  kProgress,
+  kFlowAck,
+  kMapCorrection,
+  kMapOdometry,
+  kMapTile,
+  kMapSurround,
+  kMapCloud,
+  kSweepRegistered,
+  kPathOdometry,
+  kPathMap,
+  kPose,
+  kPoseImuRate,
+  kStatus,
+  kConfig,
+  kAlive,
+  kCommand,
+};
+
+/// What a publisher does when a reader is slow. kLiveDrop: drop from a live sensor, block in
+/// replay.
+enum class Congestion : std::uint8_t { kLiveDrop, kDrop, kQuery };
+
+/// How messages of a key are numbered, and so recovered: by sweep, by the publisher's seq, not at
+/// all.
+enum class Numbering : std::uint8_t { kSweep, kSeq, kNone };
+
+/// One row of the table.
+struct KeyRow {
+  Key key;
+  /// below loam/<robot>/, with <name> for what is filled in
+  std::string_view pattern;
+  /// file name of the schema without .fbs; empty for liveliness tokens
+  std::string_view schema;
+  std::string_view publisher;
+  Congestion congestion;
+  /// Zenoh's name: interactive_high, data_high, data, data_low, background
+  std::string_view priority;
+  Numbering numbering;
+  /// what a receiver's queue keeps
+  std::string_view queue;
+};
+
+std::span<const KeyRow> key_table();
+const KeyRow& key_row(Key key);
+
+/// "application/x-flatbuffers;schema=<name>;major=<n>"
+std::string encoding_of(Key key);
+std::string encoding_of_schema(std::string_view schema, int major = 1);
+
+/// Keys of one robot and its sensor. Names must be non-empty and free of '/', '*', '?', '#', '$',
+/// '@' at their start and white space; anything else throws std::invalid_argument.
+class Keys {
+ public:
+  Keys(std::string robot, std::string sensor);
+
+  /// Full key of a row that needs nothing but robot and sensor; throws std::invalid_argument for
+  /// others.
+  std::string of(Key key) const;
+  std::string flow_ack(std::string_view sink) const;
+  std::string tile(std::string_view layer, int i, int j, int k) const;
+  std::string all_tiles() const;
+  std::string status(std::string_view stage, std::string_view instance) const;
+  std::string config(std::string_view stage, std::string_view instance) const;
+  std::string alive(std::string_view stage, std::string_view instance) const;
+  std::string command(std::string_view stage, std::string_view verb) const;
+
+  const std::string& robot() const { return robot_; }
+  const std::string& sensor() const { return sensor_; }
+
+  /// Why the text can't be one chunk of a key; empty when it can.
+  static std::string chunk_error(std::string_view text);
+
+ private:
+  std::string below(std::string_view rest) const;
+  std::string robot_;
+  std::string sensor_;
+};
+
+}  // namespace zloam

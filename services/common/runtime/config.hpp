@@ -1,0 +1,89 @@
+#pragma once
+// The sections of the robot's file that all stages read. Defaults stand here and nowhere else.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::runtime {
+
+class Parameters;
+
+struct SensorConfig {
+  std::string name = "lidar";
+  std::string model = "VLP-16";
+};
+
+/// Pose of the lidar in base_link: R = Rz(yaw) Ry(pitch) Rx(roll).
+struct MountingConfig {
+  Eigen::Vector3d xyz_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d rpy_deg = Eigen::Vector3d::Zero();
+  Pose T_base_lidar() const { return pose_from_xyz_rpy_deg(xyz_m, rpy_deg); }
+};
+
+struct ZenohConfig {
+  std::string host = "127.0.0.1";
+  /// stage i of kStageOrder listens on base_port + i and connects to all the others'; 0: neither
+  int base_port = 7460;
+  /// replaces the stage's own listen endpoint, e.g. tcp/127.0.0.1:0 for a second instance
+  std::vector<std::string> listen;
+  /// further endpoints, e.g. the router's
+  std::vector<std::string> connect;
+  bool shared_memory = true;
+  int pool_mib = 64;
+  int shared_memory_threshold = 3072;
+  /// ms of silence after which a peer is given up
+  int lease_ms = 2000;
+};
+
+struct LogConfig {
+  std::string level = "info";
+  std::string format = "text";
+};
+
+struct FlowConfig {
+  /// sweeps under way in replay
+  int window = 8;
+  std::vector<std::string> sinks = {"integration", "mapping"};
+  /// stages that must be ready before the first sweep of a replay
+  std::vector<std::string> wait_for = {"registration", "odometry", "mapping", "integration"};
+  /// a sweep is published again after so long without progress
+  int retransmit_ms = 1000;
+};
+
+struct RecoveryConfig {
+  /// messages kept by each publisher to be asked for by number
+  int keep_messages = 64;
+  int keep_mib = 256;
+  /// a gap is asked for after
+  int gap_live_ms = 30;
+  int gap_replay_ms = 200;
+  /// live: given up after; 0: one measured sweep period
+  int late_ms = 0;
+  /// replay: the run ends with an error after
+  int replay_limit_s = 120;
+  /// live: sweeps a stage holds before it drops the oldest, and bytes of any queue
+  int queue_sweeps = 4;
+  int queue_mib = 256;
+};
+
+struct SharedConfig {
+  std::string robot = "robot";
+  SensorConfig sensor;
+  MountingConfig mounting;
+  ZenohConfig zenoh;
+  LogConfig log;
+  FlowConfig flow;
+  RecoveryConfig recovery;
+};
+
+/// Order of the stages' ports.
+inline constexpr const char* kStageOrder[] = {"driver",  "registration", "odometry",
+                                              "mapping", "integration",  "simulator"};
+
+void bind(Parameters& parameters, SharedConfig& config);
+
+}  // namespace zloam::runtime

@@ -1,0 +1,46 @@
+#pragma once
+// Pacing of a replay (protocols.md, section 4): the sinks say how far they have come, the driver
+// keeps at most a window of sweeps under way and publishes again what seems lost.
+
+#include <cstdint>
+#include <string>
+
+namespace zloam::runtime {
+
+/// The sink's side (integration, mapping).
+class FlowAck {
+ public:
+  virtual ~FlowAck() = default;
+  /// Every sweep below the number is finished here, whatever came of it. Publishes; a number that
+  /// is not greater than the last of the run is ignored.
+  virtual void done_below(std::uint64_t run, std::uint64_t sweep) = 0;
+};
+
+/// The driver's side.
+class FlowWindow {
+ public:
+  virtual ~FlowWindow() = default;
+
+  /// Live: names the run by the start time; nothing is waited for.
+  virtual void start_live() = 0;
+  /// Replay: waits (poll begun()) for a ready instance of each stage in flow.wait_for, then names
+  /// the run by the capture's hash and the configurations of all stages. capture_hash: any text
+  /// that is a function of the capture's bytes, e.g. SHA-256 in hex.
+  virtual void start_replay(const std::string& capture_hash) = 0;
+
+  /// Whether the run has its name and its first sweep may go. Says every 2 s what it waits for.
+  virtual bool begun() const = 0;
+  virtual std::uint64_t run() const = 0;
+  virtual bool replay() const = 0;
+  /// First sweep that is not finished everywhere: 0 for a new run, more when the driver was
+  /// restarted within a run; what lies below need not be published.
+  virtual std::uint64_t resume_at() const = 0;
+  /// Whether this sweep may be published now. Live: always. The worker is woken when that changes.
+  virtual bool may_send(std::uint64_t sweep) const = 0;
+  /// All sinks have finished every sweep up to the last one published with end_of_run.
+  virtual bool finished() const = 0;
+  /// Smallest done_below of the sinks.
+  virtual std::uint64_t done_below() const = 0;
+};
+
+}  // namespace zloam::runtime
