@@ -118,6 +118,8 @@ class Publisher {
   ~Publisher();
   /// May block under CongestionControl::kBlock while a reader is slow.
   void put(Bytes payload, Bytes attachment = {});
+  /// Subscribers see a sample of SampleKind::kDelete; a storage forgets the key.
+  void delete_resource();
   /// Whether at least one subscriber matches now.
   bool matching() const;
   /// Called with each change of matching().
@@ -251,6 +253,7 @@ class Session {
                               bool complete = true);
   /// Put without a publisher.
   void put(std::string_view key, Bytes payload, const PublisherOptions& options = {});
+  void delete_resource(std::string_view key);
   /// Calls on_reply for each answer and on_done once after the last (or the timeout); returns at
   /// once.
   void get(std::string_view selector, std::function<void(Reply&&)> on_reply,

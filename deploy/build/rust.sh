@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# rust.sh OUTPUT: puts libzloam_zenoh.so, built from services/common/zenoh/bridge, at OUTPUT.
+# A library is built once for each (sources, lock file, compiler, flags) and kept in
+# ~/.cache/zenoh-loam/rust/<hash>/ (ZLOAM_CACHE names another place), so that all build directories and
+# presets share it. Without a change this costs a hash. The first build takes some minutes.
+set -euo pipefail
+[ $# -eq 1 ] || { echo "usage: rust.sh OUTPUT" >&2; exit 2; }
+output=$1
+crate=$(cd "$(dirname "$0")/../../services/common/zenoh/bridge" && pwd)
+cache=${ZLOAM_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/zenoh-loam}
+name=libzloam_zenoh.so
+for tool in cargo rustc; do
+  command -v "$tool" >/dev/null || { echo "rust.sh: $tool is not in PATH (see deploy/build/deps.sh)" >&2; exit 1; }
+done
+
+# The profile stands in Cargo.toml.
+hash=$(cd "$crate" && {
+  find Cargo.toml Cargo.lock build.rs src -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum
+  rustc -vV
+  printf '%s\n' "${RUSTFLAGS:-}" "${CARGO_ENCODED_RUSTFLAGS:-}"
+} | sha256sum | cut -c1-16)
+built=$cache/rust/$hash/$name
+
+build() {
+  echo "rust.sh: building $name ($hash); later builds take it from $cache/rust"
+  local target=$cache/cargo-target
+  (cd "$crate" && CARGO_TARGET_DIR=$target cargo build --release --locked)
+  mkdir -p "$(dirname "$built")"
+  cp "$target/release/$name" "$built.$$"
+  mv "$built.$$" "$built"
+}
+
+if [ ! -f "$built" ]; then
+  mkdir -p "$cache"
+  exec 9>"$cache/rust.lock"
+  flock 9
+  [ -f "$built" ] || build # somebody else may have built it while we waited
+  exec 9>&-
+fi
+# A copy, not a link: it can be stripped or packed, and outlives the cache.
+mkdir -p "$(dirname "$output")"
+cp "$built" "$output.$$"
+mv "$output.$$" "$output"

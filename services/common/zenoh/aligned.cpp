@@ -1,0 +1,44 @@
+#include "common/zenoh/aligned.hpp"
+
+#include <new>
+
+namespace zloam::zenoh {
+
+namespace {
+
+std::shared_ptr<std::uint8_t> allocate(std::size_t size) {
+  constexpr std::align_val_t kAlignment{kCopyAlignment};
+  auto* memory = static_cast<std::uint8_t*>(::operator new(size, kAlignment));
+  return {memory, [](std::uint8_t* p) { ::operator delete (p, std::align_val_t{kCopyAlignment}); }};
+}
+
+bool is_aligned(const std::uint8_t* data) {
+  return reinterpret_cast<std::uintptr_t>(data) % kInPlaceAlignment == 0;
+}
+
+void count(TransferCounters& counters, bool shared_memory, bool in_place, std::size_t size) {
+  ++(shared_memory ? counters.messages_shared_memory : counters.messages_other);
+  (in_place ? counters.bytes_in_place : counters.bytes_copied) += size;
+}
+
+}  // namespace
+
+AlignedBytes view_aligned(Bytes payload, TransferCounters* counters) {
+  AlignedBytes view;
+  const std::size_t size = payload.size();
+  const auto bytes = payload.contiguous();
+  const bool in_place = bytes && is_aligned(bytes->data());
+  if (counters != nullptr) count(*counters, payload.is_shared_memory(), in_place, size);
+  if (in_place) {
+    view.data_ = *bytes;
+    view.payload_ = std::move(payload);
+    return view;
+  }
+  const auto copy = allocate(size);
+  payload.copy_to(copy.get());
+  view.data_ = std::span<const std::uint8_t>(copy.get(), size);
+  view.copy_ = copy;
+  return view;
+}
+
+}  // namespace zloam::zenoh

@@ -1,0 +1,46 @@
+#pragma once
+// Payloads where FlatBuffers can read them: in place when they lie in one piece at an address
+// divisible by 8 (shared memory does), else copied once to memory aligned to 64 bytes (what comes
+// over TCP does not).
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::zenoh {
+
+/// How messages arrived; shared by all threads of a process. For status.
+struct TransferCounters {
+  std::atomic<std::uint64_t> messages_shared_memory{0};
+  std::atomic<std::uint64_t> messages_other{0};
+  std::atomic<std::uint64_t> bytes_in_place{0};
+  std::atomic<std::uint64_t> bytes_copied{0};
+};
+
+/// Contiguous bytes at an address divisible by 8, with what keeps them alive. A copy of this object
+/// shares them. Spans from data() live as long as one of the copies.
+class AlignedBytes {
+ public:
+  AlignedBytes() = default;
+  std::span<const std::uint8_t> data() const { return data_; }
+  std::size_t size() const { return data_.size(); }
+  /// Whether these are the payload's own bytes.
+  bool in_place() const { return copy_ == nullptr; }
+
+ private:
+  friend AlignedBytes view_aligned(Bytes payload, TransferCounters* counters);
+  std::span<const std::uint8_t> data_;
+  Bytes payload_;  // while in place
+  std::shared_ptr<const std::uint8_t> copy_;
+};
+
+inline constexpr std::size_t kInPlaceAlignment = 8;
+inline constexpr std::size_t kCopyAlignment = 64;
+
+/// Throws std::bad_alloc only.
+AlignedBytes view_aligned(Bytes payload, TransferCounters* counters = nullptr);
+
+}  // namespace zloam::zenoh

@@ -1,0 +1,107 @@
+#pragma once
+// What the tests of this folder share: sessions on the loopback, and waiting for a condition.
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <condition_variable>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::zenoh::test {
+
+/// Long enough for a machine that has other things to do; nobody waits for it to pass.
+inline constexpr std::chrono::seconds kPatience{60};
+
+/// A TCP port of the loopback that is free now.
+inline int free_port() {
+  const int fd = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof(address);
+  if (bind(fd, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
+      getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) {
+    throw std::runtime_error("no free port");
+  }
+  close(fd);
+  return ntohs(address.sin_port);
+}
+
+inline std::string endpoint(int port) { return "tcp/127.0.0.1:" + std::to_string(port); }
+
+/// A peer that scouts nothing and uses no shared memory.
+inline Config quiet_config() {
+  Config config = Config::create_default();
+  config.insert_json5("mode", "\"peer\"");
+  config.insert_json5("scouting/multicast/enabled", "false");
+  config.insert_json5("listen/endpoints", "[]");
+  config.insert_json5("transport/shared_memory/enabled", "false");
+  return config;
+}
+
+inline Config listening_config(int port) {
+  Config config = quiet_config();
+  config.insert_json5("listen/endpoints", "[\"" + endpoint(port) + "\"]");
+  return config;
+}
+
+inline Config connecting_config(int port) {
+  Config config = quiet_config();
+  config.insert_json5("connect/endpoints", "[\"" + endpoint(port) + "\"]");
+  return config;
+}
+
+/// A session that talks to itself only.
+inline Session lone_session() { return Session::open(quiet_config()); }
+
+/// Two peers with a TCP link.
+struct Pair {
+  explicit Pair(int port = free_port())
+      : a(Session::open(listening_config(port))), b(Session::open(connecting_config(port))) {}
+  Session a;
+  Session b;
+};
+
+/// A value that callbacks change and the test waits for.
+template <class T>
+class Watched {
+ public:
+  template <class F>
+  void change(F&& f) {
+    {
+      const std::lock_guard lock(mutex_);
+      f(value_);
+    }
+    changed_.notify_all();
+  }
+  /// False when the predicate did not become true in time.
+  template <class Predicate>
+  bool wait(Predicate&& predicate) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, kPatience, [&] { return predicate(value_); });
+  }
+  T get() {
+    const std::lock_guard lock(mutex_);
+    return value_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  T value_{};
+};
+
+/// Waits until a subscriber of another session is known: what is put before is lost.
+inline void wait_matching(Publisher& publisher) {
+  auto matching = std::make_shared<Watched<bool>>();
+  publisher.on_matching([matching](bool now) { matching->change([&](bool& v) { v = now; }); });
+  if (!matching->wait([](bool now) { return now; })) throw std::runtime_error("nobody matched");
+}
+
+}  // namespace zloam::zenoh::test

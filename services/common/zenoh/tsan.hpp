@@ -1,0 +1,22 @@
+#pragma once
+// Tells ThreadSanitizer what it cannot see inside the Rust library, which is not instrumented: that
+// Zenoh hands an object over from one thread to another. No code in other builds.
+
+#if defined(__SANITIZE_THREAD__)
+extern "C" void __tsan_acquire(void* address);
+extern "C" void __tsan_release(void* address);
+#endif
+
+namespace zloam::zenoh::detail {
+
+#if defined(__SANITIZE_THREAD__)
+inline constexpr bool kThreadSanitizer = true;
+inline void hand_over(const void* object) { __tsan_release(const_cast<void*>(object)); }
+inline void take_over(const void* object) { __tsan_acquire(const_cast<void*>(object)); }
+#else
+inline constexpr bool kThreadSanitizer = false;
+inline void hand_over(const void*) {}
+inline void take_over(const void*) {}
+#endif
+
+}  // namespace zloam::zenoh::detail
