@@ -36,8 +36,9 @@ struct LoamConfig {
   double reassociate_m = 0.02;
   /// fewer matched features than this: the pose is the prediction
   int min_correspondences = 50;
-  /// width of the Geman-McClure kernel, m
+  /// width of the Geman-McClure kernel, m; it starts wider and is halved by each iteration
   double kernel_m = 0.1;
+  double kernel_start_m = 0.4;
   /// residuals on one surface are correlated: their information counts this many times less
   double correlation = 10.0;
   /// information of an edge's residual against a plane's
@@ -70,9 +71,18 @@ struct MappingConfig {
   double insert_residual_factor = 2.0;
   /// sweeps over which the median is taken
   int insert_residual_window = 21;
+  /// a map of fewer points is founded with sweeps that matched nothing
+  std::uint32_t founding_points = 300;
   /// inserted only when moved or turned by more since the last insertion; 0: every sweep
   double insert_distance_m = 0.0;
   double insert_rotation_rad = 0.0;
+  /// a new odom frame is searched for this far around the last pose; accepted when so many of the
+  /// features looked up match
+  double bridge_distance_m = 2.0;
+  double bridge_rotation_rad = 0.1745;
+  double bridge_inlier_ratio = 0.5;
+  /// so many sweeps without an accepted match: lost
+  std::uint32_t bridge_sweeps = 20;
   /// evicted tiles are kept in memory up to this many points, then in a file in spill_directory
   std::uint64_t archive_points = 20'000'000;
   /// empty: in memory without a bound

@@ -29,6 +29,8 @@ namespace zloam::mapping {
 /// One sweep as odometry hands it on. Spans are only read during the call.
 struct MappingInput {
   std::uint64_t sweep = 0;
+  /// time of the sweep's first point, ns since the Unix epoch
+  std::int64_t stamp_ns = 0;
   /// the instant of pose and points, ns after the sweep's first point
   std::uint32_t instant_ns = 0;
   /// time covered by the points, ns
@@ -39,7 +41,7 @@ struct MappingInput {
   Pose T_odom_base = Pose::Identity();
   /// twist with which the points were moved to the instant, m/s and rad/s, body frame
   Vector6 twist_per_s = Vector6::Zero();
-  /// of the odometry step from the sweep before, tangent at base_link
+  /// of the odometry's motion since the sweep mapped before, tangent at base_link
   Matrix6 step_covariance = Matrix6::Zero();
   Pose T_base_lidar = Pose::Identity();
   /// frame base_link at the instant; time_ns is still each point's own
@@ -119,6 +121,8 @@ struct MappingResult {
 
 struct PathPose {
   std::uint64_t sweep = 0;
+  /// ns since the Unix epoch
+  std::int64_t instant_ns = 0;
   Pose T_map_base = Pose::Identity();
 };
 

@@ -27,8 +27,9 @@ struct Match {
   Degeneracy degeneracy;
   std::uint32_t iterations = 0;
   std::uint32_t correspondences = 0;
-  /// features that were looked up
+  /// features that were looked up, and matched ones whose residual lies inside the kernel
   std::uint32_t candidates = 0;
+  std::uint32_t inliers = 0;
   double residual_m = 0.0;
 };
 

@@ -1,0 +1,17 @@
+#pragma once
+// Takes up the map again after the odometry's frame was broken off.
+
+#include "mapping/method.hpp"
+
+namespace zloam::mapping {
+
+/// How far off the guess may be.
+Matrix6 bridge_covariance(const MappingConfig& config);
+
+/// Matches from several starts around the guess (the guess itself first; it ends when that is
+/// accepted) and returns the one with most inliers. ok only when the share of inliers reaches
+/// bridge_inlier_ratio and the residual is below twice the median of before (0: unknown).
+Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
+             const TileMap& tiles, const MappingConfig& config, double median_residual_m);
+
+}  // namespace zloam::mapping

@@ -1,0 +1,52 @@
+#pragma once
+// Open-addressing hash from a packed grid index to a slot number. Only ever asked by key, never
+// walked, so that no order of a hash can reach a result.
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace zloam::mapping {
+
+/// Grid index of three signed 21-bit numbers, packed.
+inline std::uint64_t pack_key(std::int64_t i, std::int64_t j, std::int64_t k) {
+  constexpr std::int64_t kOffset = std::int64_t{1} << 20;
+  constexpr std::uint64_t kMask = (std::uint64_t{1} << 21) - 1;
+  return (static_cast<std::uint64_t>(i + kOffset) & kMask) << 42 |
+         (static_cast<std::uint64_t>(j + kOffset) & kMask) << 21 |
+         (static_cast<std::uint64_t>(k + kOffset) & kMask);
+}
+
+class FlatIndex {
+ public:
+  static constexpr std::uint32_t kNone = 0xffffffffU;
+
+  explicit FlatIndex(std::size_t capacity = 64);
+  /// Slot of the key, kNone when there is none.
+  std::uint32_t find(std::uint64_t key) const {
+    for (std::size_t at = home(key);; at = (at + 1) & mask_) {
+      if (slots_[at].value == kNone || slots_[at].key == key) return slots_[at].value;
+    }
+  }
+  /// The key must not be in yet.
+  void insert(std::uint64_t key, std::uint32_t value);
+  void erase(std::uint64_t key);
+  std::size_t size() const { return size_; }
+
+ private:
+  struct Slot {
+    std::uint64_t key = 0;
+    std::uint32_t value = kNone;
+  };
+  std::size_t home(std::uint64_t key) const {
+    return static_cast<std::size_t>((key * 0x9E3779B97F4A7C15ULL) >> shift_);
+  }
+  void grow();
+
+  std::vector<Slot> slots_;
+  std::size_t mask_ = 0;
+  std::size_t size_ = 0;
+  unsigned shift_ = 0;
+};
+
+}  // namespace zloam::mapping

@@ -1,0 +1,208 @@
+#include <algorithm>
+#include <cmath>
+
+#include "mapping/bridging.hpp"
+#include "mapping/insertion_policy.hpp"
+#include "mapping/mapping.hpp"
+#include "mapping/method.hpp"
+#include "mapping/tile_map.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+// Below this a covariance from outside counts as none.
+Matrix6 sane_covariance(const Matrix6& covariance) {
+  if (!covariance.allFinite()) return Matrix6::Zero();
+  Matrix6 symmetric = 0.5 * (covariance + covariance.transpose());
+  if (symmetric.diagonal().minCoeff() < 0.0) return Matrix6::Zero();
+  return symmetric;
+}
+
+Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covariance) {
+  Matrix6 covariance = config.prior_scale * sane_covariance(step_covariance);
+  covariance.diagonal().head<3>().array() += config.prior_sigma_m * config.prior_sigma_m;
+  covariance.diagonal().tail<3>().array() += config.prior_sigma_rad * config.prior_sigma_rad;
+  return covariance;
+}
+
+std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId>& ids) {
+  std::vector<LayeredPoint> points;
+  for (const TileId& id : ids) {
+    const std::optional<Tile> tile = tiles.tile(id);
+    if (!tile) continue;
+    for (const MapPoint& p : tile->points) points.push_back({p, id.layer});
+  }
+  return points;
+}
+
+}  // namespace
+
+const char* layer_name(Layer layer) { return layer == Layer::kEdge ? "edge" : "plane"; }
+
+std::optional<Layer> layer_from_name(const std::string& name) {
+  for (const Layer layer : kLayers) {
+    if (name == layer_name(layer)) return layer;
+  }
+  return std::nullopt;
+}
+
+// What is known of the sweep mapped before.
+struct LastPose {
+  std::int64_t instant_ns = 0;
+  std::uint32_t odom_epoch = 0;
+  Pose T_map_base = Pose::Identity();
+  Pose T_odom_base = Pose::Identity();
+  Vector6 twist_per_s = Vector6::Zero();
+  Matrix6 covariance = Matrix6::Zero();
+};
+
+struct Mapper::State {
+  State(const MappingConfig& c, std::unique_ptr<MappingMethod> m)
+      : config(c), method(std::move(m)), tiles(c), policy(c) {}
+
+  Prediction predict(const MappingInput& input);
+  Match align(const MappingInput& input, const Prediction& prediction);
+  void judge(const MappingInput& input, const Match& match, MappingResult& result);
+  void insert(const MappingInput& input, const Match& match, MappingResult& result);
+  void remember(const MappingInput& input, const MappingResult& result);
+  Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
+
+  MappingConfig config;
+  std::unique_ptr<MappingMethod> method;
+  TileMap tiles;
+  InsertionPolicy policy;
+  Pose T_map_odom = Pose::Identity();
+  std::vector<PathPose> path;
+  std::optional<LastPose> last;
+  bool bridging = false;
+  std::uint32_t bridged_sweeps = 0;
+};
+
+Prediction Mapper::State::predict(const MappingInput& input) {
+  if (last && input.odom_epoch != last->odom_epoch) {
+    const double gap_s =
+        1e-9 * static_cast<double>(input.stamp_ns + input.instant_ns - last->instant_ns);
+    T_map_odom = normalised(last->T_map_base * exp_se3(last->twist_per_s * gap_s) *
+                            input.T_odom_base.inverse());
+    bridging = tiles.point_count() >= config.founding_points;
+    bridged_sweeps = 0;
+  }
+  Prediction prediction;
+  prediction.T_map_base = normalised(T_map_odom * input.T_odom_base);
+  prediction.covariance =
+      bridging ? bridge_covariance(config) : prior_covariance(config, input.step_covariance);
+  return prediction;
+}
+
+Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
+  if (!bridging) return method->match(input, prediction, tiles);
+  const Match match = bridge(*method, input, prediction, tiles, config, policy.median_residual_m());
+  ++bridged_sweeps;
+  bridging = !match.ok;
+  return match;
+}
+
+Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
+                                            const Prediction& prediction) const {
+  if (!last || bridging) return prediction.covariance;
+  const Matrix6 carry = adjoint(input.T_odom_base.inverse() * last->T_odom_base);
+  return carry * last->covariance * carry.transpose() + prediction.covariance;
+}
+
+void Mapper::State::judge(const MappingInput& input, const Match& match, MappingResult& result) {
+  const bool founding = !match.ok && !bridging && tiles.point_count() < config.founding_points;
+  if (match.ok) {
+    result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
+    result.reason = policy.judge(match.T_map_base, match.residual_m);
+  } else if (input.edges.empty() && input.planes.empty()) {
+    result.health = Health::kEmpty;
+    result.reason = "no point came";
+  } else if (founding) {
+    result.health = Health::kOk;
+  } else if (bridging) {
+    result.health = bridged_sweeps > config.bridge_sweeps ? Health::kLost : Health::kBridging;
+    result.reason = "new odometry frame not yet matched";
+  } else {
+    result.health = match.candidates < static_cast<std::uint32_t>(config.loam.min_correspondences)
+                        ? Health::kTooFewPoints
+                        : Health::kPredicted;
+    result.reason = "too few correspondences: predicted only";
+  }
+}
+
+void Mapper::State::insert(const MappingInput& input, const Match& match, MappingResult& result) {
+  if (!result.reason.empty()) return;
+  Match placed = match;
+  placed.T_map_base = result.T_map_base;
+  const InsertClouds clouds = method->insert(input, placed);
+  tiles.insert(Layer::kEdge, clouds.edges, placed.T_map_base);
+  tiles.insert(Layer::kPlane, clouds.planes, placed.T_map_base);
+  policy.inserted_at(placed.T_map_base);
+  result.inserted = true;
+  result.changed = tiles.take_changed();
+}
+
+void Mapper::State::remember(const MappingInput& input, const MappingResult& result) {
+  const std::int64_t instant_ns = input.stamp_ns + input.instant_ns;
+  last = LastPose{instant_ns,        input.odom_epoch,  result.T_map_base,
+                  input.T_odom_base, input.twist_per_s, result.covariance};
+  path.push_back({input.sweep, instant_ns, result.T_map_base});
+}
+
+Mapper::Mapper(const MappingConfig& config) : Mapper(config, make_method(config)) {}
+Mapper::Mapper(const MappingConfig& config, std::unique_ptr<MappingMethod> method)
+    : state_(std::make_unique<State>(config, std::move(method))) {}
+Mapper::~Mapper() = default;
+Mapper::Mapper(Mapper&&) noexcept = default;
+Mapper& Mapper::operator=(Mapper&&) noexcept = default;
+
+MappingResult Mapper::process(const MappingInput& input) {
+  State& s = *state_;
+  MappingResult result;
+  result.sweep = input.sweep;
+  if (!input.T_odom_base.matrix().allFinite() || !input.twist_per_s.allFinite()) {
+    result.T_map_odom = s.T_map_odom;
+    if (s.last) result.T_map_base = s.last->T_map_base;
+    result.covariance = bridge_covariance(s.config);
+    result.health = Health::kInvalid;
+    result.reason = "pose or twist not finite";
+    return result;
+  }
+  const Prediction prediction = s.predict(input);
+  result.evicted = s.tiles.follow(prediction.T_map_base.translation());
+  const Match match = s.align(input, prediction);
+  result.T_map_base = match.ok ? match.T_map_base : prediction.T_map_base;
+  result.covariance = match.ok ? match.covariance : s.predicted_covariance(input, prediction);
+  result.degeneracy = match.degeneracy;
+  result.iterations = match.iterations;
+  result.correspondences = match.correspondences;
+  result.residual_m = match.residual_m;
+  s.T_map_odom = normalised(result.T_map_base * input.T_odom_base.inverse());
+  result.T_map_odom = s.T_map_odom;
+  s.judge(input, match, result);
+  s.insert(input, match, result);
+  s.remember(input, result);
+  return result;
+}
+
+void Mapper::reset() {
+  State& s = *state_;
+  s.method->reset();
+  s = State(s.config, std::move(s.method));
+}
+
+const Pose& Mapper::T_map_odom() const { return state_->T_map_odom; }
+const std::vector<PathPose>& Mapper::path() const { return state_->path; }
+std::optional<Tile> Mapper::tile(const TileId& id) const { return state_->tiles.tile(id); }
+std::vector<TileId> Mapper::tiles() const { return state_->tiles.tiles(); }
+std::size_t Mapper::point_count() const { return state_->tiles.point_count(); }
+
+std::vector<LayeredPoint> Mapper::surround() const {
+  return layered(state_->tiles, state_->tiles.local_tiles());
+}
+
+std::vector<LayeredPoint> Mapper::cloud() const {
+  return layered(state_->tiles, state_->tiles.tiles());
+}
+
+}  // namespace zloam::mapping

@@ -1,0 +1,58 @@
+#include "mapping/surfaces.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::mapping {
+namespace {
+
+struct Scatter {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Vector3d values = Eigen::Vector3d::Zero();  // ascending, m^2
+  Eigen::Matrix3d vectors = Eigen::Matrix3d::Identity();
+};
+
+Scatter scatter(std::span<const Neighbour> points) {
+  Scatter s;
+  for (const Neighbour& p : points) s.mean += p.point;
+  s.mean /= static_cast<double>(points.size());
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const Neighbour& p : points) {
+    const Eigen::Vector3d d = p.point - s.mean;
+    covariance += d * d.transpose();
+  }
+  covariance /= static_cast<double>(points.size());
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(covariance);
+  s.values = solver.eigenvalues().cwiseMax(0.0);
+  s.vectors = solver.eigenvectors();
+  return s;
+}
+
+}  // namespace
+
+std::optional<Surface> fit_line(std::span<const Neighbour> points, double ratio) {
+  if (points.size() < 3) return std::nullopt;
+  const Scatter s = scatter(points);
+  const bool is_line = s.values[2] > 0.0 && s.values[2] > ratio * s.values[1];
+  if (!is_line || !s.vectors.allFinite()) return std::nullopt;
+  return Surface{s.mean, s.vectors.col(2), 0.0};
+}
+
+std::optional<Surface> fit_plane(std::span<const Neighbour> points, double distance_m,
+                                 double spread_ratio, double noise_m) {
+  if (points.size() < 3) return std::nullopt;
+  const Scatter s = scatter(points);
+  const bool spread = s.values[1] > 0.0 && s.values[1] > spread_ratio * s.values[0];
+  if (!spread || !s.vectors.allFinite()) return std::nullopt;
+  const Eigen::Vector3d normal = s.vectors.col(0);
+  for (const Neighbour& p : points) {
+    if (std::abs(normal.dot(p.point - s.mean)) > distance_m) return std::nullopt;
+  }
+  const double thickness = std::max(s.values[0], noise_m * noise_m);
+  const double variance = thickness / (s.values[1] * static_cast<double>(points.size()));
+  return Surface{s.mean, normal, variance};
+}
+
+}  // namespace zloam::mapping

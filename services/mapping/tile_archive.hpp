@@ -1,0 +1,54 @@
+#pragma once
+// Tiles that left the window: in memory up to a number of points, then in one file.
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "mapping/layer_map.hpp"
+
+namespace zloam::mapping {
+
+class TileArchive {
+ public:
+  /// max_points: in memory; spill_directory empty: all stay in memory.
+  TileArchive(std::uint64_t max_points, std::string spill_directory);
+  ~TileArchive();
+  TileArchive(TileArchive&&) noexcept;
+  TileArchive& operator=(TileArchive&&) noexcept;
+
+  struct Entry {
+    std::uint64_t version = 0;
+    std::vector<CountedPoint> points;
+  };
+  /// Replaces what was there. When the file cannot be written the tile stays in memory: nothing is
+  /// lost, and spill_failed() says so.
+  void put(const TileId& id, Entry entry);
+  std::optional<Entry> get(const TileId& id) const;
+  std::optional<Entry> take(const TileId& id);
+  std::uint64_t version(const TileId& id) const;
+  std::vector<TileId> tiles() const;
+  std::size_t point_count() const { return total_points_; }
+  bool spill_failed() const { return spill_failed_; }
+
+ private:
+  struct Place {
+    std::uint64_t version = 0;
+    std::size_t count = 0;
+    bool in_file = false;
+    long offset = 0;
+    std::vector<CountedPoint> points;
+  };
+  bool write(Place& place);
+  void close();
+
+  std::uint64_t max_points_;
+  std::string spill_directory_;
+  std::FILE* file_ = nullptr;
+  bool spill_failed_ = false;
+  std::size_t memory_points_ = 0;
+  std::size_t total_points_ = 0;
+  std::map<TileId, Place> places_;
+};
+
+}  // namespace zloam::mapping

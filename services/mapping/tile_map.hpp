@@ -1,0 +1,46 @@
+#pragma once
+// The map: both layers, the window of tiles that follows the sensor, and an archive of what left
+// it.
+
+#include <map>
+
+#include "mapping/layer_map.hpp"
+#include "mapping/tile_archive.hpp"
+
+namespace zloam::mapping {
+
+class TileMap {
+ public:
+  explicit TileMap(const MappingConfig& config);
+
+  const LayerMap& layer(Layer layer) const { return layers_[static_cast<std::size_t>(layer)]; }
+  /// True when the point's tile belongs to the local map around the sensor.
+  bool is_local(const Eigen::Vector3d& point_map) const;
+
+  /// Shifts the window: tiles that leave it go to the archive and are returned as they were; tiles
+  /// that come in again are taken back out of it.
+  std::vector<Tile> follow(const Eigen::Vector3d& sensor_map);
+  /// Inserts points given in base_link.
+  void insert(Layer layer, PointSpan points_base, const Pose& T_map_base);
+  /// Tiles changed since the last call, ascending; their versions grow by one.
+  std::vector<TileId> take_changed();
+
+  std::optional<Tile> tile(const TileId& id) const;
+  /// Ascending, with the archived ones.
+  std::vector<TileId> tiles() const;
+  std::vector<TileId> local_tiles() const;
+  std::size_t point_count() const;
+
+ private:
+  bool within(const TileIndex& index, const std::array<int, 3>& extent) const;
+  LayerMap& layer(Layer layer) { return layers_[static_cast<std::size_t>(layer)]; }
+
+  double tile_edge_m_;
+  std::array<int, 3> window_;
+  std::array<int, 3> local_;
+  TileIndex centre_;
+  std::array<LayerMap, 2> layers_;
+  TileArchive archive_;
+};
+
+}  // namespace zloam::mapping
