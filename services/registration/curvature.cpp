@@ -1,0 +1,209 @@
+#include "registration/curvature.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::registration {
+namespace {
+
+// Fewer points than this on the near side of an occlusion edge may be a stray return.
+constexpr std::uint32_t kMinSilhouetteRun = 3;
+// Standard deviations by which a step must exceed the noise of a difference of two ranges.
+constexpr double kStepSigmas = 3.0;
+// Below this squared sine of the angle between beam and surface the noise runs along the surface.
+constexpr double kMinSine2 = 0.05;
+
+class RingPass {
+ public:
+  RingPass(const RingSorted& sorted, const RegistrationConfig& config, Curvature& out)
+      : s_(sorted),
+        c_(config),
+        out_(out),
+        step_noise_m_(kStepSigmas * std::sqrt(2.0) * config.range_noise_m) {}
+
+  void run(std::uint32_t begin, std::uint32_t end) {
+    if (begin == end) {
+      return;
+    }
+    begin_ = begin;
+    end_ = end;
+    find_breaks();
+    sum_prefixes();
+    std::uint32_t first = begin;
+    for (std::uint32_t i = begin; i < end; ++i) {
+      if (out_.break_after[i] != 0) {
+        smooth_run(first, i + 1);
+        first = i + 1;
+      }
+    }
+    mark_parallel();
+    mark_occlusions();
+  }
+
+ private:
+  // Steps of the range below this are what a surface at the steepest accepted incidence shows.
+  double steepest_step_m(double range_m) const {
+    return c_.parallel_tangent * s_.step_rad * range_m;
+  }
+
+  void find_breaks() {
+    for (std::uint32_t i = begin_; i < end_; ++i) {
+      if (i + 1 == end_ || !adjacent(s_, i)) {
+        out_.break_after[i] = 1;
+        continue;
+      }
+      const double near_m = std::min(s_.range_m[i], s_.range_m[i + 1]);
+      const double step_m = std::abs(s_.range_m[i + 1] - s_.range_m[i]);
+      out_.break_after[i] =
+          step_m > std::max(c_.gap_min_m, steepest_step_m(near_m)) + step_noise_m_ ? 1 : 0;
+    }
+  }
+
+  void sum_prefixes() {
+    prefix_.resize(end_ - begin_ + 1);
+    prefix_[0].setZero();
+    for (std::uint32_t i = begin_; i < end_; ++i) {
+      prefix_[i - begin_ + 1] = prefix_[i - begin_] + s_.points[i].position().cast<double>();
+    }
+  }
+
+  Eigen::Vector3d sum(std::uint32_t from, std::uint32_t to) const {
+    return prefix_[to - begin_] - prefix_[from - begin_];
+  }
+
+  // Half the window at point i, so that it spans about window_width_m.
+  std::uint32_t half_window(std::uint32_t i) const {
+    const double spacing_m = std::max(1e-6, s_.step_rad * s_.range_m[i]);
+    const double k = 0.5 * c_.window_width_m / spacing_m;
+    return static_cast<std::uint32_t>(
+        std::clamp(k, double(c_.half_window_min), double(c_.half_window_max)));
+  }
+
+  // Curvature of the points of one unbroken stretch [first, last).
+  void smooth_run(std::uint32_t first, std::uint32_t last) {
+    for (std::uint32_t i = first; i < last; ++i) {
+      const std::uint32_t room = std::min(i - first, last - 1 - i);
+      const std::uint32_t k = std::min(half_window(i), room);
+      if (k < static_cast<std::uint32_t>(c_.half_window_min)) {
+        out_.kind[i] = Kind::kUnknown;
+      } else {
+        measure(i, k);
+      }
+    }
+  }
+
+  void measure(std::uint32_t i, std::uint32_t k) {
+    const Eigen::Vector3d p = s_.points[i].position().cast<double>();
+    const Eigen::Vector3d left = sum(i - k, i);
+    const Eigen::Vector3d right = sum(i + 1, i + k + 1);
+    const Eigen::Vector3d d = left + right - 2.0 * k * p;
+    const Eigen::Vector3d chord = right - left;
+    const double chord2 = std::max(chord.squaredNorm(), 1e-12);
+    const double along = d.dot(chord);
+    const double across2 = std::max(0.0, d.squaredNorm() - along * along / chord2);
+    const double range_m = s_.range_m[i];
+    const double cosine = p.dot(chord) / range_m;
+    const double sine2 = std::max(kMinSine2, 1.0 - cosine * cosine / chord2);
+    const double gain = 2.0 * k + 4.0 * k * k;
+    const double noise2 = std::max(1e-12, c_.range_noise_m * c_.range_noise_m);
+    out_.kind[i] = Kind::kPlain;
+    out_.chi2[i] = static_cast<float>(across2 / (gain * noise2 * sine2));
+    out_.bend[i] = static_cast<float>(std::sqrt(across2 / chord2));
+    if (sine2 > 0.5) {
+      out_.beam_component_m.push_back(static_cast<float>(d.dot(p) / (range_m * std::sqrt(gain))));
+    }
+  }
+
+  // LOAM, section V-A, figure 4a: a patch roughly parallel to the beam.
+  void mark_parallel() {
+    for (std::uint32_t i = begin_ + 1; i + 1 < end_; ++i) {
+      const double limit_m = steepest_step_m(s_.range_m[i]) + step_noise_m_;
+      const double before_m = std::abs(s_.range_m[i] - s_.range_m[i - 1]);
+      const double after_m = std::abs(s_.range_m[i + 1] - s_.range_m[i]);
+      if (before_m > limit_m && after_m > limit_m && adjacent(s_, i - 1) && adjacent(s_, i)) {
+        out_.kind[i] = Kind::kParallel;
+      }
+    }
+  }
+
+  // LOAM, section V-A, figure 4b: the far side of a step may go on behind the near side, so its end
+  // is no edge; the near side's end is one. A missing return counts as far away.
+  void mark_occlusions() {
+    for (std::uint32_t i = begin_; i + 1 < end_; ++i) {
+      if (out_.break_after[i] == 0) {
+        continue;
+      }
+      if (!adjacent(s_, i)) {
+        mark_silhouette(i, false, c_.gap_min_m);
+        mark_silhouette(i + 1, true, c_.gap_min_m);
+        continue;
+      }
+      const double step_m = s_.range_m[i + 1] - s_.range_m[i];
+      if (step_m > 0.0) {
+        mark_occluded(i + 1, true);
+        mark_silhouette(i, false, step_m);
+      } else {
+        mark_occluded(i, false);
+        mark_silhouette(i + 1, true, -step_m);
+      }
+    }
+  }
+
+  void mark_occluded(std::uint32_t i, bool forward) {
+    for (int n = 0; n < c_.occluded_points; ++n) {
+      out_.kind[i] = Kind::kOccluded;
+      if (forward ? out_.break_after[i] != 0 : (i == begin_ || out_.break_after[i - 1] != 0)) {
+        return;
+      }
+      i = forward ? i + 1 : i - 1;
+    }
+  }
+
+  // Point i ends a surface; forward says to which side that surface goes on.
+  void mark_silhouette(std::uint32_t i, bool forward, double step_m) {
+    std::uint32_t run = 1;
+    for (std::uint32_t j = i; run < static_cast<std::uint32_t>(c_.half_window_min); ++run) {
+      if (forward ? out_.break_after[j] != 0 : (j == begin_ || out_.break_after[j - 1] != 0)) {
+        break;
+      }
+      j = forward ? j + 1 : j - 1;
+    }
+    if (run < kMinSilhouetteRun || out_.kind[i] == Kind::kParallel ||
+        out_.kind[i] == Kind::kOccluded) {
+      return;
+    }
+    const double k = c_.half_window_min;
+    const double gain = (2.0 * k + 4.0 * k * k) * c_.range_noise_m * c_.range_noise_m;
+    const double d = k * step_m;
+    out_.kind[i] = Kind::kSilhouette;
+    out_.chi2[i] = static_cast<float>(d * d / std::max(1e-12, gain));
+    out_.bend[i] = 1.0F;
+  }
+
+  const RingSorted& s_;
+  const RegistrationConfig& c_;
+  Curvature& out_;
+  double step_noise_m_;
+  std::vector<Eigen::Vector3d> prefix_;
+  std::uint32_t begin_ = 0;
+  std::uint32_t end_ = 0;
+};
+
+}  // namespace
+
+Curvature compute_curvature(const RingSorted& sorted, const RegistrationConfig& config) {
+  const std::size_t n = sorted.points.size();
+  Curvature out;
+  out.kind.assign(n, Kind::kUnknown);
+  out.chi2.assign(n, 0.0F);
+  out.bend.assign(n, 0.0F);
+  out.break_after.assign(n, 0);
+  out.beam_component_m.reserve(n);
+  RingPass pass(sorted, config, out);
+  for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {
+    pass.run(sorted.ring_begin[ring], sorted.ring_begin[ring + 1]);
+  }
+  return out;
+}
+
+}  // namespace zloam::registration

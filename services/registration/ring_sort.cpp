@@ -1,0 +1,129 @@
+#include "registration/ring_sort.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::registration {
+namespace {
+
+// A step longer than this many usual steps means that a firing in between gave no return.
+constexpr double kAdjacentSteps = 1.6;
+
+bool wanted_return(ReturnType type, ReturnSelection selection) {
+  switch (selection) {
+    case ReturnSelection::kStrongest:
+      return type == ReturnType::kStrongest || type == ReturnType::kBoth;
+    case ReturnSelection::kLast:
+      return type == ReturnType::kLast || type == ReturnType::kBoth;
+    case ReturnSelection::kAll:
+      return true;
+  }
+  return true;
+}
+
+void reject(const Point& point, RejectReason reason, RegistrationResult& result) {
+  result.rejected.push_back(point);
+  result.reasons.push_back(reason);
+  ++result.diagnostics.rejected[static_cast<std::size_t>(reason)];
+}
+
+// Range of a usable point; a negative number says that it was rejected.
+float usable_range(const Point& point, const RegistrationConfig& config,
+                   RegistrationResult& result) {
+  const float range = point.position().norm();
+  if (!std::isfinite(range)) {
+    reject(point, RejectReason::kNotFinite, result);
+  } else if (!wanted_return(point.return_type, config.returns)) {
+    reject(point, RejectReason::kOtherReturn, result);
+  } else if (range < config.min_range_m) {
+    reject(point, RejectReason::kTooNear, result);
+  } else if (range > config.max_range_m) {
+    reject(point, RejectReason::kTooFar, result);
+  } else {
+    return range;
+  }
+  return -1.0F;
+}
+
+double angle_between(const Point& a, const Point& b) {
+  const Eigen::Vector3d p = a.position().cast<double>();
+  const Eigen::Vector3d q = b.position().cast<double>();
+  return std::atan2(p.cross(q).norm(), p.dot(q));
+}
+
+template <typename T>
+T median(std::vector<T>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Usual step between firings, from a sample of the neighbours.
+void measure_steps(RingSorted& sorted) {
+  constexpr std::uint32_t kStride = 5;
+  std::vector<std::uint32_t> intervals;
+  std::vector<double> angles;
+  for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {
+    for (std::uint32_t i = sorted.ring_begin[ring]; i + 1 < sorted.ring_begin[ring + 1];
+         i += kStride) {
+      const std::uint32_t dt = sorted.points[i + 1].time_ns - sorted.points[i].time_ns;
+      if (dt > 0) {
+        intervals.push_back(dt);
+      }
+      angles.push_back(angle_between(sorted.points[i], sorted.points[i + 1]));
+    }
+  }
+  if (!angles.empty()) {
+    // Two returns of one firing have no angle between them; they would spoil a plain median.
+    std::erase_if(angles, [](double a) { return a < 1e-6; });
+    sorted.step_rad = angles.empty() ? 0.0 : median(angles);
+  }
+  if (intervals.size() * 2 > angles.size() && !intervals.empty()) {
+    sorted.firing_interval_ns = median(intervals);
+  }
+}
+
+}  // namespace
+
+RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const RegistrationConfig& config,
+                        RegistrationResult& result) {
+  RingSorted sorted;
+  std::vector<float> ranges(sweep.size());
+  std::vector<std::uint32_t> next(info.rings + 1U, 0);
+  for (std::size_t i = 0; i < sweep.size(); ++i) {
+    ranges[i] = usable_range(sweep[i], config, result);
+    if (ranges[i] >= 0.0F) {
+      if (sweep[i].ring + 2U > next.size()) {
+        next.resize(sweep[i].ring + 2U, 0);
+      }
+      ++next[sweep[i].ring + 1U];
+    }
+  }
+  for (std::size_t r = 1; r < next.size(); ++r) {
+    next[r] += next[r - 1];
+  }
+  sorted.ring_begin = next;
+  sorted.points.resize(next.back());
+  sorted.range_m.resize(next.back());
+  for (std::size_t i = 0; i < sweep.size(); ++i) {
+    if (ranges[i] >= 0.0F) {
+      const std::uint32_t slot = next[sweep[i].ring]++;
+      sorted.points[slot] = sweep[i];
+      sorted.range_m[slot] = ranges[i];
+    }
+  }
+  measure_steps(sorted);
+  return sorted;
+}
+
+bool adjacent(const RingSorted& sorted, std::uint32_t i) {
+  const Point& a = sorted.points[i];
+  const Point& b = sorted.points[i + 1];
+  if (sorted.firing_interval_ns > 0) {
+    // A step back in time wraps to a large number: no neighbours.
+    return b.time_ns - a.time_ns <= kAdjacentSteps * sorted.firing_interval_ns;
+  }
+  return sorted.step_rad > 0.0 && angle_between(a, b) <= kAdjacentSteps * sorted.step_rad;
+}
+
+}  // namespace zloam::registration

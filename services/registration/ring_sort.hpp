@@ -1,0 +1,30 @@
+#pragma once
+// First step of registration: which points can be used at all, sorted by ring and time.
+
+#include <cstdint>
+#include <vector>
+
+#include "registration/registration.hpp"
+
+namespace zloam::registration {
+
+/// The usable points of a sweep, ring after ring, in time order within a ring.
+struct RingSorted {
+  PointVector points;
+  std::vector<float> range_m;  ///< parallel to points
+  /// points of ring r: [ring_begin[r], ring_begin[r + 1])
+  std::vector<std::uint32_t> ring_begin;
+  /// usual time between two firings of one ring, ns; 0 when the points carry no times
+  std::uint32_t firing_interval_ns = 0;
+  /// usual angle between two firings of one ring, rad
+  double step_rad = 0.0;
+};
+
+/// Drops unusable points into result.rejected and sorts the rest.
+RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const RegistrationConfig& config,
+                        RegistrationResult& result);
+
+/// True when points i and i + 1 of the same ring come from successive firings.
+bool adjacent(const RingSorted& sorted, std::uint32_t i);
+
+}  // namespace zloam::registration
