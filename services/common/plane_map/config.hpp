@@ -1,0 +1,89 @@
+#pragma once
+// Settings of the voxel plane map and of the registration against it. Lengths in metres, angles in
+// rad; "sigmas" are multiples of the range noise.
+
+#include <Eigen/Core>
+#include <cstddef>
+
+namespace zloam::plane_map {
+
+struct PlaneMapConfig {
+  /// Edge of the coarsest voxels; each level halves it. levels in [1, 6]: 2, 1, 0.5, 0.25, 0.125 m.
+  double root_voxel_m = 2.0;
+  int levels = 5;
+
+  /// Standard deviation of one range measurement.
+  double range_noise_m = 0.02;
+
+  /// A voxel is a plane when it has min_points, with eigenvalues l0 <= l1 <= l2 of the points'
+  /// covariance: sqrt(l0) < thickness * noise, sqrt(l1) > width * noise (a single ring thickened by
+  /// noise is no plane), l1 > aspect * l0, and sqrt(l0 / (n * l1)), the normal's error, below
+  /// normal_error.
+  unsigned min_points = 8;
+  double thickness_sigmas = 2.0;
+  double width_sigmas = 3.0;
+  double aspect = 9.0;
+  double normal_error_rad = 0.05;
+
+  /// A finest voxel that is no plane by itself is fitted again with those of its 26 neighbours
+  /// whose centroid lies within merge_radius_voxels of its own. 0 switches merging off.
+  double merge_radius_voxels = 1.3;
+  double merged_thickness_sigmas = 1.2;
+  double merged_width_sigmas = 2.1;
+
+  /// The grid is turned and shifted against the map's axes: floors and walls at a multiple of the
+  /// voxel size would be split into two half-noise planes that agree with any small shift.
+  Eigen::Vector3d grid_rotation_rad{0.1, 0.15, 0.5};
+  Eigen::Vector3d grid_shift_m{0.137, 0.291, 0.173};
+
+  /// A voxel is fitted again when its points grew by this factor since its last fit.
+  double refit_growth = 1.1;
+
+  /// A plane with this many points drops its finer voxels and takes no more of them, as look-up
+  /// goes from coarse to fine and stops at the first plane.
+  unsigned settled_points = 200;
+
+  /// Keep line and blob voxels of the finest level as distributions (point-to-distribution
+  /// residuals) where no plane fits.
+  bool distributions = false;
+
+  /// Voxels farther than this from the sensor are dropped.
+  double keep_radius_m = 150.0;
+};
+
+struct MatcherConfig {
+  /// Every stride-th point is matched, more sparsely above max_points.
+  unsigned stride = 2;
+  std::size_t max_points = 20000;
+  double min_range_m = 0.5;
+
+  int max_iterations = 8;
+  double stop_rotation_rad = 2e-5;
+  double stop_translation_m = 2e-4;
+
+  /// Points on one surface do not err independently: information is divided by this.
+  double correlation = 10.0;
+
+  /// Residuals above the gate are rejected; the gate follows the error of the prediction at
+  /// gate_range_m between these limits. Kernel width (Geman-McClure) = gate / 3.
+  double min_gate_m = 0.3;
+  double max_gate_m = 1.0;
+  double gate_range_m = 10.0;
+
+  /// Continuity: standard deviation of this sweep's begin against the previous sweep's end, and of
+  /// the change of the motion over one sweep.
+  double begin_sigma_m = 0.003;
+  double begin_sigma_rad = 0.002;
+  double change_sigma_m = 0.03;
+  double change_sigma_rad = 0.02;
+
+  /// Fewer matched points than this leave the sweep predicted, and out of the map.
+  std::size_t min_matches = 30;
+
+  /// A direction is weak when its measured standard deviation exceeds weak_ratio times the
+  /// predicted one, and well again below strong_ratio times it.
+  double weak_ratio = 1.0;
+  double strong_ratio = 0.7;
+};
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,153 @@
+#include "common/plane_map/normal_equations.hpp"
+
+#include <cmath>
+
+namespace zloam::plane_map {
+namespace {
+
+// Sums over the points of one slot, which share s. Few terms meet here, so single precision is
+// enough and four lanes wide; column 6 is the right-hand side.
+struct SlotSums {
+  alignas(16) float rows[6][8] = {};
+
+  void add(const float (&j)[8], float weight) {
+    for (int i = 0; i < 6; ++i) {
+      const float wi = weight * j[i];
+      for (int k = 0; k < 8; ++k) {
+        rows[i][k] += wi * j[k];
+      }
+    }
+  }
+};
+
+void flush(SlotSums& slot, double s, NormalSums& sums) {
+  for (int i = 0; i < 6; ++i) {
+    for (int k = 0; k < 6; ++k) {
+      const double a = slot.rows[i][k];
+      sums.a0(i, k) += a;
+      sums.a1(i, k) += s * a;
+      sums.a2(i, k) += s * s * a;
+    }
+    const double g = slot.rows[i][6];
+    sums.g0[i] += g;
+    sums.g1[i] += s * g;
+  }
+  slot = SlotSums();
+}
+
+// From axes of the grid to axes of base_link.
+void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
+  Matrix6 b = Matrix6::Zero();
+  b.topLeftCorner<3, 3>() = rotation;
+  b.bottomRightCorner<3, 3>() = rotation;
+  for (Matrix6* a : {&sums.a0, &sums.a1, &sums.a2}) {
+    *a = (b.transpose() * *a * b).eval();
+  }
+  sums.g0 = (b.transpose() * sums.g0).eval();
+  sums.g1 = (b.transpose() * sums.g1).eval();
+}
+
+// Row [J, r, 0] of a residual: normal and lever arm x normal.
+void fill_row(const PlaneRow& n, const std::array<float, 3>& q, float residual, float (&j)[8]) {
+  j[0] = n.nx;
+  j[1] = n.ny;
+  j[2] = n.nz;
+  j[3] = q[1] * n.nz - q[2] * n.ny;
+  j[4] = q[2] * n.nx - q[0] * n.nz;
+  j[5] = q[0] * n.ny - q[1] * n.nx;
+  j[6] = residual;
+  j[7] = 0.0f;
+}
+
+class Accumulator {
+ public:
+  Accumulator(double gate_m, double noise_m)
+      : gate_(static_cast<float>(gate_m)),
+        kernel2_(static_cast<float>(gate_m * gate_m / 9.0)),
+        blob_kernel2_(static_cast<float>(9.0 * noise_m * noise_m)),
+        blob_gate2_(static_cast<float>(100.0 * noise_m * noise_m)) {}
+
+  // q: lever arm; p: the point relative to the root voxel's centre.
+  void add(const Match& match, const std::array<float, 3>& q, const std::array<float, 3>& p) {
+    float residuals[3] = {};
+    float squared = 0.0f;
+    for (int i = 0; i < match.count; ++i) {
+      const PlaneRow& n = match.rows[i];
+      residuals[i] = n.nx * p[0] + n.ny * p[1] + n.nz * p[2] - n.d;
+      squared += residuals[i] * residuals[i];
+    }
+    if (!(squared <= (match.is_plane ? gate_ * gate_ : blob_gate2_))) {
+      return;
+    }
+    const float k2 = match.is_plane ? kernel2_ : blob_kernel2_;
+    const float e = k2 / (k2 + squared);
+    const float weight = e * e;
+    for (int i = 0; i < match.count; ++i) {
+      alignas(16) float j[8];
+      fill_row(match.rows[i], q, residuals[i], j);
+      slot_.add(j, weight);
+    }
+    sums_.cost += 0.5 * e * squared;
+    ++sums_.matches;
+    if (match.is_plane) {
+      sums_.weight += weight;
+      sums_.squared += weight * squared;
+      sums_.normal_variance += weight * match.normal_variance;
+      sums_.lever2 += weight * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+    }
+  }
+
+  void end_slot(std::uint32_t slot) { flush(slot_, slot_fraction(static_cast<int>(slot)), sums_); }
+  NormalSums& sums() { return sums_; }
+
+ private:
+  float gate_;
+  float kernel2_;
+  float blob_kernel2_;
+  float blob_gate2_;
+  SlotSums slot_;
+  NormalSums sums_;
+};
+
+}  // namespace
+
+Matrix12 NormalSums::hessian() const {
+  Matrix12 h;
+  h << a0, a1, a1, a2;
+  return h;
+}
+
+Vector12 NormalSums::gradient() const {
+  Vector12 g;
+  g << g0, g1;
+  return g;
+}
+
+NormalSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
+                      const std::vector<SlotPoint>& points, const SweepMotion& motion,
+                      double gate_m) {
+  const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
+  const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
+  Accumulator accumulator(gate_m, map.config().range_noise_m);
+  std::uint32_t slot = points.empty() ? 0 : points.front().slot;
+  for (const SlotPoint& point : points) {
+    if (point.slot != slot) {
+      accumulator.end_slot(slot);
+      slot = point.slot;
+    }
+    const std::array<float, 3> q = motions[slot](point);
+    const float x = q[0] + shift.x();
+    const float y = q[1] + shift.y();
+    const float z = q[2] + shift.z();
+    const Match match = map.find(x, y, z);
+    if (match.count > 0) {
+      const std::array<float, 3>& c = match.root_centre;
+      accumulator.add(match, q, {x - c[0], y - c[1], z - c[2]});
+    }
+  }
+  accumulator.end_slot(slot);
+  rotate(accumulator.sums(), motion.T_mid.linear());
+  return accumulator.sums();
+}
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,51 @@
+#pragma once
+// Sums of the point-to-plane problem over one sweep with twelve unknowns, in one pass.
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+#include "common/plane_map/sweep_points.hpp"
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+
+using Vector12 = Eigen::Matrix<double, 12, 1>;
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+
+/// Motion of base_link over one sweep: T_mid * Exp(s * twist), s in [-1/2, 1/2] of the sweep.
+struct SweepMotion {
+  Pose T_mid = Pose::Identity();
+  Vector6 twist = Vector6::Zero();  // over the whole sweep: m, rad
+
+  Pose at(double s) const { return T_mid * exp_se3(s * twist); }
+};
+
+/// With the row J of one residual against a right perturbation of T_mid, s J is its row against the
+/// twist (to first order in the sweep's motion). So three sums of 6x6 hold the 12x12 problem:
+/// H = sum w [[JJ', s JJ'], [s JJ', s^2 JJ']], g = sum w r [J, s J].
+struct NormalSums {
+  Matrix6 a0 = Matrix6::Zero();
+  Matrix6 a1 = Matrix6::Zero();
+  Matrix6 a2 = Matrix6::Zero();
+  Vector6 g0 = Vector6::Zero();
+  Vector6 g1 = Vector6::Zero();
+  double cost = 0.0;             // sum of robust costs, m^2
+  double weight = 0.0;           // sum of weights
+  double squared = 0.0;          // sum of weighted squared residuals, m^2
+  double normal_variance = 0.0;  // sum of weighted variances of normals, rad^2
+  double lever2 = 0.0;           // sum of weighted squared lever arms, m^2
+  std::size_t matches = 0;
+
+  Matrix12 hessian() const;
+  Vector12 gradient() const;
+};
+
+/// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
+/// residuals above the gate are rejected. The motion is in the map's grid frame.
+NormalSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
+                      const std::vector<SlotPoint>& points, const SweepMotion& motion,
+                      double gate_m);
+
+}  // namespace zloam::plane_map

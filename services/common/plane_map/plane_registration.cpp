@@ -1,0 +1,181 @@
+#include "common/plane_map/plane_registration.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::plane_map {
+namespace {
+
+// Slow mean of the gate, from the prediction's error with a margin.
+constexpr double kGateMemory = 0.9;
+constexpr double kGateMargin_m = 0.05;
+
+double squared(double x) { return x * x; }
+
+Matrix6 information(double sigma_m, double sigma_rad) {
+  Vector6 diagonal;
+  diagonal.head<3>().setConstant(1.0 / squared(sigma_m));
+  diagonal.tail<3>().setConstant(1.0 / squared(sigma_rad));
+  return diagonal.asDiagonal();
+}
+
+double seconds(std::uint32_t period_ns) { return std::max<double>(period_ns, 1.0) * 1e-9; }
+
+// Unset or singular covariances carry no information.
+Matrix6 inverse_or_zero(const Matrix6& covariance) {
+  const Eigen::LDLT<Matrix6> ldlt(covariance);
+  if (!covariance.allFinite() || ldlt.info() != Eigen::Success ||
+      ldlt.vectorD().minCoeff() <= 0.0) {
+    return Matrix6::Zero();
+  }
+  return ldlt.solve(Matrix6::Identity());
+}
+
+}  // namespace
+
+Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
+  const double from_mid_s = (static_cast<double>(instant_ns) - 0.5 * period_ns) * 1e-9;
+  return T_map_base_mid * exp_se3(from_mid_s * twist_per_s);
+}
+
+PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
+                                     const Pose& T_map_base_start)
+    : config_(matcher),
+      map_(map),
+      matcher_(matcher),
+      T_grid_base_start_(map_.T_grid_map() * T_map_base_start),
+      gate_m_(matcher.max_gate_m) {}
+
+MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
+                                          const std::optional<MotionPrediction>& prediction) const {
+  MotionPrior prior;
+  if (!previous_) {
+    prior.start.T_mid = T_grid_base_start_;
+  } else {
+    const double last_s = seconds(previous_->period_ns);
+    const double now_s = seconds(sweep.period_ns);
+    const double since_s =
+        std::max(static_cast<double>(sweep.stamp_ns - previous_->stamp_ns) * 1e-9, 0.5 * last_s);
+    // Time between the previous end and this begin, and between the middles, in sweeps.
+    const double gap = std::max(0.0, (since_s - last_s) / last_s);
+    const double steps = std::max(1.0, (since_s + 0.5 * (now_s - last_s)) / last_s);
+    prior.T_begin = previous_->motion.at(since_s / last_s - 0.5);
+    prior.twist = previous_->motion.twist * (now_s / last_s);
+    prior.begin_information =
+        information(config_.begin_sigma_m + gap * gap * config_.change_sigma_m,
+                    config_.begin_sigma_rad + gap * gap * config_.change_sigma_rad);
+    const double spread = std::sqrt(steps) * now_s / last_s;
+    prior.twist_information =
+        information(spread * config_.change_sigma_m, spread * config_.change_sigma_rad);
+    prior.start = {prior.T_begin * exp_se3(0.5 * prior.twist), prior.twist};
+  }
+  if (prediction) {
+    add_prediction(sweep, *prediction, prior);
+  }
+  return prior;
+}
+
+void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
+                                       MotionPrior& prior) const {
+  const double period_s = seconds(sweep.period_ns);
+  const double to_mid_s = 0.5 * period_s - prediction.instant_ns * 1e-9;
+  prior.T_mid =
+      map_.T_grid_map() * prediction.T_map_base * exp_se3(to_mid_s * prediction.twist_per_s);
+  prior.mid_information = inverse_or_zero(prediction.pose_covariance);
+  const Vector6 twist = prediction.twist_per_s * period_s;
+  const Matrix6 weight = inverse_or_zero(prediction.twist_covariance * squared(period_s));
+  const Matrix6 both = prior.twist_information + weight;
+  if (!weight.isZero(0.0)) {
+    prior.twist =
+        both.ldlt().solve(Vector6(prior.twist_information * prior.twist + weight * twist));
+    prior.twist_information = both;
+  }
+  prior.start = {prior.T_mid, twist};
+}
+
+MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
+  const std::size_t all = points.points().size();
+  const std::size_t stride = std::max<std::size_t>(
+      std::max(config_.stride, 1u), all / std::max<std::size_t>(config_.max_points, 1));
+  map_.set_anchor(prior.start.T_mid.translation());
+  return matcher_.match(map_, points, points.subset(stride, sweeps_ * 7), prior, gate_m_);
+}
+
+void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& motion) {
+  map_.set_anchor(motion.T_mid.translation());
+  const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
+  const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
+  for (const SlotPoint& point : points.points()) {
+    const std::array<float, 3> q = motions[point.slot](point);
+    map_.insert(q[0] + shift.x(), q[1] + shift.y(), q[2] + shift.z());
+  }
+  map_.evict_far(motion.T_mid.translation());
+}
+
+void PlaneRegistration::follow_gate(const SweepMotion& predicted, const SweepMotion& found) {
+  const Vector6 error = log_se3(predicted.T_mid.inverse() * found.T_mid);
+  const double moved =
+      error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
+  const double wanted = 3.0 * (moved + kGateMargin_m);
+  gate_m_ = std::clamp(kGateMemory * gate_m_ + (1.0 - kGateMemory) * wanted, config_.min_gate_m,
+                       config_.max_gate_m);
+}
+
+RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
+                                                const SweepInput& sweep) const {
+  const double period_s = seconds(sweep.period_ns);
+  const Pose T_map_grid = map_.T_grid_map().inverse();
+  RegistrationResult out;
+  out.outcome = match.valid ? Outcome::kRegistered : Outcome::kPredicted;
+  out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
+  out.T_map_base_end = normalised(T_map_grid * match.motion.at(0.5));
+  out.twist_per_s = match.motion.twist / period_s;
+  // End = T_mid * Exp(twist / 2): its perturbation is the mid's seen from the end plus half of the
+  // twist's.
+  Eigen::Matrix<double, 6, 12> jacobian;
+  jacobian << adjoint(exp_se3(-0.5 * match.motion.twist)), 0.5 * Matrix6::Identity();
+  out.covariance_end = jacobian * match.covariance * jacobian.transpose();
+  out.twist_covariance = match.covariance.bottomRightCorner<6, 6>() / squared(period_s);
+  out.degeneracy = match.degeneracy;
+  out.residual_rms_m = match.residual_rms_m;
+  out.matched_fraction = match.matched_fraction;
+  out.gate_m = gate_m_;
+  out.iterations = match.iterations;
+  out.converged = match.converged;
+  return out;
+}
+
+RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
+                                              const std::optional<MotionPrediction>& prediction) {
+  const SweepPoints points(sweep, config_.min_range_m);
+  const MotionPrior prior = make_prior(sweep, prediction);
+  MatchResult match;
+  match.motion = prior.start;
+  const bool starts = map_.empty() && points.points().size() >= config_.min_matches;
+  if (!map_.empty()) {
+    match = this->match(points, prior);
+  }
+  if (match.valid) {
+    follow_gate(prior.start, match.motion);
+    Degeneracy& d = match.degeneracy;
+    // Hysteresis: a weak direction stays so until it is clearly strong.
+    weak_ = d.weak || (weak_ && d.measured_sigma_m > config_.strong_ratio * d.predicted_sigma_m);
+    d.weak = weak_;
+  }
+  if (match.valid || starts) {
+    insert(points, match.motion);
+  }
+  RegistrationResult result = result_of(match, sweep);
+  result.points = points.points().size();
+  if (starts) {
+    result.outcome = Outcome::kStarted;
+  }
+  if (previous_ || !map_.empty()) {
+    previous_ = Previous{match.motion, sweep.stamp_ns, sweep.period_ns};
+  }
+  ++sweeps_;
+  return result;
+}
+
+}  // namespace zloam::plane_map

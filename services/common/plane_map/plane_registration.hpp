@@ -1,0 +1,88 @@
+#pragma once
+// Map and matcher together: sweeps in, poses out. Keeps the motion of the last sweep for the priors
+// and adds every registered sweep to the map, deskewed with its own converged motion.
+
+#include <cstdint>
+#include <optional>
+
+#include "common/plane_map/config.hpp"
+#include "common/plane_map/sweep_matcher.hpp"
+#include "common/plane_map/sweep_points.hpp"
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+
+/// What another estimator (odometry) says of the sweep's motion.
+struct MotionPrediction {
+  Pose T_map_base = Pose::Identity();
+  std::uint32_t instant_ns = 0;  // of that pose, after the sweep's stamp
+  Vector6 twist_per_s = Vector6::Zero();
+  Matrix6 pose_covariance = Matrix6::Zero();   // right perturbation, m and rad
+  Matrix6 twist_covariance = Matrix6::Zero();  // per second
+};
+
+enum class Outcome {
+  kStarted,     ///< first usable sweep: it made the map
+  kRegistered,  ///< matched and inserted
+  kPredicted,   ///< too few points or matches, or no solution: pose is the prediction, not inserted
+};
+
+struct RegistrationResult {
+  Outcome outcome = Outcome::kPredicted;
+  Pose T_map_base_mid = Pose::Identity();    // at stamp + period / 2
+  Pose T_map_base_end = Pose::Identity();    // at stamp + period
+  Vector6 twist_per_s = Vector6::Zero();     // body twist, constant over the sweep
+  Matrix6 covariance_end = Matrix6::Zero();  // of T_map_base_end, right perturbation
+  Matrix6 twist_covariance = Matrix6::Zero();
+  Degeneracy degeneracy;
+  double residual_rms_m = 0.0;
+  double matched_fraction = 0.0;
+  double gate_m = 0.0;
+  int iterations = 0;
+  bool converged = false;
+  std::size_t points = 0;  // valid ones
+
+  /// Pose at an instant after the sweep's stamp.
+  Pose at(std::uint32_t instant_ns, std::uint32_t period_ns) const;
+};
+
+class PlaneRegistration {
+ public:
+  PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
+                    const Pose& T_map_base_start = Pose::Identity());
+
+  /// Sweeps in order of their stamps; one that is not later than its predecessor is taken as one
+  /// period later.
+  RegistrationResult process(const SweepInput& sweep,
+                             const std::optional<MotionPrediction>& prediction = std::nullopt);
+
+  VoxelPlaneMap& map() { return map_; }
+  const VoxelPlaneMap& map() const { return map_; }
+
+ private:
+  struct Previous {
+    SweepMotion motion;  // grid frame
+    std::int64_t stamp_ns = 0;
+    std::uint32_t period_ns = 0;
+  };
+
+  MotionPrior make_prior(const SweepInput& sweep,
+                         const std::optional<MotionPrediction>& prediction) const;
+  void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
+                      MotionPrior& prior) const;
+  MatchResult match(const SweepPoints& points, const MotionPrior& prior);
+  void insert(const SweepPoints& points, const SweepMotion& motion);
+  void follow_gate(const SweepMotion& predicted, const SweepMotion& found);
+  RegistrationResult result_of(const MatchResult& match, const SweepInput& sweep) const;
+
+  MatcherConfig config_;
+  VoxelPlaneMap map_;
+  SweepMatcher matcher_;
+  Pose T_grid_base_start_;
+  std::optional<Previous> previous_;
+  double gate_m_;
+  bool weak_ = false;
+  std::uint64_t sweeps_ = 0;
+};
+
+}  // namespace zloam::plane_map

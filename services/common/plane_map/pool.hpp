@@ -1,0 +1,46 @@
+#pragma once
+// Index-addressed storage that grows without moving or copying what it holds, and reuses what was
+// released, last in first out.
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace zloam::plane_map {
+
+template <typename T>
+class Pool {
+ public:
+  T& operator[](std::uint32_t i) { return chunks_[i >> kBits][i & kMask]; }
+  const T& operator[](std::uint32_t i) const { return chunks_[i >> kBits][i & kMask]; }
+
+  /// Index of a fresh default value.
+  std::uint32_t take() {
+    if (!free_.empty()) {
+      const std::uint32_t i = free_.back();
+      free_.pop_back();
+      (*this)[i] = T();
+      return i;
+    }
+    if ((size_ & kMask) == 0) {
+      chunks_.push_back(std::make_unique<T[]>(kMask + 1));
+    }
+    return size_++;
+  }
+
+  void release(std::uint32_t i) { free_.push_back(i); }
+  std::size_t in_use() const { return size_ - free_.size(); }
+  std::size_t bytes() const {
+    return chunks_.size() * (kMask + 1) * sizeof(T) + free_.capacity() * sizeof(std::uint32_t);
+  }
+
+ private:
+  static constexpr std::uint32_t kBits = 12;
+  static constexpr std::uint32_t kMask = (1u << kBits) - 1;
+  std::vector<std::unique_ptr<T[]>> chunks_;
+  std::vector<std::uint32_t> free_;
+  std::uint32_t size_ = 0;
+};
+
+}  // namespace zloam::plane_map

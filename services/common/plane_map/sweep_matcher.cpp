@@ -1,0 +1,116 @@
+#include "common/plane_map/sweep_matcher.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::plane_map {
+namespace {
+
+constexpr int kLeastIterations = 3;
+
+bool is_small(const Vector12& step, const MatcherConfig& c) {
+  const double translation = step.segment<3>(0).norm() + step.segment<3>(6).norm();
+  const double rotation = step.segment<3>(3).norm() + step.segment<3>(9).norm();
+  return rotation < c.stop_rotation_rad && translation < c.stop_translation_m;
+}
+
+// Covariance of one 3-vector when the other one is estimated along with it.
+Eigen::Matrix3d schur(const Matrix6& a, int keep, int drop) {
+  const Eigen::Matrix3d other = a.block<3, 3>(drop, drop) + 1e-9 * Eigen::Matrix3d::Identity();
+  return a.block<3, 3>(keep, keep) -
+         a.block<3, 3>(keep, drop) * other.ldlt().solve(a.block<3, 3>(drop, keep));
+}
+
+double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axis) {
+  return std::sqrt(std::max(0.0, axis.dot(covariance * axis)));
+}
+
+}  // namespace
+
+void add_priors(const MotionPrior& prior, const SweepMotion& motion, Matrix12& h, Vector12& g) {
+  // Begin = T_mid * Exp(-twist / 2): its error changes by one with T_mid, by minus half with twist.
+  const Vector6 begin = log_se3(prior.T_begin.inverse() * motion.at(-0.5));
+  const Vector6 wb = prior.begin_information * begin;
+  h.block<6, 6>(0, 0) += prior.begin_information;
+  h.block<6, 6>(0, 6) -= 0.5 * prior.begin_information;
+  h.block<6, 6>(6, 0) -= 0.5 * prior.begin_information;
+  h.block<6, 6>(6, 6) += 0.25 * prior.begin_information + prior.twist_information;
+  g.head<6>() += wb;
+  g.tail<6>() += prior.twist_information * (motion.twist - prior.twist) - 0.5 * wb;
+  if (!prior.mid_information.isZero(0.0)) {
+    h.block<6, 6>(0, 0) += prior.mid_information;
+    g.head<6>() += prior.mid_information * log_se3(prior.T_mid.inverse() * motion.T_mid);
+  }
+}
+
+MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
+                                const std::vector<SlotPoint>& points, const MotionPrior& prior,
+                                double gate_m) const {
+  MatchResult result;
+  result.motion = prior.start;
+  const double noise = map.config().range_noise_m;
+  const double scale = 1.0 / (noise * noise * config_.correlation);
+  NormalSums sums;
+  Matrix12 h;
+  SweepMotion motion = prior.start;
+  for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
+    sums = accumulate(map, sweep, points, motion, gate_m);
+    h = scale * sums.hessian();
+    Vector12 g = scale * sums.gradient();
+    add_priors(prior, motion, h, g);
+    const Vector12 step = -h.ldlt().solve(g);
+    result.iterations = i + 1;
+    if (!step.allFinite() || step.norm() > 1e3) {
+      return result;
+    }
+    motion.T_mid = normalised(motion.T_mid * exp_se3(step.head<6>()));
+    motion.twist += step.tail<6>();
+    result.converged = i + 1 >= kLeastIterations && is_small(step, config_);
+  }
+  if (sums.matches < config_.min_matches) {
+    return result;
+  }
+  result.valid = true;
+  result.motion = motion;
+  result.covariance = h.ldlt().solve(Matrix12::Identity());
+  result.degeneracy = judge(sums, prior, scale);
+  result.residual_rms_m = std::sqrt(sums.squared / std::max(sums.weight, 1e-12));
+  result.matched_fraction = static_cast<double>(sums.matches) / static_cast<double>(points.size());
+  return result;
+}
+
+Degeneracy SweepMatcher::judge(const NormalSums& sums, const MotionPrior& prior,
+                               double scale) const {
+  Degeneracy out;
+  Matrix12 h = Matrix12::Zero();
+  Vector12 g = Vector12::Zero();
+  add_priors(prior, prior.start, h, g);
+  h += 1e-9 * Matrix12::Identity();
+  const Matrix12 predicted = h.ldlt().solve(Matrix12::Identity());
+  const double weight = std::max(sums.weight, 1e-12);
+
+  // Errors of the map's normals look like information in directions that nothing faces.
+  const double spurious = sums.normal_variance;
+  const auto sigma = [&](double eigenvalue) {
+    return 1.0 / std::sqrt(std::max(scale * (eigenvalue - spurious), 1e-6));
+  };
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> translation(schur(sums.a0, 0, 3));
+  out.axis = translation.eigenvectors().col(0);
+  out.share = translation.eigenvalues()[0] / weight;
+  out.measured_sigma_m = sigma(translation.eigenvalues()[0]);
+  out.predicted_sigma_m = sigma_along(predicted.block<3, 3>(0, 0), out.axis);
+
+  // Rotations in units of the lever arm, so that eigenvalues mean the same as above.
+  const double lever = std::sqrt(std::max(sums.lever2 / weight, 1e-12));
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(schur(sums.a0, 3, 0) / (lever * lever));
+  out.rotation_axis = rotation.eigenvectors().col(0);
+  out.measured_sigma_rad = sigma(rotation.eigenvalues()[0]) / lever;
+  out.predicted_sigma_rad = sigma_along(predicted.block<3, 3>(3, 3), out.rotation_axis);
+  out.weak = out.measured_sigma_m > config_.weak_ratio * out.predicted_sigma_m;
+  out.weak_rotation = out.measured_sigma_rad > config_.weak_ratio * out.predicted_sigma_rad;
+  return out;
+}
+
+}  // namespace zloam::plane_map

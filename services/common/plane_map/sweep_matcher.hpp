@@ -1,0 +1,77 @@
+#pragma once
+// Registers one sweep against a plane map: Gauss-Newton over the pose at mid-sweep and the motion
+// over the sweep, deskewing and association anew in each iteration, with priors (maximum a
+// posteriori). Solving about the middle decouples pose and motion. Sources: Zhang & Singh, LOAM
+// (RSS 2014), for deskewing inside the iteration; Dellenbach et al., CT-ICP (ICRA 2022), for soft
+// ties between sweeps in place of a pinned start.
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "common/plane_map/config.hpp"
+#include "common/plane_map/normal_equations.hpp"
+
+namespace zloam::plane_map {
+
+/// Quadratic priors on a sweep's motion; sigmas as information matrices (order x y z rx ry rz).
+struct MotionPrior {
+  SweepMotion start;  // where the iteration begins
+
+  /// Begin of the sweep against a predicted pose (the previous sweep's end).
+  Pose T_begin = Pose::Identity();
+  Matrix6 begin_information = Matrix6::Zero();
+
+  /// Motion over the sweep against a predicted one.
+  Vector6 twist = Vector6::Zero();
+  Matrix6 twist_information = Matrix6::Zero();
+
+  /// Pose at mid-sweep against a predicted one (odometry).
+  Pose T_mid = Pose::Identity();
+  Matrix6 mid_information = Matrix6::Zero();
+};
+
+/// The weakest translation direction as the data see it, without the priors.
+struct Degeneracy {
+  bool weak = false;
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // frame base_link at mid-sweep, unit
+  double measured_sigma_m = 0.0;                   // what the data give along the axis
+  double predicted_sigma_m = 0.0;                  // what the priors give along it
+  double share = 0.0;  // mean squared share of the normals along the axis, [0, 1]
+  /// The weakest rotation, with lever arm (m) = rms distance of the matched points.
+  bool weak_rotation = false;
+  Eigen::Vector3d rotation_axis = Eigen::Vector3d::Zero();
+  double measured_sigma_rad = 0.0;
+  double predicted_sigma_rad = 0.0;
+};
+
+struct MatchResult {
+  bool valid = false;  // false: too few matches or no finite solution; motion = prior.start
+  SweepMotion motion;
+  Matrix12 covariance = Matrix12::Zero();  // of (T_mid right perturbation, twist per sweep)
+  Degeneracy degeneracy;
+  double residual_rms_m = 0.0;
+  double matched_fraction = 0.0;
+  int iterations = 0;
+  bool converged = false;
+};
+
+class SweepMatcher {
+ public:
+  explicit SweepMatcher(const MatcherConfig& config) : config_(config) {}
+
+  /// The map's anchor must have been set near the prior's start. `points` is a subset of the sweep.
+  MatchResult match(VoxelPlaneMap& map, const SweepPoints& sweep,
+                    const std::vector<SlotPoint>& points, const MotionPrior& prior,
+                    double gate_m) const;
+
+ private:
+  Degeneracy judge(const NormalSums& sums, const MotionPrior& prior, double scale) const;
+
+  MatcherConfig config_;
+};
+
+/// Hessian and gradient of the priors at a motion; for tests and for the predicted sigmas.
+void add_priors(const MotionPrior& prior, const SweepMotion& motion, Matrix12& h, Vector12& g);
+
+}  // namespace zloam::plane_map

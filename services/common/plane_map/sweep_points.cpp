@@ -1,0 +1,112 @@
+#include "common/plane_map/sweep_points.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/geometry/deskew.hpp"
+
+namespace zloam::plane_map {
+namespace {
+
+// Exponentials are taken at knots only, and the matrices interpolated: at 190 deg/s and 64 knots
+// the chord is 3e-6 off the arc.
+constexpr int kKnots = 64;
+constexpr int kSlotsPerKnot = kSlots / kKnots;
+static_assert(kSlots == DeskewTable::kSteps, "slots and steps of the deskewing are the same");
+
+using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+
+Matrix34 top_rows(const Pose& pose) { return pose.matrix().topRows<3>(); }
+
+SlotMotion to_float(const Matrix34& m) {
+  SlotMotion out;
+  for (int i = 0; i < 12; ++i) {
+    out.m[static_cast<std::size_t>(i)] = static_cast<float>(m.data()[i]);
+  }
+  return out;
+}
+
+bool usable(const Point& p, float min_range2) {
+  const float range2 = p.x * p.x + p.y * p.y + p.z * p.z;
+  return range2 >= min_range2 && range2 < 1e12f;  // false for NaN
+}
+
+// Stable counting sort by slot.
+std::vector<SlotPoint> in_slot_order(const std::vector<SlotPoint>& points) {
+  std::vector<std::uint32_t> next(kSlots + 2, 0);
+  for (const SlotPoint& p : points) {
+    ++next[p.slot + 1];
+  }
+  for (std::size_t i = 1; i < next.size(); ++i) {
+    next[i] += next[i - 1];
+  }
+  std::vector<SlotPoint> sorted(points.size());
+  for (const SlotPoint& p : points) {
+    sorted[next[p.slot]++] = p;
+  }
+  return sorted;
+}
+
+}  // namespace
+
+SweepPoints::SweepPoints(const SweepInput& sweep, double min_range_m)
+    : T_base_points_(sweep.T_base_points) {
+  const double slots_per_ns =
+      sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
+  const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
+  std::vector<SlotPoint> valid;
+  valid.reserve(sweep.points.size());
+  for (const Point& p : sweep.points) {
+    if (usable(p, min_range2)) {
+      const double slot = std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots);
+      valid.push_back({p.x, p.y, p.z, static_cast<std::uint32_t>(slot)});
+    }
+  }
+  points_ = in_slot_order(valid);
+  if (sweep.deskewed) {
+    const DeskewTable table(sweep.deskewed->twist_per_s, sweep.period_ns,
+                            sweep.deskewed->instant_ns);
+    undo_.reserve(kSlots + 1);
+    for (int i = 0; i <= kSlots; ++i) {
+      const double time_ns = static_cast<double>(sweep.period_ns) * i / kSlots;
+      undo_.push_back(table.motion_at(static_cast<std::uint32_t>(time_ns)).inverse() *
+                      T_base_points_);
+    }
+  }
+}
+
+std::vector<SlotPoint> SweepPoints::subset(std::size_t stride, std::size_t phase) const {
+  std::vector<SlotPoint> out;
+  out.reserve(points_.size() / stride + 1);
+  for (std::size_t i = phase % stride; i < points_.size(); i += stride) {
+    out.push_back(points_[i]);
+  }
+  return out;
+}
+
+SlotMotions SweepPoints::motions(const Eigen::Matrix3d& rotation,
+                                 const Vector6& twist_per_sweep) const {
+  Pose start = Pose::Identity();
+  start.linear() = rotation;
+  std::vector<Matrix34> knots(kKnots + 1);
+  for (int i = 0; i <= kKnots; ++i) {
+    const Pose motion = start * exp_se3(slot_fraction(i * kSlotsPerKnot) * twist_per_sweep);
+    knots[static_cast<std::size_t>(i)] = top_rows(undo_.empty() ? motion * T_base_points_ : motion);
+  }
+  SlotMotions out;
+  out.reserve(kSlots + 1);
+  for (int i = 0; i <= kSlots; ++i) {
+    const int knot = std::min(i / kSlotsPerKnot, kKnots - 1);
+    const double part = static_cast<double>(i - knot * kSlotsPerKnot) / kSlotsPerKnot;
+    const auto k = static_cast<std::size_t>(knot);
+    Matrix34 m = knots[k] + part * (knots[k + 1] - knots[k]);
+    if (!undo_.empty()) {
+      const Eigen::Matrix4d undo = undo_[static_cast<std::size_t>(i)].matrix();
+      m = (m * undo).eval();
+    }
+    out.push_back(to_float(m));
+  }
+  return out;
+}
+
+}  // namespace zloam::plane_map

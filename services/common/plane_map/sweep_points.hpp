@@ -1,0 +1,78 @@
+#pragma once
+// A sweep made ready for registration: valid points in order of time slots, and the motion of each
+// slot under a constant twist over the sweep.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+
+namespace zloam::plane_map {
+
+/// What a cloud was deskewed with: p(instant) = Exp(twist * (t - instant)) * p(t), in base_link.
+struct Deskewing {
+  Vector6 twist_per_s = Vector6::Zero();  // m/s, rad/s
+  std::uint32_t instant_ns = 0;           // after the sweep's stamp
+};
+
+/// One sweep. Points carry the time of their measurement in time_ns after stamp_ns. They are either
+/// raw, in a frame whose pose in base_link is T_base_points; or, with `deskewed`, at one instant.
+struct SweepInput {
+  PointSpan points;
+  Pose T_base_points = Pose::Identity();
+  std::int64_t stamp_ns = 0;
+  std::uint32_t period_ns = 100'000'000;
+  std::optional<Deskewing> deskewed;
+};
+
+/// The sweep is cut into slots of equal time; points move by the motion at the nearest of the
+/// kSlots + 1 slot boundaries: 0.1 ms or 2 mm at 20 m/s for a sweep of 0.1 s.
+constexpr int kSlots = 1024;
+
+/// Slot i as a fraction of the sweep about its middle, in [-1/2, 1/2].
+constexpr double slot_fraction(int slot) { return static_cast<double>(slot) / kSlots - 0.5; }
+
+struct SlotPoint {
+  float x, y, z;
+  std::uint32_t slot;
+};
+
+/// Row-major 3x4 motion.
+struct SlotMotion {
+  std::array<float, 12> m;
+
+  std::array<float, 3> operator()(const SlotPoint& p) const {
+    return {m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
+            m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
+            m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]};
+  }
+};
+using SlotMotions = std::vector<SlotMotion>;
+
+/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), in slot order
+/// and in the given order within a slot.
+class SweepPoints {
+ public:
+  SweepPoints(const SweepInput& sweep, double min_range_m);
+
+  const std::vector<SlotPoint>& points() const { return points_; }
+
+  /// Every stride-th point, the first one chosen by `phase`, so that in time all points have their
+  /// turn.
+  std::vector<SlotPoint> subset(std::size_t stride, std::size_t phase) const;
+
+  /// Motions that carry points as given to the frame that T_mid's parent names, rotated but not
+  /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s *
+  /// twist), twist over the whole sweep. What an earlier deskewing did is undone.
+  SlotMotions motions(const Eigen::Matrix3d& rotation, const Vector6& twist_per_sweep) const;
+
+ private:
+  std::vector<SlotPoint> points_;
+  Pose T_base_points_;
+  std::vector<Pose> undo_;  // per slot; empty for raw points
+};
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,401 @@
+#include "common/plane_map/voxel_plane_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace zloam::plane_map {
+namespace {
+
+constexpr float kMaxLocal_m = 4096.0f;
+constexpr int kKeyBits = 21;
+constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
+
+int floor_to_int(float x) {
+  const int i = static_cast<int>(x);
+  return i - static_cast<int>(static_cast<float>(i) > x);
+}
+
+std::uint64_t hash(std::uint64_t x) {
+  x ^= x >> 31;
+  x *= 0x9E3779B97F4A7C15ull;
+  return x ^ (x >> 29);
+}
+
+void check(const PlaneMapConfig& c) {
+  const bool ok = c.root_voxel_m > 0.0 && c.levels >= 2 && c.levels <= 6 && c.range_noise_m > 0.0 &&
+                  c.min_points >= 3 && c.refit_growth >= 1.0 && c.keep_radius_m > c.root_voxel_m;
+  if (!ok) {
+    throw std::invalid_argument("plane map: configuration out of range");
+  }
+}
+
+}  // namespace
+
+VoxelPlaneMap::VoxelPlaneMap(const PlaneMapConfig& config)
+    : config_(config), own_gates_(own_gates(config)), merged_gates_(merged_gates(config)) {
+  check(config);
+  T_grid_map_ = Pose::Identity();
+  T_grid_map_.linear() = exp_so3(config.grid_rotation_rad);
+  T_grid_map_.translation() = config.grid_shift_m;
+  shift_ = config.levels - 1;
+  leaf_m_ = config.root_voxel_m / (1 << shift_);
+  leaf_per_m_ = static_cast<float>(1.0 / leaf_m_);
+  rebuild_table(1024);
+}
+
+void VoxelPlaneMap::set_anchor(const Eigen::Vector3d& position_grid) {
+  anchor_ = (position_grid / config_.root_voxel_m).array().round().cast<int>();
+}
+
+Eigen::Vector3d VoxelPlaneMap::anchor_grid() const {
+  return anchor_.cast<double>() * config_.root_voxel_m;
+}
+
+std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float y, float z) const {
+  // Written so that NaN fails too.
+  if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
+    return std::nullopt;
+  }
+  return Cell{floor_to_int(x * leaf_per_m_), floor_to_int(y * leaf_per_m_),
+              floor_to_int(z * leaf_per_m_)};
+}
+
+std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
+  const auto part = [&](int cell, int anchor) {
+    return static_cast<std::uint64_t>((cell >> shift_) + anchor + kKeyOffset);
+  };
+  return part(c.x, anchor_.x()) << (2 * kKeyBits) | part(c.y, anchor_.y()) << kKeyBits |
+         part(c.z, anchor_.z());
+}
+
+std::uint32_t VoxelPlaneMap::find_root(std::uint64_t key) const {
+  const std::size_t mask = table_.size() - 1;
+  for (std::size_t i = hash(key) & mask; table_[i] != 0; i = (i + 1) & mask) {
+    const Root& root = roots_[table_[i] - 1];
+    if (root.key == key) {
+      return root.node;
+    }
+  }
+  return kNoChild;
+}
+
+std::uint32_t VoxelPlaneMap::take_root(std::uint64_t key) {
+  const std::uint32_t found = find_root(key);
+  if (found != kNoChild) {
+    return found;
+  }
+  roots_.push_back({key, nodes_.take()});
+  if (2 * roots_.size() > table_.size()) {
+    rebuild_table(2 * table_.size());
+  } else {
+    const std::size_t mask = table_.size() - 1;
+    std::size_t i = hash(key) & mask;
+    while (table_[i] != 0) {
+      i = (i + 1) & mask;
+    }
+    table_[i] = static_cast<std::uint32_t>(roots_.size());
+  }
+  return roots_.back().node;
+}
+
+void VoxelPlaneMap::rebuild_table(std::size_t slots) {
+  table_.assign(slots, 0);
+  const std::size_t mask = slots - 1;
+  for (std::size_t r = 0; r < roots_.size(); ++r) {
+    std::size_t i = hash(roots_[r].key) & mask;
+    while (table_[i] != 0) {
+      i = (i + 1) & mask;
+    }
+    table_[i] = static_cast<std::uint32_t>(r + 1);
+  }
+}
+
+namespace {
+
+template <typename C>
+unsigned octant(const C& c, int bit) {
+  return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
+}
+
+}  // namespace
+
+std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
+  const auto centre = [&](int cell) {
+    return (static_cast<float>(cell >> shift_) + 0.5f) * static_cast<float>(config_.root_voxel_m);
+  };
+  return {centre(c.x), centre(c.y), centre(c.z)};
+}
+
+// Centre of the cell's voxel at a level, relative to its root's centre.
+Eigen::Vector3d VoxelPlaneMap::voxel_offset(const Cell& c, int level) const {
+  const int bits = shift_ - level;
+  const int mask = (1 << shift_) - 1;
+  const double edge = leaf_m_ * (1 << bits);
+  const auto offset = [&](int cell) {
+    return (((cell & mask) >> bits) + 0.5) * edge - 0.5 * config_.root_voxel_m;
+  };
+  return {offset(c.x), offset(c.y), offset(c.z)};
+}
+
+bool VoxelPlaneMap::needs_fit(const Fit& fit) const {
+  return fit.count != fit.fitted_count && fit.count >= fit.fitted_count * config_.refit_growth;
+}
+
+void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
+                              const Eigen::Vector3d& offset) {
+  const Eigen::Vector3d n = axes.axes.col(0);
+  fit.kind = Kind::kPlane;
+  fit.row_count = 1;
+  fit.plane = {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
+               static_cast<float>(n.dot(axes.centre + offset))};
+  fit.normal_variance = static_cast<float>(axes.normal_variance(count));
+}
+
+void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
+  node.fit.fitted_count = node.fit.count;
+  node.fit.kind = Kind::kNone;
+  if (node.fit.count < config_.min_points) {
+    return;
+  }
+  const PrincipalAxes axes = principal_axes(Moments(node.fit.count, node.sums));
+  if (is_plane(axes, node.fit.count, own_gates_)) {
+    set_plane(node.fit, axes, node.fit.count, voxel_offset(cell, level));
+  }
+}
+
+const VoxelPlaneMap::Leaf* VoxelPlaneMap::leaf_at(const Cell& cell) const {
+  std::uint32_t i = find_root(root_key(cell));
+  for (int bit = shift_ - 1; i != kNoChild && bit >= 0; --bit) {
+    i = nodes_[i].children[octant(cell, bit)];
+  }
+  return i == kNoChild ? nullptr : &leaves_[i];
+}
+
+Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell) const {
+  Moments all(leaf.fit.count, leaf.sums);
+  const Eigen::Vector3d mean = all.mean();
+  const double reach = config_.merge_radius_voxels * leaf_m_;
+  for (int i = 0; i < 27; ++i) {
+    const Eigen::Vector3i step(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1);
+    const Leaf* other =
+        i == 13 ? nullptr : leaf_at({cell.x + step.x(), cell.y + step.y(), cell.z + step.z()});
+    if (other == nullptr) {
+      continue;
+    }
+    const Moments moments(other->fit.count, other->sums);
+    const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
+    if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
+      all.add(moments, offset);
+    }
+  }
+  return all;
+}
+
+void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
+  leaf.fit.fitted_count = leaf.fit.count;
+  leaf.fit.kind = Kind::kNone;
+  const Eigen::Vector3d offset = voxel_offset(cell, shift_);
+  PrincipalAxes own;
+  if (leaf.fit.count >= config_.min_points) {
+    own = principal_axes(Moments(leaf.fit.count, leaf.sums));
+    if (is_plane(own, leaf.fit.count, own_gates_)) {
+      set_plane(leaf.fit, own, leaf.fit.count, offset);
+      return;
+    }
+  }
+  if (config_.merge_radius_voxels > 0.0) {
+    const Moments moments = merged_moments(leaf, cell);
+    if (moments.count >= config_.min_points) {
+      const PrincipalAxes merged = principal_axes(moments);
+      if (is_plane(merged, moments.count, merged_gates_)) {
+        set_plane(leaf.fit, merged, moments.count, offset);
+        return;
+      }
+    }
+  }
+  if (config_.distributions && leaf.fit.count >= config_.min_points) {
+    fit_distribution(leaf, own, offset);
+  }
+}
+
+// Rows of the square root of the inverse of (covariance + noise), times the noise: the axes of the
+// distribution. A line is free along its long axis.
+void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
+                                     const Eigen::Vector3d& offset) {
+  if (leaf.rows == kNoChild) {
+    leaf.rows = rows_.take();
+  }
+  const double noise = config_.range_noise_m;
+  const bool is_line =
+      axes.variances[1] < own_gates_.min_width2 && axes.variances[2] > 16.0 * axes.variances[1];
+  leaf.fit.kind = Kind::kDistribution;
+  leaf.fit.row_count = is_line ? 2 : 3;
+  for (int i = 0; i < leaf.fit.row_count; ++i) {
+    const Eigen::Vector3d n =
+        axes.axes.col(i) * (noise / std::sqrt(axes.variances[i] + noise * noise));
+    rows_[leaf.rows][static_cast<std::size_t>(i)] = {
+        static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
+        static_cast<float>(n.dot(axes.centre + offset))};
+  }
+}
+
+Match VoxelPlaneMap::match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const {
+  return {rows, fit.row_count, fit.kind == Kind::kPlane, fit.normal_variance, root_centre(cell)};
+}
+
+Match VoxelPlaneMap::find(float x, float y, float z) {
+  const auto cell = cell_of(x, y, z);
+  std::uint32_t i = cell ? find_root(root_key(*cell)) : kNoChild;
+  for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
+    Node& node = nodes_[i];
+    if (needs_fit(node.fit)) {
+      fit_node(node, *cell, shift_ - 1 - bit);
+    }
+    if (node.fit.kind == Kind::kPlane) {
+      return match_of(node.fit, &node.fit.plane, *cell);
+    }
+    i = node.children[octant(*cell, bit)];
+  }
+  if (i == kNoChild) {
+    return {};
+  }
+  Leaf& leaf = leaves_[i];
+  if (needs_fit(leaf.fit)) {
+    fit_leaf(leaf, *cell);
+  }
+  switch (leaf.fit.kind) {
+    case Kind::kPlane:
+      return match_of(leaf.fit, &leaf.fit.plane, *cell);
+    case Kind::kDistribution:
+      return match_of(leaf.fit, rows_[leaf.rows].data(), *cell);
+    case Kind::kNone:
+      break;
+  }
+  return {};
+}
+
+void VoxelPlaneMap::insert(float x, float y, float z) {
+  const auto cell = cell_of(x, y, z);
+  if (!cell) {
+    return;
+  }
+  const std::array<float, 3> root = root_centre(*cell);
+  // Offset from the voxel's centre, kept while the voxel halves.
+  float dx = x - root[0];
+  float dy = y - root[1];
+  float dz = z - root[2];
+  float quarter = 0.25f * static_cast<float>(config_.root_voxel_m);
+  std::uint32_t i = take_root(root_key(*cell));
+  for (int bit = shift_ - 1; bit >= 0; --bit) {
+    Node& node = nodes_[i];
+    node.sums.add(dx, dy, dz);
+    ++node.fit.count;
+    if (node.fit.kind == Kind::kPlane && node.fit.count >= config_.settled_points) {
+      if (!node.fit.settled) {
+        release_children(node, shift_ - 1 - bit);
+        node.fit.settled = true;
+      }
+      return;
+    }
+    node.fit.settled = false;
+    const unsigned o = octant(*cell, bit);
+    if (node.children[o] == kNoChild) {
+      node.children[o] = bit == 0 ? leaves_.take() : nodes_.take();
+    }
+    i = node.children[o];
+    dx += (o & 1) != 0 ? -quarter : quarter;
+    dy += (o & 2) != 0 ? -quarter : quarter;
+    dz += (o & 4) != 0 ? -quarter : quarter;
+    quarter *= 0.5f;
+  }
+  Leaf& leaf = leaves_[i];
+  leaf.sums.add(dx, dy, dz);
+  ++leaf.fit.count;
+}
+
+void VoxelPlaneMap::release_children(Node& node, int level) {
+  for (std::uint32_t& child : node.children) {
+    if (child == kNoChild) {
+      continue;
+    }
+    if (level + 1 == shift_) {
+      if (leaves_[child].rows != kNoChild) {
+        rows_.release(leaves_[child].rows);
+      }
+      leaves_.release(child);
+    } else {
+      release_children(nodes_[child], level + 1);
+      nodes_.release(child);
+    }
+    child = kNoChild;
+  }
+}
+
+void VoxelPlaneMap::evict_far(const Eigen::Vector3d& position_grid) {
+  const double radius = config_.keep_radius_m;
+  if (evicted_once_ && (position_grid - last_eviction_).norm() < radius / 20.0) {
+    return;
+  }
+  evicted_once_ = true;
+  last_eviction_ = position_grid;
+  const auto index = [](std::uint64_t key, int part) {
+    const std::uint64_t mask = (std::uint64_t{1} << kKeyBits) - 1;
+    return static_cast<double>(static_cast<std::int64_t>(key >> (part * kKeyBits) & mask) -
+                               kKeyOffset);
+  };
+  const auto is_far = [&](const Root& root) {
+    const Eigen::Vector3d cell(index(root.key, 2), index(root.key, 1), index(root.key, 0));
+    const Eigen::Vector3d centre = (cell.array() + 0.5).matrix() * config_.root_voxel_m;
+    return (centre - position_grid).norm() > radius;
+  };
+  const auto keep_end = std::remove_if(roots_.begin(), roots_.end(), [&](const Root& root) {
+    if (!is_far(root)) {
+      return false;
+    }
+    release_children(nodes_[root.node], 0);
+    nodes_.release(root.node);
+    return true;
+  });
+  if (keep_end != roots_.end()) {
+    roots_.erase(keep_end, roots_.end());
+    rebuild_table(table_.size());
+  }
+}
+
+std::optional<MapPlane> VoxelPlaneMap::plane_at(const Eigen::Vector3d& point_map) {
+  const Eigen::Vector3d grid = T_grid_map_ * point_map;
+  set_anchor(grid);
+  const Eigen::Vector3f local = (grid - anchor_grid()).cast<float>();
+  const Match match = find(local.x(), local.y(), local.z());
+  if (!match.is_plane) {
+    return std::nullopt;
+  }
+  const PlaneRow& row = *match.rows;
+  const Eigen::Vector3d normal(row.nx, row.ny, row.nz);
+  const Eigen::Vector3d root(match.root_centre[0], match.root_centre[1], match.root_centre[2]);
+  const Eigen::Vector3d foot =
+      local.cast<double>() - normal * (normal.dot(local.cast<double>() - root) - row.d);
+  const Pose T_map_grid = T_grid_map_.inverse();
+  return MapPlane{T_map_grid.linear() * normal, T_map_grid * (foot + anchor_grid())};
+}
+
+void VoxelPlaneMap::insert_points(std::span<const Eigen::Vector3d> points_map) {
+  for (const Eigen::Vector3d& point : points_map) {
+    const Eigen::Vector3d grid = T_grid_map_ * point;
+    if (!grid.allFinite()) {
+      continue;
+    }
+    set_anchor(grid);
+    const Eigen::Vector3f local = (grid - anchor_grid()).cast<float>();
+    insert(local.x(), local.y(), local.z());
+  }
+}
+
+MapStatistics VoxelPlaneMap::statistics() const {
+  return {roots_.size(), nodes_.in_use() + leaves_.in_use(),
+          nodes_.bytes() + leaves_.bytes() + rows_.bytes() + roots_.capacity() * sizeof(Root) +
+              table_.capacity() * sizeof(std::uint32_t)};
+}
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,160 @@
+#pragma once
+// A map of planes in voxels of several sizes. Each point is counted in the voxel of every level
+// that contains it (number, sum, sum of outer products), so nothing old is forgotten and the
+// normal's error falls with the root of the count; planes are eigenvectors of these sums, made when
+// a changed voxel is looked up. Method: Yuan et al., "Efficient and probabilistic adaptive voxel
+// mapping", RA-L 2022, with counted sums in place of stored points.
+//
+// The map's frame is the caller's. Inside, voxels live in a "grid" frame turned and shifted against
+// it (config). Look-up and insertion take "local" single-precision coordinates: grid frame,
+// relative to an anchor on the grid near the sensor, so that no digits are lost far from the
+// origin.
+//
+// Result and content depend on the order of calls only, never on addresses or hashing.
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+#include "common/plane_map/config.hpp"
+#include "common/plane_map/moments.hpp"
+#include "common/plane_map/pool.hpp"
+
+namespace zloam::plane_map {
+
+/// Residual of a point p: nx px + ny py + nz pz - d, with p relative to the root voxel's centre.
+struct PlaneRow {
+  float nx = 0, ny = 0, nz = 0, d = 0;
+};
+
+/// What a look-up found: one row of a plane (unit normal, residual in m), or two or three rows of a
+/// distribution (residuals in noise sigmas, times the range noise to be in m).
+struct Match {
+  const PlaneRow* rows = nullptr;
+  int count = 0;
+  bool is_plane = false;
+  float normal_variance = 0;  // rad^2, planes only
+  std::array<float, 3> root_centre{};
+};
+
+/// A plane in the map's frame.
+struct MapPlane {
+  Eigen::Vector3d normal;
+  Eigen::Vector3d centre;
+};
+
+struct MapStatistics {
+  std::size_t roots = 0;
+  std::size_t voxels = 0;
+  std::size_t bytes = 0;
+};
+
+class VoxelPlaneMap {
+ public:
+  /// Throws std::invalid_argument for a configuration outside the ranges that its fields state.
+  explicit VoxelPlaneMap(const PlaneMapConfig& config);
+
+  const PlaneMapConfig& config() const { return config_; }
+  const Pose& T_grid_map() const { return T_grid_map_; }
+  bool empty() const { return roots_.empty(); }
+
+  /// Puts the anchor of local coordinates on the grid corner nearest to a position (grid frame).
+  void set_anchor(const Eigen::Vector3d& position_grid);
+  Eigen::Vector3d anchor_grid() const;
+
+  /// Coarse to fine, the first plane wins; none: count == 0. Local coordinates. Fits voxels that
+  /// have changed, so it is not const. Rows stay valid until the next insertion or look-up.
+  Match find(float x, float y, float z);
+
+  /// Counts a point, local coordinates. Points that are not finite or farther than 4 km from the
+  /// anchor are ignored.
+  void insert(float x, float y, float z);
+
+  /// The same in the map's frame, for callers outside the inner loops.
+  std::optional<MapPlane> plane_at(const Eigen::Vector3d& point_map);
+  void insert_points(std::span<const Eigen::Vector3d> points_map);
+
+  /// Drops voxels farther than keep_radius_m from the position (grid frame); does nothing until it
+  /// has moved by a twentieth of that since the last time.
+  void evict_far(const Eigen::Vector3d& position_grid);
+
+  MapStatistics statistics() const;
+
+ private:
+  enum class Kind : std::uint8_t { kNone, kPlane, kDistribution };
+  static constexpr std::uint32_t kNoChild = 0xffffffffu;
+
+  struct Cell {
+    int x, y, z;  // finest voxels from the anchor
+  };
+
+  struct Fit {
+    PlaneRow plane;
+    float normal_variance = 0;
+    std::uint32_t count = 0;
+    std::uint32_t fitted_count = 0;
+    Kind kind = Kind::kNone;
+    bool settled = false;
+    std::uint8_t row_count = 0;
+  };
+
+  struct Node {
+    Fit fit;
+    std::array<std::uint32_t, 8> children;
+    MomentSums<double> sums;
+    Node() { children.fill(kNoChild); }
+  };
+
+  // Sums of the finest voxels in single precision: offsets are below 0.1 m there, and these voxels
+  // are most of the memory.
+  struct Leaf {
+    Fit fit;
+    std::uint32_t rows = kNoChild;
+    MomentSums<float> sums;
+  };
+
+  struct Root {
+    std::uint64_t key;
+    std::uint32_t node;
+  };
+
+  std::optional<Cell> cell_of(float x, float y, float z) const;
+  std::uint64_t root_key(const Cell& cell) const;
+  std::uint32_t find_root(std::uint64_t key) const;
+  std::uint32_t take_root(std::uint64_t key);
+  void rebuild_table(std::size_t slots);
+  const Leaf* leaf_at(const Cell& cell) const;
+  std::array<float, 3> root_centre(const Cell& cell) const;
+  Eigen::Vector3d voxel_offset(const Cell& cell, int level) const;
+  bool needs_fit(const Fit& fit) const;
+  void fit_node(Node& node, const Cell& cell, int level);
+  void fit_leaf(Leaf& leaf, const Cell& cell);
+  Moments merged_moments(const Leaf& leaf, const Cell& cell) const;
+  void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
+  void set_plane(Fit& fit, const PrincipalAxes& axes, double count, const Eigen::Vector3d& offset);
+  Match match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const;
+  void release_children(Node& node, int level);
+
+  PlaneMapConfig config_;
+  PlaneGates own_gates_;
+  PlaneGates merged_gates_;
+  Pose T_grid_map_;
+  int shift_;  // finest voxels per root edge = 1 << shift_
+  float leaf_per_m_;
+  double leaf_m_;
+  Eigen::Vector3i anchor_ = Eigen::Vector3i::Zero();  // in roots
+  Eigen::Vector3d last_eviction_;
+  bool evicted_once_ = false;
+
+  std::vector<Root> roots_;           // in order of creation
+  std::vector<std::uint32_t> table_;  // open addressing: index into roots_ + 1, 0 = free
+  Pool<Node> nodes_;
+  Pool<Leaf> leaves_;
+  Pool<std::array<PlaneRow, 3>> rows_;
+};
+
+}  // namespace zloam::plane_map
