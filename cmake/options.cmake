@@ -26,8 +26,8 @@ if(ZLOAM_WERROR)
   add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-Werror>)
 endif()
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  # False positives of GCC 12's flow analysis inside Eigen and std::vector at -O3.
-  add_compile_options(-Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow)
+  # False positives of GCC 12's flow analysis inside Eigen, std::vector and std::string at -O3.
+  add_compile_options(-Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow -Wno-restrict)
 endif()
 if(ZLOAM_NATIVE)
   add_compile_options(-march=native)
