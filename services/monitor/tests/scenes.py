@@ -1,8 +1,9 @@
 """A made-up city block for looking at pictures: walls, ground, a closed path."""
 
+import itertools
+
 import numpy as np
 from scipy.spatial.transform import Rotation
-
 from zloam_monitor import evaluation, picture, se3
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.trajectory import Trajectory
@@ -18,10 +19,15 @@ def city_scene(with_truth=True, n=700):
     rng = np.random.default_rng(1)
     block = [(-45, -30), (45, -30), (45, 30), (-45, 30), (-45, -30)]
     outer = [(-65, -50), (65, -50), (65, 50), (-65, 50), (-65, -50)]
-    parts = [wall(rng, a, b, 12, 20_000) for a, b in zip(block, block[1:], strict=False)]
-    parts += [wall(rng, a, b, 9, 20_000) for a, b in zip(outer, outer[1:], strict=False)]
-    parts.append(np.c_[rng.uniform(-65, 65, 60_000), rng.uniform(-50, 50, 60_000),
-                       rng.normal(-1.7, 0.02, 60_000)])  # fmt: skip
+    parts = [wall(rng, a, b, 12, 20_000) for a, b in itertools.pairwise(block)]
+    parts += [wall(rng, a, b, 9, 20_000) for a, b in itertools.pairwise(outer)]
+    parts.append(
+        np.c_[
+            rng.uniform(-65, 65, 60_000),
+            rng.uniform(-50, 50, 60_000),
+            rng.normal(-1.7, 0.02, 60_000),
+        ]
+    )
     xyz = np.concatenate(parts)
     points = np.zeros(len(xyz), MAP_POINT)
     points["x"], points["y"], points["z"] = xyz.T

@@ -5,7 +5,6 @@ import pytest
 from evo.core import metrics, sync
 from evo.core import trajectory as evo_trajectory
 from scipy.spatial.transform import Rotation
-
 from zloam_monitor import evaluation, se3
 from zloam_monitor.trajectory import Trajectory
 
@@ -43,7 +42,7 @@ def test_scale_is_not_forgiven():
     stretched = truth.transforms.copy()
     stretched[:, :3, 3] *= 1.01
     scores = evaluation.evaluate(Trajectory(stretched, truth.stamps_ns, truth.sweeps), truth)
-    # 1 % along a line of length L leaves, after centring, a uniform error with rms 0.01 L / sqrt(12)
+    # 1 % along a line of length L leaves, once centred, an error with rms 0.01 L / sqrt(12)
     assert scores.ate_rmse_m == pytest.approx(0.01 * 300.3 / np.sqrt(12), rel=0.01)
     assert scores.drift_percent == pytest.approx(1.0, rel=0.01)
     # steps of 1 m are four poses of 0.3 m
@@ -112,7 +111,9 @@ def test_kitti_truth_is_joined_by_sweep_number():
     truth = loop(200, turns=0.2)
     by_number = Trajectory(truth.transforms, None, truth.sweeps)
     missing = np.r_[0:50, 60:200]
-    estimate = Trajectory(truth.transforms[missing], truth.stamps_ns[missing], truth.sweeps[missing])
+    estimate = Trajectory(
+        truth.transforms[missing], truth.stamps_ns[missing], truth.sweeps[missing]
+    )
     scores = evaluation.evaluate(estimate, by_number)
     assert scores.matched == 190
     assert scores.ate_rmse_m == pytest.approx(0, abs=1e-9)

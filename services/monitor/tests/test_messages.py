@@ -5,7 +5,6 @@ import re
 import flatbuffers
 import numpy as np
 import pytest
-
 from zloam_monitor import messages
 
 

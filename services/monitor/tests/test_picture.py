@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scenes import city_scene
-
 from zloam_monitor import clouds, picture
 from zloam_monitor.messages import MAP_POINT
 
@@ -29,7 +28,11 @@ def test_pcd_round_trip_in_the_order_of_tiles(tmp_path):
         points["x"] = [x, x + 1]
         return clouds.Tile(layer, index, 1, points)
 
-    tiles = [tile("plane", (1, 0, 0), 30), tile("edge", (1, 0, 0), 20), tile("plane", (0, 5, 0), 10)]
+    tiles = [
+        tile("plane", (1, 0, 0), 30),
+        tile("edge", (1, 0, 0), 20),
+        tile("plane", (0, 5, 0), 10),
+    ]
     points, layers = clouds.merged(tiles)
     clouds.write_pcd(tmp_path / "m.pcd", points, layers)
     read = clouds.read_pcd(tmp_path / "m.pcd")

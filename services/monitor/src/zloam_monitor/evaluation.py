@@ -70,7 +70,7 @@ def sub_lengths_m(path_length_m: float) -> list[float]:
 
 
 def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.int64]]:
-    """(truth, estimate, stamps) at the estimate's instants; by sweep number if truth has no time."""
+    """(truth, estimate, stamps) at the estimate's instants; by sweep if truth has no time."""
     stamps = estimate.stamps_ns
     if stamps is None:
         stamps = estimate.sweeps

@@ -54,6 +54,7 @@ STRUCTS = {
     "PacketEntry": PACKET_ENTRY,
 }
 
+
 class Kind(NamedTuple):
     """What tells one kind of message from another."""
 

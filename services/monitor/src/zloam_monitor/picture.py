@@ -1,4 +1,4 @@
-"""One picture of a run: the map from above with the trajectory, the error over time, a close look."""
+"""One picture of a run: map and trajectory from above, error over time, a close look."""
 
 from __future__ import annotations
 
@@ -48,9 +48,16 @@ def draw(path: Path, scene: Scene) -> None:
     window = _close_window(scene.positions)
     _draw_map(figure, whole, scene)
     whole.add_patch(
-        Rectangle((window[0], window[2]), window[1] - window[0], window[3] - window[2],
-                  fill=False, edgecolor="#1f77b4", linewidth=1.5, label="close view")
-    )  # fmt: skip
+        Rectangle(
+            (window[0], window[2]),
+            window[1] - window[0],
+            window[3] - window[2],
+            fill=False,
+            edgecolor="#1f77b4",
+            linewidth=1.5,
+            label="close view",
+        )
+    )
     whole.legend(loc="upper right", framealpha=0.9)
     _draw_close(close, scene, window)
     if scene.compared is None:
@@ -95,9 +102,16 @@ def _draw_map(figure: Figure, axes: Axes, scene: Scene) -> None:
         value = points["intensity"] if scene.intensity else points["z"]
         low, high = np.percentile(value, [2, 98])
         drawn = axes.scatter(
-            points["x"], points["y"], c=value, s=0.35, cmap="viridis", vmin=low,
-            vmax=max(high, low + 1e-3), linewidths=0, rasterized=True,
-        )  # fmt: skip
+            points["x"],
+            points["y"],
+            c=value,
+            s=0.35,
+            cmap="viridis",
+            vmin=low,
+            vmax=max(high, low + 1e-3),
+            linewidths=0,
+            rasterized=True,
+        )
         label = "reflectivity (0–255)" if scene.intensity else "height (m, frame map)"
         figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, location="bottom", aspect=40)
     _draw_paths(axes, scene, 1.2)

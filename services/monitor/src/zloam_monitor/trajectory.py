@@ -37,7 +37,8 @@ class Trajectory:
 
     @property
     def positions(self) -> Array:
-        return self.transforms[:, :3, 3]
+        found: Array = self.transforms[:, :3, 3]
+        return found
 
     def path_length_m(self) -> float:
         """Sum of the steps between poses."""
@@ -47,8 +48,7 @@ class Trajectory:
         """Instants as seconds after origin_ns."""
         if self.stamps_ns is None:
             raise TrajectoryError("a trajectory without time stamps")
-        seconds: Array = (self.stamps_ns - origin_ns) * 1e-9
-        return seconds
+        return np.asarray((self.stamps_ns - origin_ns) * 1e-9, np.float64)
 
     def carried(self, T_child_grandchild: Array) -> Trajectory:
         """The same motion for another frame fixed to the child."""

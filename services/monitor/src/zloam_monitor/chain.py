@@ -1,0 +1,121 @@
+"""The five stages on this machine: peer to peer on free ports, without a router."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.link import Link, open_session
+from zloam_monitor.processes import Processes, endpoints, free_base_port
+
+#: consumers first, so that the first sweep finds its readers
+START_ORDER = ("integration", "mapping", "odometry", "registration", "driver")
+READY_SECONDS = 60.0
+
+
+class ChainError(RuntimeError):
+    """The chain does not do what it should; the text says what is known."""
+
+
+class BinariesMissing(RuntimeError):
+    """The stages were not built."""
+
+
+def binary(build: Path, name: str) -> Path:
+    """Path of one program of a build folder."""
+    path = build / "bin" / f"zloam-{name}"
+    if not path.is_file():
+        raise BinariesMissing(f"{path} does not exist: build first (make build)")
+    return path
+
+
+class Chain:
+    """Starts, watches and ends the stages; `link` sees them as any third party would."""
+
+    def __init__(
+        self,
+        build: Path,
+        config: Path,
+        robot: str,
+        settings: Sequence[str],
+        logs: Path,
+        sensor: str = "lidar",
+    ) -> None:
+        self.processes = Processes()
+        self.base_port = free_base_port()
+        self.exit_codes: dict[str, int] = {}
+        self._commands = {
+            stage: self._command(binary(build, stage), config, settings) for stage in STAGES
+        }
+        self._logs = logs
+        session = open_session(endpoints(self.base_port))
+        self.link = Link(session, Keys(robot, sensor))
+
+    def _command(self, program: Path, config: Path, settings: Sequence[str]) -> list[str]:
+        command = [str(program), "--config", str(config)]
+        for setting in (*settings, f"zenoh.base_port={self.base_port}"):
+            command += ["--set", setting]
+        return command
+
+    def __enter__(self) -> Chain:
+        try:
+            for stage in START_ORDER:
+                log = self._logs / f"{stage}.log"
+                self.processes.start(stage, self._commands[stage], log)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends all stages, then the link."""
+        if self.processes.running:
+            self.exit_codes = self.processes.stop()
+        if self.link.session is not None:
+            self.link.close()
+            self.link.session.close()
+            self.link.session = None
+
+    def stop(self) -> dict[str, int]:
+        """SIGTERM; waits; exit code of each stage. The last statuses are still heard."""
+        self.exit_codes = self.processes.stop()
+        self.link.poll()
+        return self.exit_codes
+
+    def check(self) -> None:
+        """Raises when a stage has died. The driver of a finite source may end."""
+        self.processes.check(may_end=("driver",) if self.finished() else ())
+
+    def wait_ready(self) -> None:
+        """Until every stage has said something over Zenoh; a start error is raised as it is."""
+        deadline = time.monotonic() + READY_SECONDS
+        while missing := [s for s in STAGES if self.link.stage(s) is None]:
+            self.link.poll(0.1)
+            self.processes.check(may_end=("driver",))
+            if time.monotonic() > deadline:
+                raise ChainError(
+                    f"no sign of {', '.join(missing)} within {READY_SECONDS:.0f} s; "
+                    f"see {self._logs}/*.log"
+                )
+
+    def finished(self) -> bool:
+        """Integration and mapping have handled the last sweep of the run."""
+        found = [self.link.stage(stage) for stage in ("integration", "mapping")]
+        return all(s is not None and s.end_of_run for s in found)
+
+    def progress(self) -> tuple[int, int]:
+        """(poses, mapped sweeps): what must grow while the chain is alive."""
+        mapping = self.link.stage("mapping")
+        mapped = mapping.last_sweep if mapping is not None else None
+        return len(self.link.poses), -1 if mapped is None else mapped

@@ -1,0 +1,193 @@
+"""The commands: demo, run, watch, evaluate."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from zloam_monitor import demo, evaluation, live, report, se3, sources, trajectory, watch
+from zloam_monitor.chain import BinariesMissing, ChainError, binary
+from zloam_monitor.keys import Keys
+from zloam_monitor.messages import SchemasMissing
+from zloam_monitor.processes import StageDied
+from zloam_monitor.robot_file import RobotFileError, names
+from zloam_monitor.sources import Source, SourceError
+from zloam_monitor.trajectory import TrajectoryError
+
+#: refused for a reason that the text names; not worth a trace
+EXPECTED = (
+    BinariesMissing,
+    ChainError,
+    RobotFileError,
+    SchemasMissing,
+    SourceError,
+    TrajectoryError,
+)
+
+
+def _chain_options(parser: argparse.ArgumentParser, out: str) -> None:
+    parser.add_argument(
+        "--preset-dir",
+        type=Path,
+        default=Path("build/release"),
+        help="build folder with bin/ (default: %(default)s)",
+    )
+    parser.add_argument("--config", type=Path, help="robot file, deploy/robots/*.yaml")
+    parser.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="single value of the configuration; may be repeated",
+    )
+    parser.add_argument("--out", type=Path, default=Path(out), help="default: %(default)s")
+
+
+def _demo_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser("demo", help="replay a recording, or a simulated city loop")
+    _chain_options(parser, "out/demo")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--pcap", type=Path, help="pcap or pcapng capture")
+    source.add_argument("--bin", type=Path, help="bare payloads end to end")
+    source.add_argument("--kitti", type=Path, help="KITTI folder (velodyne/*.bin or .tar.xz)")
+    source.add_argument("--scans", type=Path, help="folder of scans with point times")
+    parser.add_argument("--world", default="city", help="what is simulated without a recording")
+    parser.add_argument("--seed", type=int, default=1, help="of the simulation")
+    parser.add_argument(
+        "--simulate",
+        dest="extra",
+        action="append",
+        default=[],
+        metavar="OPTION",
+        help="further option of zloam-simulator; may be repeated",
+    )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        nargs="+",
+        default=None,
+        help="TUM or KITTI poses of the sensor; default: beside the recording",
+    )
+    parser.add_argument(
+        "--rate", default="max", help="max (as fast as acknowledged), realtime, or a factor"
+    )
+    parser.set_defaults(run=_demo)
+
+
+def _source(args: argparse.Namespace) -> Source:
+    if args.pcap:
+        return sources.from_pcap(args.pcap)
+    if args.bin:
+        return sources.from_bin(args.bin)
+    if args.kitti:
+        return sources.from_kitti(args.kitti, Path("out/unpacked"))
+    if args.scans:
+        return sources.from_scans(args.scans)
+    print(f"simulating {args.world}, seed {args.seed}", flush=True)
+    simulator = binary(args.preset_dir, "simulator")
+    return sources.simulated(simulator, args.out, args.world, args.seed, args.extra)
+
+
+def _demo(args: argparse.Namespace) -> int:
+    source = _source(args)
+    config = args.config or source.config
+    robot = names(config, args.settings)
+    options = demo.DemoOptions(
+        build=args.preset_dir,
+        out=args.out,
+        source=source,
+        config=config,
+        robot=robot.robot,
+        sensor=robot.sensor,
+        rate=args.rate,
+        settings=args.settings,
+        truth=source.truth if args.truth is None else args.truth,
+    )
+    for path in options.truth:
+        trajectory.read(path)  # a wrong file is said before the run, not after
+    return demo.finish(demo.run(options), args.out)
+
+
+def _run(args: argparse.Namespace) -> int:
+    config = args.config or Path("deploy/robots/vlp16-outdoor.yaml")
+    robot = names(config, args.settings)
+    found = live.run(
+        live.LiveOptions(
+            build=args.preset_dir,
+            out=args.out,
+            config=config,
+            robot=robot.robot,
+            sensor=robot.sensor,
+            settings=args.settings,
+            seconds=args.seconds,
+        )
+    )
+    print(report.table(found))
+    print(f"files: {args.out}/")
+    return 0 if report.accounted(found) else 1
+
+
+def _watch(args: argparse.Namespace) -> int:
+    return watch.watch(Keys(args.robot), args.connect, args.seconds, args.every)
+
+
+def _evaluate(args: argparse.Namespace) -> int:
+    T_base_sensor = se3.from_xyz_rpy_deg(args.mounting[:3], args.mounting[3:])
+    truth = trajectory.read(args.truth).carried(se3.inverse(T_base_sensor))
+    scores = evaluation.evaluate(trajectory.read(args.trajectory), truth)
+    for name, value in scores.as_dict().items():
+        print(f"{name}: {'–' if value is None else round(value, 4)}")
+    return 0 if scores.ate_rmse_m is not None else 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="zloam_monitor", description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    _demo_parser(commands)
+    run = commands.add_parser("run", help="the five stages on a live sensor")
+    _chain_options(run, "out/run")
+    run.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
+    run.set_defaults(run=_run)
+    look = commands.add_parser("watch", help="statuses and pose of a robot, as any third party")
+    look.add_argument("--robot", default="robot")
+    look.add_argument("--connect", nargs="+", default=["tcp/127.0.0.1:7464"], metavar="ENDPOINT")
+    look.add_argument("--seconds", type=float)
+    look.add_argument("--every", type=float, default=2.0, help="s between two looks")
+    look.set_defaults(run=_watch)
+    score = commands.add_parser("evaluate", help="a trajectory file against a truth file")
+    score.add_argument("trajectory", type=Path)
+    score.add_argument("truth", type=Path)
+    score.add_argument(
+        "--mounting",
+        type=float,
+        nargs=6,
+        default=[0.0] * 6,
+        metavar=("X", "Y", "Z", "ROLL", "PITCH", "YAW"),
+        help="pose of the truth's sensor in the trajectory's frame, m and deg",
+    )
+    score.set_defaults(run=_evaluate)
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit code: 0 all well, 2 and 3 as the stages have them, 1 anything else."""
+    args = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = args.run
+    try:
+        return command(args)
+    except StageDied as died:
+        print(f"\n{died}", file=sys.stderr)
+        return died.code if died.code in (2, 3) else 1
+    except EXPECTED as error:
+        print(f"\n{error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1

@@ -1,0 +1,117 @@
+"""`demo`: one recording through the five stages, to files, a table and an error figure."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import outputs, report
+from zloam_monitor.chain import Chain, ChainError
+from zloam_monitor.keys import STAGES
+from zloam_monitor.report import Run
+from zloam_monitor.sources import Source
+from zloam_monitor.terminal import ProgressLine
+
+#: longer than the stages' own limit (recovery.replay_limit_s), which names sweep and stage
+STALL_SECONDS = 150.0
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """What a demo is asked to do."""
+
+    build: Path
+    out: Path
+    source: Source
+    config: Path
+    robot: str
+    sensor: str = "lidar"
+    rate: str = "max"
+    settings: list[str] = field(default_factory=list)
+    truth: list[Path] = field(default_factory=list)
+    picture: bool = True
+
+
+def _line(chain: Chain, source: Source, began: float) -> str:
+    link = chain.link
+    newest = max(link.poses, default=-1)
+    seconds = time.monotonic() - began
+    rate = len(link.poses) / seconds if seconds > 0 else 0.0
+    drops = sum(
+        count
+        for status in link.statuses.values()
+        for each in status.inputs
+        for reason, count in each.dropped.items()
+        if reason != "duplicate"
+    )
+    whole = f" of {source.sweeps}" if source.sweeps else ""
+    return f"sweep {newest + 1}{whole}, {rate:.1f} poses/s, {drops} dropped"
+
+
+def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
+    """Until the run's end; wall seconds from the first pose's sweep on."""
+    began = time.monotonic()
+    moved, seen = began, chain.progress()
+    while not chain.finished():
+        chain.link.poll(0.2)
+        chain.check()
+        now, progress = time.monotonic(), chain.progress()
+        if progress != seen:
+            if seen == (0, -1):
+                began = now
+            moved, seen = now, progress
+        if now - moved > STALL_SECONDS:
+            raise ChainError(_stalled(chain))
+        line.show(_line(chain, source, began))
+    return time.monotonic() - began
+
+
+def _stalled(chain: Chain) -> str:
+    said = [
+        f"  {s.stage}: {s.health}{', ' + s.reason if s.reason else ''}, last sweep {s.last_sweep}"
+        for s in chain.link.statuses.values()
+    ]
+    return f"nothing moved for {STALL_SECONDS:.0f} s:\n" + "\n".join(said)
+
+
+def run(options: DemoOptions) -> dict[str, Any]:
+    """Does it all; raises what went wrong, returns the report."""
+    files = outputs.Files(options.out)
+    options.out.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(files.logs, ignore_errors=True)
+    settings = [*options.source.driver_settings(options.rate), *options.settings]
+    line = ProgressLine()
+    chain = Chain(
+        options.build, options.config, options.robot, settings, files.logs, options.sensor
+    )
+    with chain:
+        chain.wait_ready()
+        configs = chain.link.query_configs()
+        try:
+            wall_s = _follow(chain, options.source, line)
+        finally:
+            line.end()
+        chain.link.query_statuses()
+        seen = Run(
+            keys=chain.link.keys,
+            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            poses=dict(chain.link.poses),
+            mapped=dict(chain.link.mapped),
+            trajectory=chain.link.trajectory(),
+            odometry=chain.link.odometry_trajectory(),
+            wall_s=wall_s,
+            truths=outputs.truths_of_base(options.truth, outputs.mounting(configs)),
+        )
+        tiles = chain.link.query_tiles()
+        seen.exit_codes.update(chain.stop())
+    return outputs.write_all(options.out, options.source.title, seen, tiles)
+
+
+def finish(found: dict[str, Any], out: Path) -> int:
+    """Prints the table; 0 only if everything is accounted for."""
+    print(report.table(found))
+    print(f"files: {out}/")
+    return 0 if report.accounted(found) else 1

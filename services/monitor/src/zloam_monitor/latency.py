@@ -1,0 +1,54 @@
+"""Latencies out of the trace that each message carries (ms, percentiles over the run)."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+
+import numpy as np
+
+from zloam_monitor.keys import STAGES
+from zloam_monitor.records import PoseRecord
+
+Percentiles = dict[str, float] | None
+
+
+def percentiles(samples_ms: list[float]) -> Percentiles:
+    """p50, p95, p99, or None without samples."""
+    if not samples_ms:
+        return None
+    values = np.percentile(samples_ms, [50, 95, 99])
+    return {name: float(v) for name, v in zip(("p50", "p95", "p99"), values, strict=True)}
+
+
+def by_stage(
+    poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]
+) -> tuple[dict[str, Percentiles], dict[str, Percentiles]]:
+    """(received to published, started to published) of each stage."""
+    whole: dict[str, list[float]] = defaultdict(list)
+    work: dict[str, list[float]] = defaultdict(list)
+    steps = [(step, False) for pose in poses for step in pose.trace]
+    steps += [(step, True) for pose in mapped for step in pose.trace]
+    for step, of_mapping in steps:
+        if (step.stage == "mapping") != of_mapping or step.published_ns == 0:
+            continue
+        if step.received_ns:
+            whole[step.stage].append((step.published_ns - step.received_ns) * 1e-6)
+        if step.started_ns:
+            work[step.stage].append((step.published_ns - step.started_ns) * 1e-6)
+    return (
+        {stage: percentiles(whole[stage]) for stage in STAGES},
+        {stage: percentiles(work[stage]) for stage in STAGES},
+    )
+
+
+def from_last_packet(poses: Iterable[PoseRecord], stage: str) -> Percentiles:
+    """From a sweep's last packet to its publication by a stage; None in fast replay."""
+    samples = [
+        (step.published_ns - pose.last_packet_ns) * 1e-6
+        for pose in poses
+        if pose.last_packet_ns > 0
+        for step in pose.trace
+        if step.stage == stage and step.published_ns > 0
+    ]
+    return percentiles(samples)

@@ -1,0 +1,181 @@
+"""A third party's link to one robot: subscribes to public keys, asks queries, keeps what comes.
+
+Zenoh's callbacks only hand a sample over; everything is read in poll(), on the caller's thread.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from zloam_monitor import records
+from zloam_monitor.clouds import Tile
+from zloam_monitor.keys import Keys
+from zloam_monitor.messages import DECODE_ERRORS
+from zloam_monitor.records import PoseRecord, StatusRecord
+from zloam_monitor.trajectory import Trajectory, from_records
+
+QUERY_SECONDS = 5.0
+
+
+def open_session(endpoints: list[str]) -> Any:
+    """A peer that connects to the stages' endpoints and goes on trying; no multicast."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("connect/endpoints", str(endpoints).replace("'", '"'))
+    config.insert_json5("connect/timeout_ms", "0")
+    config.insert_json5("connect/exit_on_failure", "false")
+    config.insert_json5("connect/retry", "{period_init_ms: 100, period_max_ms: 500}")
+    config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+class Link:
+    """Keeps poses and statuses of one robot."""
+
+    def __init__(self, session: Any, keys: Keys) -> None:
+        self.session = session
+        self.keys = keys
+        self.poses: dict[int, PoseRecord] = {}
+        self.odometry: dict[int, PoseRecord] = {}
+        self.mapped: dict[int, PoseRecord] = {}
+        self.statuses: dict[tuple[str, str], StatusRecord] = {}
+        #: messages that could not be read
+        self.garbage = 0
+        self.run: int | None = None
+        self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
+            queue.SimpleQueue()
+        )
+        self._subscribers = [
+            self._subscribe(keys.pose, self._on_pose),
+            self._subscribe(keys.odometry, self._on_odometry),
+            self._subscribe(keys.map_odometry, self._on_mapped),
+            self._subscribe(keys.every_status, self._on_status),
+        ]
+
+    def close(self) -> None:
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._subscribers.clear()
+
+    def _subscribe(self, key: str, read: Callable[[bytes], None]) -> Any:
+        def hand_over(sample: Any) -> None:
+            self._incoming.put((read, sample.payload.to_bytes()))
+
+        return self.session.declare_subscriber(key, hand_over)
+
+    def poll(self, seconds: float = 0.0) -> None:
+        """Reads what has come, waiting up to `seconds` for the first message."""
+        deadline = time.monotonic() + seconds
+        while True:
+            wait = deadline - time.monotonic()
+            try:
+                read, payload = (
+                    self._incoming.get(timeout=wait) if wait > 0 else (self._incoming.get_nowait())
+                )
+            except queue.Empty:
+                return
+            deadline = 0.0
+            try:
+                read(payload)
+            except DECODE_ERRORS:
+                self.garbage += 1
+
+    def _new_run(self, run: int) -> None:
+        """A new run begins: what was kept belongs to the one before."""
+        if run != self.run:
+            self.run = run
+            for kept in (self.poses, self.odometry, self.mapped):
+                kept.clear()
+
+    def _on_pose(self, payload: bytes) -> None:
+        pose = records.map_pose(payload)
+        self._new_run(pose.run)
+        self.poses.setdefault(pose.sweep, pose)
+
+    def _on_odometry(self, payload: bytes) -> None:
+        pose = records.odometry(payload)
+        self._new_run(pose.run)
+        self.odometry.setdefault(pose.sweep, pose)
+
+    def _on_mapped(self, payload: bytes) -> None:
+        pose = records.map_pose(payload)
+        self._new_run(pose.run)
+        self.mapped.setdefault(pose.sweep, pose)
+
+    def _on_status(self, payload: bytes) -> None:
+        self._keep_status(records.status(payload))
+
+    def _keep_status(self, status: StatusRecord) -> None:
+        kept = self.statuses.get((status.stage, status.instance))
+        if kept is None or status.stamp_ns >= kept.stamp_ns:
+            self.statuses[(status.stage, status.instance)] = status
+
+    def stage(self, stage: str) -> StatusRecord | None:
+        """The newest status of a stage."""
+        found = [s for (name, _), s in self.statuses.items() if name == stage]
+        return max(found, key=lambda s: s.stamp_ns, default=None)
+
+    def get(self, selector: str, seconds: float = QUERY_SECONDS) -> Iterator[bytes]:
+        """Payloads of all good answers to a query."""
+        replies = self.session.get(
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=seconds,
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                yield reply.ok.payload.to_bytes()
+
+    def query_statuses(self) -> None:
+        """Asks all stages for their status now."""
+        for payload in self.get(self.keys.every_status):
+            self._on_status(payload)
+
+    def query_configs(self) -> dict[str, dict[str, Any]]:
+        """Stage -> effective configuration."""
+        return dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+
+    def query_tiles(self) -> list[Tile]:
+        """All cubes of the map; of one cube the greatest version."""
+        newest: dict[tuple[str, tuple[int, int, int]], Tile] = {}
+        for payload in self.get(self.keys.tiles, seconds=60.0):
+            tile = records.tile(payload)
+            kept = newest.get((tile.layer, tile.index))
+            if kept is None or tile.version > kept.version:
+                newest[(tile.layer, tile.index)] = tile
+        return list(newest.values())
+
+    def _queried_path(self, key: str) -> Trajectory | None:
+        for payload in self.get(key, seconds=20.0):
+            run, poses = records.path(payload)
+            if len(poses) and (self.run is None or run == self.run):
+                t, q = poses["pose"]["translation"], poses["pose"]["rotation"]
+                return from_records(
+                    {
+                        int(p["sweep"]): (int(p["instant_ns"]), list(a), list(b))
+                        for p, a, b in zip(poses, t.tolist(), q.tolist(), strict=True)
+                    }
+                )
+        return None
+
+    def trajectory(self) -> Trajectory:
+        """map -> base_link: as the integration keeps it, else from the poses that came here."""
+        return self._queried_path(self.keys.path_map) or _heard(self.poses)
+
+    def odometry_trajectory(self) -> Trajectory:
+        """odom -> base_link, likewise."""
+        return self._queried_path(self.keys.path_odometry) or _heard(self.odometry)
+
+
+def _heard(poses: dict[int, PoseRecord]) -> Trajectory:
+    if not poses:
+        return Trajectory(np.empty((0, 4, 4)), np.empty(0, np.int64))
+    return from_records({n: (p.instant_ns, p.translation, p.quaternion) for n, p in poses.items()})

@@ -1,0 +1,146 @@
+"""`run`: the five stages on a live sensor, what they lack in words, files at Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import outputs
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.link import Link
+from zloam_monitor.report import Run
+from zloam_monitor.terminal import ProgressLine
+
+#: so long without a sweep is said
+QUIET_SECONDS = 3.0
+#: what to look at when no packet comes
+NO_PACKETS_HELP = (
+    "check that the sensor has power and spins, that its web page names this host as destination, "
+    "that the port is the same, and that no firewall drops UDP"
+)
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What a live run is asked to do."""
+
+    build: Path
+    out: Path
+    config: Path
+    robot: str
+    sensor: str = "lidar"
+    settings: list[str] = field(default_factory=list)
+    #: ends by itself after so long; None: at Ctrl-C
+    seconds: float | None = None
+
+
+class Diagnosis:
+    """Says in words what is missing; fed with what the link sees."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self._sweeps = 0
+        self._moved = time.monotonic()
+
+    def words(self, link: Link, now: float) -> str:
+        """Empty when all is well."""
+        driver = link.stage("driver")
+        sweeps = driver.published.get(link.keys.sweep, 0) if driver is not None else 0
+        if sweeps != self._sweeps:
+            self._sweeps, self._moved = sweeps, now
+        reasons = [
+            f"{s.stage}: {s.reason}"
+            for s in link.statuses.values()
+            if s.reason and s.health in ("degraded", "failed", "starting")
+        ]
+        quiet = now - self._moved
+        if quiet > QUIET_SECONDS and not any(r.startswith("driver:") for r in reasons):
+            what = "no packets" if self._sweeps == 0 else "no more sweeps"
+            reasons.insert(0, f"{what} on UDP {self._port} for {quiet:.0f} s: {NO_PACKETS_HELP}")
+        return "; ".join(reasons)
+
+
+def state_line(link: Link, began: float, now: float) -> str:
+    """Where the robot is, and how the chain keeps up."""
+    if not link.poses:
+        return "no pose yet"
+    newest = link.poses[max(link.poses)]
+    x, y, z = newest.translation
+    rate = len(link.poses) / max(now - began, 1e-9)
+    marks = ", degenerate" if newest.degenerate else ""
+    return f"sweep {newest.sweep}, {rate:.1f} poses/s, at {x:.2f} {y:.2f} {z:.2f} m{marks}"
+
+
+class _Interrupt:
+    """Ctrl-C and SIGTERM ask for the end; the loop ends at its next turn."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: object) -> None:
+        self.asked = True
+
+
+def _watch(chain: Chain, options: LiveOptions) -> float:
+    interrupt, line = _Interrupt(), ProgressLine()
+    port = next(
+        (
+            v
+            for c in chain.link.query_configs().values()
+            for k, v in c.items()
+            if k in ("driver.udp.port", "driver.udp_port", "driver.port")
+        ),
+        2368,
+    )
+    diagnosis, said = Diagnosis(port), ""
+    began = time.monotonic()
+    print("running; Ctrl-C writes trajectory and map and ends")
+    while not interrupt.asked:
+        chain.link.poll(0.2)
+        chain.processes.check()
+        now = time.monotonic()
+        if options.seconds is not None and now - began > options.seconds:
+            break
+        missing = diagnosis.words(chain.link, now)
+        if missing and missing.split(" for ")[0] != said:
+            line.end()
+            print(missing, flush=True)
+        said = missing.split(" for ")[0]
+        line.show(state_line(chain.link, began, now))
+    line.end()
+    return time.monotonic() - began
+
+
+def run(options: LiveOptions) -> dict[str, Any]:
+    """Until Ctrl-C; raises when a stage dies; returns the report."""
+    chain = Chain(
+        options.build,
+        options.config,
+        options.robot,
+        options.settings,
+        outputs.Files(options.out).logs,
+        options.sensor,
+    )
+    with chain:
+        chain.wait_ready()
+        wall_s = _watch(chain, options)
+        print("writing trajectory and map")
+        chain.link.query_statuses()
+        seen = Run(
+            keys=chain.link.keys,
+            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            poses=dict(chain.link.poses),
+            mapped=dict(chain.link.mapped),
+            trajectory=chain.link.trajectory(),
+            odometry=chain.link.odometry_trajectory(),
+            wall_s=wall_s,
+        )
+        tiles = chain.link.query_tiles()
+        seen.exit_codes.update(chain.stop())
+    return outputs.write_all(options.out, "live run", seen, tiles)

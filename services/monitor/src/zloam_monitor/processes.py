@@ -1,0 +1,139 @@
+"""The stages as processes: started, watched, ended; each with a log file."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+#: order of the ports: stage i listens on base port + i
+PORT_ORDER = ("driver", "registration", "odometry", "mapping", "integration", "simulator")
+LOG_LINES = 12
+#: what a stage's exit code means
+EXIT_CODES = {0: "ended well", 1: "failed", 2: "configuration refused", 3: "file or port"}
+
+
+class StageDied(RuntimeError):
+    """A stage ended on its own; the text shows its last log lines."""
+
+    def __init__(self, stage: str, code: int, log: str) -> None:
+        super().__init__(f"{stage} ended with {describe_code(code)}:\n{log}")
+        self.stage = stage
+        self.code = code
+
+
+def describe_code(code: int) -> str:
+    """An exit code in words."""
+    if code < 0:
+        return f"signal {signal.Signals(-code).name}"
+    return f"exit code {code} ({EXIT_CODES.get(code, 'unknown')})"
+
+
+def free_base_port(count: int = len(PORT_ORDER)) -> int:
+    """A port from which `count` ports in a row are free on the loopback interface."""
+    start = 20_000 + (os.getpid() * 61) % 9_000
+    base: int
+    for base in itertools.chain(range(start, 32_000, count), range(20_000, start, count)):
+        if all(_is_free(base + i) for i in range(count)):
+            return base
+    raise RuntimeError("no free ports on 127.0.0.1")
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        # as a listener would: a port in TIME_WAIT is usable
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+        return True
+
+
+def endpoints(base_port: int) -> list[str]:
+    """Where the stages listen."""
+    return [f"tcp/127.0.0.1:{base_port + i}" for i in range(len(PORT_ORDER))]
+
+
+@dataclass
+class Process:
+    """One stage; log holds its standard output and error."""
+
+    stage: str
+    command: list[str]
+    log_path: Path
+    _process: subprocess.Popen[bytes] = field(init=False)
+    _log: IO[bytes] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log_path.parent.mkdir(parents=True, exist_ok=True)
+        self._log = self.log_path.open("wb")
+        # a session of its own: Ctrl-C reaches this program, which then ends the stages in order
+        self._process = subprocess.Popen(
+            self.command, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
+        )
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def code(self) -> int | None:
+        """Exit code, None while it runs, -signal when killed."""
+        return self._process.poll()
+
+    def last_lines(self, count: int = LOG_LINES) -> str:
+        lines = self.log_path.read_text(errors="replace").splitlines()
+        return "\n".join("  " + line for line in lines[-count:]) or "  (no output)"
+
+    def send(self, signal_number: int) -> None:
+        if self._process.poll() is None:
+            self._process.send_signal(signal_number)
+
+    def wait(self, seconds: float) -> int | None:
+        try:
+            return self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            if self._process.poll() is not None:
+                self._log.close()
+
+
+class Processes:
+    """All stages of one chain."""
+
+    def __init__(self) -> None:
+        self.running: dict[str, Process] = {}
+
+    def start(self, stage: str, command: list[str], log_path: Path) -> Process:
+        process = Process(stage, command, log_path)
+        self.running[stage] = process
+        return process
+
+    def check(self, may_end: tuple[str, ...] = ()) -> None:
+        """Raises StageDied when a stage has ended that should not have."""
+        for stage, process in self.running.items():
+            code = process.code()
+            if code is not None and not (code == 0 and stage in may_end):
+                raise StageDied(stage, code, process.last_lines())
+
+    def stop(self, seconds: float = 20.0) -> dict[str, int]:
+        """SIGTERM to all, SIGKILL to what is left after `seconds`; exit code of each."""
+        for process in self.running.values():
+            process.send(signal.SIGTERM)
+        deadline = time.monotonic() + seconds
+        codes = {}
+        for stage, process in self.running.items():
+            code = process.wait(max(0.1, deadline - time.monotonic()))
+            if code is None:
+                process.send(signal.SIGKILL)
+                code = process.wait(10.0)
+            codes[stage] = -signal.SIGKILL if code is None else code
+        self.running.clear()
+        return codes

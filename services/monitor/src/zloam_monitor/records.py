@@ -1,0 +1,208 @@
+"""What messages say, as plain values."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor import messages
+from zloam_monitor.clouds import Tile
+from zloam_monitor.messages import text
+
+#: names of Health and ServiceHealth by number, as in the schemas
+HEALTH = (
+    "ok",
+    "empty",
+    "too few points",
+    "incomplete",
+    "degenerate",
+    "predicted",
+    "dropped",
+    "invalid",
+    "bridging",
+    "lost",
+)
+DROPPED = HEALTH.index("dropped")
+SERVICE_HEALTH = ("starting", "ready", "degraded", "failed", "stopping")
+
+
+@dataclass(frozen=True)
+class TraceStep:
+    """One stage on the way of a sweep; its host's clock in ns."""
+
+    stage: str
+    received_ns: int
+    started_ns: int
+    published_ns: int
+
+
+@dataclass(frozen=True)
+class PoseRecord:
+    """One pose message."""
+
+    run: int
+    sweep: int
+    instant_ns: int
+    translation: NDArray[np.float64]
+    quaternion: NDArray[np.float64]
+    health: int
+    last_packet_ns: int
+    end_of_run: bool
+    trace: tuple[TraceStep, ...]
+    degenerate: bool = False
+
+
+@dataclass(frozen=True)
+class Input:
+    """One input's account (protocols.md section 2)."""
+
+    key: str
+    received: int
+    processed: int
+    not_mine: int
+    queued: int
+    in_work: int
+    dropped: dict[str, int]
+    lost: int
+    recovered: int
+
+    def balanced(self) -> bool:
+        known = self.processed + self.not_mine + self.queued + self.in_work
+        return self.received == known + sum(self.dropped.values())
+
+
+@dataclass(frozen=True)
+class StatusRecord:
+    """One status message."""
+
+    stage: str
+    instance: str
+    health: str
+    reason: str
+    stamp_ns: int
+    run: int
+    last_sweep: int | None
+    end_of_run: bool
+    inputs: tuple[Input, ...]
+    published: dict[str, int]
+    latencies: dict[str, dict[str, float]]
+    figures: dict[str, float]
+    cpu_ms: float
+    rss_mib: dict[str, float]
+    version: str = ""
+    memory: dict[str, int] = field(default_factory=dict)
+
+    def input(self, key: str) -> Input | None:
+        return next((i for i in self.inputs if i.key == key), None)
+
+
+def _trace(header: Any) -> tuple[TraceStep, ...]:
+    points = (header.Trace(i) for i in range(header.TraceLength()))
+    return tuple(
+        TraceStep(text(p.Stage()), p.ReceivedNs(), p.StartedNs(), p.PublishedNs()) for p in points
+    )
+
+
+def _pose(table: Any, pose: Any) -> PoseRecord:
+    header = table.Header()
+    if header is None or pose is None:
+        raise messages.MessageError("a pose message without header or pose")
+    translation, quaternion = messages.pose_arrays(pose)
+    return PoseRecord(
+        run=header.Run(),
+        sweep=header.Sweep(),
+        instant_ns=table.InstantNs(),
+        translation=translation,
+        quaternion=quaternion,
+        health=table.Health(),
+        last_packet_ns=header.LastPacketNs(),
+        end_of_run=bool(header.EndOfRun()),
+        trace=_trace(header),
+        degenerate=bool(table.Degenerate()),
+    )
+
+
+def map_pose(payload: bytes) -> PoseRecord:
+    """Of keys pose and map/odometry."""
+    table = messages.decode("MapPose", payload)
+    return _pose(table, table.PoseMapBase())
+
+
+def odometry(payload: bytes) -> PoseRecord:
+    """Of key odometry."""
+    table = messages.decode("Odometry", payload)
+    return _pose(table, table.PoseOdomBase())
+
+
+def _input(account: Any) -> Input:
+    drops = (account.Dropped(i) for i in range(account.DroppedLength()))
+    return Input(
+        key=text(account.Key()),
+        received=account.Received(),
+        processed=account.Processed(),
+        not_mine=account.NotMine(),
+        queued=account.Queued(),
+        in_work=account.InWork(),
+        dropped={text(d.Reason()): d.Count() for d in drops},
+        lost=account.Lost(),
+        recovered=account.Recovered(),
+    )
+
+
+def status(payload: bytes) -> StatusRecord:
+    """Of key service/<stage>/<instance>/status."""
+    s = messages.decode("Status", payload)
+    outputs = (s.Outputs(i) for i in range(s.OutputsLength()))
+    latencies = (s.Latencies(i) for i in range(s.LatenciesLength()))
+    figures = (s.Figures(i) for i in range(s.FiguresLength()))
+    return StatusRecord(
+        stage=text(s.Stage()),
+        instance=text(s.Instance()),
+        health=SERVICE_HEALTH[s.Health()],
+        reason=text(s.Reason()),
+        stamp_ns=s.StampNs(),
+        run=s.Run(),
+        last_sweep=s.LastSweep() if s.HasSweep() else None,
+        end_of_run=bool(s.EndOfRun()),
+        inputs=tuple(_input(s.Inputs(i)) for i in range(s.InputsLength())),
+        published={text(o.Key()): o.Published() for o in outputs},
+        latencies={
+            text(each.Name()): {"p50": each.P50Ms(), "p95": each.P95Ms(), "p99": each.P99Ms()}
+            for each in latencies
+        },
+        figures={text(f.Name()): f.Value() for f in figures},
+        cpu_ms=s.CpuMs(),
+        rss_mib={"start": s.RssStartMib(), "end": s.RssNowMib(), "peak": s.RssPeakMib()},
+        version=text(s.Version()),
+        memory={
+            "bytes_in_place": s.BytesInPlace(),
+            "bytes_copied": s.BytesCopied(),
+            "messages_shm": s.MessagesShm(),
+            "messages_net": s.MessagesNet(),
+        },
+    )
+
+
+def tile(payload: bytes) -> Tile:
+    """Of key map/tile/<layer>/<i>/<j>/<k>."""
+    t = messages.decode("MapTile", payload)
+    points = messages.struct_vector(t, "Points", messages.MAP_POINT)
+    return Tile(text(t.Layer()), (t.I(), t.J(), t.K()), t.Version(), points)
+
+
+def path(payload: bytes) -> tuple[int, NDArray[Any]]:
+    """(run, array of STAMPED_POSE) of keys path/odometry and path/map."""
+    table = messages.decode("Path", payload)
+    header = table.Header()
+    poses = messages.struct_vector(table, "Poses", messages.STAMPED_POSE)
+    return (header.Run() if header is not None else 0), poses
+
+
+def effective_config(payload: bytes) -> tuple[str, dict[str, Any]]:
+    """(stage, full key -> value)."""
+    table = messages.decode("EffectiveConfig", payload)
+    return text(table.Stage()), dict(json.loads(text(table.ValuesJson())))

@@ -1,0 +1,193 @@
+"""report.json and the table at the end of a run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import evaluation, latency
+from zloam_monitor.accounting import Accounts, account
+from zloam_monitor.evaluation import Scores
+from zloam_monitor.files import written_whole
+from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
+from zloam_monitor.trajectory import Trajectory
+
+#: name in the report -> name in Scores
+SCORE_NAMES = ("ate_rmse_m", "drift_percent", "rpe_1m_m")
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that was seen of one run."""
+
+    keys: Keys
+    statuses: dict[str, StatusRecord]
+    poses: dict[int, PoseRecord]
+    mapped: dict[int, PoseRecord]
+    trajectory: Trajectory
+    odometry: Trajectory
+    wall_s: float
+    #: name of the reference -> truth of base_link
+    truths: dict[str, Trajectory] = field(default_factory=dict)
+    exit_codes: dict[str, int] = field(default_factory=dict)
+
+
+def _worst(scores: list[Scores], name: str) -> float | None:
+    """Against several references the largest error counts."""
+    values = [getattr(s, name) for s in scores]
+    known = [float(v) for v in values if v is not None]
+    return max(known) if known else None
+
+
+def _data_seconds(run: Run) -> float:
+    stamps = run.trajectory.stamps_ns
+    if stamps is None or len(stamps) < 2:
+        return 0.0
+    # the first sweep lasted about as long as the others
+    return float(stamps[-1] - stamps[0]) * 1e-9 * len(stamps) / (len(stamps) - 1)
+
+
+def accounts_of(run: Run) -> Accounts:
+    """The run's books."""
+    dropped = sum(1 for pose in run.poses.values() if pose.health == DROPPED)
+    return account(run.statuses, run.keys, len(run.trajectory), dropped)
+
+
+def build(run: Run) -> dict[str, Any]:
+    """The report as issue and README define it; null where nothing is known."""
+    accounts = accounts_of(run)
+    scores = {
+        "pose": {name: evaluation.evaluate(run.trajectory, t) for name, t in run.truths.items()},
+        "odometry": {name: evaluation.evaluate(run.odometry, t) for name, t in run.truths.items()},
+    }
+    whole, work = latency.by_stage(run.poses.values(), run.mapped.values())
+    end_to_end = latency.from_last_packet(run.poses.values(), "integration")
+    mapped_pose = latency.from_last_packet(run.mapped.values(), "mapping")
+    sweeps = max(accounts.sweeps, 1)
+    seconds = _data_seconds(run)
+    known = [stage for stage in STAGES if stage in run.statuses]
+    report: dict[str, Any] = {
+        "sweeps": {
+            stage: {
+                "in": s.came_in,
+                "out": s.went_out,
+                "dropped": s.dropped,
+                "lost": s.lost,
+                "recovered": s.recovered,
+            }
+            for stage, s in accounts.stages.items()
+        },
+        "identities": {
+            "inputs_balanced": accounts.inputs_balanced,
+            "sweeps_accounted": accounts.sweeps_accounted,
+            "sweeps": accounts.sweeps,
+            "poses": accounts.poses,
+            "given_up": accounts.given_up,
+            "complaints": accounts.complaints(),
+        },
+        "latency_ms": {**whole, "end_to_end": end_to_end, "mapped_pose": mapped_pose},
+        "work_ms": work,
+        "cpu_ms_per_sweep": {stage: run.statuses[stage].cpu_ms / sweeps for stage in known},
+        "rss_mib": {stage: run.statuses[stage].rss_mib for stage in known},
+        "bytes": {stage: run.statuses[stage].memory for stage in known},
+        "wall_s": run.wall_s,
+        "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
+        "path_m": run.trajectory.path_length_m(),
+        "exit_codes": run.exit_codes,
+        "references": {
+            name: {kind: scores[kind][name].as_dict() for kind in scores} for name in run.truths
+        },
+    }
+    for name in SCORE_NAMES:
+        report[name] = {kind: _worst(list(each.values()), name) for kind, each in scores.items()}
+    return report
+
+
+def accounted(report: dict[str, Any]) -> bool:
+    """Whether everything is accounted for and every process ended well."""
+    identities = report["identities"]
+    return (
+        identities["inputs_balanced"]
+        and identities["sweeps_accounted"]
+        and all(code == 0 for code in report["exit_codes"].values())
+    )
+
+
+def write(path: Path, report: dict[str, Any]) -> None:
+    with written_whole(path) as out:
+        json.dump(report, out, indent=2)
+        out.write("\n")
+
+
+def _number(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _grid(rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        row[0].ljust(widths[0])
+        + "".join("  " + cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    ]
+
+
+def _stage_rows(report: dict[str, Any]) -> list[list[str]]:
+    rows = [["stage", "in", "out", "dropped", "p50 ms", "p99 ms", "CPU ms/sweep", "RSS MiB (peak)"]]
+    for stage, sweeps in report["sweeps"].items():
+        took = report["work_ms"].get(stage) or {}
+        drops = ", ".join(f"{n} {reason}" for reason, n in sweeps["dropped"].items()) or "0"
+        rss = report["rss_mib"][stage]
+        rows.append(
+            [
+                stage,
+                str(sweeps["in"]),
+                str(sweeps["out"]),
+                drops,
+                _number(took.get("p50")),
+                _number(took.get("p99")),
+                _number(report["cpu_ms_per_sweep"][stage]),
+                f"{rss['end']:.0f} ({rss['peak']:.0f})",
+            ]
+        )
+    return rows
+
+
+def _latency_line(report: dict[str, Any]) -> str:
+    parts = []
+    for name, words in (("end_to_end", "fused pose"), ("mapped_pose", "mapped pose")):
+        found = report["latency_ms"][name]
+        if found:
+            parts.append(f"{words} p50 {found['p50']:.0f}, p99 {found['p99']:.0f} ms")
+    return "last packet to " + "; ".join(parts) if parts else "latency: no clock in fast replay"
+
+
+def table(report: dict[str, Any]) -> str:
+    """For the end of a run, to be read by a person."""
+    lines = _grid(_stage_rows(report))
+    lines.append("")
+    for name, each in report["references"].items():
+        for kind in ("pose", "odometry"):
+            s = each[kind]
+            lines.append(
+                f"{kind} against {name}: ATE {_number(s['ate_rmse_m'], 3)} m, "
+                f"drift {_number(s['drift_percent'], 3)} %, "
+                f"RPE over 1 m {_number(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
+            )
+    if not report["references"]:
+        lines.append("no truth was given: no error can be stated")
+    lines.append(_latency_line(report))
+    factor = report["realtime_factor"]
+    lines.append(
+        f"{report['identities']['sweeps']} sweeps, {report['identities']['poses']} poses, "
+        f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
+        + (f", {factor:.1f} × real time" if factor else "")
+    )
+    complaints = report["identities"]["complaints"] + [
+        f"{stage} ended with {code}" for stage, code in report["exit_codes"].items() if code != 0
+    ]
+    lines.append("accounted for: " + ("yes" if not complaints else "NO: " + "; ".join(complaints)))
+    return "\n".join(lines)

@@ -1,0 +1,55 @@
+"""The few values of a robot's file that a third party needs to find the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+class RobotFileError(RuntimeError):
+    """The file can't be read; the stages themselves check what stands in it."""
+
+
+@dataclass(frozen=True)
+class RobotNames:
+    """Names below which the keys lie, and the first port."""
+
+    robot: str = "robot"
+    sensor: str = "lidar"
+    base_port: int = 7460
+
+
+def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
+    """A --set beats the file, the file the default."""
+    for setting in reversed(settings):
+        name, _, value = setting.partition("=")
+        if name == key:
+            return value
+    for chunk in key.split("."):
+        if not isinstance(tree, dict) or chunk not in tree:
+            return default
+        tree = tree[chunk]
+    return tree
+
+
+def names(path: Path, settings: list[str]) -> RobotNames:
+    """Reads the names; what is wrong elsewhere in the file is the stages' to refuse."""
+    try:
+        tree = yaml.safe_load(path.read_text()) or {}
+    except OSError as error:
+        raise RobotFileError(f"{path}: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise RobotFileError(f"{path}: {error}") from error
+    plain = RobotNames()
+    port = _value(tree, settings, "zenoh.base_port", plain.base_port)
+    try:
+        return RobotNames(
+            robot=str(_value(tree, settings, "robot", plain.robot)),
+            sensor=str(_value(tree, settings, "sensor.name", plain.sensor)),
+            base_port=int(port),
+        )
+    except ValueError as error:
+        raise RobotFileError(f"{path}: zenoh.base_port {port!r} is no number") from error

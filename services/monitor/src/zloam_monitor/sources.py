@@ -1,0 +1,115 @@
+"""What is replayed: from the command line to the driver's settings, truth and configuration."""
+
+from __future__ import annotations
+
+import subprocess
+import tarfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from zloam_monitor.processes import describe_code
+
+ROBOTS = Path("deploy/robots")
+
+
+class SourceError(RuntimeError):
+    """The source can't be used; the text says why and what would do."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording."""
+
+    title: str
+    kind: str  # pcap, bin, kitti, scans
+    path: Path
+    #: configuration when none was named
+    config: Path
+    truth: list[Path] = field(default_factory=list)
+    #: sweeps in it, where that is known beforehand
+    sweeps: int | None = None
+    settings: list[str] = field(default_factory=list)
+
+    def driver_settings(self, rate: str) -> list[str]:
+        """As --set of the driver."""
+        return [
+            f"driver.source={self.kind}",
+            f"driver.path={self.path.resolve()}",
+            f"driver.rate={rate}",
+            *self.settings,
+        ]
+
+
+def _existing(path: Path, what: str) -> Path:
+    if not path.exists():
+        raise SourceError(f"{what} {path} does not exist")
+    return path
+
+
+def from_pcap(path: Path) -> Source:
+    """A pcap or pcapng capture; a file that can't be read is the driver's to refuse."""
+    return Source(path.name, "pcap", path, ROBOTS / "vlp16-outdoor.yaml")
+
+
+def from_bin(path: Path) -> Source:
+    """Bare 1206-byte payloads end to end."""
+    return Source(path.name, "bin", path, ROBOTS / "vlp16-outdoor.yaml")
+
+
+def from_kitti(folder: Path, unpack_to: Path) -> Source:
+    """A KITTI drive: velodyne/*.bin, or velodyne.tar.xz, which is unpacked once."""
+    _existing(folder, "the folder")
+    scans = folder / "velodyne" if (folder / "velodyne").is_dir() else folder
+    archive = folder / "velodyne.tar.xz"
+    if scans == folder and archive.is_file():
+        scans = _unpacked(archive, unpack_to / folder.name)
+    count = len(list(scans.glob("*.bin")))
+    if count == 0:
+        raise SourceError(f"{folder}: neither *.bin, velodyne/*.bin nor velodyne.tar.xz is in it")
+    truth = sorted(folder.glob("reference_*.txt")) + sorted(folder.glob("poses.txt"))
+    return Source(folder.name, "kitti", scans, ROBOTS / "hdl64e.yaml", truth, count)
+
+
+def _unpacked(archive: Path, target: Path) -> Path:
+    done = target / "velodyne"
+    if not done.is_dir():
+        target.mkdir(parents=True, exist_ok=True)
+        with tarfile.open(archive) as tar:
+            tar.extractall(target, filter="data")
+    return done
+
+
+def from_scans(folder: Path) -> Source:
+    """Scans with a time for each point (16-byte records), stamps.txt, perhaps gt_dense.tum."""
+    _existing(folder, "the folder")
+    count = len(list((folder / "scans").glob("*.bin")))
+    if count == 0 or not (folder / "stamps.txt").is_file():
+        raise SourceError(f"{folder}: scans/*.bin and stamps.txt are needed")
+    truth = [p for p in [folder / "gt_dense.tum"] if p.is_file()]
+    return Source(folder.name, "scans", folder, ROBOTS / "vlp16-outdoor.yaml", truth, count)
+
+
+def simulated(simulator: Path, out: Path, world: str, seed: int, extra: Iterable[str]) -> Source:
+    """A capture made by the simulator, and its truth."""
+    out.mkdir(parents=True, exist_ok=True)
+    capture, truth = out / "capture.pcap", out / "simulated_truth.tum"
+    command = [
+        str(simulator),
+        "--world",
+        world,
+        "--seed",
+        str(seed),
+        "--out",
+        str(capture),
+        "--truth",
+        str(truth),
+        *extra,
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SourceError(
+            f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
+        )
+    title = f"{world}, seed {seed}, simulated"
+    return Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
