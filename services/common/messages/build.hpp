@@ -141,6 +141,16 @@ struct PacketsFields {
   std::string model{};
 };
 
+struct GnssFixFields {
+  std::int64_t received_ns = 0;
+  std::int64_t utc_ns = 0;
+  double latitude_deg = 0.0;
+  double longitude_deg = 0.0;
+  bool valid = false;
+  msg::PpsStatus pps = msg::PpsStatus::Absent;
+  std::string sentence{};
+};
+
 struct ProgressFields {
   std::uint64_t run = 0;
   std::string instance{};
@@ -176,6 +186,7 @@ Buffer build(const HeaderFields& header, const RejectedFields& fields);
 Buffer build(const HeaderFields& header, const PacketsFields& fields);
 Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,
                  msg::ClockSource clock_source);
+Buffer build_gnss(const HeaderFields& header, std::span<const GnssFixFields> fixes);
 Buffer build_path(const HeaderFields& header, std::span<const msg::StampedPose> poses);
 Buffer build(const ProgressFields& fields);
 Buffer build(const FlowAckFields& fields);

@@ -1,0 +1,278 @@
+#include "common/messages/build.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "common/messages/convert.hpp"
+
+namespace zloam {
+namespace {
+
+using Builder = flatbuffers::FlatBufferBuilder;
+
+// Room for header, trace and small fields beside the arrays.
+constexpr std::size_t kSmall = 2048;
+
+template <class T>
+Buffer finish(Builder& b, flatbuffers::Offset<T> root) {
+  b.Finish(root, Kind<T>::kIdentifier);
+  return b.Release();
+}
+
+msg::Vec3 vec(const Eigen::Vector3d& v) { return to_message(v); }
+
+template <class Int>
+Int saturated(std::uint32_t value) {
+  return static_cast<Int>(std::min<std::uint32_t>(value, std::numeric_limits<Int>::max()));
+}
+
+}  // namespace
+
+Buffer build(const HeaderFields& header, const SweepFields& f) {
+  Builder b(kSmall + f.points.size_bytes() + f.columns.size_bytes() + f.imu.size_bytes());
+  const auto points = put_points(b, f.points);
+  const auto columns = b.CreateVector(f.columns.data(), f.columns.size());
+  const auto imu = put_structs(b, f.imu);
+  const auto model = b.CreateString(f.model);
+  const auto head = build_header(b, header);
+  msg::SweepBuilder m(b);
+  m.add_header(head);
+  m.add_points(points);
+  m.add_columns(columns);
+  m.add_period_ns(f.period_ns);
+  m.add_rings(f.rings);
+  m.add_model(model);
+  m.add_return_mode(f.return_mode);
+  m.add_clock_source(f.clock_source);
+  m.add_complete(f.complete);
+  m.add_packets(f.packets);
+  m.add_packets_lost(f.packets_lost);
+  m.add_imu(imu);
+  m.add_imu_incomplete(f.imu_incomplete);
+  m.add_deskewed(f.deskewed);
+  m.add_health(to_message(f.health));
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const FeaturesFields& f) {
+  Builder b(kSmall + f.sharp.size_bytes() + f.less_sharp.size_bytes() + f.flat.size_bytes() +
+            f.less_flat.size_bytes());
+  const auto sharp = put_points(b, f.sharp);
+  const auto less_sharp = put_points(b, f.less_sharp);
+  const auto flat = put_points(b, f.flat);
+  const auto less_flat = put_points(b, f.less_flat);
+  const auto head = build_header(b, header);
+  const msg::Vec3 rotation = vec(f.removed_rotation);
+  const msg::Vec3 shift = vec(f.removed_shift);
+  msg::FeaturesBuilder m(b);
+  m.add_header(head);
+  m.add_period_ns(f.period_ns);
+  m.add_rings(f.rings);
+  m.add_sharp(sharp);
+  m.add_less_sharp(less_sharp);
+  m.add_flat(flat);
+  m.add_less_flat(less_flat);
+  m.add_points_in(f.points_in);
+  m.add_points_rejected(f.points_rejected);
+  m.add_removed_rotation(&rotation);
+  m.add_removed_shift(&shift);
+  m.add_deskewed(f.deskewed);
+  m.add_health(to_message(f.health));
+  m.add_range_noise_m(f.range_noise_m);
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const OdometryFields& f) {
+  Builder b(kSmall);
+  const auto covariance = put_covariance(b, f.covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_odom_base);
+  const msg::Twist twist = twist_message(f.twist_per_s);
+  const msg::Vec3 weak_translation = vec(f.weak.weak_translation);
+  const msg::Vec3 weak_rotation = vec(f.weak.weak_rotation);
+  msg::OdometryBuilder m(b);
+  m.add_header(head);
+  m.add_instant_ns(f.instant_ns);
+  m.add_pose_odom_base(&pose);
+  m.add_twist(&twist);
+  m.add_covariance(covariance);
+  m.add_degenerate(f.weak.degenerate);
+  m.add_weak_translation(&weak_translation);
+  m.add_weak_rotation(&weak_rotation);
+  m.add_weak_sigma_measured(f.weak.sigma_measured);
+  m.add_weak_sigma_predicted(f.weak.sigma_predicted);
+  m.add_iterations(saturated<std::uint16_t>(f.solve.iterations));
+  m.add_correspondences(f.solve.correspondences);
+  m.add_residual_m(f.solve.residual_m);
+  m.add_health(to_message(f.health));
+  m.add_prev_sweep(f.prev_sweep);
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
+  Builder b(kSmall + f.edges.size_bytes() + f.planes.size_bytes());
+  const auto edges = put_points(b, f.edges);
+  const auto planes = put_points(b, f.planes);
+  const auto covariance = put_covariance(b, f.covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_odom_base);
+  const msg::Twist twist = twist_message(f.twist_per_s);
+  const msg::Pose mounting = to_message(f.T_base_lidar);
+  msg::OdometryFeaturesBuilder m(b);
+  m.add_header(head);
+  m.add_instant_ns(f.instant_ns);
+  m.add_pose_odom_base(&pose);
+  m.add_twist(&twist);
+  m.add_covariance(covariance);
+  m.add_period_ns(f.period_ns);
+  m.add_pose_base_lidar(&mounting);
+  m.add_edges(edges);
+  m.add_planes(planes);
+  m.add_prev_sweep(f.prev_sweep);
+  m.add_health(to_message(f.health));
+  m.add_degenerate(f.degenerate);
+  m.add_range_noise_m(f.range_noise_m);
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const MapCorrectionFields& f) {
+  Builder b(kSmall);
+  const auto covariance = put_covariance(b, f.covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_map_odom);
+  const msg::Vec3 weak_translation = vec(f.weak.weak_translation);
+  const msg::Vec3 weak_rotation = vec(f.weak.weak_rotation);
+  msg::MapCorrectionBuilder m(b);
+  m.add_header(head);
+  m.add_instant_ns(f.instant_ns);
+  m.add_pose_map_odom(&pose);
+  m.add_covariance(covariance);
+  m.add_health(to_message(f.health));
+  m.add_inserted(f.inserted);
+  m.add_degenerate(f.weak.degenerate);
+  m.add_weak_translation(&weak_translation);
+  m.add_weak_rotation(&weak_rotation);
+  m.add_weak_sigma_measured(f.weak.sigma_measured);
+  m.add_weak_sigma_predicted(f.weak.sigma_predicted);
+  m.add_iterations(saturated<std::uint16_t>(f.solve.iterations));
+  m.add_correspondences(f.solve.correspondences);
+  m.add_residual_m(f.solve.residual_m);
+  m.add_prev_sweep(f.prev_sweep);
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const MapPoseFields& f) {
+  Builder b(kSmall);
+  const auto covariance = put_covariance(b, f.covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_map_base);
+  const msg::Twist twist = twist_message(f.twist_per_s);
+  msg::MapPoseBuilder m(b);
+  m.add_header(head);
+  m.add_instant_ns(f.instant_ns);
+  m.add_pose_map_base(&pose);
+  m.add_twist(&twist);
+  m.add_covariance(covariance);
+  m.add_correction_sweep(f.correction_sweep);
+  m.add_has_correction(f.has_correction);
+  m.add_jump(f.jump);
+  m.add_health(to_message(f.health));
+  m.add_degenerate(f.degenerate);
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const MapTileFields& f) {
+  Builder b(kSmall + f.points.size_bytes());
+  const auto points = put_points(b, f.points);
+  const auto layer = b.CreateString(f.layer);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreateMapTile(b, head, layer, f.i, f.j, f.k, f.edge_m, f.version, points));
+}
+
+Buffer build(const HeaderFields& header, const CloudFields& f) {
+  Builder b(kSmall + f.points.size_bytes());
+  const auto points = put_points(b, f.points);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_frame_base);
+  return finish(b, msg::CreateCloud(b, head, f.instant_ns, points, &pose));
+}
+
+Buffer build(const HeaderFields& header, const RejectedFields& f) {
+  Builder b(kSmall + f.points.size_bytes() + f.reasons.size_bytes());
+  const auto points = put_points(b, f.points);
+  const auto reasons =
+      b.CreateVector(reinterpret_cast<const std::uint8_t*>(f.reasons.data()), f.reasons.size());
+  const auto head = build_header(b, header);
+  msg::RejectedBuilder m(b);
+  m.add_header(head);
+  m.add_points(points);
+  m.add_reasons(flatbuffers::Offset<flatbuffers::Vector<msg::RejectReason>>(reasons.o));
+  return finish(b, m.Finish());
+}
+
+Buffer build(const HeaderFields& header, const PacketsFields& f) {
+  Builder b(kSmall + f.entries.size_bytes() + f.data.size_bytes());
+  const auto entries = put_structs(b, f.entries);
+  const auto data = b.CreateVector(f.data.data(), f.data.size());
+  const auto model = b.CreateString(f.model);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreatePackets(b, head, entries, data, model));
+}
+
+Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,
+                 msg::ClockSource clock_source) {
+  Builder b(kSmall + samples.size_bytes());
+  const auto list = put_structs(b, samples);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreateImuBatch(b, head, list, clock_source));
+}
+
+Buffer build_gnss(const HeaderFields& header, std::span<const GnssFixFields> fixes) {
+  Builder b(kSmall);
+  std::vector<flatbuffers::Offset<msg::GnssFix>> list;
+  list.reserve(fixes.size());
+  for (const GnssFixFields& f : fixes) {
+    const auto sentence = b.CreateString(f.sentence);
+    list.push_back(msg::CreateGnssFix(b, f.received_ns, f.utc_ns, f.latitude_deg, f.longitude_deg,
+                                      f.valid, f.pps, sentence));
+  }
+  const auto items = b.CreateVector(list);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreateGnssBatch(b, head, items));
+}
+
+Buffer build_path(const HeaderFields& header, std::span<const msg::StampedPose> poses) {
+  Builder b(kSmall + poses.size_bytes());
+  const auto list = put_structs(b, poses);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreatePath(b, head, list));
+}
+
+Buffer build(const ProgressFields& f) {
+  Builder b;
+  const auto instance = b.CreateString(f.instance);
+  const auto missing = b.CreateVector(f.missing);
+  return finish(b, msg::CreateProgress(b, f.run, instance, f.next_sweep, missing, f.seq));
+}
+
+Buffer build(const FlowAckFields& f) {
+  Builder b;
+  const auto sink = b.CreateString(f.sink);
+  const auto instance = b.CreateString(f.instance);
+  return finish(b, msg::CreateFlowAck(b, f.run, sink, instance, f.done_below, f.seq));
+}
+
+Buffer build_command(const std::string& arguments_json) {
+  Builder b;
+  return finish(b, msg::CreateCommand(b, b.CreateString(arguments_json)));
+}
+
+Buffer build(const CommandReplyFields& f) {
+  Builder b;
+  const auto message = b.CreateString(f.message);
+  const auto results = b.CreateString(f.results_json);
+  b.Finish(msg::CreateCommandReply(b, f.ok, message, results), Kind<msg::Command>::kIdentifier);
+  return b.Release();
+}
+
+}  // namespace zloam

@@ -1,0 +1,84 @@
+#include "common/messages/convert.hpp"
+
+namespace zloam {
+
+// The structs have the same size, alignment and member offsets (asserted in the header), hold plain
+// numbers, and the verifier has checked that the vector lies within the message.
+PointSpan points_of(const flatbuffers::Vector<const msg::Point*>* vector) {
+  if (vector == nullptr) return {};
+  return {reinterpret_cast<const Point*>(vector->Data()), vector->size()};
+}
+
+std::span<const MapPoint> map_points_of(const flatbuffers::Vector<const msg::MapPoint*>* vector) {
+  if (vector == nullptr) return {};
+  return {reinterpret_cast<const MapPoint*>(vector->Data()), vector->size()};
+}
+
+flatbuffers::Offset<flatbuffers::Vector<const msg::Point*>> put_points(
+    flatbuffers::FlatBufferBuilder& builder, PointSpan points) {
+  return builder.CreateVectorOfStructs(reinterpret_cast<const msg::Point*>(points.data()),
+                                       points.size());
+}
+
+flatbuffers::Offset<flatbuffers::Vector<const msg::MapPoint*>> put_points(
+    flatbuffers::FlatBufferBuilder& builder, std::span<const MapPoint> points) {
+  return builder.CreateVectorOfStructs(reinterpret_cast<const msg::MapPoint*>(points.data()),
+                                       points.size());
+}
+
+Eigen::Vector3d vector_of(const msg::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+Eigen::Vector3d vector_of(const msg::Vec3* v) {
+  return v == nullptr ? Eigen::Vector3d::Zero() : vector_of(*v);
+}
+
+msg::Vec3 to_message(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+Pose pose_of(const msg::Pose& pose) {
+  const msg::Quat& q = pose.rotation();
+  const Eigen::Quaterniond rotation(q.w(), q.x(), q.y(), q.z());
+  Pose result = Pose::Identity();
+  result.linear() = rotation.normalized().toRotationMatrix();
+  result.translation() = vector_of(pose.translation());
+  return result;
+}
+
+Pose pose_of(const msg::Pose* pose) { return pose == nullptr ? Pose::Identity() : pose_of(*pose); }
+
+msg::Pose to_message(const Pose& pose) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(pose.linear()).normalized();
+  return {to_message(Eigen::Vector3d(pose.translation())), msg::Quat(q.x(), q.y(), q.z(), q.w())};
+}
+
+Vector6 twist_of(const msg::Twist* twist) {
+  Vector6 result = Vector6::Zero();
+  if (twist != nullptr) {
+    result.head<3>() = vector_of(twist->linear());
+    result.tail<3>() = vector_of(twist->angular());
+  }
+  return result;
+}
+
+msg::Twist twist_message(const Vector6& twist) {
+  return {to_message(Eigen::Vector3d(twist.head<3>())),
+          to_message(Eigen::Vector3d(twist.tail<3>()))};
+}
+
+Matrix6 covariance_of(const flatbuffers::Vector<double>* values) {
+  Matrix6 result = Matrix6::Zero();
+  if (values == nullptr || values->size() != 36) return result;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column < 6; ++column) {
+      result(row, column) = values->Get(static_cast<flatbuffers::uoffset_t>(row * 6 + column));
+    }
+  }
+  return result;
+}
+
+flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
+    flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance) {
+  const Eigen::Matrix<double, 6, 6, Eigen::RowMajor> rows = covariance;
+  return builder.CreateVector(rows.data(), 36);
+}
+
+}  // namespace zloam

@@ -1,0 +1,151 @@
+#include "common/messages/keys.hpp"
+
+#include <array>
+#include <stdexcept>
+
+namespace zloam {
+namespace {
+
+using C = Congestion;
+using N = Numbering;
+
+constexpr std::array kTable = {
+    KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver", C::kDrop,
+           "interactive_high", N::kSweep, "newest 8"},
+    KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
+           N::kSweep, "live newest 4, replay lossless"},
+    KeyRow{Key::kImu, "imu/<sensor>", "imu", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
+           "lossless"},
+    KeyRow{Key::kGnss, "gnss/<sensor>", "gnss", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
+           "lossless"},
+    KeyRow{Key::kFeatures, "lidar/<sensor>/features", "features", "registration", C::kLiveDrop,
+           "data_high", N::kSweep, "live newest 4, replay lossless"},
+    KeyRow{Key::kRejected, "lidar/<sensor>/rejected", "rejected", "registration", C::kDrop,
+           "data_low", N::kSweep, "newest 1"},
+    KeyRow{Key::kOdometry, "odometry", "odometry", "odometry", C::kLiveDrop, "interactive_high",
+           N::kSweep, "lossless"},
+    KeyRow{Key::kOdometryFeatures, "odometry/features", "odometry_features", "odometry",
+           C::kLiveDrop, "data_high", N::kSweep, "live newest 4, replay lossless"},
+    KeyRow{Key::kOdometrySweep, "odometry/sweep", "cloud", "odometry", C::kDrop, "data_low",
+           N::kSweep, "newest 1"},
+    KeyRow{Key::kProgress, "odometry/progress", "progress", "odometry", C::kDrop,
+           "interactive_high", N::kNone, "newest 1"},
+    KeyRow{Key::kFlowAck, "flow/<sink>/ack", "flow_ack", "integration, mapping", C::kDrop,
+           "interactive_high", N::kNone, "newest 1"},
+    KeyRow{Key::kMapCorrection, "map/correction", "map_correction", "mapping", C::kLiveDrop,
+           "interactive_high", N::kSweep, "lossless"},
+    KeyRow{Key::kMapOdometry, "map/odometry", "map_pose", "mapping", C::kLiveDrop,
+           "interactive_high", N::kSweep, "lossless"},
+    KeyRow{Key::kMapTile, "map/tile/<layer>/<i>/<j>/<k>", "map_tile", "mapping", C::kDrop, "data",
+           N::kNone, "newest 1 of each cube"},
+    KeyRow{Key::kMapSurround, "map/surround", "cloud", "mapping", C::kDrop, "data_low", N::kSweep,
+           "newest 1"},
+    KeyRow{Key::kMapCloud, "map/cloud", "cloud", "mapping", C::kDrop, "data_low", N::kSweep,
+           "newest 1"},
+    KeyRow{Key::kSweepRegistered, "sweep/registered", "cloud", "mapping", C::kDrop, "data_low",
+           N::kSweep, "newest 1"},
+    KeyRow{Key::kPathOdometry, "path/odometry", "path", "odometry", C::kQuery, "data_low", N::kNone,
+           "query"},
+    KeyRow{Key::kPathMap, "path/map", "path", "mapping", C::kQuery, "data_low", N::kNone, "query"},
+    KeyRow{Key::kPose, "pose", "map_pose", "integration", C::kLiveDrop, "interactive_high",
+           N::kSweep, "lossless"},
+    KeyRow{Key::kPoseImuRate, "pose/imu_rate", "map_pose", "integration", C::kDrop,
+           "interactive_high", N::kSeq, "lossless"},
+    KeyRow{Key::kStatus, "service/<stage>/<instance>/status", "status", "every stage", C::kDrop,
+           "background", N::kNone, "newest 1"},
+    KeyRow{Key::kConfig, "service/<stage>/<instance>/config", "config", "every stage", C::kQuery,
+           "data_low", N::kNone, "query"},
+    KeyRow{Key::kAlive, "service/<stage>/<instance>/alive", "", "every stage", C::kQuery, "data",
+           N::kNone, "liveliness token"},
+    KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
+           N::kNone, "query"},
+};
+
+std::string chunk(std::string_view text) {
+  const std::string error = Keys::chunk_error(text);
+  if (!error.empty()) throw std::invalid_argument(error);
+  return std::string(text);
+}
+
+}  // namespace
+
+std::span<const KeyRow> key_table() { return kTable; }
+
+const KeyRow& key_row(Key key) {
+  const KeyRow& row = kTable.at(static_cast<std::size_t>(key));
+  if (row.key != key) throw std::logic_error("the key table is not in the order of enum Key");
+  return row;
+}
+
+std::string encoding_of_schema(std::string_view schema, int major) {
+  return "application/x-flatbuffers;schema=" + std::string(schema) +
+         ";major=" + std::to_string(major);
+}
+
+std::string encoding_of(Key key) { return encoding_of_schema(key_row(key).schema); }
+
+std::string Keys::chunk_error(std::string_view text) {
+  const std::string quoted = "'" + std::string(text) + "'";
+  if (text.empty()) return "an empty name can't be part of a key";
+  if (text.front() == '@') return quoted + " can't be part of a key: it starts with '@'";
+  for (const char c : text) {
+    const auto code = static_cast<unsigned char>(c);
+    if (std::string_view("/*?#$").find(c) != std::string_view::npos || code <= ' ' ||
+        code == 0x7F) {
+      return quoted + " can't be part of a key: no '/', '*', '?', '#', '$' or white space";
+    }
+  }
+  return {};
+}
+
+Keys::Keys(std::string robot, std::string sensor) : robot_(chunk(robot)), sensor_(chunk(sensor)) {}
+
+std::string Keys::below(std::string_view rest) const {
+  return "loam/" + robot_ + "/" + std::string(rest);
+}
+
+std::string Keys::of(Key key) const {
+  std::string rest(key_row(key).pattern);
+  constexpr std::string_view kSensor = "<sensor>";
+  if (const auto at = rest.find(kSensor); at != std::string::npos) {
+    rest.replace(at, kSensor.size(), sensor_);
+  }
+  if (rest.find('<') != std::string::npos) {
+    throw std::invalid_argument("key " + rest + " needs more than robot and sensor");
+  }
+  return below(rest);
+}
+
+std::string Keys::flow_ack(std::string_view sink) const {
+  return below("flow/" + chunk(sink) + "/ack");
+}
+
+std::string Keys::tile(std::string_view layer, int i, int j, int k) const {
+  return below("map/tile/" + chunk(layer) + "/" + std::to_string(i) + "/" + std::to_string(j) +
+               "/" + std::to_string(k));
+}
+
+std::string Keys::all_tiles() const { return below("map/tile/**"); }
+
+namespace {
+std::string service(std::string_view stage, std::string_view instance, std::string_view leaf) {
+  // '*' asks all instances.
+  const auto part = [](std::string_view t) { return t == "*" ? std::string(t) : chunk(t); };
+  return "service/" + part(stage) + "/" + part(instance) + "/" + std::string(leaf);
+}
+}  // namespace
+
+std::string Keys::status(std::string_view stage, std::string_view instance) const {
+  return below(service(stage, instance, "status"));
+}
+std::string Keys::config(std::string_view stage, std::string_view instance) const {
+  return below(service(stage, instance, "config"));
+}
+std::string Keys::alive(std::string_view stage, std::string_view instance) const {
+  return below(service(stage, instance, "alive"));
+}
+std::string Keys::command(std::string_view stage, std::string_view verb) const {
+  return below("command/" + chunk(stage) + "/" + chunk(verb));
+}
+
+}  // namespace zloam

@@ -1,0 +1,270 @@
+#include "common/messages/ranges.hpp"
+
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "common/messages/convert.hpp"
+
+namespace zloam {
+namespace {
+
+/// Collects the first thing that is wrong.
+class Checker {
+ public:
+  Checker& require(bool ok, std::string_view what) {
+    if (!ok && error_.empty()) error_ = what;
+    return *this;
+  }
+
+  Checker& header(const msg::Header* h) {
+    if (h == nullptr) return require(false, "the header is missing");
+    require(h->robot() != nullptr && h->robot()->size() > 0, "header.robot is missing");
+    require(h->instance() != nullptr && h->instance()->size() > 0, "header.instance is missing");
+    return require(h->frame() != nullptr, "header.frame is missing");
+  }
+
+  Checker& finite(double value, std::string_view name) {
+    return std::isfinite(value) ? *this : require(false, std::string(name) + " is not finite");
+  }
+
+  Checker& vec(const msg::Vec3* v, std::string_view name) {
+    if (v == nullptr) return *this;
+    return finite(v->x(), name).finite(v->y(), name).finite(v->z(), name);
+  }
+
+  Checker& pose(const msg::Pose* p, std::string_view name) {
+    if (p == nullptr) return require(false, std::string(name) + " is missing");
+    return pose(*p, name);
+  }
+
+  Checker& pose(const msg::Pose& p, std::string_view name) {
+    vec(&p.translation(), name);
+    const msg::Quat& q = p.rotation();
+    const double norm = std::sqrt(q.x() * q.x() + q.y() * q.y() + q.z() * q.z() + q.w() * q.w());
+    // Written so that NaN fails too.
+    if (!(std::abs(norm - 1.0) < 1e-3)) {
+      require(false, std::string(name) + ": the quaternion is not of unit length");
+    }
+    return *this;
+  }
+
+  Checker& twist(const msg::Twist* t) {
+    return t == nullptr ? *this : vec(&t->linear(), "twist").vec(&t->angular(), "twist");
+  }
+
+  Checker& covariance(const flatbuffers::Vector<double>* c) {
+    if (c == nullptr || c->size() == 0) return *this;
+    require(c->size() == 36, "covariance has not 36 values");
+    for (const double value : *c) finite(value, "covariance");
+    return *this;
+  }
+
+  Checker& health(msg::Health h) { return require(h <= msg::Health::MAX, "health is unknown"); }
+
+  Checker& finite_points(const flatbuffers::Vector<const msg::Point*>* points,
+                         std::string_view name) {
+    bool ok = true;
+    for (const Point& p : points_of(points)) ok = ok && all_finite(p);
+    return ok ? *this : require(false, std::string(name) + ": a point is not finite");
+  }
+
+  Checker& finite_points(const flatbuffers::Vector<const msg::MapPoint*>* points,
+                         std::string_view name) {
+    bool ok = true;
+    for (const MapPoint& p : map_points_of(points)) ok = ok && all_finite(p);
+    return ok ? *this : require(false, std::string(name) + ": a point is not finite");
+  }
+
+  Checker& rings(const flatbuffers::Vector<const msg::Point*>* points, std::uint16_t rings,
+                 std::string_view name) {
+    bool ok = true;
+    for (const Point& p : points_of(points)) ok = ok && p.ring < rings;
+    return ok ? *this : require(false, std::string(name) + ": a ring is not below rings");
+  }
+
+  template <class P, class Q>
+  Checker& parallel(const flatbuffers::Vector<P>* points, const flatbuffers::Vector<Q>* values,
+                    std::string_view name) {
+    const std::size_t n = points == nullptr ? 0 : points->size();
+    const std::size_t m = values == nullptr ? 0 : values->size();
+    return n == m ? *this : require(false, std::string(name) + ": not as many as points");
+  }
+
+  Checker& imu(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
+    for (const msg::ImuSample& s : structs_of(samples)) {
+      vec(&s.linear_acceleration(), "imu").vec(&s.angular_velocity(), "imu");
+    }
+    return *this;
+  }
+
+  std::string take() { return std::move(error_); }
+
+ private:
+  template <class P>
+  static bool all_finite(const P& p) {
+    return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+  }
+  std::string error_;
+};
+
+template <class M>
+Checker& weak(Checker& c, const M& m) {
+  return c.vec(m.weak_translation(), "weak_translation")
+      .vec(m.weak_rotation(), "weak_rotation")
+      .finite(m.weak_sigma_measured(), "weak_sigma_measured")
+      .finite(m.weak_sigma_predicted(), "weak_sigma_predicted")
+      .finite(m.residual_m(), "residual_m");
+}
+
+}  // namespace
+
+std::string range_error(const msg::Cloud& m) {
+  return Checker()
+      .header(m.header())
+      .finite_points(m.points(), "points")
+      .pose(m.pose_frame_base(), "pose_frame_base")
+      .take();
+}
+
+std::string range_error(const msg::Command&) { return {}; }
+
+std::string range_error(const msg::EffectiveConfig& m) {
+  return Checker()
+      .require(m.stage() != nullptr && m.instance() != nullptr, "stage or instance is missing")
+      .require(m.result_hash() != nullptr, "result_hash is missing")
+      .take();
+}
+
+std::string range_error(const msg::Features& m) {
+  Checker c;
+  c.header(m.header()).health(m.health());
+  c.finite_points(m.sharp(), "sharp").rings(m.sharp(), m.rings(), "sharp");
+  c.finite_points(m.less_sharp(), "less_sharp").rings(m.less_sharp(), m.rings(), "less_sharp");
+  c.finite_points(m.flat(), "flat").rings(m.flat(), m.rings(), "flat");
+  c.finite_points(m.less_flat(), "less_flat").rings(m.less_flat(), m.rings(), "less_flat");
+  c.vec(m.removed_rotation(), "removed_rotation").vec(m.removed_shift(), "removed_shift");
+  c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
+            "range_noise_m is negative or not finite");
+  return c.take();
+}
+
+std::string range_error(const msg::FlowAck& m) {
+  return Checker()
+      .require(m.sink() != nullptr && m.instance() != nullptr, "sink or instance is missing")
+      .take();
+}
+
+std::string range_error(const msg::GnssBatch& m) {
+  Checker c;
+  c.header(m.header());
+  if (m.fixes() == nullptr) return c.take();
+  for (const msg::GnssFix* f : *m.fixes()) {
+    // Written so that NaN fails too.
+    c.require(std::abs(f->latitude_deg()) <= 90.0, "latitude_deg is beyond +-90")
+        .require(std::abs(f->longitude_deg()) <= 180.0, "longitude_deg is beyond +-180");
+  }
+  return c.take();
+}
+
+std::string range_error(const msg::ImuBatch& m) {
+  return Checker().header(m.header()).imu(m.samples()).take();
+}
+
+std::string range_error(const msg::MapCorrection& m) {
+  Checker c;
+  c.header(m.header()).pose(m.pose_map_odom(), "pose_map_odom").covariance(m.covariance());
+  return weak(c, m).health(m.health()).take();
+}
+
+std::string range_error(const msg::MapPose& m) {
+  return Checker()
+      .header(m.header())
+      .pose(m.pose_map_base(), "pose_map_base")
+      .twist(m.twist())
+      .covariance(m.covariance())
+      .health(m.health())
+      .take();
+}
+
+std::string range_error(const msg::MapTile& m) {
+  return Checker()
+      .header(m.header())
+      .require(m.layer() != nullptr && m.layer()->size() > 0, "layer is missing")
+      .require(std::isfinite(m.edge_m()) && m.edge_m() > 0.0, "edge_m is not positive")
+      .finite_points(m.points(), "points")
+      .take();
+}
+
+std::string range_error(const msg::Odometry& m) {
+  Checker c;
+  c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
+  return weak(c.covariance(m.covariance()), m).health(m.health()).take();
+}
+
+std::string range_error(const msg::OdometryFeatures& m) {
+  Checker c;
+  c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
+  c.covariance(m.covariance()).pose(m.pose_base_lidar(), "pose_base_lidar");
+  c.finite_points(m.edges(), "edges").finite_points(m.planes(), "planes").health(m.health());
+  c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
+            "range_noise_m is negative or not finite");
+  return c.take();
+}
+
+std::string range_error(const msg::Packets& m) {
+  Checker c;
+  c.header(m.header());
+  const std::uint64_t size = m.data() == nullptr ? 0 : m.data()->size();
+  for (const msg::PacketEntry& e : structs_of(m.entries())) {
+    c.require(std::uint64_t{e.offset()} + e.length() <= size, "an entry lies outside of data");
+  }
+  return c.take();
+}
+
+std::string range_error(const msg::Path& m) {
+  Checker c;
+  c.header(m.header());
+  for (const msg::StampedPose& p : structs_of(m.poses())) c.pose(p.pose(), "poses");
+  return c.take();
+}
+
+std::string range_error(const msg::Progress& m) {
+  return Checker().require(m.instance() != nullptr, "instance is missing").take();
+}
+
+std::string range_error(const msg::Rejected& m) {
+  Checker c;
+  c.header(m.header()).parallel(m.points(), m.reasons(), "reasons");
+  if (m.reasons() == nullptr) return c.take();
+  for (flatbuffers::uoffset_t i = 0; i < m.reasons()->size(); ++i) {
+    c.require(m.reasons()->Get(i) <= msg::RejectReason::MAX, "a reason is unknown");
+  }
+  return c.take();
+}
+
+std::string range_error(const msg::Status& m) {
+  return Checker()
+      .require(m.stage() != nullptr && m.instance() != nullptr, "stage or instance is missing")
+      .require(m.health() <= msg::ServiceHealth::MAX, "health is unknown")
+      .finite(m.cpu_ms(), "cpu_ms")
+      .take();
+}
+
+std::string range_error(const msg::Sweep& m) {
+  Checker c;
+  c.header(m.header()).health(m.health()).imu(m.imu());
+  c.rings(m.points(), m.rings(), "points");
+  if (m.columns() != nullptr && m.columns()->size() > 0) {
+    c.parallel(m.points(), m.columns(), "columns");
+  }
+  c.require(m.return_mode() <= msg::ReturnMode::MAX, "return_mode is unknown");
+  c.require(m.clock_source() <= msg::ClockSource::MAX, "clock_source is unknown");
+  for (const Point& p : points_of(m.points())) {
+    if (p.return_type > ReturnType::kSecondStrongest) c.require(false, "a return type is unknown");
+  }
+  return c.take();
+}
+
+}  // namespace zloam

@@ -1,0 +1,30 @@
+#pragma once
+// What the FlatBuffers verifier can't know: whether the values of a well-formed message make sense.
+// Each function returns a sentence, or an empty text. Used by verify() only.
+
+#include <string>
+
+#include "common/messages/kinds.hpp"
+
+namespace zloam {
+
+std::string range_error(const msg::Cloud& m);
+std::string range_error(const msg::Command& m);
+std::string range_error(const msg::EffectiveConfig& m);
+std::string range_error(const msg::Features& m);
+std::string range_error(const msg::FlowAck& m);
+std::string range_error(const msg::GnssBatch& m);
+std::string range_error(const msg::ImuBatch& m);
+std::string range_error(const msg::MapCorrection& m);
+std::string range_error(const msg::MapPose& m);
+std::string range_error(const msg::MapTile& m);
+std::string range_error(const msg::Odometry& m);
+std::string range_error(const msg::OdometryFeatures& m);
+std::string range_error(const msg::Packets& m);
+std::string range_error(const msg::Path& m);
+std::string range_error(const msg::Progress& m);
+std::string range_error(const msg::Rejected& m);
+std::string range_error(const msg::Status& m);
+std::string range_error(const msg::Sweep& m);
+
+}  // namespace zloam
