@@ -1,0 +1,228 @@
+// Writes the packets of a virtual VLP-16 to files or the network, and the truth beside them.
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <future>
+#include <iostream>
+#include <memory>
+#include <vector>
+
+#include "simulator/capture.hpp"
+#include "simulator/faults.hpp"
+#include "simulator/options.hpp"
+#include "simulator/scenes.hpp"
+#include "simulator/sensor.hpp"
+#include "simulator/sinks.hpp"
+
+namespace zloam::simulator {
+namespace {
+
+constexpr int kFailure = 1;
+constexpr int kUsageError = 2;
+constexpr std::int64_t kChunkPackets = 192;  // a quarter of a second
+constexpr double kTruthHz = 200.0;
+constexpr double kGravity = 9.80665;
+
+std::int64_t nanoseconds(double seconds) {
+  return static_cast<std::int64_t>(std::llround(seconds * 1e9));
+}
+
+std::vector<std::unique_ptr<Sink>> make_sinks(const Options& options) {
+  std::vector<std::unique_ptr<Sink>> sinks;
+  if (!options.pcap.empty()) {
+    sinks.push_back(pcap_sink(options.pcap, options.nanoseconds));
+  }
+  if (!options.payloads.empty()) {
+    sinks.push_back(payload_sink(options.payloads));
+  }
+  if (!options.udp_address.empty()) {
+    sinks.push_back(udp_sink(options.udp_address, options.udp_port, options.udp_position_port,
+                             options.rate));
+  }
+  return sinks;
+}
+
+void write_trajectory(const std::string& path, const Sensor& sensor, double duration_s, bool base) {
+  if (path.empty()) {
+    return;
+  }
+  OutputFile file(path);
+  const auto count = static_cast<std::int64_t>(std::ceil(duration_s * kTruthHz));
+  for (std::int64_t i = 0; i <= count; ++i) {
+    const double t = static_cast<double>(i) / kTruthHz;
+    file.write(tum_line(sensor.config().epoch_ns + nanoseconds(t),
+                        base ? sensor.T_truth_base(t) : sensor.T_truth_lidar(t)));
+  }
+  file.close();
+}
+
+void write_sweep_truth(const std::string& path, const Sensor& sensor, double duration_s) {
+  if (path.empty()) {
+    return;
+  }
+  OutputFile file(path);
+  const double first = std::floor(sensor.rotor_deg(0.0) / 360.0) + 1.0;
+  for (double turn = first;; turn += 1.0) {
+    const double t = sensor.rotor_time_s(360.0 * turn);
+    if (t > duration_s) {
+      break;
+    }
+    file.write(tum_line(sensor.config().epoch_ns + nanoseconds(t), sensor.T_truth_lidar(t)));
+  }
+  file.close();
+}
+
+void write_imu(const std::string& path, const Sensor& sensor, double duration_s) {
+  if (path.empty()) {
+    return;
+  }
+  OutputFile file(path);
+  file.write("t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n");
+  const auto count = static_cast<std::int64_t>(std::ceil(duration_s * kTruthHz));
+  for (std::int64_t i = 0; i <= count; ++i) {
+    const double t = static_cast<double>(i) / kTruthHz;
+    const MotionState state = sensor.scene().trajectory.at(t);
+    const Eigen::Vector3d force =
+        state.T_world_body.linear().transpose() *
+        (state.acceleration_world + Eigen::Vector3d(0.0, 0.0, kGravity));
+    char line[256];
+    std::snprintf(line, sizeof line, "%lld,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n",
+                  static_cast<long long>(sensor.config().epoch_ns + nanoseconds(t)),
+                  state.rate_body.x(), state.rate_body.y(), state.rate_body.z(), force.x(),
+                  force.y(), force.z());
+    file.write(line);
+  }
+  file.close();
+}
+
+void write_faults(const std::string& path, const std::vector<Fault>& log) {
+  if (path.empty()) {
+    return;
+  }
+  OutputFile file(path);
+  file.write("packet,fault\n");
+  for (const Fault& fault : log) {
+    file.write(std::to_string(fault.index) + "," + fault.kind + "\n");
+  }
+  file.close();
+}
+
+class ReturnsFile {
+ public:
+  explicit ReturnsFile(const std::string& path) {
+    if (!path.empty()) {
+      file_ = std::make_unique<OutputFile>(path);
+      file_->write("packet,block,channel,laser,t_ns,azimuth_deg,range_m,reflectivity,surface\n");
+    }
+  }
+  bool wanted() const { return file_ != nullptr; }
+  void write(std::int64_t first, const std::vector<std::vector<Return>>& packets,
+             std::int64_t epoch_ns) {
+    std::string text;
+    for (std::size_t i = 0; i < packets.size(); ++i) {
+      for (const Return& r : packets[i]) {
+        char line[160];
+        std::snprintf(line, sizeof line, "%lld,%d,%d,%d,%lld,%.6f,%.3f,%d,%d\n",
+                      static_cast<long long>(first + static_cast<std::int64_t>(i)), r.block,
+                      r.channel, r.laser, static_cast<long long>(epoch_ns + r.time_ns),
+                      std::fmod(r.azimuth_deg, 360.0), r.range_m, r.reflectivity, r.surface);
+        text += line;
+      }
+    }
+    file_->write(text);
+  }
+  void close() {
+    if (file_) {
+      file_->close();
+    }
+  }
+
+ private:
+  std::unique_ptr<OutputFile> file_;
+};
+
+struct Chunk {
+  std::int64_t first = 0;
+  std::vector<DataPacket> packets;
+  std::vector<std::vector<Return>> returns;
+};
+
+void show_progress(const Options& options, double done_s, double whole_s) {
+  if (!options.quiet) {
+    std::fprintf(stderr, "\rsimulated %.1f of %.1f s", done_s, whole_s);
+  }
+}
+
+void run(const Options& options) {
+  const Sensor sensor(make_scene(options.world, options.scene), options.simulation);
+  const double duration_s = options.duration_s > 0.0
+                                ? std::min(options.duration_s, sensor.duration_s())
+                                : sensor.duration_s();
+  write_trajectory(options.truth, sensor, duration_s, false);
+  write_trajectory(options.truth_base, sensor, duration_s, true);
+  write_sweep_truth(options.truth_sweeps, sensor, duration_s);
+  write_imu(options.imu, sensor, duration_s);
+  std::vector<std::unique_ptr<Sink>> sinks = make_sinks(options);
+  ReturnsFile returns(options.returns);
+  if (sinks.empty() && !returns.wanted()) {
+    return;
+  }
+  FaultInjector faults(options.faults, options.simulation.epoch_ns);
+  const std::int64_t count = sensor.packet_count(duration_s);
+  const auto simulate = [&](std::int64_t first) {
+    Chunk chunk{first, {}, {}};
+    const std::int64_t size = std::min(kChunkPackets, count - first);
+    if (size > 0) {
+      chunk.packets = sensor.data_packets(first, size, options.threads,
+                                          returns.wanted() ? &chunk.returns : nullptr);
+    }
+    return chunk;
+  };
+  std::future<Chunk> next = std::async(std::launch::async, simulate, 0);
+  for (std::int64_t first = 0; first < count; first += kChunkPackets) {
+    const Chunk chunk = next.get();
+    next = std::async(std::launch::async, simulate, first + kChunkPackets);
+    const std::vector<Datagram> sent = faults.pass(datagrams(sensor, first, chunk.packets));
+    for (const auto& sink : sinks) {
+      sink->put(sent);
+    }
+    if (returns.wanted()) {
+      returns.write(first, chunk.returns, options.simulation.epoch_ns);
+    }
+    show_progress(options, static_cast<double>(first) * 1e-9 *
+                               static_cast<double>(sensor.packet_period_ns()), duration_s);
+  }
+  const std::vector<Datagram> rest = faults.flush();
+  for (const auto& sink : sinks) {
+    sink->put(rest);
+    sink->close();
+  }
+  returns.close();
+  write_faults(options.fault_log, faults.log());
+  show_progress(options, duration_s, duration_s);
+  if (!options.quiet) {
+    std::fprintf(stderr, ", %lld packets\n", static_cast<long long>(count));
+  }
+}
+
+}  // namespace
+}  // namespace zloam::simulator
+
+int main(int argc, char** argv) {
+  using namespace zloam::simulator;
+  Options options;
+  if (const auto code = parse_options(argc, argv, options)) {
+    return *code;
+  }
+  try {
+    run(options);
+  } catch (const std::invalid_argument& error) {
+    std::cerr << "zloam-simulator: " << error.what() << "\n";
+    return kUsageError;
+  } catch (const std::exception& error) {
+    std::cerr << "zloam-simulator: " << error.what() << "\n";
+    return kFailure;
+  }
+  return 0;
+}

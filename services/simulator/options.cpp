@@ -1,0 +1,180 @@
+#include "simulator/options.hpp"
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <iostream>
+#include <map>
+#include <numbers>
+
+namespace zloam::simulator {
+namespace {
+
+constexpr int kUsageError = 2;
+
+// Values that need a conversion after parsing.
+struct Raw {
+  std::string mode = "strongest";
+  std::string duration = "full";
+  std::string epoch;
+  std::array<double, 3> mount_xyz{};
+  std::array<double, 3> mount_rpy_deg{};
+  std::array<double, 3> shift{};
+  double turn_deg = 0.0;
+  std::string udp;
+};
+
+void add_world_options(CLI::App& app, Options& o, Raw& raw) {
+  app.add_option("--world", o.world, "Name of the world, see --list-worlds")->capture_default_str();
+  app.add_option("--seed", o.simulation.seed, "Seed of everything random")->capture_default_str();
+  app.add_option("--duration", raw.duration, "Seconds, or 'full' for the whole motion")
+      ->capture_default_str();
+  app.add_option("--speed-factor", o.scene.speed_factor, "Multiplies the greatest speed")
+      ->check(CLI::Range(0.05, 3.0))
+      ->capture_default_str();
+  app.add_option("--heading-deg", o.scene.heading_deg,
+                 "Turns the platform against its path, so that walls stand oblique to its axes")
+      ->capture_default_str();
+  app.add_option("--turn-deg", raw.turn_deg, "Turns world and truth about the vertical")
+      ->capture_default_str();
+  app.add_option("--shift", raw.shift, "Shifts world and truth: x y z in m")->expected(3);
+  app.add_option("--mount-xyz", raw.mount_xyz, "Place of the lidar in base_link: x y z in m")
+      ->expected(3);
+  app.add_option("--mount-rpy-deg", raw.mount_rpy_deg, "Its roll pitch yaw in degrees")
+      ->expected(3);
+}
+
+void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
+  SensorConfig& s = o.simulation.sensor;
+  app.add_option("--mode", raw.mode, "Return mode")
+      ->check(CLI::IsMember({"strongest", "last", "dual"}))
+      ->capture_default_str();
+  app.add_option("--rpm", s.rotation_rpm, "Turns per minute")
+      ->check(CLI::Range(300.0, 1200.0))
+      ->capture_default_str();
+  app.add_option("--start-azimuth-deg", s.start_azimuth_deg, "Rotor's angle at the start")
+      ->capture_default_str();
+  app.add_option("--speed-deviation", s.speed_deviation, "Part by which the motor's speed wanders")
+      ->capture_default_str();
+  app.add_option("--noise", s.noise_sigma_m, "Range noise, 1 sigma, m")->capture_default_str();
+  app.add_option("--dropout", s.dropout, "Part of the returns lost")->capture_default_str();
+  app.add_option("--min-range", s.min_range_m, "m")->capture_default_str();
+  app.add_option("--max-range", s.max_range_m, "m")->capture_default_str();
+  app.add_option("--detection", s.detection_reflectivity,
+                 "Reflectivity in percent just seen at the greatest range; 0: all is seen")
+      ->capture_default_str();
+  app.add_option("--laser-bias", s.range_bias_sigma_m, "Constant range error of each laser, 1 sigma")
+      ->capture_default_str();
+  app.add_option("--divergence-mrad", s.divergence_mrad,
+                 "Full beam angle; above 0: mixed pixels, and second returns in mode dual")
+      ->capture_default_str();
+  app.add_option("--epoch", raw.epoch, "UTC at the start, default 2024-01-01T00:00:10");
+}
+
+void add_outputs(CLI::App& app, Options& o, Raw& raw) {
+  app.add_option("--out", o.pcap, "Capture file (pcap)");
+  app.add_flag("--nanoseconds", o.nanoseconds, "Capture file with nanosecond stamps");
+  app.add_option("--bin", o.payloads, "File of bare data payloads end to end");
+  app.add_option("--truth", o.truth, "Trajectory of the lidar, TUM, 200 Hz");
+  app.add_option("--truth-base", o.truth_base, "Trajectory of base_link, TUM, 200 Hz");
+  app.add_option("--truth-sweeps", o.truth_sweeps,
+                 "Pose of the lidar each time the rotor passes 0 degrees, TUM");
+  app.add_option("--imu", o.imu, "Ideal inertial measurements of base_link at 200 Hz, CSV");
+  app.add_option("--returns", o.returns, "All returns as they were encoded, CSV (large)");
+  app.add_option("--udp", raw.udp, "Send live to ADDRESS or ADDRESS:PORT");
+  app.add_option("--udp-position-port", o.udp_position_port, "Port of the position packets")
+      ->capture_default_str();
+  app.add_option("--rate", o.rate, "Speed of sending against real time")
+      ->check(CLI::Range(0.01, 1000.0))
+      ->capture_default_str();
+  app.add_option("--threads", o.threads, "Threads; the output does not depend on it")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  app.add_flag("--quiet", o.quiet, "No progress line");
+}
+
+void add_faults(CLI::App& app, Options& o) {
+  FaultConfig& f = o.faults;
+  app.add_option("--lose", f.loss, "Part of the data packets lost");
+  app.add_option("--duplicate", f.duplication, "Part sent twice");
+  app.add_option("--delay", f.delay, "Part sent late");
+  app.add_option("--delay-packets", f.delay_packets, "How many packets late")
+      ->capture_default_str();
+  app.add_option("--corrupt", f.corruption, "Part with wrong bytes");
+  app.add_option("--cut", f.wrong_length, "Part cut short");
+  app.add_option("--gap-start", f.gap_start_s, "Silence from here, s");
+  app.add_option("--gap", f.gap_s, "for so long, s");
+  app.add_option("--clock-step-at", f.clock_step_at_s, "The sensor's clock steps here, s");
+  app.add_option("--clock-step", f.clock_step_s, "by so much, s");
+  app.add_option("--fault-log", o.fault_log, "CSV of what was done to which packet");
+}
+
+void convert(const Raw& raw, Options& o) {
+  const std::map<std::string, ReturnMode> modes = {{"strongest", ReturnMode::kStrongest},
+                                                   {"last", ReturnMode::kLast},
+                                                   {"dual", ReturnMode::kDual}};
+  constexpr double kBeamMrad = 3.0;  // of the VLP-16
+  o.simulation.sensor.mode = modes.at(raw.mode);
+  if (raw.mode == "dual" && o.simulation.sensor.divergence_mrad <= 0.0) {
+    o.simulation.sensor.divergence_mrad = kBeamMrad;
+  }
+  if (raw.duration != "full") {
+    std::size_t used = 0;
+    o.duration_s = std::stod(raw.duration, &used);
+    if (used != raw.duration.size() || !(o.duration_s > 0.0)) {
+      throw std::invalid_argument("duration");
+    }
+  }
+  if (!raw.epoch.empty()) {
+    o.simulation.epoch_ns = parse_utc(raw.epoch);
+  }
+  o.simulation.T_base_lidar = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.mount_xyz.data()),
+                                                    Eigen::Vector3d(raw.mount_rpy_deg.data()));
+  o.simulation.T_truth_world = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.shift.data()),
+                                                     Eigen::Vector3d(0.0, 0.0, raw.turn_deg));
+  o.scene.seed = o.simulation.seed;
+  o.faults.seed = o.simulation.seed;
+  const std::size_t colon = raw.udp.find(':');
+  o.udp_address = raw.udp.substr(0, colon);
+  if (colon != std::string::npos) {
+    const int port = std::stoi(raw.udp.substr(colon + 1));
+    if (port < 1 || port > 65535) {
+      throw std::invalid_argument("port");
+    }
+    o.udp_port = static_cast<std::uint16_t>(port);
+  }
+}
+
+}  // namespace
+
+std::optional<int> parse_options(int argc, char** argv, Options& options) {
+  CLI::App app("Virtual VLP-16 in a virtual world: packets and the truth they came from",
+               "zloam-simulator");
+  Raw raw;
+  bool list = false;
+  app.set_version_flag("--version", std::string("zloam-simulator ") + ZLOAM_VERSION);
+  app.add_flag("--list-worlds", list, "Names and descriptions of the worlds");
+  add_world_options(app, options, raw);
+  add_sensor_options(app, options, raw);
+  add_outputs(app, options, raw);
+  add_faults(app, options);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kUsageError;
+  }
+  if (list) {
+    for (const SceneInfo& info : scene_list()) {
+      std::cout << info.name << "\t" << info.description << "\n";
+    }
+    return 0;
+  }
+  try {
+    convert(raw, options);
+  } catch (const std::exception& error) {
+    std::cerr << "zloam-simulator: wrong value on the command line: " << error.what() << "\n";
+    return kUsageError;
+  }
+  return std::nullopt;
+}
+
+}  // namespace zloam::simulator

@@ -1,0 +1,35 @@
+#pragma once
+// The program's command line.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "simulator/faults.hpp"
+#include "simulator/scenes.hpp"
+#include "simulator/sensor.hpp"
+
+namespace zloam::simulator {
+
+struct Options {
+  std::string world = "city";
+  SceneOptions scene;
+  SimulationConfig simulation;
+  FaultConfig faults;
+  double duration_s = 0.0;  ///< 0: the whole motion
+  int threads = 2;
+  bool quiet = false;
+  bool nanoseconds = false;
+  std::string pcap, payloads, returns, fault_log;
+  std::string truth, truth_base, truth_sweeps, imu;
+  std::string udp_address;
+  std::uint16_t udp_port = vlp16::kDataPort;
+  std::uint16_t udp_position_port = vlp16::kPositionPort;
+  double rate = 1.0;
+};
+
+/// Exit code if the program is to end at once (help, version, list or an error, all of it already
+/// printed); else the options are filled in.
+std::optional<int> parse_options(int argc, char** argv, Options& options);
+
+}  // namespace zloam::simulator

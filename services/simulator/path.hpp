@@ -1,0 +1,53 @@
+#pragma once
+// Way points to a smooth path in the plane, and a drive along it to a trajectory.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "simulator/trajectory.hpp"
+
+namespace zloam::simulator {
+
+using Polyline = std::vector<Eigen::Vector2d>;
+
+/// A path given by points at equal spacing; curvature is continuous.
+struct Path {
+  double spacing_m = 0.01;
+  Polyline points;
+  double length_m() const { return spacing_m * static_cast<double>(points.size() - 1); }
+  Eigen::Vector2d at(double s_m) const;
+  /// Direction of travel, rad, continuous along the path (not wrapped).
+  std::vector<double> headings() const;
+};
+
+/// Rounds the corners of the way points with the given radius and smooths the curvature over
+/// smoothing_m. A closed path starts and ends at the first way point, which should lie on a
+/// straight stretch.
+Path smooth_path(const Polyline& way_points, double corner_radius_m, double smoothing_m,
+                 bool closed);
+
+/// How the platform follows a path.
+struct Drive {
+  double max_speed_m_s = 7.5;
+  double max_lateral_m_s2 = 1.3;
+  double acceleration_m_s2 = 1.5;
+  double speed_variation = 0.2;  ///< part by which the speed wanders
+  double still_s = 2.0;          ///< standing still at the start, before anything moves
+  double height_m = 1.9;         ///< of the sensor over the ground
+  double roll_deg = 0.6;         ///< amplitudes of the swaying
+  double pitch_deg = 0.7;
+  double bob_m = 0.03;
+  double sway_hz = 0.9;
+  double yaw_swing_deg = 0.0;   ///< amplitude of turning the platform to and fro while moving
+  double yaw_swing_hz = 0.0;
+  double heading_deg = 0.0;     ///< constant turn of the platform against the path
+  std::function<double(double, double)> ground;  ///< height at x, y; absent: 0
+};
+
+/// The trajectory of the sensor's mounting point along the path: stands still for still_s, drives,
+/// slows down to a stop and stands for half a second.
+Trajectory drive(const Path& path, const Drive& options, std::uint64_t seed);
+
+}  // namespace zloam::simulator

@@ -1,0 +1,53 @@
+#include "simulator/scenes.hpp"
+
+#include <functional>
+#include <stdexcept>
+
+namespace zloam::simulator {
+namespace {
+
+struct Entry {
+  SceneInfo info;
+  std::function<Scene(const SceneOptions&)> make;
+};
+
+const std::vector<Entry>& entries() {
+  static const std::vector<Entry> all = {
+      {{"city", "closed loop of 390 m through streets, up to 7.5 m/s"}, city_scene},
+      {{"indoor", "closed loop of 100 m through corridors and furnished rooms, walking"},
+       indoor_scene},
+      {{"handheld", "furnished hall, sensor in the hand, turning at up to 190 deg/s"},
+       handheld_scene},
+      {{"tunnel", "90 m of smooth tunnel: nothing tells how far one came"},
+       [](const SceneOptions& options) { return tunnel_scene(options, false); }},
+      {{"tunnel_weak", "90 m of tunnel with shallow pilasters"},
+       [](const SceneOptions& options) { return tunnel_scene(options, true); }},
+      {{"flat", "closed loop of 170 m in a yard, motion strictly in the plane"}, flat_scene},
+      {{"field", "closed loop of 200 m over an open field with a few posts and bushes"},
+       field_scene},
+      {{"park", "closed loop of 160 m among trees, hedges and boulders: no planes but rough ground"},
+       park_scene},
+  };
+  return all;
+}
+
+}  // namespace
+
+std::vector<SceneInfo> scene_list() {
+  std::vector<SceneInfo> out;
+  for (const Entry& entry : entries()) {
+    out.push_back(entry.info);
+  }
+  return out;
+}
+
+std::shared_ptr<const Scene> make_scene(const std::string& name, const SceneOptions& options) {
+  for (const Entry& entry : entries()) {
+    if (entry.info.name == name) {
+      return std::make_shared<const Scene>(entry.make(options));
+    }
+  }
+  throw std::invalid_argument("unknown world '" + name + "'");
+}
+
+}  // namespace zloam::simulator

@@ -1,0 +1,40 @@
+#pragma once
+// The worlds that come with the simulator, each with a motion through it.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "simulator/sensor.hpp"
+
+namespace zloam::simulator {
+
+struct SceneOptions {
+  std::uint64_t seed = 1;    ///< of everything that is placed at random, and of the motion
+  double heading_deg = 0.0;  ///< turns the platform against its path, and so the walls against the
+                             ///< axes of its first pose
+  double speed_factor = 1.0;
+};
+
+struct SceneInfo {
+  std::string name;
+  std::string description;
+};
+
+/// All names that make_scene knows.
+std::vector<SceneInfo> scene_list();
+
+/// Throws std::invalid_argument for an unknown name.
+std::shared_ptr<const Scene> make_scene(const std::string& name, const SceneOptions& options);
+
+/// The single worlds; same as make_scene with their names.
+Scene city_scene(const SceneOptions& options);
+Scene indoor_scene(const SceneOptions& options);
+Scene handheld_scene(const SceneOptions& options);
+Scene tunnel_scene(const SceneOptions& options, bool with_faces);
+Scene flat_scene(const SceneOptions& options);
+Scene field_scene(const SceneOptions& options);
+Scene park_scene(const SceneOptions& options);
+
+}  // namespace zloam::simulator

@@ -1,0 +1,126 @@
+#pragma once
+// The virtual sensor: casts every laser of every firing from the pose at its own instant and writes
+// the packets. Times are integer nanoseconds after the start of the simulation; the capture clock
+// adds epoch_ns.
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+#include "simulator/trajectory.hpp"
+#include "simulator/vlp16.hpp"
+#include "simulator/world.hpp"
+
+namespace zloam::simulator {
+
+/// A world and a motion through it. The trajectory is that of the mounting point (where the lidar
+/// sits), upright axes of the platform.
+struct Scene {
+  World world;
+  Trajectory trajectory;
+};
+
+struct SensorConfig {
+  ReturnMode mode = ReturnMode::kStrongest;
+  double rotation_rpm = 600.0;  ///< 300 to 1200
+  double start_azimuth_deg = 0.0;
+  /// The motor's speed wanders by this part, over periods of 5 s.
+  double speed_deviation = 1e-3;
+  double noise_sigma_m = 0.02;  ///< of the range
+  double noise_limit_sigmas = 4.0;
+  double dropout = 0.01;  ///< part of the returns that are lost at random
+  double min_range_m = 0.5;
+  double max_range_m = 100.0;
+  /// A surface of so much reflectivity (percent), seen perpendicularly, is just detected at
+  /// max_range_m; darker, farther or more slanted ones are not. 0: everything is detected.
+  double detection_reflectivity = 10.0;
+  double reflectivity_sigma = 3.0;
+  double range_bias_sigma_m = 0.0;  ///< constant offset of each laser, drawn once
+  /// Full angle of the beam. Above 0, five rays per firing find second returns and mixed pixels.
+  double divergence_mrad = 0.0;
+};
+
+struct SimulationConfig {
+  SensorConfig sensor;
+  std::uint64_t seed = 1;
+  std::int64_t epoch_ns = 1'704'067'210'000'000'000;  ///< 2024-01-01T00:00:10 UTC
+  /// Carries points of the lidar into the base. The lidar's place stays that of the trajectory.
+  Pose T_base_lidar = Pose::Identity();
+  /// Turns and shifts the frame of the truth.
+  Pose T_truth_world = Pose::Identity();
+};
+
+/// One return as it was encoded, before any decoding.
+struct Return {
+  std::int64_t time_ns;  ///< of the firing, after the start
+  double azimuth_deg;    ///< of the rotor at the firing, not rounded
+  double range_m;        ///< in whole units of 2 mm
+  std::uint8_t block;
+  std::uint8_t channel;
+  std::uint8_t laser;
+  std::uint8_t reflectivity;
+  int surface;  ///< as in Hit
+};
+
+struct DataPacket {
+  std::int64_t time_ns = 0;  ///< of the first firing, after the start
+  vlp16::DataBytes bytes{};
+};
+
+class Sensor {
+ public:
+  /// Throws std::invalid_argument for settings outside their limits.
+  Sensor(std::shared_ptr<const Scene> scene, const SimulationConfig& config);
+
+  const SimulationConfig& config() const { return config_; }
+  const Scene& scene() const { return *scene_; }
+
+  /// Packets that begin within the duration (s).
+  std::int64_t packet_count(double duration_s) const;
+  std::int64_t packet_period_ns() const { return vlp16::packet_ns(config_.sensor.mode); }
+  double duration_s() const { return scene_->trajectory.duration_s(); }
+
+  /// Packet number index, from 0. Depends on nothing but the scene, the configuration and index;
+  /// may be called from several threads. Appends what was measured to returns, if given.
+  DataPacket data_packet(std::int64_t index, std::vector<Return>* returns = nullptr) const;
+
+  /// Packets [first, first + count), made by the given number of threads; the result is the same
+  /// for any number. returns, if given, gets one list per packet.
+  std::vector<DataPacket> data_packets(std::int64_t first, std::int64_t count, int threads,
+                                       std::vector<std::vector<Return>>* returns = nullptr) const;
+
+  /// The position packet that follows data packet index (one after every kDataPerPosition).
+  vlp16::PositionBytes position_packet(std::int64_t index) const;
+
+  /// Angle of the rotor, degrees clockwise since the start, not wrapped.
+  double rotor_deg(double time_s) const;
+  /// Instant at which the rotor stands at this angle (degrees, not wrapped), s after the start.
+  double rotor_time_s(double angle_deg) const;
+
+  /// Truth, in the truth's frame, at a time after the start (s).
+  Pose T_truth_lidar(double time_s) const;
+  Pose T_truth_base(double time_s) const;
+
+ private:
+  struct Shot;
+  struct Echo;
+  struct Echoes;
+  Shot shot(const MotionState& body, std::int64_t sequence_ns, int laser) const;
+  Echoes measure(const Shot& shot) const;
+  Echoes detect(std::span<Echo> echoes) const;
+  Echo cast(const Ray& ray, double weight) const;
+  void sequence(std::int64_t sequence_ns, int group, int half, DataPacket& packet,
+                std::vector<Return>* returns) const;
+  void write(const Echo& echo, const Shot& shot, int block, int channel, DataPacket& packet,
+             std::vector<Return>* returns) const;
+
+  std::shared_ptr<const Scene> scene_;
+  SimulationConfig config_;
+  std::array<double, vlp16::kLasers> cos_elevation_;
+  std::array<double, vlp16::kLasers> sin_elevation_;
+  std::array<double, vlp16::kLasers> bias_m_;
+};
+
+}  // namespace zloam::simulator

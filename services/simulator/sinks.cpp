@@ -1,0 +1,155 @@
+#include "simulator/sinks.hpp"
+
+#include <arpa/inet.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <optional>
+#include <stdexcept>
+#include <thread>
+
+namespace zloam::simulator {
+namespace {
+
+class PcapSink : public Sink {
+ public:
+  PcapSink(const std::string& path, bool nanoseconds) : file_(path), nanoseconds_(nanoseconds) {
+    const std::vector<std::uint8_t> header = pcap_header(nanoseconds);
+    file_.write(header.data(), header.size());
+  }
+  void put(std::span<const Datagram> datagrams) override {
+    std::vector<std::uint8_t> bytes;
+    for (const Datagram& datagram : datagrams) {
+      append_pcap_record(datagram, nanoseconds_, bytes);
+    }
+    file_.write(bytes.data(), bytes.size());
+  }
+  void close() override { file_.close(); }
+
+ private:
+  OutputFile file_;
+  bool nanoseconds_;
+};
+
+class PayloadSink : public Sink {
+ public:
+  explicit PayloadSink(const std::string& path) : file_(path) {}
+  void put(std::span<const Datagram> datagrams) override {
+    for (const Datagram& datagram : datagrams) {
+      if (datagram.is_data()) {
+        file_.write(datagram.payload.data(), datagram.payload.size());
+      }
+    }
+  }
+  void close() override { file_.close(); }
+
+ private:
+  OutputFile file_;
+};
+
+class UdpSink : public Sink {
+ public:
+  UdpSink(const std::string& address, std::uint16_t port, std::uint16_t position_port, double rate)
+      : rate_(rate) {
+    for (sockaddr_in* target : {&data_, &position_}) {
+      target->sin_family = AF_INET;
+      if (inet_pton(AF_INET, address.c_str(), &target->sin_addr) != 1) {
+        throw std::runtime_error("'" + address + "' is not an IPv4 address");
+      }
+    }
+    data_.sin_port = htons(port);
+    position_.sin_port = htons(position_port);
+    socket_ = socket(AF_INET, SOCK_DGRAM, 0);
+    const int yes = 1;
+    if (socket_ < 0 || setsockopt(socket_, SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes) != 0) {
+      throw std::runtime_error(std::string("no UDP socket: ") + std::strerror(errno));
+    }
+  }
+  ~UdpSink() override {
+    if (socket_ >= 0) {
+      ::close(socket_);
+    }
+  }
+  void put(std::span<const Datagram> datagrams) override {
+    for (const Datagram& datagram : datagrams) {
+      wait_for(datagram.sent_ns);
+      const sockaddr_in& target = datagram.is_data() ? data_ : position_;
+      const ssize_t sent = sendto(socket_, datagram.payload.data(), datagram.payload.size(), 0,
+                                  reinterpret_cast<const sockaddr*>(&target), sizeof target);
+      // A receiver that is not there (yet) is no error for a sensor that broadcasts.
+      if (sent < 0 && errno != ECONNREFUSED) {
+        throw std::runtime_error(std::string("sending failed: ") + std::strerror(errno));
+      }
+    }
+  }
+  void close() override {}
+
+ private:
+  void wait_for(std::int64_t sent_ns) {
+    using Clock = std::chrono::steady_clock;
+    if (!first_ns_) {
+      first_ns_ = sent_ns;
+      start_ = Clock::now();
+    }
+    const double after_ns = static_cast<double>(sent_ns - *first_ns_) / rate_;
+    std::this_thread::sleep_until(
+        start_ + std::chrono::nanoseconds(static_cast<std::int64_t>(after_ns)));
+  }
+
+  double rate_;
+  int socket_ = -1;
+  sockaddr_in data_{};
+  sockaddr_in position_{};
+  std::optional<std::int64_t> first_ns_;
+  std::chrono::steady_clock::time_point start_;
+};
+
+}  // namespace
+
+OutputFile::OutputFile(std::string path)
+    : path_(std::move(path)),
+      temporary_(path_ + ".part"),
+      stream_(temporary_, std::ios::binary | std::ios::trunc) {
+  if (!stream_) {
+    throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
+  }
+}
+
+OutputFile::~OutputFile() {
+  if (stream_.is_open()) {
+    stream_.close();
+    std::remove(temporary_.c_str());
+  }
+}
+
+void OutputFile::write(const void* data, std::size_t size) {
+  if (!stream_.write(static_cast<const char*>(data), static_cast<std::streamsize>(size))) {
+    throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
+  }
+}
+
+void OutputFile::close() {
+  stream_.close();
+  if (!stream_ || std::rename(temporary_.c_str(), path_.c_str()) != 0) {
+    throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
+  }
+}
+
+std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds) {
+  return std::make_unique<PcapSink>(path, nanoseconds);
+}
+
+std::unique_ptr<Sink> payload_sink(const std::string& path) {
+  return std::make_unique<PayloadSink>(path);
+}
+
+std::unique_ptr<Sink> udp_sink(const std::string& address, std::uint16_t port,
+                               std::uint16_t position_port, double rate) {
+  return std::make_unique<UdpSink>(address, port, position_port, rate);
+}
+
+}  // namespace zloam::simulator

@@ -1,0 +1,47 @@
+#pragma once
+// Where datagrams go: files and the network. Part of the program, not of the library.
+
+#include <fstream>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "simulator/capture.hpp"
+
+namespace zloam::simulator {
+
+/// Throws std::runtime_error when something cannot be written.
+class Sink {
+ public:
+  virtual ~Sink() = default;
+  virtual void put(std::span<const Datagram> datagrams) = 0;
+  virtual void close() = 0;
+};
+
+/// A file that appears under its name only when it is complete.
+class OutputFile {
+ public:
+  explicit OutputFile(std::string path);
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+  void write(const void* data, std::size_t size);
+  void write(const std::string& text) { write(text.data(), text.size()); }
+  void close();
+
+ private:
+  std::string path_;
+  std::string temporary_;
+  std::ofstream stream_;
+};
+
+std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds);
+/// Data payloads end to end.
+std::unique_ptr<Sink> payload_sink(const std::string& path);
+/// Sends to an IPv4 address, paced so that `rate` seconds of the simulation pass in one second; data
+/// packets to `port`, position packets to position_port.
+std::unique_ptr<Sink> udp_sink(const std::string& address, std::uint16_t port,
+                               std::uint16_t position_port, double rate);
+
+}  // namespace zloam::simulator
