@@ -1,0 +1,354 @@
+#include "driver/sweep/assembler.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::driver {
+namespace {
+
+// A packet older than this is not late: the sensor's clock was set.
+constexpr std::int64_t kClockStepUs = 500'000;
+// The encoder may step back a little; that is no turn.
+constexpr int kJitterCdeg = 1000;
+// Two edges of a restricted field of view within this are the same.
+constexpr int kViewEdgeCdeg = 100;
+// Turned less than this, the speed within the packet tells the period better.
+constexpr int kMeasurableTurnCdeg = 1000;
+
+int wrapped(std::int64_t cdeg) {
+  const auto rest = static_cast<int>(cdeg % kTurnCdeg);
+  return rest < 0 ? rest + kTurnCdeg : rest;
+}
+
+int apart(int a_cdeg, int b_cdeg) {
+  const int forward = wrapped(a_cdeg - b_cdeg);
+  return std::min(forward, kTurnCdeg - forward);
+}
+
+int first_azimuth(std::span<const std::uint8_t> payload) { return payload[2] | (payload[3] << 8); }
+
+}  // namespace
+
+std::vector<std::pair<std::string_view, std::uint64_t>> PacketCounts::named() const {
+  return {{"packets_received", received},
+          {"packets_decoded", decoded},
+          {"points", points},
+          {"packets_short", too_short},
+          {"packets_foreign", foreign},
+          {"packets_unknown_model", unknown_model},
+          {"packets_model_mismatch", model_mismatch},
+          {"packets_unknown_mode", unknown_mode},
+          {"packets_bad_time", bad_time},
+          {"packets_duplicate", duplicate},
+          {"packets_late", late},
+          {"packets_lost", lost},
+          {"packets_reordered", reordered},
+          {"blocks_bad", bad_blocks},
+          {"clock_steps", clock_steps}};
+}
+
+SweepAssembler::SweepAssembler(const DecoderConfig& decoder, const AssemblerConfig& config)
+    : config_(config),
+      seam_cdeg_(wrapped(std::llround(100.0 * config.seam_azimuth_deg))),
+      decoder_(decoder),
+      clock_(config.clock_mode) {}
+
+bool SweepAssembler::accepted(const PacketTail& tail) {
+  switch (tail.reject) {
+    case Reject::kNone:
+      return true;
+    case Reject::kShort:
+      ++counts_.too_short;
+      return false;
+    case Reject::kForeign:
+      ++counts_.foreign;
+      return false;
+    case Reject::kUnknownModel:
+      ++counts_.unknown_model;
+      return false;
+    case Reject::kModelMismatch:
+      ++counts_.model_mismatch;
+      return false;
+    case Reject::kUnknownMode:
+      ++counts_.unknown_mode;
+      return false;
+    case Reject::kBadTime:
+      ++counts_.bad_time;
+      return false;
+  }
+  return false;
+}
+
+void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t received_ns) {
+  ++counts_.received;
+  const PacketTail tail = decoder_.tail(payload);
+  if (!accepted(tail)) return;
+  const Packet packet{payload, tail, received_ns};
+  if (started_) {
+    order(packet);
+    return;
+  }
+  // The first two may have changed places.
+  if (hold(packet) && held_.size() > 1) process_first_held();
+}
+
+void SweepAssembler::process_first_held() {
+  const Held first = held_.front();
+  held_.erase(held_.begin());
+  restart({first.payload, first.tail, first.received_ns});
+  release_contiguous();
+}
+
+void SweepAssembler::order(const Packet& packet) {
+  const std::int64_t ahead_us = toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  if (clock_stepped(packet, ahead_us)) {
+    release_held(0);
+    ++counts_.clock_steps;
+    restart(packet);
+  } else if (ahead_us == 0) {
+    ++counts_.duplicate;
+  } else if (ahead_us < 0) {
+    ++counts_.late;
+  } else if (contiguous(packet)) {
+    if (!held_.empty()) ++counts_.reordered;
+    process(packet, 1000 * ahead_us);
+    release_contiguous();
+  } else if (hold(packet)) {
+    release_held(static_cast<std::size_t>(std::max(config_.reorder_packets, 0)));
+  }
+}
+
+bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) const {
+  if (ahead_us < -kClockStepUs) return true;
+  if (packet.received_ns == 0 || last_received_ns_ == 0) return false;
+  const std::int64_t waited_us = (packet.received_ns - last_received_ns_) / 1000;
+  return std::abs(ahead_us - waited_us) > kClockStepUs;
+}
+
+bool SweepAssembler::across_view_gap(std::span<const std::uint8_t> payload) const {
+  if (view_gap_from_cdeg_ < 0) return false;
+  return apart(last_azimuth_cdeg_, view_gap_from_cdeg_) < kViewEdgeCdeg &&
+         apart(first_azimuth(payload), view_gap_to_cdeg_) < kViewEdgeCdeg;
+}
+
+bool SweepAssembler::contiguous(const Packet& packet) const {
+  const std::int64_t ahead_ns = 1000 * toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  return ahead_ns < expected_ahead_ns_ + decoder_.packet_period_ns(packet.tail.mode) / 2 ||
+         across_view_gap(packet.payload);
+}
+
+/// Keeps the packet, in order of time; false for one that is already there.
+bool SweepAssembler::hold(const Packet& packet) {
+  const auto place = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
+    return toh_difference_us(held.tail.toh_us, packet.tail.toh_us) >= 0;
+  });
+  if (place != held_.end()) {
+    if (place->tail.toh_us == packet.tail.toh_us) {
+      ++counts_.duplicate;
+      return false;
+    }
+    ++counts_.reordered;
+  }
+  Held held;
+  std::copy(packet.payload.begin(), packet.payload.end(), held.payload.begin());
+  held.tail = packet.tail;
+  held.received_ns = packet.received_ns;
+  held_.insert(place, held);
+  return true;
+}
+
+void SweepAssembler::release_held(std::size_t keep) {
+  while (held_.size() > keep) {
+    const Held held = held_.front();
+    held_.erase(held_.begin());
+    process({held.payload, held.tail, held.received_ns},
+            1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+    release_contiguous();
+  }
+}
+
+void SweepAssembler::release_contiguous() {
+  while (!held_.empty()) {
+    const Held held = held_.front();
+    const Packet packet{held.payload, held.tail, held.received_ns};
+    if (!contiguous(packet)) return;
+    held_.erase(held_.begin());
+    process(packet, 1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+  }
+}
+
+/// Begins anew with this packet; the sensor's own time goes on, so that stamps stay ascending.
+void SweepAssembler::restart(const Packet& packet) {
+  close(false);
+  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
+  const std::int64_t ahead_ns = started_ ? expected_ahead_ns_ : 0;
+  clock_.anchor(sensor_ns_ + ahead_ns, packet.tail.toh_us, packet.received_ns, period_ns);
+  started_ = true;
+  last_received_ns_ = packet.received_ns;
+  view_gap_from_cdeg_ = -1;
+  expected_ahead_ns_ = ahead_ns;
+  process(packet, ahead_ns);
+}
+
+std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
+  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
+  const std::int64_t beyond_ns = ahead_ns - expected_ahead_ns_ + period_ns / 2;
+  if (beyond_ns < period_ns || across_view_gap(packet.payload)) return 0;
+  return beyond_ns / period_ns;
+}
+
+void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
+  const std::int64_t missing = missing_before(packet, ahead_ns);
+  counts_.lost += static_cast<std::uint64_t>(missing);
+  if (open_) sweep_.packets_lost += static_cast<std::uint32_t>(missing);
+
+  sensor_ns_ += ahead_ns;
+  last_toh_us_ = packet.tail.toh_us;
+  last_received_ns_ = packet.received_ns;
+  const PacketPlan plan = decoder_.plan(packet.payload, packet.tail.mode);
+  clock_.observe(sensor_ns_, packet.received_ns, plan.duration_ns);
+  counts_.bad_blocks += static_cast<std::uint64_t>(plan.bad_blocks);
+  ++counts_.decoded;
+  expected_ahead_ns_ = plan.duration_ns;
+  packet_counted_ = false;
+  decode_groups(plan, sensor_ns_, packet.received_ns);
+}
+
+void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_ns,
+                                   std::int64_t received_ns) {
+  const auto group_ns = static_cast<std::int64_t>(decoder_.table()->group_ns);
+  for (int g = 0; g < plan.groups; ++g) {
+    if (!plan.group[g].valid) continue;
+    std::int64_t time_ns = packet_ns + plan.group[g].offset_ns;
+    // A view's gap passed a little faster than thought, or a damaged stamp: the points stay in time
+    // order. All firings of a group lie in its first seven eighths.
+    if (open_ && time_ns < last_group_ns_ + group_ns * 7 / 8) time_ns = last_group_ns_ + group_ns;
+    if (plan.gap_before_group == g && g > 0) {
+      view_gap_from_cdeg_ = plan.group[g - 1].azimuth_cdeg;
+      view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;
+    }
+    advance_to(plan.group[g].azimuth_cdeg, time_ns, plan.advance_cdeg);
+    if (!packet_counted_) ++sweep_.packets;
+    packet_counted_ = true;
+    sweep_.return_mode = plan.mode;
+    sweep_.last_packet_ns = received_ns;
+    append_group(plan, g, time_ns);
+    last_azimuth_cdeg_ = plan.group[g].azimuth_cdeg;
+  }
+  last_advance_cdeg_ = plan.advance_cdeg;
+}
+
+/// Cuts before this group when it has passed the seam, or when no cut came for too long.
+void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg) {
+  const int phase_cdeg = wrapped(azimuth_cdeg - seam_cdeg_);
+  if (!open_) {
+    open(time_ns, phase_cdeg, false);
+    return;
+  }
+  const int forward_cdeg = wrapped(phase_cdeg - phase_cdeg_);
+  const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
+  const double expected_cdeg =
+      advance_cdeg * static_cast<double>(time_ns - last_group_ns_) / decoder_.table()->group_ns;
+  const bool missed_turn = expected_cdeg - forward_cdeg > kTurnCdeg / 2.0 && !backwards;
+  const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
+  if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
+    close(at_seam);
+    open(time_ns, phase_cdeg, at_seam);
+    return;
+  }
+  last_group_ns_ = time_ns;
+  if (backwards) return;
+  turned_cdeg_ += forward_cdeg;
+  phase_cdeg_ = phase_cdeg;
+}
+
+void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_t time_ns) {
+  const std::size_t room = used_ + decoder_.max_points_per_group() + 1;
+  if (sweep_.points.size() < room) {
+    const std::size_t size =
+        std::max(room + 16 * kMaxPointsPerPacket, 3 * sweep_.points.size() / 2);
+    sweep_.points.resize(size);
+    sweep_.columns.resize(size);
+  }
+  if (sweep_.columns.size() < sweep_.points.size()) sweep_.columns.resize(sweep_.points.size());
+  const ModelTable& table = *decoder_.table();
+  const auto groups = static_cast<std::int64_t>(
+      static_cast<double>(time_ns - first_group_ns_) / table.group_ns + 0.5);
+  const auto column =
+      static_cast<std::uint16_t>(std::min<std::int64_t>(groups * table.columns_per_group, 65000));
+  Point* const out = sweep_.points.data() + used_;
+  const bool first = used_ == 0;
+  const std::uint32_t after_base_ns = first ? 0 : static_cast<std::uint32_t>(time_ns - base_ns_);
+  const std::size_t count =
+      decoder_.decode_group(plan, group, after_base_ns, column, out, sweep_.columns.data() + used_);
+  if (first && count > 0) {
+    const std::uint32_t shift_ns = out[0].time_ns;
+    for (std::size_t i = 0; i < count; ++i) out[i].time_ns -= shift_ns;
+    base_ns_ = time_ns + shift_ns;
+  }
+  used_ += count;
+  counts_.points += count;
+}
+
+void SweepAssembler::open(std::int64_t time_ns, int phase_cdeg, bool at_seam) {
+  clock_.advance(time_ns);
+  if (!spare_.empty()) {
+    std::swap(sweep_.points, spare_.back().points);
+    std::swap(sweep_.columns, spare_.back().columns);
+    spare_.pop_back();
+  }
+  sweep_.packets = 0;
+  sweep_.packets_lost = 0;
+  open_ = true;
+  began_at_seam_ = at_seam;
+  packet_counted_ = false;
+  used_ = 0;
+  base_ns_ = time_ns;
+  first_group_ns_ = time_ns;
+  last_group_ns_ = time_ns;
+  phase_cdeg_ = phase_cdeg;
+  turned_cdeg_ = 0;
+}
+
+std::uint32_t SweepAssembler::measured_period_ns() const {
+  const auto time_ns = static_cast<double>(last_group_ns_ - first_group_ns_);
+  if (turned_cdeg_ >= kMeasurableTurnCdeg && time_ns > 0.0) {
+    return static_cast<std::uint32_t>(std::llround(time_ns * kTurnCdeg / turned_cdeg_));
+  }
+  if (last_period_ns_ != 0 || last_advance_cdeg_ <= 0.0) return last_period_ns_;
+  return static_cast<std::uint32_t>(
+      std::llround(decoder_.table()->group_ns * kTurnCdeg / last_advance_cdeg_));
+}
+
+void SweepAssembler::close(bool at_seam) {
+  if (!open_) return;
+  open_ = false;
+  sweep_.points.resize(used_);
+  sweep_.columns.resize(used_);
+  const std::int64_t first_ns = used_ > 0 ? base_ns_ : first_group_ns_;
+  sweep_.stamp_ns = clock_.to_epoch_ns(first_ns) + config_.stamp_offset_ns;
+  last_period_ns_ = measured_period_ns();
+  sweep_.period_ns = last_period_ns_;
+  sweep_.rings = decoder_.table()->rings;
+  sweep_.model = decoder_.table()->name;
+  sweep_.clock_source = config_.clock_source;
+  sweep_.complete = began_at_seam_ && at_seam && sweep_.packets_lost == 0;
+  ready_.push_back(std::move(sweep_));
+  sweep_ = {};
+}
+
+void SweepAssembler::flush() {
+  if (!started_ && !held_.empty()) process_first_held();
+  release_held(0);
+  close(false);
+}
+
+bool SweepAssembler::take(DecodedSweep& out) {
+  if (ready_.empty()) return false;
+  spare_.push_back(std::move(out));
+  out = std::move(ready_.front());
+  ready_.erase(ready_.begin());
+  return true;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,141 @@
+#pragma once
+// Cuts the stream of packets into sweeps at a fixed azimuth, by firing group, so that a packet may
+// feed two sweeps. Fixed numbers of packets per turn are wrong: the true number is fractional and
+// the motor's speed drifts.
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "driver/sweep/clock.hpp"
+#include "driver/sweep/decoded_sweep.hpp"
+#include "driver/velodyne/decoder.hpp"
+
+namespace zloam::driver {
+
+struct AssemblerConfig {
+  /// where sweeps are cut, degrees clockwise from the sensor's front
+  double seam_azimuth_deg = 0.0;
+  /// a sweep also ends after this time without a cut (slow or stopped motor)
+  std::int64_t guard_ns = 300'000'000;
+  /// packets held back at a gap, for a packet that was overtaken
+  int reorder_packets = 4;
+  ClockMode clock_mode = ClockMode::kReceive;
+  /// written to the sweeps
+  ClockSource clock_source = ClockSource::kUnknown;
+  /// added to every stamp; e.g. for an HDL-32E that stamps its last firing: -542592
+  std::int64_t stamp_offset_ns = 0;
+};
+
+/// All that came in, and why it gave no points.
+struct PacketCounts {
+  std::uint64_t received = 0;
+  std::uint64_t decoded = 0;
+  std::uint64_t points = 0;
+  std::uint64_t too_short = 0;
+  std::uint64_t foreign = 0;
+  std::uint64_t unknown_model = 0;
+  std::uint64_t model_mismatch = 0;
+  std::uint64_t unknown_mode = 0;
+  std::uint64_t bad_time = 0;
+  std::uint64_t duplicate = 0;
+  std::uint64_t late = 0;
+  /// never came, by the stamps
+  std::uint64_t lost = 0;
+  /// came after a later one and was put back in order
+  std::uint64_t reordered = 0;
+  /// blocks of decoded packets with an unknown flag or azimuth
+  std::uint64_t bad_blocks = 0;
+  /// the sensor's clock was set; the sweep was begun anew
+  std::uint64_t clock_steps = 0;
+
+  std::vector<std::pair<std::string_view, std::uint64_t>> named() const;
+};
+
+class SweepAssembler {
+ public:
+  SweepAssembler(const DecoderConfig& decoder, const AssemblerConfig& config);
+
+  /// One datagram's payload, and when it was received (ns since the Unix epoch, 0: unknown).
+  void add(std::span<const std::uint8_t> payload, std::int64_t received_ns);
+
+  /// Ends the open sweep, which is marked incomplete: end of the source, or nothing for a while.
+  void flush();
+
+  /// Swaps the next finished sweep into out, whose buffers are used again; false when there is
+  /// none.
+  bool take(DecodedSweep& out);
+
+  const PacketCounts& counts() const { return counts_; }
+  const Decoder& decoder() const { return decoder_; }
+
+ private:
+  struct Held {
+    std::array<std::uint8_t, kDataPacketBytes> payload;
+    PacketTail tail;
+    std::int64_t received_ns;
+  };
+  struct Packet {
+    std::span<const std::uint8_t> payload;
+    PacketTail tail;
+    std::int64_t received_ns;
+  };
+
+  bool accepted(const PacketTail& tail);
+  void order(const Packet& packet);
+  bool clock_stepped(const Packet& packet, std::int64_t ahead_us) const;
+  bool contiguous(const Packet& packet) const;
+  bool hold(const Packet& packet);
+  void release_held(std::size_t keep);
+  void release_contiguous();
+  void process_first_held();
+  void restart(const Packet& packet);
+  void process(const Packet& packet, std::int64_t ahead_ns);
+  std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
+  bool across_view_gap(std::span<const std::uint8_t> payload) const;
+  void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
+  void advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg);
+  void append_group(const PacketPlan& plan, int group, std::int64_t time_ns);
+  void open(std::int64_t time_ns, int phase_cdeg, bool at_seam);
+  void close(bool at_seam);
+  std::uint32_t measured_period_ns() const;
+
+  AssemblerConfig config_;
+  int seam_cdeg_;
+  Decoder decoder_;
+  SensorClock clock_;
+  PacketCounts counts_;
+
+  // The stream so far; times are the sensor's own, unwrapped.
+  bool started_ = false;
+  std::uint32_t last_toh_us_ = 0;
+  std::int64_t sensor_ns_ = 0;
+  std::int64_t last_received_ns_ = 0;
+  std::int64_t expected_ahead_ns_ = 0;
+  int last_azimuth_cdeg_ = 0;
+  double last_advance_cdeg_ = 0.0;
+  int view_gap_from_cdeg_ = -1;
+  int view_gap_to_cdeg_ = -1;
+  std::vector<Held> held_;
+
+  // The open sweep. Phase: azimuth behind the seam.
+  bool open_ = false;
+  bool began_at_seam_ = false;
+  bool packet_counted_ = false;
+  DecodedSweep sweep_;
+  std::size_t used_ = 0;
+  std::int64_t base_ns_ = 0;
+  std::int64_t first_group_ns_ = 0;
+  std::int64_t last_group_ns_ = 0;
+  int phase_cdeg_ = 0;
+  std::int64_t turned_cdeg_ = 0;
+  std::uint32_t last_period_ns_ = 0;
+
+  std::vector<DecodedSweep> ready_;
+  std::vector<DecodedSweep> spare_;
+};
+
+}  // namespace zloam::driver

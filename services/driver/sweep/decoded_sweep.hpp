@@ -1,0 +1,47 @@
+#pragma once
+// What every source of this stage gives: one turn of the sensor.
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/geometry/point.hpp"
+#include "driver/velodyne/decoder.hpp"
+
+namespace zloam::driver {
+
+/// Where a sweep's stamps come from; values of the message's enumeration.
+enum class ClockSource : std::uint8_t {
+  kUnknown = 0,
+  kSensorGps = 1,
+  kSensorFreeRunning = 2,
+  kHost = 3,
+  kCapture = 4,
+  kSynthetic = 5
+};
+
+struct DecodedSweep {
+  /// returns in time order, frame lidar; time_ns after stamp_ns
+  PointVector points;
+  /// firing column of each point
+  std::vector<std::uint16_t> columns;
+  /// time of the first point (of the first firing when there is no return), ns since the Unix epoch
+  std::int64_t stamp_ns = 0;
+  /// measured time of one turn; 0 when it could not be measured
+  std::uint32_t period_ns = 0;
+  std::uint16_t rings = 0;
+  std::string model;
+  ReturnMode return_mode = ReturnMode::kUnknown;
+  ClockSource clock_source = ClockSource::kUnknown;
+  /// false for the first and the last of a source, with lost packets, and when no turn was
+  /// completed
+  bool complete = false;
+  std::uint32_t packets = 0;
+  std::uint32_t packets_lost = 0;
+  /// receive time of the last packet, ns since the Unix epoch; 0 when unknown
+  std::int64_t last_packet_ns = 0;
+  /// true when the source moved the points to one instant already
+  bool deskewed = false;
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,381 @@
+#include "driver/velodyne/decoder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::size_t kBlockBytes = 100;
+constexpr std::size_t kTimeAt = 1200;
+constexpr std::size_t kModeAt = 1204;
+constexpr std::size_t kProductAt = 1205;
+constexpr int kCells = 32;
+// Stamps slightly beyond the hour are seen in the field before the wrap.
+constexpr std::uint32_t kMaxTohUs = 3'610'000'000U;
+constexpr double kMinRpm = 180.0;
+constexpr double kMaxRpm = 1500.0;
+constexpr double kRadPerCdeg = std::numbers::pi / 18000.0;
+
+std::uint16_t read_u16(const std::uint8_t* at) {
+  return static_cast<std::uint16_t>(at[0] | (at[1] << 8));
+}
+
+std::uint32_t read_u32(const std::uint8_t* at) {
+  return read_u16(at) | (static_cast<std::uint32_t>(read_u16(at + 2)) << 16);
+}
+
+/// Bank of lasers a block flag stands for; -1 for none.
+int bank_of(const std::uint8_t* block) {
+  switch (read_u16(block)) {
+    case 0xEEFF:
+      return 0;
+    case 0xDDFF:
+      return 1;
+    case 0xCCFF:
+      return 2;
+    case 0xBBFF:
+      return 3;
+    default:
+      return -1;
+  }
+}
+
+const char* mode_name(ReturnMode mode) {
+  switch (mode) {
+    case ReturnMode::kStrongest:
+      return "strongest";
+    case ReturnMode::kLast:
+      return "last";
+    case ReturnMode::kDual:
+      return "dual";
+    default:
+      return "unknown";
+  }
+}
+
+std::string hex(std::uint8_t value) {
+  constexpr const char* kDigits = "0123456789abcdef";
+  return std::string("0x") + kDigits[value >> 4] + kDigits[value & 15];
+}
+
+/// The cells of one block in Cartesian coordinates; raw 0 is no return.
+struct Cells {
+  alignas(64) float x[kCells];
+  alignas(64) float y[kCells];
+  alignas(64) float z[kCells];
+  alignas(64) std::uint16_t raw[kCells];
+};
+
+}  // namespace
+
+Decoder::Decoder(const DecoderConfig& config) : config_(config) {
+  if (config_.model) use_model(*config_.model);
+}
+
+void Decoder::use_model(Model model) {
+  table_ = &model_table(model);
+  banks_ = table_->banks;
+  unit_m_ = static_cast<float>(table_->distance_unit_m);
+  for (const Channel& channel : table_->channels) {
+    const double elevation_rad = channel.elevation_deg * std::numbers::pi / 180.0;
+    const double correction_rad = channel.azimuth_correction_deg * std::numbers::pi / 180.0;
+    correction_cos_.push_back(std::cos(correction_rad));
+    correction_sin_.push_back(std::sin(correction_rad));
+    elevation_cos_.push_back(std::cos(elevation_rad));
+    time_share_.push_back(channel.time_ns / table_->group_ns);
+    up_.push_back(static_cast<float>(std::sin(elevation_rad)));
+    height_m_.push_back(config_.vertical_offsets ? static_cast<float>(channel.vertical_offset_m)
+                                                 : 0.0F);
+    time_ns_.push_back(static_cast<std::uint32_t>(std::lround(channel.time_ns)));
+    ring_.push_back(channel.ring);
+    column_.push_back(channel.column);
+  }
+  along_.resize(table_->channels.size());
+  across_.resize(table_->channels.size());
+}
+
+void Decoder::note_contradiction(bool& noted, std::string text) {
+  if (!noted) contradictions_.push_back(std::move(text));
+  noted = true;
+}
+
+Reject Decoder::check_model(std::uint8_t product_id) {
+  const std::optional<Model> model = model_by_product_id(product_id);
+  if (config_.model) {
+    if (model && *model != *config_.model) {
+      note_contradiction(model_noted_, "the configuration says " + std::string(table_->label) +
+                                           ", the packets say " +
+                                           std::string(product_label(product_id)) + " (" +
+                                           hex(product_id) + "); decoded as configured");
+    }
+    return Reject::kNone;
+  }
+  if (!model) {
+    note_contradiction(model_noted_, "product byte " + hex(product_id) + " (" +
+                                         std::string(product_label(product_id)) +
+                                         ") is no model that can be decoded; name one of " +
+                                         std::string(known_model_names()) +
+                                         " in the configuration");
+    return Reject::kUnknownModel;
+  }
+  if (!table_) use_model(*model);
+  return table_->model == *model ? Reject::kNone : Reject::kModelMismatch;
+}
+
+ReturnMode Decoder::check_mode(std::uint8_t mode_byte) {
+  ReturnMode mode = ReturnMode::kUnknown;
+  if (mode_byte == 0x37) mode = ReturnMode::kStrongest;
+  if (mode_byte == 0x38) mode = ReturnMode::kLast;
+  if (mode_byte == 0x39) mode = ReturnMode::kDual;
+  if (!config_.return_mode) {
+    if (mode == ReturnMode::kUnknown) {
+      note_contradiction(mode_noted_, "return mode byte " + hex(mode_byte) +
+                                          " is none of 0x37, 0x38, 0x39; name the mode in the "
+                                          "configuration if the firmware has no such byte");
+    }
+    return mode;
+  }
+  if (mode != ReturnMode::kUnknown && mode != *config_.return_mode) {
+    note_contradiction(mode_noted_, std::string("the configuration says return mode ") +
+                                        mode_name(*config_.return_mode) + ", the packets say " +
+                                        mode_name(mode) + "; decoded as configured");
+  }
+  return *config_.return_mode;
+}
+
+PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
+  PacketTail tail;
+  if (payload.size() != kDataPacketBytes) {
+    const bool begins_well = payload.size() >= 2 && bank_of(payload.data()) >= 0;
+    tail.reject =
+        begins_well && payload.size() < kDataPacketBytes ? Reject::kShort : Reject::kForeign;
+    return tail;
+  }
+  tail.toh_us = read_u32(payload.data() + kTimeAt);
+  tail.reject = check_model(payload[kProductAt]);
+  if (tail.reject != Reject::kNone) return tail;
+  tail.mode = check_mode(payload[kModeAt]);
+  if (tail.mode == ReturnMode::kUnknown) tail.reject = Reject::kUnknownMode;
+  if (tail.toh_us > kMaxTohUs) tail.reject = Reject::kBadTime;
+  return tail;
+}
+
+std::int64_t Decoder::packet_period_ns(ReturnMode mode) const {
+  if (!table_) return 0;
+  const int blocks = (mode == ReturnMode::kDual ? 2 : 1) * table_->banks;
+  return std::llround(table_->group_ns * (kBlocksPerPacket / blocks));
+}
+
+PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
+  PacketPlan plan;
+  plan.payload = payload.data();
+  plan.toh_us = read_u32(payload.data() + kTimeAt);
+  plan.mode = mode;
+  const int blocks_per_group = (mode == ReturnMode::kDual ? 2 : 1) * banks_;
+  plan.groups = kBlocksPerPacket / blocks_per_group;
+  read_blocks(plan);
+  measure_advance(plan);
+  prepare_motion(plan.advance_cdeg);
+  return plan;
+}
+
+void Decoder::read_blocks(PacketPlan& plan) const {
+  const int blocks_per_group = kBlocksPerPacket / plan.groups;
+  for (int g = 0; g < plan.groups; ++g) {
+    Group& group = plan.group[g];
+    group.offset_ns = std::llround(g * table_->group_ns);
+    for (int b = 0; b < blocks_per_group; ++b) {
+      const std::uint8_t* block = plan.payload + kBlockBytes * (g * blocks_per_group + b);
+      const int bank = bank_of(block);
+      const int azimuth_cdeg = read_u16(block + 2);
+      if (bank < 0 || bank >= banks_ || azimuth_cdeg >= kTurnCdeg) {
+        ++plan.bad_blocks;
+      } else if (!group.valid) {
+        group.valid = true;
+        group.azimuth_cdeg = azimuth_cdeg;
+      }
+    }
+  }
+}
+
+// The advance is the packet's mean of plausible gaps: the motor's inertia makes it steadier than a
+// single gap, whose 0.01 degree rounding it averages out. It never looks beyond the packet, so that
+// a lost packet cannot smear it.
+void Decoder::measure_advance(PacketPlan& plan) {
+  std::array<int, kBlocksPerPacket> gaps{};
+  std::array<int, kBlocksPerPacket> group_after{};
+  int count = 0;
+  for (int g = 1; g < plan.groups; ++g) {
+    if (!plan.group[g - 1].valid || !plan.group[g].valid) continue;
+    group_after[count] = g;
+    gaps[count++] =
+        (plan.group[g].azimuth_cdeg - plan.group[g - 1].azimuth_cdeg + kTurnCdeg) % kTurnCdeg;
+  }
+  plan.duration_ns = packet_period_ns(plan.mode);
+  std::array<int, kBlocksPerPacket> sorted = gaps;
+  const auto middle = sorted.begin() + count / 2;
+  std::nth_element(sorted.begin(), middle, sorted.begin() + count);
+  const int median = count > 0 ? *middle : 0;
+  const double rpm = median / (kTurnCdeg * table_->group_ns * 1e-9) * 60.0;
+  if (rpm < kMinRpm || rpm > kMaxRpm) {
+    plan.advance_cdeg = last_advance_cdeg_;
+    return;
+  }
+  double sum = 0.0;
+  int plausible = 0;
+  int large = 0;
+  int large_at = 0;
+  for (int i = 0; i < count; ++i) {
+    if (gaps[i] > 0 && gaps[i] <= 2 * median) {
+      sum += gaps[i];
+      ++plausible;
+    } else if (gaps[i] > 0 && gaps[i] < kTurnCdeg - 2 * median) {
+      // Slightly backwards is jitter of the encoder; this is a gap.
+      ++large;
+      large_at = i;
+    }
+  }
+  plan.advance_cdeg = sum / plausible;
+  last_advance_cdeg_ = plan.advance_cdeg;
+  smooth_advance(plan.advance_cdeg);
+  if (large == 1 && count >= 4) pass_view_gap(plan, group_after[large_at], gaps[large_at]);
+}
+
+void Decoder::smooth_advance(double advance_cdeg) {
+  const bool follows = std::abs(advance_cdeg - smooth_advance_cdeg_) < 0.03 * advance_cdeg;
+  smooth_advance_cdeg_ =
+      follows ? smooth_advance_cdeg_ + (advance_cdeg - smooth_advance_cdeg_) / 32.0 : advance_cdeg;
+}
+
+// A restricted field of view shows as one large gap forward within a packet. The sensor turned on
+// meanwhile, so the groups behind the gap are later by the time it took to pass it.
+void Decoder::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const {
+  plan.gap_before_group = first_group;
+  const double skipped_groups = gap_cdeg / smooth_advance_cdeg_ - 1.0;
+  const std::int64_t skipped_ns = std::llround(skipped_groups * table_->group_ns);
+  for (int g = first_group; g < plan.groups; ++g) plan.group[g].offset_ns += skipped_ns;
+  plan.duration_ns += skipped_ns;
+}
+
+void Decoder::prepare_motion(double advance_cdeg) {
+  if (advance_cdeg == prepared_advance_cdeg_) return;
+  prepared_advance_cdeg_ = advance_cdeg;
+  const double advance_rad = advance_cdeg * kRadPerCdeg;
+  for (std::size_t c = 0; c < along_.size(); ++c) {
+    // At most 1 degree: the series are exact to 1e-12.
+    const double a = advance_rad * time_share_[c];
+    const double cos_a = 1.0 - a * a * (0.5 - a * a / 24.0);
+    const double sin_a = a * (1.0 - a * a * (1.0 / 6.0 - a * a / 120.0));
+    along_[c] = static_cast<float>(elevation_cos_[c] *
+                                   (cos_a * correction_cos_[c] + sin_a * correction_sin_[c]));
+    across_[c] = static_cast<float>(elevation_cos_[c] *
+                                    (sin_a * correction_cos_[c] - cos_a * correction_sin_[c]));
+  }
+}
+
+namespace {
+
+// Kept free of branches so that the compiler makes it a handful of vector instructions.
+void cartesian(const std::uint8_t* block, float cos_azimuth, float sin_azimuth, float unit_m,
+               const float* along, const float* across, const float* up, const float* height_m,
+               Cells& cells) {
+  const std::uint8_t* cell = block + 4;
+  for (int c = 0; c < kCells; ++c) cells.raw[c] = read_u16(cell + 3 * c);
+  for (int c = 0; c < kCells; ++c) {
+    const float range_m = static_cast<float>(static_cast<int>(cells.raw[c])) * unit_m;
+    cells.x[c] = range_m * (along[c] * cos_azimuth - across[c] * sin_azimuth);
+    cells.y[c] = -range_m * (along[c] * sin_azimuth + across[c] * cos_azimuth);
+    cells.z[c] = range_m * up[c] + height_m[c];
+  }
+}
+
+/// Where points are written. Every cell is written and kept only when it is a return: cheaper than
+/// a branch that is taken half of the time.
+struct Output {
+  Point* points;
+  std::uint16_t* columns;
+  std::size_t count = 0;
+
+  void put(const Cells& cells, const std::uint8_t* block, int c, std::uint32_t time_ns,
+           std::uint16_t ring, std::uint16_t column, ReturnType type, bool keep) {
+    points[count] = {cells.x[c], cells.y[c], cells.z[c], static_cast<float>(block[4 + 3 * c + 2]),
+                     time_ns,    ring,       type,       0};
+    columns[count] = column;
+    count += keep;
+  }
+};
+
+/// What the cells of one bank have in common with those of any other block.
+struct BankTables {
+  const std::uint32_t* time_ns;
+  const std::uint16_t* ring;
+  const std::uint16_t* column;
+};
+
+void put_single(const Cells& cells, const std::uint8_t* block, const BankTables& bank,
+                std::uint32_t time_ns, std::uint16_t column, ReturnType type, Output& output) {
+  for (int c = 0; c < kCells; ++c) {
+    output.put(cells, block, c, time_ns + bank.time_ns[c], bank.ring[c],
+               static_cast<std::uint16_t>(column + bank.column[c]), type, cells.raw[c] != 0);
+  }
+}
+
+// Even block: last return; odd block: strongest, or second strongest when strongest and last are
+// one; equal distances are one return (VLP-16 manual p. 57).
+void put_dual(const Cells (&cells)[2], const std::uint8_t* const (&blocks)[2],
+              const BankTables& bank, std::uint32_t time_ns, std::uint16_t column, Output& output) {
+  for (int c = 0; c < kCells; ++c) {
+    const bool same = cells[0].raw[c] == cells[1].raw[c];
+    const std::uint32_t t = time_ns + bank.time_ns[c];
+    const auto col = static_cast<std::uint16_t>(column + bank.column[c]);
+    output.put(cells[0], blocks[0], c, t, bank.ring[c], col,
+               same ? ReturnType::kBoth : ReturnType::kLast, cells[0].raw[c] != 0);
+    output.put(cells[1], blocks[1], c, t, bank.ring[c], col, ReturnType::kStrongest,
+               cells[1].raw[c] != 0 && !same);
+  }
+}
+
+}  // namespace
+
+std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32_t time_ns,
+                                  std::uint16_t column, Point* out, std::uint16_t* columns) const {
+  const bool dual = plan.mode == ReturnMode::kDual;
+  const int returns = dual ? 2 : 1;
+  const double azimuth_rad = plan.group[group].azimuth_cdeg * kRadPerCdeg;
+  const auto cos_azimuth = static_cast<float>(std::cos(azimuth_rad));
+  const auto sin_azimuth = static_cast<float>(std::sin(azimuth_rad));
+  Output output{out, columns};
+  for (int b = 0; b < banks_; ++b) {
+    const std::uint8_t* first =
+        plan.payload + kBlockBytes * static_cast<std::size_t>((group * banks_ + b) * returns);
+    const std::uint8_t* blocks[2] = {first, first + (returns - 1) * kBlockBytes};
+    Cells cells[2];
+    int bank = -1;
+    for (int i = 0; i < returns; ++i) {
+      const int own = bank_of(blocks[i]);
+      if (own < 0 || own >= banks_ || read_u16(blocks[i] + 2) >= kTurnCdeg) {
+        cells[i] = {};
+        continue;
+      }
+      bank = own;
+      const std::size_t at = static_cast<std::size_t>(own) * kCells;
+      cartesian(blocks[i], cos_azimuth, sin_azimuth, unit_m_, &along_[at], &across_[at], &up_[at],
+                &height_m_[at], cells[i]);
+    }
+    if (bank < 0) continue;
+    const std::size_t at = static_cast<std::size_t>(bank) * kCells;
+    const BankTables tables{&time_ns_[at], &ring_[at], &column_[at]};
+    if (dual) {
+      put_dual(cells, blocks, tables, time_ns, column, output);
+    } else {
+      put_single(cells[0], first, tables, time_ns, column,
+                 plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest,
+                 output);
+    }
+  }
+  return output.count;
+}
+
+}  // namespace zloam::driver

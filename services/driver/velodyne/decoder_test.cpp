@@ -1,0 +1,273 @@
+// Published test vectors, computed by the manuals' formulas and checked against an independent
+// decoder; z with the vertical offset.
+#include "driver/velodyne/decoder.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "driver/velodyne/test_packets.hpp"
+
+namespace zloam::driver {
+namespace {
+
+using test::azimuth_steps;
+using test::make_payload;
+using test::Payload;
+
+struct Expected {
+  int ring;
+  double time_us;
+  double x, y, z;
+  int intensity;
+  ReturnType type;
+};
+
+std::vector<Point> decode_all(Decoder& decoder, const Payload& payload) {
+  const PacketTail tail = decoder.tail(payload);
+  EXPECT_EQ(tail.reject, Reject::kNone);
+  const PacketPlan plan = decoder.plan(payload, tail.mode);
+  std::vector<Point> points;
+  std::vector<Point> out(decoder.max_points_per_group() + 1);
+  std::vector<std::uint16_t> columns(out.size());
+  for (int g = 0; g < plan.groups; ++g) {
+    if (!plan.group[g].valid) continue;
+    const std::size_t count =
+        decoder.decode_group(plan, g, static_cast<std::uint32_t>(plan.group[g].offset_ns), 0,
+                             out.data(), columns.data());
+    points.insert(points.end(), out.begin(), out.begin() + static_cast<std::ptrdiff_t>(count));
+  }
+  return points;
+}
+
+void expect_points(const Payload& payload, std::uint32_t crc,
+                   const std::vector<Expected>& expected) {
+  ASSERT_EQ(test::crc32(payload), crc) << "the input is not the published one";
+  Decoder decoder({});
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), expected.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_EQ(points[i].ring, expected[i].ring);
+    EXPECT_NEAR(points[i].time_ns, 1000.0 * expected[i].time_us, 1.0);
+    EXPECT_NEAR(points[i].x, expected[i].x, 1e-5);
+    EXPECT_NEAR(points[i].y, expected[i].y, 1e-5);
+    EXPECT_NEAR(points[i].z, expected[i].z, 1e-5);
+    EXPECT_EQ(points[i].intensity, static_cast<float>(expected[i].intensity));
+    EXPECT_EQ(points[i].return_type, expected[i].type);
+  }
+}
+
+constexpr ReturnType kStrongest = ReturnType::kStrongest;
+constexpr ReturnType kLast = ReturnType::kLast;
+
+TEST(Decoder, V1Vlp16Strongest) {
+  const Payload payload = make_payload(azimuth_steps(1000, 40),
+                                       {{0, 0, {0x88, 0x13, 0x64}},
+                                        {0, 15, {0x88, 0x13, 0x07}},
+                                        {0, 16, {0x88, 0x13, 0xff}},
+                                        {5, 5, {0x39, 0x30, 0x21}},
+                                        {11, 31, {0xe8, 0x03, 0x01}}},
+                                       {0xd2, 0x02, 0x96, 0x49, 0x37, 0x22});
+  expect_points(payload, 0xaf998e6d,
+                {{0, 0.000, 9.512512, -1.677313, -2.576990, 100, kStrongest},
+                 {15, 34.560, 9.508830, -1.698062, 2.576990, 7, kStrongest},
+                 {0, 55.296, 9.506600, -1.710507, -2.576990, 255, kStrongest},
+                 {10, 564.480, 24.054839, -5.131300, 2.148175, 33, kStrongest},
+                 {15, 1306.368, 1.868404, -0.491038, 0.506438, 1, kStrongest}});
+}
+
+TEST(Decoder, V2Vlp16LastWithWrapInsideThePacket) {
+  const Payload payload = make_payload(
+      azimuth_steps(35900, 40),
+      {{2, 0, {0x10, 0x27, 0x0a}}, {2, 31, {0x10, 0x27, 0x14}}, {3, 16, {0x10, 0x27, 0x1e}}},
+      {0x9c, 0xa3, 0x93, 0xd6, 0x38, 0x22});
+  expect_points(payload, 0x97793e2f,
+                {{0, 221.184, 19.318399, 0.067434, -5.165181, 10, kLast},
+                 {15, 311.040, 19.318471, -0.042146, 5.165181, 20, kLast},
+                 {0, 387.072, 19.318046, -0.134868, -5.165181, 30, kLast}});
+}
+
+TEST(Decoder, V3Vlp16DualEmitsEqualDistancesOnce) {
+  const Payload payload = make_payload(azimuth_steps(1000, 40, true),
+                                       {{4, 3, {0x20, 0x4e, 0x32}},
+                                        {5, 3, {0x40, 0x1f, 0xc8}},
+                                        {4, 20, {0xb8, 0x0b, 0x09}},
+                                        {5, 20, {0xb8, 0x0b, 0x09}},
+                                        {11, 31, {0x70, 0x17, 0x42}}},
+                                       {0x20, 0xa1, 0x07, 0x00, 0x39, 0x22});
+  expect_points(payload, 0x86ff597b,
+                {{9, 228.096, 39.234373, -7.502101, 2.091238, 50, kLast},
+                 {9, 228.096, 15.693749, -3.000840, 0.835175, 200, kStrongest},
+                 {2, 285.696, 5.780897, -1.127183, -1.136754, 9, ReturnType::kBoth},
+                 {15, 642.816, 11.323964, -2.474200, 3.094629, 66, kStrongest}});
+}
+
+TEST(Decoder, V4PuckHiRes) {
+  const Payload payload = make_payload(azimuth_steps(9000, 20),
+                                       {{1, 1, {0x10, 0x27, 0x05}}, {1, 30, {0x10, 0x27, 0x06}}},
+                                       {0x2a, 0x00, 0x00, 0x00, 0x37, 0x24});
+  expect_points(payload, 0xcee52dd5,
+                {{8, 112.896, -0.071263, -19.998519, 0.231805, 5, kStrongest},
+                 {7, 198.144, -0.125073, -19.998255, -0.231805, 6, kStrongest}});
+}
+
+TEST(Decoder, H1Hdl32e) {
+  const Payload payload = make_payload(
+      azimuth_steps(0, 17),
+      {{0, 0, {0x88, 0x13, 0x01}}, {3, 15, {0xa8, 0x61, 0x02}}, {11, 31, {0x10, 0x27, 0x03}}},
+      {0x40, 0x42, 0x0f, 0x00, 0x37, 0x21});
+  expect_points(payload, 0x1483d12e,
+                {{0, 0.000, 8.601195, 0.0, -5.083756, 1, kStrongest},
+                 {23, 155.520, 49.997493, -0.500683, 0.0, 2, kStrongest},
+                 {31, 542.592, 19.642204, -0.686522, 3.697592, 3, kStrongest}});
+}
+
+TEST(Decoder, H2Hdl32eDual) {
+  const Payload payload = make_payload(azimuth_steps(9000, 17, true),
+                                       {{2, 7, {0x10, 0x27, 0x04}}, {3, 7, {0x88, 0x13, 0x05}}},
+                                       {0x40, 0x42, 0x0f, 0x00, 0x39, 0x21});
+  expect_points(payload, 0xa6aee751,
+                {{19, 54.144, -0.069424, -19.913403, -1.855139, 4, kLast},
+                 {19, 54.144, -0.034712, -9.956701, -0.926219, 5, kStrongest}});
+}
+
+TEST(Decoder, C1Vlp32c) {
+  const Payload payload = make_payload(azimuth_steps(0, 20),
+                                       {{0, 0, {0xc4, 0x09, 0x01}},
+                                        {0, 1, {0xc4, 0x09, 0x02}},
+                                        {4, 29, {0x10, 0x27, 0x03}},
+                                        {11, 31, {0xc4, 0x09, 0x04}}},
+                                       {0x4d, 0x00, 0x00, 0x00, 0x37, 0x28});
+  expect_points(payload, 0x0917d143,
+                {{0, 0.000, 9.060372, -0.221431, -4.206411, 1, kStrongest},
+                 {17, 0.000, 9.971626, 0.732270, -0.173784, 2, kStrongest},
+                 {31, 253.440, 38.635658, 0.325929, 10.341401, 3, kStrongest},
+                 {16, 642.816, 9.995991, -0.161392, -0.231645, 4, kStrongest}});
+}
+
+TEST(Decoder, C2Vlp32cDual) {
+  const Payload payload = make_payload(azimuth_steps(27000, 20, true),
+                                       {{6, 5, {0x10, 0x27, 0x09}}, {7, 5, {0xa0, 0x0f, 0x63}}},
+                                       {0x4d, 0x00, 0x00, 0x00, 0x39, 0x28});
+  expect_points(payload, 0x0881c318,
+                {{20, 170.496, -0.546853, 39.996262, 0.0, 9, kLast},
+                 {20, 170.496, -0.218741, 15.998505, 0.0, 99, kStrongest}});
+}
+
+TEST(Decoder, VerticalOffsetsCanBeLeftOut) {
+  const Payload payload = make_payload(azimuth_steps(1000, 40), {{0, 0, {0x88, 0x13, 0x64}}},
+                                       {0xd2, 0x02, 0x96, 0x49, 0x37, 0x22});
+  Decoder decoder({.vertical_offsets = false});
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_NEAR(points[0].z, -2.588190, 1e-5);
+}
+
+TEST(Decoder, RingsAreByAscendingElevation) {
+  for (const Model model : {Model::kVlp16, Model::kPuckHiRes, Model::kHdl32e, Model::kVlp32c}) {
+    const ModelTable& table = model_table(model);
+    for (const Channel& a : table.channels) {
+      ASSERT_LT(a.ring, table.rings);
+      for (const Channel& b : table.channels) {
+        ASSERT_EQ(a.ring < b.ring, a.elevation_deg < b.elevation_deg) << table.label;
+      }
+    }
+  }
+}
+
+TEST(Decoder, RefusesWhatIsNoDataPacket) {
+  Decoder decoder({});
+  const Payload good = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x37, 0x22});
+  std::vector<std::uint8_t> payload(good.begin(), good.end());
+  payload.resize(1205);
+  EXPECT_EQ(decoder.tail(payload).reject, Reject::kShort);
+  payload.resize(1207);
+  EXPECT_EQ(decoder.tail(payload).reject, Reject::kForeign);
+  EXPECT_EQ(decoder.tail({}).reject, Reject::kForeign);
+  Payload late = make_payload(azimuth_steps(0, 40), {}, {0xff, 0xff, 0xff, 0xff, 0x37, 0x22});
+  EXPECT_EQ(decoder.tail(late).reject, Reject::kBadTime);
+  Payload mode = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x42, 0x22});
+  EXPECT_EQ(decoder.tail(mode).reject, Reject::kUnknownMode);
+  ASSERT_EQ(decoder.contradictions().size(), 1U);
+  EXPECT_NE(decoder.contradictions()[0].find("0x42"), std::string::npos);
+}
+
+TEST(Decoder, UnknownModelIsRefusedByNameOfTheByte) {
+  Decoder decoder({});
+  const Payload velarray = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x37, 0x31});
+  EXPECT_EQ(decoder.tail(velarray).reject, Reject::kUnknownModel);
+  ASSERT_EQ(decoder.contradictions().size(), 1U);
+  EXPECT_NE(decoder.contradictions()[0].find("Velarray"), std::string::npos);
+}
+
+TEST(Decoder, AnotherModelInTheStreamIsAStranger) {
+  Decoder decoder({});
+  const Payload vlp16 = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x37, 0x22});
+  const Payload hdl32e = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x37, 0x21});
+  EXPECT_EQ(decoder.tail(vlp16).reject, Reject::kNone);
+  EXPECT_EQ(decoder.tail(hdl32e).reject, Reject::kModelMismatch);
+}
+
+TEST(Decoder, ForcedModelDecodesAndNamesTheContradiction) {
+  Decoder decoder({.model = Model::kVlp16});
+  const Payload payload = make_payload(azimuth_steps(1000, 40), {{0, 15, {0x88, 0x13, 0x07}}},
+                                       {0, 0, 0, 0, 0x37, 0x21});
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_EQ(points[0].time_ns, 34560U);
+  ASSERT_EQ(decoder.contradictions().size(), 1U);
+  EXPECT_NE(decoder.contradictions()[0].find("HDL-32E"), std::string::npos);
+}
+
+TEST(Decoder, ABadBlockIsSkippedAndTheRestKept) {
+  Payload payload =
+      make_payload(azimuth_steps(1000, 40), {{3, 0, {0x88, 0x13, 1}}, {4, 0, {0x88, 0x13, 2}}},
+                   {0, 0, 0, 0, 0x37, 0x22});
+  payload[300] = 0x12;
+  Decoder decoder({});
+  const PacketPlan plan = decoder.plan(payload, decoder.tail(payload).mode);
+  EXPECT_EQ(plan.bad_blocks, 1);
+  EXPECT_FALSE(plan.group[3].valid);
+  EXPECT_DOUBLE_EQ(plan.advance_cdeg, 40.0);
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_EQ(points[0].intensity, 2.0F);
+}
+
+TEST(Decoder, AzimuthOutOfRangeIsABadBlock) {
+  std::vector<int> azimuths = azimuth_steps(1000, 40);
+  azimuths[5] = 36000;
+  Decoder decoder({});
+  const Payload payload = make_payload(azimuths, {{5, 0, {1, 1, 1}}}, {0, 0, 0, 0, 0x37, 0x22});
+  EXPECT_TRUE(decode_all(decoder, payload).empty());
+}
+
+TEST(Decoder, OneLargeGapIsARestrictedViewAndTakesTime) {
+  // 90 degrees of view: after 7 blocks the sensor passes 270 degrees, 13500 groups of 0.02 degrees.
+  std::vector<int> azimuths;
+  for (int k = 0; k < 12; ++k) azimuths.push_back(k < 7 ? 17860 + 20 * k : 9000 + 20 * (k - 7));
+  Decoder decoder({});
+  const Payload payload = make_payload(azimuths, {}, {0, 0, 0, 0, 0x37, 0x22});
+  const PacketPlan plan = decoder.plan(payload, decoder.tail(payload).mode);
+  EXPECT_EQ(plan.gap_before_group, 7);
+  EXPECT_DOUBLE_EQ(plan.advance_cdeg, 20.0);
+  const double passed_groups = (36000.0 - 17980.0 + 9000.0) / 20.0;
+  const double step_ns = static_cast<double>(plan.group[7].offset_ns - plan.group[6].offset_ns);
+  EXPECT_NEAR(step_ns, passed_groups * 110592.0, 1.0);
+  EXPECT_NEAR(static_cast<double>(plan.duration_ns), (passed_groups + 11.0) * 110592.0, 1.0);
+}
+
+TEST(Decoder, AStoppedMotorDoesNotInterpolate) {
+  Decoder decoder({});
+  const Payload payload =
+      make_payload(azimuth_steps(500, 0), {{0, 31, {0x88, 0x13, 1}}}, {0, 0, 0, 0, 0x37, 0x22});
+  const PacketPlan plan = decoder.plan(payload, decoder.tail(payload).mode);
+  EXPECT_EQ(plan.advance_cdeg, 0.0);
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_NEAR(std::atan2(-points[0].y, points[0].x), 5.0 * M_PI / 180.0, 1e-6);
+}
+
+}  // namespace
+}  // namespace zloam::driver
