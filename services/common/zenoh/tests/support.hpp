@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <concepts>
 #include <condition_variable>
 #include <mutex>
 #include <stdexcept>
@@ -86,7 +87,7 @@ class Watched {
     std::unique_lock lock(mutex_);
     return changed_.wait_for(lock, kPatience, [&] { return predicate(value_); });
   }
-  T get() {
+  T get() requires std::copyable<T> {
     const std::lock_guard lock(mutex_);
     return value_;
   }

@@ -19,7 +19,7 @@ pub unsafe extern "C" fn zloam_session_declare_token(
 ) -> Status {
     guard(|| {
         let token = (*session)
-            .0
+            .zenoh
             .liveliness()
             .declare_token(key_expression(key)?)
             .wait()?;
@@ -46,7 +46,7 @@ pub unsafe extern "C" fn zloam_session_declare_liveliness_subscriber(
     let context = Context::new(context, drop);
     guard(|| {
         let subscriber = (*session)
-            .0
+            .zenoh
             .liveliness()
             .declare_subscriber(key_expression(key)?)
             .history(history)
@@ -69,7 +69,7 @@ pub unsafe extern "C" fn zloam_session_liveliness_get(
     let context = Context::new(context, drop);
     guard(|| {
         (*session)
-            .0
+            .zenoh
             .liveliness()
             .get(key_expression(key)?)
             .timeout(Duration::from_millis(timeout_ms))

@@ -66,7 +66,7 @@ pub unsafe extern "C" fn zloam_session_declare_publisher(
     guard(|| {
         let options = &*options;
         let publisher = (*session)
-            .0
+            .zenoh
             .declare_publisher(key_expression(key)?)
             .encoding(encoding_of(options.encoding)?)
             .congestion_control(options.congestion_control()?)
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn zloam_session_put(
     guard(|| {
         let options = &*options;
         (*session)
-            .0
+            .zenoh
             .put(
                 key_expression(key)?,
                 Bytes::share(payload).unwrap_or_default(),
@@ -182,7 +182,7 @@ pub unsafe extern "C" fn zloam_session_put(
 
 #[no_mangle]
 pub unsafe extern "C" fn zloam_session_delete(session: *const Session, key: Slice) -> Status {
-    guard(|| (*session).0.delete(key_expression(key)?).wait())
+    guard(|| (*session).zenoh.delete(key_expression(key)?).wait())
 }
 
 #[no_mangle]
@@ -197,7 +197,7 @@ pub unsafe extern "C" fn zloam_session_declare_subscriber(
     let context = Context::new(context, drop);
     guard(|| {
         let subscriber = (*session)
-            .0
+            .zenoh
             .declare_subscriber(key_expression(key)?)
             .callback(sample_closure(call, context))
             .wait()?;

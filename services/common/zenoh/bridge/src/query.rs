@@ -64,7 +64,7 @@ pub unsafe extern "C" fn zloam_session_declare_queryable(
     let context = Context::new(context, drop);
     guard(|| {
         let queryable = (*session)
-            .0
+            .zenoh
             .declare_queryable(key_expression(key)?)
             .complete(complete)
             .callback(move |query| {
@@ -155,7 +155,7 @@ pub unsafe extern "C" fn zloam_session_get(
             QueryTarget::BestMatching
         };
         let get = (*session)
-            .0
+            .zenoh
             .get(selector.text()?)
             .timeout(Duration::from_millis(timeout_ms))
             .target(target)

@@ -2,16 +2,21 @@
 use crate::abi::{hand_out, shield, take_back, Slice};
 use crate::config::Config;
 use crate::error::{guard, Result, Status};
-use std::sync::mpsc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::sync::Mutex;
 use std::time::Duration;
 use zenoh::key_expr::KeyExpr;
 use zenoh::Wait;
 
-pub struct Session(pub zenoh::Session);
+pub struct Session {
+    pub zenoh: zenoh::Session,
+    /// The end of a close that is under way.
+    closing: Mutex<Option<Receiver<Result<()>>>>,
+}
 
 /// A key expression in canonical form.
 pub unsafe fn key_expression(key: Slice) -> Result<KeyExpr<'static>> {
-    Ok(KeyExpr::autocanonize(key.text()?.to_owned())?)
+    KeyExpr::autocanonize(key.text()?.to_owned())
 }
 
 #[no_mangle]
@@ -20,13 +25,32 @@ pub unsafe extern "C" fn zloam_session_open(
     out: *mut *mut Session,
 ) -> Status {
     guard(|| {
-        hand_out(out, Session(zenoh::open((*config).0.clone()).wait()?));
+        let zenoh = zenoh::open((*config).0.clone()).wait()?;
+        hand_out(
+            out,
+            Session {
+                zenoh,
+                closing: Mutex::default(),
+            },
+        );
         Ok(())
     })
 }
 
-/// Zenoh's own close may hang for ten seconds and more on a bad link; so it runs on a thread of its
-/// own, which is left behind when the deadline passes.
+/// Starts to close on a thread of its own, since Zenoh may take ten seconds and more on a bad link.
+fn start_closing(session: zenoh::Session) -> Result<Receiver<Result<()>>> {
+    let (done, wait) = mpsc::channel();
+    std::thread::Builder::new()
+        .name("zloam-close".into())
+        .spawn(move || {
+            let result = session.close().wait_callbacks().wait();
+            drop(session);
+            let _ = done.send(result);
+        })?;
+    Ok(wait)
+}
+
+/// When the deadline passes first, the thread goes on, and the next call waits for the same one.
 #[no_mangle]
 pub unsafe extern "C" fn zloam_session_close(
     session: *const Session,
@@ -35,24 +59,24 @@ pub unsafe extern "C" fn zloam_session_close(
 ) -> Status {
     guard(|| {
         *closed = false;
-        let session = (*session).0.clone();
-        let (done, wait) = mpsc::channel();
-        std::thread::Builder::new()
-            .name("zloam-close".into())
-            .spawn(move || {
-                let result = session.close().wait_callbacks().wait();
-                drop(session);
-                let _ = done.send(result);
-            })?;
-        match wait.recv_timeout(Duration::from_millis(deadline_ms)) {
+        let session = &*session;
+        let mut closing = session
+            .closing
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let end = match closing.take() {
+            Some(end) => end,
+            None => start_closing(session.zenoh.clone())?,
+        };
+        match end.recv_timeout(Duration::from_millis(deadline_ms)) {
             Ok(result) => {
                 result?;
                 *closed = true;
-                Ok(())
             }
-            Err(mpsc::RecvTimeoutError::Timeout) => Ok(()),
-            Err(error) => Err(error.into()),
+            Err(RecvTimeoutError::Timeout) => *closing = Some(end),
+            Err(error) => return Err(error.into()),
         }
+        Ok(())
     })
 }
 
@@ -69,7 +93,7 @@ pub unsafe extern "C" fn zloam_session_zid(
 ) -> usize {
     let mut size = 0;
     shield(|| {
-        let text = (*session).0.zid().to_string();
+        let text = (*session).zenoh.zid().to_string();
         size = text.len().min(capacity);
         std::ptr::copy_nonoverlapping(text.as_ptr(), buffer, size);
     });

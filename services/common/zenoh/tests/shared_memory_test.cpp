@@ -1,0 +1,156 @@
+// Messages between processes of one machine go by shared memory, in one piece and aligned.
+#include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <array>
+
+#include "common/zenoh/aligned.hpp"
+#include "common/zenoh/tests/support.hpp"
+
+namespace zloam::zenoh::test {
+namespace {
+
+/// The program of shared_memory_peer.cpp; ends when its standard input is closed.
+class Peer {
+ public:
+  Peer(int port, std::size_t size) {
+    std::array<int, 2> input{};
+    if (pipe(input.data()) != 0) throw std::runtime_error("pipe");
+    const std::string port_text = std::to_string(port);
+    const std::string size_text = std::to_string(size);
+    pid_ = fork();
+    if (pid_ == 0) {
+      dup2(input[0], STDIN_FILENO);
+      close(input[0]);
+      close(input[1]);
+      execl(ZLOAM_SHARED_MEMORY_PEER, "shared_memory_peer", port_text.c_str(), size_text.c_str(),
+            nullptr);
+      _exit(127);
+    }
+    close(input[0]);
+    input_ = input[1];
+  }
+  Peer(const Peer&) = delete;
+  Peer& operator=(const Peer&) = delete;
+  ~Peer() { join(); }
+  int join() {
+    if (pid_ <= 0) return -1;
+    close(input_);
+    int status = -1;
+    waitpid(pid_, &status, 0);
+    pid_ = -1;
+    return status;
+  }
+
+ private:
+  int input_ = -1;
+  pid_t pid_ = -1;
+};
+
+Config shared_memory_config(Config config) {
+  config.insert_json5("transport/shared_memory/enabled", "true");
+  config.insert_json5("transport/shared_memory/transport_optimization/pool_size", "4194304");
+  return config;
+}
+
+/// The first sample that came by shared memory; the pool may not be ready for the first ones.
+std::optional<Sample> first_by_shared_memory(ChannelSubscriber& channel,
+                                             TransferCounters& counters) {
+  const auto end = std::chrono::steady_clock::now() + kPatience;
+  while (std::chrono::steady_clock::now() < end) {
+    auto sample = channel.recv(kPatience);
+    if (!sample) return std::nullopt;
+    view_aligned(sample->payload, &counters);
+    if (sample->payload.is_shared_memory()) return sample;
+  }
+  return std::nullopt;
+}
+
+void expect_in_place(const Sample& sample, std::size_t size) {
+  EXPECT_EQ(sample.payload.size(), size);
+  TransferCounters counters;
+  const AlignedBytes view = view_aligned(sample.payload, &counters);
+  EXPECT_TRUE(view.in_place());
+  EXPECT_EQ(view.data().data(), sample.payload.contiguous()->data());
+  EXPECT_EQ(counters.messages_shared_memory, 1u);
+  EXPECT_EQ(counters.bytes_in_place, size);
+  const auto all_equal = [&](std::uint8_t byte) { return byte == view.data()[0]; };
+  EXPECT_TRUE(std::all_of(view.data().begin(), view.data().end(), all_equal));
+}
+
+TEST(SharedMemory, BetweenTwoProcesses) {
+  constexpr std::size_t kSize = 300'000;
+  const int port = free_port();
+  Session session = Session::open(shared_memory_config(listening_config(port)));
+  auto channel = session.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Peer peer(port, kSize);
+  TransferCounters counters;
+  const auto sample = first_by_shared_memory(channel, counters);
+  ASSERT_TRUE(sample.has_value()) << counters.messages_other << " messages went another way";
+  expect_in_place(*sample, kSize);
+  EXPECT_EQ(counters.messages_shared_memory, 1u);
+  EXPECT_EQ(peer.join(), 0);
+}
+
+/// Puts 50 KB until a message comes by shared memory, or patience ends.
+std::optional<Sample> exchange(Publisher& publisher, ChannelSubscriber& channel) {
+  const auto end = std::chrono::steady_clock::now() + kPatience;
+  std::optional<Sample> sample;
+  while (std::chrono::steady_clock::now() < end) {
+    publisher.put(Bytes::own(std::vector<std::uint8_t>(50'000, 9)));
+    sample = channel.recv(kPatience);
+    if (!sample || sample->payload.is_shared_memory()) break;
+  }
+  return sample;
+}
+
+TEST(SharedMemory, BetweenTwoSessionsAndNotForSmallMessages) {
+  const int port = free_port();
+  Session a = Session::open(shared_memory_config(listening_config(port)));
+  Session b = Session::open(shared_memory_config(connecting_config(port)));
+  auto channel = b.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Publisher publisher = a.declare_publisher("test/shm");
+  wait_matching(publisher);
+  auto sample = exchange(publisher, channel);
+  ASSERT_TRUE(sample && sample->payload.is_shared_memory());
+  expect_in_place(*sample, 50'000);
+  publisher.put(Bytes::own(std::vector<std::uint8_t>(1000, 9)));
+  sample = channel.recv(kPatience);
+  ASSERT_TRUE(sample.has_value());
+  EXPECT_FALSE(sample->payload.is_shared_memory());
+  EXPECT_EQ(sample->payload.size(), 1000u);
+}
+
+/// Zenoh locks its pools into memory, and does without shared memory where it may not.
+bool may_lock(std::size_t size) {
+  void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) return false;
+  const bool locked = mlock(memory, size) == 0;
+  munmap(memory, size);
+  return locked;
+}
+
+TEST(SharedMemory, IsOnByDefault) {
+  constexpr std::size_t kTwoDefaultPools = 2 * 64 * 1024 * 1024;
+  if (!may_lock(kTwoDefaultPools)) GTEST_SKIP() << "this user may not lock 128 MiB (ulimit -l)";
+  const int port = free_port();
+  Config listening = Config::create_default();
+  listening.insert_json5("scouting/multicast/enabled", "false");
+  listening.insert_json5("listen/endpoints", "[\"" + endpoint(port) + "\"]");
+  Config connecting = Config::create_default();
+  connecting.insert_json5("scouting/multicast/enabled", "false");
+  connecting.insert_json5("listen/endpoints", "[]");
+  connecting.insert_json5("connect/endpoints", "[\"" + endpoint(port) + "\"]");
+  Session a = Session::open(listening);
+  Session b = Session::open(connecting);
+  auto channel = b.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Publisher publisher = a.declare_publisher("test/shm");
+  wait_matching(publisher);
+  const auto sample = exchange(publisher, channel);
+  ASSERT_TRUE(sample && sample->payload.is_shared_memory());
+}
+
+}  // namespace
+}  // namespace zloam::zenoh::test
