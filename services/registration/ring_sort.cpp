@@ -1,5 +1,6 @@
 #include "registration/ring_sort.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 

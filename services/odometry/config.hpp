@@ -1,0 +1,82 @@
+#pragma once
+// Configuration of the odometry stage. Every default is written here and nowhere else.
+
+#include <cstdint>
+
+namespace zloam::odometry {
+
+/// What a sweep is matched against.
+enum class Target : std::uint8_t {
+  kLastSweep = 0,    ///< LOAM's own form: lines and planes through points of the sweep before
+  kRecentSweeps = 1  ///< planes fitted in voxels to the last window_sweeps sweeps
+};
+
+struct OdometryConfig {
+  Target target = Target::kRecentSweeps;
+
+  // --- solver -------------------------------------------------------------------------------
+  /// LOAM: at most 25. Ends earlier when a step is below both limits.
+  int max_iterations = 25;
+  double stop_translation_m = 1e-4;
+  double stop_rotation_rad = 2e-5;
+  /// Fewer matched points than this: the pose is the prediction.
+  int min_correspondences = 30;
+  /// Geman-McClure kernel: its width starts at kernel_start_m, is halved by each iteration and ends
+  /// at kernel_m. Residuals above three widths are left out.
+  double kernel_m = 0.1;
+  double kernel_start_m = 0.4;
+  /// Residuals on one surface are correlated: their information is divided by this.
+  double correlation = 10.0;
+
+  // --- motion prior -------------------------------------------------------------------------
+  /// Soft tie of the sweep's begin to the end of the sweep before, one sigma.
+  double begin_sigma_m = 0.003;
+  double begin_sigma_rad = 0.002;
+  /// The twist changes from sweep to sweep by about this acceleration, one sigma.
+  double acceleration_sigma_mps2 = 3.0;
+  double angular_acceleration_sigma_radps2 = 2.0;
+  /// Twist of the first sweep, one sigma about rest.
+  double initial_speed_sigma_mps = 20.0;
+  double initial_rate_sigma_radps = 2.0;
+
+  // --- matching against recent sweeps -------------------------------------------------------
+  /// Sweeps kept in the target.
+  int window_sweeps = 10;
+  /// Edge of the coarsest voxels, m; each level halves it.
+  double voxel_m = 1.0;
+  int voxel_levels = 3;
+  /// At most about so many points of a sweep are matched (evenly spread), and inserted.
+  int max_matched_points = 6000;
+  int max_inserted_points = 30000;
+  /// A voxel is a plane when it has this many points, its thickness (square root of the smallest
+  /// eigenvalue) is below thickness_sigmas range noises, its width (of the middle one) above
+  /// width_sigmas, and the normal's error below normal_error_rad. A ring thickened by noise is no
+  /// plane: it would contain the beam.
+  int plane_min_points = 8;
+  double plane_thickness_sigmas = 2.0;
+  double plane_width_sigmas = 3.0;
+  double plane_normal_error_rad = 0.05;
+
+  // --- matching against the last sweep ------------------------------------------------------
+  /// Nearest points farther than this are no match, m. A-LOAM: 5.
+  double match_radius_m = 2.0;
+  /// Rings on either side in which the other point of a line or plane may lie. A-LOAM: 2.
+  int ring_reach = 2;
+  /// Successive points of a ring within this length are averaged in the target, m. A-LOAM: voxels
+  /// of 0.2 m.
+  double target_leaf_m = 0.2;
+  /// Information of an edge point against that of a flat point.
+  double edge_weight = 1.0;
+
+  // --- what is said about the result --------------------------------------------------------
+  /// A direction is flagged when its measured sigma exceeds weak_on times the predicted one, until
+  /// it falls below weak_off times it.
+  double weak_on = 1.0;
+  double weak_off = 0.7;
+  /// Published covariance: the solver's, times this (from comparison with ground truth).
+  double covariance_scale = 1.0;
+  /// Restart the target after so many sweeps in a row with points and without a match.
+  int restart_after = 10;
+};
+
+}  // namespace zloam::odometry

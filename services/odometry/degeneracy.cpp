@@ -1,0 +1,77 @@
+#include "odometry/degeneracy.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::odometry {
+namespace {
+
+struct Weakest {
+  Eigen::Vector3d direction;
+  double sigma;
+  double information;
+};
+
+// Information about one 3-vector when the other is unknown as well.
+Eigen::Matrix3d schur(const Eigen::Matrix3d& own, const Eigen::Matrix3d& cross,
+                      const Eigen::Matrix3d& other) {
+  const Eigen::Matrix3d regular = other + 1e-9 * Eigen::Matrix3d::Identity();
+  return own - cross * regular.ldlt().solve(cross.transpose());
+}
+
+Weakest weakest(const Eigen::Matrix3d& information) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(
+      0.5 * (information + information.transpose()));
+  const double value = std::max(1e-12, solver.eigenvalues()[0]);
+  Eigen::Vector3d direction = solver.eigenvectors().col(0);
+  // The sign is arbitrary: the largest component is made positive.
+  Eigen::Index largest = 0;
+  direction.cwiseAbs().maxCoeff(&largest);
+  if (direction[largest] < 0.0) {
+    direction = -direction;
+  }
+  return {direction, 1.0 / std::sqrt(value), value};
+}
+
+}  // namespace
+
+Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
+                                bool was_degenerate, const OdometryConfig& config) {
+  const Matrix6 own = data.H.topLeftCorner<6, 6>();
+  const Matrix6 cross = data.H.topRightCorner<6, 6>();
+  const Vector6 twist_information = prior.twist_sigma.array().square().inverse();
+  Matrix6 twist = data.H.bottomRightCorner<6, 6>();
+  twist.diagonal() += twist_information;
+  const Matrix6 pose = own - cross * twist.ldlt().solve(cross.transpose());
+  const Eigen::Matrix3d tt = pose.topLeftCorner<3, 3>();
+  const Eigen::Matrix3d tr = pose.topRightCorner<3, 3>();
+  const Eigen::Matrix3d rr = pose.bottomRightCorner<3, 3>();
+  const Weakest translation = weakest(schur(tt, tr, rr));
+  const Weakest rotation = weakest(schur(rr, tr.transpose(), tt));
+  // The middle of the sweep, from its begin and half of its twist.
+  const Vector6 predicted =
+      (prior.begin_sigma.array().square() + 0.25 * prior.twist_sigma.array().square()).sqrt();
+  const double predicted_m = predicted.head<3>().maxCoeff();
+  const double predicted_rad = predicted.tail<3>().maxCoeff();
+  const double limit = was_degenerate ? config.weak_off : config.weak_on;
+  const bool weak_translation = translation.sigma > limit * predicted_m;
+  const bool weak_rotation = rotation.sigma > limit * predicted_rad;
+
+  Degeneracy out;
+  out.degenerate = weak_translation || weak_rotation;
+  if (weak_translation) {
+    out.weak_translation = translation.direction;
+  }
+  if (weak_rotation) {
+    out.weak_rotation = rotation.direction;
+  }
+  const bool in_rad = weak_rotation && !weak_translation;
+  out.sigma_measured = in_rad ? rotation.sigma : translation.sigma;
+  out.sigma_predicted = in_rad ? predicted_rad : predicted_m;
+  out.share = translation.information / std::max(1e-12, tt.trace());
+  return out;
+}
+
+}  // namespace zloam::odometry

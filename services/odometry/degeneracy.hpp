@@ -1,0 +1,33 @@
+#pragma once
+// Which direction the data leave open. The information about translation and about rotation is
+// taken apart by Schur complements (no mixture of metres and radians), and the weakest eigenvector
+// of each is compared with what the prediction knows: a direction is weak when measuring it is
+// worse than predicting it. After Zhang, Kaess and Singh (ICRA 2016), with units.
+
+#include <Eigen/Core>
+
+#include "common/geometry/se3.hpp"
+#include "odometry/config.hpp"
+#include "odometry/motion_solver.hpp"
+
+namespace zloam::odometry {
+
+struct Degeneracy {
+  bool degenerate = false;
+  /// weak directions in base_link, unit; zero when none is weak
+  Eigen::Vector3d weak_translation = Eigen::Vector3d::Zero();
+  Eigen::Vector3d weak_rotation = Eigen::Vector3d::Zero();
+  /// one sigma along the weakest direction by the data and by the prediction; in m, or in rad when
+  /// only a rotation is weak
+  double sigma_measured = 0.0;
+  double sigma_predicted = 0.0;
+  /// information along the weakest translation over that of all residuals: the mean squared share
+  /// of the normals, 0..1
+  double share = 0.0;
+};
+
+/// data: the residuals' H at the solution. was_degenerate: of the sweep before (hysteresis).
+Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
+                                bool was_degenerate, const OdometryConfig& config);
+
+}  // namespace zloam::odometry

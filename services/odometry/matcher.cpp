@@ -1,0 +1,183 @@
+#include "odometry/matcher.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::odometry {
+namespace {
+
+// Residuals above this many kernel widths are left out.
+constexpr double kGateWidths = 3.0;
+
+std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
+  if (sweep.deskewed || sweep.period_ns == 0) {
+    return kTimeBins;  // the sweep's end
+  }
+  const double turn = static_cast<double>(point.time_ns) / sweep.period_ns;
+  return static_cast<std::uint16_t>(std::min<double>(turn, 1.0) * kTimeBins + 0.5);
+}
+
+void append(PointSpan points, std::size_t first, std::size_t stride, const FeatureSweep& sweep,
+            const Pose& T_base_lidar, std::vector<SourcePoint>& out) {
+  for (std::size_t i = first; i < points.size(); i += stride) {
+    if (is_usable(points[i])) {
+      out.push_back({T_base_lidar * points[i].position().cast<double>(), bin_of(points[i], sweep)});
+    }
+  }
+}
+
+void sort_by_time(std::vector<SourcePoint>& points) {
+  // Stable: the order of sums, and so the last bits, depends on the input alone.
+  std::stable_sort(points.begin(), points.end(),
+                   [](const SourcePoint& a, const SourcePoint& b) { return a.bin < b.bin; });
+}
+
+// Two unit vectors across a line.
+void across(const Eigen::Vector3d& direction, Eigen::Vector3d& a, Eigen::Vector3d& b) {
+  Eigen::Index smallest = 0;
+  direction.cwiseAbs().minCoeff(&smallest);
+  a = direction.cross(Eigen::Vector3d::Unit(smallest)).normalized();
+  b = direction.cross(a);
+}
+
+class Association {
+ public:
+  Association(const OdometryConfig& config, double range_noise_m, WindowMap& recent,
+              const RingTarget& last)
+      : config_(config), recent_(recent), last_(last) {
+    const double variance = std::max(1e-4, range_noise_m) * std::max(1e-4, range_noise_m);
+    plane_weight_ = 1.0 / (variance * std::max(1.0, config.correlation));
+  }
+
+  void run(const Source& source, const MotionState& state, double gate_m, Residuals& out) {
+    out.planes.clear();
+    out.lines.clear();
+    const MotionTable table(state.twist);
+    for (const SourcePoint& p : source.planes) {
+      add_plane(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
+    }
+    for (const SourcePoint& p : source.edges) {
+      add_line(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
+    }
+  }
+
+ private:
+  void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m, Residuals& out) {
+    Eigen::Vector3d normal;
+    double offset;
+    if (config_.target == Target::kRecentSweeps) {
+      const FittedPlane* plane = recent_.find(w);
+      if (plane == nullptr) {
+        return;
+      }
+      normal = plane->normal;
+      offset = plane->offset;
+    } else {
+      const std::optional<TargetPlane> plane = last_.plane(w);
+      if (!plane) {
+        return;
+      }
+      normal = plane->normal;
+      offset = plane->offset;
+    }
+    if (std::abs(normal.dot(w) - offset) < gate_m) {
+      out.planes.push_back({p.position, normal, offset, plane_weight_, p.bin});
+    }
+  }
+
+  void add_line(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m, Residuals& out) {
+    const std::optional<TargetLine> line = last_.line(w);
+    if (!line) {
+      return;
+    }
+    LineResidual r;
+    across(line->direction, r.axis_a, r.axis_b);
+    r.point = p.position;
+    r.offset_a = r.axis_a.dot(line->point);
+    r.offset_b = r.axis_b.dot(line->point);
+    r.weight = plane_weight_ * config_.edge_weight;
+    r.bin = p.bin;
+    if (std::hypot(r.axis_a.dot(w) - r.offset_a, r.axis_b.dot(w) - r.offset_b) < gate_m) {
+      out.lines.push_back(r);
+    }
+  }
+
+  const OdometryConfig& config_;
+  WindowMap& recent_;
+  const RingTarget& last_;
+  double plane_weight_;
+};
+
+bool is_small(const Vector12& step, const OdometryConfig& config) {
+  return step.head<3>().norm() < config.stop_translation_m &&
+         step.segment<3>(6).norm() < config.stop_translation_m &&
+         step.segment<3>(3).norm() < config.stop_rotation_rad &&
+         step.segment<3>(9).norm() < config.stop_rotation_rad;
+}
+
+}  // namespace
+
+bool is_usable(const Point& point) {
+  constexpr float kFarthest2 = 1e8F;  // 10 km
+  // Written so that NaN fails.
+  return point.position().squaredNorm() < kFarthest2;
+}
+
+Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
+                     const OdometryConfig& config) {
+  Source source;
+  if (config.target == Target::kRecentSweeps) {
+    const auto wanted = static_cast<std::size_t>(std::max(1, config.max_matched_points));
+    const std::size_t n = sweep.less_flat.size();
+    const std::size_t stride = std::max<std::size_t>(1, (n + wanted - 1) / wanted);
+    append(sweep.less_flat, sweep.sweep % stride, stride, sweep, T_base_lidar, source.planes);
+  } else {
+    append(sweep.flat, 0, 1, sweep, T_base_lidar, source.planes);
+    append(sweep.sharp, 0, 1, sweep, T_base_lidar, source.edges);
+  }
+  sort_by_time(source.planes);
+  sort_by_time(source.edges);
+  return source;
+}
+
+Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
+                     double range_noise_m, const OdometryConfig& config, WindowMap& recent,
+                     const RingTarget& last) {
+  Solution out;
+  out.state = initial;
+  Residuals residuals;
+  Association association(config, range_noise_m, recent, last);
+  double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
+  for (int i = 0; i < config.max_iterations; ++i) {
+    association.run(source, out.state, kGateWidths * kernel_m, residuals);
+    out.planes = static_cast<std::uint32_t>(residuals.planes.size());
+    out.lines = static_cast<std::uint32_t>(residuals.lines.size());
+    out.solved = out.planes + out.lines >= static_cast<std::uint32_t>(config.min_correspondences);
+    if (!out.solved) {
+      out.state = initial;
+      return out;
+    }
+    out.data = {};
+    add_residuals(out.state, residuals, kernel_m, out.data);
+    NormalEquations equations = out.data;
+    add_prior(out.state, prior, equations);
+    const Vector12 step = solve_step(equations);
+    out.state = moved(out.state, step);
+    out.covariance = equations.H.ldlt().solve(Matrix12::Identity());
+    out.iterations = static_cast<std::uint32_t>(i + 1);
+    if (kernel_m <= config.kernel_m && is_small(step, config)) {
+      break;
+    }
+    kernel_m = std::max(config.kernel_m, 0.5 * kernel_m);
+  }
+  out.residual_m = std::sqrt(out.data.squared_sum / std::max(1e-9, out.data.weight_sum));
+  out.state.T_odom_mid = normalised(out.state.T_odom_mid);
+  out.solved = out.state.T_odom_mid.matrix().allFinite() && out.state.twist.allFinite();
+  if (!out.solved) {
+    out.state = initial;
+  }
+  return out;
+}
+
+}  // namespace zloam::odometry

@@ -1,0 +1,51 @@
+#pragma once
+// Correspondences of one sweep with its target, and the solution of its motion.
+
+#include <cstdint>
+#include <vector>
+
+#include "odometry/config.hpp"
+#include "odometry/motion_solver.hpp"
+#include "odometry/odometry.hpp"
+#include "odometry/ring_target.hpp"
+#include "odometry/window_map.hpp"
+
+namespace zloam::odometry {
+
+/// A point to be matched: frame base_link at its own time.
+struct SourcePoint {
+  Eigen::Vector3d position;
+  std::uint16_t bin;
+};
+
+struct Source {
+  std::vector<SourcePoint> planes;
+  std::vector<SourcePoint> edges;
+};
+
+struct Solution {
+  MotionState state;
+  Matrix12 covariance = Matrix12::Zero();
+  NormalEquations data;  ///< of the residuals alone, at the last iteration
+  std::uint32_t iterations = 0;
+  std::uint32_t planes = 0;
+  std::uint32_t lines = 0;
+  double residual_m = 0.0;
+  /// false: too few matches, state is the prior
+  bool solved = false;
+};
+
+/// Points of a sweep that are matched, carried to base_link: flat points and an even choice of the
+/// rest for Target::kRecentSweeps, flat and sharp points for Target::kLastSweep.
+Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
+                     const OdometryConfig& config);
+
+/// Iterates matching and Gauss-Newton steps from the initial state. The unused target may be empty.
+Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
+                     double range_noise_m, const OdometryConfig& config, WindowMap& recent,
+                     const RingTarget& last);
+
+/// Finite and nearer than any sensor sees.
+bool is_usable(const Point& point);
+
+}  // namespace zloam::odometry

@@ -1,0 +1,180 @@
+#include "odometry/motion_solver.hpp"
+
+#include <Eigen/Cholesky>
+
+namespace zloam::odometry {
+namespace {
+
+Matrix6 small_adjoint(const Vector6& x) {
+  Matrix6 ad = Matrix6::Zero();
+  const Eigen::Matrix3d w = hat(x.tail<3>());
+  ad.topLeftCorner<3, 3>() = w;
+  ad.topRightCorner<3, 3>() = hat(x.head<3>());
+  ad.bottomRightCorner<3, 3>() = w;
+  return ad;
+}
+
+// Inverse right Jacobian: Log(Exp(e) Exp(d)) = e + J d. Bernoulli series; e is far below 1.
+Matrix6 inverse_right_jacobian(const Vector6& e) {
+  const Matrix6 ad = small_adjoint(e);
+  const Matrix6 ad2 = ad * ad;
+  return Matrix6::Identity() + 0.5 * ad + ad2 / 12.0 - ad2 * ad2 / 720.0 +
+         ad2 * ad2 * ad2 / 30240.0;
+}
+
+// Collects J J^T and J r of the residuals of one time bin, J = (R^T n, q x R^T n), and folds them
+// into the system when the bin changes: dr/dv = s J^T J_left(s v).
+class Accumulator {
+ public:
+  Accumulator(const MotionState& state, NormalEquations& equations)
+      : rotation_t_(state.T_odom_mid.linear().transpose()),
+        left_jacobian_(state.twist),
+        equations_(equations) {}
+
+  void start_bin(std::uint16_t bin) {
+    if (bin != bin_) {
+      fold();
+      bin_ = bin;
+    }
+  }
+
+  void add(const Eigen::Vector3d& moved_point, const Eigen::Vector3d& normal, double residual,
+           double weight) {
+    const Eigen::Vector3d n = rotation_t_ * normal;
+    const Eigen::Vector3d m = moved_point.cross(n);
+    const double j[6] = {n.x(), n.y(), n.z(), m.x(), m.y(), m.z()};
+    for (int r = 0; r < 6; ++r) {
+      const double wj = weight * j[r];
+      gradient_[r] += wj * residual;
+      for (int c = r; c < 6; ++c) {
+        square_(r, c) += wj * j[c];
+      }
+    }
+    filled_ = true;
+  }
+
+  void fold() {
+    if (!filled_) {
+      return;
+    }
+    const double s = fraction_of_bin(bin_);
+    const Matrix6 a = square_.selfadjointView<Eigen::Upper>();
+    const Matrix6 jacobian = s * left_jacobian_.at(s);
+    const Matrix6 cross = a * jacobian;
+    equations_.H.topLeftCorner<6, 6>() += a;
+    equations_.H.topRightCorner<6, 6>() += cross;
+    equations_.H.bottomLeftCorner<6, 6>() += cross.transpose();
+    equations_.H.bottomRightCorner<6, 6>() += jacobian.transpose() * cross;
+    equations_.g.head<6>() += gradient_;
+    equations_.g.tail<6>() += jacobian.transpose() * gradient_;
+    square_.setZero();
+    gradient_.setZero();
+    filled_ = false;
+  }
+
+ private:
+  Eigen::Matrix3d rotation_t_;
+  LeftJacobian left_jacobian_;
+  NormalEquations& equations_;
+  Matrix6 square_ = Matrix6::Zero();
+  Vector6 gradient_ = Vector6::Zero();
+  std::uint16_t bin_ = 0;
+  bool filled_ = false;
+};
+
+// Robust weight rho'(x), and the residual's account in the sums.
+double robust_weight(double squared, double weight, double kernel2, NormalEquations& equations) {
+  const double quotient = kernel2 / (kernel2 + squared);
+  const double robust = quotient * quotient;
+  equations.cost += 0.5 * weight * squared * quotient;
+  equations.weight_sum += robust;
+  equations.squared_sum += robust * squared;
+  return weight * robust;
+}
+
+}  // namespace
+
+MotionTable::MotionTable(const Vector6& twist) {
+  motions_.reserve(kTimeBins + 1);
+  for (int bin = 0; bin <= kTimeBins; ++bin) {
+    motions_.push_back(exp_se3(fraction_of_bin(bin) * twist));
+  }
+}
+
+LeftJacobian::LeftJacobian(const Vector6& twist) {
+  const Matrix6 ad = small_adjoint(twist);
+  terms_[0].setIdentity();
+  for (int n = 1; n < kTerms; ++n) {
+    const auto i = static_cast<std::size_t>(n);
+    terms_[i] = terms_[i - 1] * ad / (n + 1.0);
+  }
+}
+
+Matrix6 LeftJacobian::at(double s) const {
+  Matrix6 sum = terms_[kTerms - 1];
+  for (std::size_t n = kTerms - 1; n-- > 0;) {
+    sum = terms_[n] + s * sum;
+  }
+  return sum;
+}
+
+void add_residuals(const MotionState& state, const Residuals& residuals, double kernel_m,
+                   NormalEquations& equations) {
+  const MotionTable table(state.twist);
+  const double kernel2 = kernel_m * kernel_m;
+  Accumulator accumulator(state, equations);
+  for (const PlaneResidual& p : residuals.planes) {
+    const Eigen::Vector3d q = table[p.bin] * p.point;
+    const double r = p.normal.dot(state.T_odom_mid * q) - p.offset;
+    accumulator.start_bin(p.bin);
+    accumulator.add(q, p.normal, r, robust_weight(r * r, p.weight, kernel2, equations));
+  }
+  for (const LineResidual& l : residuals.lines) {
+    const Eigen::Vector3d q = table[l.bin] * l.point;
+    const Eigen::Vector3d w = state.T_odom_mid * q;
+    const double a = l.axis_a.dot(w) - l.offset_a;
+    const double b = l.axis_b.dot(w) - l.offset_b;
+    const double weight = robust_weight(a * a + b * b, l.weight, kernel2, equations);
+    accumulator.start_bin(l.bin);
+    accumulator.add(q, l.axis_a, a, weight);
+    accumulator.add(q, l.axis_b, b, weight);
+  }
+  accumulator.fold();
+}
+
+void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations) {
+  const Pose to_begin = exp_se3(-0.5 * state.twist);
+  const Vector6 e = log_se3(prior.T_odom_begin.inverse() * state.T_odom_mid * to_begin);
+  const Matrix6 inverse = inverse_right_jacobian(e);
+  Eigen::Matrix<double, 6, 12> jacobian;
+  jacobian.leftCols<6>() = inverse * adjoint(to_begin.inverse());
+  // T Exp(-(v + dv) / 2) = T Exp(-v / 2) Exp(-J_left(v / 2) dv / 2)
+  jacobian.rightCols<6>() = -0.5 * inverse * LeftJacobian(state.twist).at(0.5);
+  const Vector6 begin_weight = prior.begin_sigma.array().square().inverse();
+  const Vector6 twist_weight = prior.twist_sigma.array().square().inverse();
+  const Vector6 dv = state.twist - prior.twist;
+  equations.H += jacobian.transpose() * begin_weight.asDiagonal() * jacobian;
+  equations.g += jacobian.transpose() * begin_weight.cwiseProduct(e);
+  equations.H.bottomRightCorner<6, 6>() += Matrix6(twist_weight.asDiagonal());
+  equations.g.tail<6>() += twist_weight.cwiseProduct(dv);
+  equations.cost +=
+      0.5 * (e.dot(begin_weight.cwiseProduct(e)) + dv.dot(twist_weight.cwiseProduct(dv)));
+}
+
+Vector12 solve_step(const NormalEquations& equations) {
+  return -equations.H.ldlt().solve(equations.g);
+}
+
+MotionState moved(const MotionState& state, const Vector12& step) {
+  return {state.T_odom_mid * exp_se3(step.head<6>()), state.twist + step.tail<6>()};
+}
+
+Matrix6 end_covariance(const MotionState& state, const Matrix12& covariance) {
+  const Pose to_end = exp_se3(0.5 * state.twist);
+  Eigen::Matrix<double, 6, 12> jacobian;
+  jacobian.leftCols<6>() = adjoint(to_end.inverse());
+  jacobian.rightCols<6>() = 0.5 * LeftJacobian(state.twist).at(-0.5);
+  return jacobian * covariance * jacobian.transpose();
+}
+
+}  // namespace zloam::odometry

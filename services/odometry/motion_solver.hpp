@@ -1,0 +1,113 @@
+#pragma once
+// Motion of one sweep from point-to-plane and point-to-line residuals.
+//
+// Unknowns: T = T_odom_mid, the pose of base_link at the middle of the sweep, and v, the body twist
+// over the sweep (per sweep, not per second). A point p measured at the fraction s of the sweep,
+// s in [-1/2, 1/2], lies at T Exp(s v) p. About the middle the two unknowns nearly decouple.
+//   plane   r = n . (T Exp(s v) p) - d
+//   line    r = (a . w - d_a, b . w - d_b), a and b across the line, w as above
+//   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior
+// Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
+// (Geman-McClure). Minimised by Gauss-Newton with re-weighting; perturbations T <- T Exp(x_T),
+// v <- v + x_v. The soft tie to the sweep before is CT-ICP's (Dellenbach et al. 2022) in place of
+// LOAM's pinned start; the matching is LOAM's (Zhang and Singh, RSS 2014, section V).
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::odometry {
+
+using Vector12 = Eigen::Matrix<double, 12, 1>;
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+
+struct MotionState {
+  Pose T_odom_mid = Pose::Identity();
+  Vector6 twist = Vector6::Zero();  ///< per sweep
+
+  Pose T_odom_begin() const { return T_odom_mid * exp_se3(-0.5 * twist); }
+  Pose T_odom_end() const { return T_odom_mid * exp_se3(0.5 * twist); }
+};
+
+/// The sweep's time in kTimeBins steps: all points of a step share Exp(s v). Half a step is 0.1 ms
+/// of a 0.1 s sweep: 2 mm at 20 m/s.
+inline constexpr int kTimeBins = 512;
+inline double fraction_of_bin(int bin) { return static_cast<double>(bin) / kTimeBins - 0.5; }
+
+struct PlaneResidual {
+  Eigen::Vector3d point;   ///< frame base_link at its own time
+  Eigen::Vector3d normal;  ///< unit, frame odom
+  double offset;           ///< normal . (point of the plane)
+  double weight;           ///< 1 / variance, 1/m^2
+  std::uint16_t bin;
+};
+
+struct LineResidual {
+  Eigen::Vector3d point;
+  Eigen::Vector3d axis_a, axis_b;  ///< unit, across the line and each other, frame odom
+  double offset_a, offset_b;
+  double weight;
+  std::uint16_t bin;
+};
+
+struct Residuals {
+  std::vector<PlaneResidual> planes;
+  std::vector<LineResidual> lines;
+};
+
+struct MotionPrior {
+  Pose T_odom_begin = Pose::Identity();
+  Vector6 begin_sigma = Vector6::Ones();
+  Vector6 twist = Vector6::Zero();
+  Vector6 twist_sigma = Vector6::Ones();
+};
+
+/// Exp(s v) of every time bin.
+class MotionTable {
+ public:
+  explicit MotionTable(const Vector6& twist);
+  const Pose& operator[](std::size_t bin) const { return motions_[bin]; }
+
+ private:
+  std::vector<Pose> motions_;
+};
+
+/// Gauss-Newton system: H x = -g.
+struct NormalEquations {
+  Matrix12 H = Matrix12::Zero();
+  Vector12 g = Vector12::Zero();
+  double cost = 0.0;
+  double weight_sum = 0.0;   ///< of robust weights in [0, 1]
+  double squared_sum = 0.0;  ///< of the residuals, each by its robust weight, m^2
+};
+
+/// Left Jacobian of SE(3), Exp(x + dx) = Exp(J(x) dx) Exp(x), for x = s v at any s: a power series
+/// in s (Barfoot 2017, section 7.1).
+class LeftJacobian {
+ public:
+  explicit LeftJacobian(const Vector6& twist);
+  Matrix6 at(double s) const;
+
+ private:
+  static constexpr int kTerms = 14;
+  std::array<Matrix6, kTerms> terms_;
+};
+
+/// Adds the residuals' part at the state.
+void add_residuals(const MotionState& state, const Residuals& residuals, double kernel_m,
+                   NormalEquations& equations);
+
+/// Adds the prior's part at the state.
+void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations);
+
+/// The step -H^-1 g, and the state after it.
+Vector12 solve_step(const NormalEquations& equations);
+MotionState moved(const MotionState& state, const Vector12& step);
+
+/// Covariance of T_odom_end given that of the unknowns, tangent at base_link at the end.
+Matrix6 end_covariance(const MotionState& state, const Matrix12& covariance);
+
+}  // namespace zloam::odometry

@@ -1,0 +1,266 @@
+#include "odometry/odometry.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/geometry/deskew.hpp"
+#include "odometry/matcher.hpp"
+
+namespace zloam::odometry {
+namespace {
+
+// Longer gaps between sweeps are bridged as if they were this long: the prediction is void anyway.
+constexpr double kMaxGap_s = 2.0;
+
+PointVector in_base(PointSpan points, const Pose& T_base_lidar) {
+  PointVector out;
+  out.reserve(points.size());
+  const Eigen::Isometry3f T = T_base_lidar.cast<float>();
+  for (const Point& p : points) {
+    if (is_usable(p)) {
+      const Eigen::Vector3f q = T * p.position();
+      out.push_back(p);
+      out.back().x = q.x();
+      out.back().y = q.y();
+      out.back().z = q.z();
+    }
+  }
+  return out;
+}
+
+Vector6 sigmas(double translation, double rotation) {
+  Vector6 s;
+  s << translation, translation, translation, rotation, rotation, rotation;
+  return s;
+}
+
+// What is known before a sweep is looked at.
+struct Prediction {
+  MotionState state;
+  MotionPrior prior;
+};
+
+}  // namespace
+
+struct Odometry::State {
+  State(const OdometryConfig& c, const Pose& mounting)
+      : config(c), T_base_lidar(mounting), recent(c, 0.02), last(c) {}
+
+  OdometryConfig config;
+  Pose T_base_lidar;
+  WindowMap recent;
+  RingTarget last;
+
+  bool started = false;
+  std::uint64_t prev_sweep = 0;
+  std::int64_t prev_instant_ns = 0;
+  Pose T_odom_base = Pose::Identity();
+  Vector6 twist_per_s = Vector6::Zero();
+  bool twist_known = false;
+  bool degenerate = false;
+  int predicted_in_row = 0;
+  // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
+  PointVector founding_edges, founding_planes;
+  std::uint32_t founding_period_ns = 0;
+
+  bool target_empty() const {
+    return config.target == Target::kRecentSweeps ? recent.empty() : last.empty();
+  }
+
+  Prediction predict(const FeatureSweep& sweep) const {
+    const double period_s = sweep.period_ns * 1e-9;
+    const double gap_s =
+        started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -0.5 * period_s, kMaxGap_s)
+                : 0.0;
+    const double blind_s = std::max(0.0, gap_s) + predicted_in_row * period_s;
+    const double a = config.acceleration_sigma_mps2;
+    const double alpha = config.angular_acceleration_sigma_radps2;
+    Prediction p;
+    p.prior.T_odom_begin = T_odom_base * exp_se3(twist_per_s * gap_s);
+    p.prior.twist = twist_per_s * period_s;
+    p.prior.begin_sigma = sigmas(config.begin_sigma_m + 0.5 * a * blind_s * blind_s,
+                                 config.begin_sigma_rad + 0.5 * alpha * blind_s * blind_s);
+    p.prior.twist_sigma = twist_known ? sigmas(a * period_s * (period_s + blind_s),
+                                               alpha * period_s * (period_s + blind_s))
+                                      : sigmas(config.initial_speed_sigma_mps * period_s,
+                                               config.initial_rate_sigma_radps * period_s);
+    p.state.twist = p.prior.twist;
+    p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
+    return p;
+  }
+
+  void set_target(PointSpan edges, PointSpan planes, const Pose& T_odom) {
+    if (config.target == Target::kRecentSweeps) {
+      recent.add(planes, T_odom);
+    } else {
+      last.set(edges, planes, T_odom, T_base_lidar);
+    }
+  }
+
+  void clear_target() {
+    recent.clear();
+    last.clear();
+    founding_edges.clear();
+    founding_planes.clear();
+  }
+
+  void found(PointSpan edges, PointSpan planes, const Pose& T_odom, std::uint32_t period_ns) {
+    clear_target();
+    set_target(edges, planes, T_odom);
+    if (!twist_known) {
+      founding_edges.assign(edges.begin(), edges.end());
+      founding_planes.assign(planes.begin(), planes.end());
+      founding_period_ns = period_ns;
+      founding_pose = T_odom;
+    }
+  }
+
+  // The first sweep's own motion is only known from the second.
+  bool deskew_founding_sweep(const Vector6& known_twist_per_s) {
+    if (founding_planes.empty() && founding_edges.empty()) {
+      return false;
+    }
+    const DeskewTable table(known_twist_per_s, founding_period_ns, founding_period_ns);
+    const PointVector edges = deskewed(founding_edges, table);
+    const PointVector planes = deskewed(founding_planes, table);
+    clear_target();
+    set_target(edges, planes, founding_pose);
+    return true;
+  }
+
+  Solution solve(const FeatureSweep& sweep, const Source& source, const Prediction& predicted) {
+    recent.set_range_noise(sweep.range_noise_m);
+    const auto match = [&](const MotionState& initial) {
+      return match_sweep(source, initial, predicted.prior, sweep.range_noise_m, config, recent,
+                         last);
+    };
+    Solution solution = match(predicted.state);
+    if (solution.solved && sweep.period_ns > 0 && !sweep.deskewed &&
+        deskew_founding_sweep(solution.state.twist / (sweep.period_ns * 1e-9))) {
+      Solution again = match(solution.state);
+      if (again.solved) {
+        solution = again;
+      }
+    }
+    return solution;
+  }
+
+  void commit(const OdometryResult& result, std::uint32_t period_ns);
+
+  Pose founding_pose = Pose::Identity();
+};
+
+Odometry::Odometry(const OdometryConfig& config, const Pose& T_base_lidar)
+    : state_(std::make_unique<State>(config, T_base_lidar)) {}
+Odometry::~Odometry() = default;
+Odometry::Odometry(Odometry&&) noexcept = default;
+Odometry& Odometry::operator=(Odometry&&) noexcept = default;
+
+// Takes a result into the state; the same for an own result and for one of another instance.
+void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_ns) {
+  const bool has_points = !result.planes.empty() || !result.edges.empty();
+  const bool solved = result.health == Health::kOk || result.health == Health::kDegenerate;
+  predicted_in_row = solved ? 0 : predicted_in_row + 1;
+  if (target_empty() || (has_points && predicted_in_row >= config.restart_after)) {
+    if (has_points) {
+      found(result.edges, result.planes, result.T_odom_base, period_ns);
+      predicted_in_row = 0;
+    }
+  } else if (solved) {
+    twist_known = true;
+    set_target(result.edges, result.planes, result.T_odom_base);
+  }
+  started = true;
+  prev_sweep = result.sweep;
+  prev_instant_ns = result.instant_ns;
+  T_odom_base = result.T_odom_base;
+  twist_per_s = result.twist_per_s;
+  degenerate = result.degeneracy.degenerate;
+}
+
+OdometryResult Odometry::process(const FeatureSweep& sweep) {
+  State& s = *state_;
+  const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
+  OdometryResult result;
+  result.sweep = sweep.sweep;
+  result.prev_sweep = s.started ? s.prev_sweep : sweep.sweep;
+  result.instant_ns = sweep.stamp_ns + sweep.period_ns;
+
+  const Prediction predicted = s.predict(sweep);
+  const Source source = choose_source(sweep, s.T_base_lidar, s.config);
+  Solution solution;
+  solution.state = predicted.state;
+  const bool founding = s.target_empty();
+  if (!founding) {
+    solution = s.solve(sweep, source, predicted);
+  }
+  NormalEquations prior_only;
+  if (!solution.solved) {
+    add_prior(solution.state, predicted.prior, prior_only);
+    solution.covariance = prior_only.H.inverse();
+  }
+  result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
+  result.twist_per_s = solution.state.twist / period_s;
+  result.covariance =
+      s.config.covariance_scale * end_covariance(solution.state, solution.covariance);
+  result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.degenerate, s.config);
+
+  const Pose error = predicted.state.T_odom_end().inverse() * result.T_odom_base;
+  result.diagnostics = {solution.iterations,
+                        solution.planes,
+                        solution.lines,
+                        solution.residual_m,
+                        error.translation().norm(),
+                        log_so3(error.linear()).norm()};
+  result.edges = in_base(sweep.less_sharp, s.T_base_lidar);
+  result.planes = in_base(sweep.less_flat, s.T_base_lidar);
+  if (!sweep.deskewed) {
+    const DeskewTable table(result.twist_per_s, sweep.period_ns, sweep.period_ns);
+    result.edges = deskewed(result.edges, table);
+    result.planes = deskewed(result.planes, table);
+  }
+  const bool has_points = !result.edges.empty() || !result.planes.empty();
+  if (!has_points) {
+    result.health = Health::kEmpty;
+  } else if (founding) {
+    result.health = Health::kOk;
+    result.degeneracy = {};
+  } else if (!solution.solved) {
+    result.health = Health::kPredicted;
+  } else if (result.degeneracy.degenerate) {
+    result.health = Health::kDegenerate;
+  }
+  s.commit(result, sweep.period_ns);
+  return result;
+}
+
+void Odometry::restore(std::span<const CommittedSweep> sweeps) {
+  reset();
+  for (const CommittedSweep& sweep : sweeps) {
+    OdometryResult result;
+    result.sweep = sweep.sweep;
+    result.prev_sweep = sweep.prev_sweep;
+    result.instant_ns = sweep.instant_ns;
+    result.T_odom_base = sweep.T_odom_base;
+    result.twist_per_s = sweep.twist_per_s;
+    result.health = sweep.health;
+    result.degeneracy.degenerate = sweep.degenerate;
+    result.edges.assign(sweep.edges.begin(), sweep.edges.end());
+    result.planes.assign(sweep.planes.begin(), sweep.planes.end());
+    // A first sweep was handed on before its twist was known.
+    state_->twist_known = sweep.prev_sweep != sweep.sweep;
+    if (state_->twist_known &&
+        (sweep.health == Health::kOk || sweep.health == Health::kDegenerate)) {
+      state_->deskew_founding_sweep(sweep.twist_per_s);
+    }
+    state_->commit(result, sweep.period_ns);
+  }
+}
+
+void Odometry::reset() { state_ = std::make_unique<State>(state_->config, state_->T_base_lidar); }
+
+std::size_t Odometry::restore_depth() const {
+  return static_cast<std::size_t>(std::max(1, state_->config.window_sweeps)) + 1;
+}
+
+}  // namespace zloam::odometry

@@ -1,0 +1,107 @@
+#pragma once
+// Odometry: the motion of base_link from sweep to sweep, and the clouds for mapping at one instant.
+//
+// Each sweep's own motion is found with its distortion: a point measured at time t is moved by the
+// sweep's constant twist, inside the iteration (motion_solver.hpp). The start is softly tied to the
+// end of the sweep before. The target is either the sweep before (LOAM) or the last few
+// (window_map.hpp). Results hold for the sweep's end. odom is base_link at the first sweep's end.
+//
+// No clock, no threads, no random numbers: the same sweeps give the same bytes.
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "common/geometry/health.hpp"
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+#include "odometry/config.hpp"
+#include "odometry/degeneracy.hpp"
+
+namespace zloam::odometry {
+
+/// The features of one sweep, frame lidar, each point at its own time. Spans are read during the
+/// call only.
+struct FeatureSweep {
+  std::uint64_t sweep = 0;
+  /// time of the sweep's first point, ns since the Unix epoch
+  std::int64_t stamp_ns = 0;
+  /// measured time of one turn, ns
+  std::uint32_t period_ns = 100000000;
+  /// true when the source moved all points to the sweep's end already
+  bool deskewed = false;
+  double range_noise_m = 0.02;
+  PointSpan sharp, less_sharp, flat, less_flat;
+};
+
+struct OdometryDiagnostics {
+  std::uint32_t iterations = 0;
+  std::uint32_t planes = 0;
+  std::uint32_t lines = 0;
+  /// rms of the residuals after the last iteration, robustly weighted, m
+  double residual_m = 0.0;
+  /// what the prediction of this sweep's end was off by
+  double prediction_error_m = 0.0;
+  double prediction_error_rad = 0.0;
+};
+
+struct OdometryResult {
+  std::uint64_t sweep = 0;
+  std::uint64_t prev_sweep = 0;
+  /// the instant of pose and clouds: the sweep's end, ns since the Unix epoch
+  std::int64_t instant_ns = 0;
+  Pose T_odom_base = Pose::Identity();
+  /// body twist of base_link over the sweep that the deskewing used, m/s and rad/s:
+  /// p(instant) = Exp(twist * (t_point - instant)) p(t_point)
+  Vector6 twist_per_s = Vector6::Zero();
+  /// of the step from prev_sweep's pose, tangent at base_link
+  Matrix6 covariance = Matrix6::Zero();
+  Degeneracy degeneracy;
+  /// less_sharp and less_flat, frame base_link at the instant; time_ns is still each point's own
+  PointVector edges;
+  PointVector planes;
+  OdometryDiagnostics diagnostics;
+  Health health = Health::kOk;
+};
+
+/// What a sweep leaves behind for the next ones: the part of its result that restore() needs.
+struct CommittedSweep {
+  std::uint64_t sweep = 0;
+  std::uint64_t prev_sweep = 0;
+  std::int64_t instant_ns = 0;
+  std::uint32_t period_ns = 0;
+  Pose T_odom_base = Pose::Identity();
+  Vector6 twist_per_s = Vector6::Zero();
+  Health health = Health::kOk;
+  bool degenerate = false;
+  PointSpan edges, planes;
+};
+
+class Odometry {
+ public:
+  Odometry(const OdometryConfig& config, const Pose& T_base_lidar);
+  ~Odometry();
+  Odometry(Odometry&&) noexcept;
+  Odometry& operator=(Odometry&&) noexcept;
+
+  /// Moves on by one sweep. Sweeps come in ascending order; numbers and times may have gaps. Points
+  /// that are not finite are left out. Never throws on bad data: the pose is then the prediction,
+  /// and the health says why.
+  OdometryResult process(const FeatureSweep& sweep);
+
+  /// Takes up the state from the results of the last sweeps, in ascending order, as another
+  /// instance published them; config.window_sweeps + 1 of them give the very same continuation.
+  void restore(std::span<const CommittedSweep> sweeps);
+
+  /// Forgets everything: the next sweep is a first one.
+  void reset();
+
+  /// Sweeps that restore() can make use of.
+  std::size_t restore_depth() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace zloam::odometry

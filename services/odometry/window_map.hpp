@@ -1,0 +1,92 @@
+#pragma once
+// Planes in voxels over the last sweeps: the target of Target::kRecentSweeps.
+//
+// Each voxel keeps count, sum and sum of squares of its points; a sweep that leaves the window is
+// subtracted. Everything is summed in integers (the coarsest voxel's edge / 2^15 as unit, 30 um for
+// 1 m), so adding and subtracting is exact: the state depends only on the sweeps in the window, not
+// on how they came there, and a program that takes over from the last sweeps' messages continues
+// with the same bytes. Plane fits by eigenvalues as in VoxelMap (Yuan et al. 2022), coarse to fine.
+//
+// The grid is turned and shifted against odom: a floor on the boundary of two layers of voxels
+// would be split into two half planes that agree with any small shift.
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+#include "odometry/config.hpp"
+
+namespace zloam::odometry {
+
+struct FittedPlane {
+  Eigen::Vector3d normal;  ///< unit, frame odom
+  double offset;           ///< normal . centre
+  double sigma_m;          ///< thickness
+};
+
+class WindowMap {
+ public:
+  WindowMap(const OdometryConfig& config, double range_noise_m);
+
+  /// Adds a sweep (points in base_link at one instant), and drops the oldest when the window is
+  /// full.
+  void add(PointSpan points, const Pose& T_odom_base);
+
+  /// The plane around a point in odom, or null. Valid until the next add.
+  const FittedPlane* find(const Eigen::Vector3d& point_odom);
+
+  void clear();
+  bool empty() const { return sweeps_.empty(); }
+  void set_range_noise(double range_noise_m);
+
+ private:
+  static constexpr int kRootBits = 15;
+  static constexpr int kMaxLevels = 5;
+  enum class Fit : std::uint8_t { kStale, kPlane, kNone };
+  struct Voxel {
+    std::uint64_t key = 0;
+    std::array<std::int64_t, 3> sum{};
+    std::array<std::int64_t, 6> square{};  // xx xy xz yy yz zz
+    std::int32_t count = 0;
+    Fit fit = Fit::kStale;
+    FittedPlane plane{};
+  };
+  using Cell = std::array<std::int32_t, 3>;
+  using Grid = std::array<std::int32_t, 3>;  // a point in units
+
+  struct Entry {
+    Grid position;
+    std::array<std::uint32_t, kMaxLevels> voxel;
+  };
+  using SweepEntries = std::vector<Entry>;
+
+  Grid to_grid(const Eigen::Vector3d& point_odom) const;
+  int shift_of(int level) const { return kRootBits - level; }
+  Cell cell_of(const Grid& position, int level) const;
+  std::uint32_t find_voxel(const Cell& cell, int level) const;
+  std::uint32_t make_voxel(const Cell& cell, int level);
+  void change(Voxel& voxel, const Grid& position, int level, int sign);
+  void remove_oldest();
+  void rebuild_table(std::size_t capacity);
+  void fit(Voxel& voxel, const Cell& cell, int level);
+  bool covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const;
+
+  OdometryConfig config_;
+  double range_noise_m_;
+  double units_per_m_;
+  int levels_;
+  Eigen::Matrix3d R_grid_odom_;
+  Eigen::Vector3d t_grid_odom_;
+  std::vector<Voxel> voxels_;
+  std::vector<std::uint32_t> free_;
+  std::vector<std::uint32_t> table_;  // open addressing, index + 1; 0 is empty
+  std::size_t used_slots_ = 0;
+  std::deque<SweepEntries> sweeps_;
+};
+
+}  // namespace zloam::odometry

@@ -1,0 +1,222 @@
+// zloam-offline FOLDER OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
+// yaw]
+//
+// Registration, odometry and, when it is built in, mapping over a folder of scans, in one process
+// and without any messages. Writes odom.tum and est.tum (poses of base_link stamped with the
+// instant they hold for; est is the mapped one) and sweeps.csv, and prints the CPU time of each
+// stage per sweep.
+
+#include <time.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+#include "odometry/odometry.hpp"
+#include "registration/registration.hpp"
+#include "scan_reader.hpp"
+#include "settings.hpp"
+#ifdef ZLOAM_WITH_MAPPING
+#include "mapping/mapping.hpp"
+#endif
+
+namespace zloam::offline {
+namespace {
+
+double cpu_ms() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return t.tv_sec * 1e3 + t.tv_nsec * 1e-6;
+}
+
+struct Options {
+  std::string folder, out;
+  std::size_t first = 0;
+  std::size_t count = SIZE_MAX;
+  Pose T_base_lidar = Pose::Identity();
+  bool with_mapping = true;
+  Settings settings;
+};
+
+Options parse_options(const std::vector<std::string>& args) {
+  Options o;
+  std::vector<std::string> positional;
+  for (std::size_t i = 0; i < args.size(); ++i) {
+    const auto value = [&] { return args.at(++i); };
+    if (args[i] == "--set") {
+      assign_setting(value(), o.settings);
+    } else if (args[i] == "--first") {
+      o.first = std::stoul(value());
+    } else if (args[i] == "--count") {
+      o.count = std::stoul(value());
+    } else if (args[i] == "--no-mapping") {
+      o.with_mapping = false;
+    } else if (args[i] == "--list") {
+      std::fputs(listing(o.settings).c_str(), stdout);
+      std::exit(0);
+    } else if (args[i] == "--mount") {
+      double v[6];
+      for (double& x : v) {
+        x = std::stod(value());
+      }
+      o.T_base_lidar = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
+    } else {
+      positional.push_back(args[i]);
+    }
+  }
+  if (positional.size() != 2) {
+    throw std::invalid_argument("usage: zloam-offline FOLDER OUT [--set key=value]...");
+  }
+  o.folder = positional[0];
+  o.out = positional[1];
+  return o;
+}
+
+void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
+  const Eigen::Quaterniond q(pose.linear());
+  char line[256];
+  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+                static_cast<long long>(stamp_ns / 1000000000),
+                static_cast<long long>(stamp_ns % 1000000000), pose.translation().x(),
+                pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w());
+  file << line;
+}
+
+class Run {
+ public:
+  explicit Run(const Options& options)
+      : o_(options),
+        odometry_(options.settings.odometry, options.T_base_lidar)
+#ifdef ZLOAM_WITH_MAPPING
+        ,
+        mapper_(options.settings.mapping)
+#endif
+  {
+    std::filesystem::create_directories(o_.out);
+    odom_file_.open(o_.out + "/odom.tum");
+    est_file_.open(o_.out + "/est.tum");
+    csv_.open(o_.out + "/sweeps.csv");
+    csv_ << "sweep,health,iterations,planes,lines,residual_m,prediction_error_m,"
+            "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
+            "less_flat,noise_m,map_health,map_residual_m\n";
+  }
+
+  void sweep(std::uint64_t number, const Scan& scan) {
+    const double t0 = cpu_ms();
+    const auto features = registration::extract_features(scan.points, {scan.period_ns, scan.rings},
+                                                         o_.settings.registration);
+    const double t1 = cpu_ms();
+    odometry::FeatureSweep input;
+    input.sweep = number;
+    input.stamp_ns = scan.stamp_ns;
+    input.period_ns = scan.period_ns;
+    input.range_noise_m = o_.settings.registration.range_noise_m;
+    input.sharp = features.sharp;
+    input.less_sharp = features.less_sharp;
+    input.flat = features.flat;
+    input.less_flat = features.less_flat;
+    const auto odom = odometry_.process(input);
+    const double t2 = cpu_ms();
+    write_tum(odom_file_, odom.instant_ns, odom.T_odom_base);
+    write_row(features, odom);
+    map(scan, input, odom);
+    registration_ms_ += t1 - t0;
+    odometry_ms_ += t2 - t1;
+    mapping_ms_ += cpu_ms() - t2;
+    iterations_ += odom.diagnostics.iterations;
+    points_ += scan.points.size();
+    ++sweeps_;
+  }
+
+  void summary() const {
+    const double n = sweeps_ == 0 ? 1.0 : static_cast<double>(sweeps_);
+    std::printf(
+        "sweeps %zu, points/sweep %.0f, CPU ms/sweep: registration %.2f odometry %.2f mapping "
+        "%.2f, odometry iterations %.1f\n",
+        sweeps_, double(points_) / n, registration_ms_ / n, odometry_ms_ / n, mapping_ms_ / n,
+        iterations_ / n);
+  }
+
+ private:
+  void write_row(const registration::RegistrationResult& f, const odometry::OdometryResult& r) {
+    const auto& d = r.diagnostics;
+    csv_ << r.sweep << ',' << int(r.health) << ',' << d.iterations << ',' << d.planes << ','
+         << d.lines << ',' << d.residual_m << ',' << d.prediction_error_m << ','
+         << d.prediction_error_rad << ',' << r.degeneracy.degenerate << ','
+         << r.degeneracy.sigma_measured << ',' << r.degeneracy.sigma_predicted << ','
+         << r.degeneracy.share << ',' << f.sharp.size() << ',' << f.less_sharp.size() << ','
+         << f.flat.size() << ',' << f.less_flat.size() << ',' << f.diagnostics.measured_noise_m;
+  }
+
+  void map(const Scan& scan, const odometry::FeatureSweep& input,
+           const odometry::OdometryResult& odom) {
+#ifdef ZLOAM_WITH_MAPPING
+    if (o_.with_mapping) {
+      mapping::MappingInput m;
+      m.sweep = odom.sweep;
+      m.stamp_ns = input.stamp_ns;
+      m.instant_ns = scan.period_ns;
+      m.period_ns = scan.period_ns;
+      m.T_odom_base = odom.T_odom_base;
+      m.twist_per_s = odom.twist_per_s;
+      m.step_covariance = odom.covariance;
+      m.T_base_lidar = o_.T_base_lidar;
+      m.edges = odom.edges;
+      m.planes = odom.planes;
+      m.health = odom.health;
+      m.degenerate = odom.degeneracy.degenerate;
+      m.range_noise_m = input.range_noise_m;
+      const mapping::MappingResult r = mapper_.process(m);
+      write_tum(est_file_, odom.instant_ns, r.T_map_base);
+      csv_ << ',' << int(r.health) << ',' << r.residual_m << '\n';
+      return;
+    }
+#else
+    (void)scan;
+    (void)input;
+#endif
+    write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
+    csv_ << ",,\n";
+  }
+
+  const Options& o_;
+  odometry::Odometry odometry_;
+#ifdef ZLOAM_WITH_MAPPING
+  mapping::Mapper mapper_;
+#endif
+  std::ofstream odom_file_, est_file_, csv_;
+  double registration_ms_ = 0.0;
+  double odometry_ms_ = 0.0;
+  double mapping_ms_ = 0.0;
+  double iterations_ = 0.0;
+  std::size_t sweeps_ = 0;
+  std::size_t points_ = 0;
+};
+
+int run(const std::vector<std::string>& args) {
+  const Options options = parse_options(args);
+  const ScanFolder folder(options.folder);
+  Run run(options);
+  for (std::size_t i = options.first; i < folder.size() && i - options.first < options.count; ++i) {
+    run.sweep(i, folder.read(i));
+  }
+  run.summary();
+  return 0;
+}
+
+}  // namespace
+}  // namespace zloam::offline
+
+int main(int argc, char** argv) {
+  try {
+    return zloam::offline::run(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "zloam-offline: %s\n", error.what());
+    return 2;
+  }
+}

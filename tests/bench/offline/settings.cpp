@@ -1,0 +1,159 @@
+#include "settings.hpp"
+
+#include <map>
+#include <sstream>
+#include <stdexcept>
+#include <type_traits>
+#include <variant>
+
+namespace zloam::offline {
+namespace {
+
+using Field = std::variant<double*, int*, std::uint32_t*, bool*, std::string*, std::uint8_t*>;
+using Fields = std::map<std::string, Field>;
+
+template <typename Enum>
+std::uint8_t* number_of(Enum& value) {
+  static_assert(sizeof(Enum) == 1);
+  return reinterpret_cast<std::uint8_t*>(&value);
+}
+
+#define ZLOAM_FIELD(prefix, object, name) fields[prefix #name] = &(object).name
+
+void add_registration(registration::RegistrationConfig& c, Fields& fields) {
+  fields["registration.returns"] = number_of(c.returns);
+  ZLOAM_FIELD("registration.", c, min_range_m);
+  ZLOAM_FIELD("registration.", c, max_range_m);
+  ZLOAM_FIELD("registration.", c, range_noise_m);
+  ZLOAM_FIELD("registration.", c, half_window_min);
+  ZLOAM_FIELD("registration.", c, half_window_max);
+  ZLOAM_FIELD("registration.", c, window_width_m);
+  ZLOAM_FIELD("registration.", c, segments);
+  ZLOAM_FIELD("registration.", c, sharp_per_segment);
+  ZLOAM_FIELD("registration.", c, less_sharp_per_segment);
+  ZLOAM_FIELD("registration.", c, flat_per_segment);
+  ZLOAM_FIELD("registration.", c, suppression);
+  ZLOAM_FIELD("registration.", c, edge_chi2);
+  ZLOAM_FIELD("registration.", c, edge_min_bend_deg);
+  ZLOAM_FIELD("registration.", c, flat_chi2);
+  ZLOAM_FIELD("registration.", c, gap_min_m);
+  ZLOAM_FIELD("registration.", c, occluded_points);
+  ZLOAM_FIELD("registration.", c, parallel_tangent);
+  ZLOAM_FIELD("registration.", c, drop_unreliable);
+  ZLOAM_FIELD("registration.", c, less_flat_leaf_m);
+}
+
+void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
+  fields["odometry.target"] = number_of(c.target);
+  ZLOAM_FIELD("odometry.", c, max_iterations);
+  ZLOAM_FIELD("odometry.", c, stop_translation_m);
+  ZLOAM_FIELD("odometry.", c, stop_rotation_rad);
+  ZLOAM_FIELD("odometry.", c, min_correspondences);
+  ZLOAM_FIELD("odometry.", c, kernel_m);
+  ZLOAM_FIELD("odometry.", c, kernel_start_m);
+  ZLOAM_FIELD("odometry.", c, correlation);
+  ZLOAM_FIELD("odometry.", c, begin_sigma_m);
+  ZLOAM_FIELD("odometry.", c, begin_sigma_rad);
+  ZLOAM_FIELD("odometry.", c, acceleration_sigma_mps2);
+  ZLOAM_FIELD("odometry.", c, angular_acceleration_sigma_radps2);
+  ZLOAM_FIELD("odometry.", c, initial_speed_sigma_mps);
+  ZLOAM_FIELD("odometry.", c, initial_rate_sigma_radps);
+  ZLOAM_FIELD("odometry.", c, window_sweeps);
+  ZLOAM_FIELD("odometry.", c, voxel_m);
+  ZLOAM_FIELD("odometry.", c, voxel_levels);
+  ZLOAM_FIELD("odometry.", c, max_matched_points);
+  ZLOAM_FIELD("odometry.", c, max_inserted_points);
+  ZLOAM_FIELD("odometry.", c, plane_min_points);
+  ZLOAM_FIELD("odometry.", c, plane_thickness_sigmas);
+  ZLOAM_FIELD("odometry.", c, plane_width_sigmas);
+  ZLOAM_FIELD("odometry.", c, plane_normal_error_rad);
+  ZLOAM_FIELD("odometry.", c, match_radius_m);
+  ZLOAM_FIELD("odometry.", c, ring_reach);
+  ZLOAM_FIELD("odometry.", c, target_leaf_m);
+  ZLOAM_FIELD("odometry.", c, edge_weight);
+  ZLOAM_FIELD("odometry.", c, weak_on);
+  ZLOAM_FIELD("odometry.", c, weak_off);
+  ZLOAM_FIELD("odometry.", c, covariance_scale);
+}
+
+#ifdef ZLOAM_WITH_MAPPING
+void add_mapping(mapping::MappingConfig& c, Fields& fields) {
+  fields["mapping.weak_directions"] = number_of(c.weak_directions);
+  ZLOAM_FIELD("mapping.", c, method);
+  ZLOAM_FIELD("mapping.", c, every);
+  ZLOAM_FIELD("mapping.", c, leaf_edge_m);
+  ZLOAM_FIELD("mapping.", c, leaf_plane_m);
+  ZLOAM_FIELD("mapping.", c, prior_sigma_m);
+  ZLOAM_FIELD("mapping.", c, prior_sigma_rad);
+  ZLOAM_FIELD("mapping.", c, prior_scale);
+  ZLOAM_FIELD("mapping.", c, insert_distance_m);
+  ZLOAM_FIELD("mapping.", c, insert_rotation_rad);
+  ZLOAM_FIELD("mapping.", c, insert_residual_factor);
+  ZLOAM_FIELD("mapping.", c, loam.match_leaf_edge_m);
+  ZLOAM_FIELD("mapping.", c, loam.match_leaf_plane_m);
+  ZLOAM_FIELD("mapping.", c, loam.max_iterations);
+  ZLOAM_FIELD("mapping.", c, loam.kernel_m);
+  ZLOAM_FIELD("mapping.", c, loam.edge_weight);
+}
+#endif
+
+#undef ZLOAM_FIELD
+
+Fields fields_of(Settings& settings) {
+  Fields fields;
+  add_registration(settings.registration, fields);
+  add_odometry(settings.odometry, fields);
+#ifdef ZLOAM_WITH_MAPPING
+  add_mapping(settings.mapping, fields);
+#endif
+  return fields;
+}
+
+template <typename T>
+bool parse(const std::string& text, T& value) {
+  std::istringstream in(text);
+  if constexpr (std::is_same_v<T, std::uint8_t>) {
+    int number = 0;
+    const bool ok = static_cast<bool>(in >> number) && number >= 0 && number < 256;
+    value = static_cast<std::uint8_t>(number);
+    return ok && in.eof();
+  } else {
+    return static_cast<bool>(in >> value) && (in >> std::ws).eof();
+  }
+}
+
+}  // namespace
+
+void assign_setting(const std::string& assignment, Settings& settings) {
+  const std::size_t equals = assignment.find('=');
+  const std::string key = assignment.substr(0, equals);
+  Fields fields = fields_of(settings);
+  const auto field = fields.find(key);
+  if (equals == std::string::npos || field == fields.end()) {
+    throw std::invalid_argument("no such setting: " + assignment);
+  }
+  const std::string text = assignment.substr(equals + 1);
+  if (!std::visit([&](auto* value) { return parse(text, *value); }, field->second)) {
+    throw std::invalid_argument("not a value: " + assignment);
+  }
+}
+
+std::string listing(Settings& settings) {
+  std::ostringstream out;
+  for (const auto& [key, field] : fields_of(settings)) {
+    out << key << '=';
+    std::visit(
+        [&](auto* value) {
+          if constexpr (std::is_same_v<decltype(value), std::uint8_t*>) {
+            out << int(*value);
+          } else {
+            out << *value;
+          }
+        },
+        field);
+    out << '\n';
+  }
+  return out.str();
+}
+
+}  // namespace zloam::offline

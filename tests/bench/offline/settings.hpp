@@ -1,0 +1,28 @@
+#pragma once
+// --set key=value: every field of the stages' configurations by name.
+
+#include <string>
+
+#include "odometry/config.hpp"
+#include "registration/config.hpp"
+#ifdef ZLOAM_WITH_MAPPING
+#include "mapping/config.hpp"
+#endif
+
+namespace zloam::offline {
+
+struct Settings {
+  registration::RegistrationConfig registration;
+  odometry::OdometryConfig odometry;
+#ifdef ZLOAM_WITH_MAPPING
+  mapping::MappingConfig mapping;
+#endif
+};
+
+/// Applies "stage.field=value". Throws std::invalid_argument that names what is wrong.
+void assign_setting(const std::string& assignment, Settings& settings);
+
+/// All keys with their values, one a line.
+std::string listing(Settings& settings);
+
+}  // namespace zloam::offline
