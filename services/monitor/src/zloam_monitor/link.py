@@ -28,7 +28,7 @@ def open_session(endpoints: list[str]) -> Any:
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
     config.insert_json5("connect/endpoints", str(endpoints).replace("'", '"'))
-    config.insert_json5("connect/timeout_ms", "0")
+    config.insert_json5("connect/timeout_ms", "-1")
     config.insert_json5("connect/exit_on_failure", "false")
     config.insert_json5("connect/retry", "{period_init_ms: 100, period_max_ms: 500}")
     config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')

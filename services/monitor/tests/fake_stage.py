@@ -1,0 +1,162 @@
+"""A stand-in for one stage: speaks the public keys, computes nothing.
+
+fake_stage.py STAGE --config FILE --set KEY=VALUE ... ; behaviour by environment FAKE_<WHAT>=STAGE.
+"""
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+import zenoh
+from zloam_monitor import compose
+from zloam_monitor.keys import Keys
+from zloam_monitor.messages import MAP_POINT, STAMPED_POSE
+from zloam_monitor.processes import PORT_ORDER
+
+RUN = 77
+SWEEPS = 40
+START_NS = 1_700_000_000_000_000_000
+
+
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def loop():
+    """Where the robot drives: positions of base_link, m."""
+    angle = np.linspace(0, 2 * np.pi, SWEEPS)
+    return np.c_[55 * np.cos(angle), 40 * np.sin(angle), 0.1 * np.sin(angle)]
+
+
+def wall():
+    """A map to be asked for."""
+    points = np.zeros(2000, MAP_POINT)
+    points["x"] = np.linspace(-60, 60, 2000)
+    points["y"], points["z"] = 45.0, np.arange(2000) % 7
+    return points
+
+
+def wants(what, stage):
+    return os.environ.get(f"FAKE_{what}") == stage
+
+
+def open_session(stage, base_port):
+    mine = PORT_ORDER.index(stage)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{base_port + mine}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+class Fake:
+    def __init__(self, stage, base_port):
+        self.stage, self.keys = stage, Keys("robot")
+        self.session = open_session(stage, base_port)
+        self.sent = 0
+        self.positions, self.points = loop(), wall()
+        below = self.keys.below
+        self.answers = [
+            self.answer(below(f"service/{stage}/{stage}-1/status"), self.status),
+            self.answer(below(f"service/{stage}/{stage}-1/config"), self.config),
+        ]
+        if stage == "mapping":
+            self.answers.append(self.answer(below("map/tile/plane/0/0/0"), self.tile))
+        if stage == "integration":
+            self.answers.append(self.answer(self.keys.path_map, self.path))
+        if stage == "odometry":
+            self.answers.append(self.answer(self.keys.path_odometry, self.path))
+
+    def answer(self, key, build):
+        return self.session.declare_queryable(key, lambda query: query.reply(key, build()))
+
+    def header(self, n):
+        now = time.time_ns()
+        return compose.HeaderValues(
+            RUN,
+            n,
+            n,
+            stamp_ns=START_NS + n * 100_000_000,
+            frame="map",
+            end_of_run=n == SWEEPS - 1,
+            trace=((self.stage, now - 3_000_000, now - 2_000_000, now),),
+        )
+
+    def config(self):
+        return compose.config(
+            self.stage, {"mounting.xyz_m": [0, 0, 1.5], "mounting.rpy_deg": [0, 0, 0]}
+        )
+
+    def tile(self):
+        return compose.tile(self.header(0), "plane", (0, 0, 0), self.points)
+
+    def path(self):
+        rows = np.zeros(self.sent, STAMPED_POSE)
+        rows["sweep"] = np.arange(self.sent)
+        rows["instant_ns"] = START_NS + np.arange(1, self.sent + 1) * 100_000_000
+        for axis, name in enumerate("xyz"):
+            rows["pose"]["translation"][name] = self.positions[: self.sent, axis]
+        rows["pose"]["rotation"]["w"] = 1.0
+        return compose.path(self.header(0), rows)
+
+    def status(self):
+        key = self.keys.main_input(self.stage)
+        processed = self.sent - (1 if wants("UNBALANCED", self.stage) else 0)
+        inputs = [compose.Counts(key, self.sent, processed)] if key else []
+        out = {self.keys.main_output(self.stage): self.sent}
+        last = self.sent - 1 if self.sent else None
+        reason = "no packets on UDP 2368 for 3 s" if wants("QUIET", self.stage) else ""
+        return compose.status(
+            self.stage,
+            time.time_ns(),
+            RUN,
+            last,
+            inputs,
+            out,
+            self.sent == SWEEPS,
+            health=2 if reason else 1,
+            reason=reason,
+        )
+
+    def turn(self):
+        n = self.sent
+        if n < SWEEPS and not os.environ.get("FAKE_QUIET"):
+            self.sent += 1
+            instant = START_NS + (n + 1) * 100_000_000
+            keys = {
+                "integration": self.keys.pose,
+                "odometry": self.keys.odometry,
+                "mapping": self.keys.map_odometry,
+            }
+            if self.stage in keys:
+                table = "Odometry" if self.stage == "odometry" else "MapPose"
+                message = compose.pose(table, self.header(n), instant, self.positions[n], UPRIGHT)
+                self.session.put(keys[self.stage], message)
+        self.session.put(
+            self.keys.below(f"service/{self.stage}/{self.stage}-1/status"), self.status()
+        )
+
+
+def main():
+    stage = sys.argv[1]
+    if wants("REFUSES", stage):
+        print("robot.yaml:3: driver.speed: unknown key", file=sys.stderr)
+        return 2
+    base_port = next(int(a.split("=")[1]) for a in sys.argv if a.startswith("zenoh.base_port="))
+    fake, ended = Fake(stage, base_port), threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    # the monitor links up; the ends of the chain are last
+    time.sleep(2.0 if stage in ("integration", "mapping") else 1.0)
+    while not ended.wait(0.03):
+        fake.turn()
+        if wants("DIES", stage) and fake.sent == 10:
+            print("something broke", file=sys.stderr, flush=True)
+            os._exit(1)
+    fake.session.close()
+    return 7 if wants("ENDS_BADLY", stage) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""Orchestration with stand-ins for the stages: what goes well, and how each failure is told."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_stage import SWEEPS, loop
+from zloam_monitor import cli, clouds, messages, trajectory
+from zloam_monitor.keys import STAGES
+from zloam_monitor.processes import PORT_ORDER, endpoints, free_base_port
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def build(tmp_path):
+    """A build folder whose binaries are the stand-ins."""
+    try:
+        schemas = messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+    (tmp_path / "bin").mkdir()
+    paths = os.pathsep.join([str(HERE), str(HERE.parent / "src"), str(schemas)])
+    for stage in STAGES:
+        program = tmp_path / "bin" / f"zloam-{stage}"
+        program.write_text(
+            f"#!/bin/sh\nPYTHONPATH={paths} exec {sys.executable} "
+            f'{HERE / "fake_stage.py"} {stage} "$@"\n'
+        )
+        program.chmod(0o755)
+    (tmp_path / "robot.yaml").write_text("robot: robot\n")
+    (tmp_path / "capture.pcap").write_bytes(b"")
+    return tmp_path
+
+
+def demo(build, *more):
+    return cli.main(
+        [
+            "demo",
+            "--preset-dir",
+            str(build),
+            "--config",
+            str(build / "robot.yaml"),
+            "--pcap",
+            str(build / "capture.pcap"),
+            "--out",
+            str(build / "out"),
+            *more,
+        ]
+    )
+
+
+def write_truth(path):
+    """Truth of a sensor 1.5 m above base_link, at 20 Hz around the stand-ins' instants."""
+    stamps = 1_700_000_000_000_000_000 + (np.arange(SWEEPS) + 1) * 100_000_000
+    transforms = np.tile(np.eye(4), (SWEEPS, 1, 1))
+    transforms[:, :3, 3] = loop() + np.array([5, 6, 7 + 1.5])
+    trajectory.write_tum(path, trajectory.Trajectory(transforms, stamps, np.arange(SWEEPS)))
+
+
+def test_demo_writes_everything_and_accounts_for_it(build, capsys):
+    write_truth(build / "truth.tum")
+    assert demo(build, "--truth", str(build / "truth.tum")) == 0
+    out = build / "out"
+    report = json.loads((out / "report.json").read_text())
+    assert report["sweeps"]["driver"]["in"] == SWEEPS
+    assert all(report["sweeps"][stage]["out"] == SWEEPS for stage in STAGES)
+    assert report["identities"]["inputs_balanced"]
+    assert report["identities"]["sweeps_accounted"]
+    assert report["ate_rmse_m"]["pose"] == pytest.approx(0, abs=1e-6)
+    assert report["drift_percent"]["odometry"] == pytest.approx(0, abs=1e-6)
+    assert report["latency_ms"]["end_to_end"] is None
+    assert report["latency_ms"]["mapping"]["p50"] == pytest.approx(3.0, abs=1e-6)
+    assert report["cpu_ms_per_sweep"]["odometry"] == pytest.approx(100 / SWEEPS)
+    assert report["rss_mib"]["driver"] == {"start": 10.0, "end": 12.0, "peak": 13.0}
+    assert len(trajectory.read(out / "trajectory.tum")) == SWEEPS
+    assert len(trajectory.read(out / "trajectory.kitti")) == SWEEPS
+    truth = trajectory.read(out / "ground_truth.tum")
+    np.testing.assert_allclose(truth.positions, loop() + np.array([5, 6, 7]), atol=1e-8)
+    assert len(clouds.read_pcd(out / "map.pcd")) > 1000
+    assert (out / "picture.png").stat().st_size > 10_000
+    assert "accounted for: yes" in capsys.readouterr().out
+
+
+def test_without_truth_errors_are_null(build):
+    assert demo(build) == 0
+    report = json.loads((build / "out" / "report.json").read_text())
+    assert report["ate_rmse_m"] == {"pose": None, "odometry": None}
+    assert not (build / "out" / "ground_truth.tum").exists()
+
+
+def test_books_that_do_not_balance_fail_the_run(build, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_UNBALANCED", "mapping")
+    assert demo(build) == 1
+    assert "mapping loam/robot/odometry/features does not balance" in capsys.readouterr().out
+
+
+def test_a_stage_that_dies_is_told_with_its_last_lines(build, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_DIES", "odometry")
+    assert demo(build) == 1
+    said = capsys.readouterr().err
+    assert "odometry ended with exit code 1" in said
+    assert "something broke" in said
+
+
+def test_a_refused_configuration_keeps_its_exit_code(build, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_REFUSES", "driver")
+    assert demo(build) == 2
+    assert "driver.speed: unknown key" in capsys.readouterr().err
+
+
+def test_a_bad_exit_code_fails_the_run(build, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_ENDS_BADLY", "integration")
+    assert demo(build) == 1
+    assert "integration ended with 7" in capsys.readouterr().out
+
+
+def test_missing_binaries_and_truth_are_said_before_the_start(build, tmp_path, capsys):
+    assert demo(build, "--truth", str(build / "none.tum")) == 1
+    assert "none.tum" in capsys.readouterr().err
+    assert cli.main(["demo", "--preset-dir", str(tmp_path / "none")]) == 1
+    assert "build first" in capsys.readouterr().err
+
+
+def test_live_run_says_what_is_missing_and_writes_at_the_end(build, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_QUIET", "driver")
+    code = cli.main(
+        [
+            "run",
+            "--preset-dir",
+            str(build),
+            "--config",
+            str(build / "robot.yaml"),
+            "--out",
+            str(build / "out"),
+            "--seconds",
+            "1",
+        ]
+    )
+    assert code == 1  # nothing came: not accounted for
+    assert "no packets on UDP 2368 for 3 s" in capsys.readouterr().out
+    assert (build / "out" / "report.json").exists()
+
+
+def test_interrupted_live_run_writes_what_it_has(build):
+    program = [
+        sys.executable,
+        "-m",
+        "zloam_monitor",
+        "run",
+        "--preset-dir",
+        str(build),
+        "--config",
+        str(build / "robot.yaml"),
+        "--out",
+        str(build / "out"),
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(HERE.parent / "src"), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(program, stdout=subprocess.PIPE, env=environment, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith("sweep"):
+                process.send_signal(signal.SIGINT)
+                break
+        rest = process.stdout.read()
+    assert "writing trajectory and map" in rest
+    assert len(trajectory.read(build / "out" / "trajectory.tum")) > 0
+    assert (build / "out" / "map.pcd").exists()
+
+
+def listens(port):
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.fixture
+def integration(build):
+    """A stand-in of the last stage, and where it listens."""
+    base = free_base_port()
+    program = str(build / "bin" / "zloam-integration")
+    with subprocess.Popen([program, "--set", f"zenoh.base_port={base}"]) as process:
+        port = base + PORT_ORDER.index("integration")
+        while process.poll() is None and not listens(port):
+            time.sleep(0.05)
+        yield endpoints(base)[PORT_ORDER.index("integration")]
+        process.terminate()
+
+
+def test_watch_shows_a_robot(integration, capsys):
+    assert cli.main(["watch", "--connect", integration, "--seconds", "3.5", "--every", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "integration  ready" in shown
+    assert "poses/s" in shown
+    assert "mapping      nothing heard" in shown
+
+
+def test_the_example_for_third_parties(integration):
+    program = [sys.executable, str(HERE.parent / "examples" / "subscribe.py")]
+    environment = {**os.environ, "PYTHONPATH": str(messages.schemas_path())}
+    done = subprocess.run(
+        [*program, integration, "robot", "3"],
+        env=environment,
+        timeout=30,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line.split() for line in done.stdout.splitlines()]
+    assert len(rows) == 3
+    sweeps = [int(row[0]) for row in rows]
+    assert sweeps == list(range(sweeps[0], sweeps[0] + 3))
+
+
+def test_watch_of_nobody_says_so():
+    began = time.monotonic()
+    endpoint = endpoints(free_base_port())[0]
+    assert cli.main(["watch", "--connect", endpoint, "--seconds", "0.5", "--every", "0.2"]) == 1
+    assert time.monotonic() - began < 20
