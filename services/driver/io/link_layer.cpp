@@ -1,0 +1,92 @@
+#include "driver/io/link_layer.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace zloam::driver {
+namespace {
+
+constexpr int kLoopback = 0;
+constexpr int kEthernet = 1;
+constexpr int kRawIp = 12;
+constexpr int kRawIpFile = 101;
+constexpr int kOpenBsdLoopback = 108;
+constexpr int kCooked1 = 113;
+constexpr int kIpv4Only = 228;
+constexpr int kCooked2 = 276;
+constexpr std::array kKnown = {kLoopback,        kEthernet, kRawIp,    kRawIpFile,
+                               kOpenBsdLoopback, kCooked1,  kIpv4Only, kCooked2};
+
+constexpr unsigned kTypeIpv4 = 0x0800;
+constexpr unsigned kProtocolUdp = 17;
+constexpr std::size_t kUdpHeader = 8;
+
+using Bytes = std::span<const std::uint8_t>;
+
+unsigned big16(Bytes bytes, std::size_t at) {
+  return static_cast<unsigned>(bytes[at] << 8 | bytes[at + 1]);
+}
+
+bool is_vlan(unsigned type) { return type == 0x8100 || type == 0x88A8 || type == 0x9100; }
+
+/// Type field at type_at, payload at data_at; both move on over VLAN tags. Empty when cut.
+Bytes behind_type(Bytes frame, std::size_t type_at, std::size_t data_at, unsigned& type) {
+  if (frame.size() < data_at) return {};
+  type = big16(frame, type_at);
+  while (is_vlan(type)) {
+    if (frame.size() < data_at + 4) return {};
+    type = big16(frame, data_at + 2);
+    data_at += 4;
+  }
+  return frame.subspan(data_at);
+}
+
+/// The network layer of the frame, and its type; empty when cut.
+Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
+  switch (link_type) {
+    case kEthernet:
+      return behind_type(frame, 12, 14, type);
+    case kCooked1:
+      return behind_type(frame, 14, 16, type);
+    case kCooked2:
+      return behind_type(frame, 0, 20, type);
+    case kLoopback:
+    case kOpenBsdLoopback:
+      if (frame.size() < 4) return {};
+      // The family 2 (IPv4) in the byte order of either machine.
+      type = frame[0] == 2 || frame[3] == 2 ? kTypeIpv4 : 0;
+      return frame.subspan(4);
+    default:
+      type = kTypeIpv4;
+      return frame;
+  }
+}
+
+}  // namespace
+
+bool link_type_known(int link_type) {
+  return std::find(kKnown.begin(), kKnown.end(), link_type) != kKnown.end();
+}
+
+FrameKind parse_frame(int link_type, Bytes frame, Datagram& datagram) {
+  unsigned type = 0;
+  const Bytes ip = network_layer(link_type, frame, type);
+  if (type != kTypeIpv4) return FrameKind::kOther;
+  if (ip.size() < 20) return FrameKind::kCut;
+  if (ip[0] >> 4 != 4) return FrameKind::kOther;
+  if (ip[9] != kProtocolUdp) return FrameKind::kOther;
+  // More fragments, or not the first one.
+  if ((big16(ip, 6) & 0x3FFF) != 0) return FrameKind::kFragment;
+  const std::size_t header = 4U * (ip[0] & 0x0FU);
+  if (header < 20) return FrameKind::kOther;
+  if (ip.size() < header + kUdpHeader) return FrameKind::kCut;
+  const std::size_t length = big16(ip, header + 4);
+  if (length < kUdpHeader) return FrameKind::kOther;
+  if (ip.size() < header + length) return FrameKind::kCut;
+  datagram.payload = ip.subspan(header + kUdpHeader, length - kUdpHeader);
+  datagram.port = static_cast<std::uint16_t>(big16(ip, header + 2));
+  datagram.sender = static_cast<std::uint32_t>(big16(ip, 12) << 16 | big16(ip, 14));
+  return FrameKind::kUdp;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,25 @@
+#pragma once
+// From a captured frame to the UDP datagram in it.
+
+#include <cstdint>
+#include <span>
+
+#include "driver/io/packet_source.hpp"
+
+namespace zloam::driver {
+
+enum class FrameKind : std::uint8_t {
+  kUdp,
+  kOther,     // not IPv4, or not UDP
+  kFragment,  // part of a larger datagram: no packet of this sensor family is so large
+  kCut,       // the capture kept less of the frame than its headers say
+};
+
+/// Link types as pcap numbers them: Ethernet 1, cooked 113 and 276, raw IP 12, 101 and 228,
+/// loopback 0 and 108.
+bool link_type_known(int link_type);
+
+/// Sets payload, port and sender.
+FrameKind parse_frame(int link_type, std::span<const std::uint8_t> frame, Datagram& datagram);
+
+}  // namespace zloam::driver

@@ -1,0 +1,32 @@
+#pragma once
+// Folders of scan files, read in the order of their names.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "driver/io/packet_source.hpp"
+#include "driver/scan/scan.hpp"
+
+namespace zloam::driver {
+
+class ScanFolder {
+ public:
+  virtual ~ScanFolder() = default;
+  /// The next scan; false at the end. Throws SourceError, naming the file.
+  virtual bool next(DecodedSweep& sweep) = 0;
+  /// All files that the sweeps depend on, for the identity of a replay.
+  virtual const std::vector<std::string>& files() const = 0;
+  virtual NamedCounts counts() const = 0;
+};
+
+/// <path>/velodyne/*.bin, or *.bin in path itself. Times: <path>/times.txt (seconds, one a line, of
+/// the turn's begin) where it is there, otherwise scan k begins at k periods. A timing without a
+/// model is refused.
+std::unique_ptr<ScanFolder> open_kitti(const std::string& path, const ScanTiming& timing);
+
+/// <path>/scans/*.bin and <path>/stamps.txt (begin and end of each scan, s).
+std::unique_ptr<ScanFolder> open_synth(const std::string& path);
+
+}  // namespace zloam::driver

@@ -1,0 +1,172 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "driver/scan/scan.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr int kHdl64Rings = 64;
+constexpr double kDegPerRad = 180.0 / M_PI;
+// Azimuths within a ring rise but for a jitter far below this.
+constexpr double kBackwardDeg = 10.0;
+// A ring that begins this near to azimuth 0 may begin just below it.
+constexpr double kStartDeg = 20.0;
+
+double azimuth_deg(const float* p) {
+  const double deg = std::atan2(p[1], p[0]) * kDegPerRad;
+  return deg < 0.0 ? deg + 360.0 : deg;
+}
+
+/// Watches the azimuth along the file and tells where a ring ends. Missing returns may leave large
+/// holes in a ring, so only a way back, or the way past 360 degrees, ends it.
+class RingEnd {
+ public:
+  bool ends_before(double azimuth) {
+    if (first_) {
+      first_ = false;
+      last_ = azimuth;
+      angle_ = azimuth > 360.0 - kStartDeg ? azimuth - 360.0 : azimuth;
+      return false;
+    }
+    const double step = azimuth - last_;
+    last_ = azimuth;
+    if (step < -180.0) {
+      angle_ += step + 360.0;
+    } else if (step > 180.0 && angle_ < kStartDeg && azimuth > 360.0 - kStartDeg) {
+      angle_ += step - 360.0;
+    } else if (step < -kBackwardDeg) {
+      angle_ = azimuth;
+      return true;
+    } else {
+      angle_ += step;
+    }
+    if (angle_ < 360.0) return false;
+    angle_ -= 360.0;
+    return true;
+  }
+
+ private:
+  bool first_ = true;
+  double last_ = 0.0;
+  double angle_ = 0.0;
+};
+
+bool is_return(const float* p) {
+  const bool finite = std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
+  return finite && (p[0] != 0.0F || p[1] != 0.0F || p[2] != 0.0F);
+}
+
+/// Elevations of an HDL-64E from the top: steps of 1/3 degree, then of 1/2.
+double nominal_elevation_deg(int from_top) {
+  return from_top < 32 ? 2.0 - from_top / 3.0 : -8.83 - 0.5 * (from_top - 32);
+}
+
+std::vector<double> ring_elevations_deg(std::span<const float> xyzi,
+                                        const std::vector<std::uint16_t>& ring, int rings) {
+  std::vector<double> sum(static_cast<std::size_t>(rings), 0.0);
+  std::vector<double> count(static_cast<std::size_t>(rings), 0.0);
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const float* p = &xyzi[4 * i];
+    if (!is_return(p)) continue;
+    sum[ring[i]] += std::atan2(p[2], std::hypot(p[0], p[1])) * kDegPerRad;
+    count[ring[i]] += 1.0;
+  }
+  for (std::size_t r = 0; r < sum.size(); ++r) sum[r] = count[r] > 0.0 ? sum[r] / count[r] : 0.0;
+  return sum;
+}
+
+/// Rings missing above the first one found: whole rings without a return (sky) are not in the file.
+int rings_missing_on_top(std::span<const float> xyzi, const std::vector<std::uint16_t>& ring,
+                         int rings) {
+  if (rings >= kHdl64Rings) return 0;
+  const std::vector<double> elevation = ring_elevations_deg(xyzi, ring, rings);
+  int best = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (int shift = 0; shift <= kHdl64Rings - rings; ++shift) {
+    double error = 0.0;
+    for (int r = 0; r < rings; ++r) {
+      error += std::abs(elevation[static_cast<std::size_t>(r)] - nominal_elevation_deg(r + shift));
+    }
+    if (error < least) {
+      least = error;
+      best = shift;
+    }
+  }
+  return best;
+}
+
+std::uint32_t time_of(double azimuth, const ScanTiming& timing, double period_ns) {
+  double turned = 0.0;
+  if (timing.model == TimeModel::kClockwise) turned = timing.seam_deg - azimuth;
+  if (timing.model == TimeModel::kCounterClockwise) turned = azimuth - timing.seam_deg;
+  turned -= 360.0 * std::floor(turned / 360.0);
+  return static_cast<std::uint32_t>(turned / 360.0 * period_ns);
+}
+
+/// Stamp and times from the first point; columns by the time within the turn.
+void number_by_time(DecodedSweep& sweep, double period_ns) {
+  constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
+  std::stable_sort(sweep.points.begin(), sweep.points.end(),
+                   [](const Point& a, const Point& b) { return a.time_ns < b.time_ns; });
+  const std::uint32_t first_ns = sweep.points.empty() ? 0 : sweep.points.front().time_ns;
+  sweep.stamp_ns += first_ns;
+  for (Point& p : sweep.points) {
+    sweep.columns.push_back(static_cast<std::uint16_t>(p.time_ns / period_ns * kColumns));
+    p.time_ns -= first_ns;
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint16_t> recover_rings(std::span<const float> xyzi, int& rings_found) {
+  std::vector<std::uint16_t> ring(xyzi.size() / 4, 0);
+  RingEnd end;
+  int index = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const float* p = &xyzi[4 * i];
+    if (is_return(p) && end.ends_before(azimuth_deg(p))) ++index;
+    ring[i] = static_cast<std::uint16_t>(std::min(index, 65535));
+  }
+  rings_found = ring.empty() ? 0 : index + 1;
+  return ring;
+}
+
+DecodedSweep kitti_sweep(std::span<const float> xyzi, const ScanTiming& timing,
+                         std::int64_t start_ns, KittiDiagnostics* diagnostics) {
+  KittiDiagnostics noted;
+  const std::vector<std::uint16_t> from_top = recover_rings(xyzi, noted.rings_found);
+  const int missing = rings_missing_on_top(xyzi, from_top, noted.rings_found);
+  const int rings = std::max(noted.rings_found, kHdl64Rings);
+  const double period_ns = timing.period_s * 1e9;
+  DecodedSweep sweep;
+  sweep.points.reserve(from_top.size());
+  for (std::size_t i = 0; i < from_top.size(); ++i) {
+    const float* p = &xyzi[4 * i];
+    if (!is_return(p)) {
+      const bool zero = p[0] == 0.0F && p[1] == 0.0F && p[2] == 0.0F;
+      zero ? ++noted.dropped_zero_range : ++noted.dropped_not_finite;
+      continue;
+    }
+    const int ring = rings - 1 - missing - static_cast<int>(from_top[i]);
+    sweep.points.push_back({p[0], p[1], p[2], std::isfinite(p[3]) ? 255.0F * p[3] : 0.0F,
+                            time_of(azimuth_deg(p), timing, period_ns),
+                            static_cast<std::uint16_t>(std::max(ring, 0)), ReturnType::kStrongest,
+                            0});
+  }
+  sweep.stamp_ns = start_ns;
+  number_by_time(sweep, period_ns);
+  sweep.period_ns = static_cast<std::uint32_t>(std::llround(period_ns));
+  sweep.rings = static_cast<std::uint16_t>(rings);
+  sweep.model = "hdl64e";
+  sweep.return_mode = ReturnMode::kStrongest;
+  sweep.clock_source = ClockSource::kCapture;
+  sweep.complete = true;
+  sweep.deskewed = timing.model == TimeModel::kDeskewed;
+  if (diagnostics != nullptr) *diagnostics = noted;
+  return sweep;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,169 @@
+// Decodes a capture outside of the chain: points as binary for comparisons, or the speed.
+//
+//   zloam-decode [--pcap|--bin] FILE [--model NAME] [--seam DEG] [--no-offsets] [--out POINTS]
+//                [--repeat N]
+//
+// POINTS: 32-byte little-endian records {float x, y, z, intensity; int64 time_ns; uint16 ring;
+// uint8 return type; uint8 0; uint16 column; uint16 sweep}. The summary is one JSON line.
+
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <string>
+
+#include "driver/io/packet_source.hpp"
+#include "driver/io/stream_filter.hpp"
+#include "driver/sweep/assembler.hpp"
+
+namespace {
+
+using namespace zloam::driver;
+
+struct Options {
+  std::string path;
+  std::string out;
+  bool bare = false;
+  int repeat = 1;
+  DecoderConfig decoder;
+  AssemblerConfig assembler;
+};
+
+struct Record {
+  float x, y, z, intensity;
+  std::int64_t time_ns;
+  std::uint16_t ring;
+  std::uint8_t return_type;
+  std::uint8_t zero;
+  std::uint16_t column;
+  std::uint16_t sweep;
+};
+static_assert(sizeof(Record) == 32);
+
+[[noreturn]] void usage(const std::string& why) {
+  std::cerr << "zloam-decode: " << why
+            << "\nusage: zloam-decode [--pcap|--bin] FILE [--model NAME] [--seam DEG] "
+               "[--no-offsets] [--out POINTS] [--repeat N]\n";
+  std::exit(2);
+}
+
+Options parse(int argc, char** argv) {
+  Options options;
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    const auto value = [&]() -> std::string {
+      if (i + 1 >= argc) usage(argument + " needs a value");
+      return argv[++i];
+    };
+    if (argument == "--bin") {
+      options.bare = true;
+    } else if (argument == "--pcap") {
+      options.bare = false;
+    } else if (argument == "--model") {
+      const std::string name = value();
+      options.decoder.model = model_by_name(name);
+      if (!options.decoder.model) usage(name + " is none of " + std::string(known_model_names()));
+    } else if (argument == "--seam") {
+      options.assembler.seam_azimuth_deg = std::stod(value());
+    } else if (argument == "--no-offsets") {
+      options.decoder.vertical_offsets = false;
+    } else if (argument == "--out") {
+      options.out = value();
+    } else if (argument == "--repeat") {
+      options.repeat = std::stoi(value());
+    } else {
+      options.path = argument;
+    }
+  }
+  if (options.path.empty()) usage("no file");
+  options.assembler.clock_mode = options.bare ? ClockMode::kFreeRunning : ClockMode::kReceive;
+  return options;
+}
+
+void write_points(std::ofstream& out, const DecodedSweep& sweep, std::uint16_t number) {
+  std::vector<Record> records;
+  records.reserve(sweep.points.size());
+  for (std::size_t i = 0; i < sweep.points.size(); ++i) {
+    const zloam::Point& p = sweep.points[i];
+    records.push_back({p.x, p.y, p.z, p.intensity, sweep.stamp_ns + p.time_ns, p.ring,
+                       static_cast<std::uint8_t>(p.return_type), 0, sweep.columns[i], number});
+  }
+  out.write(reinterpret_cast<const char*>(records.data()),
+            static_cast<std::streamsize>(records.size() * sizeof(Record)));
+}
+
+struct Totals {
+  std::uint64_t points = 0;
+  std::uint64_t sweeps = 0;
+  std::uint64_t complete = 0;
+  double seconds = 0.0;
+  PacketCounts counts;
+  std::string complaint;
+  std::vector<std::string> contradictions;
+};
+
+void run_once(const Options& options, std::ofstream& out, Totals& totals) {
+  const auto begin = std::chrono::steady_clock::now();
+  const auto source = options.bare ? open_payload_file(options.path) : open_pcap(options.path);
+  StreamFilter filter(0, 0);
+  SweepAssembler assembler(options.decoder, options.assembler);
+  DecodedSweep sweep;
+  Datagram datagram;
+  const auto take = [&] {
+    while (assembler.take(sweep)) {
+      if (out.is_open()) write_points(out, sweep, static_cast<std::uint16_t>(totals.sweeps));
+      totals.points += sweep.points.size();
+      totals.complete += sweep.complete;
+      ++totals.sweeps;
+    }
+  };
+  while (source->next(datagram, 0) == Read::kDatagram) {
+    const DatagramKind kind = filter.classify(datagram);
+    if (kind == DatagramKind::kData || kind == DatagramKind::kMalformed) {
+      assembler.add(datagram.payload, datagram.received_ns);
+      take();
+    }
+  }
+  assembler.flush();
+  take();
+  totals.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  totals.counts = assembler.counts();
+  totals.complaint = source->complaint();
+  totals.contradictions = assembler.decoder().contradictions();
+}
+
+void print(const Totals& totals) {
+  std::cout << "{\"points\":" << totals.points << ",\"sweeps\":" << totals.sweeps
+            << ",\"complete\":" << totals.complete << ",\"seconds\":" << totals.seconds
+            << ",\"points_per_second\":" << static_cast<double>(totals.points) / totals.seconds;
+  for (const auto& [name, count] : totals.counts.named()) {
+    if (name != "points") std::cout << ",\"" << name << "\":" << count;
+  }
+  std::cout << "}\n";
+  if (!totals.complaint.empty()) std::cerr << "zloam-decode: " << totals.complaint << "\n";
+  for (const std::string& text : totals.contradictions) {
+    std::cerr << "zloam-decode: " << text << "\n";
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const Options options = parse(argc, argv);
+  try {
+    std::ofstream out;
+    if (!options.out.empty()) {
+      out.open(options.out, std::ios::binary);
+      if (!out) throw SourceError(options.out + ": " + std::strerror(errno));
+    }
+    Totals totals;
+    for (int i = 0; i < options.repeat; ++i) run_once(options, out, totals);
+    print(totals);
+  } catch (const std::exception& error) {
+    std::cerr << "zloam-decode: " << error.what() << "\n";
+    return 3;
+  }
+  return 0;
+}

@@ -1,0 +1,155 @@
+#include "driver/velodyne/position.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "driver/velodyne/decoder.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::size_t kInertialAt = 14;
+constexpr std::size_t kTimeAt = 198;
+constexpr std::size_t kPpsAt = 202;
+constexpr std::size_t kSentenceAt = 206;
+constexpr double kGyroDps = 0.09766;
+constexpr double kTemperatureC = 0.1453;
+constexpr double kAccelG = 0.001221;
+
+/// The low 12 bits as two's complement.
+int read_12_bits(const std::uint8_t* at) {
+  const int value = (at[0] | at[1] << 8) & 0xFFF;
+  return value >= 0x800 ? value - 0x1000 : value;
+}
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const std::size_t end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+/// Digits with at most one point; nothing for anything else.
+std::optional<double> number(std::string_view text) {
+  double value = 0.0;
+  double scale = 0.0;
+  if (text.empty()) return std::nullopt;
+  for (const char c : text) {
+    if (c == '.' && scale == 0.0) {
+      scale = 1.0;
+    } else if (c >= '0' && c <= '9') {
+      value = 10.0 * value + (c - '0');
+      scale *= 10.0;
+    } else {
+      return std::nullopt;
+    }
+  }
+  return scale > 0.0 ? value / scale : value;
+}
+
+/// ddmm.mmmm or dddmm.mmmm to degrees.
+std::optional<double> degrees(std::string_view text, std::string_view hemisphere) {
+  const auto value = number(text);
+  if (!value) return std::nullopt;
+  const double whole = std::floor(*value / 100.0);
+  const double result = whole + (*value - 100.0 * whole) / 60.0;
+  return hemisphere == "S" || hemisphere == "W" ? -result : result;
+}
+
+/// Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, chrono-compatible date algorithms).
+std::int64_t days_from_civil(int year, int month, int day) {
+  year -= month <= 2;
+  const int era = year / 400;
+  const int year_of_era = year - era * 400;
+  const int day_of_year = (153 * (month + (month > 2 ? -3 : 9)) + 2) / 5 + day - 1;
+  const int day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year;
+  return static_cast<std::int64_t>(era) * 146097 + day_of_era - 719468;
+}
+
+/// ddmmyy and hhmmss.sss to ns since the Unix epoch; 0 when there is none.
+std::int64_t utc_ns(std::string_view date, std::string_view time) {
+  const auto day_number = number(date);
+  const auto time_number = number(time);
+  if (!day_number || !time_number || date.size() != 6) return 0;
+  const int d = static_cast<int>(*day_number);
+  const int day = d / 10000;
+  const int month = d / 100 % 100;
+  if (day < 1 || day > 31 || month < 1 || month > 12) return 0;
+  const int hms = static_cast<int>(*time_number);
+  if (hms / 10000 > 23 || hms / 100 % 100 > 59 || hms % 100 > 60) return 0;
+  const double seconds = *time_number - hms + hms % 100;
+  const std::int64_t whole_s = days_from_civil(2000 + d % 100, month, day) * 86400 +
+                               hms / 10000 * 3600 + hms / 100 % 100 * 60;
+  return whole_s * 1'000'000'000 + std::llround(seconds * 1e9);
+}
+
+int hex_value(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  return -1;
+}
+
+/// The sentence between '$' and '*' when its checksum is right. Line ends and padding may be there
+/// or not.
+std::optional<std::string_view> checked_body(std::string_view sentence) {
+  const std::size_t star = sentence.find('*');
+  if (sentence.empty() || sentence[0] != '$' || star == std::string_view::npos) return std::nullopt;
+  if (star + 2 >= sentence.size()) return std::nullopt;
+  const std::string_view body = sentence.substr(1, star - 1);
+  int sum = 0;
+  for (const char c : body) sum ^= static_cast<unsigned char>(c);
+  const int high = hex_value(sentence[star + 1]);
+  const int low = hex_value(sentence[star + 2]);
+  if (high < 0 || low < 0 || sum != high * 16 + low) return std::nullopt;
+  return body;
+}
+
+}  // namespace
+
+std::optional<PositionPacket> parse_position(std::span<const std::uint8_t> payload) {
+  if (payload.size() != kPositionPacketBytes) return std::nullopt;
+  PositionPacket packet;
+  for (std::size_t i = 0; i < packet.inertial.size(); ++i) {
+    const std::uint8_t* at = payload.data() + kInertialAt + 8 * i;
+    packet.inertial[i] = {kGyroDps * read_12_bits(at), 25.0 + kTemperatureC * read_12_bits(at + 2),
+                          kAccelG * read_12_bits(at + 4), kAccelG * read_12_bits(at + 6)};
+  }
+  for (unsigned i = 0; i < 4; ++i) {
+    packet.toh_us |= static_cast<std::uint32_t>(payload[kTimeAt + i]) << (8 * i);
+  }
+  packet.pps = static_cast<Pps>(std::min<std::uint8_t>(payload[kPpsAt], 3));
+  for (const std::uint8_t byte : payload.subspan(kSentenceAt)) {
+    if (byte == 0 || byte == '\r' || byte == '\n') break;
+    // What is no printable character is no part of a sentence.
+    packet.nmea.push_back(byte >= 0x20 && byte < 0x7F ? static_cast<char>(byte) : '?');
+  }
+  return packet;
+}
+
+std::optional<NmeaFix> parse_rmc(std::string_view sentence) {
+  const auto body = checked_body(sentence);
+  if (!body) return std::nullopt;
+  const std::vector<std::string_view> fields = split(*body, ',');
+  if (fields.size() < 10 || fields[0].size() != 5 || fields[0].substr(2) != "RMC") {
+    return std::nullopt;
+  }
+  NmeaFix fix;
+  fix.utc_ns = utc_ns(fields[9], fields[1]);
+  fix.valid = fields[2] == "A";
+  const auto latitude = degrees(fields[3], fields[4]);
+  const auto longitude = degrees(fields[5], fields[6]);
+  if (latitude && longitude) {
+    fix.latitude_deg = *latitude;
+    fix.longitude_deg = *longitude;
+  } else {
+    fix.valid = false;
+  }
+  return fix;
+}
+
+}  // namespace zloam::driver
