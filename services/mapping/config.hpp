@@ -25,6 +25,9 @@ struct LoamConfig {
   /// the middle eigenvalue must be more than so many times the smallest: no plane from points in a
   /// row
   double plane_spread_ratio = 3.0;
+  /// and above (so many sigmas of the range noise)^2: a single ring, thickened by noise, is no
+  /// plane
+  double plane_spread_sigmas = 3.0;
   /// voxel filter of the sweep before matching (not before insertion), m; 0: none
   double match_leaf_edge_m = 0.2;
   double match_leaf_plane_m = 0.4;

@@ -70,7 +70,8 @@ std::optional<Surface> LoamMethod::surface_at(const Eigen::Vector3d& point_map, 
   const LayerMap& layer = tiles.layer(line ? Layer::kEdge : Layer::kPlane);
   if (layer.nearest(point_map, loam_.neighbour_radius_m, out) < wanted) return std::nullopt;
   if (line) return fit_line(out, loam_.line_ratio);
-  return fit_plane(out, loam_.plane_distance_m, loam_.plane_spread_ratio, noise_m);
+  return fit_plane(out, {loam_.plane_distance_m, loam_.plane_spread_ratio,
+                         loam_.plane_spread_sigmas * noise_m, noise_m});
 }
 
 // Neighbours hardly change while a feature moves by a fraction of their spacing, so they are only

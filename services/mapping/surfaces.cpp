@@ -40,17 +40,17 @@ std::optional<Surface> fit_line(std::span<const Neighbour> points, double ratio)
   return Surface{s.mean, s.vectors.col(2), 0.0};
 }
 
-std::optional<Surface> fit_plane(std::span<const Neighbour> points, double distance_m,
-                                 double spread_ratio, double noise_m) {
+std::optional<Surface> fit_plane(std::span<const Neighbour> points, const PlaneLimits& limits) {
   if (points.size() < 3) return std::nullopt;
   const Scatter s = scatter(points);
-  const bool spread = s.values[1] > 0.0 && s.values[1] > spread_ratio * s.values[0];
+  const bool spread = s.values[1] > 0.0 && s.values[1] > limits.spread_ratio * s.values[0] &&
+                      s.values[1] > limits.spread_m * limits.spread_m;
   if (!spread || !s.vectors.allFinite()) return std::nullopt;
   const Eigen::Vector3d normal = s.vectors.col(0);
   for (const Neighbour& p : points) {
-    if (std::abs(normal.dot(p.point - s.mean)) > distance_m) return std::nullopt;
+    if (std::abs(normal.dot(p.point - s.mean)) > limits.distance_m) return std::nullopt;
   }
-  const double thickness = std::max(s.values[0], noise_m * noise_m);
+  const double thickness = std::max(s.values[0], limits.noise_m * limits.noise_m);
   const double variance = thickness / (s.values[1] * static_cast<double>(points.size()));
   return Surface{s.mean, normal, variance};
 }

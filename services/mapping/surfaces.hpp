@@ -20,9 +20,16 @@ struct Surface {
 /// Line when the largest eigenvalue is more than `ratio` times the middle one.
 std::optional<Surface> fit_line(std::span<const Neighbour> points, double ratio);
 
-/// Plane when all points lie within distance_m of it and the middle eigenvalue is more than
-/// spread_ratio times the smallest (points in a row make no plane).
-std::optional<Surface> fit_plane(std::span<const Neighbour> points, double distance_m,
-                                 double spread_ratio, double noise_m);
+struct PlaneLimits {
+  /// all points lie within, m
+  double distance_m = 0.2;
+  /// the middle eigenvalue is more than so many times the smallest: points in a row make no plane
+  double spread_ratio = 3.0;
+  /// and more than the square of this, m: nor does one ring that noise has thickened along the beam
+  double spread_m = 0.0;
+  double noise_m = 0.0;
+};
+
+std::optional<Surface> fit_plane(std::span<const Neighbour> points, const PlaneLimits& limits);
 
 }  // namespace zloam::mapping

@@ -96,7 +96,10 @@ inline Scan scan(const Room& room, const Pose& T_map_base, double noise_m, unsig
                         ring,
                         ReturnType::kStrongest,
                         0};
-      (edge_m < 0.04 ? out.edges : out.planes).push_back(point);
+      // Between the two lies what feature extraction leaves out: a mean over a corner is on no
+      // face.
+      if (edge_m < 0.04) out.edges.push_back(point);
+      if (edge_m > 0.2) out.planes.push_back(point);
     }
   }
   return out;
