@@ -1,0 +1,167 @@
+#include "integration/integration.hpp"
+
+#include <algorithm>
+
+namespace zloam::integration {
+namespace {
+
+// Odometry poses kept to carry a correction's covariance to the present, and corrections kept.
+constexpr std::size_t kRecent = 256;
+
+Matrix6 finite_or_zero(const Matrix6& covariance) {
+  if (!covariance.allFinite()) return Matrix6::Zero();
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
+  const Matrix6 Ad = adjoint(T_to_from);
+  return Ad * covariance * Ad.transpose();
+}
+
+}  // namespace
+
+std::optional<std::uint64_t> scheduled_correction(std::uint64_t sweep,
+                                                  const IntegrationConfig& config) {
+  if (sweep < config.correction_delay) return std::nullopt;
+  const std::uint64_t every = std::max<std::uint32_t>(config.mapping_every, 1);
+  return (sweep - config.correction_delay) / every * every;
+}
+
+Integrator::Integrator(const IntegrationConfig& config) : config_(config) {}
+
+void Integrator::reset() { *this = Integrator(config_); }
+
+std::vector<FusedPose> Integrator::add(const OdometryPose& pose) {
+  if (newest_pose_ && pose.sweep <= *newest_pose_) return {};
+  newest_pose_ = pose.sweep;
+  waiting_.push_back(pose);
+  return release();
+}
+
+std::vector<FusedPose> Integrator::add(const Correction& correction) {
+  if (!correction.T_map_odom.matrix().allFinite()) return {};
+  corrections_.emplace(correction.sweep, correction);
+  return release();
+}
+
+std::optional<std::uint64_t> Integrator::awaited() const {
+  if (waiting_.empty()) return std::nullopt;
+  return scheduled_correction(waiting_.front().sweep, config_);
+}
+
+bool Integrator::can_leave(const OdometryPose& pose) const {
+  if (!pose.replay) return true;
+  const auto scheduled = scheduled_correction(pose.sweep, config_);
+  return !scheduled || corrections_.contains(*scheduled);
+}
+
+std::vector<FusedPose> Integrator::release() {
+  std::vector<FusedPose> poses;
+  while (!waiting_.empty() && can_leave(waiting_.front())) {
+    poses.push_back(fuse(waiting_.front()));
+    waiting_.pop_front();
+  }
+  return poses;
+}
+
+const Correction* Integrator::correction_for(const OdometryPose& pose) const {
+  if (pose.replay) {
+    const auto scheduled = scheduled_correction(pose.sweep, config_);
+    if (!scheduled) return nullptr;
+    const auto found = corrections_.find(*scheduled);
+    const bool fits = found != corrections_.end() && found->second.odom_epoch == pose.odom_epoch;
+    return fits ? &found->second : nullptr;
+  }
+  for (auto it = corrections_.rbegin(); it != corrections_.rend(); ++it) {
+    if (it->second.odom_epoch == pose.odom_epoch) return &it->second;
+  }
+  return nullptr;
+}
+
+void Integrator::place(const OdometryPose& pose, const Correction* correction, FusedPose& fused) {
+  const bool broken_off = last_odometry_ && last_odometry_->odom_epoch != pose.odom_epoch;
+  Pose T_map_odom = last_T_map_odom_.value_or(Pose::Identity());
+  if (correction != nullptr) {
+    T_map_odom = correction->T_map_odom;
+  } else if (broken_off) {
+    // The new frame is hung on where the last pose should have moved to.
+    const double gap_s = 1e-9 * static_cast<double>(pose.instant_ns - last_odometry_->instant_ns);
+    const Pose T_map_base = last_fused_->T_map_base * exp_se3(last_odometry_->twist_per_s * gap_s);
+    T_map_odom = normalised(T_map_base * pose.T_odom_base.inverse());
+  }
+  fused.T_map_base = normalised(T_map_odom * pose.T_odom_base);
+  if (last_T_map_odom_ && !broken_off) {
+    const Pose moved = (*last_T_map_odom_ * pose.T_odom_base).inverse() * fused.T_map_base;
+    const Vector6 step = log_se3(moved);
+    fused.jump = step.head<3>().norm() > config_.jump_m || step.tail<3>().norm() > config_.jump_rad;
+  } else if (broken_off) {
+    fused.jump = true;
+  }
+  last_T_map_odom_ = T_map_odom;
+}
+
+Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
+  const Matrix6 step = finite_or_zero(pose.step_covariance);
+  const bool known =
+      correction != nullptr && !recent_.empty() && recent_.front().sweep <= correction->sweep;
+  if (!known) {
+    if (!last_odometry_ || last_odometry_->odom_epoch != pose.odom_epoch) return step;
+    const Pose back = pose.T_odom_base.inverse() * last_odometry_->T_odom_base;
+    return carried(last_fused_->covariance, back) + step;
+  }
+  Matrix6 covariance = finite_or_zero(correction->covariance);
+  const OdometryPose* from = nullptr;
+  for (const OdometryPose& p : recent_) {
+    if (p.sweep > correction->sweep && from != nullptr) {
+      covariance = carried(covariance, p.T_odom_base.inverse() * from->T_odom_base) +
+                   finite_or_zero(p.step_covariance);
+    }
+    if (p.sweep >= correction->sweep) from = &p;
+  }
+  return covariance;
+}
+
+FusedPose Integrator::fuse(const OdometryPose& pose) {
+  const Correction* correction = correction_for(pose);
+  if (!recent_.empty() && recent_.back().odom_epoch != pose.odom_epoch) recent_.clear();
+  recent_.push_back(pose);
+  FusedPose fused;
+  fused.sweep = pose.sweep;
+  fused.instant_ns = pose.instant_ns;
+  fused.twist_per_s = pose.twist_per_s;
+  fused.covariance = covariance_at(pose, correction);
+  place(pose, correction, fused);
+  fused.has_correction = correction != nullptr;
+  fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
+  fused.health = pose.health;
+  fused.degenerate = pose.degenerate;
+  if (correction != nullptr) {
+    fused.degenerate |= correction->degenerate;
+    const bool lasting =
+        correction->health == Health::kBridging || correction->health == Health::kLost;
+    if (lasting) fused.health = correction->health;
+  } else if (pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch)) {
+    fused.health = Health::kBridging;
+  }
+  if (!first_epoch_) first_epoch_ = pose.odom_epoch;
+  last_odometry_ = pose;
+  last_fused_ = fused;
+  forget();
+  return fused;
+}
+
+// What no later pose can ask for.
+void Integrator::forget() {
+  while (recent_.size() > kRecent) recent_.pop_front();
+  if (last_odometry_->replay) {
+    const auto scheduled = scheduled_correction(last_odometry_->sweep, config_);
+    if (scheduled) corrections_.erase(corrections_.begin(), corrections_.lower_bound(*scheduled));
+    while (!recent_.empty() && scheduled && recent_.front().sweep < *scheduled) {
+      recent_.pop_front();
+    }
+    return;
+  }
+  while (corrections_.size() > kRecent) corrections_.erase(corrections_.begin());
+}
+
+}  // namespace zloam::integration

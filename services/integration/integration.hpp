@@ -1,0 +1,105 @@
+#pragma once
+// Fuses odometry (every sweep) with mapping's corrections (some sweeps, later): LOAM's transform
+// maintenance. T_map_base(n) = T_map_odom(k) * T_odom_base(n).
+//
+// Which k: in replay the greatest multiple of mapping_every at or below n - correction_delay, and
+// the pose waits for it, so that the result does not depend on who was faster (protocols.md,
+// section 8); before the first one the identity. Live: the newest correction of the same odometry
+// epoch; nothing waits. While an epoch has no correction yet, the pose is predicted from the last
+// one with the odometry's own motion and says so (Health::kBridging).
+//
+// Nothing is smoothed: what the correction moves by is in the pose, and marked as a jump when
+// large.
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "common/geometry/health.hpp"
+#include "common/geometry/se3.hpp"
+#include "integration/config.hpp"
+
+namespace zloam::integration {
+
+struct OdometryPose {
+  std::uint64_t sweep = 0;
+  /// ns since the Unix epoch
+  std::int64_t instant_ns = 0;
+  std::uint32_t odom_epoch = 0;
+  Pose T_odom_base = Pose::Identity();
+  /// body frame, m/s and rad/s
+  Vector6 twist_per_s = Vector6::Zero();
+  /// of the step from the pose before, tangent at base_link
+  Matrix6 step_covariance = Matrix6::Zero();
+  Health health = Health::kOk;
+  bool degenerate = false;
+  /// the source is paced: the pose waits for its correction
+  bool replay = false;
+};
+
+struct Correction {
+  std::uint64_t sweep = 0;
+  std::uint32_t odom_epoch = 0;
+  Pose T_map_odom = Pose::Identity();
+  /// of T_map_base at that sweep, tangent at base_link
+  Matrix6 covariance = Matrix6::Zero();
+  Health health = Health::kOk;
+  bool degenerate = false;
+};
+
+struct FusedPose {
+  std::uint64_t sweep = 0;
+  std::int64_t instant_ns = 0;
+  Pose T_map_base = Pose::Identity();
+  Vector6 twist_per_s = Vector6::Zero();
+  Matrix6 covariance = Matrix6::Zero();
+  std::uint64_t correction_sweep = 0;
+  bool has_correction = false;
+  bool jump = false;
+  Health health = Health::kOk;
+  bool degenerate = false;
+};
+
+/// The correction that pose n waits for in replay; none before the first.
+std::optional<std::uint64_t> scheduled_correction(std::uint64_t sweep,
+                                                  const IntegrationConfig& config);
+
+class Integrator {
+ public:
+  explicit Integrator(const IntegrationConfig& config);
+
+  /// Poses in ascending order; one that is not above the last is left out. Returns the poses that
+  /// can leave now, ascending: none, one, or those that waited.
+  std::vector<FusedPose> add(const OdometryPose& pose);
+  std::vector<FusedPose> add(const Correction& correction);
+
+  /// Poses that wait for a correction.
+  std::size_t waiting() const { return waiting_.size(); }
+  /// The correction that the first of them waits for.
+  std::optional<std::uint64_t> awaited() const;
+  void reset();
+
+ private:
+  std::vector<FusedPose> release();
+  bool can_leave(const OdometryPose& pose) const;
+  /// nullptr: none
+  const Correction* correction_for(const OdometryPose& pose) const;
+  FusedPose fuse(const OdometryPose& pose);
+  void place(const OdometryPose& pose, const Correction* correction, FusedPose& fused);
+  Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
+  void forget();
+
+  IntegrationConfig config_;
+  std::deque<OdometryPose> waiting_;
+  std::map<std::uint64_t, Correction> corrections_;
+  std::deque<OdometryPose> recent_;  // to carry a correction's covariance forward
+  std::optional<std::uint64_t> newest_pose_;
+  std::optional<OdometryPose> last_odometry_;
+  std::optional<FusedPose> last_fused_;
+  std::optional<Pose> last_T_map_odom_;
+  std::optional<std::uint32_t> first_epoch_;
+};
+
+}  // namespace zloam::integration

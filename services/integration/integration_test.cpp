@@ -1,0 +1,240 @@
+#include "integration/integration.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+namespace zloam::integration {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+using testing::SizeIs;
+
+Pose along(double x, double yaw_deg = 0.0) {
+  return pose_from_xyz_rpy_deg({x, 0.0, 0.0}, {0.0, 0.0, yaw_deg});
+}
+
+OdometryPose odometry(std::uint64_t sweep, bool replay, std::uint32_t epoch = 0) {
+  OdometryPose pose;
+  pose.sweep = sweep;
+  pose.instant_ns = static_cast<std::int64_t>(sweep + 1) * 100'000'000;
+  pose.odom_epoch = epoch;
+  pose.T_odom_base = along(0.5 * static_cast<double>(sweep));
+  pose.twist_per_s << 5.0, 0, 0, 0, 0, 0;
+  pose.step_covariance = 1e-4 * Matrix6::Identity();
+  pose.replay = replay;
+  return pose;
+}
+
+Correction correction(std::uint64_t sweep, const Pose& T_map_odom, std::uint32_t epoch = 0) {
+  Correction c;
+  c.sweep = sweep;
+  c.odom_epoch = epoch;
+  c.T_map_odom = T_map_odom;
+  c.covariance = 4e-4 * Matrix6::Identity();
+  return c;
+}
+
+struct Row {
+  std::uint32_t every, delay;
+  std::uint64_t sweep;
+  std::optional<std::uint64_t> uses;
+};
+
+// protocols.md, section 8: k = the greatest multiple of M that is <= n - D.
+TEST(Integration, ScheduleOfCorrections) {
+  const std::vector<Row> table = {
+      {1, 1, 0, {}}, {1, 1, 1, 0}, {1, 1, 2, 1},  {1, 1, 99, 98}, {1, 0, 0, 0}, {1, 0, 7, 7},
+      {1, 3, 2, {}}, {1, 3, 3, 0}, {1, 3, 10, 7}, {2, 1, 0, {}},  {2, 1, 1, 0}, {2, 1, 2, 0},
+      {2, 1, 3, 2},  {2, 1, 4, 2}, {5, 1, 5, 0},  {5, 1, 6, 5},   {5, 2, 6, 0}, {5, 2, 7, 5},
+      {3, 4, 3, {}}, {3, 4, 6, 0}, {3, 4, 7, 3},  {0, 1, 4, 3},
+  };
+  for (const Row& row : table) {
+    IntegrationConfig config;
+    config.mapping_every = row.every;
+    config.correction_delay = row.delay;
+    EXPECT_EQ(scheduled_correction(row.sweep, config), row.uses)
+        << "M " << row.every << " D " << row.delay << " n " << row.sweep;
+  }
+}
+
+TEST(Integration, ReplayWaitsForItsOwnCorrection) {
+  Integrator integrator{IntegrationConfig{}};
+  const auto first = integrator.add(odometry(0, true));
+  ASSERT_THAT(first, SizeIs(1));
+  EXPECT_FALSE(first[0].has_correction);
+  EXPECT_TRUE(first[0].T_map_base.isApprox(along(0.0)));
+  EXPECT_THAT(integrator.add(odometry(1, true)), IsEmpty());
+  EXPECT_THAT(integrator.add(odometry(2, true)), IsEmpty());
+  EXPECT_EQ(integrator.awaited(), 0U);
+  // That of sweep 1 is here first: pose 1 still waits for that of sweep 0, and so does pose 2.
+  EXPECT_THAT(integrator.add(correction(1, along(0.02))), IsEmpty());
+  EXPECT_EQ(integrator.waiting(), 2U);
+  const auto both = integrator.add(correction(0, along(0.01)));
+  ASSERT_THAT(both, SizeIs(2));
+  EXPECT_EQ(both[0].correction_sweep, 0U);
+  EXPECT_NEAR(both[0].T_map_base.translation().x(), 0.51, 1e-12);
+  EXPECT_EQ(both[1].correction_sweep, 1U);
+  EXPECT_NEAR(both[1].T_map_base.translation().x(), 1.02, 1e-12);
+  EXPECT_EQ(both[1].instant_ns, 300'000'000);
+}
+
+// However corrections and poses interleave, the poses are the same.
+TEST(Integration, ReplayDoesNotDependOnArrival) {
+  IntegrationConfig config;
+  config.mapping_every = 2;
+  const auto T_at = [](std::uint64_t k) { return along(0.01 * static_cast<double>(k), 0.1); };
+  std::vector<std::vector<double>> runs;
+  for (int order = 0; order < 3; ++order) {
+    Integrator integrator{config};
+    std::vector<double> x;
+    const auto take = [&x](const std::vector<FusedPose>& poses) {
+      for (const FusedPose& p : poses) {
+        x.push_back(p.T_map_base.translation().x());
+        x.push_back(p.covariance.trace());
+        x.push_back(static_cast<double>(p.sweep));
+      }
+    };
+    const auto poses = [&] {
+      for (std::uint64_t n = 0; n < 12; ++n) take(integrator.add(odometry(n, true)));
+    };
+    const auto corrections = [&] {
+      for (std::uint64_t k = 0; k < 12; k += 2) take(integrator.add(correction(k, T_at(k))));
+    };
+    if (order == 0) {
+      poses();
+      corrections();
+    } else if (order == 1) {
+      corrections();
+      poses();
+    } else {
+      for (std::uint64_t n = 0; n < 12; ++n) {
+        take(integrator.add(odometry(n, true)));
+        if (n % 2 == 0) take(integrator.add(correction(n, T_at(n))));
+      }
+    }
+    EXPECT_THAT(x, SizeIs(36));
+    EXPECT_EQ(integrator.waiting(), 0U);
+    runs.push_back(x);
+  }
+  EXPECT_EQ(runs[0], runs[1]);
+  EXPECT_EQ(runs[0], runs[2]);
+}
+
+TEST(Integration, LiveTakesTheNewestAndNeverWaits) {
+  Integrator integrator{IntegrationConfig{}};
+  EXPECT_FALSE(integrator.add(odometry(0, false)).at(0).has_correction);
+  EXPECT_FALSE(integrator.add(odometry(1, false)).at(0).has_correction);
+  EXPECT_THAT(integrator.add(correction(1, along(0.03))), IsEmpty());
+  EXPECT_THAT(integrator.add(correction(0, along(9.0))), IsEmpty());
+  const auto pose = integrator.add(odometry(2, false)).at(0);
+  EXPECT_EQ(pose.correction_sweep, 1U);
+  EXPECT_NEAR(pose.T_map_base.translation().x(), 1.03, 1e-12);
+  EXPECT_EQ(integrator.add(odometry(5, false)).at(0).correction_sweep, 1U) << "a gap stops nothing";
+  EXPECT_THAT(integrator.add(odometry(5, false)), IsEmpty()) << "a second copy";
+  EXPECT_THAT(integrator.add(odometry(4, false)), IsEmpty()) << "late";
+}
+
+TEST(Integration, MarksJumps) {
+  struct Step {
+    Pose T_map_odom;
+    bool jump;
+  };
+  const std::vector<Step> steps = {{along(0.05), false},     {along(0.10), false},
+                                   {along(0.30), true},      {along(0.30), false},
+                                   {along(0.30, 3.0), true}, {along(0.30, 3.0), false}};
+  Integrator integrator{IntegrationConfig{}};
+  OdometryPose pose = odometry(0, false);
+  integrator.add(pose);
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    integrator.add(correction(i, steps[i].T_map_odom));
+    pose.sweep = i + 1;
+    EXPECT_EQ(integrator.add(pose).at(0).jump, steps[i].jump) << i;
+  }
+}
+
+TEST(Integration, BridgesANewEpoch) {
+  Integrator integrator{IntegrationConfig{}};
+  integrator.add(odometry(0, false));
+  integrator.add(correction(0, along(1.0)));
+  const auto before = integrator.add(odometry(1, false)).at(0);
+  EXPECT_NEAR(before.T_map_base.translation().x(), 1.5, 1e-12);
+  // The new frame starts at identity, one sweep (0.1 s at 5 m/s) later.
+  OdometryPose restarted = odometry(2, false, 1);
+  restarted.T_odom_base = Pose::Identity();
+  const auto bridged = integrator.add(restarted).at(0);
+  EXPECT_EQ(bridged.health, Health::kBridging);
+  EXPECT_FALSE(bridged.has_correction);
+  EXPECT_TRUE(bridged.jump);
+  EXPECT_NEAR(bridged.T_map_base.translation().x(), 2.0, 1e-9);
+  // Odometry goes on in its new frame; the old epoch's corrections must not be used.
+  integrator.add(correction(1, along(77.0), 0));
+  restarted.sweep = 3;
+  restarted.T_odom_base = along(0.5);
+  const auto next = integrator.add(restarted).at(0);
+  EXPECT_EQ(next.health, Health::kBridging);
+  EXPECT_NEAR(next.T_map_base.translation().x(), 2.5, 1e-9);
+  integrator.add(correction(3, along(2.05), 1));
+  restarted.sweep = 4;
+  restarted.T_odom_base = along(1.0);
+  const auto corrected = integrator.add(restarted).at(0);
+  EXPECT_EQ(corrected.health, Health::kOk);
+  EXPECT_NEAR(corrected.T_map_base.translation().x(), 3.05, 1e-9);
+}
+
+TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
+  Integrator integrator{IntegrationConfig{}};
+  integrator.add(odometry(0, false));
+  integrator.add(correction(0, Pose::Identity()));
+  const auto one = integrator.add(odometry(1, false)).at(0);
+  // Along x nothing mixes in: 4e-4 of the correction plus 1e-4 a step.
+  EXPECT_NEAR(one.covariance(0, 0), 5e-4, 1e-12);
+  // Across, a rotation of the correction's base acts over the 0.5 m driven since.
+  EXPECT_NEAR(one.covariance(1, 1), 5e-4 + 0.25 * 4e-4, 1e-12);
+  const auto two = integrator.add(odometry(2, false)).at(0);
+  EXPECT_NEAR(two.covariance(0, 0), 6e-4, 1e-12);
+  integrator.add(correction(2, Pose::Identity()));
+  EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 5e-4, 1e-12);
+}
+
+TEST(Integration, CarriesHealth) {
+  Integrator integrator{IntegrationConfig{}};
+  OdometryPose pose = odometry(0, false);
+  pose.health = Health::kPredicted;
+  pose.degenerate = true;
+  const auto fused = integrator.add(pose).at(0);
+  EXPECT_EQ(fused.health, Health::kPredicted);
+  EXPECT_TRUE(fused.degenerate);
+  Correction lost = correction(0, Pose::Identity());
+  lost.health = Health::kLost;
+  integrator.add(lost);
+  EXPECT_EQ(integrator.add(odometry(1, false)).at(0).health, Health::kLost);
+}
+
+TEST(Integration, NotFiniteValuesDoNoHarm) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Integrator integrator{IntegrationConfig{}};
+  OdometryPose pose = odometry(0, false);
+  pose.step_covariance(2, 2) = nan;
+  EXPECT_TRUE(integrator.add(pose).at(0).covariance.allFinite());
+  Correction bad = correction(0, Pose::Identity());
+  bad.T_map_odom.translation().x() = nan;
+  integrator.add(bad);
+  EXPECT_TRUE(integrator.add(odometry(1, false)).at(0).T_map_base.matrix().allFinite());
+}
+
+TEST(Integration, ResetForgetsTheRun) {
+  Integrator integrator{IntegrationConfig{}};
+  integrator.add(odometry(4, false));
+  integrator.add(correction(4, along(3.0)));
+  integrator.reset();
+  const auto pose = integrator.add(odometry(0, false)).at(0);
+  EXPECT_FALSE(pose.has_correction);
+  EXPECT_FALSE(pose.jump);
+}
+
+}  // namespace
+}  // namespace zloam::integration

@@ -1,0 +1,27 @@
+#pragma once
+// Trajectories as text files. Numbers only: no wall time, no host, so that equal runs give equal
+// bytes.
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::integration {
+
+struct TrajectoryPose {
+  /// the instant the pose holds for, ns since the Unix epoch
+  std::int64_t instant_ns = 0;
+  Pose T_parent_base = Pose::Identity();
+};
+
+/// TUM: "stamp x y z qx qy qz qw" a line, stamp in seconds with nine decimals, quaternion with w >=
+/// 0.
+std::string tum_text(std::span<const TrajectoryPose> poses);
+
+/// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers a line, in the order of the
+/// poses and in their own frame (nothing is moved so that the first one were the identity).
+std::string kitti_text(std::span<const TrajectoryPose> poses);
+
+}  // namespace zloam::integration

@@ -1,0 +1,64 @@
+#include "integration/trajectory.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <sstream>
+#include <vector>
+
+namespace zloam::integration {
+namespace {
+
+TEST(Trajectory, TumByHand) {
+  const std::vector<TrajectoryPose> poses = {
+      {1'700'000'000'123'456'789, Pose::Identity()},
+      {1'700'000'000'223'456'789, pose_from_xyz_rpy_deg({1.5, -2.25, 0.125}, {0, 0, 90})},
+  };
+  EXPECT_EQ(tum_text(poses),
+            "1700000000.123456789 0.000000000 0.000000000 0.000000000 "
+            "0.000000000 0.000000000 0.000000000 1.000000000\n"
+            "1700000000.223456789 1.500000000 -2.250000000 0.125000000 "
+            "0.000000000 0.000000000 0.707106781 0.707106781\n");
+}
+
+TEST(Trajectory, StampsKeepTheirNanoseconds) {
+  EXPECT_EQ(tum_text(std::vector<TrajectoryPose>{{5, Pose::Identity()}}).substr(0, 11),
+            "0.000000005");
+  EXPECT_EQ(tum_text(std::vector<TrajectoryPose>{{-1, Pose::Identity()}}).substr(0, 12),
+            "-0.000000001");
+}
+
+TEST(Trajectory, TumReadsBack) {
+  std::vector<TrajectoryPose> poses;
+  for (int i = 0; i < 50; ++i) {
+    Vector6 twist;
+    twist << 3.0 * i, -i, 0.1 * i, 0.05 * i, -0.02 * i, 0.06 * i;
+    poses.push_back({i * 100'000'000LL, exp_se3(twist)});
+  }
+  std::istringstream text(tum_text(poses));
+  for (const TrajectoryPose& pose : poses) {
+    double stamp, x, y, z, qx, qy, qz, qw;
+    ASSERT_TRUE(text >> stamp >> x >> y >> z >> qx >> qy >> qz >> qw);
+    EXPECT_NEAR(stamp, 1e-9 * static_cast<double>(pose.instant_ns), 1e-9);
+    EXPECT_LT((Eigen::Vector3d(x, y, z) - pose.T_parent_base.translation()).norm(), 2e-9);
+    const Eigen::Matrix3d rotation = Eigen::Quaterniond(qw, qx, qy, qz).toRotationMatrix();
+    EXPECT_LT((rotation - pose.T_parent_base.linear()).norm(), 1e-8);
+    EXPECT_GE(qw, 0.0);
+  }
+}
+
+TEST(Trajectory, KittiIsTheUpperThreeRows) {
+  const std::vector<TrajectoryPose> poses = {{0, pose_from_xyz_rpy_deg({1, 2, 3}, {0, 0, 90})}};
+  std::istringstream text(kitti_text(poses));
+  const double expected[12] = {0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3};
+  for (const double value : expected) {
+    double read = 99.0;
+    ASSERT_TRUE(text >> read);
+    EXPECT_NEAR(read, value, 1e-9);
+  }
+  EXPECT_EQ(kitti_text(poses).back(), '\n');
+  EXPECT_EQ(kitti_text({}), "");
+}
+
+}  // namespace
+}  // namespace zloam::integration
