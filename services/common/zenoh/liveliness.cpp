@@ -47,7 +47,7 @@ std::vector<std::string> Session::liveliness_get(std::string_view key,
                                             context, detail::drop_get);
       });
   std::vector<std::string> keys;
-  for (const Reply& reply : collector.wait()) {
+  for (const Reply& reply : collector.wait(timeout)) {
     if (reply.ok()) keys.push_back(reply.sample->key);
   }
   return keys;

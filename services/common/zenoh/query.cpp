@@ -89,7 +89,7 @@ void Session::get(std::string_view selector, std::function<void(Reply&&)> on_rep
 std::vector<Reply> Session::get(std::string_view selector, const GetOptions& options) {
   detail::ReplyCollector collector;
   get(selector, collector.on_reply(), collector.on_done(), options);
-  return collector.wait();
+  return collector.wait(options.timeout);
 }
 
 }  // namespace zloam::zenoh

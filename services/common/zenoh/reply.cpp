@@ -66,9 +66,9 @@ std::function<void()> ReplyCollector::on_done() {
   };
 }
 
-std::vector<Reply> ReplyCollector::wait() {
+std::vector<Reply> ReplyCollector::wait(std::chrono::milliseconds timeout) {
   std::unique_lock lock(state_->mutex);
-  state_->ended.wait(lock, [&] { return state_->done; });
+  state_->ended.wait_for(lock, timeout + kGrace, [&] { return state_->done; });
   return std::move(state_->replies);
 }
 

@@ -36,12 +36,14 @@ void start_get(GetCallbacks callbacks, std::shared_ptr<CallbackErrors> errors,
 
 std::uint64_t to_ms(std::chrono::milliseconds timeout);
 
-/// Waits for the end of a get and has its replies.
+/// Waits for the end of a get and has its replies. A get ends by itself after its timeout; when the
+/// session is closed meanwhile Zenoh may forget to say so, so the wait ends kGrace later by itself.
 class ReplyCollector {
  public:
   std::function<void(Reply&&)> on_reply();
   std::function<void()> on_done();
-  std::vector<Reply> wait();
+  std::vector<Reply> wait(std::chrono::milliseconds timeout);
+  static constexpr std::chrono::milliseconds kGrace{2000};
 
  private:
   struct State {

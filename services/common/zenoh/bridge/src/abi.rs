@@ -13,16 +13,10 @@ pub struct Slice {
 const _: () = assert!(std::mem::size_of::<Slice>() == 16);
 
 impl Slice {
-    pub const EMPTY: Slice = Slice {
-        data: std::ptr::null(),
-        size: 0,
-    };
+    pub const EMPTY: Slice = Slice { data: std::ptr::null(), size: 0 };
 
     pub fn of(bytes: &[u8]) -> Self {
-        Slice {
-            data: bytes.as_ptr(),
-            size: bytes.len(),
-        }
+        Slice { data: bytes.as_ptr(), size: bytes.len() }
     }
 
     pub unsafe fn bytes<'a>(self) -> &'a [u8] {

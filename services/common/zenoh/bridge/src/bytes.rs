@@ -30,13 +30,7 @@ unsafe impl Sync for Foreign {}
 impl AsRef<[u8]> for Foreign {
     fn as_ref(&self) -> &[u8] {
         // SAFETY: the owner keeps the range alive as long as self.
-        unsafe {
-            Slice {
-                data: self.data,
-                size: self.size,
-            }
-            .bytes()
-        }
+        unsafe { Slice { data: self.data, size: self.size }.bytes() }
     }
 }
 
@@ -58,11 +52,7 @@ pub unsafe extern "C" fn zloam_bytes_own(
     drop: DropFn,
     out: *mut *mut Bytes,
 ) -> Status {
-    let owner = Foreign {
-        data,
-        size,
-        _owner: Context::new(context, drop),
-    };
+    let owner = Foreign { data, size, _owner: Context::new(context, drop) };
     guard(|| {
         hand_out(out, Bytes(::bytes::Bytes::from_owner(owner).into()));
         Ok(())

@@ -43,10 +43,7 @@ pub fn guard(body: impl FnOnce() -> Result<()>) -> Status {
             Status::Error
         }
         Err(payload) => {
-            set_last_error(&format!(
-                "panic in the Zenoh bridge: {}",
-                panic_text(payload.as_ref())
-            ));
+            set_last_error(&format!("panic in the Zenoh bridge: {}", panic_text(payload.as_ref())));
             Status::Panic
         }
     }

@@ -18,11 +18,7 @@ pub unsafe extern "C" fn zloam_session_declare_token(
     out: *mut *mut Token,
 ) -> Status {
     guard(|| {
-        let token = (*session)
-            .zenoh
-            .liveliness()
-            .declare_token(key_expression(key)?)
-            .wait()?;
+        let token = (*session).zenoh.liveliness().declare_token(key_expression(key)?).wait()?;
         hand_out(out, Token(token));
         Ok(())
     })

@@ -5,15 +5,55 @@ use crate::error::{guard, Result, Status};
 use crate::sample::{sample_closure, OnSample};
 use crate::session::{key_expression, Session};
 use std::ffi::c_void;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, MutexGuard};
 use zenoh::bytes::Encoding;
 use zenoh::matching::{MatchingListener, MatchingStatus};
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::Wait;
 
-pub struct Publisher {
+pub struct Publisher(Arc<Ending>);
+
+/// A publisher that ends with its handle or with its session, whichever comes first: Zenoh never
+/// frees a session that was closed while a publisher was declared on it.
+pub struct Ending {
+    live: Mutex<Option<Arc<Live>>>,
+    /// Held while it ends, so that both who want it ended wait for it.
+    ending: Mutex<()>,
+}
+
+struct Live {
     publisher: zenoh::pubsub::Publisher<'static>,
     listeners: Mutex<Vec<MatchingListener<()>>>,
+}
+
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
+impl Ending {
+    /// The lock is not held while Zenoh is called: a callback may come back to this publisher.
+    fn live(&self) -> Result<Arc<Live>> {
+        lock(&self.live).clone().ok_or_else(|| "the session is closed".into())
+    }
+
+    /// A put that runs on another thread just now ends the publisher when it returns.
+    pub fn end(&self) -> Result<()> {
+        let _ending = lock(&self.ending);
+        let live = lock(&self.live).take();
+        match live.map(Arc::try_unwrap) {
+            Some(Ok(live)) => live.undeclare(),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Live {
+    fn undeclare(self) -> Result<()> {
+        for listener in self.listeners.into_inner().unwrap_or_else(|p| p.into_inner()) {
+            listener.undeclare().wait_callbacks().wait()?;
+        }
+        self.publisher.undeclare().wait_callbacks().wait()
+    }
 }
 
 pub struct Subscriber(pub zenoh::pubsub::Subscriber<()>);
@@ -49,11 +89,7 @@ impl PublisherOptions {
 }
 
 pub unsafe fn encoding_of(text: Slice) -> Result<Encoding> {
-    Ok(if text.size == 0 {
-        Encoding::default()
-    } else {
-        Encoding::from(text.text()?)
-    })
+    Ok(if text.size == 0 { Encoding::default() } else { Encoding::from(text.text()?) })
 }
 
 #[no_mangle]
@@ -74,13 +110,10 @@ pub unsafe extern "C" fn zloam_session_declare_publisher(
             .express(options.express)
             .reliability(options.reliability())
             .wait()?;
-        hand_out(
-            out,
-            Publisher {
-                publisher,
-                listeners: Mutex::default(),
-            },
-        );
+        let live = Arc::new(Live { publisher, listeners: Mutex::default() });
+        let ending = Arc::new(Ending { live: Mutex::new(Some(live)), ending: Mutex::default() });
+        (*session).end_before_close(Arc::downgrade(&ending));
+        hand_out(out, Publisher(ending));
         Ok(())
     })
 }
@@ -93,6 +126,8 @@ pub unsafe extern "C" fn zloam_publisher_put(
 ) -> Status {
     guard(|| {
         (*publisher)
+            .0
+            .live()?
             .publisher
             .put(Bytes::share(payload).unwrap_or_default())
             .attachment(Bytes::share(attachment))
@@ -102,7 +137,7 @@ pub unsafe extern "C" fn zloam_publisher_put(
 
 #[no_mangle]
 pub unsafe extern "C" fn zloam_publisher_delete(publisher: *const Publisher) -> Status {
-    guard(|| (*publisher).publisher.delete().wait())
+    guard(|| (*publisher).0.live()?.publisher.delete().wait())
 }
 
 #[no_mangle]
@@ -111,7 +146,7 @@ pub unsafe extern "C" fn zloam_publisher_matching(
     out: *mut bool,
 ) -> Status {
     guard(|| {
-        *out = (*publisher).publisher.matching_status().wait()?.matching();
+        *out = (*publisher).0.live()?.publisher.matching_status().wait()?.matching();
         Ok(())
     })
 }
@@ -125,7 +160,8 @@ pub unsafe extern "C" fn zloam_publisher_on_matching(
 ) -> Status {
     let context = Context::new(context, drop);
     guard(|| {
-        let listener = (*publisher)
+        let live = (*publisher).0.live()?;
+        let listener = live
             .publisher
             .matching_listener()
             .callback(move |status: MatchingStatus| {
@@ -134,26 +170,14 @@ pub unsafe extern "C" fn zloam_publisher_on_matching(
                 unsafe { call(context.pointer(), status.matching()) }
             })
             .wait()?;
-        match (*publisher).listeners.lock() {
-            Ok(mut listeners) => listeners.push(listener),
-            Err(poisoned) => poisoned.into_inner().push(listener),
-        }
+        lock(&live.listeners).push(listener);
         Ok(())
     })
 }
 
 #[no_mangle]
 pub unsafe extern "C" fn zloam_publisher_drop(publisher: *mut Publisher) {
-    take_back(publisher, |publisher| {
-        for listener in publisher
-            .listeners
-            .into_inner()
-            .unwrap_or_else(|p| p.into_inner())
-        {
-            listener.undeclare().wait_callbacks().wait()?;
-        }
-        publisher.publisher.undeclare().wait_callbacks().wait()
-    });
+    take_back(publisher, |publisher| publisher.0.end());
 }
 
 #[no_mangle]
@@ -167,10 +191,7 @@ pub unsafe extern "C" fn zloam_session_put(
         let options = &*options;
         (*session)
             .zenoh
-            .put(
-                key_expression(key)?,
-                Bytes::share(payload).unwrap_or_default(),
-            )
+            .put(key_expression(key)?, Bytes::share(payload).unwrap_or_default())
             .encoding(encoding_of(options.encoding)?)
             .congestion_control(options.congestion_control()?)
             .priority(Priority::try_from(options.priority)?)
@@ -208,7 +229,5 @@ pub unsafe extern "C" fn zloam_session_declare_subscriber(
 
 #[no_mangle]
 pub unsafe extern "C" fn zloam_subscriber_drop(subscriber: *mut Subscriber) {
-    take_back(subscriber, |subscriber| {
-        subscriber.0.undeclare().wait_callbacks().wait()
-    });
+    take_back(subscriber, |subscriber| subscriber.0.undeclare().wait_callbacks().wait());
 }

@@ -37,15 +37,11 @@ pub fn reply_closure(
         let context = context.pointer();
         // SAFETY: the header demands that `call` may run on any thread until `drop` was called.
         shield(|| match reply.result() {
-            Ok(sample) => with_view(sample, |view| unsafe {
-                call(context, view, std::ptr::null_mut())
-            }),
+            Ok(sample) => {
+                with_view(sample, |view| unsafe { call(context, view, std::ptr::null_mut()) })
+            }
             Err(error) => unsafe {
-                call(
-                    context,
-                    std::ptr::null(),
-                    Bytes::boxed(error.payload().clone()),
-                )
+                call(context, std::ptr::null(), Bytes::boxed(error.payload().clone()))
             },
         });
     }
@@ -79,9 +75,7 @@ pub unsafe extern "C" fn zloam_session_declare_queryable(
 
 #[no_mangle]
 pub unsafe extern "C" fn zloam_queryable_drop(queryable: *mut Queryable) {
-    take_back(queryable, |queryable| {
-        queryable.0.undeclare().wait_callbacks().wait()
-    });
+    take_back(queryable, |queryable| queryable.0.undeclare().wait_callbacks().wait());
 }
 
 #[no_mangle]
@@ -107,10 +101,7 @@ pub unsafe extern "C" fn zloam_query_reply(
     guard(|| {
         (*query)
             .0
-            .reply(
-                key_expression(key)?,
-                Bytes::share(payload).unwrap_or_default(),
-            )
+            .reply(key_expression(key)?, Bytes::share(payload).unwrap_or_default())
             .encoding(encoding_of(encoding)?)
             .wait()
     })
@@ -121,12 +112,7 @@ pub unsafe extern "C" fn zloam_query_reply_error(
     query: *const Query,
     payload: *const Bytes,
 ) -> Status {
-    guard(|| {
-        (*query)
-            .0
-            .reply_err(Bytes::share(payload).unwrap_or_default())
-            .wait()
-    })
+    guard(|| (*query).0.reply_err(Bytes::share(payload).unwrap_or_default()).wait())
 }
 
 #[no_mangle]
@@ -149,11 +135,7 @@ pub unsafe extern "C" fn zloam_session_get(
 ) -> Status {
     let context = Context::new(context, drop);
     guard(|| {
-        let target = if target_all {
-            QueryTarget::All
-        } else {
-            QueryTarget::BestMatching
-        };
+        let target = if target_all { QueryTarget::All } else { QueryTarget::BestMatching };
         let get = (*session)
             .zenoh
             .get(selector.text()?)

@@ -2,8 +2,9 @@
 use crate::abi::{hand_out, shield, take_back, Slice};
 use crate::config::Config;
 use crate::error::{guard, Result, Status};
+use crate::pubsub::{lock, Ending};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
-use std::sync::Mutex;
+use std::sync::{Mutex, Weak};
 use std::time::Duration;
 use zenoh::key_expr::KeyExpr;
 use zenoh::Wait;
@@ -12,6 +13,34 @@ pub struct Session {
     pub zenoh: zenoh::Session,
     /// The end of a close that is under way.
     closing: Mutex<Option<Receiver<Result<()>>>>,
+    /// What has to be undeclared first.
+    publishers: Mutex<Vec<Weak<Ending>>>,
+}
+
+impl Session {
+    pub fn end_before_close(&self, publisher: Weak<Ending>) {
+        let mut publishers = lock(&self.publishers);
+        publishers.retain(|known| known.strong_count() > 0);
+        publishers.push(publisher);
+    }
+
+    /// Starts to close on a thread of its own, since Zenoh may take ten seconds and more on a bad
+    /// link.
+    fn start_closing(&self) -> Result<Receiver<Result<()>>> {
+        let publishers = std::mem::take(&mut *lock(&self.publishers));
+        let session = self.zenoh.clone();
+        let (done, wait) = mpsc::channel();
+        std::thread::Builder::new().name("zloam-close".into()).spawn(move || {
+            // An error in undeclaring one is no reason to leave the session open.
+            for publisher in publishers.iter().filter_map(Weak::upgrade) {
+                let _ = publisher.end();
+            }
+            let result = session.close().wait_callbacks().wait();
+            drop(session);
+            let _ = done.send(result);
+        })?;
+        Ok(wait)
+    }
 }
 
 /// A key expression in canonical form.
@@ -26,28 +55,9 @@ pub unsafe extern "C" fn zloam_session_open(
 ) -> Status {
     guard(|| {
         let zenoh = zenoh::open((*config).0.clone()).wait()?;
-        hand_out(
-            out,
-            Session {
-                zenoh,
-                closing: Mutex::default(),
-            },
-        );
+        hand_out(out, Session { zenoh, closing: Mutex::default(), publishers: Mutex::default() });
         Ok(())
     })
-}
-
-/// Starts to close on a thread of its own, since Zenoh may take ten seconds and more on a bad link.
-fn start_closing(session: zenoh::Session) -> Result<Receiver<Result<()>>> {
-    let (done, wait) = mpsc::channel();
-    std::thread::Builder::new()
-        .name("zloam-close".into())
-        .spawn(move || {
-            let result = session.close().wait_callbacks().wait();
-            drop(session);
-            let _ = done.send(result);
-        })?;
-    Ok(wait)
 }
 
 /// When the deadline passes first, the thread goes on, and the next call waits for the same one.
@@ -60,13 +70,10 @@ pub unsafe extern "C" fn zloam_session_close(
     guard(|| {
         *closed = false;
         let session = &*session;
-        let mut closing = session
-            .closing
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut closing = session.closing.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let end = match closing.take() {
             Some(end) => end,
-            None => start_closing(session.zenoh.clone())?,
+            None => session.start_closing()?,
         };
         match end.recv_timeout(Duration::from_millis(deadline_ms)) {
             Ok(result) => {
