@@ -235,3 +235,47 @@ def sweep(
     m.SweepAddClockSource(b, 5)
     m.SweepAddComplete(b, True)
     return _finish(b, "Sweep", m.SweepEnd(b))
+
+
+#: the point clouds of a Features message
+FEATURE_CLOUDS = ("Sharp", "LessSharp", "Flat", "LessFlat")
+
+
+def features(v: HeaderValues, clouds: dict[str, NDArray[Any]], rings: int = 16) -> bytes:
+    """clouds: name of FEATURE_CLOUDS -> POINT, frame lidar; what is not named is empty."""
+    b = flatbuffers.Builder(0)
+    head, m = header(b, v), module("Features")
+    vectors = {name: messages.put_struct_vector(b, cloud) for name, cloud in clouds.items()}
+    m.FeaturesStart(b)
+    m.FeaturesAddHeader(b, head)
+    m.FeaturesAddPeriodNs(b, 100_000_000)
+    m.FeaturesAddRings(b, rings)
+    for name, vector in vectors.items():
+        getattr(m, "FeaturesAdd" + name)(b, vector)
+    m.FeaturesAddRangeNoiseM(b, 0.02)
+    return _finish(b, "Features", m.FeaturesEnd(b))
+
+
+def odometry_features(
+    v: HeaderValues, instant_ns: int, position: Any, edges: NDArray[Any], planes: NDArray[Any]
+) -> bytes:
+    """edges, planes: POINT, frame base_link at the instant; base_link does not turn."""
+    b = flatbuffers.Builder(0)
+    head, m = header(b, v), module("OdometryFeatures")
+    covariance = b.CreateNumpyVector(np.diag([1e-4] * 6).ravel())
+    edge_vector = messages.put_struct_vector(b, edges)
+    plane_vector = messages.put_struct_vector(b, planes)
+    upright = (0.0, 0.0, 0.0, 1.0)
+    m.OdometryFeaturesStart(b)
+    m.OdometryFeaturesAddHeader(b, head)
+    m.OdometryFeaturesAddInstantNs(b, instant_ns)
+    m.OdometryFeaturesAddPoseOdomBase(b, _pose_struct(b, position, upright))
+    m.OdometryFeaturesAddTwist(b, module("Twist").CreateTwist(b, 0, 0, 0, 0, 0, 0))
+    m.OdometryFeaturesAddCovariance(b, covariance)
+    m.OdometryFeaturesAddPeriodNs(b, 100_000_000)
+    m.OdometryFeaturesAddPoseBaseLidar(b, _pose_struct(b, (0, 0, 0), upright))
+    m.OdometryFeaturesAddEdges(b, edge_vector)
+    m.OdometryFeaturesAddPlanes(b, plane_vector)
+    m.OdometryFeaturesAddPrevSweep(b, max(v.sweep, 1) - 1)
+    m.OdometryFeaturesAddRangeNoiseM(b, 0.02)
+    return _finish(b, "OdometryFeatures", m.OdometryFeaturesEnd(b))

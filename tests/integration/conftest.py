@@ -1,0 +1,101 @@
+"""Real processes: where their binaries are, recordings, and short captures from the simulator."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from zloam_monitor.keys import STAGES
+
+ROOT = Path(__file__).resolve().parents[2]
+#: seconds of the short simulated capture: 10 sweeps each
+CAPTURE_SECONDS = 6
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A simulated drive and its exact truth."""
+
+    pcap: Path
+    truth_lidar: Path
+    truth_base: Path
+
+
+@pytest.fixture(scope="session")
+def build() -> Path:
+    """The build folder under test: ZLOAM_BUILD, or build/release."""
+    folder = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
+    missing = [s for s in (*STAGES, "simulator") if not (folder / "bin" / f"zloam-{s}").is_file()]
+    if missing:
+        pytest.skip(f"not built in {folder}: zloam-{', zloam-'.join(missing)}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of real recordings, which is no part of the repository."""
+    folder = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared"))
+    if not (folder / "data").is_dir():
+        pytest.skip(f"no recordings in {folder} (set ZLOAM_SHARED)")
+    return folder
+
+
+def simulate(build: Path, folder: Path, *options: str) -> Capture:
+    """A capture with the given options of the simulator."""
+    made = Capture(folder / "capture.pcap", folder / "lidar.tum", folder / "base.tum")
+    subprocess.run(
+        [
+            build / "bin" / "zloam-simulator",
+            "--quiet",
+            "--out",
+            made.pcap,
+            "--truth",
+            made.truth_lidar,
+            "--truth-base",
+            made.truth_base,
+            *options,
+        ],
+        check=True,
+    )
+    return made
+
+
+@pytest.fixture(scope="session")
+def capture(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    """A few seconds of the city."""
+    folder = tmp_path_factory.mktemp("capture")
+    seconds = str(CAPTURE_SECONDS)
+    return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", seconds)
+
+
+@pytest.fixture(scope="session")
+def robot_file() -> Path:
+    return ROOT / "deploy" / "robots" / "vlp16-outdoor.yaml"
+
+
+@dataclass(frozen=True)
+class Done:
+    """An ended program."""
+
+    code: int
+    said: str
+
+
+def monitor(*arguments: object) -> Done:
+    """`python -m zloam_monitor ...` from the root of the tree."""
+    paths = [str(ROOT / "services/monitor/src"), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "zloam_monitor", *map(str, arguments)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        check=False,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=280,
+    )
+    return Done(done.returncode, done.stdout)

@@ -1,0 +1,98 @@
+"""Garbage on every data key: counted by reason, never a crash, and the poses go on."""
+
+import random
+import threading
+
+from zloam_monitor import messages, sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.link import open_session
+from zloam_monitor.processes import endpoints
+from zloam_monitor.robot_file import names
+
+from tests.integration.conftest import CAPTURE_SECONDS
+
+#: messages of each kind and key
+ROUNDS = 40
+
+
+def bad_payloads(table, rng):
+    """Bytes that are no message of this kind, each in another way."""
+    identifier = messages.KINDS[table].identifier
+    noise = rng.randbytes(rng.randrange(9, 4000))
+    return [
+        (b"", messages.encoding(table)),
+        (b"\x00", messages.encoding(table)),
+        (noise, messages.encoding(table)),
+        # the right identifier before noise
+        (noise[:4] + identifier + noise, messages.encoding(table)),
+        (b"\x08\x00\x00\x00" + identifier + noise, messages.encoding(table)),
+        # another kind of message, and no encoding at all
+        (b"\x08\x00\x00\x00ZLXX" + noise, messages.encoding(table)),
+        (noise, "text/plain"),
+    ]
+
+
+def test_garbage_on_every_key(build, robot_file, capture, tmp_path):
+    source = sources.from_pcap(capture.pcap)
+    robot = names(robot_file, [])
+    chain = Chain(
+        build,
+        robot_file,
+        robot.robot,
+        source.driver_settings("realtime"),
+        tmp_path / "logs",
+        robot.sensor,
+    )
+    keys = chain.link.keys
+    inputs = {
+        keys.sweep: "Sweep",
+        keys.features: "Features",
+        keys.odometry: "Odometry",
+        keys.odometry_features: "OdometryFeatures",
+        keys.map_correction: "MapCorrection",
+        keys.ack("mapping"): "FlowAck",
+        keys.ack("integration"): "FlowAck",
+        keys.below("odometry/progress"): "Progress",
+    }
+    genuine: dict[str, bytes] = {}
+
+    def flood(session):
+        rng = random.Random(5)
+        for _ in range(ROUNDS):
+            for key, table in inputs.items():
+                bad = bad_payloads(table, rng)
+                if key in genuine:  # a real message, cut short
+                    whole = genuine[key]
+                    bad.append((whole[: rng.randrange(8, len(whole))], messages.encoding(table)))
+                for payload, encoding in bad:
+                    session.put(key, payload, encoding=encoding)
+
+    with chain:
+        session = open_session(endpoints(chain.base_port))
+        listeners = [
+            session.declare_subscriber(
+                key, lambda sample, key=key: genuine.setdefault(key, sample.payload.to_bytes())
+            )
+            for key in (keys.sweep, keys.features, keys.odometry, keys.odometry_features)
+        ]
+        chain.wait_ready()
+        flooding = threading.Thread(target=flood, args=(session,))
+        flooding.start()
+        while not chain.finished():
+            chain.link.poll(0.2)
+            chain.check()
+        flooding.join()
+        chain.link.query_statuses()
+        statuses = {stage: chain.link.stage(stage) for stage in STAGES}
+        poses = chain.link.trajectory()
+        listeners.clear()
+        session.close()
+        codes = chain.stop()
+    assert set(codes.values()) == {0}
+    assert len(poses) >= CAPTURE_SECONDS * 10
+    for stage in ("registration", "odometry", "mapping", "integration"):
+        account = statuses[stage].input(keys.main_input(stage))
+        assert account.balanced(), stage
+        assert account.dropped.get("garbage", 0) > 0, stage
+        assert account.lost == 0, stage

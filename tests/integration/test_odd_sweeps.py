@@ -1,0 +1,150 @@
+"""Empty, NaN, single-point, one-ring, all-equal clouds into every stage, between good ones.
+
+Each stage runs alone; its input is written by hand, and for each message in there is one out.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from zloam_monitor import compose, messages
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link, open_session
+from zloam_monitor.messages import POINT
+from zloam_monitor.processes import Processes, endpoints, free_base_port
+
+PERIOD_NS = 100_000_000
+START_NS = 1_700_000_000_000_000_000
+GOOD_BEFORE = 3
+
+
+def room(columns=900):
+    """A sweep in the middle of a room of 12 x 9 x 4 m: 16 rings, ray-cast on its walls."""
+    azimuth = np.repeat(np.arange(columns) * 2 * np.pi / columns, 16)
+    ring = np.tile(np.arange(16), columns)
+    elevation = np.radians(ring * 2.0 - 15.0)
+    direction = np.c_[
+        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(-azimuth), np.sin(elevation)
+    ]
+    with np.errstate(divide="ignore"):
+        distance = np.min(np.array([6.0, 4.5, 2.0]) / np.abs(direction), axis=1)
+    points = np.zeros(len(direction), POINT)
+    xyz = direction * distance[:, None]
+    points["x"], points["y"], points["z"] = xyz.T
+    points["intensity"], points["ring"] = 50, ring
+    points["time_ns"] = np.linspace(0, PERIOD_NS - 1, len(points)).astype(np.uint32)
+    return points
+
+
+def odd_clouds():
+    """Name -> cloud."""
+    good = room()
+    nan = good.copy()
+    nan["x"] = np.nan
+    equal = good.copy()
+    equal[["x", "y", "z"]] = good[["x", "y", "z"]][100]
+    return {
+        "empty": good[:0],
+        "nan": nan,
+        "one point": good[:1],
+        "one ring": good[good["ring"] == 7],
+        "all equal": equal,
+    }
+
+
+def header(n, frame="lidar"):
+    return compose.HeaderValues(
+        run=START_NS, sweep=n, seq=n, stamp_ns=START_NS + n * PERIOD_NS, frame=frame
+    )
+
+
+def sweep_message(n, cloud):
+    return compose.sweep(header(n), cloud)
+
+
+def features_message(n, cloud):
+    finite = cloud[np.isfinite(cloud["x"])]
+    clouds = {
+        "Sharp": finite[::50],
+        "LessSharp": finite[::10],
+        "Flat": finite[::20],
+        "LessFlat": finite,
+    }
+    return compose.features(header(n), clouds)
+
+
+def odometry_features_message(n, cloud):
+    finite = cloud[np.isfinite(cloud["x"])]
+    instant = START_NS + (n + 1) * PERIOD_NS
+    return compose.odometry_features(
+        header(n, "base_link"), instant, (0, 0, 0), finite[::10], finite
+    )
+
+
+def odometry_message(n, cloud):
+    health = 0 if len(cloud) > 100 else 5
+    instant = START_NS + (n + 1) * PERIOD_NS
+    return compose.pose("Odometry", header(n, "odom"), instant, (0, 0, 0), (0, 0, 0, 1), health)
+
+
+KEYS = Keys("robot")
+STAGES = {
+    "registration": ("Sweep", sweep_message),
+    "odometry": ("Features", features_message),
+    "mapping": ("OdometryFeatures", odometry_features_message),
+    "integration": ("Odometry", odometry_message),
+}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_one_out_for_each_in(build, tmp_path, stage):
+    table, message = STAGES[stage]
+    base = free_base_port()
+    config = tmp_path / "robot.yaml"
+    config.write_text("robot: robot\n")
+    processes = Processes()
+    command = [
+        str(build / "bin" / f"zloam-{stage}"),
+        "--config",
+        str(config),
+        "--set",
+        f"zenoh.base_port={base}",
+    ]
+    process = processes.start(stage, command, tmp_path / f"{stage}.log")
+    session = open_session(endpoints(base))
+    link = Link(session, KEYS)
+    out = []
+    listener = session.declare_subscriber(
+        KEYS.main_output(stage), lambda sample: out.append(sample.payload.to_bytes())
+    )
+    try:
+        publisher = session.declare_publisher(KEYS.main_input(stage))
+        deadline = time.monotonic() + 30
+        while not publisher.matching_status.matching:
+            assert process.code() is None, process.last_lines()
+            assert time.monotonic() < deadline, "no match"
+            link.poll(0.05)
+        good = room()
+        clouds = [good] * GOOD_BEFORE
+        for cloud in odd_clouds().values():
+            clouds += [cloud, good]
+        for n, cloud in enumerate(clouds):
+            publisher.put(message(n, cloud), encoding=messages.encoding(table))
+            while len(out) <= n:
+                assert process.code() is None, process.last_lines()
+                assert time.monotonic() < deadline, f"nothing came out for message {n}"
+                link.poll(0.02)
+        link.query_statuses()
+        account = link.stage(stage).input(KEYS.main_input(stage))
+        assert account.balanced()
+        assert account.received == account.processed == len(clouds)
+        assert not any(account.dropped.values())
+    finally:
+        listener.undeclare()
+        link.close()
+        session.close()
+        codes = processes.stop()
+    assert codes == {stage: 0}
+    assert len(out) == len(clouds)

@@ -1,0 +1,98 @@
+"""What a person gets wrong: a clear text, the right exit code, no crash."""
+
+import json
+import socket
+import subprocess
+
+import pytest
+from zloam_monitor.keys import STAGES
+from zloam_monitor.processes import PORT_ORDER, free_base_port
+
+from tests.integration.conftest import CAPTURE_SECONDS, monitor
+
+REFUSED_CONFIG, REFUSED_FILE = 2, 3
+
+
+def stage(build, name, *arguments):
+    return subprocess.run(
+        [build / "bin" / f"zloam-{name}", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("robot: robot\nnonsense_key: 3\n", ["nonsense_key", ":2"]),
+        ("flow:\n  window: many\n", ["flow.window", "many", ":2"]),
+        ("flow:\n  window: 100000\n", ["flow.window", "100000", "1000", ":2"]),
+        ("robot: [\n", [":"]),
+    ],
+    ids=["unknown key", "wrong type", "out of range", "no YAML"],
+)
+def test_wrong_configuration(build, tmp_path, name, text, words):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    done = stage(build, name, "--config", path)
+    said = done.stdout + done.stderr
+    assert done.returncode == REFUSED_CONFIG, said
+    for word in [str(path), *words]:
+        assert word in said
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_wrong_setting(build, robot_file, name):
+    done = stage(build, name, "--config", robot_file, "--set", "mounting.xyz_m=[1, 2]")
+    assert done.returncode == REFUSED_CONFIG
+    assert "mounting.xyz_m" in done.stderr + done.stdout
+
+
+def test_missing_configuration_file(build, tmp_path):
+    done = stage(build, "mapping", "--config", tmp_path / "none.yaml")
+    assert done.returncode == REFUSED_FILE
+    assert "none.yaml" in done.stderr + done.stdout
+
+
+def test_port_in_use(build, robot_file):
+    base = free_base_port()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", base + PORT_ORDER.index("mapping")))
+        taken.listen()
+        done = stage(build, "mapping", "--config", robot_file, "--set", f"zenoh.base_port={base}")
+    assert done.returncode == REFUSED_FILE
+    assert str(base + PORT_ORDER.index("mapping")) in done.stderr + done.stdout
+
+
+def test_missing_capture(build, tmp_path):
+    done = monitor(
+        "demo", "--preset-dir", build, "--pcap", tmp_path / "none.pcap", "--out", tmp_path / "out"
+    )
+    assert done.code == REFUSED_FILE, done.said
+    assert "none.pcap" in done.said
+
+
+def test_a_file_that_is_no_capture(build, tmp_path):
+    (tmp_path / "text.pcap").write_text("this is no capture\n" * 100)
+    done = monitor(
+        "demo", "--preset-dir", build, "--pcap", tmp_path / "text.pcap", "--out", tmp_path / "out"
+    )
+    assert done.code == REFUSED_FILE, done.said
+    assert "text.pcap" in done.said
+
+
+def test_truncated_capture_is_used_as_far_as_it_goes(build, capture, tmp_path):
+    whole = capture.pcap.read_bytes()
+    (tmp_path / "cut.pcap").write_bytes(whole[: len(whole) // 2 + 7])
+    done = monitor(
+        "demo", "--preset-dir", build, "--pcap", tmp_path / "cut.pcap", "--out", tmp_path / "out"
+    )
+    assert done.code == 0, done.said
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    half = CAPTURE_SECONDS * 10 // 2
+    assert half - 1 <= report["identities"]["sweeps"] <= half + 2
+    driver_log = (tmp_path / "out" / "logs" / "driver.log").read_text()
+    assert "truncated" in driver_log or "cut" in driver_log
