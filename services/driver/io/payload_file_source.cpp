@@ -51,7 +51,7 @@ class PayloadFileSource : public PacketSource {
     filled_ = static_cast<std::size_t>(file_.gcount());
     at_ = 0;
     if (file_.bad()) throw SourceError(path_ + ": " + std::strerror(errno));
-    left_over_ = filled_ % kDataPacketBytes;
+    left_over_ += filled_ % kDataPacketBytes;
     return filled_ >= kDataPacketBytes;
   }
 

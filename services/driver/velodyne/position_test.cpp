@@ -1,0 +1,87 @@
+#include "driver/velodyne/position.hpp"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace zloam::driver {
+namespace {
+
+constexpr const char* kSentence =
+    "$GPRMC,213504,A,3708.0000,N,12139.0000,W,000.0,080.5,100918,013.3,E,D*04";
+
+std::vector<std::uint8_t> telemetry(const std::string& sentence) {
+  std::vector<std::uint8_t> payload(512, 0);
+  const std::vector<std::uint8_t> words = {0x0a, 0x00, 0x14, 0x00, 0x33, 0x03, 0xcd, 0x0f,
+                                           0xf6, 0x0f, 0x00, 0x00, 0x01, 0x00, 0xff, 0x0f,
+                                           0xff, 0x07, 0x00, 0x08, 0x00, 0x00, 0x00, 0x08};
+  std::copy(words.begin(), words.end(), payload.begin() + 14);
+  const std::vector<std::uint8_t> time = {0x7b, 0x7e, 0x68, 0x7d, 0x02};
+  std::copy(time.begin(), time.end(), payload.begin() + 198);
+  std::copy(sentence.begin(), sentence.end(), payload.begin() + 206);
+  return payload;
+}
+
+TEST(Position, T1Telemetry) {
+  const auto packet = parse_position(telemetry(std::string(kSentence) + "\r\n"));
+  ASSERT_TRUE(packet);
+  EXPECT_EQ(packet->toh_us, 2104000123U);
+  EXPECT_EQ(packet->pps, Pps::kLocked);
+  EXPECT_EQ(packet->nmea, kSentence);
+  const double gyro[] = {0.97660, -0.97660, 199.91002};
+  const double temperature[] = {27.9060, 25.0000, -272.5744};
+  const double accel_x[] = {0.999999, 0.001221, 0.0};
+  const double accel_y[] = {-0.062271, -0.001221, -2.500608};
+  for (std::size_t i = 0; i < 3; ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_NEAR(packet->inertial[i].gyro_dps, gyro[i], 1e-5);
+    EXPECT_NEAR(packet->inertial[i].temperature_c, temperature[i], 1e-4);
+    EXPECT_NEAR(packet->inertial[i].accel_x_g, accel_x[i], 1e-6);
+    EXPECT_NEAR(packet->inertial[i].accel_y_g, accel_y[i], 1e-6);
+  }
+}
+
+TEST(Position, OtherLengthsAreRefused) {
+  EXPECT_FALSE(parse_position(std::vector<std::uint8_t>(511)));
+  EXPECT_FALSE(parse_position({}));
+}
+
+TEST(Position, PpsBeyondTheTableIsAnError) {
+  auto payload = telemetry("");
+  payload[202] = 200;
+  EXPECT_EQ(parse_position(payload)->pps, Pps::kError);
+}
+
+TEST(Nmea, RmcOfTheTelemetryVector) {
+  const auto fix = parse_rmc(kSentence);
+  ASSERT_TRUE(fix);
+  EXPECT_TRUE(fix->valid);
+  EXPECT_EQ(fix->utc_ns, 1536615304'000'000'000);  // 2018-09-10 21:35:04 UTC
+  EXPECT_NEAR(fix->latitude_deg, 37.133333, 1e-6);
+  EXPECT_NEAR(fix->longitude_deg, -121.65, 1e-9);
+}
+
+TEST(Nmea, LineEndIsNotNeededAndDoesNoHarm) {
+  EXPECT_TRUE(parse_rmc(std::string(kSentence) + "\r\n"));
+}
+
+TEST(Nmea, RefusesWhatItCannotTrust) {
+  EXPECT_FALSE(parse_rmc(""));
+  EXPECT_FALSE(parse_rmc("$"));
+  EXPECT_FALSE(parse_rmc("$GPRMC*"));
+  EXPECT_FALSE(parse_rmc("$GPRMC,213504,A*0"));
+  std::string wrong_sum = kSentence;
+  wrong_sum.back() = '5';
+  EXPECT_FALSE(parse_rmc(wrong_sum));
+  EXPECT_FALSE(parse_rmc("$GPGGA,213504*4E"));
+}
+
+TEST(Nmea, AVoidFixHasATimeButIsNotValid) {
+  const auto fix = parse_rmc("$GPRMC,120000.50,V,,,,,,,010100,,*19");
+  if (!fix) GTEST_FAIL() << "the checksum of this sentence is right";
+  EXPECT_FALSE(fix->valid);
+  EXPECT_EQ(fix->utc_ns, 946728000'500'000'000);
+}
+
+}  // namespace
+}  // namespace zloam::driver
