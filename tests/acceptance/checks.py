@@ -1,0 +1,379 @@
+"""The lines of acceptance. A line is added by appending a Check; out/accept.md follows."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+
+from tests.acceptance import decoded, live
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import ROOT, Demo, Setting
+
+CITY_ATE_M, KITTI_ATE_M, SYNTH_ATE_M = 0.5, 0.15, 0.35
+KITTI_SWEEPS = 80
+#: CPU per sweep of A-LOAM's three algorithms as a multiple of KISS-ICP's, same scans
+ALOAM_CPU_RATIO = 3.3
+LIVE_P99_MS = 100.0
+ALGORITHMS = ("registration", "odometry", "mapping")
+RESULT_FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
+
+
+def all_checks(setting: Setting) -> list[Check]:
+    """In the order of the issue."""
+    return [
+        *_city(setting),
+        *_kitti(setting),
+        *_synth(setting),
+        *_decoding(setting),
+        *_determinism(setting),
+        *_live(setting),
+        *_transport(),
+        *_robustness(setting),
+        *_structure(),
+    ]
+
+
+def _ended(demo: Demo) -> Measured:
+    ok = demo.code == 0
+    return Measured("exit code 0" if ok else f"exit code {demo.code}: {demo.last_words()}", ok)
+
+
+def _all_sweeps(demo: Demo, expected: int | None = None) -> Measured:
+    sweeps = demo.report["sweeps"]
+    wanted = expected if expected is not None else sweeps["driver"]["in"]
+    counts = {stage: (s["in"], s["out"]) for stage, s in sweeps.items()}
+    held = wanted > 0 and all(pair == (wanted, wanted) for pair in counts.values())
+    figure = f"{wanted} in and out of each stage" if held else str(counts)
+    return Measured(figure, held)
+
+
+def _identities(demo: Demo) -> Measured:
+    found = demo.report["identities"]
+    held = found["inputs_balanced"] and found["sweeps_accounted"]
+    return Measured("both hold" if held else "; ".join(found["complaints"]), held)
+
+
+def _below(figure: float | None, limit: float, unit: str) -> Measured:
+    if figure is None:
+        return Measured("no figure", False)
+    return Measured(f"{figure:.3f} {unit}", figure <= limit)
+
+
+def _ate(demo: Demo, reference: str, limit: float) -> Measured:
+    return _below(demo.report["references"][reference]["pose"]["ate_rmse_m"], limit, "m")
+
+
+def _city(s: Setting) -> list[Check]:
+    truth = "simulated_truth.tum"
+    command = "make demo"
+    return [
+        Check(
+            "city-ends",
+            "make demo ends with 0 on the simulated city loop",
+            "exit code 0",
+            command,
+            lambda: _ended(s.city()),
+        ),
+        Check(
+            "city-sweeps",
+            "city loop: sweeps in = sweeps out",
+            "equal at every stage",
+            command,
+            lambda: _all_sweeps(s.city()),
+        ),
+        Check(
+            "city-identities",
+            "city loop: both identities of the accounts",
+            "both hold",
+            command,
+            lambda: _identities(s.city()),
+        ),
+        Check(
+            "city-ate",
+            "city loop: ATE of the fused pose",
+            f"≤ {CITY_ATE_M} m",
+            command,
+            lambda: _ate(s.city(), truth, CITY_ATE_M),
+        ),
+    ]
+
+
+def _kitti(s: Setting) -> list[Check]:
+    command = "make demo KITTI=../shared/data/hdl64e_drive"
+    references = ("reference_kiss.kitti.txt", "reference_small_gicp.kitti.txt")
+    return [
+        Check(
+            "kitti-sweeps",
+            "real HDL-64E drive: all sweeps, accounted for",
+            f"{KITTI_SWEEPS} at every stage",
+            command,
+            lambda: _all_sweeps(s.kitti(), KITTI_SWEEPS),
+        ),
+        *(
+            Check(
+                f"kitti-ate-{r.split('.')[0][10:]}",
+                f"real HDL-64E drive: ATE against {r}",
+                f"≤ {KITTI_ATE_M} m",
+                command,
+                functools.partial(lambda r: _ate(s.kitti(), r, KITTI_ATE_M), r),
+            )
+            for r in references
+        ),
+    ]
+
+
+def _cpu_beside_kiss(s: Setting) -> Measured:
+    ours = sum(s.synth().report["cpu_ms_per_sweep"][stage] for stage in ALGORITHMS)
+    done = s.python("-m", "tests.acceptance.kiss", s.synth_folder())
+    if done.returncode != 0:
+        raise RuntimeError(f"KISS-ICP did not run: {done.stdout.strip()[-200:]}")
+    kiss = float(json.loads(done.stdout.splitlines()[-1])["cpu_ms_per_sweep"])
+    ratio = ours / kiss
+    return Measured(
+        f"{ours:.0f} ms, KISS-ICP {kiss:.0f} ms: {ratio:.1f} × (A-LOAM {ALOAM_CPU_RATIO} ×)",
+        ours > 0 and kiss > 0,
+    )
+
+
+def _synth(s: Setting) -> list[Check]:
+    command = "make demo SCANS=~/.cache/zenoh-loam/synth/city-7"
+    return [
+        Check(
+            "synth-sweeps",
+            "synthetic city (seed 7): sweeps in = sweeps out",
+            "equal at every stage",
+            command,
+            lambda: _all_sweeps(s.synth()),
+        ),
+        Check(
+            "synth-ate",
+            "synthetic city (seed 7): ATE (A-LOAM, every sweep mapped: 0.327 m)",
+            f"≤ {SYNTH_ATE_M} m",
+            command,
+            lambda: _ate(s.synth(), "gt_dense.tum", SYNTH_ATE_M),
+        ),
+        Check(
+            "synth-cpu",
+            "synthetic city: CPU per sweep of the three algorithms, beside KISS-ICP",
+            "reported",
+            "make accept ONLY=synth-cpu",
+            lambda: _cpu_beside_kiss(s),
+        ),
+    ]
+
+
+def _compared(s: Setting, name: str) -> Measured:
+    source, theirs = decoded.source_of(s, name)
+    sweeps = decoded.through_the_chain(s, source, name)
+    if not sweeps.published == sweeps.received == sweeps.poses:
+        return Measured(
+            f"{sweeps.published} sweeps published, {sweeps.received} received, "
+            f"{sweeps.poses} poses",
+            False,
+        )
+    worst, excess = decoded.worst_excess_m(sweeps.points, theirs)
+    return Measured(
+        f"{sweeps.published} sweeps, {len(theirs)} points, worst {worst * 1e3:.2f} mm, "
+        f"{excess * 1e3:.2f} mm beyond the azimuth's rounding",
+        excess <= decoded.LIMIT_M,
+    )
+
+
+def _decoding(s: Setting) -> list[Check]:
+    return [
+        Check(
+            f"decode-{name[6:]}",
+            f"{name}: every sweep arrives, positions as velodyne-decoder's",
+            "2 mm + azimuth rounding",
+            f"make demo {kind}=../shared/data/{name}/{file}",
+            functools.partial(_compared, s, name),
+        )
+        for name, kind, file in (
+            ("vlp16_mislabelled", "PCAP", "capture.pcap"),
+            ("vlp16_single", "BIN", "packets.bin"),
+            ("vlp16_dual", "BIN", "packets.bin"),
+        )
+    ]
+
+
+def _digests(demo: Demo) -> dict[str, str]:
+    if demo.code != 0:
+        raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
+    return {f: hashlib.sha256((demo.out / f).read_bytes()).hexdigest()[:12] for f in RESULT_FILES}
+
+
+def _same_bytes(first: Demo, second: Demo) -> Measured:
+    a, b = _digests(first), _digests(second)
+    differing = [f for f in RESULT_FILES if a[f] != b[f]]
+    return Measured(
+        f"differ: {', '.join(differing)}" if differing else f"same ({', '.join(RESULT_FILES)})",
+        not differing,
+    )
+
+
+def _replayed(s: Setting, name: str) -> Demo:
+    return s.demo(name, "--pcap", s.capture())
+
+
+def _under_load(s: Setting) -> Measured:
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        loaded = _replayed(s, "replay-loaded")
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    return _same_bytes(_replayed(s, "replay-a"), loaded)
+
+
+def _determinism(s: Setting) -> list[Check]:
+    command = "make demo PCAP=out/accept/city/capture.pcap, twice"
+    return [
+        Check(
+            "replay-twice",
+            "replay twice: trajectory and map",
+            "same bytes",
+            command,
+            lambda: _same_bytes(_replayed(s, "replay-a"), _replayed(s, "replay-b")),
+        ),
+        Check(
+            "replay-loaded",
+            "replay while another program loads both cores",
+            "same bytes",
+            command,
+            lambda: _under_load(s),
+        ),
+    ]
+
+
+def _live(s: Setting) -> list[Check]:
+    @functools.cache
+    def report() -> str:
+        return json.dumps(live.run(s))
+
+    def no_loss() -> Measured:
+        found = json.loads(report())
+        lost = {
+            stage: {**v["dropped"], **({"lost": v["lost"]} if v["lost"] else {})}
+            for stage, v in found["sweeps"].items()
+            if stage != "mapping" and (v["dropped"] or v["lost"])
+        }
+        sweeps, poses = found["identities"]["sweeps"], found["identities"]["poses"]
+        held = not lost and sweeps == poses and sweeps >= live.SECONDS * 9
+        return Measured(f"{sweeps} sweeps, {poses} poses" + (f", {lost}" if lost else ""), held)
+
+    def latency() -> Measured:
+        found = json.loads(report())["latency_ms"]["end_to_end"]
+        if not found:
+            return Measured("no figure", False)
+        return Measured(
+            f"p50 {found['p50']:.0f}, p95 {found['p95']:.0f}, p99 {found['p99']:.0f} ms",
+            found["p99"] <= LIVE_P99_MS,
+        )
+
+    command = "make accept ONLY=live"
+    return [
+        Check(
+            "live-loss",
+            "live at 10 Hz over UDP: no sweep lost on the pose path",
+            "none lost",
+            command,
+            no_loss,
+        ),
+        Check(
+            "live-latency",
+            "live at 10 Hz over UDP: last packet to fused pose",
+            f"p99 ≤ {LIVE_P99_MS:.0f} ms",
+            command,
+            latency,
+        ),
+    ]
+
+
+def _transport() -> list[Check]:
+    def in_bench() -> Measured:
+        raise Skip("measured by make bench: speed depends on the machine's load")
+
+    return [
+        Check(
+            "transport-10mb",
+            "10 MB, 1000 times, by shared memory and by TCP, all there",
+            "1000 of 1000",
+            "make bench",
+            in_bench,
+        ),
+    ]
+
+
+def _pytest(s: Setting, *files: str) -> Measured:
+    done = s.python("-m", "pytest", "-q", *files)
+    last = [line for line in done.stdout.splitlines() if line.strip()][-1]
+    if "skipped" in last and "passed" not in last:
+        raise Skip(last)
+    return Measured(last.strip("= "), done.returncode == 0)
+
+
+def _robustness(s: Setting) -> list[Check]:
+    rows = (
+        (
+            "refusals",
+            "wrong configuration, truncated pcap, missing file, port in use: clear errors",
+            "test_refusals.py",
+        ),
+        ("garbage", "garbage on each key: counted, no crash, poses go on", "test_garbage.py"),
+        (
+            "odd-sweeps",
+            "empty, NaN, one point, one ring, all equal into every stage",
+            "test_odd_sweeps.py",
+        ),
+        (
+            "third-party",
+            "a stranger with eclipse-zenoh and generated code sees every pose",
+            "test_third_party.py",
+        ),
+    )
+    return [
+        Check(
+            name,
+            line,
+            "all tests pass",
+            f".venv/bin/python -m pytest tests/integration/{file}",
+            functools.partial(_pytest, s, f"tests/integration/{file}"),
+        )
+        for name, line, file in rows
+    ]
+
+
+def _structure() -> list[Check]:
+    def layers() -> Measured:
+        if shutil.which("flatc") is None:
+            raise Skip("flatc is not installed")
+        done = subprocess.run(
+            ["deploy/build/checks.sh"], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        said = (done.stdout + done.stderr).strip().splitlines() or ["silent"]
+        return Measured(said[0][:160], done.returncode == 0)
+
+    def clean_clone() -> Measured:
+        raise Skip("needs a clean machine: .ci/run prints the time of each step there")
+
+    return [
+        Check(
+            "layers",
+            "no algorithm sees Zenoh, FlatBuffers, logs, clocks, threads, other stages",
+            "holds",
+            "deploy/build/checks.sh",
+            layers,
+        ),
+        Check(
+            "clean-clone",
+            "make test from a clean clone",
+            "≤ 35 min, ≤ 12 min warm",
+            ".ci/run",
+            clean_clone,
+        ),
+    ]

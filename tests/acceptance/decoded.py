@@ -1,0 +1,143 @@
+"""Points of the chain's sweeps against PyPI's velodyne-decoder, point by point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import velodyne_decoder
+from numpy.typing import NDArray
+from zloam_monitor import messages, sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.robot_file import names
+from zloam_monitor.sources import Source
+
+from tests.acceptance.runs import ROOT, Setting
+
+#: byte of a data packet that names the product, and the VLP-16's value
+PRODUCT_BYTE, VLP16 = 1205, 0x22
+PACKET_BYTES = 1206
+#: azimuths are in units of 0.01 degrees: each decoder may round by half of one
+AZIMUTH_ROUNDING_RAD = np.radians(0.01)
+LIMIT_M = 0.002
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """What came out of the driver."""
+
+    points: NDArray[Any]  # POINT, in the order of sweeps
+    published: int
+    received: int
+    poses: int
+
+
+def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
+    """Replays a recording and listens to the sweeps as any third party could."""
+    config = ROOT / source.config
+    robot = names(config, [])
+    logs = setting.out / "accept" / name / "logs"
+    chain = Chain(
+        setting.build, config, robot.robot, source.driver_settings("max"), logs, robot.sensor
+    )
+    kept: dict[int, NDArray[Any]] = {}
+
+    def keep(sample: Any) -> None:
+        sweep = messages.decode("Sweep", sample.payload.to_bytes())
+        points = messages.struct_vector(sweep, "Points", messages.POINT).copy()
+        kept.setdefault(int(sweep.Header().Sweep()), points)
+
+    listener = chain.link.session.declare_subscriber(chain.link.keys.sweep, keep)
+    with chain:
+        chain.wait_ready()
+        while not chain.finished():
+            chain.link.poll(0.2)
+            chain.check()
+        chain.link.query_statuses()
+        driver = chain.link.stage("driver")
+        poses = chain.link.trajectory()
+        listener.undeclare()
+    assert driver is not None
+    published = driver.published[chain.link.keys.sweep]
+    points = np.concatenate([kept[n] for n in sorted(kept)])
+    return Sweeps(points, published, len(kept), len(poses))
+
+
+def payloads_of_pcap(path: Path, product: int) -> Iterator[bytes]:
+    """Data packets of a capture, with the product byte set in memory."""
+    for _, payload in udp_payloads(path):
+        if len(payload) == PACKET_BYTES:
+            yield payload[:PRODUCT_BYTE] + bytes([product]) + payload[PRODUCT_BYTE + 1 :]
+
+
+def udp_payloads(path: Path) -> Iterator[tuple[float, bytes]]:
+    """(capture time in s, payload) of each UDP datagram of a classic pcap over Ethernet."""
+    import dpkt
+
+    with path.open("rb") as file:
+        for stamp, frame in dpkt.pcap.Reader(file):
+            packet = dpkt.ethernet.Ethernet(frame).data
+            if isinstance(packet, dpkt.ip.IP) and isinstance(packet.data, dpkt.udp.UDP):
+                yield float(stamp), bytes(packet.data.data)
+
+
+def by_velodyne_decoder(payloads: Iterator[bytes]) -> NDArray[Any]:
+    """All points that the other decoder makes of these packets."""
+    config = velodyne_decoder.Config(
+        model=velodyne_decoder.Model.VLP16, min_range=0, max_range=1000, cut_angle=None
+    )
+    decoder = velodyne_decoder.StreamDecoder(config)
+    scans = []
+    for n, payload in enumerate(payloads):
+        found = decoder.decode(n * 1e-3, list(payload), as_pcl_structs=True)
+        if found is not None:
+            scans.append(np.array(found[1]))
+    last = decoder.finish(as_pcl_structs=True)
+    if last is not None:
+        scans.append(np.array(last[1]))
+    return np.concatenate(scans)
+
+
+def stored(path: Path) -> NDArray[Any]:
+    """The other decoder's result, kept beside a recording."""
+    with np.load(path, allow_pickle=False) as found:
+        return np.concatenate([found[name] for name in sorted(found.files)])
+
+
+def _xyz(points: NDArray[Any]) -> NDArray[np.float64]:
+    return np.stack([points["x"], points["y"], points["z"]], axis=1).astype(np.float64)
+
+
+def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, float]:
+    """(largest distance, largest distance less the azimuth's rounding at that range).
+
+    Both decoders keep the order of firings within a ring, so the i-th point of a ring in one is
+    the i-th in the other; the two returns of one firing may be swapped.
+    """
+    if len(ours) != len(theirs):
+        raise RuntimeError(f"{len(ours)} points, the other decoder has {len(theirs)}")
+    worst = excess = 0.0
+    for ring in range(16):
+        a, b = _xyz(ours[ours["ring"] == ring]), _xyz(theirs[theirs["ring"] == ring])
+        if len(a) != len(b):
+            raise RuntimeError(f"ring {ring}: {len(a)} points, the other decoder has {len(b)}")
+        if len(a) == 0:
+            continue
+        shifted = [b, np.roll(b, 1, axis=0), np.roll(b, -1, axis=0)]
+        distance = np.min([np.linalg.norm(a - other, axis=1) for other in shifted], axis=0)
+        worst = max(worst, float(distance.max()))
+        over = distance - np.linalg.norm(a, axis=1) * AZIMUTH_ROUNDING_RAD
+        excess = max(excess, float(over.max()))
+    return worst, excess
+
+
+def source_of(setting: Setting, name: str) -> tuple[Source, NDArray[Any]]:
+    """A recording and what the other decoder makes of it."""
+    folder = setting.recording(f"data/{name}")
+    if (folder / "packets.bin").exists():
+        return sources.from_bin(folder / "packets.bin"), stored(folder / "velodyne_decoder.npz")
+    capture = folder / "capture.pcap"
+    return sources.from_pcap(capture), by_velodyne_decoder(payloads_of_pcap(capture, VLP16))

@@ -1,0 +1,100 @@
+"""A check is one line of acceptance: name, text, limit, and a function that measures."""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+HELD, NOT_HELD, SKIPPED = "held", "not held", "skipped"
+
+
+class Skip(RuntimeError):
+    """The check cannot be made here; the text says why."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was seen: the figure in words, and whether it is within the limit."""
+
+    figure: str
+    held: bool
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of acceptance that a program can judge."""
+
+    name: str
+    line: str
+    limit: str
+    command: str
+    measure: Callable[[], Measured]
+
+
+@dataclass
+class Result:
+    """One row of out/accept.md."""
+
+    name: str
+    line: str
+    limit: str
+    figure: str
+    verdict: str
+    command: str
+    seconds: float = field(default=0.0)
+
+
+def run(check: Check) -> Result:
+    """Makes the check; an exception is `not held` with its text."""
+    began = time.monotonic()
+    try:
+        measured = check.measure()
+        figure, verdict = measured.figure, HELD if measured.held else NOT_HELD
+    except Skip as skip:
+        figure, verdict = "–", f"{SKIPPED} ({skip})"
+    except Exception as error:
+        figure, verdict = f"{type(error).__name__}: {_first_line(str(error))}", NOT_HELD
+    seconds = time.monotonic() - began
+    return Result(check.name, check.line, check.limit, figure, verdict, check.command, seconds)
+
+
+def _first_line(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[0][:160] if lines else "no text"
+
+
+def chosen(checks: list[Check], pattern: str | None) -> list[Check]:
+    """All, or those whose name or line contains or matches the pattern."""
+    if not pattern:
+        return checks
+    wanted = pattern.lower()
+    return [
+        c
+        for c in checks
+        if wanted in f"{c.name} {c.line}".lower() or fnmatch.fnmatch(c.name.lower(), wanted)
+    ]
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def write(folder: Path, results: list[Result]) -> None:
+    """accept.md and accept.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = ["| line | limit | figure | verdict | command |", "|---|---|---|---|---|"]
+    rows += [
+        f"| {_cell(r.line)} | {_cell(r.limit)} | {_cell(r.figure)} | {_cell(r.verdict)} "
+        f"| `{_cell(r.command)}` |"
+        for r in results
+    ]
+    counts = {v: sum(r.verdict.startswith(v) for r in results) for v in (HELD, NOT_HELD, SKIPPED)}
+    total = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    (folder / "accept.md").write_text("# Acceptance\n\n" + total + "\n\n" + "\n".join(rows) + "\n")
+    (folder / "accept.json").write_text(
+        json.dumps([asdict(r) for r in results], indent=2, ensure_ascii=False) + "\n"
+    )

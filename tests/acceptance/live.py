@@ -1,0 +1,80 @@
+"""A simulated capture, sent over UDP at the pace of its stamps, through the live chain."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import report
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.report import Run
+from zloam_monitor.robot_file import names
+
+from tests.acceptance.decoded import udp_payloads
+from tests.acceptance.runs import ROOT, Setting
+
+#: how much of the capture is sent
+SECONDS = 40.0
+#: after the last packet the last sweeps are still under way
+AFTER_SECONDS = 3.0
+
+
+def free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def send(capture: Path, port: int, seconds: float) -> None:
+    """Each datagram at its own time after the first."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        began, first = time.monotonic(), None
+        for stamp, payload in udp_payloads(capture):
+            first = stamp if first is None else first
+            if stamp - first > seconds:
+                return
+            wait = began + (stamp - first) - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            # position packets go to another port on a sensor; only data is sent here
+            if len(payload) == 1206:
+                sender.sendto(payload, ("127.0.0.1", port))
+
+
+def run(setting: Setting, name: str = "live") -> dict[str, Any]:
+    """The report of a live run."""
+    capture, port = setting.capture(), free_udp_port()
+    config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
+    robot = names(config, [])
+    settings = ["driver.source=udp", f"driver.udp_port={port}"]
+    out = setting.out / "accept" / name
+    chain = Chain(setting.build, config, robot.robot, settings, out / "logs", robot.sensor)
+    with chain:
+        chain.wait_ready()
+        sender = threading.Thread(target=send, args=(capture, port, SECONDS))
+        began = time.monotonic()
+        sender.start()
+        while sender.is_alive():
+            chain.link.poll(0.2)
+            chain.processes.check()
+        ends = time.monotonic() + AFTER_SECONDS
+        while time.monotonic() < ends:
+            chain.link.poll(0.2)
+        chain.link.query_statuses()
+        seen = Run(
+            keys=chain.link.keys,
+            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            poses=dict(chain.link.poses),
+            mapped=dict(chain.link.mapped),
+            trajectory=chain.link.trajectory(),
+            odometry=chain.link.odometry_trajectory(),
+            wall_s=time.monotonic() - began,
+        )
+        seen.exit_codes.update(chain.stop())
+    found = report.build(seen)
+    report.write(out / "report.json", found)
+    return found

@@ -1,0 +1,112 @@
+"""Runs that several checks look at: made once, kept for the rest of the session."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tests.acceptance.framework import Skip
+
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = Path.home() / ".cache" / "zenoh-loam"
+SYNTH_SEED = 7
+
+
+@dataclass
+class Demo:
+    """One ended demo."""
+
+    code: int
+    said: str
+    out: Path
+
+    @property
+    def report(self) -> dict[str, Any]:
+        path = self.out / "report.json"
+        if not path.exists():
+            raise RuntimeError(f"the demo left no report: {self.last_words()}")
+        found: dict[str, Any] = json.loads(path.read_text())
+        return found
+
+    def last_words(self) -> str:
+        lines = [line for line in self.said.splitlines() if line.strip()]
+        return " / ".join(lines[-3:])
+
+
+@dataclass
+class Setting:
+    """Where things are."""
+
+    build: Path
+    out: Path
+    shared: Path
+    _demos: dict[str, Demo] = field(default_factory=dict)
+
+    @classmethod
+    def here(cls, build: Path, out: Path) -> Setting:
+        shared = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared"))
+        return cls(build.resolve(), out.resolve(), shared)
+
+    def recording(self, name: str) -> Path:
+        """A path below the folder of recordings, which is no part of the repository."""
+        path = self.shared / name
+        if not path.exists():
+            raise Skip(f"{path} is missing; set ZLOAM_SHARED")
+        return path
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Runs this Python from the root of the tree."""
+        paths = os.pathsep.join([str(ROOT / "services/monitor/src"), str(ROOT)])
+        return subprocess.run(
+            [sys.executable, *map(str, arguments)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": paths, "ZLOAM_BUILD": str(self.build)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+
+    def demo(self, name: str, *arguments: object) -> Demo:
+        """`make demo` with these options, once; the log lies beside its files."""
+        if name not in self._demos:
+            out = self.out / "accept" / name
+            out.mkdir(parents=True, exist_ok=True)
+            (out / "report.json").unlink(missing_ok=True)
+            done = self.python(
+                "-m", "zloam_monitor", "demo", "--preset-dir", self.build, "--out", out, *arguments
+            )
+            (out / "demo.log").write_text(done.stdout)
+            self._demos[name] = Demo(done.returncode, done.stdout, out)
+        return self._demos[name]
+
+    def city(self) -> Demo:
+        return self.demo("city")
+
+    def capture(self) -> Path:
+        """The simulated city loop's packets."""
+        capture = self.city().out / "capture.pcap"
+        if not capture.exists():
+            raise RuntimeError(f"no capture: {self.city().last_words()}")
+        return capture
+
+    def kitti(self) -> Demo:
+        return self.demo("kitti", "--kitti", self.recording("data/hdl64e_drive"))
+
+    def synth_folder(self) -> Path:
+        """Scans of the reference generator; made once (minutes), kept in the cache."""
+        folder = CACHE / "synth" / f"city-{SYNTH_SEED}"
+        if not (folder / "gt_dense.tum").exists():
+            generator = self.recording("reference/synth/synth_gen.py")
+            done = self.python(generator, "city", folder, "--seed", SYNTH_SEED)
+            if done.returncode != 0:
+                raise RuntimeError(f"{generator.name} failed: {done.stdout[-300:]}")
+        return folder
+
+    def synth(self) -> Demo:
+        return self.demo("synth", "--scans", self.synth_folder())
