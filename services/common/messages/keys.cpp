@@ -117,7 +117,8 @@ std::string Keys::of(Key key) const {
 }
 
 std::string Keys::flow_ack(std::string_view sink) const {
-  return below("flow/" + chunk(sink) + "/ack");
+  // "*" asks all sinks.
+  return below("flow/" + (sink == "*" ? std::string(sink) : chunk(sink)) + "/ack");
 }
 
 std::string Keys::tile(std::string_view layer, int i, int j, int k) const {

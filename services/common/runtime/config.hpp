@@ -84,6 +84,11 @@ struct SharedConfig {
 inline constexpr const char* kStageOrder[] = {"driver",  "registration", "odometry",
                                               "mapping", "integration",  "simulator"};
 
+/// Sections of the robot's file that belong to single programs; each reads its own.
+inline constexpr const char* kOwnedSections[] = {
+    "driver",    "registration", "odometry", "mapping", "integration",
+    "simulator", "monitor",      "recorder", "router",  "store"};
+
 void bind(Parameters& parameters, SharedConfig& config);
 
 }  // namespace zloam::runtime

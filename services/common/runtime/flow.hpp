@@ -37,7 +37,9 @@ class FlowWindow {
   virtual std::uint64_t resume_at() const = 0;
   /// Whether this sweep may be published now. Live: always. The worker is woken when that changes.
   virtual bool may_send(std::uint64_t sweep) const = 0;
-  /// All sinks have finished every sweep up to the last one published with end_of_run.
+  /// All sinks have finished every sweep up to the last one published with end_of_run. A driver
+  /// that finds resume_at() beyond its last sweep has nothing to publish and is finished without
+  /// it.
   virtual bool finished() const = 0;
   /// Smallest done_below of the sinks.
   virtual std::uint64_t done_below() const = 0;

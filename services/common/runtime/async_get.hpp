@@ -1,0 +1,63 @@
+#pragma once
+// A get whose answers are collected in the background.
+
+#include <chrono>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/runtime/shared.hpp"
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::runtime {
+
+class AsyncGet {
+ public:
+  bool started() const { return state_ != nullptr; }
+
+  void start(zenoh::Session& session, const std::string& selector,
+             std::chrono::milliseconds timeout, const std::shared_ptr<Shared>& shared) {
+    state_ = std::make_shared<State>();
+    zenoh::GetOptions options;
+    options.timeout = timeout;
+    session.get(
+        selector,
+        [state = state_](zenoh::Reply&& reply) {
+          const std::lock_guard lock(state->mutex);
+          if (reply.ok()) state->samples.push_back(std::move(*reply.sample));
+        },
+        [state = state_, shared] {
+          {
+            const std::lock_guard lock(state->mutex);
+            state->done = true;
+          }
+          shared->notify();
+        },
+        options);
+  }
+
+  /// The samples once all have come; then started() is false again.
+  std::optional<std::vector<zenoh::Sample>> take() {
+    if (!state_) return std::nullopt;
+    std::vector<zenoh::Sample> samples;
+    {
+      const std::lock_guard lock(state_->mutex);
+      if (!state_->done) return std::nullopt;
+      samples = std::move(state_->samples);
+    }
+    state_.reset();
+    return samples;
+  }
+
+ private:
+  struct State {
+    std::mutex mutex;
+    std::vector<zenoh::Sample> samples;
+    bool done = false;
+  };
+  std::shared_ptr<State> state_;
+};
+
+}  // namespace zloam::runtime

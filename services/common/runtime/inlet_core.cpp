@@ -1,0 +1,229 @@
+#include "common/runtime/inlet_core.hpp"
+
+#include <atomic>
+#include <exception>
+
+#include "common/runtime/log.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+// A stranger who floods a key must not flood the log.
+constexpr std::uint64_t kMaxComplaints = 20;
+
+Drop drop_of(Outcome outcome) {
+  return outcome == Outcome::kFenced ? Drop::kFenced : Drop::kInvalid;
+}
+
+std::string selector(const std::string& key, const Sequencer::Request& request) {
+  return key + "?run=" + std::to_string(request.run) + ";sweep=" + std::to_string(request.first) +
+         ".." + std::to_string(request.last);
+}
+
+}  // namespace
+
+InletCore::InletCore(InletSetup setup, std::shared_ptr<Shared> shared, InletEvents& events)
+    : setup_(std::move(setup)),
+      shared_(std::move(shared)),
+      events_(events),
+      sequencer_(setup_.limits) {
+  account_.key = setup_.key;
+}
+
+Account InletCore::account() const {
+  const std::lock_guard lock(shared_->mutex);
+  return account_;
+}
+
+void InletCore::continue_at(std::uint64_t run, std::uint64_t sweep) {
+  sequencer_.continue_at(run, sweep);
+}
+
+void InletCore::on_sample(zenoh::Sample sample, bool recovered) {
+  if (sample.kind != zenoh::SampleKind::kPut) return;
+  const std::int64_t now = wall_ns();
+  {
+    const std::lock_guard lock(shared_->mutex);
+    if (!recovered && setup_.fault_every > 0 && ++fault_count_ % setup_.fault_every == 0) return;
+    ++account_.received;
+    const std::size_t size = sample.payload.size();
+    if (raw_.size() >= kMaxQueued || raw_bytes_ + size > setup_.queue_bytes) {
+      ++account_.dropped[static_cast<std::size_t>(Drop::kQueueFull)];
+      return;
+    }
+    ++account_.queued;
+    raw_bytes_ += size;
+    raw_.push_back({std::move(sample), now, recovered});
+    shared_->rung = true;
+  }
+  shared_->bell.notify_all();
+}
+
+void InletCore::drain() {
+  std::deque<Raw> batch;
+  std::deque<Answered> answered;
+  {
+    const std::lock_guard lock(shared_->mutex);
+    batch.swap(raw_);
+    answered.swap(answered_);
+    raw_bytes_ = 0;
+  }
+  for (Raw& raw : batch) accept(std::move(raw));
+  for (const Answered& a : answered) sequencer_.answered(a.request, a.messages);
+  note_given_up();
+}
+
+void InletCore::count_drop(Drop reason) {
+  const std::lock_guard lock(shared_->mutex);
+  --account_.queued;
+  ++account_.dropped[static_cast<std::size_t>(reason)];
+}
+
+void InletCore::report_drop(Drop reason, const std::string& why) {
+  count_drop(reason);
+  if (++complaints_ > kMaxComplaints) return;
+  log_warning("message dropped",
+              {{"key", setup_.key}, {"reason", drop_name(reason)}, {"why", why}});
+}
+
+void InletCore::accept(Raw raw) {
+  const zenoh::AlignedBytes bytes =
+      zenoh::view_aligned(std::move(raw.sample.payload), &shared_->transfer);
+  const VerifyResult result = setup_.verify(bytes.data(), raw.sample.encoding);
+  if (!result.ok()) {
+    report_drop(result.status == VerifyStatus::kGarbage ? Drop::kGarbage : Drop::kInvalid,
+                result.reason);
+    return;
+  }
+  Message message;
+  message.owner = std::make_shared<const zenoh::AlignedBytes>(bytes);
+  message.bytes = bytes.data();
+  message.header = setup_.header(message.bytes);
+  message.received_ns = raw.received_ns;
+  message.recovered = raw.recovered;
+  const std::uint64_t run = message.header->run();
+  const std::uint64_t sweep = message.header->sweep();
+  // A recovered copy that was overtaken by the original is nobody's request.
+  const bool echo = message.header->replay() && !raw.recovered;
+  if (const auto drop = file(std::move(message))) {
+    count_drop(*drop);
+    if (*drop == Drop::kDuplicate && echo) events_.second_copy(run, sweep);
+    return;
+  }
+  note_seen(raw.recovered);
+}
+
+void InletCore::note_seen(bool recovered) {
+  const std::lock_guard lock(shared_->mutex);
+  if (recovered) ++account_.recovered;
+  if (setup_.options.order == Order::kAsTheyCome) account_.lost = seen_.missing();
+}
+
+std::optional<Drop> InletCore::file(Message message) {
+  if (setup_.options.order == Order::kBySweep) {
+    return sequencer_.add(std::move(message), steady_ns());
+  }
+  if (!seen_.add(message.header->instance()->str(), message.header->seq())) {
+    return Drop::kDuplicate;
+  }
+  arrivals_.push_back(std::move(message));
+  const std::size_t newest = setup_.limits.newest;
+  if (newest > 0 && arrivals_.size() > newest && !arrivals_.front().header->replay()) {
+    arrivals_.pop_front();
+    count_drop(Drop::kQueueFull);
+  }
+  return std::nullopt;
+}
+
+void InletCore::note_given_up() {
+  for (const Sequencer::GivenUp& g : sequencer_.given_up()) {
+    {
+      const std::lock_guard lock(shared_->mutex);
+      if (g.drop) {
+        --account_.queued;
+        ++account_.dropped[static_cast<std::size_t>(*g.drop)];
+      } else {
+        ++account_.lost;
+      }
+    }
+    const char* reason = g.drop ? drop_name(*g.drop) : "lost";
+    if (setup_.options.on_given_up) setup_.options.on_given_up(g.run, g.sweep, reason);
+  }
+}
+
+std::optional<Message> InletCore::next() {
+  if (setup_.options.order == Order::kBySweep) return sequencer_.next(steady_ns());
+  if (arrivals_.empty()) return std::nullopt;
+  Message message = std::move(arrivals_.front());
+  arrivals_.pop_front();
+  return message;
+}
+
+bool InletCore::work() {
+  std::optional<Message> message = next();
+  note_given_up();
+  if (!message) return false;
+  handle(std::move(*message));
+  return true;
+}
+
+void InletCore::handle(Message message) {
+  if (!events_.before_message(message)) {
+    count_drop(Drop::kWrongRun);
+    return;
+  }
+  {
+    const std::lock_guard lock(shared_->mutex);
+    --account_.queued;
+    ++account_.in_work;
+  }
+  message.started_ns = wall_ns();
+  Outcome outcome = Outcome::kInvalid;
+  try {
+    outcome = setup_.handler(message);
+  } catch (const std::exception& e) {
+    events_.handler_threw(setup_.key, message.header->sweep(), e.what());
+  }
+  {
+    const std::lock_guard lock(shared_->mutex);
+    --account_.in_work;
+    if (outcome == Outcome::kProcessed) {
+      ++account_.processed;
+    } else if (outcome == Outcome::kNotMine) {
+      ++account_.not_mine;
+    } else {
+      ++account_.dropped[static_cast<std::size_t>(drop_of(outcome))];
+    }
+  }
+  events_.after_message(message, setup_.options.ends_run);
+}
+
+void InletCore::recover(zenoh::Session& session) {
+  if (setup_.options.order != Order::kBySweep) return;
+  const std::int64_t now = steady_ns();
+  if (const auto sweep = sequencer_.overdue(now)) events_.overdue(setup_.key, *sweep);
+  const auto request = sequencer_.request(now);
+  if (!request) return;
+  log(Level::kDebug, "asking for missing sweeps",
+      {{"key", setup_.key}, {"first", request->first}, {"last", request->last}});
+  // The answer may come after this object's stage: it keeps the inlet, not the other way round.
+  const auto self = shared_from_this();
+  const auto count = std::make_shared<std::atomic<std::size_t>>(0);
+  session.get(
+      selector(setup_.key, *request),
+      [self, count](zenoh::Reply&& reply) {
+        if (!reply.ok()) return;
+        count->fetch_add(1);
+        self->on_sample(std::move(*reply.sample), true);
+      },
+      [self, count, request = *request] {
+        const std::lock_guard lock(self->shared_->mutex);
+        self->answered_.push_back({request, count->load()});
+        self->shared_->rung = true;
+        self->shared_->bell.notify_all();
+      });
+}
+
+std::optional<std::int64_t> InletCore::deadline() const { return sequencer_.deadline(); }
+
+}  // namespace zloam::runtime

@@ -1,0 +1,103 @@
+#pragma once
+// The runtime's side of one input.
+
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "common/runtime/inlet.hpp"
+#include "common/runtime/sequencer.hpp"
+#include "common/runtime/shared.hpp"
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::runtime {
+
+/// What an inlet tells its stage; all from the worker.
+class InletEvents {
+ public:
+  virtual ~InletEvents() = default;
+  /// False: the message belongs to a run that was left.
+  virtual bool before_message(const Message& message) = 0;
+  virtual void after_message(const Message& message, bool ends_run) = 0;
+  /// A second copy of a sweep in replay: someone downstream may lack what came of it.
+  virtual void second_copy(std::uint64_t run, std::uint64_t sweep) = 0;
+  virtual void overdue(const std::string& key, std::uint64_t sweep) = 0;
+  virtual void handler_threw(const std::string& key, std::uint64_t sweep,
+                             const std::string& what) = 0;
+};
+
+struct InletSetup {
+  std::string key;
+  InletOptions options;
+  SequencerLimits limits;
+  std::size_t queue_bytes = std::size_t{256} << 20;
+  VerifyFunction verify = nullptr;
+  HeaderFunction header = nullptr;
+  std::function<Outcome(const Message&)> handler;
+  /// drops every k-th received message before it is counted, to prove recovery; 0: off
+  std::uint64_t fault_every = 0;
+};
+
+class InletCore final : public Inlet, public std::enable_shared_from_this<InletCore> {
+ public:
+  InletCore(InletSetup setup, std::shared_ptr<Shared> shared, InletEvents& events);
+
+  const std::string& key() const override { return setup_.key; }
+  Account account() const override;
+  /// For a snapshot of several: the caller holds Shared::mutex.
+  Account account_locked() const { return account_; }
+  void continue_at(std::uint64_t run, std::uint64_t sweep) override;
+
+  /// Any thread: queues, counts, rings.
+  void on_sample(zenoh::Sample sample, bool recovered);
+
+  // The worker's side.
+  /// Everything queued is verified and put in order.
+  void drain();
+  /// Handles at most one message; whether there was one.
+  bool work();
+  /// Asks the publisher for what is missing.
+  void recover(zenoh::Session& session);
+  /// Monotonic ns at which there is something to do without a new message.
+  std::optional<std::int64_t> deadline() const;
+
+ private:
+  struct Raw {
+    zenoh::Sample sample;
+    std::int64_t received_ns;
+    bool recovered;
+  };
+  static constexpr std::size_t kMaxQueued = 8192;
+
+  void accept(Raw raw);
+  std::optional<Drop> file(Message message);
+  std::optional<Message> next();
+  void count_drop(Drop reason);
+  void report_drop(Drop reason, const std::string& why);
+  void note_given_up();
+  void note_seen(bool recovered);
+  void handle(Message message);
+
+  InletSetup setup_;
+  std::shared_ptr<Shared> shared_;
+  InletEvents& events_;
+  // Under Shared::mutex.
+  Account account_;
+  std::deque<Raw> raw_;
+  std::size_t raw_bytes_ = 0;
+  std::uint64_t fault_count_ = 0;
+  // Answers to requests, from the transport's threads.
+  struct Answered {
+    Sequencer::Request request;
+    std::size_t messages;
+  };
+  std::deque<Answered> answered_;
+  // The worker's own.
+  Sequencer sequencer_;
+  SeenNumbers seen_;
+  std::deque<Message> arrivals_;
+  std::uint64_t complaints_ = 0;
+};
+
+}  // namespace zloam::runtime

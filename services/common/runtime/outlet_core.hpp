@@ -1,0 +1,92 @@
+#pragma once
+// The runtime's side of one output.
+
+#include <atomic>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "common/messages/keys.hpp"
+#include "common/runtime/outlet.hpp"
+#include "common/runtime/shared.hpp"
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::runtime {
+
+struct OutletSetup {
+  Key row = Key::kSweep;
+  std::string key;
+  std::string robot, sensor, stage, instance, host;
+  std::size_t keep_messages = 64;
+  std::size_t keep_bytes = std::size_t{256} << 20;
+};
+
+/// The last messages of one key, exactly as published. Any thread.
+class MessageCache {
+ public:
+  MessageCache(std::size_t messages, std::size_t bytes) : messages_(messages), bytes_(bytes) {}
+
+  struct Entry {
+    std::uint64_t run, sweep, seq;
+    zenoh::Bytes payload;
+    bool replay;
+  };
+  void put(Entry entry);
+  std::optional<Entry> find(std::uint64_t run, std::uint64_t sweep) const;
+  /// What a selector's parameters ask for: run=R;sweep=a..b or seq=a..b (a single number too), in
+  /// ascending order; nothing for text that is neither.
+  std::vector<Entry> select(std::string_view parameters) const;
+  std::size_t size() const;
+
+ private:
+  std::size_t messages_, bytes_;
+  mutable std::mutex mutex_;
+  std::deque<Entry> entries_;
+  std::size_t held_bytes_ = 0;
+};
+
+class OutletCore final : public Outlet {
+ public:
+  OutletCore(OutletSetup setup, zenoh::Session& session);
+
+  const std::string& key() const override { return setup_.key; }
+  bool matching() const override;
+  HeaderFields header(const Message& cause) override;
+  HeaderFields header(std::int64_t received_ns, std::int64_t started_ns) override;
+  void publish(const HeaderFields& header, Buffer message) override;
+  void publish_at(const std::string& key, const HeaderFields& header, Buffer message) override;
+  bool publish_again(std::uint64_t run, std::uint64_t sweep) override;
+  std::uint64_t published() const override { return published_.load(); }
+
+  Key row() const { return setup_.row; }
+  std::uint64_t bytes() const { return bytes_.load(); }
+  std::uint64_t republished() const { return republished_.load(); }
+  /// Newest sweep published, and whether it was marked as the run's last.
+  std::optional<std::uint64_t> last_sweep() const { return last_sweep_; }
+  bool ended() const { return ended_; }
+
+ private:
+  zenoh::PublisherOptions options(bool block) const;
+  void put(zenoh::Bytes payload, bool replay);
+  void answer(zenoh::Query&& query);
+
+  OutletSetup setup_;
+  zenoh::Session& session_;
+  std::string encoding_;
+  MessageCache cache_;
+  std::uint64_t seq_ = 0;
+  std::optional<std::uint64_t> last_sweep_;
+  bool ended_ = false;
+  std::atomic<std::uint64_t> published_{0}, bytes_{0}, republished_{0};
+  std::optional<zenoh::Publisher> live_;
+  // Declared when a replay is seen: congestion control belongs to a publisher.
+  std::optional<zenoh::Publisher> replay_;
+  // Last, so that its callbacks end before what they use goes.
+  std::optional<zenoh::Queryable> queryable_;
+};
+
+}  // namespace zloam::runtime

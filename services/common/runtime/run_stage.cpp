@@ -1,0 +1,176 @@
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <cstdio>
+#include <cstdlib>
+#include <iterator>
+
+#include "common/runtime/log_setup.hpp"
+#include "common/runtime/session_config.hpp"
+#include "common/runtime/signals.hpp"
+#include "common/runtime/stage_core.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr const char* kFooter =
+    "Configuration: YAML sections robot, sensor, mounting, zenoh, log, flow, recovery and the "
+    "stage's "
+    "own; --describe-config lists every key with unit, range, default and meaning.\n"
+    "Environment: ZLOAM_FAULT_DROP_EVERY=<k> throws every k-th received message of each input away "
+    "(to test recovery); RUST_LOG sets Zenoh's own log.\n"
+    "Exit codes: 0 ended as asked; 2 wrong command line or configuration; 3 a file can't be read "
+    "or "
+    "written, or a port is taken; 1 anything else.";
+
+struct CommandLine {
+  std::optional<std::string> config;
+  std::string instance;
+  std::vector<std::string> settings;
+  bool describe = false;
+  bool check = false;
+};
+
+std::string host_name() {
+  char name[256] = {};
+  if (gethostname(name, sizeof name - 1) != 0 || name[0] == '\0') return "host";
+  return name;
+}
+
+/// Empty: go on; else the process ends with the code.
+std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spec,
+                         CommandLine* line) {
+  CLI::App app(spec.summary, "zloam-" + spec.name);
+  app.footer(kFooter);
+  std::string config;
+  app.add_option("--config", config, "the robot's file (YAML); without it the defaults hold");
+  app.add_option("--instance", line->instance, "name of this process in keys and status")
+      ->default_str("<host>-<pid>");
+  app.add_option("--set", line->settings, "key=value; overrides the file; may be repeated")
+      ->take_all()
+      ->allow_extra_args(false);
+  app.add_flag("--describe-config", line->describe, "print all parameters as JSON and end");
+  app.add_flag("--check-config", line->check, "check the configuration and end");
+  app.set_version_flag("--version", "zloam-" + spec.name + " " ZLOAM_VERSION);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? kExitOk : kExitUsage;
+  }
+  if (!config.empty()) line->config = config;
+  return std::nullopt;
+}
+
+std::uint64_t fault_every() {
+  const char* text = std::getenv("ZLOAM_FAULT_DROP_EVERY");
+  if (text == nullptr || *text == '\0') return 0;
+  const std::string_view view(text);
+  std::uint64_t every = 0;
+  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), every);
+  if (error != std::errc{} || end != view.data() + view.size()) {
+    throw ConfigError("ZLOAM_FAULT_DROP_EVERY: value '" + std::string(view) +
+                      "' is refused: a whole number is expected");
+  }
+  return every;
+}
+
+Identity identity_of(const StageSpec& spec, const CommandLine& line, const SharedConfig& shared) {
+  Identity id;
+  id.robot = shared.robot;
+  id.sensor = shared.sensor.name;
+  id.stage = spec.name;
+  id.host = host_name();
+  id.instance = line.instance.empty() ? id.host + "-" + std::to_string(getpid()) : line.instance;
+  id.version = ZLOAM_VERSION;
+  if (const std::string error = Keys::chunk_error(id.instance); !error.empty()) {
+    throw ConfigError("--instance: " + error);
+  }
+  return id;
+}
+
+zenoh::Session open_session(const SharedConfig& shared, const std::string& stage) {
+  const Endpoints endpoints = endpoints_of(shared.zenoh, stage);
+  std::string listen;
+  for (const std::string& e : endpoints.listen) listen += (listen.empty() ? "" : ", ") + e;
+  zenoh::Config config = session_config(shared.zenoh, endpoints);
+  try {
+    return zenoh::Session::open(config);
+  } catch (const zenoh::ZenohError& e) {
+    throw IoError("can't listen on " + listen + " (zenoh.base_port, zenoh.listen): " + e.what());
+  }
+}
+
+/// What the stage throws while it is wired and run becomes its exit code in main().
+int work(const StageSpec& spec, StageSetup setup) {
+  zenoh::init_log("error");
+  zenoh::Session session = open_session(setup.shared, spec.name);
+  session.set_error_handler([](std::string_view what) {
+    log_error("exception in a callback", {{"what", what}});
+  });
+  int code = kExitFailure;
+  {
+    StageCore stage(std::move(setup), session);
+    const SignalWatch watch([&stage](const char* name) {
+      log_info("stopping", {{"signal", name}});
+      stage.stop();
+    });
+    spec.wire(stage);
+    code = stage.run();
+    if (!session.close()) {
+      log_warning("the session did not close in time");
+      std::fflush(nullptr);
+      _exit(code);
+    }
+  }
+  log_info("ended", {{"code", code}});
+  return code;
+}
+
+int run(const StageSpec& spec, const CommandLine& line) {
+  SharedConfig shared;
+  Parameters parameters;
+  bind(parameters, shared);
+  if (spec.bind) spec.bind(parameters);
+  if (line.describe) {
+    std::printf("%s\n", parameters.describe_json().c_str());
+    return kExitOk;
+  }
+  parameters.load(line.config, line.settings,
+                  {std::begin(kOwnedSections), std::end(kOwnedSections)});
+  if (line.check) {
+    std::printf("%s\n", parameters.values_json().c_str());
+    return kExitOk;
+  }
+  setup_log(spec.name, shared.log.level, shared.log.format == "json");
+  StageSetup setup;
+  setup.identity = identity_of(spec, line, shared);
+  setup.fault_every = fault_every();
+  setup.values_json = parameters.values_json();
+  setup.result_json = parameters.result_values_json();
+  setup.shared = std::move(shared);
+  return work(spec, std::move(setup));
+}
+
+}  // namespace
+
+int run_stage(int argc, const char* const* argv, const StageSpec& spec) {
+  block_stop_signals();
+  CommandLine line;
+  if (const auto code = parse(argc, argv, spec, &line)) return *code;
+  setup_log(spec.name, "info", false);
+  try {
+    return run(spec, line);
+  } catch (const ConfigError& e) {
+    log_error(e.what());
+    return kExitUsage;
+  } catch (const IoError& e) {
+    log_error(e.what());
+    return kExitIo;
+  } catch (const std::exception& e) {
+    log_error(e.what());
+    return kExitFailure;
+  }
+}
+
+}  // namespace zloam::runtime

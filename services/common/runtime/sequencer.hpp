@@ -1,0 +1,129 @@
+#pragma once
+// The order of one input key, without clock, threads or transport: which messages are second
+// copies, which sweep is next, what to ask for and when to give up (protocols.md, sections 1, 3 and
+// 4).
+//
+// Sweeps leave in ascending order within a run. A run that was left never comes back. Times are of
+// any monotonic clock, ns.
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/runtime/inlet.hpp"
+
+namespace zloam::runtime {
+
+struct SequencerLimits {
+  SweepSet sweeps = SweepSet::kEvery;
+  std::int64_t gap_live_ns = 30'000'000;
+  std::int64_t gap_replay_ns = 200'000'000;
+  /// 0: one measured sweep period
+  std::int64_t late_ns = 0;
+  std::int64_t replay_limit_ns = 120'000'000'000;
+  /// live: sweeps held before the oldest is dropped; 0: no bound
+  std::size_t newest = 4;
+};
+
+class Sequencer {
+ public:
+  explicit Sequencer(const SequencerLimits& limits) : limits_(limits) {}
+
+  /// Takes the message, or says why not. kQueueFull never comes back here: see given_up().
+  std::optional<Drop> add(Message message, std::int64_t now_ns);
+
+  /// The next message in order, if it is there or its gap was given up.
+  std::optional<Message> next(std::int64_t now_ns);
+
+  struct Request {
+    std::uint64_t run, first, last;
+  };
+  /// What to ask for now; doubles its patience with each call that returns something.
+  std::optional<Request> request(std::int64_t now_ns);
+  /// A request was answered to its end with so many messages.
+  void answered(const Request& request, std::size_t messages);
+
+  struct GivenUp {
+    std::uint64_t run, sweep;
+    /// nothing: never received
+    std::optional<Drop> drop;
+  };
+  /// Sweeps that will not come out, in order, since the last call.
+  std::vector<GivenUp> given_up();
+
+  /// When something is to be done though nothing arrives.
+  std::optional<std::int64_t> deadline() const;
+  /// Replay: the sweep that has been missing for longer than the limit.
+  std::optional<std::uint64_t> overdue(std::int64_t now_ns) const;
+
+  /// Sweeps below are taken for handled.
+  void continue_at(std::uint64_t run, std::uint64_t sweep);
+  std::size_t held() const { return held_.size() + future_.size(); }
+  std::uint64_t next_sweep() const { return next_; }
+
+ private:
+  void begin_run(const Message& first);
+  std::optional<Drop> add_to_run(Message message, std::int64_t now_ns);
+  bool ready() const;
+  bool contiguous(const Message& message) const;
+  bool gap() const { return !held_.empty() && !ready(); }
+  void note_gap(std::int64_t now_ns);
+  void give_up_gap();
+  void give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop);
+  void enforce_bound();
+  void switch_run(std::int64_t now_ns);
+  void measure_period(const Message& message);
+  std::int64_t late_ns() const;
+  Message take_front();
+
+  SequencerLimits limits_;
+  bool running_ = false;
+  std::uint64_t run_ = 0;
+  bool replay_ = false;
+  /// replay: nothing has come out of this run yet, and its start may not exist any more
+  bool joining_ = false;
+  std::uint64_t next_ = 0;
+  std::map<std::uint64_t, Message> held_;
+  /// messages of a newer run, kept until the current one has come out
+  std::vector<Message> future_;
+  std::deque<std::uint64_t> past_runs_;
+  /// sweeps given up, so that a later arrival is late and not a duplicate
+  std::set<std::uint64_t> given_up_sweeps_;
+  std::vector<GivenUp> given_up_;
+  /// last message that came out, to know the publisher's next number
+  std::string last_instance_;
+  std::optional<std::uint64_t> last_seq_;
+  std::optional<std::int64_t> gap_since_;
+  std::uint64_t gap_at_ = 0;
+  std::int64_t ask_at_ = 0;
+  std::int64_t wait_ns_ = 0;
+  int asked_ = 0;
+  std::int64_t period_ns_ = 100'000'000;
+  std::optional<std::pair<std::uint64_t, std::int64_t>> last_stamp_;
+};
+
+/// Second copies on a key without sweeps: by (publisher's instance, seq), and how many never came.
+class SeenNumbers {
+ public:
+  /// False for a second copy.
+  bool add(const std::string& instance, std::uint64_t seq);
+  std::uint64_t missing() const;
+
+ private:
+  struct Publisher {
+    /// every number below is seen or beyond memory
+    std::uint64_t below = 0;
+    std::set<std::uint64_t> above;
+    std::uint64_t first = 0;
+    std::uint64_t seen = 0;
+    std::uint64_t highest = 0;
+  };
+  static constexpr std::size_t kMemory = 4096;
+  std::map<std::string, Publisher> publishers_;
+};
+
+}  // namespace zloam::runtime

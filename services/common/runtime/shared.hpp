@@ -1,0 +1,54 @@
+#pragma once
+// What the threads of a stage share: the one mutex of all accounts and incoming queues, the bell
+// that wakes the worker, the counters of the transport, the clocks.
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+
+#include "common/zenoh/aligned.hpp"
+
+namespace zloam::runtime {
+
+/// Host clock, ns since the Unix epoch.
+inline std::int64_t wall_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+/// Monotonic, ns since an arbitrary instant.
+inline std::int64_t steady_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+struct Shared {
+  std::mutex mutex;
+  std::condition_variable bell;
+  bool rung = false;
+  zenoh::TransferCounters transfer;
+
+  void notify() {
+    {
+      const std::lock_guard lock(mutex);
+      rung = true;
+    }
+    bell.notify_all();
+  }
+
+  /// Until the bell was rung since the last wait, or the monotonic time.
+  void wait_until(std::int64_t steady_deadline_ns) {
+    std::unique_lock lock(mutex);
+    const std::chrono::steady_clock::time_point deadline(
+        std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+            std::chrono::nanoseconds(steady_deadline_ns)));
+    bell.wait_until(lock, deadline, [this] { return rung; });
+    rung = false;
+  }
+};
+
+}  // namespace zloam::runtime

@@ -1,0 +1,149 @@
+#pragma once
+// The runtime's side of a stage: owns inputs, outputs and the worker's loop.
+
+#include <atomic>
+#include <chrono>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/runtime/flow_core.hpp"
+#include "common/runtime/inlet_core.hpp"
+#include "common/runtime/outlet_core.hpp"
+#include "common/runtime/stage.hpp"
+#include "common/runtime/statistics.hpp"
+#include "common/runtime/status.hpp"
+
+namespace zloam::runtime {
+
+struct StageSetup {
+  Identity identity;
+  SharedConfig shared;
+  /// effective configuration as JSON, all of it and what can change a result
+  std::string values_json = "{}";
+  std::string result_json = "{}";
+  /// ZLOAM_FAULT_DROP_EVERY
+  std::uint64_t fault_every = 0;
+};
+
+class StageCore final : public Stage, private InletEvents {
+ public:
+  StageCore(StageSetup setup, zenoh::Session& session);
+  ~StageCore() override;
+
+  /// Works until stop() or fail(); declares the token, publishes status. Once.
+  int run();
+  /// Undeclares everything; the session may be closed after it.
+  void close();
+
+  const Identity& identity() const override { return setup_.identity; }
+  const SharedConfig& shared() const override { return setup_.shared; }
+  const Keys& keys() const override { return keys_; }
+  zenoh::Session& session() override { return session_; }
+  Outlet& outlet(Key key) override;
+  Outlet& outlet_at(Key key, const std::string& full_key) override;
+  FlowWindow& flow_window(Outlet& sweeps) override;
+  FlowAck& flow_ack(const std::string& sink) override;
+  void command(const std::string& verb, const std::string& doc, CommandHandler handler) override;
+  void answer(const std::string& full_key, std::function<void(Answer&)> handler) override;
+  void on_turn(std::function<Turn()> turn) override { turns_.push_back(std::move(turn)); }
+  void every(std::chrono::milliseconds period, std::function<void()> task) override;
+  void on_end_of_run(std::function<void(std::uint64_t)> task) override;
+  void on_new_run(std::function<void(const msg::Header&)> task) override;
+  void on_stop(std::function<void()> task) override { on_stop_.push_back(std::move(task)); }
+  void end_of_run(std::uint64_t run) override;
+  void notify() override { bell_->notify(); }
+  void stop() override;
+  void fail(const std::string& reason) override;
+  bool stopping() const override { return stopping_.load(); }
+  void figure(const std::string& name, double value) override;
+  void latency(const std::string& name, double ms) override { latencies_.add(name, ms); }
+  void degraded(const std::string& topic, const std::string& reason) override;
+  void ready(bool yes, const std::string& reason) override;
+  std::vector<Account> accounts() const override;
+  std::int64_t now_ns() const override { return wall_ns(); }
+
+  StatusFields status() const;
+
+ protected:
+  Inlet& add_inlet(Key key, const std::string& full_key, const InletOptions& options,
+                   VerifyFunction verify, HeaderFunction header,
+                   std::function<Outcome(const Message&)> handler) override;
+
+ private:
+  bool before_message(const Message& message) override;
+  void after_message(const Message& message, bool ends_run) override;
+  void second_copy(std::uint64_t run, std::uint64_t sweep) override;
+  void overdue(const std::string& key, std::uint64_t sweep) override;
+  void handler_threw(const std::string& key, std::uint64_t sweep, const std::string& what) override;
+
+  void declare_service();
+  bool run_tasks();
+  bool work();
+  void run_timers();
+  void wait();
+  void post(std::function<void()> task);
+  void status_loop();
+  void publish_status();
+  ServiceHealth health(std::string* reason) const;
+  /// Outputs that a stage of this deployment reads and nobody subscribes to yet.
+  std::string unmatched() const;
+
+  StageSetup setup_;
+  Keys keys_;
+  zenoh::Session& session_;
+  std::shared_ptr<Shared> bell_ = std::make_shared<Shared>();
+  std::int64_t started_ns_ = wall_ns();
+  double rss_start_mib_ = process_usage().rss_mib;
+
+  std::vector<std::shared_ptr<InletCore>> inlets_;
+  std::vector<zenoh::Subscriber> subscribers_;
+  std::vector<std::unique_ptr<OutletCore>> outlets_;
+  std::vector<std::unique_ptr<FlowAckCore>> acks_;
+  std::unique_ptr<FlowWindowCore> window_;
+  std::vector<zenoh::Queryable> queryables_;
+  std::map<std::string, std::pair<std::string, CommandHandler>> commands_;
+  std::vector<std::function<Turn()>> turns_;
+  struct Timer {
+    std::int64_t period_ns, next_ns;
+    std::function<void()> task;
+  };
+  std::vector<Timer> timers_;
+  std::vector<std::function<void(std::uint64_t)>> on_end_of_run_;
+  std::vector<std::function<void(const msg::Header&)>> on_new_run_;
+  std::vector<std::function<void()>> on_stop_;
+
+  std::mutex tasks_mutex_;
+  std::deque<std::function<void()>> tasks_;
+
+  std::atomic<bool> stopping_{false};
+  std::atomic<int> exit_code_{0};
+  std::deque<std::uint64_t> past_runs_;
+  // Told to others: under mutex_.
+  mutable std::mutex mutex_;
+  bool in_run_ = false;
+  std::uint64_t run_ = 0;
+  std::uint64_t last_sweep_ = 0;
+  bool has_sweep_ = false;
+  bool run_ended_ = false;
+  bool declared_ = false;
+  bool own_ready_ = true;
+  std::string own_reason_;
+  std::string failure_;
+  std::map<std::string, std::string> degraded_;
+  std::map<std::string, double> figures_;
+  Latencies latencies_;
+
+  std::optional<zenoh::LivelinessToken> alive_;
+  std::optional<zenoh::Publisher> status_publisher_;
+  std::mutex status_mutex_;
+  std::condition_variable status_bell_;
+  bool status_end_ = false;
+  std::thread status_thread_;
+};
+
+}  // namespace zloam::runtime

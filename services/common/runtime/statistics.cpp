@@ -1,0 +1,69 @@
+#include "common/runtime/statistics.hpp"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+
+namespace zloam::runtime {
+namespace {
+
+/// Nearest-rank percentile of sorted samples.
+double percentile(const std::vector<double>& sorted, double fraction) {
+  const auto rank =
+      static_cast<std::size_t>(std::ceil(fraction * static_cast<double>(sorted.size())));
+  return sorted[std::clamp<std::size_t>(rank, 1, sorted.size()) - 1];
+}
+
+double milliseconds(const timeval& t) {
+  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_usec) * 1e-3;
+}
+
+}  // namespace
+
+void Latencies::add(const std::string& name, double value) {
+  const std::lock_guard lock(mutex_);
+  Series& s = series_[name];
+  s.max = std::max(s.max, value);
+  if (s.count++ % s.stride != 0) return;
+  s.samples.push_back(value);
+  if (s.samples.size() < kCapacity) return;
+  for (std::size_t i = 0; 2 * i < s.samples.size(); ++i) s.samples[i] = s.samples[2 * i];
+  s.samples.resize((s.samples.size() + 1) / 2);
+  s.stride *= 2;
+}
+
+std::vector<LatencySummary> Latencies::summaries() const {
+  std::map<std::string, Series> copy;
+  {
+    const std::lock_guard lock(mutex_);
+    copy = series_;
+  }
+  std::vector<LatencySummary> all;
+  for (auto& [name, s] : copy) {
+    std::sort(s.samples.begin(), s.samples.end());
+    all.push_back({name, s.count, percentile(s.samples, 0.50), percentile(s.samples, 0.95),
+                   percentile(s.samples, 0.99), s.max});
+  }
+  return all;
+}
+
+ProcessUsage process_usage() {
+  ProcessUsage usage;
+  rusage r{};
+  if (getrusage(RUSAGE_SELF, &r) == 0) {
+    usage.cpu_ms = milliseconds(r.ru_utime) + milliseconds(r.ru_stime);
+  }
+  std::ifstream status("/proc/self/status");
+  for (std::string word; status >> word;) {
+    double* field = word == "VmRSS:"   ? &usage.rss_mib
+                    : word == "VmHWM:" ? &usage.rss_peak_mib
+                                       : nullptr;
+    double kib = 0;
+    if (field != nullptr && status >> kib) *field = kib / 1024.0;
+  }
+  return usage;
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,44 @@
+#pragma once
+// Latencies in bounded memory, and what the kernel says of this process.
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace zloam::runtime {
+
+struct LatencySummary {
+  std::string name;
+  std::uint64_t count = 0;
+  double p50_ms = 0, p95_ms = 0, p99_ms = 0, max_ms = 0;
+};
+
+/// Percentiles over an even choice of samples: when full, every second one is forgotten and from
+/// then on only every second newcomer is taken, and so on. The maximum is over all. Any thread.
+class Latencies {
+ public:
+  void add(const std::string& name, double milliseconds);
+  std::vector<LatencySummary> summaries() const;
+
+ private:
+  static constexpr std::size_t kCapacity = 4096;
+  struct Series {
+    std::vector<double> samples;
+    std::uint64_t count = 0;
+    std::uint64_t stride = 1;
+    double max = 0;
+  };
+  mutable std::mutex mutex_;
+  std::map<std::string, Series> series_;
+};
+
+struct ProcessUsage {
+  double cpu_ms = 0;
+  double rss_mib = 0;
+  double rss_peak_mib = 0;
+};
+ProcessUsage process_usage();
+
+}  // namespace zloam::runtime
