@@ -24,6 +24,8 @@ built=$cache/rust/$hash/$name
 build() {
   echo "rust.sh: building $name ($hash); later builds take it from $cache/rust"
   local target=$cache/cargo-target
+  # Other checkouts build to the same file, and cargo would take theirs for ours.
+  rm -f "$target/release/$name" "$target/release/deps/$name"
   (cd "$crate" && CARGO_TARGET_DIR=$target cargo build --release --locked)
   mkdir -p "$(dirname "$built")"
   cp "$target/release/$name" "$built.$$"

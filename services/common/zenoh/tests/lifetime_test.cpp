@@ -30,12 +30,21 @@ class Traffic {
   std::thread thread_;
 };
 
-/// What callbacks capture by reference; destroyed right after the entity.
+/// What callbacks capture by reference; destroyed right after the entity. A callback is made to
+/// last, so that the entity goes while it runs.
 struct Captured {
   Watched<int> calls;
-  std::vector<int> memory = std::vector<int>(64, 1);
+  std::atomic<int> running{0};
+  std::vector<int> memory = std::vector<int>(4, 1);
+
   void touch() {
-    calls.change([&](int& n) { n += memory[static_cast<std::size_t>(n) % memory.size()]; });
+    ++running;
+    calls.change([](int& n) { ++n; });
+    for (int& value : memory) {
+      std::this_thread::yield();
+      ++value;
+    }
+    --running;
   }
 };
 
@@ -51,9 +60,12 @@ TEST(Lifetime, SubscriberUnderTraffic) {
   const Traffic traffic([&] { publisher.put(Bytes::copy_of("x")); });
   for (int round = 0; round < kRounds; ++round) {
     const auto captured = std::make_unique<Captured>();
-    const auto subscriber =
-        pair.b.declare_subscriber("test/a", [&](Sample&&) { captured->touch(); });
-    ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    {
+      const auto subscriber =
+          pair.b.declare_subscriber("test/a", [&](Sample&&) { captured->touch(); });
+      ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    }
+    ASSERT_EQ(captured->running, 0) << round;
   }
 }
 
@@ -75,11 +87,14 @@ TEST(Lifetime, QueryableUnderQueries) {
   const Traffic traffic([&] { pair.a.get("test/a", options); });
   for (int round = 0; round < kRounds; ++round) {
     const auto captured = std::make_unique<Captured>();
-    const auto queryable = pair.b.declare_queryable("test/a", [&](Query&& query) {
-      captured->touch();
-      query.reply("test/a", Bytes::copy_of("answer"));
-    });
-    ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    {
+      const auto queryable = pair.b.declare_queryable("test/a", [&](Query&& query) {
+        query.reply("test/a", Bytes::copy_of("answer"));
+        captured->touch();
+      });
+      ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    }
+    ASSERT_EQ(captured->running, 0) << round;
   }
 }
 
@@ -89,10 +104,13 @@ TEST(Lifetime, PublisherWhoseListenerIsCalled) {
       [&] { const auto subscriber = pair.b.declare_subscriber("test/a", [](Sample&&) {}); });
   for (int round = 0; round < kRounds; ++round) {
     const auto captured = std::make_unique<Captured>();
-    Publisher publisher = pair.a.declare_publisher("test/a");
-    publisher.on_matching([&](bool) { captured->touch(); });
-    publisher.put(Bytes::copy_of("x"));
-    ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    {
+      Publisher publisher = pair.a.declare_publisher("test/a");
+      publisher.on_matching([&](bool) { captured->touch(); });
+      publisher.put(Bytes::copy_of("x"));
+      ASSERT_TRUE(captured->calls.wait([](int n) { return n > 0; })) << round;
+    }
+    ASSERT_EQ(captured->running, 0) << round;
   }
 }
 
