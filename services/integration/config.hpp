@@ -15,7 +15,7 @@ struct IntegrationConfig {
   double jump_m = 0.1;
   double jump_rad = 0.035;
   /// files of a run, in this folder: trajectory.tum, trajectory.kitti, odometry.tum; empty: none
-  std::string output_dir;
+  std::string output_dir = "out";
 };
 
 }  // namespace zloam::integration

@@ -6,9 +6,14 @@
 
 namespace zloam::mapping {
 
+std::vector<std::string> method_names() { return {"loam"}; }
+
 std::unique_ptr<MappingMethod> make_method(const MappingConfig& config) {
   if (config.method == "loam") return make_loam_method(config);
-  throw std::invalid_argument("mapping.method: '" + config.method + "' is unknown; allowed: loam");
+  std::string allowed;
+  for (const std::string& name : method_names()) allowed += " " + name;
+  throw std::invalid_argument("mapping.method: '" + config.method +
+                              "' is unknown; allowed:" + allowed);
 }
 
 }  // namespace zloam::mapping

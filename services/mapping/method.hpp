@@ -52,6 +52,9 @@ class MappingMethod {
   virtual void reset() = 0;
 };
 
+/// What mapping.method may be.
+std::vector<std::string> method_names();
+
 /// The method that the configuration names; throws std::invalid_argument for an unknown name.
 std::unique_ptr<MappingMethod> make_method(const MappingConfig& config);
 

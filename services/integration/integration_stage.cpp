@@ -1,0 +1,167 @@
+#include "integration/integration_stage.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "common/geometry/atomic_file.hpp"
+
+namespace zloam::integration {
+
+void bind(runtime::Parameters& p, IntegrationConfig& c) {
+  p.add("integration.mapping_every", &c.mapping_every, {1, 1000}, "",
+        "replay: every n-th sweep is mapped; the same as mapping.every");
+  p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
+        "replay: a pose uses the last correction that is at least so many sweeps older");
+  p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
+        "a correction that moves the pose by more is marked as a jump");
+  p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad", "or turns it by more");
+  p.add("integration.output_dir", &c.output_dir,
+        "folder of trajectory.tum, trajectory.kitti and odometry.tum; empty: none",
+        runtime::Effect::kNone);
+}
+
+IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfig& config)
+    : stage_(stage),
+      config_(config),
+      integrator_(config),
+      pose_(stage.outlet(Key::kPose)),
+      ack_(stage.flow_ack("integration")) {
+  runtime::InletOptions odometry;
+  odometry.sweeps = runtime::SweepSet::kPublisherDecides;
+  odometry.lossless = true;
+  // The run ends with the last pose, which may still wait for its correction.
+  odometry.ends_run = false;
+  stage.inlet<msg::Odometry>(Key::kOdometry, odometry,
+                             [this](const OdometryMessage& message) { take(message); });
+  runtime::InletOptions corrections;
+  corrections.order = runtime::Order::kAsTheyCome;
+  corrections.lossless = true;
+  corrections.ends_run = false;
+  stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,
+                                  [this](const CorrectionMessage& message) { take(message); });
+  stage.command("save",
+                "writes the trajectories; {\"path\": \"...\"} for another folder than "
+                "integration.output_dir",
+                [this](const std::string& arguments) { return save(arguments); });
+  stage.on_new_run([this](const msg::Header&) { new_run(); });
+  stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.on_stop([this] {
+    if (unsaved_) write_files();
+  });
+}
+
+void IntegrationStage::new_run() {
+  if (unsaved_) write_files();
+  integrator_.reset();
+  waiting_.clear();
+  trajectory_.clear();
+  odometry_.clear();
+}
+
+void IntegrationStage::take(const OdometryMessage& message) {
+  OdometryPose pose;
+  pose.sweep = message.sweep();
+  pose.instant_ns = message->instant_ns();
+  pose.odom_epoch = message.header().odom_epoch();
+  pose.T_odom_base = pose_of(message->pose_odom_base());
+  pose.twist_per_s = twist_of(message->twist());
+  pose.step_covariance = covariance_of(message->covariance());
+  pose.health = health_of(message->health());
+  pose.degenerate = message->degenerate();
+  pose.replay = message.replay();
+  odometry_.push_back({pose.instant_ns, pose.T_odom_base});
+  waiting_.emplace(pose.sweep, message.raw());
+  publish(integrator_.add(pose));
+}
+
+void IntegrationStage::take(const CorrectionMessage& message) {
+  Correction correction;
+  correction.sweep = message.sweep();
+  correction.odom_epoch = message.header().odom_epoch();
+  correction.T_map_odom = pose_of(message->pose_map_odom());
+  correction.covariance = covariance_of(message->covariance());
+  correction.health = health_of(message->health());
+  correction.degenerate = message->degenerate();
+  publish(integrator_.add(correction));
+}
+
+void IntegrationStage::publish(const std::vector<FusedPose>& poses) {
+  for (const FusedPose& pose : poses) {
+    const auto cause = waiting_.find(pose.sweep);
+    if (cause == waiting_.end()) continue;
+    const runtime::Message message = cause->second;
+    waiting_.erase(cause);
+    publish(pose, message);
+  }
+  stage_.figure("waiting_poses", static_cast<double>(integrator_.waiting()));
+}
+
+void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& cause) {
+  MapPoseFields fields;
+  fields.instant_ns = fused.instant_ns;
+  fields.T_map_base = fused.T_map_base;
+  fields.twist_per_s = fused.twist_per_s;
+  fields.covariance = fused.covariance;
+  fields.correction_sweep = fused.correction_sweep;
+  fields.has_correction = fused.has_correction;
+  fields.jump = fused.jump;
+  fields.health = fused.health;
+  fields.degenerate = fused.degenerate;
+  HeaderFields header = pose_.header(cause);
+  header.frame = "map";
+  pose_.publish(header, build(header, fields));
+  trajectory_.push_back({fused.instant_ns, fused.T_map_base});
+  unsaved_ = true;
+  if (header.last_packet_ns > 0) {
+    stage_.latency("end_to_end",
+                   1e-6 * static_cast<double>(stage_.now_ns() - header.last_packet_ns));
+  }
+  if (fused.jump) {
+    runtime::log_warning("the correction moved the pose", {{"sweep", fused.sweep}});
+  }
+  // Files first: who sees the acknowledgement may look for them.
+  if (header.end_of_run) stage_.end_of_run(header.run);
+  ack_.done_below(header.run, header.sweep + 1);
+}
+
+std::string IntegrationStage::write_into(const std::string& folder) const {
+  const std::pair<const char*, std::string> files[] = {
+      {"/trajectory.tum", tum_text(trajectory_)},
+      {"/trajectory.kitti", kitti_text(trajectory_)},
+      {"/odometry.tum", tum_text(odometry_)},
+  };
+  for (const auto& [name, text] : files) {
+    const std::string error = write_file_atomically(folder + name, text);
+    if (!error.empty()) return error;
+  }
+  return {};
+}
+
+std::string IntegrationStage::write_files() {
+  if (config_.output_dir.empty()) return {};
+  const std::string error = write_into(config_.output_dir);
+  stage_.degraded("trajectory", error);
+  if (!error.empty()) {
+    runtime::log_error("trajectory not written", {{"reason", error}});
+    return error;
+  }
+  unsaved_ = false;
+  runtime::log_info("trajectory written",
+                    {{"folder", config_.output_dir}, {"poses", trajectory_.size()}});
+  return {};
+}
+
+runtime::CommandReply IntegrationStage::save(const std::string& arguments_json) {
+  std::string folder = config_.output_dir;
+  if (!arguments_json.empty()) {
+    folder = nlohmann::json::parse(arguments_json).value("path", folder);
+  }
+  if (folder.empty()) {
+    return {false, "no folder: neither path nor integration.output_dir is set", "{}"};
+  }
+  const std::string error = write_into(folder);
+  if (!error.empty()) return {false, error, "{}"};
+  const nlohmann::json results = {{"path", folder}, {"poses", trajectory_.size()}};
+  return {true, "trajectories written to " + folder, results.dump()};
+}
+
+}  // namespace zloam::integration

@@ -1,0 +1,10 @@
+#pragma once
+// Whether a key expression asks for a key: '*' is any one chunk, '**' any number of them.
+
+#include <string_view>
+
+namespace zloam::mapping {
+
+bool key_matches(std::string_view expression, std::string_view key);
+
+}  // namespace zloam::mapping

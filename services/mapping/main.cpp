@@ -1,0 +1,21 @@
+// zloam-mapping: scan to map. Everything of substance is in mapping.hpp (the method) and
+// mapping_stage.hpp (keys, answers, files).
+
+#include <memory>
+
+#include "mapping/mapping_stage.hpp"
+
+int main(int argc, char** argv) {
+  zloam::mapping::MappingConfig config;
+  zloam::mapping::OutputConfig output;
+  std::unique_ptr<zloam::mapping::MappingStage> mapping;
+  return zloam::runtime::run_stage(
+      argc, argv,
+      {.name = "mapping",
+       .summary = "matches deskewed sweeps against a growing map and corrects the odometry",
+       .bind = [&](zloam::runtime::Parameters& p) { bind(p, config, output); },
+       .wire =
+           [&](zloam::runtime::Stage& stage) {
+             mapping = std::make_unique<zloam::mapping::MappingStage>(stage, config, output);
+           }});
+}

@@ -1,0 +1,294 @@
+#include "mapping/mapping_stage.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "mapping/key_match.hpp"
+#include "mapping/map_writer.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+std::vector<MapPoint> without_layers(const std::vector<LayeredPoint>& points) {
+  std::vector<MapPoint> plain;
+  plain.reserve(points.size());
+  for (const LayeredPoint& p : points) plain.push_back(p.point);
+  return plain;
+}
+
+WeakFields weak_fields(const Degeneracy& d) {
+  return {d.degenerate, d.weak_translation, d.weak_rotation, d.sigma_measured, d.sigma_predicted};
+}
+
+void append_in_map(std::vector<MapPoint>& out, PointSpan points, const Pose& T_map_base) {
+  for (const Point& p : points) {
+    const Eigen::Vector3f q = (T_map_base * p.position().cast<double>()).cast<float>();
+    out.push_back({q.x(), q.y(), q.z(), p.intensity});
+  }
+}
+
+}  // namespace
+
+MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
+                           const OutputConfig& output)
+    : stage_(stage),
+      config_(config),
+      output_(output),
+      mapper_(config),
+      correction_(stage.outlet(Key::kMapCorrection)),
+      pose_(stage.outlet(Key::kMapOdometry)),
+      tile_(stage.outlet_at(Key::kMapTile, stage.keys().all_tiles())),
+      surround_(stage.outlet(Key::kMapSurround)),
+      cloud_(stage.outlet(Key::kMapCloud)),
+      registered_(stage.outlet(Key::kSweepRegistered)),
+      ack_(stage.flow_ack("mapping")) {
+  runtime::InletOptions options;
+  options.sweeps = runtime::SweepSet::kPublisherDecides;
+  options.newest = 4;
+  stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
+                                     [this](const Sweep& sweep) { take(sweep); });
+  declare_answers();
+  declare_commands();
+  stage.on_new_run([this](const msg::Header&) { new_run(); });
+  stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.on_stop([this] {
+    if (unsaved_) write_files();
+  });
+}
+
+void MappingStage::declare_answers() {
+  stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
+  stage_.answer(stage_.keys().of(Key::kMapSurround),
+                [this](runtime::Answer& a) { answer_cloud(a, Key::kMapSurround, false); });
+  stage_.answer(stage_.keys().of(Key::kMapCloud),
+                [this](runtime::Answer& a) { answer_cloud(a, Key::kMapCloud, true); });
+  stage_.answer(stage_.keys().of(Key::kPathMap), [this](runtime::Answer& a) { answer_path(a); });
+}
+
+void MappingStage::declare_commands() {
+  stage_.command("save",
+                 "writes the map; {\"path\": \"...\"} for another file than mapping.map_path",
+                 [this](const std::string& arguments) { return save(arguments); });
+  stage_.command("reset", "empties the map; the next sweep founds a new one where it is",
+                 [this](const std::string&) { return reset(); });
+}
+
+void MappingStage::new_run() {
+  if (unsaved_) write_files();
+  mapper_ = Mapper(config_);
+  covariance_since_.setZero();
+  T_odom_base_before_.reset();
+  mapped_ = 0;
+  unpublished_.clear();
+}
+
+MappingInput MappingStage::input_of(const Sweep& sweep) {
+  MappingInput input;
+  input.sweep = sweep.sweep();
+  input.stamp_ns = sweep.header().stamp_ns();
+  input.instant_ns = static_cast<std::uint32_t>(sweep->instant_ns() - input.stamp_ns);
+  input.period_ns = sweep->period_ns();
+  input.odom_epoch = sweep.header().odom_epoch();
+  input.T_odom_base = pose_of(sweep->pose_odom_base());
+  input.twist_per_s = twist_of(sweep->twist());
+  input.T_base_lidar = pose_of(sweep->pose_base_lidar());
+  input.edges = points_of(sweep->edges());
+  input.planes = points_of(sweep->planes());
+  input.health = health_of(sweep->health());
+  input.degenerate = sweep->degenerate();
+  input.range_noise_m = static_cast<double>(sweep->range_noise_m());
+  return input;
+}
+
+void MappingStage::take(const Sweep& sweep) {
+  MappingInput input = input_of(sweep);
+  const Pose back =
+      T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
+  covariance_since_ = adjoint(back) * covariance_since_ * adjoint(back).transpose() +
+                      covariance_of(sweep->covariance());
+  T_odom_base_before_ = input.T_odom_base;
+  if (input.sweep % config_.every == 0) {
+    input.step_covariance = covariance_since_;
+    covariance_since_.setZero();
+    const MappingResult result = mapper_.process(input);
+    publish_pose(sweep, result);
+    note_figures(result);
+    unsaved_ |= result.inserted;
+    unpublished_.insert(result.changed.begin(), result.changed.end());
+    publish_views(sweep, result);
+    prev_mapped_ = input.sweep;
+    ++mapped_;
+  }
+  ack_.done_below(sweep.run(), sweep.sweep() + 1);
+}
+
+void MappingStage::publish_pose(const Sweep& sweep, const MappingResult& result) {
+  MapCorrectionFields correction;
+  correction.instant_ns = sweep->instant_ns();
+  correction.T_map_odom = result.T_map_odom;
+  correction.covariance = result.covariance;
+  correction.health = result.health;
+  correction.inserted = result.inserted;
+  correction.weak = weak_fields(result.degeneracy);
+  correction.solve = {result.iterations, result.correspondences, result.residual_m};
+  correction.prev_sweep = mapped_ > 0 ? prev_mapped_ : result.sweep;
+  HeaderFields header = correction_.header(sweep);
+  header.frame = "map";
+  header.map_id = map_id_;
+  correction_.publish(header, build(header, correction));
+
+  MapPoseFields pose;
+  pose.instant_ns = sweep->instant_ns();
+  pose.T_map_base = result.T_map_base;
+  pose.twist_per_s = twist_of(sweep->twist());
+  pose.covariance = result.covariance;
+  pose.correction_sweep = result.sweep;
+  pose.has_correction = true;
+  pose.health = result.health;
+  pose.degenerate = result.degeneracy.degenerate;
+  header = pose_.header(sweep);
+  header.frame = "map";
+  header.map_id = map_id_;
+  pose_.publish(header, build(header, pose));
+  last_header_ = header;
+  last_instant_ns_ = pose.instant_ns;
+  last_T_map_base_ = result.T_map_base;
+}
+
+void MappingStage::publish_views(const Sweep& sweep, const MappingResult& result) {
+  const bool last = sweep.end_of_run();
+  if (registered_.matching()) publish_registered(sweep, result);
+  if (mapped_ % output_.publish_every == 0 || last) {
+    if (tile_.matching()) publish_tiles(sweep);
+    if (surround_.matching()) {
+      HeaderFields header = surround_.header(sweep);
+      header.frame = "map";
+      surround_.publish(header, cloud_message(header, mapper_.surround()));
+    }
+  }
+  if ((mapped_ % output_.cloud_every == 0 || last) && cloud_.matching()) {
+    HeaderFields header = cloud_.header(sweep);
+    header.frame = "map";
+    cloud_.publish(header, cloud_message(header, mapper_.cloud()));
+  }
+}
+
+void MappingStage::publish_tiles(const Sweep& sweep) {
+  for (const TileId& id : unpublished_) {
+    const std::optional<Tile> tile = mapper_.tile(id);
+    if (!tile) continue;
+    HeaderFields header = tile_.header(sweep);
+    header.frame = "map";
+    header.map_id = map_id_;
+    const TileIndex& at = id.index;
+    tile_.publish_at(stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k), header,
+                     tile_message(header, *tile));
+  }
+  unpublished_.clear();
+}
+
+void MappingStage::publish_registered(const Sweep& sweep, const MappingResult& result) {
+  CloudFields cloud;
+  std::vector<MapPoint> points;
+  append_in_map(points, points_of(sweep->edges()), result.T_map_base);
+  append_in_map(points, points_of(sweep->planes()), result.T_map_base);
+  cloud.instant_ns = sweep->instant_ns();
+  cloud.points = points;
+  cloud.T_frame_base = result.T_map_base;
+  HeaderFields header = registered_.header(sweep);
+  header.frame = "map";
+  registered_.publish(header, build(header, cloud));
+}
+
+void MappingStage::note_figures(const MappingResult& result) {
+  stage_.figure("map_points", static_cast<double>(mapper_.point_count()));
+  stage_.figure("map_tiles", static_cast<double>(mapper_.tiles().size()));
+  stage_.figure("correspondences", result.correspondences);
+  stage_.figure("iterations", result.iterations);
+  stage_.figure("residual_m", result.residual_m);
+  stage_.figure("inserted", result.inserted ? 1.0 : 0.0);
+  stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);
+}
+
+Buffer MappingStage::tile_message(const HeaderFields& header, const Tile& tile) const {
+  MapTileFields fields;
+  fields.layer = layer_name(tile.id.layer);
+  fields.i = tile.id.index.i;
+  fields.j = tile.id.index.j;
+  fields.k = tile.id.index.k;
+  fields.edge_m = tile.edge_m;
+  fields.version = tile.version;
+  fields.points = tile.points;
+  return build(header, fields);
+}
+
+Buffer MappingStage::cloud_message(const HeaderFields& header,
+                                   const std::vector<LayeredPoint>& points) const {
+  const std::vector<MapPoint> plain = without_layers(points);
+  CloudFields fields;
+  fields.instant_ns = last_instant_ns_;
+  fields.points = plain;
+  fields.T_frame_base = last_T_map_base_;
+  return build(header, fields);
+}
+
+void MappingStage::answer_tiles(runtime::Answer& answer) {
+  for (const TileId& id : mapper_.tiles()) {
+    const TileIndex& at = id.index;
+    const std::string key = stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k);
+    if (!key_matches(answer.key(), key)) continue;
+    const std::optional<Tile> tile = mapper_.tile(id);
+    if (tile) answer.reply(key, encoding_of(Key::kMapTile), tile_message(last_header_, *tile));
+  }
+}
+
+void MappingStage::answer_cloud(runtime::Answer& answer, Key key, bool whole) {
+  answer.reply(stage_.keys().of(key), encoding_of(key),
+               cloud_message(last_header_, whole ? mapper_.cloud() : mapper_.surround()));
+}
+
+void MappingStage::answer_path(runtime::Answer& answer) {
+  std::vector<msg::StampedPose> poses;
+  for (const PathPose& p : mapper_.path()) {
+    poses.emplace_back(p.instant_ns, p.sweep, to_message(p.T_map_base));
+  }
+  answer.reply(stage_.keys().of(Key::kPathMap), encoding_of(Key::kPathMap),
+               build_path(last_header_, poses));
+}
+
+runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
+  std::string path = output_.map_path;
+  if (!arguments_json.empty()) {
+    path = nlohmann::json::parse(arguments_json).value("path", path);
+  }
+  if (path.empty()) return {false, "no file: neither path nor mapping.map_path is set", "{}"};
+  const std::vector<LayeredPoint> points = mapper_.cloud();
+  const std::string error = write_map(path, points);
+  if (!error.empty()) return {false, error, "{}"};
+  if (path == output_.map_path) unsaved_ = false;
+  const nlohmann::json results = {{"path", path}, {"points", points.size()}};
+  return {true, "map written to " + path, results.dump()};
+}
+
+runtime::CommandReply MappingStage::reset() {
+  mapper_.reset();
+  unpublished_.clear();
+  ++map_id_;
+  const nlohmann::json results = {{"map_id", map_id_}};
+  return {true, "map emptied", results.dump()};
+}
+
+std::string MappingStage::write_files() {
+  if (output_.map_path.empty()) return {};
+  const std::vector<LayeredPoint> points = mapper_.cloud();
+  const std::string error = write_map(output_.map_path, points);
+  stage_.degraded("map", error);
+  if (!error.empty()) {
+    runtime::log_error("map not written", {{"reason", error}});
+    return error;
+  }
+  unsaved_ = false;
+  runtime::log_info("map written", {{"path", output_.map_path}, {"points", points.size()}});
+  return {};
+}
+
+}  // namespace zloam::mapping

@@ -1,0 +1,65 @@
+#pragma once
+// Wires the mapper to the runtime: messages in, messages, answers and files out. Runs on the
+// stage's one worker thread.
+
+#include <set>
+
+#include "common/runtime/stage.hpp"
+#include "mapping/mapping.hpp"
+#include "mapping/parameters.hpp"
+
+namespace zloam::mapping {
+
+class MappingStage {
+ public:
+  MappingStage(runtime::Stage& stage, const MappingConfig& config, const OutputConfig& output);
+
+ private:
+  using Sweep = runtime::Received<msg::OdometryFeatures>;
+
+  void declare_answers();
+  void declare_commands();
+  void new_run();
+  void take(const Sweep& sweep);
+  MappingInput input_of(const Sweep& sweep);
+  void publish_pose(const Sweep& sweep, const MappingResult& result);
+  void publish_views(const Sweep& sweep, const MappingResult& result);
+  void publish_tiles(const Sweep& sweep);
+  void publish_registered(const Sweep& sweep, const MappingResult& result);
+  void note_figures(const MappingResult& result);
+  Buffer tile_message(const HeaderFields& header, const Tile& tile) const;
+  Buffer cloud_message(const HeaderFields& header, const std::vector<LayeredPoint>& points) const;
+  void answer_tiles(runtime::Answer& answer);
+  void answer_cloud(runtime::Answer& answer, Key key, bool whole);
+  void answer_path(runtime::Answer& answer);
+  runtime::CommandReply save(const std::string& arguments_json);
+  runtime::CommandReply reset();
+  /// Empty when written; the stage is degraded until it succeeds.
+  std::string write_files();
+
+  runtime::Stage& stage_;
+  MappingConfig config_;
+  OutputConfig output_;
+  Mapper mapper_;
+  runtime::Outlet& correction_;
+  runtime::Outlet& pose_;
+  runtime::Outlet& tile_;
+  runtime::Outlet& surround_;
+  runtime::Outlet& cloud_;
+  runtime::Outlet& registered_;
+  runtime::FlowAck& ack_;
+  // Odometry's covariance since the sweep mapped before.
+  Matrix6 covariance_since_ = Matrix6::Zero();
+  std::optional<Pose> T_odom_base_before_;
+  std::uint64_t prev_mapped_ = 0;
+  std::uint64_t mapped_ = 0;
+  std::uint64_t map_id_ = 1;
+  std::set<TileId> unpublished_;
+  bool unsaved_ = false;
+  // Of the last mapped sweep, for replies.
+  HeaderFields last_header_;
+  std::int64_t last_instant_ns_ = 0;
+  Pose last_T_map_base_ = Pose::Identity();
+};
+
+}  // namespace zloam::mapping

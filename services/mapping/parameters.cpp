@@ -1,0 +1,121 @@
+#include "mapping/parameters.hpp"
+
+#include "common/runtime/parameters.hpp"
+#include "mapping/method.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+using runtime::Effect;
+using runtime::Parameters;
+
+void bind_map(Parameters& p, MappingConfig& c) {
+  p.add("mapping.method", &c.method, method_names(), "how a sweep is matched");
+  p.add("mapping.every", &c.every, {1, 1000}, "", "every n-th sweep by number is mapped");
+  p.add("mapping.tile_edge_m", &c.tile_edge_m, {2.0, 1000.0}, "m", "edge of a cube of the map");
+  p.add("mapping.window_tiles", &c.window_tiles, {1, 1001}, "",
+        "cubes kept at hand around the sensor, x y z (odd)");
+  p.add("mapping.local_tiles", &c.local_tiles, {1, 1001}, "",
+        "cubes matched against around the sensor, x y z (odd)");
+  p.add("mapping.leaf_edge_m", &c.leaf_edge_m, {0.02, 5.0}, "m", "one edge point a voxel");
+  p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m", "one plane point a voxel");
+  p.add("mapping.founding_points", &c.founding_points, {1, 1e6}, "",
+        "a map of fewer points is founded with sweeps that matched nothing");
+  p.add("mapping.archive_points", &c.archive_points, {0, 1e12}, "",
+        "points of tiles outside the window that stay in memory; more go to a file", Effect::kNone);
+  p.add("mapping.spill_directory", &c.spill_directory,
+        "folder of that file; empty: all stay in memory", Effect::kNone);
+  p.check("mapping.local_tiles", [&c]() -> std::string {
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (c.local_tiles[a] > c.window_tiles[a]) return "must not exceed mapping.window_tiles";
+    }
+    return {};
+  });
+}
+
+void bind_prediction(Parameters& p, MappingConfig& c) {
+  p.add("mapping.prior_sigma_m", &c.prior_sigma_m, {1e-4, 10.0}, "m",
+        "least sigma of the predicted position");
+  p.add("mapping.prior_sigma_rad", &c.prior_sigma_rad, {1e-5, 1.0}, "rad",
+        "least sigma of the predicted rotation");
+  p.add("mapping.prior_scale", &c.prior_scale, {0.0, 1e4}, "",
+        "the odometry's covariance counts this many times");
+  p.add("mapping.weak_directions", &c.weak_directions,
+        {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
+        "weak directions: weighed against the prediction, or cut from each step");
+  p.add("mapping.degenerate_on", &c.degenerate_on, {0.01, 100.0}, "",
+        "flagged when measured sigma exceeds this many predicted ones");
+  p.add("mapping.degenerate_off", &c.degenerate_off, {0.01, 100.0}, "", "until below this many");
+  p.add("mapping.bridge_distance_m", &c.bridge_distance_m, {0.0, 50.0}, "m",
+        "how far around the last pose a new odometry frame is searched for");
+  p.add("mapping.bridge_rotation_rad", &c.bridge_rotation_rad, {0.0, 3.15}, "rad",
+        "and how far it may be turned");
+  p.add("mapping.bridge_inlier_ratio", &c.bridge_inlier_ratio, {0.0, 1.0}, "",
+        "share of features that must match before it is accepted");
+  p.add("mapping.bridge_sweeps", &c.bridge_sweeps, {1, 1e6}, "",
+        "sweeps without an accepted match before the stage says lost");
+}
+
+void bind_insertion(Parameters& p, MappingConfig& c) {
+  p.add("mapping.insert_residual_factor", &c.insert_residual_factor, {1.0, 100.0}, "",
+        "not inserted above this many medians of the recent residuals");
+  p.add("mapping.insert_residual_window", &c.insert_residual_window, {1, 1000}, "",
+        "sweeps of that median");
+  p.add("mapping.insert_distance_m", &c.insert_distance_m, {0.0, 100.0}, "m",
+        "inserted when moved by more since the last one; 0: every sweep");
+  p.add("mapping.insert_rotation_rad", &c.insert_rotation_rad, {0.0, 3.15}, "rad",
+        "or turned by more; 0: every sweep");
+}
+
+void bind_loam(Parameters& p, LoamConfig& c) {
+  p.add("mapping.loam.neighbours", &c.neighbours, {3, 16}, "", "map points around a feature");
+  p.add("mapping.loam.neighbour_radius_m", &c.neighbour_radius_m, {0.05, 10.0}, "m",
+        "all of them must be nearer");
+  p.add("mapping.loam.line_ratio", &c.line_ratio, {1.0, 1000.0}, "",
+        "line: largest eigenvalue over the middle one");
+  p.add("mapping.loam.plane_distance_m", &c.plane_distance_m, {0.005, 2.0}, "m",
+        "plane: all neighbours lie within");
+  p.add("mapping.loam.plane_spread_ratio", &c.plane_spread_ratio, {1.0, 1000.0}, "",
+        "plane: middle eigenvalue over the smallest");
+  p.add("mapping.loam.plane_spread_sigmas", &c.plane_spread_sigmas, {0.0, 100.0}, "",
+        "plane: root of the middle eigenvalue in sigmas of the range noise");
+  p.add("mapping.loam.match_leaf_edge_m", &c.match_leaf_edge_m, {0.0, 5.0}, "m",
+        "voxel filter of a sweep's edges before matching; 0: none");
+  p.add("mapping.loam.match_leaf_plane_m", &c.match_leaf_plane_m, {0.0, 5.0}, "m",
+        "voxel filter of a sweep's planes before matching; 0: none");
+  p.add("mapping.loam.max_iterations", &c.max_iterations, {1, 100}, "", "at most");
+  p.add("mapping.loam.stop_translation_m", &c.stop_translation_m, {0.0, 1.0}, "m",
+        "ends when the step is below");
+  p.add("mapping.loam.stop_rotation_rad", &c.stop_rotation_rad, {0.0, 1.0}, "rad",
+        "and turns by less");
+  p.add("mapping.loam.reassociate_m", &c.reassociate_m, {0.0, 1.0}, "m",
+        "neighbours are searched again after the feature moved by");
+  p.add("mapping.loam.min_correspondences", &c.min_correspondences, {6, 1e6}, "",
+        "fewer: the pose is the prediction");
+  p.add("mapping.loam.kernel_m", &c.kernel_m, {0.001, 10.0}, "m", "width of the robust kernel");
+  p.add("mapping.loam.kernel_start_m", &c.kernel_start_m, {0.001, 10.0}, "m",
+        "its width in the first iteration");
+  p.add("mapping.loam.correlation", &c.correlation, {1.0, 1e4}, "",
+        "information of the residuals is divided by this");
+  p.add("mapping.loam.edge_weight", &c.edge_weight, {0.0, 100.0}, "",
+        "information of an edge's residual against a plane's");
+}
+
+}  // namespace
+
+void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
+  bind_map(parameters, config);
+  bind_prediction(parameters, config);
+  bind_insertion(parameters, config);
+  bind_loam(parameters, config.loam);
+  parameters.add("mapping.map_path", &output.map_path,
+                 "PCD file of the map at the end of a run; empty: none", Effect::kNone);
+  parameters.add("mapping.publish_every", &output.publish_every, {1, 10000}, "",
+                 "changed tiles, surround and registered sweeps leave every n-th mapped sweep",
+                 Effect::kNone);
+  parameters.add("mapping.cloud_every", &output.cloud_every, {1, 100000}, "",
+                 "the whole map leaves every n-th mapped sweep while someone listens",
+                 Effect::kNone);
+}
+
+}  // namespace zloam::mapping

@@ -1,0 +1,24 @@
+#pragma once
+// Names of mapping's parameters in the robot's file.
+
+#include "mapping/config.hpp"
+
+namespace zloam::runtime {
+class Parameters;
+}
+
+namespace zloam::mapping {
+
+/// What only the program needs; nothing here changes a pose or the map.
+struct OutputConfig {
+  /// the map at the end of a run and of the process; empty: no file
+  std::string map_path = "out/map.pcd";
+  /// tiles, surround and registered sweeps leave every n-th mapped sweep, the whole map every
+  /// cloud_every-th; only while someone listens
+  std::uint32_t publish_every = 5;
+  std::uint32_t cloud_every = 50;
+};
+
+void bind(runtime::Parameters& parameters, MappingConfig& config, OutputConfig& output);
+
+}  // namespace zloam::mapping
