@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,9 +79,12 @@ def _stalled(chain: Chain) -> str:
 def run(options: DemoOptions) -> dict[str, Any]:
     """Does it all; raises what went wrong, returns the report."""
     files = outputs.Files(options.out)
-    options.out.mkdir(parents=True, exist_ok=True)
-    shutil.rmtree(files.logs, ignore_errors=True)
-    settings = [*options.source.driver_settings(options.rate), *options.settings]
+    outputs.forget(options.out)
+    settings = [
+        *outputs.stage_settings(options.out),
+        *options.source.driver_settings(options.rate),
+        *options.settings,
+    ]
     line = ProgressLine()
     chain = Chain(
         options.build, options.config, options.robot, settings, files.logs, options.sensor
@@ -105,9 +107,8 @@ def run(options: DemoOptions) -> dict[str, Any]:
             wall_s=wall_s,
             truths=outputs.truths_of_base(options.truth, outputs.mounting(configs)),
         )
-        tiles = chain.link.query_tiles()
         seen.exit_codes.update(chain.stop())
-    return outputs.write_all(options.out, options.source.title, seen, tiles)
+    return outputs.write_all(options.out, options.source.title, seen)
 
 
 def finish(found: dict[str, Any], out: Path) -> int:

@@ -153,26 +153,26 @@ class Link:
                 newest[(tile.layer, tile.index)] = tile
         return list(newest.values())
 
-    def _queried_path(self, key: str) -> Trajectory | None:
-        for payload in self.get(key, seconds=20.0):
-            run, poses = records.path(payload)
-            if len(poses) and (self.run is None or run == self.run):
-                t, q = poses["pose"]["translation"], poses["pose"]["rotation"]
-                return from_records(
-                    {
-                        int(p["sweep"]): (int(p["instant_ns"]), list(a), list(b))
-                        for p, a, b in zip(poses, t.tolist(), q.tolist(), strict=True)
-                    }
-                )
-        return None
-
     def trajectory(self) -> Trajectory:
-        """map -> base_link: as the integration keeps it, else from the poses that came here."""
-        return self._queried_path(self.keys.path_map) or _heard(self.poses)
+        """map -> base_link, fused: the poses that came here."""
+        return _heard(self.poses)
 
     def odometry_trajectory(self) -> Trajectory:
         """odom -> base_link, likewise."""
-        return self._queried_path(self.keys.path_odometry) or _heard(self.odometry)
+        return _heard(self.odometry)
+
+    def mapped_path(self) -> Trajectory | None:
+        """map -> base_link of the mapped sweeps, as mapping itself answers it."""
+        for payload in self.get(self.keys.path_map, seconds=20.0):
+            _, poses = records.path(payload)
+            t, q = poses["pose"]["translation"], poses["pose"]["rotation"]
+            return from_records(
+                {
+                    int(p["sweep"]): (int(p["instant_ns"]), list(a), list(b))
+                    for p, a, b in zip(poses, t.tolist(), q.tolist(), strict=True)
+                }
+            )
+        return None
 
 
 def _heard(poses: dict[int, PoseRecord]) -> Trajectory:

@@ -119,11 +119,13 @@ def _watch(chain: Chain, options: LiveOptions) -> float:
 
 def run(options: LiveOptions) -> dict[str, Any]:
     """Until Ctrl-C; raises when a stage dies; returns the report."""
+    outputs.forget(options.out)
+    settings = [*outputs.stage_settings(options.out), *options.settings]
     chain = Chain(
         options.build,
         options.config,
         options.robot,
-        options.settings,
+        settings,
         outputs.Files(options.out).logs,
         options.sensor,
     )
@@ -141,6 +143,5 @@ def run(options: LiveOptions) -> dict[str, Any]:
             odometry=chain.link.odometry_trajectory(),
             wall_s=wall_s,
         )
-        tiles = chain.link.query_tiles()
         seen.exit_codes.update(chain.stop())
-    return outputs.write_all(options.out, "live run", seen, tiles)
+    return outputs.write_all(options.out, "live run", seen)

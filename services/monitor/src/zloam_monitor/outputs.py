@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from zloam_monitor import clouds, evaluation, picture, report, se3, trajectory
-from zloam_monitor.clouds import Tile
+from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
 from zloam_monitor.trajectory import Trajectory
 
@@ -61,40 +62,87 @@ def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
     return Trajectory(truth.transforms[rows], stamps, truth.sweeps[rows])
 
 
-def write_path_and_map(folder: Path, run: Run, tiles: list[Tile]) -> None:
-    """What a run leaves even when it was broken off."""
+def stage_settings(folder: Path) -> list[str]:
+    """Tells the stages to leave their files here: they write at the end of a run."""
+    files = Files(folder.resolve())
+    return [f"integration.output_dir={files.folder}", f"mapping.map_path={files.map}"]
+
+
+def forget(folder: Path) -> None:
+    """Removes what an earlier run left, so that nothing old is taken for new."""
     files = Files(folder)
-    trajectory.write_tum(files.trajectory_tum, run.trajectory)
-    trajectory.write_kitti(files.trajectory_kitti, run.trajectory)
-    trajectory.write_tum(files.odometry_tum, run.odometry)
-    points, layers = clouds.merged(tiles)
-    clouds.write_pcd(files.map, points, layers)
+    for path in (
+        files.trajectory_tum,
+        files.trajectory_kitti,
+        files.odometry_tum,
+        files.map,
+        files.ground_truth,
+        files.picture,
+        files.report,
+    ):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(files.logs, ignore_errors=True)
 
 
-def write_picture(folder: Path, title: str, run: Run, tiles: list[Tile]) -> None:
+def numbered(path: Path, heard: Trajectory) -> Trajectory:
+    """A file that a stage wrote, its sweeps known by the instants of the poses that were heard."""
+    written = trajectory.read(path)
+    if heard.stamps_ns is None or written.stamps_ns is None:
+        return written
+    sweep_at = {int(t): int(n) for t, n in zip(heard.stamps_ns, heard.sweeps, strict=True)}
+    sweeps = np.array([sweep_at.get(int(t), -1) for t in written.stamps_ns], np.int64)
+    return Trajectory(written.transforms, written.stamps_ns, sweeps)
+
+
+def collected(folder: Path, run: Run) -> Run:
+    """The run with the trajectories that the stages wrote; without them, what was heard."""
+    files = Files(folder)
+    if files.trajectory_tum.exists() and len(run.trajectory):
+        run = replace(run, trajectory=numbered(files.trajectory_tum, run.trajectory))
+    else:
+        trajectory.write_tum(files.trajectory_tum, run.trajectory)
+        trajectory.write_kitti(files.trajectory_kitti, run.trajectory)
+    if files.odometry_tum.exists() and len(run.odometry):
+        run = replace(run, odometry=numbered(files.odometry_tum, run.odometry))
+    else:
+        trajectory.write_tum(files.odometry_tum, run.odometry)
+    return run
+
+
+def map_points(folder: Path) -> np.ndarray[Any, Any]:
+    """What mapping wrote; empty when nothing was mapped."""
+    path = Files(folder).map
+    if not path.exists():
+        clouds.write_pcd(path, np.empty(0, MAP_POINT), np.empty(0, np.uint8))
+    return clouds.read_pcd(path)
+
+
+def write_picture(folder: Path, title: str, run: Run) -> None:
     """The map, the path, and the error against the first reference."""
-    points, _ = clouds.merged(tiles)
     stamps = run.trajectory.stamps_ns
     first = int(stamps[0]) if stamps is not None and len(stamps) else 0
     compared = None
     for truth in run.truths.values():
         compared = compared or evaluation.compare(run.trajectory, truth)
     scene = picture.Scene(
-        title, points, run.trajectory.positions, run.trajectory.times_s(first), compared
+        title,
+        map_points(folder),
+        run.trajectory.positions,
+        run.trajectory.times_s(first),
+        compared,
     )
     picture.draw(Files(folder).picture, scene)
 
 
-def write_all(folder: Path, title: str, run: Run, tiles: list[Tile]) -> dict[str, Any]:
-    """Every file; returns the report."""
-    write_path_and_map(folder, run, tiles)
+def write_all(folder: Path, title: str, run: Run) -> dict[str, Any]:
+    """What the stages do not write themselves; returns the report."""
+    run = collected(folder, run)
     files = Files(folder)
-    files.ground_truth.unlink(missing_ok=True)
     for truth in list(run.truths.values())[:1]:
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:
             trajectory.write_tum(files.ground_truth, stamped)
     found = report.build(run)
     report.write(files.report, found)
-    write_picture(folder, title, run, tiles)
+    write_picture(folder, title, run)
     return found
