@@ -7,8 +7,9 @@
 namespace zloam::integration {
 
 void bind(runtime::Parameters& p, IntegrationConfig& c) {
-  p.add("integration.mapping_every", &c.mapping_every, {1, 1000}, "",
-        "replay: every n-th sweep is mapped; the same as mapping.every");
+  // Mapping's own key: the two must never disagree, or a replay would wait for ever.
+  p.add("mapping.every", &c.mapping_every, {1, 1000}, "",
+        "replay: which sweeps have a correction to wait for");
   p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
         "replay: a pose uses the last correction that is at least so many sweeps older");
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
@@ -33,7 +34,7 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   stage.inlet<msg::Odometry>(Key::kOdometry, odometry,
                              [this](const OdometryMessage& message) { take(message); });
   runtime::InletOptions corrections;
-  corrections.order = runtime::Order::kAsTheyCome;
+  corrections.sweeps = runtime::SweepSet::kPublisherDecides;
   corrections.lossless = true;
   corrections.ends_run = false;
   stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,

@@ -376,7 +376,7 @@ struct Parameters::Loader {
       const std::string key = prefix.empty() ? leaf : prefix + "." + leaf;
       if (!seen.insert(leaf).second) {
         errors.push_back(place + ": " + key + ": stands here a second time");
-      } else if (prefix.empty() && is_foreign(leaf)) {
+      } else if (is_foreign(key)) {
         continue;
       } else if (is_prefix(key)) {
         section(item.second, key, place);
@@ -395,9 +395,11 @@ struct Parameters::Loader {
     }
   }
 
-  bool is_foreign(const std::string& section_name) const {
+  /// Of another program's section, and not one of the few keys of it that this one reads as well.
+  bool is_foreign(const std::string& key) const {
+    const std::string section_name = key.substr(0, key.find('.'));
     return std::find(foreign.begin(), foreign.end(), section_name) != foreign.end() &&
-           !is_prefix(section_name);
+           parameters.find(key) == nullptr && !is_prefix(key);
   }
 
   void file(const std::string& text) {
@@ -422,7 +424,7 @@ struct Parameters::Loader {
       errors.push_back("--set " + text + ": key=value is expected");
       return;
     }
-    if (is_foreign(key.substr(0, key.find('.')))) return;
+    if (is_foreign(key)) return;
     RawValue value;
     try {
       value = raw_value(YAML::Load(text.substr(equals + 1)));
