@@ -41,12 +41,12 @@ struct OdometryConfig {
 
   // --- matching against recent sweeps -------------------------------------------------------
   /// Sweeps kept in the target.
-  int window_sweeps = 10;
+  int window_sweeps = 20;
   /// Edge of the coarsest voxels, m; each level halves it.
-  double voxel_m = 1.0;
-  int voxel_levels = 3;
+  double voxel_m = 2.0;
+  int voxel_levels = 4;
   /// At most about so many points of a sweep are matched (evenly spread), and inserted.
-  int max_matched_points = 6000;
+  int max_matched_points = 4000;
   int max_inserted_points = 30000;
   /// A voxel is a plane when it has this many points, its thickness (square root of the smallest
   /// eigenvalue) is below thickness_sigmas range noises, its width (of the middle one) above

@@ -102,18 +102,20 @@ MotionTable::MotionTable(const Vector6& twist) {
 }
 
 LeftJacobian::LeftJacobian(const Vector6& twist) {
-  const Matrix6 ad = small_adjoint(twist);
+  // |s| <= 1/2, so a term that has shrunk below this no longer reaches the last digits.
+  constexpr double kNegligible = 1e-13;
+  const Matrix6 ad = small_adjoint(0.5 * twist);
   terms_[0].setIdentity();
-  for (int n = 1; n < kTerms; ++n) {
-    const auto i = static_cast<std::size_t>(n);
-    terms_[i] = terms_[i - 1] * ad / (n + 1.0);
+  while (used_ < kMaxTerms && terms_[used_ - 1].cwiseAbs().maxCoeff() > kNegligible) {
+    terms_[used_] = terms_[used_ - 1] * ad / (static_cast<double>(used_) + 1.0);
+    ++used_;
   }
 }
 
 Matrix6 LeftJacobian::at(double s) const {
-  Matrix6 sum = terms_[kTerms - 1];
-  for (std::size_t n = kTerms - 1; n-- > 0;) {
-    sum = terms_[n] + s * sum;
+  Matrix6 sum = terms_[used_ - 1];
+  for (std::size_t n = used_ - 1; n-- > 0;) {
+    sum = terms_[n] + (2.0 * s) * sum;
   }
   return sum;
 }

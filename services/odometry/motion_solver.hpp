@@ -92,8 +92,9 @@ class LeftJacobian {
   Matrix6 at(double s) const;
 
  private:
-  static constexpr int kTerms = 14;
-  std::array<Matrix6, kTerms> terms_;
+  static constexpr std::size_t kMaxTerms = 20;
+  std::array<Matrix6, kMaxTerms> terms_;
+  std::size_t used_ = 1;
 };
 
 /// Adds the residuals' part at the state.

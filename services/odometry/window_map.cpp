@@ -115,7 +115,7 @@ std::uint32_t WindowMap::make_voxel(const Cell& cell, int level) {
 // Empty voxels stay in the table until it fills up; here they are given back.
 void WindowMap::rebuild_table(std::size_t capacity) {
   for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
-    if (voxels_[i].count == 0 && voxels_[i].key != 0) {
+    if (voxels_[i].sums.count == 0 && voxels_[i].key != 0) {
       voxels_[i].key = 0;
       free_.push_back(i);
     }
@@ -139,23 +139,44 @@ void WindowMap::rebuild_table(std::size_t capacity) {
   }
 }
 
-void WindowMap::change(Voxel& voxel, const Grid& position, int level, int sign) {
-  const std::int32_t mask = (1 << shift_of(level)) - 1;
-  const std::int32_t half = 1 << (shift_of(level) - 1);
-  const std::int64_t x = (position[0] & mask) - half;
-  const std::int64_t y = (position[1] & mask) - half;
-  const std::int64_t z = (position[2] & mask) - half;
-  voxel.sum[0] += sign * x;
-  voxel.sum[1] += sign * y;
-  voxel.sum[2] += sign * z;
-  voxel.square[0] += sign * x * x;
-  voxel.square[1] += sign * x * y;
-  voxel.square[2] += sign * x * z;
-  voxel.square[3] += sign * y * y;
-  voxel.square[4] += sign * y * z;
-  voxel.square[5] += sign * z * z;
-  voxel.count += sign;
-  voxel.fit = Fit::kStale;
+void WindowMap::Sums::add(std::int64_t x, std::int64_t y, std::int64_t z) {
+  sum[0] += x;
+  sum[1] += y;
+  sum[2] += z;
+  square[0] += x * x;
+  square[1] += x * y;
+  square[2] += x * z;
+  square[3] += y * y;
+  square[4] += y * z;
+  square[5] += z * z;
+  ++count;
+}
+
+void WindowMap::Sums::add(const Sums& other, int sign) {
+  for (std::size_t i = 0; i < 3; ++i) {
+    sum[i] += sign * other.sum[i];
+  }
+  for (std::size_t i = 0; i < 6; ++i) {
+    square[i] += sign * other.square[i];
+  }
+  count += sign * other.count;
+}
+
+WindowMap::Sums WindowMap::Sums::shifted(const std::array<std::int64_t, 3>& o) const {
+  Sums out = *this;
+  const auto product = [&](std::size_t i, std::size_t j) {
+    return o[j] * sum[i] + o[i] * sum[j] + count * o[i] * o[j];
+  };
+  for (std::size_t i = 0; i < 3; ++i) {
+    out.sum[i] += count * o[i];
+  }
+  out.square[0] += product(0, 0);
+  out.square[1] += product(0, 1);
+  out.square[2] += product(0, 2);
+  out.square[3] += product(1, 1);
+  out.square[4] += product(1, 2);
+  out.square[5] += product(2, 2);
+  return out;
 }
 
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
@@ -165,34 +186,62 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   }
   const auto wanted = static_cast<std::size_t>(std::max(1, config_.max_inserted_points));
   const std::size_t stride = std::max<std::size_t>(1, (points.size() + wanted - 1) / wanted);
-  SweepEntries entries;
-  entries.reserve(points.size() / stride + 1);
-  // Successive points mostly share their voxels.
-  std::array<Cell, kMaxLevels> last_cell{};
-  Entry entry{};
-  bool first = true;
+  std::vector<Run> runs;
+  runs.reserve(points.size() / stride + 1);
   for (std::size_t i = 0; i < points.size(); i += stride) {
-    entry.position = to_grid(T_odom_base * points[i].position().cast<double>());
-    for (int level = 0; level < levels_; ++level) {
-      const auto l = static_cast<std::size_t>(level);
-      const Cell cell = cell_of(entry.position, level);
-      if (first || cell != last_cell[l]) {
-        entry.voxel[l] = make_voxel(cell, level);
-        last_cell[l] = cell;
-      }
-      change(voxels_[entry.voxel[l]], entry.position, level, 1);
-    }
-    first = false;
-    entries.push_back(entry);
+    add_point(to_grid(T_odom_base * points[i].position().cast<double>()), runs);
   }
-  sweeps_.push_back(std::move(entries));
+  for (int level = levels_ - 1; level >= 0; --level) {
+    close_run(level, runs);
+  }
+  sweeps_.push_back(std::move(runs));
+}
+
+// Points come ring by ring, so successive ones mostly share their voxel: they are summed here, and
+// the voxels are touched once a run.
+void WindowMap::add_point(const Grid& position, std::vector<Run>& runs) {
+  const int finest = levels_ - 1;
+  OpenRun& open = open_[static_cast<std::size_t>(finest)];
+  const Cell cell = cell_of(position, finest);
+  if (open.sums.count > 0 && cell != open.cell) {
+    close_run(finest, runs);
+  }
+  open.cell = cell;
+  const std::int32_t mask = (1 << shift_of(finest)) - 1;
+  const std::int32_t half = 1 << (shift_of(finest) - 1);
+  open.sums.add((position[0] & mask) - half, (position[1] & mask) - half,
+                (position[2] & mask) - half);
+}
+
+// Writes a level's run into its voxel and hands it on to the level above.
+void WindowMap::close_run(int level, std::vector<Run>& runs) {
+  OpenRun& open = open_[static_cast<std::size_t>(level)];
+  if (open.sums.count == 0) {
+    return;
+  }
+  Run run{make_voxel(open.cell, level), open.sums};
+  voxels_[run.voxel].sums.add(run.sums, 1);
+  voxels_[run.voxel].fit = Fit::kStale;
+  runs.push_back(run);
+  if (level > 0) {
+    OpenRun& parent = open_[static_cast<std::size_t>(level - 1)];
+    const Cell cell = {open.cell[0] >> 1, open.cell[1] >> 1, open.cell[2] >> 1};
+    if (parent.sums.count > 0 && cell != parent.cell) {
+      close_run(level - 1, runs);
+    }
+    parent.cell = cell;
+    // The child's centre lies half a child's edge to either side of the parent's.
+    const std::int64_t half = 1 << (shift_of(level) - 1);
+    const auto side = [&](std::size_t i) { return (open.cell[i] & 1) != 0 ? half : -half; };
+    parent.sums.add(open.sums.shifted({side(0), side(1), side(2)}), 1);
+  }
+  open.sums = {};
 }
 
 void WindowMap::remove_oldest() {
-  for (const Entry& entry : sweeps_.front()) {
-    for (int level = 0; level < levels_; ++level) {
-      change(voxels_[entry.voxel[static_cast<std::size_t>(level)]], entry.position, level, -1);
-    }
+  for (const Run& run : sweeps_.front()) {
+    voxels_[run.voxel].sums.add(run.sums, -1);
+    voxels_[run.voxel].fit = Fit::kStale;
   }
   sweeps_.pop_front();
 }
@@ -202,7 +251,7 @@ const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom) {
   for (int level = 0; level < levels_; ++level) {
     const Cell cell = cell_of(position, level);
     const std::uint32_t index = find_voxel(cell, level);
-    if (index == kNoVoxel || voxels_[index].count < config_.plane_min_points) {
+    if (index == kNoVoxel || voxels_[index].sums.count < config_.plane_min_points) {
       return nullptr;  // a finer voxel has no more points than a coarser one
     }
     Voxel& voxel = voxels_[index];
@@ -217,16 +266,17 @@ const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom) {
 }
 
 bool WindowMap::covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const {
-  const double n = voxel.count;
+  const Sums& sums = voxel.sums;
+  const double n = sums.count;
   const double unit = 1.0 / units_per_m_;
-  mean = Eigen::Vector3d(double(voxel.sum[0]), double(voxel.sum[1]), double(voxel.sum[2])) / n;
-  const auto& q = voxel.square;
+  mean = Eigen::Vector3d(double(sums.sum[0]), double(sums.sum[1]), double(sums.sum[2])) / n;
+  const auto& q = sums.square;
   Eigen::Matrix3d square;
   square << double(q[0]), double(q[1]), double(q[2]), double(q[1]), double(q[3]), double(q[4]),
       double(q[2]), double(q[4]), double(q[5]);
   cov = (square / n - mean * mean.transpose()) * (unit * unit);
   mean *= unit;
-  return voxel.count >= config_.plane_min_points;
+  return sums.count >= config_.plane_min_points;
 }
 
 void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
@@ -243,7 +293,7 @@ void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
   const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(0.0);
   const double thick2 = std::pow(config_.plane_thickness_sigmas * range_noise_m_, 2);
   const double wide2 = std::pow(config_.plane_width_sigmas * range_noise_m_, 2);
-  const double normal_error2 = values[0] / (voxel.count * std::max(1e-12, values[1]));
+  const double normal_error2 = values[0] / (voxel.sums.count * std::max(1e-12, values[1]));
   if (values[0] > thick2 || values[1] < wide2 || values[1] < kAspect * values[0] ||
       normal_error2 > config_.plane_normal_error_rad * config_.plane_normal_error_rad) {
     return;

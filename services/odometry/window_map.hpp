@@ -48,29 +48,43 @@ class WindowMap {
   static constexpr int kRootBits = 15;
   static constexpr int kMaxLevels = 5;
   enum class Fit : std::uint8_t { kStale, kPlane, kNone };
-  struct Voxel {
-    std::uint64_t key = 0;
-    std::array<std::int64_t, 3> sum{};
-    std::array<std::int64_t, 6> square{};  // xx xy xz yy yz zz
-    std::int32_t count = 0;
-    Fit fit = Fit::kStale;
-    FittedPlane plane{};
-  };
   using Cell = std::array<std::int32_t, 3>;
   using Grid = std::array<std::int32_t, 3>;  // a point in units
 
-  struct Entry {
-    Grid position;
-    std::array<std::uint32_t, kMaxLevels> voxel;
+  /// Moments of points relative to their voxel's centre, in units.
+  struct Sums {
+    std::array<std::int64_t, 3> sum{};
+    std::array<std::int64_t, 6> square{};  // xx xy xz yy yz zz
+    std::int32_t count = 0;
+
+    void add(std::int64_t x, std::int64_t y, std::int64_t z);
+    void add(const Sums& other, int sign);
+    /// The same points relative to an origin that lies at -offset.
+    Sums shifted(const std::array<std::int64_t, 3>& offset) const;
   };
-  using SweepEntries = std::vector<Entry>;
+  struct Voxel {
+    std::uint64_t key = 0;
+    Sums sums;
+    Fit fit = Fit::kStale;
+    FittedPlane plane{};
+  };
+  /// Successive points of a sweep in one voxel; kept to be subtracted when the sweep leaves.
+  struct Run {
+    std::uint32_t voxel = 0;
+    Sums sums;
+  };
+  struct OpenRun {
+    Cell cell{};
+    Sums sums;
+  };
 
   Grid to_grid(const Eigen::Vector3d& point_odom) const;
   int shift_of(int level) const { return kRootBits - level; }
   Cell cell_of(const Grid& position, int level) const;
   std::uint32_t find_voxel(const Cell& cell, int level) const;
   std::uint32_t make_voxel(const Cell& cell, int level);
-  void change(Voxel& voxel, const Grid& position, int level, int sign);
+  void add_point(const Grid& position, std::vector<Run>& runs);
+  void close_run(int level, std::vector<Run>& runs);
   void remove_oldest();
   void rebuild_table(std::size_t capacity);
   void fit(Voxel& voxel, const Cell& cell, int level);
@@ -86,7 +100,8 @@ class WindowMap {
   std::vector<std::uint32_t> free_;
   std::vector<std::uint32_t> table_;  // open addressing, index + 1; 0 is empty
   std::size_t used_slots_ = 0;
-  std::deque<SweepEntries> sweeps_;
+  std::array<OpenRun, kMaxLevels> open_;
+  std::deque<std::vector<Run>> sweeps_;
 };
 
 }  // namespace zloam::odometry
