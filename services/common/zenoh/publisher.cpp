@@ -33,7 +33,7 @@ Publisher::Publisher(Publisher&&) noexcept = default;
 Publisher& Publisher::operator=(Publisher&&) noexcept = default;
 Publisher::~Publisher() = default;
 
-void Publisher::put(Bytes payload, Bytes attachment) {
+void Publisher::put(const Bytes& payload, const Bytes& attachment) {
   detail::check(
       zloam_publisher_put(impl_->handle.get(), detail::borrow(payload), detail::borrow(attachment)),
       impl_->key);
@@ -71,7 +71,7 @@ Publisher Session::declare_publisher(std::string_view key, const PublisherOption
   return Publisher(std::move(impl));
 }
 
-void Session::put(std::string_view key, Bytes payload, const PublisherOptions& options) {
+void Session::put(std::string_view key, const Bytes& payload, const PublisherOptions& options) {
   const zloam_publisher_options c = to_c(options);
   detail::check(
       zloam_session_put(impl_->handle.get(), detail::slice(key), detail::borrow(payload), &c), key);

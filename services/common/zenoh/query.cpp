@@ -51,13 +51,13 @@ const std::string& Query::key() const { return impl_->key; }
 const std::string& Query::parameters() const { return impl_->parameters; }
 const Bytes& Query::payload() const { return impl_->payload; }
 
-void Query::reply(std::string_view key, Bytes payload, std::string_view encoding) {
+void Query::reply(std::string_view key, const Bytes& payload, std::string_view encoding) {
   detail::check(zloam_query_reply(impl_->handle.get(), detail::slice(key), detail::borrow(payload),
                                   detail::slice(encoding)),
                 key);
 }
 
-void Query::reply_error(Bytes payload) {
+void Query::reply_error(const Bytes& payload) {
   detail::check(zloam_query_reply_error(impl_->handle.get(), detail::borrow(payload)), impl_->key);
 }
 

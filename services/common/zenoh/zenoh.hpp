@@ -11,7 +11,8 @@
 //  - Callbacks run on Zenoh's threads: hand the sample to a queue and return. An exception that
 //  leaves a
 //    callback is caught, counted (callback_exceptions()) and passed to the session's error handler.
-//  - No static objects: main owns the Session, which must outlive nothing: entities keep it open.
+//  - No static objects: main owns the Session. Entities keep it open, so their order does not
+//  matter.
 
 #include <chrono>
 #include <cstdint>
@@ -117,7 +118,7 @@ class Publisher {
   Publisher& operator=(Publisher&&) noexcept;
   ~Publisher();
   /// May block under CongestionControl::kBlock while a reader is slow.
-  void put(Bytes payload, Bytes attachment = {});
+  void put(const Bytes& payload, const Bytes& attachment = {});
   /// Subscribers see a sample of SampleKind::kDelete; a storage forgets the key.
   void delete_resource();
   /// Whether at least one subscriber matches now.
@@ -179,8 +180,8 @@ class Query {
   /// The part of the selector behind '?', e.g. "run=1;sweep=3..5".
   const std::string& parameters() const;
   const Bytes& payload() const;
-  void reply(std::string_view key, Bytes payload, std::string_view encoding = {});
-  void reply_error(Bytes payload);
+  void reply(std::string_view key, const Bytes& payload, std::string_view encoding = {});
+  void reply_error(const Bytes& payload);
 
   struct Impl;
   explicit Query(std::unique_ptr<Impl> impl);
@@ -202,7 +203,8 @@ class Queryable {
   std::unique_ptr<Impl> impl_;
 };
 
-/// One answer to a get: a sample, or the payload of an error reply.
+/// One answer to a get: a sample, or the payload of an error reply ("Timeout" when somebody asked
+/// did not answer in time).
 struct Reply {
   std::optional<Sample> sample;
   Bytes error;
@@ -252,13 +254,13 @@ class Session {
   Queryable declare_queryable(std::string_view key, std::function<void(Query&&)> callback,
                               bool complete = true);
   /// Put without a publisher.
-  void put(std::string_view key, Bytes payload, const PublisherOptions& options = {});
+  void put(std::string_view key, const Bytes& payload, const PublisherOptions& options = {});
   void delete_resource(std::string_view key);
   /// Calls on_reply for each answer and on_done once after the last (or the timeout); returns at
   /// once.
   void get(std::string_view selector, std::function<void(Reply&&)> on_reply,
            std::function<void()> on_done, const GetOptions& options = {});
-  /// Waits for all answers.
+  /// Waits for all answers, so not to be called in a callback.
   std::vector<Reply> get(std::string_view selector, const GetOptions& options = {});
 
   LivelinessToken declare_liveliness_token(std::string_view key);
