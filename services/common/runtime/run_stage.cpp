@@ -136,8 +136,11 @@ int run(const StageSpec& spec, const CommandLine& line) {
     std::printf("%s\n", parameters.describe_json().c_str());
     return kExitOk;
   }
-  parameters.load(line.config, line.settings,
-                  {std::begin(kOwnedSections), std::end(kOwnedSections)});
+  // Others' sections are passed over but for the keys that this stage reads as well; an unknown key
+  // in its own is an error.
+  std::vector<std::string> foreign(std::begin(kOwnedSections), std::end(kOwnedSections));
+  std::erase(foreign, spec.name);
+  parameters.load(line.config, line.settings, foreign);
   if (line.check) {
     std::printf("%s\n", parameters.values_json().c_str());
     return kExitOk;
