@@ -1,0 +1,207 @@
+#include "driver/driver_parameters.hpp"
+
+#include <cctype>
+#include <cmath>
+#include <cstdlib>
+
+namespace zloam::driver {
+namespace {
+
+using runtime::Effect;
+
+std::string rate_error(const std::string& rate) {
+  if (rate == "max" || rate == "realtime") return {};
+  char* end = nullptr;
+  const double factor = std::strtod(rate.c_str(), &end);
+  const bool number = !rate.empty() && *end == '\0' && std::isfinite(factor) && factor > 0.0;
+  return number ? std::string() : "is none of max, realtime, or a factor above 0 such as 0.5";
+}
+
+/// "VLP-16", "vlp16" and "Puck Hi-Res" as the names of the tables have them.
+std::optional<Model> model_by_label(const std::string& label) {
+  std::string plain;
+  for (const char c : label) {
+    if (std::isalnum(static_cast<unsigned char>(c)) != 0) {
+      plain.push_back(static_cast<char>(std::tolower(static_cast<unsigned char>(c))));
+    }
+  }
+  if (plain == "puckhires" || plain == "vlp16hires") return Model::kPuckHiRes;
+  if (plain == "puck" || plain == "pucklite") return Model::kVlp16;
+  return model_by_name(plain);
+}
+
+std::optional<Model> forced_model(ModelChoice choice) {
+  switch (choice) {
+    case ModelChoice::kAuto:
+      return std::nullopt;
+    case ModelChoice::kVlp16:
+      return Model::kVlp16;
+    case ModelChoice::kPuckHiRes:
+      return Model::kPuckHiRes;
+    case ModelChoice::kHdl32e:
+      return Model::kHdl32e;
+    case ModelChoice::kVlp32c:
+      return Model::kVlp32c;
+  }
+  return std::nullopt;
+}
+
+std::optional<ReturnMode> forced_mode(ReturnChoice choice) {
+  switch (choice) {
+    case ReturnChoice::kStrongest:
+      return ReturnMode::kStrongest;
+    case ReturnChoice::kLast:
+      return ReturnMode::kLast;
+    case ReturnChoice::kDual:
+      return ReturnMode::kDual;
+    default:
+      return std::nullopt;
+  }
+}
+
+void choose_clock(const DriverConfig& config, AssemblerConfig& assembler) {
+  const bool no_receive_times = config.source == SourceKind::kBin;
+  switch (config.clock) {
+    case ClockChoice::kUtc:
+      assembler.clock_mode = ClockMode::kUtc;
+      assembler.clock_source =
+          no_receive_times ? ClockSource::kSensorFreeRunning : ClockSource::kSensorGps;
+      return;
+    case ClockChoice::kFree:
+      assembler.clock_mode = ClockMode::kFreeRunning;
+      assembler.clock_source = ClockSource::kSensorFreeRunning;
+      return;
+    default:
+      assembler.clock_mode = no_receive_times ? ClockMode::kFreeRunning : ClockMode::kReceive;
+      assembler.clock_source = config.source == SourceKind::kPcap ? ClockSource::kCapture
+                               : no_receive_times                 ? ClockSource::kSensorFreeRunning
+                                                                  : ClockSource::kHost;
+  }
+}
+
+void bind_source(runtime::Parameters& p, DriverConfig& c) {
+  p.add("driver.source", &c.source,
+        {{"udp", SourceKind::kUdp},
+         {"pcap", SourceKind::kPcap},
+         {"bin", SourceKind::kBin},
+         {"kitti", SourceKind::kKitti},
+         {"scans", SourceKind::kScans},
+         {"zenoh", SourceKind::kZenoh}},
+        "where packets or scans come from", Effect::kNone);
+  p.add("driver.path", &c.path, "file or folder of a source that is no network", Effect::kNone);
+  p.add("driver.rate", &c.rate, "pace of a replay: max, realtime, or a factor", Effect::kNone);
+  p.add("driver.bind_address", &c.udp.bind_address, "own address packets are received on",
+        Effect::kNone);
+  p.add("driver.port", &c.udp.data_port, {0, 65535}, "",
+        "UDP port of data packets; in captures any port counts", Effect::kNone);
+  p.add("driver.position_port", &c.udp.position_port, {0, 65535}, "",
+        "UDP port of position packets", Effect::kNone);
+  p.add("driver.receive_buffer_bytes", &c.udp.receive_buffer_bytes, {65536, 1 << 28}, "bytes",
+        "of the kernel, for bursts", Effect::kNone);
+  p.add("driver.sensor_address", &c.sensor_address,
+        "only packets of this sender; empty: of the first one seen");
+  p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s", "live: so long without a packet is said",
+        Effect::kNone);
+}
+
+void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
+  p.add("driver.model", &c.model,
+        {{"auto", ModelChoice::kAuto},
+         {"VLP-16", ModelChoice::kVlp16},
+         {"Puck Hi-Res", ModelChoice::kPuckHiRes},
+         {"HDL-32E", ModelChoice::kHdl32e},
+         {"VLP-32C", ModelChoice::kVlp32c}},
+        "auto: as the packets say");
+  p.add("driver.returns", &c.returns,
+        {{"auto", ReturnChoice::kAuto},
+         {"strongest", ReturnChoice::kStrongest},
+         {"last", ReturnChoice::kLast},
+         {"dual", ReturnChoice::kDual}},
+        "return mode; auto: as the packets say");
+  p.add("driver.vertical_offsets", &c.vertical_offsets,
+        "the lasers' own heights (up to 17 mm), as the manual has them");
+  p.add("driver.seam_azimuth_deg", &c.seam_azimuth_deg, {0.0, 360.0}, "deg",
+        "where sweeps are cut, clockwise from the front");
+  p.add("driver.guard_s", &c.guard_s, {0.05, 2.0}, "s", "a sweep ends after so long without a cut");
+  p.add("driver.reorder_packets", &c.reorder_packets, {0, 64}, "packets",
+        "held back at a gap for one that was overtaken");
+  p.add("driver.clock", &c.clock,
+        {{"auto", ClockChoice::kAuto},
+         {"receive", ClockChoice::kReceive},
+         {"utc", ClockChoice::kUtc},
+         {"free", ClockChoice::kFree}},
+        "auto: tied to receive or capture times; utc: the sensor has a locked GPS; free: the "
+        "sensor's own");
+  p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
+        "added to stamps; -542.592 for an HDL-32E that stamps its last firing");
+}
+
+void bind_scans(runtime::Parameters& p, DriverConfig& c) {
+  p.add("driver.time_model", &c.scan.model,
+        {{"none", TimeModel::kNone},
+         {"clockwise", TimeModel::kClockwise},
+         {"counter_clockwise", TimeModel::kCounterClockwise},
+         {"deskewed", TimeModel::kDeskewed}},
+        "of scans without point times: which way the sensor turns, or that the points hold for one "
+        "instant");
+  p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 10.0}, "s",
+        "one turn of scans without point times");
+  p.add("driver.scan_seam_deg", &c.scan.seam_deg, {-360.0, 360.0}, "deg",
+        "where such a turn begins, counter-clockwise from the front");
+}
+
+}  // namespace
+
+bool is_live(SourceKind source) {
+  return source == SourceKind::kUdp || source == SourceKind::kZenoh;
+}
+
+std::optional<double> rate_factor(const std::string& rate) {
+  if (rate == "max") return std::nullopt;
+  if (rate == "realtime") return 1.0;
+  return std::strtod(rate.c_str(), nullptr);
+}
+
+void bind(runtime::Parameters& p, DriverConfig& c) {
+  bind_source(p, c);
+  bind_decoding(p, c);
+  bind_scans(p, c);
+  p.check("driver.rate", [&c] { return rate_error(c.rate); });
+  p.check("driver.path", [&c]() -> std::string {
+    return !is_live(c.source) && c.path.empty() ? "is empty, but driver.source is a file or folder"
+                                                : "";
+  });
+  p.check("driver.time_model", [&c]() -> std::string {
+    if (c.source != SourceKind::kKitti || c.scan.model != TimeModel::kNone) return "";
+    return "is none, but such scans have no point times: say clockwise, counter_clockwise or "
+           "deskewed";
+  });
+  p.check("driver.sensor_address", [&c]() -> std::string {
+    try {
+      parse_ipv4(c.sensor_address);
+      return "";
+    } catch (const SourceError& error) {
+      return error.what();
+    }
+  });
+}
+
+PacketStreamConfig packet_stream_config(const DriverConfig& config,
+                                        const std::string& declared_model) {
+  PacketStreamConfig stream;
+  stream.decoder.model = forced_model(config.model);
+  stream.decoder.return_mode = forced_mode(config.returns);
+  stream.decoder.vertical_offsets = config.vertical_offsets;
+  stream.assembler.seam_azimuth_deg = config.seam_azimuth_deg;
+  stream.assembler.guard_ns = std::llround(1e9 * config.guard_s);
+  stream.assembler.reorder_packets = config.reorder_packets;
+  stream.assembler.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
+  choose_clock(config, stream.assembler);
+  stream.declared_model = model_by_label(declared_model);
+  // A socket hears its own port only; in a capture the payload's length decides.
+  stream.port = config.source == SourceKind::kUdp ? config.udp.data_port : 0;
+  stream.sender = parse_ipv4(config.sensor_address);
+  return stream;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,51 @@
+#pragma once
+// Configuration of the driver: section driver of the robot's file.
+
+#include <optional>
+#include <string>
+
+#include "common/runtime/config.hpp"
+#include "common/runtime/parameters.hpp"
+#include "driver/io/packet_source.hpp"
+#include "driver/io/sweep_source.hpp"
+
+namespace zloam::driver {
+
+enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kZenoh };
+enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
+enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c };
+enum class ReturnChoice : std::uint8_t { kAuto, kStrongest, kLast, kDual };
+
+struct DriverConfig {
+  SourceKind source = SourceKind::kUdp;
+  /// file or folder of a finite source
+  std::string path;
+  /// "max": as fast as the chain acknowledges; "realtime"; or a factor, e.g. "0.5"
+  std::string rate = "max";
+  ModelChoice model = ModelChoice::kAuto;
+  ReturnChoice returns = ReturnChoice::kAuto;
+  bool vertical_offsets = true;
+  UdpOptions udp;
+  /// only packets of this sender; empty: of the first one seen
+  std::string sensor_address;
+  double seam_azimuth_deg = 0.0;
+  double guard_s = 0.3;
+  int reorder_packets = 4;
+  ClockChoice clock = ClockChoice::kAuto;
+  double stamp_offset_us = 0.0;
+  ScanTiming scan;
+  /// live: seconds without a packet until it is said
+  double quiet_s = 3.0;
+};
+
+void bind(runtime::Parameters& p, DriverConfig& c);
+
+/// Realtime factor; nothing for "max". The text has passed the check of bind().
+std::optional<double> rate_factor(const std::string& rate);
+
+bool is_live(SourceKind source);
+
+PacketStreamConfig packet_stream_config(const DriverConfig& config,
+                                        const std::string& declared_model);
+
+}  // namespace zloam::driver

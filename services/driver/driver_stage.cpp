@@ -1,0 +1,358 @@
+#include "driver/driver_stage.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <thread>
+
+#include "driver/io/scan_folder.hpp"
+#include "schemas/packets_generated.h"
+#include "schemas/sweep_generated.h"
+
+namespace zloam::driver {
+namespace {
+
+using runtime::Turn;
+
+// One wait on the socket: bounds how late a command is heard.
+constexpr int kSocketWaitMs = 5;
+constexpr std::int64_t kFlushAfterNs = 300'000'000;
+constexpr int kProgressSeconds = 5;
+
+msg::ReturnMode to_message(ReturnMode mode) { return static_cast<msg::ReturnMode>(mode); }
+msg::ClockSource to_message(ClockSource source) { return static_cast<msg::ClockSource>(source); }
+
+Health health_of(const DecodedSweep& sweep) {
+  if (sweep.points.empty()) return Health::kEmpty;
+  return sweep.complete ? Health::kOk : Health::kIncomplete;
+}
+
+SweepFields fields_of(const DecodedSweep& sweep) {
+  SweepFields fields;
+  fields.points = sweep.points;
+  fields.columns = sweep.columns;
+  fields.period_ns = sweep.period_ns;
+  fields.rings = sweep.rings;
+  fields.model = sweep.model;
+  fields.return_mode = to_message(sweep.return_mode);
+  fields.clock_source = to_message(sweep.clock_source);
+  fields.complete = sweep.complete;
+  fields.packets = sweep.packets;
+  fields.packets_lost = sweep.packets_lost;
+  fields.deskewed = sweep.deskewed;
+  fields.health = health_of(sweep);
+  return fields;
+}
+
+std::string counted(const NamedCounts& counts) {
+  std::string text;
+  for (const auto& [name, count] : counts) {
+    if (count == 0) continue;
+    text += (text.empty() ? "" : ", ") + std::string(name) + " " + std::to_string(count);
+  }
+  return text.empty() ? "nothing at all" : text;
+}
+
+std::uint64_t count_of(const NamedCounts& counts, std::string_view name) {
+  for (const auto& [key, count] : counts) {
+    if (key == name) return count;
+  }
+  return 0;
+}
+
+}  // namespace
+
+DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
+    : stage_(stage),
+      config_(config),
+      sweeps_(stage.outlet(Key::kSweep)),
+      packets_(stage.outlet(Key::kPackets)),
+      gnss_(stage.outlet(Key::kGnss)),
+      window_(stage.flow_window(sweeps_)),
+      rate_(rate_factor(config.rate)) {
+  try {
+    if (config_.source == SourceKind::kUdp) {
+      open_udp_source();
+    } else if (config_.source == SourceKind::kZenoh) {
+      open_zenoh();
+    } else {
+      open_finite();
+    }
+  } catch (const SourceError& error) {
+    throw runtime::IoError(error.what());
+  }
+  last_datagram_ns_ = stage_.now_ns();
+  stage_.every(std::chrono::seconds(1), [this] { every_second(); });
+  stage_.on_turn([this] { return window_.replay() ? turn_replay() : turn_live(); });
+  stage_.ready(true, "");
+}
+
+void DriverStage::open_udp_source() {
+  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared().sensor.model);
+  source_ = sweeps_of_packets(open_udp(config_.udp), stream, kSocketWaitMs);
+  window_.start_live();
+}
+
+void DriverStage::open_zenoh() {
+  stream_ =
+      std::make_unique<PacketStream>(packet_stream_config(config_, stage_.shared().sensor.model));
+  runtime::InletOptions options;
+  options.ends_run = false;
+  stage_.inlet<msg::Packets>(
+      Key::kPackets, options,
+      [this](const runtime::Received<msg::Packets>& packets) { on_packets(packets); });
+  window_.start_live();
+}
+
+void DriverStage::open_finite() {
+  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared().sensor.model);
+  std::vector<std::string> files = {config_.path};
+  switch (config_.source) {
+    case SourceKind::kPcap:
+      source_ = sweeps_of_packets(open_pcap(config_.path), stream, 0);
+      break;
+    case SourceKind::kBin:
+      source_ = sweeps_of_packets(open_payload_file(config_.path), stream, 0);
+      break;
+    default: {
+      auto scans = config_.source == SourceKind::kKitti ? open_kitti(config_.path, config_.scan)
+                                                        : open_synth(config_.path);
+      files = scans->files();
+      source_ = sweeps_of_scans(std::move(scans));
+    }
+  }
+  if (!fetch()) {
+    throw SourceError(config_.path + ": gives no sweep; seen: " + counted(counts()));
+  }
+  first_stamp_ns_ = current_->sweep.stamp_ns;
+  window_.start_replay(hash_of_files(files));
+}
+
+/// Moves on to the next sweep; false at the end.
+bool DriverStage::fetch() {
+  const auto pull = [this](std::optional<Outgoing>& into) {
+    source_->record(packets_.matching());
+    Outgoing outgoing;
+    if (source_->pull(outgoing.sweep) != Pull::kSweep) {
+      source_ended_ = true;
+      return;
+    }
+    outgoing.packets = source_->take_packets();
+    into = std::move(outgoing);
+  };
+  if (!current_ && !next_ && !source_ended_) pull(next_);
+  current_ = std::move(next_);
+  next_.reset();
+  if (!source_ended_) pull(next_);
+  return current_.has_value();
+}
+
+Turn DriverStage::turn_replay() {
+  if (last_published_) return finish_replay();
+  if (!window_.begun()) return Turn::kWait;
+  if (pace_start_ns_ == 0) pace_start_ns_ = stage_.now_ns();
+  if (number_ >= window_.resume_at()) {
+    if (!window_.may_send(number_)) return Turn::kWait;
+    if (!due()) return Turn::kAgain;
+    publish(*current_, !next_);
+  }
+  publish_positions();
+  ++number_;
+  try {
+    if (!fetch()) last_published_ = true;
+  } catch (const SourceError& error) {
+    stage_.fail(error.what());
+    return Turn::kWait;
+  }
+  return Turn::kAgain;
+}
+
+Turn DriverStage::finish_replay() {
+  if (!window_.finished()) return Turn::kWait;
+  runtime::log_info("the replay is finished", {{"sweeps", number_}});
+  stage_.stop();
+  return Turn::kWait;
+}
+
+/// Whether the sweep's end has come in a paced replay. Waits a little when it has not.
+bool DriverStage::due() {
+  if (!rate_) return true;
+  const DecodedSweep& sweep = current_->sweep;
+  const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
+  const auto due_ns = pace_start_ns_ + static_cast<std::int64_t>(
+                                           static_cast<double>(end_ns - first_stamp_ns_) / *rate_);
+  const std::int64_t left_ns = due_ns - stage_.now_ns();
+  if (left_ns <= 0) return true;
+  std::this_thread::sleep_for(
+      std::chrono::nanoseconds(std::min<std::int64_t>(left_ns, kSocketWaitMs * 1'000'000)));
+  return false;
+}
+
+Turn DriverStage::turn_live() {
+  const bool recording = packets_.matching();
+  Outgoing outgoing;
+  bool came = false;
+  try {
+    if (source_) {
+      source_->record(recording);
+      came = source_->pull(outgoing.sweep) == Pull::kSweep;
+    } else {
+      stream_->record(recording);
+      came = stream_->take(outgoing.sweep);
+    }
+  } catch (const SourceError& error) {
+    stage_.fail(error.what());
+    return Turn::kWait;
+  }
+  if (came) {
+    if (source_) outgoing.packets = source_->take_packets();
+    publish(outgoing, false);
+    ++number_;
+  }
+  publish_positions();
+  watch_quiet(came);
+  return came || source_ ? Turn::kAgain : Turn::kWait;
+}
+
+void DriverStage::on_packets(const runtime::Received<msg::Packets>& packets) {
+  if (packets->entries() == nullptr || packets->data() == nullptr) return;
+  const std::span<const std::uint8_t> data(packets->data()->data(), packets->data()->size());
+  for (const msg::PacketEntry* entry : *packets->entries()) {
+    if (entry->offset() > data.size() || entry->length() > data.size() - entry->offset()) continue;
+    stream_->add(
+        {data.subspan(entry->offset(), entry->length()), entry->received_ns(), entry->port(), 0});
+  }
+  if (packets.end_of_run()) stream_->flush();
+}
+
+void DriverStage::publish(const Outgoing& outgoing, bool last) {
+  const DecodedSweep& sweep = outgoing.sweep;
+  const std::int64_t now_ns = stage_.now_ns();
+  HeaderFields header = sweeps_.header(now_ns, now_ns);
+  header.run = window_.run();
+  header.sweep = number_;
+  header.stamp_ns = sweep.stamp_ns;
+  header.frame = "lidar";
+  header.end_of_run = last;
+  header.replay = window_.replay();
+  // In a paced replay the sweep "arrives" now.
+  header.last_packet_ns = !window_.replay() ? sweep.last_packet_ns : rate_ ? now_ns : 0;
+  if (!window_.replay() && sweep.last_packet_ns != 0) {
+    stage_.latency("last_packet_to_publish",
+                   1e-6 * static_cast<double>(now_ns - sweep.last_packet_ns));
+  }
+  sweeps_.publish(header, build(header, fields_of(sweep)));
+  if (!outgoing.packets.empty()) publish_packets(outgoing);
+}
+
+void DriverStage::publish_packets(const Outgoing& outgoing) {
+  std::vector<msg::PacketEntry> entries;
+  std::vector<std::uint8_t> data;
+  for (const RawPacket& packet : outgoing.packets) {
+    entries.emplace_back(packet.received_ns, static_cast<std::uint32_t>(data.size()),
+                         static_cast<std::uint16_t>(packet.payload.size()), packet.port);
+    data.insert(data.end(), packet.payload.begin(), packet.payload.end());
+  }
+  const std::int64_t now_ns = stage_.now_ns();
+  HeaderFields header = packets_.header(now_ns, now_ns);
+  header.run = window_.run();
+  header.sweep = number_;
+  header.stamp_ns = outgoing.sweep.stamp_ns;
+  header.replay = window_.replay();
+  packets_.publish(header, build(header, PacketsFields{entries, data, outgoing.sweep.model}));
+}
+
+void DriverStage::publish_positions() {
+  std::vector<GnssFixFields> fixes;
+  for (const ReceivedPosition& position :
+       source_ ? source_->take_positions() : stream_->take_positions()) {
+    watch_clock(position.packet);
+    if (position.packet.nmea.empty() || position.packet.nmea == last_sentence_) continue;
+    last_sentence_ = position.packet.nmea;
+    GnssFixFields fix;
+    fix.received_ns = position.received_ns;
+    fix.pps = static_cast<msg::PpsStatus>(position.packet.pps);
+    fix.sentence = position.packet.nmea;
+    if (const auto rmc = parse_rmc(fix.sentence)) {
+      fix.utc_ns = rmc->utc_ns;
+      fix.latitude_deg = rmc->latitude_deg;
+      fix.longitude_deg = rmc->longitude_deg;
+      fix.valid = rmc->valid;
+    }
+    fixes.push_back(fix);
+  }
+  if (fixes.empty()) return;
+  const std::int64_t now_ns = stage_.now_ns();
+  HeaderFields header = gnss_.header(now_ns, now_ns);
+  header.run = window_.run();
+  header.sweep = number_;
+  header.stamp_ns = fixes.front().received_ns;
+  header.replay = window_.replay();
+  gnss_.publish(header, build_gnss(header, fixes));
+}
+
+void DriverStage::watch_clock(const PositionPacket& packet) {
+  if (config_.clock != ClockChoice::kUtc) return;
+  stage_.degraded("clock", packet.pps == Pps::kLocked
+                               ? ""
+                               : "driver.clock is utc, but the sensor's pulse per second is not "
+                                 "locked: its hour is not UTC's");
+}
+
+void DriverStage::watch_quiet(bool sweep_came) {
+  const std::int64_t now_ns = stage_.now_ns();
+  const std::uint64_t datagrams =
+      source_ ? count_of(source_->counts(), "packets_received") : stream_->data_packets();
+  if (sweep_came || datagrams != seen_datagrams_) {
+    seen_datagrams_ = datagrams;
+    last_datagram_ns_ = now_ns;
+    flushed_ = false;
+    if (quiet_) {
+      runtime::log_info("packets come again");
+      stage_.degraded("packets", "");
+    }
+    quiet_ = false;
+    return;
+  }
+  const std::int64_t silent_ns = now_ns - last_datagram_ns_;
+  if (!flushed_ && silent_ns > kFlushAfterNs) {
+    source_ ? source_->flush() : stream_->flush();
+    flushed_ = true;
+  }
+  if (quiet_ || static_cast<double>(silent_ns) < 1e9 * config_.quiet_s) return;
+  quiet_ = true;
+  std::string text = "no packets on " +
+                     (source_ ? "UDP " + std::to_string(config_.udp.data_port) : packets_.key()) +
+                     " for " + std::to_string(static_cast<int>(config_.quiet_s)) + " s";
+  if (source_) {
+    text +=
+        ": is the sensor on and connected; does it send to this host or broadcast (its web page "
+        "tells); is the port right (driver.port) and the sender (driver.sensor_address); does a "
+        "firewall drop them; is it a model with 1206-byte packets? Seen so far: " +
+        counted(counts());
+  }
+  runtime::log_warning(text);
+  stage_.degraded("packets", text);
+}
+
+NamedCounts DriverStage::counts() const { return source_ ? source_->counts() : stream_->counts(); }
+
+void DriverStage::say_remarks() {
+  const std::vector<std::string> remarks = source_ ? source_->remarks() : stream_->remarks();
+  for (; remarks_said_ < remarks.size(); ++remarks_said_) {
+    runtime::log_warning(remarks[remarks_said_]);
+    stage_.degraded("source " + std::to_string(remarks_said_), remarks[remarks_said_]);
+  }
+}
+
+void DriverStage::every_second() {
+  for (const auto& [name, count] : counts()) {
+    stage_.figure(std::string(name), static_cast<double>(count));
+  }
+  say_remarks();
+  if (++seconds_ % kProgressSeconds == 0 && number_ > 0 && !last_published_) {
+    runtime::log_info("progress", {{"sweeps", number_}});
+  }
+}
+
+}  // namespace zloam::driver

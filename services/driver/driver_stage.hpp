@@ -1,0 +1,77 @@
+#pragma once
+// The driver on the runtime: sweeps, raw packets and GNSS sentences out, paced or live.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/runtime/stage.hpp"
+#include "driver/driver_parameters.hpp"
+#include "driver/io/sweep_source.hpp"
+
+namespace zloam::driver {
+
+class DriverStage {
+ public:
+  /// Opens the source; throws ConfigError or IoError.
+  DriverStage(runtime::Stage& stage, const DriverConfig& config);
+
+ private:
+  struct Outgoing {
+    DecodedSweep sweep;
+    std::vector<RawPacket> packets;
+    std::int64_t received_ns = 0;
+  };
+
+  void open_finite();
+  void open_udp_source();
+  void open_zenoh();
+
+  runtime::Turn turn_live();
+  runtime::Turn turn_replay();
+  runtime::Turn finish_replay();
+  /// One sweep ahead, so that the last is known when it is published.
+  bool fetch();
+  bool due();
+  void on_packets(const runtime::Received<msg::Packets>& packets);
+
+  void publish(const Outgoing& outgoing, bool last);
+  void publish_packets(const Outgoing& outgoing);
+  void publish_positions();
+  void watch_clock(const PositionPacket& packet);
+  void watch_quiet(bool sweep_came);
+  void every_second();
+  void say_remarks();
+  NamedCounts counts() const;
+
+  runtime::Stage& stage_;
+  DriverConfig config_;
+  runtime::Outlet& sweeps_;
+  runtime::Outlet& packets_;
+  runtime::Outlet& gnss_;
+  runtime::FlowWindow& window_;
+
+  std::unique_ptr<SweepSource> source_;
+  /// source zenoh: packets come by the inlet instead
+  std::unique_ptr<PacketStream> stream_;
+  std::optional<Outgoing> current_;
+  std::optional<Outgoing> next_;
+  bool source_ended_ = false;
+  bool last_published_ = false;
+  std::uint64_t number_ = 0;
+  std::optional<double> rate_;
+  std::int64_t first_stamp_ns_ = 0;
+  std::int64_t pace_start_ns_ = 0;
+
+  std::string last_sentence_;
+  std::uint64_t seen_datagrams_ = 0;
+  std::int64_t last_datagram_ns_ = 0;
+  bool quiet_ = false;
+  bool flushed_ = true;
+  std::size_t remarks_said_ = 0;
+  int seconds_ = 0;
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,163 @@
+#include "driver/io/sweep_source.hpp"
+
+#include "driver/velodyne/model_check.hpp"
+
+namespace zloam::driver {
+namespace {
+
+// A call for the next sweep of a live source comes back after this many packets at most.
+constexpr int kPacketsPerPull = 256;
+
+class PacketSweeps : public SweepSource {
+ public:
+  PacketSweeps(std::unique_ptr<PacketSource> packets, const PacketStreamConfig& config,
+               int timeout_ms)
+      : packets_(std::move(packets)), stream_(config), timeout_ms_(timeout_ms) {}
+
+  Pull pull(DecodedSweep& sweep) override {
+    Datagram datagram;
+    for (int i = 0; timeout_ms_ == 0 || i < kPacketsPerPull; ++i) {
+      if (stream_.take(sweep)) return Pull::kSweep;
+      if (ended_) return Pull::kEnd;
+      switch (packets_->next(datagram, timeout_ms_)) {
+        case Read::kDatagram:
+          stream_.add(datagram);
+          break;
+        case Read::kTimeout:
+          return Pull::kNothing;
+        case Read::kEnd:
+          stream_.flush();
+          ended_ = true;
+          break;
+      }
+    }
+    return Pull::kNothing;
+  }
+
+  void flush() override { stream_.flush(); }
+  void record(bool on) override { stream_.record(on); }
+  std::vector<RawPacket> take_packets() override { return stream_.take_packets(); }
+  std::vector<ReceivedPosition> take_positions() override { return stream_.take_positions(); }
+
+  NamedCounts counts() const override {
+    NamedCounts all = packets_->counts();
+    const NamedCounts stream = stream_.counts();
+    all.insert(all.end(), stream.begin(), stream.end());
+    return all;
+  }
+
+  std::vector<std::string> remarks() const override {
+    std::vector<std::string> all = stream_.remarks();
+    if (const std::string text = packets_->complaint(); !text.empty()) all.push_back(text);
+    return all;
+  }
+
+ private:
+  std::unique_ptr<PacketSource> packets_;
+  PacketStream stream_;
+  int timeout_ms_;
+  bool ended_ = false;
+};
+
+class ScanSweeps : public SweepSource {
+ public:
+  explicit ScanSweeps(std::unique_ptr<ScanFolder> scans) : scans_(std::move(scans)) {}
+  Pull pull(DecodedSweep& sweep) override {
+    return scans_->next(sweep) ? Pull::kSweep : Pull::kEnd;
+  }
+  NamedCounts counts() const override { return scans_->counts(); }
+
+ private:
+  std::unique_ptr<ScanFolder> scans_;
+};
+
+}  // namespace
+
+PacketStream::PacketStream(const PacketStreamConfig& config)
+    : config_(config), filter_(config.port, config.sender) {}
+
+void PacketStream::add(const Datagram& datagram) {
+  const DatagramKind kind = filter_.classify(datagram);
+  if (kind == DatagramKind::kForeign) return;
+  if (recording_) {
+    packets_.push_back(
+        {{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns, datagram.port});
+  }
+  if (kind == DatagramKind::kPosition) {
+    keep_position(datagram);
+    return;
+  }
+  data_packets_ += kind == DatagramKind::kData;
+  if (assembler_) {
+    assembler_->add(datagram.payload, datagram.received_ns);
+    return;
+  }
+  first_.emplace_back(datagram.payload.begin(), datagram.payload.end());
+  first_received_ns_.push_back(datagram.received_ns);
+  if (first_.size() == kTimingPackets) begin();
+}
+
+/// Enough packets are there to know the model by their timing, too.
+void PacketStream::begin() {
+  DecoderConfig decoder = config_.decoder;
+  if (!decoder.model) {
+    decoder.model = model_by_timing(first_, config_.declared_model);
+    if (decoder.model) {
+      remarks_.push_back("the packets come at the rate of a " +
+                         std::string(model_table(*decoder.model).label) +
+                         ", as sensor.model says, but their product byte says " +
+                         std::string(product_label(first_.front().back())) +
+                         ": decoded as sensor.model (set driver.model to decide otherwise)");
+    }
+  }
+  assembler_ = std::make_unique<SweepAssembler>(decoder, config_.assembler);
+  for (std::size_t i = 0; i < first_.size(); ++i) {
+    assembler_->add(first_[i], first_received_ns_[i]);
+  }
+  first_.clear();
+  first_received_ns_.clear();
+}
+
+void PacketStream::keep_position(const Datagram& datagram) {
+  if (auto packet = parse_position(datagram.payload)) {
+    positions_.push_back({std::move(*packet), datagram.received_ns});
+  } else {
+    ++bad_positions_;
+  }
+}
+
+void PacketStream::flush() {
+  if (!assembler_ && first_.empty()) return;
+  if (!assembler_) begin();
+  assembler_->flush();
+}
+
+NamedCounts PacketStream::counts() const {
+  NamedCounts all = {{"datagrams_foreign", filter_.foreign()},
+                     {"position_packets_bad", bad_positions_}};
+  if (assembler_) {
+    const NamedCounts packets = assembler_->counts().named();
+    all.insert(all.end(), packets.begin(), packets.end());
+  }
+  return all;
+}
+
+std::vector<std::string> PacketStream::remarks() const {
+  std::vector<std::string> all = remarks_;
+  if (assembler_ && remarks_.empty()) {
+    const auto& more = assembler_->decoder().contradictions();
+    all.insert(all.end(), more.begin(), more.end());
+  }
+  return all;
+}
+
+std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> packets,
+                                               const PacketStreamConfig& config, int timeout_ms) {
+  return std::make_unique<PacketSweeps>(std::move(packets), config, timeout_ms);
+}
+
+std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans) {
+  return std::make_unique<ScanSweeps>(std::move(scans));
+}
+
+}  // namespace zloam::driver

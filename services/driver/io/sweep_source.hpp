@@ -1,0 +1,100 @@
+#pragma once
+// Sweeps from any source, with what else came along.
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "driver/io/packet_source.hpp"
+#include "driver/io/scan_folder.hpp"
+#include "driver/io/stream_filter.hpp"
+#include "driver/sweep/assembler.hpp"
+#include "driver/velodyne/position.hpp"
+
+namespace zloam::driver {
+
+struct RawPacket {
+  std::vector<std::uint8_t> payload;
+  std::int64_t received_ns = 0;
+  std::uint16_t port = 0;
+};
+
+struct ReceivedPosition {
+  PositionPacket packet;
+  std::int64_t received_ns = 0;
+};
+
+enum class Pull : std::uint8_t { kSweep, kNothing, kEnd };
+
+class SweepSource {
+ public:
+  virtual ~SweepSource() = default;
+  /// kNothing: a live source has none yet. Throws SourceError.
+  virtual Pull pull(DecodedSweep& sweep) = 0;
+  /// Ends the open sweep of a live source that has gone quiet.
+  virtual void flush() {}
+  virtual NamedCounts counts() const = 0;
+  /// Sentences about what is not as it should be; grows.
+  virtual std::vector<std::string> remarks() const { return {}; }
+
+  /// Packets that came since the last sweep, while recording.
+  virtual void record(bool /*on*/) {}
+  virtual std::vector<RawPacket> take_packets() { return {}; }
+  /// Position packets since the last call.
+  virtual std::vector<ReceivedPosition> take_positions() { return {}; }
+};
+
+struct PacketStreamConfig {
+  DecoderConfig decoder;
+  AssemblerConfig assembler;
+  /// the model on the sensor's label: tells when the product byte must be wrong
+  std::optional<Model> declared_model;
+  std::uint16_t port = 0;
+  std::uint32_t sender = 0;
+};
+
+/// Datagrams to sweeps, wherever they come from.
+class PacketStream {
+ public:
+  explicit PacketStream(const PacketStreamConfig& config);
+
+  void add(const Datagram& datagram);
+  void flush();
+  bool take(DecodedSweep& sweep) { return assembler_ && assembler_->take(sweep); }
+
+  void record(bool on) { recording_ = on; }
+  std::vector<RawPacket> take_packets() { return std::exchange(packets_, {}); }
+  std::vector<ReceivedPosition> take_positions() { return std::exchange(positions_, {}); }
+  NamedCounts counts() const;
+  std::vector<std::string> remarks() const;
+  std::uint64_t data_packets() const { return data_packets_; }
+
+ private:
+  void begin();
+  void keep_position(const Datagram& datagram);
+
+  PacketStreamConfig config_;
+  StreamFilter filter_;
+  /// the first packets, until their timing is known
+  std::vector<std::vector<std::uint8_t>> first_;
+  std::vector<std::int64_t> first_received_ns_;
+  std::unique_ptr<SweepAssembler> assembler_;
+  std::vector<std::string> remarks_;
+  bool recording_ = false;
+  std::vector<RawPacket> packets_;
+  std::vector<ReceivedPosition> positions_;
+  std::uint64_t data_packets_ = 0;
+  std::uint64_t bad_positions_ = 0;
+};
+
+/// timeout_ms: how long a live source may wait for a packet in one call.
+std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> packets,
+                                               const PacketStreamConfig& config, int timeout_ms);
+std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans);
+
+/// SHA-256 in hexadecimal over the files' bytes, one after the other.
+std::string hash_of_files(const std::vector<std::string>& paths);
+
+}  // namespace zloam::driver

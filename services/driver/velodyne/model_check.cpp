@@ -1,0 +1,48 @@
+#include "driver/velodyne/model_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "driver/sweep/clock.hpp"
+
+namespace zloam::driver {
+namespace {
+
+/// Middle of the times between neighbours, so that a lost packet does not matter.
+double median_period_us(std::vector<std::uint32_t> stamps_us) {
+  std::vector<std::int64_t> periods_us;
+  for (std::size_t i = 1; i < stamps_us.size(); ++i) {
+    periods_us.push_back(std::abs(toh_difference_us(stamps_us[i], stamps_us[i - 1])));
+  }
+  std::sort(periods_us.begin(), periods_us.end());
+  return static_cast<double>(periods_us[periods_us.size() / 2]);
+}
+
+bool fits(Model model, ReturnMode mode, double period_us) {
+  const Decoder decoder({.model = model});
+  const double expected_us = 1e-3 * static_cast<double>(decoder.packet_period_ns(mode));
+  return std::abs(period_us - expected_us) < 0.02 * expected_us;
+}
+
+}  // namespace
+
+std::optional<Model> model_by_timing(const std::vector<std::vector<std::uint8_t>>& payloads,
+                                     std::optional<Model> declared) {
+  if (!declared || payloads.size() < kTimingPackets) return std::nullopt;
+  const auto claimed = model_by_product_id(payloads.front().back());
+  if (!claimed || *claimed == *declared) return std::nullopt;
+  Decoder decoder({});
+  std::vector<std::uint32_t> stamps_us;
+  ReturnMode mode = ReturnMode::kUnknown;
+  for (const auto& payload : payloads) {
+    const PacketTail tail = decoder.tail(payload);
+    if (tail.reject != Reject::kNone) return std::nullopt;
+    stamps_us.push_back(tail.toh_us);
+    mode = tail.mode;
+  }
+  const double period_us = median_period_us(stamps_us);
+  const bool mislabelled = !fits(*claimed, mode, period_us) && fits(*declared, mode, period_us);
+  return mislabelled ? declared : std::nullopt;
+}
+
+}  // namespace zloam::driver
