@@ -78,7 +78,9 @@ std::vector<Datagram> datagrams(const Sensor& sensor, std::int64_t first,
     out.push_back({sent_ns, vlp16::kDataPort, index, {data.begin(), data.end()}});
     if ((index + 1) % vlp16::kDataPerPosition == 0) {
       const vlp16::PositionBytes position = sensor.position_packet(index);
-      out.push_back({sent_ns + kSendDelayNs, vlp16::kPositionPort, index,
+      out.push_back({sent_ns + kSendDelayNs,
+                     vlp16::kPositionPort,
+                     index,
                      {position.begin(), position.end()}});
     }
   }
@@ -90,9 +92,9 @@ std::vector<std::uint8_t> pcap_header(bool nanoseconds) {
   little(out, nanoseconds ? 0xA1B23C4D : 0xA1B2C3D4, 4);
   little(out, 2, 2);  // version 2.4
   little(out, 4, 2);
-  little(out, 0, 8);       // time zone, accuracy
+  little(out, 0, 8);        // time zone, accuracy
   little(out, 0x40000, 4);  // longest record
-  little(out, 1, 4);       // Ethernet
+  little(out, 1, 4);        // Ethernet
   return out;
 }
 
@@ -113,11 +115,11 @@ std::string tum_line(std::int64_t unix_ns, const Pose& pose) {
   const Eigen::Vector3d p = pose.translation();
   std::array<char, 256> text;
   // The time is printed from integers: a double holds today's seconds only to 240 ns.
-  const int length = std::snprintf(
-      text.data(), text.size(), "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-      static_cast<long long>(unix_ns / 1'000'000'000),
-      static_cast<long long>(unix_ns % 1'000'000'000), p.x(), p.y(), p.z(), q.x(), q.y(), q.z(),
-      q.w());
+  const int length = std::snprintf(text.data(), text.size(),
+                                   "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+                                   static_cast<long long>(unix_ns / 1'000'000'000),
+                                   static_cast<long long>(unix_ns % 1'000'000'000), p.x(), p.y(),
+                                   p.z(), q.x(), q.y(), q.z(), q.w());
   return {text.data(), static_cast<std::size_t>(length)};
 }
 
@@ -138,8 +140,8 @@ std::int64_t parse_utc(const std::string& text) {
       minute > 59 || !(second >= 0.0 && second < 60.0)) {
     throw std::invalid_argument("'" + text + "' is not a time like 2024-01-01T00:00:10");
   }
-  const auto whole = std::chrono::sys_days(date) + std::chrono::hours(hour) +
-                     std::chrono::minutes(minute);
+  const auto whole =
+      std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute);
   return std::chrono::nanoseconds(whole.time_since_epoch()).count() +
          static_cast<std::int64_t>(second * 1e6 + 0.5) * 1000;
 }

@@ -16,14 +16,15 @@ namespace zloam::simulator {
 struct Datagram {
   std::int64_t sent_ns = 0;  ///< Unix time at which it is on the wire
   std::uint16_t port = vlp16::kDataPort;
-  std::int64_t index = -1;  ///< number of the data packet; of the preceding one for position packets
+  std::int64_t index =
+      -1;  ///< number of the data packet; of the preceding one for position packets
   std::vector<std::uint8_t> payload;
 
   bool is_data() const { return port == vlp16::kDataPort; }
 };
 
-/// Data packets [first, first + packets.size()) and the position packets among them. A packet is sent
-/// kSendDelayNs after its last firing.
+/// Data packets [first, first + packets.size()) and the position packets among them. A packet is
+/// sent kSendDelayNs after its last firing.
 inline constexpr std::int64_t kSendDelayNs = 60'000;
 std::vector<Datagram> datagrams(const Sensor& sensor, std::int64_t first,
                                 std::span<const DataPacket> packets);

@@ -28,8 +28,8 @@ void shift_stamp(Datagram& datagram, double step_s) {
 
 FaultInjector::FaultInjector(const FaultConfig& config, std::int64_t start_ns)
     : config_(config), start_ns_(start_ns) {
-  for (const double part : {config.loss, config.duplication, config.delay, config.corruption,
-                            config.wrong_length}) {
+  for (const double part :
+       {config.loss, config.duplication, config.delay, config.corruption, config.wrong_length}) {
     if (!(part >= 0.0 && part <= 1.0)) {
       throw std::invalid_argument("parts of packets must be from 0 to 1");
     }

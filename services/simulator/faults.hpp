@@ -10,13 +10,13 @@
 namespace zloam::simulator {
 
 struct FaultConfig {
-  double loss = 0.0;           ///< part of the data packets that never arrive
-  double duplication = 0.0;    ///< part that arrives twice
-  double delay = 0.0;          ///< part that arrives after delay_packets later ones
+  double loss = 0.0;         ///< part of the data packets that never arrive
+  double duplication = 0.0;  ///< part that arrives twice
+  double delay = 0.0;        ///< part that arrives after delay_packets later ones
   int delay_packets = 3;
-  double corruption = 0.0;     ///< part with eight bytes of noise somewhere
-  double wrong_length = 0.0;   ///< part that is cut short
-  double gap_start_s = 0.0;    ///< nothing at all arrives for gap_s from here
+  double corruption = 0.0;    ///< part with eight bytes of noise somewhere
+  double wrong_length = 0.0;  ///< part that is cut short
+  double gap_start_s = 0.0;   ///< nothing at all arrives for gap_s from here
   double gap_s = 0.0;
   double clock_step_at_s = 0.0;  ///< from here the sensor's stamps are off by clock_step_s
   double clock_step_s = 0.0;

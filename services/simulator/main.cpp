@@ -1,6 +1,9 @@
 // Writes the packets of a virtual VLP-16 to files or the network, and the truth beside them.
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <future>
@@ -37,8 +40,8 @@ std::vector<std::unique_ptr<Sink>> make_sinks(const Options& options) {
     sinks.push_back(payload_sink(options.payloads));
   }
   if (!options.udp_address.empty()) {
-    sinks.push_back(udp_sink(options.udp_address, options.udp_port, options.udp_position_port,
-                             options.rate));
+    sinks.push_back(
+        udp_sink(options.udp_address, options.udp_port, options.udp_position_port, options.rate));
   }
   return sinks;
 }
@@ -83,9 +86,8 @@ void write_imu(const std::string& path, const Sensor& sensor, double duration_s)
   for (std::int64_t i = 0; i <= count; ++i) {
     const double t = static_cast<double>(i) / kTruthHz;
     const MotionState state = sensor.scene().trajectory.at(t);
-    const Eigen::Vector3d force =
-        state.T_world_body.linear().transpose() *
-        (state.acceleration_world + Eigen::Vector3d(0.0, 0.0, kGravity));
+    const Eigen::Vector3d force = state.T_world_body.linear().transpose() *
+                                  (state.acceleration_world + Eigen::Vector3d(0.0, 0.0, kGravity));
     char line[256];
     std::snprintf(line, sizeof line, "%lld,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n",
                   static_cast<long long>(sensor.config().epoch_ns + nanoseconds(t)),
@@ -148,11 +150,30 @@ struct Chunk {
   std::vector<std::vector<Return>> returns;
 };
 
-void show_progress(const Options& options, double done_s, double whole_s) {
-  if (!options.quiet) {
-    std::fprintf(stderr, "\rsimulated %.1f of %.1f s", done_s, whole_s);
+// One line that is rewritten, for people; nothing in between where the output is not a terminal.
+class Progress {
+ public:
+  Progress(const Options& options, double whole_s)
+      : whole_s_(whole_s),
+        live_(!options.quiet && isatty(STDERR_FILENO) != 0),
+        quiet_(options.quiet) {}
+  void show(double done_s) const {
+    if (live_) {
+      std::fprintf(stderr, "\rsimulated %.1f of %.1f s", done_s, whole_s_);
+    }
   }
-}
+  void finish(std::int64_t packets) const {
+    if (!quiet_) {
+      std::fprintf(stderr, "%ssimulated %.1f s, %lld data packets\n", live_ ? "\r" : "", whole_s_,
+                   static_cast<long long>(packets));
+    }
+  }
+
+ private:
+  double whole_s_;
+  bool live_;
+  bool quiet_;
+};
 
 void run(const Options& options) {
   const Sensor sensor(make_scene(options.world, options.scene), options.simulation);
@@ -170,6 +191,7 @@ void run(const Options& options) {
   }
   FaultInjector faults(options.faults, options.simulation.epoch_ns);
   const std::int64_t count = sensor.packet_count(duration_s);
+  const Progress progress(options, duration_s);
   const auto simulate = [&](std::int64_t first) {
     Chunk chunk{first, {}, {}};
     const std::int64_t size = std::min(kChunkPackets, count - first);
@@ -190,8 +212,7 @@ void run(const Options& options) {
     if (returns.wanted()) {
       returns.write(first, chunk.returns, options.simulation.epoch_ns);
     }
-    show_progress(options, static_cast<double>(first) * 1e-9 *
-                               static_cast<double>(sensor.packet_period_ns()), duration_s);
+    progress.show(static_cast<double>(first * sensor.packet_period_ns()) * 1e-9);
   }
   const std::vector<Datagram> rest = faults.flush();
   for (const auto& sink : sinks) {
@@ -200,10 +221,7 @@ void run(const Options& options) {
   }
   returns.close();
   write_faults(options.fault_log, faults.log());
-  show_progress(options, duration_s, duration_s);
-  if (!options.quiet) {
-    std::fprintf(stderr, ", %lld packets\n", static_cast<long long>(count));
-  }
+  progress.finish(count);
 }
 
 }  // namespace

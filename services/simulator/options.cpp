@@ -62,7 +62,8 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--detection", s.detection_reflectivity,
                  "Reflectivity in percent just seen at the greatest range; 0: all is seen")
       ->capture_default_str();
-  app.add_option("--laser-bias", s.range_bias_sigma_m, "Constant range error of each laser, 1 sigma")
+  app.add_option("--laser-bias", s.range_bias_sigma_m,
+                 "Constant range error of each laser, 1 sigma")
       ->capture_default_str();
   app.add_option("--divergence-mrad", s.divergence_mrad,
                  "Full beam angle; above 0: mixed pixels, and second returns in mode dual")

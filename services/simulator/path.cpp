@@ -249,8 +249,8 @@ Trajectory drive(const Path& path, const Drive& options, std::uint64_t seed) {
     const double t = kKnotStepS * static_cast<double>(i);
     const double gain = engaged(t, options.still_s, end_s);
     const auto wave = [&](double ratio, double start) {
-      return gain * (0.75 * std::sin(2.0 * pi * options.sway_hz * ratio * t + start) +
-                     0.25 * std::sin(2.0 * pi * options.sway_hz * 2.3 * ratio * t + 2.0 * start));
+      return gain * (0.8 * std::sin(2.0 * pi * options.sway_hz * ratio * t + start) +
+                     0.2 * std::sin(2.0 * pi * options.sway_hz * 1.7 * ratio * t + 2.0 * start));
     };
     const double swing_growth = std::clamp((t - options.still_s) / (0.4 * end_s), 0.0, 1.0);
     const double swing = gain * (0.3 + 0.7 * swing_growth) * radians(options.yaw_swing_deg) *

@@ -40,9 +40,9 @@ struct Drive {
   double pitch_deg = 0.7;
   double bob_m = 0.03;
   double sway_hz = 0.9;
-  double yaw_swing_deg = 0.0;   ///< amplitude of turning the platform to and fro while moving
+  double yaw_swing_deg = 0.0;  ///< amplitude of turning the platform to and fro while moving
   double yaw_swing_hz = 0.0;
-  double heading_deg = 0.0;     ///< constant turn of the platform against the path
+  double heading_deg = 0.0;                      ///< constant turn of the platform against the path
   std::function<double(double, double)> ground;  ///< height at x, y; absent: 0
 };
 

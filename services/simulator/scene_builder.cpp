@@ -136,8 +136,8 @@ std::vector<Interval> closed_parts(const std::vector<Rectangle>& all, std::size_
 
 }  // namespace
 
-void SceneBuilder::walls_around(const std::vector<Rectangle>& free, double height,
-                                double thickness, double reflectivity) {
+void SceneBuilder::walls_around(const std::vector<Rectangle>& free, double height, double thickness,
+                                double reflectivity) {
   constexpr double kOutsideM = 1e-4;
   for (std::size_t i = 0; i < free.size(); ++i) {
     const Rectangle& r = free[i];
@@ -152,8 +152,8 @@ void SceneBuilder::walls_around(const std::vector<Rectangle>& free, double heigh
       const double y = side < 0.0 ? r.y_low : r.y_high;
       for (const Interval& part :
            closed_parts(free, i, false, y + side * kOutsideM, {r.x_low, r.x_high})) {
-        box({(part.low + part.high) / 2.0, y + side * middle, -0.2, height,
-             part.high - part.low, thickness, 0.0, reflectivity});
+        box({(part.low + part.high) / 2.0, y + side * middle, -0.2, height, part.high - part.low,
+             thickness, 0.0, reflectivity});
       }
     }
   }

@@ -31,8 +31,7 @@ class SceneBuilder {
                   double reflectivity);
   /// A tube along the x axis of its own frame, seen from inside: half height along the axis.
   Shape& tube_x(const Eigen::Vector3d& centre, double radius, double length, double reflectivity);
-  Shape& ellipsoid(const Eigen::Vector3d& centre, const Eigen::Vector3d& half,
-                   double reflectivity);
+  Shape& ellipsoid(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, double reflectivity);
 
   /// The same, but false and nothing placed where the path would be obstructed.
   bool try_box(const BoxSpec& spec);

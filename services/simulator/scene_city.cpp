@@ -94,8 +94,8 @@ void add_car(SceneBuilder& scene, Random& random, const Front& front, double s) 
   const double paint = random.uniform(8.0, 80.0);
   const bool van = random.chance(0.2);
   const Vector2d p = front.place(s, out);
-  const BoxSpec body{p.x(), p.y(), 0.2,   van ? 2.2 : random.uniform(0.8, 1.0),
-                     4.4,   1.8,   front.yaw() + turn, paint};
+  const BoxSpec body{
+      p.x(), p.y(), 0.2, van ? 2.2 : random.uniform(0.8, 1.0), 4.4, 1.8, front.yaw() + turn, paint};
   if (scene.try_box(body) && !van) {
     BoxSpec cabin = body;
     cabin.z_low = body.z_high;
@@ -134,7 +134,7 @@ void add_street_furniture(SceneBuilder& scene, Random& random, const Front& fron
 Scene city_scene(const SceneOptions& options) {
   Random random(options.seed, Stream::kWorld);
   // Start in the middle of the first street; one corner is cut, so that walls stand at 45 degrees.
-  const Polyline corners = {{62, -40}, {62, 8}, {34, 38}, {-64, 38}, {-64, -40}};
+  const Polyline corners = {{67, -40}, {67, 9}, {38, 40}, {-66, 40}, {-66, -40}};
   Polyline way{{0.0, -40.0}};
   way.insert(way.end(), corners.begin(), corners.end());
   const Path path = smooth_path(way, 9.0, 3.0, true);

@@ -29,7 +29,8 @@ void add_table(SceneBuilder& scene, Random& random, double x, double y) {
   scene.try_box({x + 1.3 * chair.x(), y + 1.3 * chair.y(), -0.1, 0.9, 0.42, 0.05, yaw, 25.0});
 }
 
-void furnish(SceneBuilder& scene, Random& random, const Rectangle& room, double ceiling, int count) {
+void furnish(SceneBuilder& scene, Random& random, const Rectangle& room, double ceiling,
+             int count) {
   for (int i = 0; i < count; ++i) {
     const double x = random.uniform(room.x_low + 0.5, room.x_high - 0.5);
     const double y = random.uniform(room.y_low + 0.5, room.y_high - 0.5);
@@ -58,8 +59,8 @@ void line_corridor(SceneBuilder& scene, Random& random, const Rectangle& c, doub
   const bool along_x = c.x_high - c.x_low > c.y_high - c.y_low;
   const double low = along_x ? c.x_low : c.y_low;
   const double high = along_x ? c.x_high : c.y_high;
-  for (double s = low + 1.0; s < high - 1.0; s += bare ? random.uniform(6.0, 9.0)
-                                                       : random.uniform(2.0, 4.5)) {
+  for (double s = low + 1.0; s < high - 1.0;
+       s += bare ? random.uniform(6.0, 9.0) : random.uniform(2.0, 4.5)) {
     const double depth = random.uniform(0.06, 0.3);
     const double length = random.uniform(0.15, 1.2);
     const bool low_side = random.chance(0.5);
@@ -87,14 +88,9 @@ void add_ceilings(SceneBuilder& scene, const std::vector<Rectangle>& free, doubl
 Scene indoor_scene(const SceneOptions& options) {
   Random random(options.seed, Stream::kWorld);
   constexpr double kCeilingM = 2.9;
-  const Path path = smooth_path({{2.0, -9.0},
-                                 {17.0, -9.0},
-                                 {17.0, 9.5},
-                                 {6.0, 9.5},
-                                 {6.0, 8.2},
-                                 {-16.5, 8.2},
-                                 {-16.5, -9.0}},
-                                0.9, 1.0, true);
+  const Path path = smooth_path(
+      {{2.0, -9.0}, {17.0, -9.0}, {17.0, 9.5}, {7.5, 9.5}, {3.0, 8.2}, {-16.5, 8.2}, {-16.5, -9.0}},
+      0.9, 1.0, true);
   const Rectangle room_south{-7.0, -13.0, 6.5, -5.8};
   const Rectangle room_north{-4.5, 5.0, 8.5, 12.5};
   const Rectangle corridors[] = {{6.8, -10.1, 18.2, -7.9},   {15.8, -10.1, 18.2, 10.6},
@@ -153,7 +149,7 @@ Scene handheld_scene(const SceneOptions& options) {
   walk.roll_deg = walk.pitch_deg = 4.5;
   walk.bob_m = 0.035;
   walk.sway_hz = 0.8;
-  walk.yaw_swing_deg = 62.0;
+  walk.yaw_swing_deg = 55.0;
   walk.yaw_swing_hz = 0.45;
   walk.heading_deg = options.heading_deg;
   return {World(scene.take(), floor), drive(path, walk, options.seed)};

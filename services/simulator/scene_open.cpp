@@ -1,5 +1,5 @@
-// Worlds with little to hold on to: tunnels, a flat yard, an open field; and a park of curved, rough
-// and leafy things without planes.
+// Worlds with little to hold on to: tunnels, a flat yard, an open field; and a park of curved,
+// rough and leafy things without planes.
 
 #include <cmath>
 #include <numbers>
@@ -29,8 +29,8 @@ Scene tunnel_scene(const SceneOptions& options, bool with_faces) {
   constexpr double kLengthM = 90.0;
   constexpr double kMarginM = 130.0;  // beyond the sensor's range: no end is ever seen
   SceneBuilder scene;
-  const Path path = smooth_path({{0.0, 0.0}, {kLengthM / 2.0, 0.0}, {kLengthM, 0.0}}, 1.0, 1.0,
-                                false);
+  const Path path =
+      smooth_path({{0.0, 0.0}, {kLengthM / 2.0, 0.0}, {kLengthM, 0.0}}, 1.0, 1.0, false);
   scene.keep_clear(path, 0.8);
   const double whole = kLengthM + 2.0 * kMarginM;
   for (const double side : {-1.0, 1.0}) {
@@ -126,8 +126,8 @@ Scene park_scene(const SceneOptions& options) {
       scene.ellipsoid({x, y, 2.5 + half}, {half, half, half}, 45.0).density_per_m =
           random.uniform(0.5, 1.5);
     } else if (kind < 0.8) {  // hedge
-      Shape& hedge = scene.box({x, y, -1.0, random.uniform(0.8, 1.8), random.uniform(2.0, 6.0),
-                                0.8, random.uniform(0.0, std::numbers::pi), 40.0});
+      Shape& hedge = scene.box({x, y, -1.0, random.uniform(0.8, 1.8), random.uniform(2.0, 6.0), 0.8,
+                                random.uniform(0.0, std::numbers::pi), 40.0});
       hedge.density_per_m = random.uniform(2.0, 5.0);
     } else {  // boulder
       const double size = random.uniform(0.4, 1.4);

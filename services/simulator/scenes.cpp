@@ -25,7 +25,8 @@ const std::vector<Entry>& entries() {
       {{"flat", "closed loop of 170 m in a yard, motion strictly in the plane"}, flat_scene},
       {{"field", "closed loop of 200 m over an open field with a few posts and bushes"},
        field_scene},
-      {{"park", "closed loop of 160 m among trees, hedges and boulders: no planes but rough ground"},
+      {{"park",
+        "closed loop of 160 m among trees, hedges and boulders: no planes but rough ground"},
        park_scene},
   };
   return all;

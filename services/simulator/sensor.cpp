@@ -140,8 +140,8 @@ Sensor::Echo Sensor::cast(const Ray& ray, double weight) const {
   double signal = weight;
   if (sensor.detection_reflectivity > 0.0) {
     const double nearness = sensor.max_range_m / hit.range_m;
-    signal *= hit.reflectivity * hit.cos_incidence * nearness * nearness /
-              sensor.detection_reflectivity;
+    signal *=
+        hit.reflectivity * hit.cos_incidence * nearness * nearness / sensor.detection_reflectivity;
   } else {
     signal *= 1e3 / (hit.range_m * hit.range_m) + 1.0;
   }
@@ -218,11 +218,10 @@ void Sensor::write(const Echo& echo, const Shot& shot, int block, int channel, D
                 mixed(static_cast<std::uint64_t>(shot.time_ns)) ^
                     mixed(static_cast<std::uint64_t>(echo.surface)));
   const bool lost = random.chance(sensor.dropout);
-  const double noise = random.normal(std::hypot(sensor.noise_sigma_m, echo.roughness_m),
-                                     sensor.noise_limit_sigmas);
+  const double noise =
+      random.normal(std::hypot(sensor.noise_sigma_m, echo.roughness_m), sensor.noise_limit_sigmas);
   const double shade = random.normal(sensor.reflectivity_sigma, 4.0);
-  const double range =
-      echo.range_m + noise + bias_m_[static_cast<std::size_t>(shot.laser)];
+  const double range = echo.range_m + noise + bias_m_[static_cast<std::size_t>(shot.laser)];
   if (echo.surface == kNoSurface || lost || range < sensor.min_range_m ||
       range > sensor.max_range_m) {
     return;

@@ -110,8 +110,8 @@ std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t 
   if (shape.kind == ShapeKind::kCylinder) {
     return cross_cylinder(o, d, shape.half);
   }
-  const auto span = shape.kind == ShapeKind::kBox ? box_span(o, d, shape.half)
-                                                  : ellipsoid_span(o, d, shape.half);
+  const auto span =
+      shape.kind == ShapeKind::kBox ? box_span(o, d, shape.half) : ellipsoid_span(o, d, shape.half);
   if (!span || span->leave <= kNearestHitM) {
     return std::nullopt;
   }

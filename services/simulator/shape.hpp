@@ -1,6 +1,6 @@
 #pragma once
-// The solids of which worlds are made, and the intersection of a ray with one of them. Frame: world,
-// metres.
+// The solids of which worlds are made, and the intersection of a ray with one of them. Frame:
+// world, metres.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -14,8 +14,8 @@ enum class ShapeKind : std::uint8_t {
   kEllipsoid,  ///< half: semi-axes
 };
 
-/// One solid. A shape with density > 0 is foliage: a ray stops at a random depth inside it, with the
-/// probability density * exp(-density * depth), or leaves it at the far side.
+/// One solid. A shape with density > 0 is foliage: a ray stops at a random depth inside it, with
+/// the probability density * exp(-density * depth), or leaves it at the far side.
 struct Shape {
   ShapeKind kind = ShapeKind::kBox;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();

@@ -96,8 +96,8 @@ class UdpSink : public Sink {
       start_ = Clock::now();
     }
     const double after_ns = static_cast<double>(sent_ns - *first_ns_) / rate_;
-    std::this_thread::sleep_until(
-        start_ + std::chrono::nanoseconds(static_cast<std::int64_t>(after_ns)));
+    std::this_thread::sleep_until(start_ +
+                                  std::chrono::nanoseconds(static_cast<std::int64_t>(after_ns)));
   }
 
   double rate_;

@@ -39,8 +39,8 @@ class OutputFile {
 std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds);
 /// Data payloads end to end.
 std::unique_ptr<Sink> payload_sink(const std::string& path);
-/// Sends to an IPv4 address, paced so that `rate` seconds of the simulation pass in one second; data
-/// packets to `port`, position packets to position_port.
+/// Sends to an IPv4 address, paced so that `rate` seconds of the simulation pass in one second;
+/// data packets to `port`, position packets to position_port.
 std::unique_ptr<Sink> udp_sink(const std::string& address, std::uint16_t port,
                                std::uint16_t position_port, double rate);
 

@@ -32,8 +32,8 @@ inline constexpr std::int64_t kHourNs = 3'600'000'000'000;
 inline constexpr std::int64_t kDataPerPosition = 14;
 
 /// Elevation in degrees and height of the origin in metres, by laser.
-inline constexpr std::array<double, kLasers> kElevationDeg = {-15, 1,  -13, 3,  -11, 5,  -9, 7,
-                                                              -7,  9,  -5,  11, -3,  13, -1, 15};
+inline constexpr std::array<double, kLasers> kElevationDeg = {-15, 1, -13, 3,  -11, 5,  -9, 7,
+                                                              -7,  9, -5,  11, -3,  13, -1, 15};
 inline constexpr std::array<double, kLasers> kHeightM = {
     11.2e-3, -0.7e-3, 9.7e-3, -2.2e-3, 8.1e-3, -3.7e-3, 6.6e-3, -5.1e-3,
     5.1e-3,  -6.6e-3, 3.7e-3, -8.1e-3, 2.2e-3, -9.7e-3, 0.7e-3, -11.2e-3};

@@ -1,0 +1,182 @@
+#include "simulator/capture.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "simulator/faults.hpp"
+#include "simulator/scenes.hpp"
+
+namespace zloam::simulator {
+namespace {
+
+constexpr std::int64_t kEpochNs = 1'704'067'210'000'000'000;
+
+std::uint32_t little32(const std::vector<std::uint8_t>& b, std::size_t at) {
+  return b[at] + 256U * b[at + 1] + 65536U * b[at + 2] + 16777216U * b[at + 3];
+}
+
+std::uint32_t big16(const std::vector<std::uint8_t>& b, std::size_t at) {
+  return 256U * b[at] + b[at + 1];
+}
+
+std::vector<Datagram> some_datagrams(std::int64_t count) {
+  std::vector<Datagram> out;
+  for (std::int64_t i = 0; i < count; ++i) {
+    out.push_back({kEpochNs + i * 1'327'104, vlp16::kDataPort, i,
+                   std::vector<std::uint8_t>(vlp16::kDataBytes, static_cast<std::uint8_t>(i))});
+  }
+  return out;
+}
+
+TEST(Pcap, RecordHasCorrectHeaders) {
+  Datagram datagram{kEpochNs + 123'456'789, vlp16::kPositionPort, 0,
+                    std::vector<std::uint8_t>(512, 7)};
+  for (const bool nano : {false, true}) {
+    const auto header = pcap_header(nano);
+    ASSERT_EQ(header.size(), 24U);
+    EXPECT_EQ(little32(header, 0), nano ? 0xA1B23C4DU : 0xA1B2C3D4U);
+    EXPECT_EQ(little32(header, 20), 1U);
+    std::vector<std::uint8_t> record;
+    append_pcap_record(datagram, nano, record);
+    ASSERT_EQ(record.size(), 16U + 42U + 512U);
+    EXPECT_EQ(little32(record, 0), 1'704'067'210U);
+    EXPECT_EQ(little32(record, 4), nano ? 123'456'789U : 123'456U);
+    EXPECT_EQ(little32(record, 8), 554U);
+    EXPECT_EQ(little32(record, 12), 554U);
+    EXPECT_EQ(big16(record, 16 + 12), 0x0800U);
+    EXPECT_EQ(record[16 + 14], 0x45);
+    EXPECT_EQ(big16(record, 16 + 16), 540U);
+    EXPECT_EQ(record[16 + 23], 17);
+    // A receiver adds all words of the header, the checksum included, and must get 0xFFFF.
+    std::uint32_t sum = 0;
+    for (std::size_t i = 0; i < 20; i += 2) {
+      sum += big16(record, 30 + i);
+    }
+    sum = (sum & 0xFFFF) + (sum >> 16);
+    EXPECT_EQ((sum & 0xFFFF) + (sum >> 16), 0xFFFFU);
+    EXPECT_EQ(big16(record, 50 + 2), 8308U);
+    EXPECT_EQ(big16(record, 50 + 4), 520U);
+    EXPECT_EQ(record[58], 7);
+  }
+}
+
+TEST(Datagrams, OnePositionPacketForFourteenDataPackets) {
+  SimulationConfig config;
+  const Sensor sensor(make_scene("tunnel", {}), config);
+  const auto packets = sensor.data_packets(0, 140, 2);
+  const auto sent = datagrams(sensor, 0, packets);
+  EXPECT_EQ(std::count_if(sent.begin(), sent.end(), [](const Datagram& d) { return d.is_data(); }),
+            140);
+  EXPECT_EQ(sent.size(), 150U);
+  EXPECT_TRUE(std::is_sorted(sent.begin(), sent.end(), [](const Datagram& a, const Datagram& b) {
+    return a.sent_ns < b.sent_ns;
+  }));
+  // A packet is on the wire after its last firing.
+  EXPECT_GT(sent.front().sent_ns, config.epoch_ns + 1'306'368);
+  for (const Datagram& datagram : sent) {
+    EXPECT_EQ(datagram.payload.size(), datagram.is_data() ? 1206U : 512U);
+  }
+}
+
+TEST(Tum, KeepsNanoseconds) {
+  Pose pose = Pose::Identity();
+  pose.translation() = Eigen::Vector3d(1.5, -2.25, 3.0);
+  EXPECT_EQ(tum_line(1'704'067'210'000'000'007, pose),
+            "1704067210.000000007 1.500000000 -2.250000000 3.000000000 "
+            "0.000000000000 0.000000000000 0.000000000000 1.000000000000\n");
+}
+
+TEST(Utc, ReadsWhatItShouldAndRefusesTheRest) {
+  EXPECT_EQ(parse_utc("2024-01-01T00:00:10"), kEpochNs);
+  EXPECT_EQ(parse_utc("2024-01-01T00:59:59.999500Z"), 1'704'070'799'999'500'000);
+  for (const char* wrong : {"", "2024-01-01", "2024-13-01T00:00:00", "2024-01-01T24:00:00",
+                            "2024-01-01T00:00:60", "2024-01-01T00:00:10 UTC"}) {
+    EXPECT_THROW(parse_utc(wrong), std::invalid_argument) << wrong;
+  }
+}
+
+TEST(Faults, NothingAskedForNothingDone) {
+  FaultInjector faults({}, kEpochNs);
+  const auto in = some_datagrams(50);
+  const auto out = faults.pass(in);
+  ASSERT_EQ(out.size(), in.size());
+  for (std::size_t i = 0; i < in.size(); ++i) {
+    EXPECT_EQ(out[i].payload, in[i].payload);
+  }
+  EXPECT_TRUE(faults.log().empty());
+}
+
+TEST(Faults, LogAccountsForEveryPacket) {
+  FaultConfig config;
+  config.loss = 0.1;
+  config.duplication = 0.1;
+  config.delay = 0.1;
+  config.corruption = 0.1;
+  config.wrong_length = 0.1;
+  FaultInjector faults(config, kEpochNs);
+  const auto in = some_datagrams(2000);
+  auto out = faults.pass(in);
+  const auto rest = faults.flush();
+  out.insert(out.end(), rest.begin(), rest.end());
+  std::map<std::int64_t, std::set<std::string>> log;
+  std::map<std::string, int> counts;
+  for (const Fault& fault : faults.log()) {
+    log[fault.index].insert(fault.kind);
+    ++counts[fault.kind];
+  }
+  for (const char* kind : {"lost", "duplicated", "late", "corrupted", "cut"}) {
+    EXPECT_NEAR(counts[kind], 180, 60) << kind;
+  }
+  std::map<std::int64_t, int> seen;
+  std::int64_t newest = -1;
+  for (const Datagram& datagram : out) {
+    const auto& done = log[datagram.index];
+    ++seen[datagram.index];
+    EXPECT_EQ(datagram.payload.size() != vlp16::kDataBytes, done.contains("cut"));
+    EXPECT_EQ(!done.contains("cut") &&
+                  datagram.payload != in[static_cast<std::size_t>(datagram.index)].payload,
+              !done.contains("cut") && done.contains("corrupted"));
+    EXPECT_EQ(datagram.index < newest, done.contains("late")) << datagram.index;
+    newest = std::max(newest, datagram.index);
+  }
+  for (std::int64_t i = 0; i < 2000; ++i) {
+    const auto& done = log[i];
+    EXPECT_EQ(seen[i], done.contains("lost") ? 0 : done.contains("duplicated") ? 2 : 1) << i;
+  }
+}
+
+TEST(Faults, ClockStepsAndGapsHappenWhereTheyShould) {
+  FaultConfig config;
+  config.clock_step_at_s = 0.1;
+  config.clock_step_s = -30.0;  // below the full hour: wraps
+  config.gap_start_s = 0.05;
+  config.gap_s = 0.02;
+  FaultInjector faults(config, kEpochNs);
+  std::vector<Datagram> in = some_datagrams(150);
+  for (Datagram& datagram : in) {
+    vlp16::DataBytes bytes{};
+    vlp16::set_stamp(bytes, datagram.sent_ns);
+    datagram.payload.assign(bytes.begin(), bytes.end());
+  }
+  const auto out = faults.pass(in);
+  EXPECT_EQ(in.size() - out.size(), 15U);
+  for (const Datagram& datagram : out) {
+    const double t = static_cast<double>(datagram.sent_ns - kEpochNs) * 1e-9;
+    EXPECT_TRUE(t < 0.05 || t >= 0.07);
+    const std::int64_t plain = 10'000'000 + (datagram.sent_ns - kEpochNs) / 1000;
+    EXPECT_EQ(little32(datagram.payload, 1200),
+              t < 0.1 ? plain : plain - 30'000'000 + 3'600'000'000);
+  }
+}
+
+TEST(Faults, RefusesImpossibleParts) {
+  FaultConfig config;
+  config.loss = 1.5;
+  EXPECT_THROW(FaultInjector(config, 0), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace zloam::simulator
