@@ -50,7 +50,7 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
     capture, port = setting.capture(), free_udp_port()
     config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
     robot = names(config, [])
-    settings = ["driver.source=udp", f"driver.udp_port={port}"]
+    settings = ["driver.source=udp", f"driver.port={port}", "driver.position_port=0"]
     out = setting.out / "accept" / name
     chain = Chain(setting.build, config, robot.robot, settings, out / "logs", robot.sensor)
     with chain:

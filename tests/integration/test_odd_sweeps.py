@@ -114,15 +114,16 @@ def test_one_out_for_each_in(build, tmp_path, stage):
     ]
     process = processes.start(stage, command, tmp_path / f"{stage}.log")
     session = open_session(endpoints(base))
-    link = Link(session, KEYS)
     out = []
     listener = session.declare_subscriber(
         KEYS.main_output(stage), lambda sample: out.append(sample.payload.to_bytes())
     )
+    # declared after the listener: once a status comes, the stage knows of both
+    link = Link(session, KEYS)
     try:
         publisher = session.declare_publisher(KEYS.main_input(stage))
         deadline = time.monotonic() + 30
-        while not publisher.matching_status.matching:
+        while not publisher.matching_status.matching or link.stage(stage) is None:
             assert process.code() is None, process.last_lines()
             assert time.monotonic() < deadline, "no match"
             link.poll(0.05)

@@ -48,6 +48,9 @@ def open_session(stage, base_port):
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
     config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{base_port + mine}"]')
+    named = [a.partition("=")[2] for a in sys.argv if a.startswith("zenoh.connect=")]
+    if named:
+        config.insert_json5("connect/endpoints", f'["{named[-1].strip("[]")}"]')
     config.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(config)
 

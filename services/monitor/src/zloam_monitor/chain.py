@@ -9,7 +9,7 @@ from types import TracebackType
 
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link, open_session
-from zloam_monitor.processes import Processes, endpoints, free_base_port
+from zloam_monitor.processes import PORT_ORDER, Processes, free_base_port
 
 #: consumers first, so that the first sweep finds its readers
 START_ORDER = ("integration", "mapping", "odometry", "registration", "driver")
@@ -51,18 +51,24 @@ class Chain:
             stage: self._command(binary(build, stage), config, settings) for stage in STAGES
         }
         self._logs = logs
-        session = open_session(endpoints(self.base_port))
-        self.link = Link(session, Keys(robot, sensor))
+        self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))
+
+    def _own_endpoint(self) -> str:
+        """The stages find this process when they start, so that it misses none of a run."""
+        return f"tcp/127.0.0.1:{self.base_port + len(PORT_ORDER)}"
 
     def _command(self, program: Path, config: Path, settings: Sequence[str]) -> list[str]:
         command = [str(program), "--config", str(config)]
-        for setting in (*settings, f"zenoh.base_port={self.base_port}"):
+        own = (f"zenoh.base_port={self.base_port}", f"zenoh.connect=[{self._own_endpoint()}]")
+        for setting in (*settings, *own):
             command += ["--set", setting]
         return command
 
     def __enter__(self) -> Chain:
         try:
             for stage in START_ORDER:
+                if stage == "driver":
+                    self._wait_for(START_ORDER[:-1])
                 log = self._logs / f"{stage}.log"
                 self.processes.start(stage, self._commands[stage], log)
         except BaseException:
@@ -99,8 +105,11 @@ class Chain:
 
     def wait_ready(self) -> None:
         """Until every stage has said something over Zenoh; a start error is raised as it is."""
+        self._wait_for(STAGES)
+
+    def _wait_for(self, stages: Sequence[str]) -> None:
         deadline = time.monotonic() + READY_SECONDS
-        while missing := [s for s in STAGES if self.link.stage(s) is None]:
+        while missing := [s for s in stages if self.link.stage(s) is None]:
             self.link.poll(0.1)
             self.processes.check(may_end=("driver",))
             if time.monotonic() > deadline:

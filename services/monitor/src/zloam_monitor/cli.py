@@ -8,7 +8,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from zloam_monitor import demo, evaluation, live, report, se3, sources, trajectory, watch
+from zloam_monitor import (
+    demo,
+    evaluation,
+    live,
+    report,
+    robot_files,
+    se3,
+    sources,
+    trajectory,
+    watch,
+)
 from zloam_monitor.chain import BinariesMissing, ChainError, binary
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import SchemasMissing
@@ -144,6 +154,13 @@ def _evaluate(args: argparse.Namespace) -> int:
     return 0 if scores.ate_rmse_m is not None else 1
 
 
+def _robot_files(args: argparse.Namespace) -> int:
+    stale = robot_files.refresh(args.preset_dir, args.folder, args.check)
+    for path in stale:
+        print(f"{path}: {'out of date' if args.check else 'written'}")
+    return 1 if args.check and stale else 0
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="zloam_monitor", description=__doc__)
     commands = parser.add_subparsers(required=True)
@@ -170,6 +187,11 @@ def _parser() -> argparse.ArgumentParser:
         help="pose of the truth's sensor in the trajectory's frame, m and deg",
     )
     score.set_defaults(run=_evaluate)
+    files = commands.add_parser("robot-files", help="bring the comments of robot files up to date")
+    files.add_argument("--preset-dir", type=Path, default=Path("build/release"))
+    files.add_argument("--folder", type=Path, default=sources.ROBOTS)
+    files.add_argument("--check", action="store_true", help="only say what is out of date")
+    files.set_defaults(run=_robot_files)
     return parser
 
 

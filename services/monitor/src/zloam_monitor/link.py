@@ -5,6 +5,7 @@ Zenoh's callbacks only hand a sample over; everything is read in poll(), on the 
 
 from __future__ import annotations
 
+import json
 import queue
 import time
 from collections.abc import Callable, Iterator
@@ -23,15 +24,15 @@ from zloam_monitor.trajectory import Trajectory, from_records
 QUERY_SECONDS = 5.0
 
 
-def open_session(endpoints: list[str]) -> Any:
-    """A peer that connects to the stages' endpoints and goes on trying; no multicast."""
+def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
+    """A peer that connects to these endpoints and goes on trying; no multicast."""
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
-    config.insert_json5("connect/endpoints", str(endpoints).replace("'", '"'))
+    config.insert_json5("connect/endpoints", json.dumps(endpoints))
     config.insert_json5("connect/timeout_ms", "-1")
     config.insert_json5("connect/exit_on_failure", "false")
     config.insert_json5("connect/retry", "{period_init_ms: 100, period_max_ms: 500}")
-    config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')
+    config.insert_json5("listen/endpoints", json.dumps([listen]))
     config.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(config)
 

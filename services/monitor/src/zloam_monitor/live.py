@@ -94,7 +94,7 @@ def _watch(chain: Chain, options: LiveOptions) -> float:
             v
             for c in chain.link.query_configs().values()
             for k, v in c.items()
-            if k in ("driver.udp.port", "driver.udp_port", "driver.port")
+            if k == "driver.port"
         ),
         2368,
     )

@@ -35,7 +35,7 @@ def describe_code(code: int) -> str:
     return f"exit code {code} ({EXIT_CODES.get(code, 'unknown')})"
 
 
-def free_base_port(count: int = len(PORT_ORDER)) -> int:
+def free_base_port(count: int = len(PORT_ORDER) + 1) -> int:
     """A port from which `count` ports in a row are free on the loopback interface."""
     start = 20_000 + (os.getpid() * 61) % 9_000
     base: int

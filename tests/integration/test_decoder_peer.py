@@ -1,0 +1,187 @@
+"""The decoder against an independent one (velodyne-decoder), point by point on real recordings."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKET_BYTES = 1206
+POINTS = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("time_ns", "<i8"),
+        ("ring", "<u2"),
+        ("return_type", "u1"),
+        ("zero", "u1"),
+        ("column", "<u2"),
+        ("sweep", "<u2"),
+    ]
+)
+#: the other decoder's return types: 1 strongest, 2 last, 3 both
+RETURN_TYPES = {1: 0, 2: 1, 3: 2}
+
+
+@pytest.fixture(scope="module")
+def decode() -> Path:
+    """The decoding tool."""
+    build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
+    tool = build / "bin" / "zloam-decode"
+    if not tool.is_file():
+        pytest.skip(f"not built: {tool}")
+    return tool
+
+
+def decoded(tool: Path, tmp_path: Path, *arguments: object) -> tuple[np.ndarray, dict[str, float]]:
+    """Points and summary of zloam-decode."""
+    out = tmp_path / "points.bin"
+    command = [str(a) for a in (tool, *arguments, "--out", out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return np.fromfile(out, POINTS), json.loads(done.stdout)
+
+
+def pcap_payloads(path: Path) -> bytes:
+    """Payloads of an untagged Ethernet capture, read here so that two readers meet."""
+    data, at, payloads = path.read_bytes(), 24, []
+    while at + 16 <= len(data):
+        size = int.from_bytes(data[at + 8 : at + 12], "little")
+        if size == 42 + PACKET_BYTES:
+            payloads.append(data[at + 16 + 42 : at + 16 + size])
+        at += 16 + size
+    return b"".join(payloads)
+
+
+def peer_points(raw: bytes, model: str) -> dict[str, np.ndarray]:
+    """All points of the other decoder, times in ns of the sensor's hour."""
+    vd = pytest.importorskip("velodyne_decoder")
+    config = vd.Config(
+        model=getattr(vd.Model, model), min_range=0, max_range=1000, timestamp_first_packet=True
+    )
+    stream = vd.StreamDecoder(config)
+    scans = []
+    for i in range(len(raw) // PACKET_BYTES):
+        packet = list(raw[i * PACKET_BYTES : (i + 1) * PACKET_BYTES])
+        scans.append(stream.decode(1e6 + i * 1e-3, packet))
+    scans.append(stream.finish())
+    found = [s for s in scans if s is not None]
+    table = np.concatenate([points for _, points in found])
+    start_us = np.concatenate(
+        [np.full(len(points), round(stamp.device * 1e6) % 3_600_000_000) for stamp, points in found]
+    )
+    names = ("x", "y", "z", "intensity", "time", "column", "ring", "return_type")
+    columns = {name: table[:, i] for i, name in enumerate(names)}
+    columns["time_ns"] = start_us * 1e3 + columns["time"].astype(float) * 1e9
+    return columns
+
+
+def bytes_set(raw: bytes, offset: int, value: int) -> bytes:
+    """The same packets with one byte changed in each."""
+    changed = bytearray(raw)
+    changed[offset::PACKET_BYTES] = bytes([value]) * (len(raw) // PACKET_BYTES)
+    return bytes(changed)
+
+
+def compare(own: np.ndarray, peer: dict[str, np.ndarray], start_us: int) -> None:
+    """Same points: number, ring, return, intensity, time to 1 us, place to 2 mm and rounding."""
+    assert len(own) == len(peer["x"])
+    own_ns = (own["time_ns"] - own["time_ns"].min()).astype(float)
+    peer_ns = peer["time_ns"] - start_us * 1e3
+    peer_ns -= peer_ns.min()
+    peer_type = np.vectorize(RETURN_TYPES.get)(peer["return_type"].astype(int))
+    # Points of one instant and ring are told apart by the return.
+    own_order = np.lexsort((own["return_type"], own["ring"], np.round(own_ns / 1000)))
+    peer_order = np.lexsort((peer_type, peer["ring"], np.round(peer_ns / 1000)))
+    own, own_ns = own[own_order], own_ns[own_order]
+    assert np.array_equal(own["ring"], peer["ring"][peer_order].astype(int))
+    assert np.array_equal(own["return_type"], peer_type[peer_order])
+    assert np.array_equal(own["intensity"], peer["intensity"][peer_order])
+    assert np.abs(own_ns - peer_ns[peer_order]).max() < 1000
+    ours = np.stack([own[a] for a in "xyz"], axis=1).astype(float)
+    theirs = np.stack([peer[a][peer_order] for a in "xyz"], axis=1).astype(float)
+    distance = np.linalg.norm(ours - theirs, axis=1)
+    # The other decoder rounds the azimuth to 0.01 degrees.
+    allowed = 0.002 + 8.73e-5 * np.linalg.norm(theirs, axis=1)
+    assert (distance - allowed).max() < 0
+
+
+@pytest.mark.parametrize(
+    ("file", "model", "expected"),
+    [
+        ("vlp16_single/packets.bin", "VLP16", 203_034),
+        ("vlp16_dual/packets.bin", "VLP16", 59_414),
+        ("vlp32c/packets.bin", "VLP32C", None),
+    ],
+)
+def test_bare_packets(decode, shared, tmp_path, file, model, expected):
+    raw = (shared / "data" / file).read_bytes()
+    own, summary = decoded(decode, tmp_path, "--bin", shared / "data" / file)
+    assert summary["packets_decoded"] == len(raw) // PACKET_BYTES
+    if expected is not None:
+        assert len(own) == expected
+    compare(own, peer_points(raw, model), int.from_bytes(raw[1200:1204], "little"))
+
+
+@pytest.mark.parametrize(
+    ("file", "own_model", "peer_model", "product"),
+    [
+        # timing is a VLP-16's, the product byte an HDL-32E's; the other decoder refuses that
+        ("vlp16_mislabelled/capture.pcap", "vlp16", "VLP16", 0x22),
+        ("hdl32e_gnss/capture.pcap", "hdl32e", "HDL32E", 0x21),
+    ],
+)
+def test_captures(decode, shared, tmp_path, file, own_model, peer_model, product):
+    capture = shared / "data" / file
+    raw = bytes_set(pcap_payloads(capture), 1205, product)
+    own, summary = decoded(decode, tmp_path, "--pcap", capture, "--model", own_model)
+    assert summary["packets_decoded"] == len(raw) // PACKET_BYTES
+    # The other decoder leaves the rest of a packet out after a block with an unknown flag; the
+    # first packets are compared until one has it.
+    flags = np.frombuffer(raw, np.uint8).reshape(-1, PACKET_BYTES)[:, :1200]
+    flags = flags.reshape(len(flags), 12, 100)[:, :, :2]
+    bad = np.nonzero((flags != [0xFF, 0xEE]).any(axis=(1, 2)))[0]
+    whole = int(bad[0]) if len(bad) else len(flags)
+    assert whole > 100
+    part = tmp_path / "part.bin"
+    part.write_bytes(raw[: whole * PACKET_BYTES])
+    own, _ = decoded(decode, tmp_path, "--bin", part, "--model", own_model)
+    peer = peer_points(raw[: whole * PACKET_BYTES], peer_model)
+    compare(own, peer, int.from_bytes(raw[1200:1204], "little"))
+
+
+def test_a_mislabelled_capture_is_named(decode, shared, tmp_path):
+    capture = shared / "data" / "vlp16_mislabelled" / "capture.pcap"
+    command = [str(decode), "--pcap", str(capture), "--model", "vlp16"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "HDL-32E" in done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["packets_lost"] == 0
+    assert summary["complete"] == summary["sweeps"] - 2  # all but the first and the last
+
+
+def test_rings_of_a_real_drive(decode, shared, tmp_path):
+    """Rings are not in the files; they come from the order of the points."""
+    with tarfile.open(shared / "data" / "hdl64e_drive" / "velodyne.tar.xz") as tar:
+        names = sorted(n for n in tar.getnames() if n.endswith(".bin"))[:10]
+        tar.extractall(tmp_path, members=[tar.getmember(n) for n in names], filter="data")
+    own, summary = decoded(decode, tmp_path, "--kitti", tmp_path)
+    assert summary["sweeps"] == len(names)
+    for sweep in np.unique(own["sweep"]):
+        scan = own[own["sweep"] == sweep]
+        assert np.array_equal(np.unique(scan["ring"]), np.arange(64))
+        elevation = np.degrees(np.arctan2(scan["z"], np.hypot(scan["x"], scan["y"])))
+        mean = np.array([np.median(elevation[scan["ring"] == r]) for r in range(64)])
+        assert (np.diff(mean) > 0).all()
+        assert (np.diff(scan["time_ns"]) >= 0).all()
+        assert scan["time_ns"][-1] - scan["time_ns"][0] < 100_000_000
+        # clockwise from the rear: the left side comes before the right one
+        early = scan["time_ns"] < scan["time_ns"][0] + 45_000_000
+        assert (scan["y"][early] > 0).mean() > 0.95
