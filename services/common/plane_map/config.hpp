@@ -41,11 +41,11 @@ struct PlaneMapConfig {
 
   /// A plane with this many points drops its finer voxels and takes no more of them, as look-up
   /// goes from coarse to fine and stops at the first plane.
-  unsigned settled_points = 200;
+  unsigned settled_points = 1000;
 
-  /// Keep line and blob voxels of the finest level as distributions (point-to-distribution
-  /// residuals) where no plane fits.
-  bool distributions = false;
+  /// Finest voxels where no plane fits count as distributions (lines and blobs). They cost a little
+  /// accuracy where planes abound, and keep the axis of a smooth tunnel.
+  bool distributions = true;
 
   /// Voxels farther than this from the sensor are dropped.
   double keep_radius_m = 150.0;
@@ -70,20 +70,25 @@ struct MatcherConfig {
   double max_gate_m = 1.0;
   double gate_range_m = 10.0;
 
-  /// Continuity: standard deviation of this sweep's begin against the previous sweep's end, and of
-  /// the change of the motion over one sweep.
-  double begin_sigma_m = 0.003;
-  double begin_sigma_rad = 0.002;
+  /// Motion from sweep to sweep: random change of the motion over one sweep, what else the poses of
+  /// two middles may differ by from the mean of both motions, and how much of the last motion's own
+  /// covariance counts (0: it is taken as exact).
   double change_sigma_m = 0.03;
   double change_sigma_rad = 0.02;
+  double begin_sigma_m = 0.003;
+  double begin_sigma_rad = 0.002;
+  double twist_memory = 1.0;
 
   /// Fewer matched points than this leave the sweep predicted, and out of the map.
   std::size_t min_matches = 30;
 
   /// A direction is weak when its measured standard deviation exceeds weak_ratio times the
-  /// predicted one, and well again below strong_ratio times it.
-  double weak_ratio = 1.0;
-  double strong_ratio = 0.7;
+  /// predicted one, and well again below strong_ratio times it. Errors of the map's normals
+  /// (corners in a voxel, noise) make an empty direction look seen: their variance is taken off
+  /// first, at least that of normal_error_rad.
+  double weak_ratio = 0.7;
+  double strong_ratio = 0.5;
+  double normal_error_rad = 0.035;
 };
 
 }  // namespace zloam::plane_map

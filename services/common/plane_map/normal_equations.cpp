@@ -59,13 +59,12 @@ void fill_row(const PlaneRow& n, const std::array<float, 3>& q, float residual, 
   j[7] = 0.0f;
 }
 
+// Points of one kind of match.
 class Accumulator {
  public:
-  Accumulator(double gate_m, double noise_m)
-      : gate_(static_cast<float>(gate_m)),
-        kernel2_(static_cast<float>(gate_m * gate_m / 9.0)),
-        blob_kernel2_(static_cast<float>(9.0 * noise_m * noise_m)),
-        blob_gate2_(static_cast<float>(100.0 * noise_m * noise_m)) {}
+  Accumulator(double gate_m, double kernel_m)
+      : gate2_(static_cast<float>(gate_m * gate_m)),
+        kernel2_(static_cast<float>(kernel_m * kernel_m)) {}
 
   // q: lever arm; p: the point relative to the root voxel's centre.
   void add(const Match& match, const std::array<float, 3>& q, const std::array<float, 3>& p) {
@@ -76,35 +75,34 @@ class Accumulator {
       residuals[i] = n.nx * p[0] + n.ny * p[1] + n.nz * p[2] - n.d;
       squared += residuals[i] * residuals[i];
     }
-    if (!(squared <= (match.is_plane ? gate_ * gate_ : blob_gate2_))) {
+    if (!(squared <= gate2_)) {
       return;
     }
-    const float k2 = match.is_plane ? kernel2_ : blob_kernel2_;
-    const float e = k2 / (k2 + squared);
+    const float e = kernel2_ / (kernel2_ + squared);
     const float weight = e * e;
     for (int i = 0; i < match.count; ++i) {
       alignas(16) float j[8];
       fill_row(match.rows[i], q, residuals[i], j);
       slot_.add(j, weight);
     }
-    sums_.cost += 0.5 * e * squared;
     ++sums_.matches;
-    if (match.is_plane) {
-      sums_.weight += weight;
-      sums_.squared += weight * squared;
-      sums_.normal_variance += weight * match.normal_variance;
-      sums_.lever2 += weight * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
-    }
+    sums_.cost += 0.5 * e * squared;
+    sums_.weight += weight;
+    sums_.squared += weight * squared;
+    sums_.normal_variance += weight * match.normal_variance;
+    sums_.lever2 += weight * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
   }
 
   void end_slot(std::uint32_t slot) { flush(slot_, slot_fraction(static_cast<int>(slot)), sums_); }
-  NormalSums& sums() { return sums_; }
+
+  NormalSums finish(const Eigen::Matrix3d& rotation) {
+    rotate(sums_, rotation);
+    return sums_;
+  }
 
  private:
-  float gate_;
+  float gate2_;
   float kernel2_;
-  float blob_kernel2_;
-  float blob_gate2_;
   SlotSums slot_;
   NormalSums sums_;
 };
@@ -123,16 +121,25 @@ Vector12 NormalSums::gradient() const {
   return g;
 }
 
-NormalSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                      const std::vector<SlotPoint>& points, const SweepMotion& motion,
-                      double gate_m) {
+SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
+                     const std::vector<SlotPoint>& points, const SweepMotion& motion,
+                     double gate_m) {
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
-  Accumulator accumulator(gate_m, map.config().range_noise_m);
+  const double noise = map.config().range_noise_m;
+  Accumulator planes(gate_m, gate_m / 3.0);
+  Accumulator blobs(10.0 * noise, 3.0 * noise);
+  const bool with_blobs = map.config().distributions;
   std::uint32_t slot = points.empty() ? 0 : points.front().slot;
+  const auto end_slot = [&] {
+    planes.end_slot(slot);
+    if (with_blobs) {
+      blobs.end_slot(slot);
+    }
+  };
   for (const SlotPoint& point : points) {
     if (point.slot != slot) {
-      accumulator.end_slot(slot);
+      end_slot();
       slot = point.slot;
     }
     const std::array<float, 3> q = motions[slot](point);
@@ -142,12 +149,11 @@ NormalSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
     const Match match = map.find(x, y, z);
     if (match.count > 0) {
       const std::array<float, 3>& c = match.root_centre;
-      accumulator.add(match, q, {x - c[0], y - c[1], z - c[2]});
+      (match.is_plane ? planes : blobs).add(match, q, {x - c[0], y - c[1], z - c[2]});
     }
   }
-  accumulator.end_slot(slot);
-  rotate(accumulator.sums(), motion.T_mid.linear());
-  return accumulator.sums();
+  end_slot();
+  return {planes.finish(motion.T_mid.linear()), blobs.finish(motion.T_mid.linear())};
 }
 
 }  // namespace zloam::plane_map

@@ -42,10 +42,16 @@ struct NormalSums {
   Vector12 gradient() const;
 };
 
+/// Sums of the points that met a plane, and of those that met a distribution.
+struct SweepSums {
+  NormalSums planes;
+  NormalSums blobs;
+};
+
 /// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
 /// residuals above the gate are rejected. The motion is in the map's grid frame.
-NormalSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                      const std::vector<SlotPoint>& points, const SweepMotion& motion,
-                      double gate_m);
+SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
+                     const std::vector<SlotPoint>& points, const SweepMotion& motion,
+                     double gate_m);
 
 }  // namespace zloam::plane_map

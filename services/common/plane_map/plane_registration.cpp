@@ -13,11 +13,11 @@ constexpr double kGateMargin_m = 0.05;
 
 double squared(double x) { return x * x; }
 
-Matrix6 information(double sigma_m, double sigma_rad) {
-  Vector6 diagonal;
-  diagonal.head<3>().setConstant(1.0 / squared(sigma_m));
-  diagonal.tail<3>().setConstant(1.0 / squared(sigma_rad));
-  return diagonal.asDiagonal();
+Matrix6 diagonal(double sigma_m, double sigma_rad) {
+  Vector6 variances;
+  variances.head<3>().setConstant(squared(sigma_m));
+  variances.tail<3>().setConstant(squared(sigma_rad));
+  return variances.asDiagonal();
 }
 
 double seconds(std::uint32_t period_ns) { return std::max<double>(period_ns, 1.0) * 1e-9; }
@@ -35,8 +35,10 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
 }  // namespace
 
 Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
-  const double from_mid_s = (static_cast<double>(instant_ns) - 0.5 * period_ns) * 1e-9;
-  return T_map_base_mid * exp_se3(from_mid_s * twist_per_s);
+  const double period_s = seconds(period_ns);
+  const double s = instant_ns * 1e-9 / period_s - 0.5;  // in sweeps from the middle
+  return normalised(T_map_base_mid *
+                    exp_se3(period_s * (s * twist_per_s + 0.5 * s * s * twist_change_per_s)));
 }
 
 PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
@@ -47,29 +49,37 @@ PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherCon
       T_grid_base_start_(map_.T_grid_map() * T_map_base_start),
       gate_m_(matcher.max_gate_m) {}
 
+Vector6 PlaneRegistration::previous_twist_per_s() const {
+  return previous_ ? Vector6(previous_->motion.twist / seconds(previous_->period_ns))
+                   : Vector6(Vector6::Zero());
+}
+
+// From middle to middle the body moves by the mean of both twists; the twist changes at random by
+// `change` (white acceleration), and the old twist is only known to its own covariance. To trust it
+// fully leaves an undamped zig-zag: an error of one sweep's twist comes back negated in the next.
 MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
                                           const std::optional<MotionPrediction>& prediction) const {
   MotionPrior prior;
-  if (!previous_) {
-    prior.start.T_mid = T_grid_base_start_;
-  } else {
+  prior.predicted.T_mid = T_grid_base_start_;
+  if (previous_) {
     const double last_s = seconds(previous_->period_ns);
     const double now_s = seconds(sweep.period_ns);
     const double since_s =
         std::max(static_cast<double>(sweep.stamp_ns - previous_->stamp_ns) * 1e-9, 0.5 * last_s);
-    // Time between the previous end and this begin, and between the middles, in sweeps.
-    const double gap = std::max(0.0, (since_s - last_s) / last_s);
-    const double steps = std::max(1.0, (since_s + 0.5 * (now_s - last_s)) / last_s);
-    prior.T_begin = previous_->motion.at(since_s / last_s - 0.5);
-    prior.twist = previous_->motion.twist * (now_s / last_s);
-    prior.begin_information =
-        information(config_.begin_sigma_m + gap * gap * config_.change_sigma_m,
-                    config_.begin_sigma_rad + gap * gap * config_.change_sigma_rad);
-    const double spread = std::sqrt(steps) * now_s / last_s;
-    prior.twist_information =
-        information(spread * config_.change_sigma_m, spread * config_.change_sigma_rad);
-    prior.start = {prior.T_begin * exp_se3(0.5 * prior.twist), prior.twist};
+    const double steps = std::max(0.5, (since_s + 0.5 * (now_s - last_s)) / last_s);
+    prior.predicted.T_mid = previous_->motion.at(steps);
+    prior.predicted.twist = previous_->motion.twist * (now_s / last_s);
+    const double rate = now_s / last_s;
+    const Matrix6 old = config_.twist_memory * previous_->twist_covariance;
+    const Matrix6 change = steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad);
+    const Matrix6 cross = rate * steps * (old + 0.5 * change);
+    Matrix12 covariance;
+    covariance << squared(steps) * (old + 0.25 * change) +
+                      squared(steps) * diagonal(config_.begin_sigma_m, config_.begin_sigma_rad),
+        cross, cross, squared(rate) * (old + change);
+    prior.information = covariance.ldlt().solve(Matrix12::Identity());
   }
+  prior.start = prior.predicted;
   if (prediction) {
     add_prediction(sweep, *prediction, prior);
   }
@@ -80,18 +90,13 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
                                        MotionPrior& prior) const {
   const double period_s = seconds(sweep.period_ns);
   const double to_mid_s = 0.5 * period_s - prediction.instant_ns * 1e-9;
-  prior.T_mid =
+  prior.advised.T_mid =
       map_.T_grid_map() * prediction.T_map_base * exp_se3(to_mid_s * prediction.twist_per_s);
-  prior.mid_information = inverse_or_zero(prediction.pose_covariance);
-  const Vector6 twist = prediction.twist_per_s * period_s;
-  const Matrix6 weight = inverse_or_zero(prediction.twist_covariance * squared(period_s));
-  const Matrix6 both = prior.twist_information + weight;
-  if (!weight.isZero(0.0)) {
-    prior.twist =
-        both.ldlt().solve(Vector6(prior.twist_information * prior.twist + weight * twist));
-    prior.twist_information = both;
-  }
-  prior.start = {prior.T_mid, twist};
+  prior.advised.twist = prediction.twist_per_s * period_s;
+  prior.advice_information.block<6, 6>(0, 0) = inverse_or_zero(prediction.pose_covariance);
+  prior.advice_information.block<6, 6>(6, 6) =
+      inverse_or_zero(prediction.twist_covariance * squared(period_s));
+  prior.start = prior.advised;
 }
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
@@ -129,8 +134,10 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   RegistrationResult out;
   out.outcome = match.valid ? Outcome::kRegistered : Outcome::kPredicted;
   out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
-  out.T_map_base_end = normalised(T_map_grid * match.motion.at(0.5));
   out.twist_per_s = match.motion.twist / period_s;
+  // Turns are measured well enough for a difference of two sweeps to help; translations are not.
+  out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
+  out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);
   // End = T_mid * Exp(twist / 2): its perturbation is the mid's seen from the end plus half of the
   // twist's.
   Eigen::Matrix<double, 6, 12> jacobian;
@@ -172,7 +179,8 @@ RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
     result.outcome = Outcome::kStarted;
   }
   if (previous_ || !map_.empty()) {
-    previous_ = Previous{match.motion, sweep.stamp_ns, sweep.period_ns};
+    previous_ = Previous{match.motion, match.covariance.bottomRightCorner<6, 6>(), sweep.stamp_ns,
+                         sweep.period_ns};
   }
   ++sweeps_;
   return result;

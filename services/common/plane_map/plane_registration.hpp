@@ -29,9 +29,12 @@ enum class Outcome {
 
 struct RegistrationResult {
   Outcome outcome = Outcome::kPredicted;
-  Pose T_map_base_mid = Pose::Identity();    // at stamp + period / 2
-  Pose T_map_base_end = Pose::Identity();    // at stamp + period
-  Vector6 twist_per_s = Vector6::Zero();     // body twist, constant over the sweep
+  Pose T_map_base_mid = Pose::Identity();  // at stamp + period / 2
+  Pose T_map_base_end = Pose::Identity();  // at stamp + period
+  Vector6 twist_per_s = Vector6::Zero();   // body twist, constant over the sweep
+  /// Change of the turn rate against the sweep before (translation: 0). Registration takes the
+  /// twist as constant over a sweep, which is best in the middle; poses away from it use this.
+  Vector6 twist_change_per_s = Vector6::Zero();
   Matrix6 covariance_end = Matrix6::Zero();  // of T_map_base_end, right perturbation
   Matrix6 twist_covariance = Matrix6::Zero();
   Degeneracy degeneracy;
@@ -42,7 +45,7 @@ struct RegistrationResult {
   bool converged = false;
   std::size_t points = 0;  // valid ones
 
-  /// Pose at an instant after the sweep's stamp.
+  /// Pose at an instant after the stamp of this sweep of the given period.
   Pose at(std::uint32_t instant_ns, std::uint32_t period_ns) const;
 };
 
@@ -61,11 +64,13 @@ class PlaneRegistration {
 
  private:
   struct Previous {
-    SweepMotion motion;  // grid frame
+    SweepMotion motion;                          // grid frame
+    Matrix6 twist_covariance = Matrix6::Zero();  // per sweep
     std::int64_t stamp_ns = 0;
     std::uint32_t period_ns = 0;
   };
 
+  Vector6 previous_twist_per_s() const;
   MotionPrior make_prior(const SweepInput& sweep,
                          const std::optional<MotionPrediction>& prediction) const;
   void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,

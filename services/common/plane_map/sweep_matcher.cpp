@@ -27,21 +27,26 @@ double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axi
   return std::sqrt(std::max(0.0, axis.dot(covariance * axis)));
 }
 
+// What the priors alone know of a motion near their start.
+Matrix12 predicted_covariance(const MotionPrior& prior) {
+  Matrix12 h = 1e-9 * Matrix12::Identity();
+  Vector12 g = Vector12::Zero();
+  add_priors(prior, prior.start, h, g);
+  return h.ldlt().solve(Matrix12::Identity());
+}
+
 }  // namespace
 
 void add_priors(const MotionPrior& prior, const SweepMotion& motion, Matrix12& h, Vector12& g) {
-  // Begin = T_mid * Exp(-twist / 2): its error changes by one with T_mid, by minus half with twist.
-  const Vector6 begin = log_se3(prior.T_begin.inverse() * motion.at(-0.5));
-  const Vector6 wb = prior.begin_information * begin;
-  h.block<6, 6>(0, 0) += prior.begin_information;
-  h.block<6, 6>(0, 6) -= 0.5 * prior.begin_information;
-  h.block<6, 6>(6, 0) -= 0.5 * prior.begin_information;
-  h.block<6, 6>(6, 6) += 0.25 * prior.begin_information + prior.twist_information;
-  g.head<6>() += wb;
-  g.tail<6>() += prior.twist_information * (motion.twist - prior.twist) - 0.5 * wb;
-  if (!prior.mid_information.isZero(0.0)) {
-    h.block<6, 6>(0, 0) += prior.mid_information;
-    g.head<6>() += prior.mid_information * log_se3(prior.T_mid.inverse() * motion.T_mid);
+  const auto add = [&](const SweepMotion& expected, const Matrix12& information) {
+    Vector12 error;
+    error << log_se3(expected.T_mid.inverse() * motion.T_mid), motion.twist - expected.twist;
+    h += information;
+    g += information * error;
+  };
+  add(prior.predicted, prior.information);
+  if (!prior.advice_information.isZero(0.0)) {
+    add(prior.advised, prior.advice_information);
   }
 }
 
@@ -52,13 +57,13 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.motion = prior.start;
   const double noise = map.config().range_noise_m;
   const double scale = 1.0 / (noise * noise * config_.correlation);
-  NormalSums sums;
+  SweepSums sums;
   Matrix12 h;
   SweepMotion motion = prior.start;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
     sums = accumulate(map, sweep, points, motion, gate_m);
-    h = scale * sums.hessian();
-    Vector12 g = scale * sums.gradient();
+    h = scale * (sums.planes.hessian() + sums.blobs.hessian());
+    Vector12 g = scale * (sums.planes.gradient() + sums.blobs.gradient());
     add_priors(prior, motion, h, g);
     const Vector12 step = -h.ldlt().solve(g);
     result.iterations = i + 1;
@@ -69,30 +74,26 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
     motion.twist += step.tail<6>();
     result.converged = i + 1 >= kLeastIterations && is_small(step, config_);
   }
-  if (sums.matches < config_.min_matches) {
+  const std::size_t matches = sums.planes.matches + sums.blobs.matches;
+  if (matches < config_.min_matches) {
     return result;
   }
   result.valid = true;
   result.motion = motion;
   result.covariance = h.ldlt().solve(Matrix12::Identity());
-  result.degeneracy = judge(sums, prior, scale);
-  result.residual_rms_m = std::sqrt(sums.squared / std::max(sums.weight, 1e-12));
-  result.matched_fraction = static_cast<double>(sums.matches) / static_cast<double>(points.size());
+  result.degeneracy = judge(sums.planes, predicted_covariance(prior), scale);
+  result.residual_rms_m = std::sqrt(sums.planes.squared / std::max(sums.planes.weight, 1e-12));
+  result.matched_fraction = static_cast<double>(matches) / static_cast<double>(points.size());
   return result;
 }
 
-Degeneracy SweepMatcher::judge(const NormalSums& sums, const MotionPrior& prior,
+Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted,
                                double scale) const {
   Degeneracy out;
-  Matrix12 h = Matrix12::Zero();
-  Vector12 g = Vector12::Zero();
-  add_priors(prior, prior.start, h, g);
-  h += 1e-9 * Matrix12::Identity();
-  const Matrix12 predicted = h.ldlt().solve(Matrix12::Identity());
   const double weight = std::max(sums.weight, 1e-12);
 
-  // Errors of the map's normals look like information in directions that nothing faces.
-  const double spurious = sums.normal_variance;
+  const double spurious =
+      std::max(sums.normal_variance, weight * config_.normal_error_rad * config_.normal_error_rad);
   const auto sigma = [&](double eigenvalue) {
     return 1.0 / std::sqrt(std::max(scale * (eigenvalue - spurious), 1e-6));
   };

@@ -14,21 +14,18 @@
 
 namespace zloam::plane_map {
 
-/// Quadratic priors on a sweep's motion; sigmas as information matrices (order x y z rx ry rz).
+/// Quadratic priors on a sweep's motion; order x y z rx ry rz, pose before twist (per sweep).
 struct MotionPrior {
   SweepMotion start;  // where the iteration begins
 
-  /// Begin of the sweep against a predicted pose (the previous sweep's end).
-  Pose T_begin = Pose::Identity();
-  Matrix6 begin_information = Matrix6::Zero();
+  /// Motion predicted from the sweep before, with the information of
+  /// (Log(T_mid_predicted^-1 T_mid), twist - twist_predicted).
+  SweepMotion predicted;
+  Matrix12 information = Matrix12::Zero();
 
-  /// Motion over the sweep against a predicted one.
-  Vector6 twist = Vector6::Zero();
-  Matrix6 twist_information = Matrix6::Zero();
-
-  /// Pose at mid-sweep against a predicted one (odometry).
-  Pose T_mid = Pose::Identity();
-  Matrix6 mid_information = Matrix6::Zero();
+  /// The same from another estimator (odometry).
+  SweepMotion advised;
+  Matrix12 advice_information = Matrix12::Zero();
 };
 
 /// The weakest translation direction as the data see it, without the priors.
@@ -66,7 +63,7 @@ class SweepMatcher {
                     double gate_m) const;
 
  private:
-  Degeneracy judge(const NormalSums& sums, const MotionPrior& prior, double scale) const;
+  Degeneracy judge(const NormalSums& sums, const Matrix12& predicted, double scale) const;
 
   MatcherConfig config_;
 };

@@ -1,11 +1,11 @@
 // Runs the registration over recorded scans and writes the trajectory, for experiments.
 //
-//   plane_map_offline DIR OUT.tum [key=value ...]
+//   plane_map_offline DIR PREFIX [key=value ...]
 //
 // DIR holds scans/%06d.bin (x y z float32, intensity and ring uint8, time uint16 in 2 us) and
 // stamps.txt (begin and end in s); or velodyne/%06d.bin (x y z reflectance float32) of a clockwise
-// sweep of 0.1 s with its seam at the rear. Poses are stamped with the instant they hold for
-// (pose=end, the default, or pose=mid). Prints CPU time, memory and voxels.
+// sweep of 0.1 s with its seam at the rear. Writes PREFIX_mid.tum and
+// PREFIX_end.tum, poses stamped with the instant they hold for. Prints CPU time, memory and voxels.
 
 #include <sys/resource.h>
 
@@ -101,7 +101,6 @@ struct Options {
   PlaneMapConfig map;
   MatcherConfig matcher;
   int scans = 1 << 30;
-  bool mid = false;
   bool trace = false;
 };
 
@@ -119,12 +118,18 @@ const std::map<std::string, Setter>& setters() {
       {"dist", [](Options& o, double v) { o.map.distributions = v != 0; }},
       {"merge", [](Options& o, double v) { o.map.merge_radius_voxels = v; }},
       {"keep", [](Options& o, double v) { o.map.keep_radius_m = v; }},
+      {"mthick", [](Options& o, double v) { o.map.merged_thickness_sigmas = v; }},
       {"thick", [](Options& o, double v) { o.map.thickness_sigmas = v; }},
       {"rot", [](Options& o, double v) { o.map.grid_rotation_rad *= v; }},
       {"stride", [](Options& o, double v) { o.matcher.stride = static_cast<unsigned>(v); }},
       {"maxpts", [](Options& o, double v) { o.matcher.max_points = static_cast<std::size_t>(v); }},
       {"it", [](Options& o, double v) { o.matcher.max_iterations = static_cast<int>(v); }},
       {"gate", [](Options& o, double v) { o.matcher.min_gate_m = v; }},
+      {"mem", [](Options& o, double v) { o.matcher.twist_memory = v; }},
+      {"bt", [](Options& o, double v) { o.matcher.begin_sigma_m = v; }},
+      {"br", [](Options& o, double v) { o.matcher.begin_sigma_rad = v; }},
+      {"vt", [](Options& o, double v) { o.matcher.change_sigma_m = v; }},
+      {"vr", [](Options& o, double v) { o.matcher.change_sigma_rad = v; }},
       {"corr", [](Options& o, double v) { o.matcher.correlation = v; }},
   };
   return all;
@@ -135,10 +140,6 @@ Options parse(int argc, char** argv) {
   for (int i = 3; i < argc; ++i) {
     const std::string arg = argv[i];
     const std::size_t equals = arg.find('=');
-    if (arg == "pose=mid") {
-      options.mid = true;
-      continue;
-    }
     const auto found = setters().find(arg.substr(0, equals));
     if (equals == std::string::npos || found == setters().end()) {
       std::cerr << "unknown option " << arg << "\n";
@@ -160,15 +161,17 @@ void write_pose(std::FILE* out, double time_s, const Pose& pose) {
 
 int main(int argc, char** argv) {
   if (argc < 3) {
-    std::cerr << "usage: plane_map_offline DIR OUT.tum [key=value ...]\n";
+    std::cerr << "usage: plane_map_offline DIR PREFIX [key=value ...]\n";
     return 2;
   }
   const Options options = parse(argc, argv);
   const std::string folder = argv[1];
   const std::vector<double> stamps = read_stamps(folder);
-  std::FILE* out = std::fopen(argv[2], "w");
-  if (out == nullptr) {
-    std::cerr << "cannot write " << argv[2] << "\n";
+  const std::string prefix = argv[2];
+  std::FILE* out_mid = std::fopen((prefix + "_mid.tum").c_str(), "w");
+  std::FILE* out_end = std::fopen((prefix + "_end.tum").c_str(), "w");
+  if (out_mid == nullptr || out_end == nullptr) {
+    std::cerr << "cannot write " << prefix << "_*.tum\n";
     return 1;
   }
   constexpr double kPeriod_s = 0.1;
@@ -194,12 +197,11 @@ int main(int argc, char** argv) {
     iterations += r.iterations;
     matched += r.matched_fraction;
     weak += r.degeneracy.weak ? 1 : 0;
-    if (options.mid) {
-      write_pose(out, stamp_s + 0.5 * kPeriod_s, r.T_map_base_mid);
-    } else {
-      write_pose(out, stamp_s + kPeriod_s, r.T_map_base_end);
-    }
+    write_pose(out_mid, stamp_s + 0.5 * kPeriod_s, r.T_map_base_mid);
+    write_pose(out_end, stamp_s + kPeriod_s, r.T_map_base_end);
     if (options.trace) {
+      const Vector6& v = r.twist_per_s;
+      std::printf("twist %.7f %.7f %.7f %.7f %.7f %.7f\n", v[0], v[1], v[2], v[3], v[4], v[5]);
       const Degeneracy& d = r.degeneracy;
       std::printf(
           "%d ms %.1f it %d matched %.2f rms %.4f gate %.2f sigma %.4f / %.4f share %.4f weak %d "
@@ -209,7 +211,8 @@ int main(int argc, char** argv) {
           d.axis.z());
     }
   }
-  std::fclose(out);
+  std::fclose(out_mid);
+  std::fclose(out_end);
   const double n = std::max<double>(1.0, static_cast<double>(times.size()));
   double sum = 0;
   for (const double t : times) {
