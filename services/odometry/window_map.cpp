@@ -35,7 +35,7 @@ WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
       levels_(std::clamp(config.voxel_levels, 1, kMaxLevels)),
       R_grid_odom_(exp_so3({0.1, 0.15, 0.5})),
       t_grid_odom_(0.137, 0.291, 0.173),
-      table_(kInitialTable, 0) {}
+      table_(kInitialTable) {}
 
 void WindowMap::set_range_noise(double range_noise_m) {
   if (range_noise_m == range_noise_m_) {
@@ -51,7 +51,7 @@ void WindowMap::clear() {
   sweeps_.clear();
   voxels_.clear();
   free_.clear();
-  table_.assign(kInitialTable, 0);
+  table_.assign(kInitialTable, Slot{});
   used_slots_ = 0;
 }
 
@@ -75,9 +75,9 @@ WindowMap::Cell WindowMap::cell_of(const Grid& position, int level) const {
 std::uint32_t WindowMap::find_voxel(const Cell& cell, int level) const {
   const std::uint64_t key = key_of(cell, level);
   const std::size_t mask = table_.size() - 1;
-  for (std::size_t slot = mix(key) & mask; table_[slot] != 0; slot = (slot + 1) & mask) {
-    if (voxels_[table_[slot] - 1].key == key) {
-      return table_[slot] - 1;
+  for (std::size_t slot = mix(key) & mask; table_[slot].key != 0; slot = (slot + 1) & mask) {
+    if (table_[slot].key == key) {
+      return table_[slot].voxel;
     }
   }
   return kNoVoxel;
@@ -102,13 +102,7 @@ std::uint32_t WindowMap::make_voxel(const Cell& cell, int level) {
   }
   voxels_[index] = Voxel{};
   voxels_[index].key = key_of(cell, level);
-  const std::size_t mask = table_.size() - 1;
-  std::size_t slot = mix(voxels_[index].key) & mask;
-  while (table_[slot] != 0) {
-    slot = (slot + 1) & mask;
-  }
-  table_[slot] = index + 1;
-  ++used_slots_;
+  enter(voxels_[index].key, index);
   return index;
 }
 
@@ -124,19 +118,24 @@ void WindowMap::rebuild_table(std::size_t capacity) {
   while (capacity < 4 * living) {
     capacity *= 2;
   }
-  table_.assign(capacity, 0);
+  table_.assign(capacity, Slot{});
   used_slots_ = 0;
   for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
     if (voxels_[i].key == 0) {
       continue;
     }
-    std::size_t slot = mix(voxels_[i].key) & (capacity - 1);
-    while (table_[slot] != 0) {
-      slot = (slot + 1) & (capacity - 1);
-    }
-    table_[slot] = i + 1;
-    ++used_slots_;
+    enter(voxels_[i].key, i);
   }
+}
+
+void WindowMap::enter(std::uint64_t key, std::uint32_t voxel) {
+  const std::size_t mask = table_.size() - 1;
+  std::size_t slot = mix(key) & mask;
+  while (table_[slot].key != 0) {
+    slot = (slot + 1) & mask;
+  }
+  table_[slot] = {key, voxel};
+  ++used_slots_;
 }
 
 void WindowMap::Sums::add(std::int64_t x, std::int64_t y, std::int64_t z) {

@@ -68,6 +68,11 @@ class WindowMap {
     Fit fit = Fit::kStale;
     FittedPlane plane{};
   };
+  /// The key beside the index: most look-ups end without touching a voxel.
+  struct Slot {
+    std::uint64_t key = 0;  // 0: free
+    std::uint32_t voxel = 0;
+  };
   /// Successive points of a sweep in one voxel; kept to be subtracted when the sweep leaves.
   struct Run {
     std::uint32_t voxel = 0;
@@ -87,6 +92,7 @@ class WindowMap {
   void close_run(int level, std::vector<Run>& runs);
   void remove_oldest();
   void rebuild_table(std::size_t capacity);
+  void enter(std::uint64_t key, std::uint32_t voxel);
   void fit(Voxel& voxel, const Cell& cell, int level);
   bool covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const;
 
@@ -98,7 +104,7 @@ class WindowMap {
   Eigen::Vector3d t_grid_odom_;
   std::vector<Voxel> voxels_;
   std::vector<std::uint32_t> free_;
-  std::vector<std::uint32_t> table_;  // open addressing, index + 1; 0 is empty
+  std::vector<Slot> table_;  // open addressing, power of two
   std::size_t used_slots_ = 0;
   std::array<OpenRun, kMaxLevels> open_;
   std::deque<std::vector<Run>> sweeps_;

@@ -1,0 +1,166 @@
+#include "odometry/odometry_stage.hpp"
+
+#include <chrono>
+#include <string>
+#include <string_view>
+
+namespace zloam::odometry {
+namespace {
+
+// Replicas of registration learn from the progress what is still to be done.
+constexpr std::chrono::milliseconds kProgressPeriod{50};
+
+FeatureSweep input_of(const runtime::Received<msg::Features>& features) {
+  FeatureSweep input;
+  input.sweep = features.sweep();
+  input.stamp_ns = features.header().stamp_ns();
+  input.period_ns = features->period_ns();
+  input.deskewed = features->deskewed();
+  input.range_noise_m = static_cast<double>(features->range_noise_m());
+  input.sharp = points_of(features->sharp());
+  input.less_sharp = points_of(features->less_sharp());
+  input.flat = points_of(features->flat());
+  input.less_flat = points_of(features->less_flat());
+  return input;
+}
+
+// What the source said about the sweep stands when odometry itself has nothing to say.
+Health health_with(Health own, Health source) { return own == Health::kOk ? source : own; }
+
+void append(std::vector<MapPoint>& out, PointSpan points) {
+  for (const Point& p : points) out.push_back({p.x, p.y, p.z, p.intensity});
+}
+
+}  // namespace
+
+OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config)
+    : stage_(stage),
+      odometry_(config, stage.shared().mounting.T_base_lidar()),
+      T_base_lidar_(stage.shared().mounting.T_base_lidar()),
+      pose_(stage.outlet(Key::kOdometry)),
+      features_(stage.outlet(Key::kOdometryFeatures)),
+      sweep_(stage.outlet(Key::kOdometrySweep)),
+      progress_(stage.outlet(Key::kProgress)) {
+  runtime::InletOptions options;
+  options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
+    next_sweep_ = sweep + 1;
+  };
+  stage.inlet<msg::Features>(Key::kFeatures, options,
+                             [this](const Features& features) { take(features); });
+  stage.answer(stage.keys().of(Key::kPathOdometry),
+               [this](runtime::Answer& answer) { answer_path(answer); });
+  stage.command("reset", "forgets the motion; the next sweep begins a new odom frame",
+                [this](const std::string&) { return reset(); });
+  stage.on_new_run([this](const msg::Header&) { new_run(); });
+  stage.every(kProgressPeriod, [this] {
+    if (!path_.empty()) publish_progress(progress_.header(stage_.now_ns(), stage_.now_ns()));
+  });
+}
+
+void OdometryStage::new_run() {
+  odometry_.reset();
+  path_.clear();
+  next_sweep_ = 0;
+  odom_epoch_ = 0;
+}
+
+void OdometryStage::take(const Features& features) {
+  next_sweep_ = features.sweep() + 1;
+  // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
+  if (health_of(features->health()) == Health::kDropped) return;
+  const OdometryResult result = odometry_.process(input_of(features));
+  publish_pose(features, result);
+  publish_features(features, result);
+  if (sweep_.matching()) publish_sweep(features, result);
+  path_.emplace_back(result.instant_ns, result.sweep, to_message(result.T_odom_base));
+  publish_progress(progress_.header(features));
+  note_figures(result);
+}
+
+void OdometryStage::publish_pose(const Features& features, const OdometryResult& result) {
+  const Degeneracy& d = result.degeneracy;
+  OdometryFields fields;
+  fields.instant_ns = result.instant_ns;
+  fields.T_odom_base = result.T_odom_base;
+  fields.twist_per_s = result.twist_per_s;
+  fields.covariance = result.covariance;
+  fields.weak = {d.degenerate, d.weak_translation, d.weak_rotation, d.sigma_measured,
+                 d.sigma_predicted};
+  fields.solve = {result.diagnostics.iterations,
+                  result.diagnostics.planes + result.diagnostics.lines,
+                  result.diagnostics.residual_m};
+  fields.health = health_with(result.health, health_of(features->health()));
+  fields.prev_sweep = result.prev_sweep;
+  HeaderFields header = pose_.header(features);
+  header.frame = "odom";
+  header.odom_epoch = odom_epoch_;
+  pose_.publish(header, build(header, fields));
+  last_header_ = header;
+}
+
+void OdometryStage::publish_features(const Features& features, const OdometryResult& result) {
+  OdometryFeaturesFields fields;
+  fields.instant_ns = result.instant_ns;
+  fields.T_odom_base = result.T_odom_base;
+  fields.twist_per_s = result.twist_per_s;
+  fields.covariance = result.covariance;
+  fields.period_ns = features->period_ns();
+  fields.T_base_lidar = T_base_lidar_;
+  fields.edges = result.edges;
+  fields.planes = result.planes;
+  fields.prev_sweep = result.prev_sweep;
+  fields.health = health_with(result.health, health_of(features->health()));
+  fields.degenerate = result.degeneracy.degenerate;
+  fields.range_noise_m = features->range_noise_m();
+  HeaderFields header = features_.header(features);
+  header.frame = "base_link";
+  header.odom_epoch = odom_epoch_;
+  features_.publish(header, build(header, fields));
+}
+
+// The sweep as far as registration handed it on: all returns that it did not reject.
+void OdometryStage::publish_sweep(const Features& features, const OdometryResult& result) {
+  std::vector<MapPoint> points;
+  points.reserve(result.edges.size() + result.planes.size());
+  append(points, result.edges);
+  append(points, result.planes);
+  CloudFields fields;
+  fields.instant_ns = result.instant_ns;
+  fields.points = points;
+  HeaderFields header = sweep_.header(features);
+  header.frame = "base_link";
+  header.odom_epoch = odom_epoch_;
+  sweep_.publish(header, build(header, fields));
+}
+
+void OdometryStage::publish_progress(HeaderFields header) {
+  ProgressFields fields;
+  fields.run = last_header_.run;
+  fields.instance = stage_.identity().instance;
+  fields.next_sweep = next_sweep_;
+  fields.seq = header.seq;
+  header.run = last_header_.run;
+  progress_.publish(header, build(fields));
+}
+
+void OdometryStage::note_figures(const OdometryResult& result) {
+  stage_.figure("iterations", result.diagnostics.iterations);
+  stage_.figure("correspondences", result.diagnostics.planes + result.diagnostics.lines);
+  stage_.figure("residual_m", result.diagnostics.residual_m);
+  stage_.figure("prediction_error_m", result.diagnostics.prediction_error_m);
+  stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);
+}
+
+void OdometryStage::answer_path(runtime::Answer& answer) const {
+  answer.reply(stage_.keys().of(Key::kPathOdometry), encoding_of(Key::kPathOdometry),
+               build_path(last_header_, path_));
+}
+
+runtime::CommandReply OdometryStage::reset() {
+  odometry_.reset();
+  ++odom_epoch_;
+  return {true, "a new odom frame begins with the next sweep",
+          "{\"odom_epoch\": " + std::to_string(odom_epoch_) + "}"};
+}
+
+}  // namespace zloam::odometry
