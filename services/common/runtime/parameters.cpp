@@ -7,6 +7,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -462,10 +463,10 @@ void Parameters::load(const std::optional<std::string>& path,
   }
   std::ifstream file(*path);
   std::ostringstream text;
-  if (file) text << file.rdbuf();
-  if (!file) {
-    throw IoError(*path + ": can't be read: " + std::strerror(errno));
-  }
+  if (!file) throw IoError(*path + ": can't be read: " + std::strerror(errno));
+  if (std::filesystem::is_directory(*path)) throw IoError(*path + ": is a directory");
+  text << file.rdbuf();
+  if (file.bad()) throw IoError(*path + ": can't be read to its end");
   load_text(text.str(), *path, settings, foreign);
 }
 

@@ -1,0 +1,220 @@
+// Every error names its place, its key, the value and what is allowed; what is right is set.
+
+#include "common/runtime/parameters.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "common/runtime/config.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using testing::HasSubstr;
+
+enum class Mode { kSoft, kHard };
+
+struct Config {
+  double range_m = 5.0;
+  float noise_m = 0.02F;
+  int count = 3;
+  std::uint64_t big = 7;
+  bool on = false;
+  std::string name = "x";
+  std::string choice = "a";
+  Mode mode = Mode::kSoft;
+  Eigen::Vector3d xyz = Eigen::Vector3d::Zero();
+  std::array<int, 3> tiles = {1, 2, 3};
+  std::vector<std::string> list;
+};
+
+struct ParameterFile : testing::Test {
+  Config c;
+  Parameters p;
+  ParameterFile() {
+    p.add("stage.range_m", &c.range_m, {0.0, 100.0}, "m", "how far");
+    p.add("stage.noise_m", &c.noise_m, {0.0, 1.0}, "m", "noise");
+    p.add("stage.deep.count", &c.count, {1, 10}, "", "how many");
+    p.add("stage.big", &c.big, {}, "", "large");
+    p.add("stage.on", &c.on, "switch");
+    p.add("stage.name", &c.name, "name", Effect::kNone);
+    p.add("stage.choice", &c.choice, {"a", "b"}, "one of two");
+    p.add("stage.mode", &c.mode, {{"soft", Mode::kSoft}, {"hard", Mode::kHard}}, "mode");
+    p.add("stage.xyz", &c.xyz, {-1.0, 1.0}, "m", "place");
+    p.add("stage.tiles", &c.tiles, {1, 99}, "", "tiles");
+    p.add("stage.list", &c.list, "texts");
+    p.check("stage.big", [this] { return c.big == 13 ? "must not be 13" : ""; });
+  }
+  std::string error(const std::string& text, const std::vector<std::string>& settings = {}) {
+    try {
+      p.load_text(text, "robot.yaml", settings, {"other"});
+    } catch (const ConfigError& e) {
+      return e.what();
+    }
+    return {};
+  }
+};
+
+TEST_F(ParameterFile, SetsEveryType) {
+  EXPECT_EQ(
+      error("stage:\n"
+            "  range_m: 7.5\n  noise_m: 0.03\n  deep:\n    count: 4\n  big: 9007199254740991\n"
+            "  on: true\n  name: ü b\n  choice: b\n  mode: hard\n  xyz: [0.1, -0.2, 1]\n"
+            "  tiles: [4, 5, 6]\n  list: [p, q]\n"),
+      "");
+  EXPECT_EQ(c.range_m, 7.5);
+  EXPECT_EQ(c.noise_m, 0.03F);
+  EXPECT_EQ(c.count, 4);
+  EXPECT_EQ(c.big, 9007199254740991U);
+  EXPECT_TRUE(c.on);
+  EXPECT_EQ(c.name, "ü b");
+  EXPECT_EQ(c.choice, "b");
+  EXPECT_EQ(c.mode, Mode::kHard);
+  EXPECT_EQ(c.xyz, Eigen::Vector3d(0.1, -0.2, 1.0));
+  EXPECT_EQ(c.tiles, (std::array<int, 3>{4, 5, 6}));
+  EXPECT_EQ(c.list, (std::vector<std::string>{"p", "q"}));
+}
+
+TEST_F(ParameterFile, DefaultsHoldWithoutAFile) {
+  EXPECT_EQ(error(""), "");
+  EXPECT_EQ(c.range_m, 5.0);
+  EXPECT_EQ(error("stage:\n"), "");
+  EXPECT_EQ(error("other:\n  anything: [1, {a: b}]\n"), "");
+}
+
+TEST_F(ParameterFile, UnknownKeyNamesLineAndTheNearestName) {
+  const std::string e = error("stage:\n  on: true\n  rnage_m: 3\n");
+  EXPECT_EQ(e, "robot.yaml:3: stage.rnage_m: unknown key (did you mean 'stage.range_m'?)");
+  EXPECT_THAT(error("stagee:\n  on: true\n"), HasSubstr("robot.yaml:1: stagee: unknown key"));
+  EXPECT_EQ(error("stage:\n  zzzzzzzzzzzzzzzzzz: 1\n"),
+            "robot.yaml:2: stage.zzzzzzzzzzzzzzzzzz: unknown key");
+}
+
+TEST_F(ParameterFile, OutOfRangeNamesValueAndWhatIsAllowed) {
+  EXPECT_EQ(
+      error("stage:\n  range_m: 100.5\n"),
+      "robot.yaml:2: stage.range_m: value '100.5' is refused: out of range; allowed: 0 to 100 "
+      "m");
+  EXPECT_THAT(error("stage:\n  deep:\n    count: 0\n"),
+              HasSubstr("robot.yaml:3: stage.deep.count: value '0' is refused: out of range; "
+                        "allowed: 1 to 10"));
+  EXPECT_THAT(error("stage:\n  big: -1\n"), HasSubstr("out of range"));
+  EXPECT_THAT(error("stage:\n  xyz: [0, 0, 2]\n"), HasSubstr("value [0, 0, 2] is refused"));
+  EXPECT_EQ(c.range_m, 5.0);
+  EXPECT_EQ(c.xyz, Eigen::Vector3d::Zero());
+}
+
+TEST_F(ParameterFile, WrongTypesAreRefused) {
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"range_m: fast", "a number is expected"},
+      {"range_m: nan", "a number is expected"},
+      {"range_m: .inf", "a number is expected"},
+      {"range_m: 1e999", "a number is expected"},
+      {"range_m: 5m", "a number is expected"},
+      {"range_m: [1]", "a single value is expected"},
+      {"range_m: {a: 1}", "a single value is expected"},
+      {"range_m:", "a single value is expected"},
+      {"deep: {count: 2.5}", "a whole number is expected"},
+      {"deep: {count: 99999999999999999999}", "a whole number is expected"},
+      {"deep: 4", "a section with keys of its own is expected"},
+      {"on: yes", "true or false is expected"},
+      {"on: 1", "true or false is expected"},
+      {"choice: c", "one of a, b"},
+      {"mode: Soft", "one of soft, hard"},
+      {"xyz: [1, 2]", "a list of 3 numbers is expected"},
+      {"xyz: 1", "a list of 3 numbers is expected"},
+      {"tiles: [1, 2, 2.5]", "a whole number is expected"},
+      {"list: text", "a list is expected"},
+      {"name: [a]", "a single value is expected"},
+  };
+  for (const auto& [line, expected] : cases) {
+    const std::string e = error("stage:\n  " + line + "\n");
+    EXPECT_THAT(e, HasSubstr("robot.yaml:2: stage.")) << line;
+    EXPECT_THAT(e, HasSubstr(expected)) << line;
+  }
+}
+
+TEST_F(ParameterFile, AllErrorsAreNamedAtOnce) {
+  const std::string e = error("stage:\n  range_m: -1\n  on: 3\n", {"stage.mode=none"});
+  EXPECT_THAT(e, HasSubstr("robot.yaml:2: stage.range_m"));
+  EXPECT_THAT(e, HasSubstr("robot.yaml:3: stage.on"));
+  EXPECT_THAT(e, HasSubstr("--set stage.mode: stage.mode: value 'none'"));
+}
+
+TEST_F(ParameterFile, SettingsOverrideTheFileAndAreCheckedAlike) {
+  EXPECT_EQ(error("stage:\n  range_m: 7\n",
+                  {"stage.range_m=8", "stage.xyz=[0, 0, 1]", "stage.name=a=b", "other.key=1"}),
+            "");
+  EXPECT_EQ(c.range_m, 8.0);
+  EXPECT_EQ(c.xyz.z(), 1.0);
+  EXPECT_EQ(c.name, "a=b");
+  EXPECT_EQ(error("", {"stage.rnage_m=1"}),
+            "--set stage.rnage_m: stage.rnage_m: unknown key (did you mean 'stage.range_m'?)");
+  EXPECT_THAT(error("", {"stage.range_m"}), HasSubstr("key=value is expected"));
+  EXPECT_THAT(error("", {"stage.range_m=101"}), HasSubstr("0 to 100 m"));
+}
+
+TEST_F(ParameterFile, ConditionsOverFieldsNameTheirKeyAndPlace) {
+  EXPECT_EQ(error("stage:\n  big: 13\n"), "robot.yaml:2: stage.big: must not be 13");
+  EXPECT_EQ(error("stage:\n  big: 1\n", {"stage.big=13"}),
+            "--set stage.big: stage.big: must not be 13");
+}
+
+TEST_F(ParameterFile, BrokenYamlAndDoubleKeysNameTheLine) {
+  EXPECT_THAT(error("stage:\n  on: [true\n"), HasSubstr("robot.yaml:"));
+  EXPECT_THAT(error("stage:\n  on: true\n  on: false\n"),
+              HasSubstr("robot.yaml:3: stage.on: stands here a second time"));
+  EXPECT_THAT(error("- a\n"), HasSubstr("a map of sections is expected"));
+}
+
+TEST_F(ParameterFile, FileThatIsNotThereIsAnIoError) {
+  EXPECT_THROW(p.load("/nowhere/robot.yaml", {}), IoError);
+  EXPECT_THROW(p.load(std::filesystem::temp_directory_path().string(), {}), IoError);
+}
+
+TEST_F(ParameterFile, DescriptionAndValuesAreJson) {
+  EXPECT_EQ(error("stage:\n  range_m: 6\n"), "");
+  const auto list = nlohmann::json::parse(p.describe_json());
+  ASSERT_EQ(list.size(), p.keys().size());
+  EXPECT_EQ(list[0]["key"], "stage.range_m");
+  EXPECT_EQ(list[0]["default"], 5.0);
+  EXPECT_EQ(list[0]["unit"], "m");
+  EXPECT_EQ(list[0]["allowed"], "0 to 100");
+  const auto values = nlohmann::json::parse(p.values_json());
+  EXPECT_EQ(values["stage.range_m"], 6.0);
+  EXPECT_EQ(values["stage.mode"], "soft");
+  EXPECT_EQ(values["stage.name"], "x");
+  const auto result = nlohmann::json::parse(p.result_values_json());
+  EXPECT_TRUE(result.contains("stage.range_m"));
+  EXPECT_FALSE(result.contains("stage.name"));
+}
+
+TEST_F(ParameterFile, ValuesTextDependsOnValuesOnly) {
+  const std::string before = p.result_values_json();
+  EXPECT_EQ(error("", {"stage.name=other"}), "");
+  EXPECT_EQ(p.result_values_json(), before);
+  EXPECT_EQ(error("", {"stage.range_m=5.5"}), "");
+  EXPECT_NE(p.result_values_json(), before);
+}
+
+TEST(SharedParameters, HoldNamesToWhatAKeyAllows) {
+  const auto load = [](const std::string& text) {
+    SharedConfig c;
+    Parameters p;
+    bind(p, c);
+    p.load_text(text, "f", {});
+    return c;
+  };
+  EXPECT_THROW(load("robot: a/b\n"), ConfigError);
+  EXPECT_THROW(load("robot: r\nsensor:\n  name: '*'\n"), ConfigError);
+  const SharedConfig c = load("robot: r\nmounting:\n  xyz_m: [0, 0, 1.7]\n");
+  EXPECT_EQ(c.robot, "r");
+  EXPECT_EQ(c.mounting.T_base_lidar().translation().z(), 1.7);
+}
+
+}  // namespace
+}  // namespace zloam::runtime

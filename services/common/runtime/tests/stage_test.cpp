@@ -1,0 +1,362 @@
+// One stage and a stranger's session: what is refused, what is answered, what is counted.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "common/runtime/run_id.hpp"
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::kPatience;
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::Watched;
+
+const Keys kKeys("r", "top");
+
+zenoh::PublisherOptions sweep_options() {
+  zenoh::PublisherOptions o;
+  o.congestion_control = zenoh::CongestionControl::kBlock;
+  o.encoding = encoding_of(Key::kSweep);
+  return o;
+}
+
+zenoh::GetOptions patient() {
+  zenoh::GetOptions o;
+  o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+  return o;
+}
+
+/// Waits until the other side's subscriber is known.
+void wait_for_reader(zenoh::Publisher& publisher) {
+  Watched<bool> matched;
+  publisher.on_matching([&](bool yes) { matched.change([&](bool& m) { m = yes; }); });
+  const bool found = publisher.matching() || matched.wait([](bool m) { return m; });
+  ASSERT_TRUE(found);
+  publisher.on_matching([](bool) {});
+}
+
+zenoh::Bytes sweep_bytes(const HeaderFields& header, std::span<const Point> points = {}) {
+  return zenoh::Bytes::own(build(header, SweepFields{.points = points, .rings = 16}));
+}
+
+/// A stage that notes the sweeps it handles.
+struct Reader {
+  Reader(zenoh::Session session, StageSetup s, InletOptions options = {}) {
+    options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view reason) {
+      seen.change([&](auto& list) { list.push_back(std::string(reason) + std::to_string(sweep)); });
+    };
+    stage = std::make_unique<RunningStage>(std::move(session), std::move(s), [&](Stage& core) {
+      core.inlet<msg::Sweep>(Key::kSweep, options, [this](const Received<msg::Sweep>& sweep) {
+        hold.wait([](bool held) { return !held; });
+        seen.change([&](auto& list) { list.push_back(std::to_string(sweep.sweep())); });
+      });
+    });
+  }
+  Account account() { return (*stage)->accounts().at(0); }
+  bool wait_for(std::size_t n) {
+    return seen.wait([n](const auto& list) { return list.size() >= n; });
+  }
+  Watched<std::vector<std::string>> seen;
+  Watched<bool> hold;
+  std::unique_ptr<RunningStage> stage;
+};
+
+std::uint64_t dropped(const Account& a, Drop reason) {
+  return a.dropped[static_cast<std::size_t>(reason)];
+}
+
+TEST(Stage, RefusesWhatIsNoMessageAndCountsWhy) {
+  const Network network(2);
+  Reader reader(network.open(0), setup("registration"));
+  zenoh::Session stranger = network.open(1);
+  zenoh::Publisher good = stranger.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  zenoh::PublisherOptions wrong = sweep_options();
+  wrong.encoding = "text/plain";
+  zenoh::Publisher other = stranger.declare_publisher(kKeys.of(Key::kSweep), wrong);
+  wait_for_reader(good);
+  wait_for_reader(other);
+
+  good.put(sweep_bytes(sweep_header(1, 0, true)));
+  other.put(sweep_bytes(sweep_header(1, 1, true)));                                // encoding
+  good.put(zenoh::Bytes::copy_of(std::string_view("no message")));                 // no FlatBuffer
+  good.put(zenoh::Bytes());                                                        // nothing at all
+  good.put(zenoh::Bytes::own(build(sweep_header(1, 1, true), FeaturesFields{})));  // identifier
+  const Buffer whole = build(sweep_header(1, 1, true), SweepFields{});
+  good.put(zenoh::Bytes::copy_of(std::span(whole.data(), whole.size() / 2)));  // cut
+  const std::vector<Point> bad = {{1, 1, 1, 1, 0, 99, ReturnType::kStrongest, 0}};
+  good.put(sweep_bytes(sweep_header(1, 1, true), bad));  // ring out of range
+  good.put(sweep_bytes(sweep_header(1, 0, true)));       // second copy
+  good.put(sweep_bytes(sweep_header(1, 1, true)));
+  ASSERT_TRUE(reader.wait_for(2));
+  reader.stage->stop();
+  const Account a = reader.account();
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.received, 9U);
+  EXPECT_EQ(a.processed, 2U);
+  EXPECT_EQ(dropped(a, Drop::kGarbage), 5U);
+  EXPECT_EQ(dropped(a, Drop::kInvalid), 1U);
+  EXPECT_EQ(dropped(a, Drop::kDuplicate), 1U);
+  EXPECT_THAT(reader.seen.get(), testing::ElementsAre("0", "1"));
+}
+
+TEST(Stage, LiveQueueDropsTheOldestAndTellsWhich) {
+  const Network network(2);
+  StageSetup s = setup("registration");
+  s.shared.recovery.queue_sweeps = 2;
+  Reader reader(network.open(0), std::move(s));
+  reader.hold.change([](bool& h) { h = true; });
+  zenoh::Session source = network.open(1);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  constexpr std::uint64_t kSent = 9;
+  for (std::uint64_t i = 0; i < kSent; ++i) out.put(sweep_bytes(sweep_header(1, i, false)));
+  // Waits for what the socket holds, not for a time: the counter says when all have come.
+  while (reader.account().received < kSent) std::this_thread::yield();
+  reader.hold.change([](bool& h) { h = false; });
+  ASSERT_TRUE(reader.wait_for(kSent));
+  reader.stage->stop();
+  const Account a = reader.account();
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.processed + dropped(a, Drop::kQueueFull), kSent);
+  EXPECT_GE(dropped(a, Drop::kQueueFull), 4U);
+  EXPECT_EQ(reader.seen.get().back(), "8");
+  std::uint64_t told = 0;
+  for (const std::string& entry : reader.seen.get()) told += entry.starts_with("queue_full");
+  EXPECT_EQ(told, dropped(a, Drop::kQueueFull));
+}
+
+TEST(Stage, LiveGapIsGivenUpAndALateArrivalIsLate) {
+  const Network network(2);
+  Reader reader(network.open(0), setup("registration"));
+  zenoh::Session source = network.open(1);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  out.put(sweep_bytes(sweep_header(1, 0, false)));
+  out.put(sweep_bytes(sweep_header(1, 2, false)));
+  ASSERT_TRUE(reader.wait_for(3));
+  out.put(sweep_bytes(sweep_header(1, 1, false)));
+  out.put(sweep_bytes(sweep_header(1, 3, false)));
+  ASSERT_TRUE(reader.wait_for(4));
+  reader.stage->stop();
+  EXPECT_THAT(reader.seen.get(), testing::ElementsAre("0", "lost1", "2", "3"));
+  const Account a = reader.account();
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.lost, 1U);
+  EXPECT_EQ(dropped(a, Drop::kLate), 1U);
+}
+
+TEST(Stage, AHandlerThatThrowsCostsItsMessageOnly) {
+  const Network network(2);
+  Watched<int> handled;
+  RunningStage stage(network.open(0), setup("registration"), [&](Stage& core) {
+    core.inlet<msg::Sweep>(Key::kSweep, {}, [&](const Received<msg::Sweep>& sweep) {
+      if (sweep.sweep() == 0) throw std::runtime_error("on purpose");
+      handled.change([](int& n) { ++n; });
+    });
+  });
+  zenoh::Session source = network.open(1);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  out.put(sweep_bytes(sweep_header(1, 0, true)));
+  out.put(sweep_bytes(sweep_header(1, 1, true)));
+  ASSERT_TRUE(handled.wait([](int n) { return n == 1; }));
+  EXPECT_EQ(stage->status().health, ServiceHealth::kDegraded);
+  EXPECT_THAT(stage->status().reason, testing::HasSubstr("on purpose"));
+  EXPECT_EQ(stage.stop(), kExitOk);
+  EXPECT_TRUE(stage->accounts().at(0).balanced());
+}
+
+TEST(Outlet, AnswersByNumberWithTheBytesThatWerePublished) {
+  const Network network(2);
+  constexpr int kKeep = 5;
+  StageSetup s = setup("driver");
+  s.shared.recovery.keep_messages = kKeep;
+  std::vector<std::string> sent;
+  RunningStage stage(network.open(0), std::move(s), [&](Stage& core) {
+    Outlet& out = core.outlet(Key::kSweep);
+    for (std::uint64_t i = 0; i < 8; ++i) {
+      HeaderFields h = out.header(core.now_ns(), core.now_ns());
+      EXPECT_EQ(h.seq, i);
+      h.run = 42;
+      h.sweep = i;
+      h.frame = "lidar";
+      Buffer message = build(h, SweepFields{});
+      sent.emplace_back(reinterpret_cast<const char*>(message.data()), message.size());
+      out.publish(h, std::move(message));
+    }
+  });
+  zenoh::Session asker = network.open(1);
+  const auto ask = [&](const std::string& parameters) {
+    std::vector<std::string> bytes;
+    for (const zenoh::Reply& r : asker.get(kKeys.of(Key::kSweep) + parameters, patient())) {
+      if (!r.ok()) continue;
+      EXPECT_EQ(r.sample->encoding, encoding_of(Key::kSweep));
+      bytes.push_back(r.sample->payload.to_string());
+    }
+    return bytes;
+  };
+  // The link comes up in the background: ask until the first answer.
+  std::vector<std::string> one;
+  for (int attempt = 0; attempt < 1000 && one.empty(); ++attempt) one = ask("?run=42;sweep=6");
+  EXPECT_EQ(one, std::vector<std::string>{sent[6]});
+  // 0 to 2 are not kept any more.
+  EXPECT_THAT(ask("?run=42;sweep=0..4"), testing::UnorderedElementsAre(sent[3], sent[4]));
+  EXPECT_THAT(ask("?run=42;sweep=7..1000"), testing::UnorderedElementsAre(sent[7]));
+  EXPECT_TRUE(ask("?run=43;sweep=0..7").empty());
+  EXPECT_THAT(ask("?seq=5..5"), testing::UnorderedElementsAre(sent[5]));
+  EXPECT_TRUE(ask("?run=42;sweep=x..y").empty());
+  EXPECT_TRUE(ask("").empty());
+}
+
+struct Service : testing::Test {
+  Service() {
+    StageSetup s = setup("mapping", "m1");
+    s.values_json = R"({"mapping.every":1})";
+    s.result_json = R"({"mapping.every":1})";
+    stage = std::make_unique<RunningStage>(network.open(0), std::move(s), [](Stage& core) {
+      core.figure("map_points", 12.0);
+      core.command("save", "writes the map", [](const std::string& arguments) {
+        const auto json = nlohmann::json::parse(arguments);
+        if (!json.contains("path")) return CommandReply{false, "path is missing"};
+        return CommandReply{true, "saved to " + json["path"].get<std::string>(), R"({"n":1})"};
+      });
+      core.command("break", "throws",
+                   [](const std::string&) -> CommandReply { throw std::runtime_error("broken"); });
+    });
+    client = std::make_unique<zenoh::Session>(network.open(1));
+  }
+  /// The answers once there is one.
+  std::vector<zenoh::Reply> ask(const std::string& selector, const std::string& payload = {}) {
+    zenoh::GetOptions options = patient();
+    if (!payload.empty()) options.payload = zenoh::Bytes::copy_of(payload);
+    for (int attempt = 0; attempt < 1000; ++attempt) {
+      auto replies = client->get(selector, options);
+      if (!replies.empty()) return replies;
+    }
+    return {};
+  }
+  CommandReply command(const std::string& verb, const std::string& payload) {
+    const auto replies = ask(kKeys.command("mapping", verb), payload);
+    EXPECT_EQ(replies.size(), 1U);
+    if (replies.empty() || !replies[0].ok()) return {false, "no reply"};
+    const auto bytes = zenoh::view_aligned(replies[0].sample->payload);
+    const auto& reply = *flatbuffers::GetRoot<msg::CommandReply>(bytes.data().data());
+    return {reply.ok(), reply.message()->str(), reply.results_json()->str()};
+  }
+  Network network{2};
+  std::unique_ptr<RunningStage> stage;
+  std::unique_ptr<zenoh::Session> client;
+};
+
+TEST_F(Service, AnswersStatus) {
+  const auto replies = ask(kKeys.status("mapping", "*"));
+  ASSERT_EQ(replies.size(), 1U);
+  ASSERT_TRUE(replies[0].ok());
+  EXPECT_EQ(replies[0].sample->key, kKeys.status("mapping", "m1"));
+  const auto bytes = zenoh::view_aligned(replies[0].sample->payload);
+  ASSERT_TRUE(verify<msg::Status>(bytes.data(), replies[0].sample->encoding).ok());
+  const auto& status = message_of<msg::Status>(bytes.data());
+  EXPECT_EQ(status.health(), msg::ServiceHealth::Ready);
+  EXPECT_EQ(status.stage()->str(), "mapping");
+  EXPECT_EQ(status.host()->str(), "testhost");
+  EXPECT_EQ(status.pid(), static_cast<std::uint32_t>(getpid()));
+  EXPECT_GT(status.rss_now_mib(), 1.0);
+  EXPECT_GE(status.rss_peak_mib(), status.rss_now_mib() * 0.5);
+  ASSERT_EQ(status.figures()->size(), 1U);
+  EXPECT_EQ(status.figures()->Get(0)->value(), 12.0);
+}
+
+TEST_F(Service, AnswersItsConfigurationWithAHash) {
+  const auto replies = ask(kKeys.config("mapping", "m1"));
+  ASSERT_EQ(replies.size(), 1U);
+  const auto bytes = zenoh::view_aligned(replies[0].sample->payload);
+  ASSERT_TRUE(verify<msg::EffectiveConfig>(bytes.data(), replies[0].sample->encoding).ok());
+  const auto& config = message_of<msg::EffectiveConfig>(bytes.data());
+  EXPECT_EQ(config.values_json()->str(), R"({"mapping.every":1})");
+  EXPECT_EQ(config.result_hash()->str(), sha256_hex(R"({"mapping.every":1})"));
+}
+
+TEST_F(Service, ACommandHasExactlyOneReply) {
+  const CommandReply saved = command("save", R"({"path":"a.pcd"})");
+  EXPECT_TRUE(saved.ok);
+  EXPECT_EQ(saved.message, "saved to a.pcd");
+  EXPECT_EQ(saved.results_json, R"({"n":1})");
+  const CommandReply refused = command("save", "{}");
+  EXPECT_FALSE(refused.ok);
+  EXPECT_EQ(refused.message, "path is missing");
+  EXPECT_FALSE(command("save", "not json").ok);
+  const CommandReply broken = command("break", "{}");
+  EXPECT_FALSE(broken.ok);
+  EXPECT_EQ(broken.message, "broken");
+}
+
+TEST_F(Service, ItsTokenGoesWithIt) {
+  Watched<std::vector<zenoh::SampleKind>> events;
+  const auto subscriber = client->declare_liveliness_subscriber(
+      kKeys.alive("mapping", "*"), [&](zenoh::Sample&& sample) {
+        events.change([&](auto& list) { list.push_back(sample.kind); });
+      });
+  ASSERT_TRUE(events.wait([](const auto& list) { return !list.empty(); }));
+  EXPECT_EQ(events.get().back(), zenoh::SampleKind::kPut);
+  stage->stop();
+  EXPECT_TRUE(
+      events.wait([](const auto& list) { return list.back() == zenoh::SampleKind::kDelete; }));
+}
+
+TEST(Readiness, WaitsForTheReaderOfEachOutput) {
+  const Network network(2);
+  StageSetup s = setup("registration");
+  s.shared.flow.wait_for = {"odometry"};
+  RunningStage stage(network.open(0), std::move(s),
+                     [](Stage& core) { core.outlet(Key::kFeatures); });
+  zenoh::Session other = network.open(1);
+  Watched<int> statuses;
+  Watched<std::pair<msg::ServiceHealth, std::string>> last;
+  const auto subscriber =
+      other.declare_subscriber(kKeys.status("registration", "*"), [&](zenoh::Sample&& sample) {
+        const auto bytes = zenoh::view_aligned(sample.payload);
+        const auto& status = message_of<msg::Status>(bytes.data());
+        last.change([&](auto& l) { l = {status.health(), status.reason()->str()}; });
+      });
+  ASSERT_TRUE(last.wait([](const auto& l) { return !l.second.empty(); }));
+  EXPECT_EQ(last.get().first, msg::ServiceHealth::Starting);
+  EXPECT_THAT(last.get().second, testing::HasSubstr("features"));
+  const auto odometry = other.declare_subscriber(kKeys.of(Key::kFeatures), [](zenoh::Sample&&) {});
+  EXPECT_TRUE(last.wait([](const auto& l) { return l.first == msg::ServiceHealth::Ready; }));
+}
+
+TEST(RunId, IsAFunctionOfCaptureAndConfigurations) {
+  // SHA-256 of the empty text, FIPS 180-4's well-known value.
+  EXPECT_EQ(sha256_hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  const std::uint64_t run = replay_run_id("c", {{"a", "1"}, {"b", "2"}});
+  EXPECT_EQ(run, replay_run_id("c", {{"b", "2"}, {"a", "1"}}));
+  EXPECT_NE(run, replay_run_id("d", {{"a", "1"}, {"b", "2"}}));
+  EXPECT_NE(run, replay_run_id("c", {{"a", "1"}, {"b", "3"}}));
+  EXPECT_NE(run, replay_run_id("c", {{"a", "1"}}));
+}
+
+TEST(Latencies, PercentilesByNearestRankOverBoundedSamples) {
+  Latencies l;
+  for (int i = 1; i <= 100; ++i) l.add("x", i);
+  const LatencySummary s = l.summaries().at(0);
+  EXPECT_EQ(s.count, 100U);
+  EXPECT_EQ(s.p50_ms, 50.0);
+  EXPECT_EQ(s.p95_ms, 95.0);
+  EXPECT_EQ(s.p99_ms, 99.0);
+  EXPECT_EQ(s.max_ms, 100.0);
+  for (int i = 0; i < 200'000; ++i) l.add("y", i % 1000);
+  const LatencySummary y = l.summaries().at(1);
+  EXPECT_EQ(y.count, 200'000U);
+  EXPECT_NEAR(y.p50_ms, 500.0, 25.0);
+  EXPECT_EQ(y.max_ms, 999.0);
+}
+
+}  // namespace
+}  // namespace zloam::runtime
