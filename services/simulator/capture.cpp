@@ -1,9 +1,10 @@
 #include "simulator/capture.hpp"
 
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <stdexcept>
+
+#include "simulator/calendar.hpp"
 
 namespace zloam::simulator {
 namespace {
@@ -124,26 +125,22 @@ std::string tum_line(std::int64_t unix_ns, const Pose& pose) {
 }
 
 std::int64_t parse_utc(const std::string& text) {
-  int year = 0;
-  unsigned month = 0;
-  unsigned day = 0;
-  unsigned hour = 0;
-  unsigned minute = 0;
+  Date date{};
+  int hour = 0;
+  int minute = 0;
   double second = 0.0;
   int used = 0;
-  const int fields = std::sscanf(text.c_str(), "%d-%u-%uT%u:%u:%lf%n", &year, &month, &day, &hour,
-                                 &minute, &second, &used);
+  const int fields = std::sscanf(text.c_str(), "%d-%d-%dT%d:%d:%lf%n", &date.year, &date.month,
+                                 &date.day, &hour, &minute, &second, &used);
   const std::string rest = fields == 6 ? text.substr(static_cast<std::size_t>(used)) : "";
-  const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(month),
-                                         std::chrono::day(day)};
-  if (fields != 6 || !(rest.empty() || rest == "Z") || !date.ok() || year < 1970 || hour > 23 ||
-      minute > 59 || !(second >= 0.0 && second < 60.0)) {
+  const bool clock =
+      hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0.0 && second < 60.0;
+  if (fields != 6 || !(rest.empty() || rest == "Z") || !is_date(date) || date.year < 1970 ||
+      !clock) {
     throw std::invalid_argument("'" + text + "' is not a time like 2024-01-01T00:00:10");
   }
-  const auto whole =
-      std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute);
-  return std::chrono::nanoseconds(whole.time_since_epoch()).count() +
-         static_cast<std::int64_t>(second * 1e6 + 0.5) * 1000;
+  const std::int64_t whole_s = days_from_date(date) * 86'400 + hour * 3600 + minute * 60;
+  return whole_s * 1'000'000'000 + static_cast<std::int64_t>(second * 1e6 + 0.5) * 1000;
 }
 
 }  // namespace zloam::simulator

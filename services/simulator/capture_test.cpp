@@ -6,7 +6,9 @@
 #include <map>
 #include <set>
 
+#include "simulator/calendar.hpp"
 #include "simulator/faults.hpp"
+#include "simulator/io/parallel.hpp"
 #include "simulator/scenes.hpp"
 
 namespace zloam::simulator {
@@ -66,7 +68,7 @@ TEST(Pcap, RecordHasCorrectHeaders) {
 TEST(Datagrams, OnePositionPacketForFourteenDataPackets) {
   SimulationConfig config;
   const Sensor sensor(make_scene("tunnel", {}), config);
-  const auto packets = sensor.data_packets(0, 140, 2);
+  const auto packets = data_packets(sensor, 0, 140, 2);
   const auto sent = datagrams(sensor, 0, packets);
   EXPECT_EQ(std::count_if(sent.begin(), sent.end(), [](const Datagram& d) { return d.is_data(); }),
             140);
@@ -96,6 +98,24 @@ TEST(Utc, ReadsWhatItShouldAndRefusesTheRest) {
                             "2024-01-01T00:00:60", "2024-01-01T00:00:10 UTC"}) {
     EXPECT_THROW(parse_utc(wrong), std::invalid_argument) << wrong;
   }
+}
+
+TEST(Calendar, DaysAndDatesAreInverse) {
+  EXPECT_EQ(days_from_date({1970, 1, 1}), 0);
+  EXPECT_EQ(days_from_date({2000, 3, 1}), 11017);
+  EXPECT_EQ(days_from_date({2024, 1, 1}), 19723);
+  int month_lengths = 0;
+  for (std::int64_t day = -200'000; day < 200'000; ++day) {
+    const Date date = date_from_days(day);
+    ASSERT_EQ(days_from_date(date), day);
+    const Date next = date_from_days(day + 1);
+    ASSERT_TRUE(next.day == date.day + 1 || next.day == 1);
+    month_lengths += next.day == 1 ? date.day : 0;
+  }
+  EXPECT_NEAR(month_lengths, 400'000, 31);
+  EXPECT_TRUE(is_date({2024, 2, 29}));
+  EXPECT_FALSE(is_date({2023, 2, 29}));
+  EXPECT_FALSE(is_date({2024, 4, 31}));
 }
 
 TEST(Faults, NothingAskedForNothingDone) {

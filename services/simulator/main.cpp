@@ -13,10 +13,11 @@
 
 #include "simulator/capture.hpp"
 #include "simulator/faults.hpp"
+#include "simulator/io/parallel.hpp"
+#include "simulator/io/sinks.hpp"
 #include "simulator/options.hpp"
 #include "simulator/scenes.hpp"
 #include "simulator/sensor.hpp"
-#include "simulator/sinks.hpp"
 
 namespace zloam::simulator {
 namespace {
@@ -175,15 +176,19 @@ class Progress {
   bool quiet_;
 };
 
-void run(const Options& options) {
-  const Sensor sensor(make_scene(options.world, options.scene), options.simulation);
-  const double duration_s = options.duration_s > 0.0
-                                ? std::min(options.duration_s, sensor.duration_s())
-                                : sensor.duration_s();
-  write_trajectory(options.truth, sensor, duration_s, false);
-  write_trajectory(options.truth_base, sensor, duration_s, true);
-  write_sweep_truth(options.truth_sweeps, sensor, duration_s);
-  write_imu(options.imu, sensor, duration_s);
+Chunk simulate(const Sensor& sensor, std::int64_t first, std::int64_t count, int threads,
+               bool with_returns) {
+  Chunk chunk{first, {}, {}};
+  const std::int64_t size = std::min(kChunkPackets, count - first);
+  if (size > 0) {
+    chunk.packets =
+        data_packets(sensor, first, size, threads, with_returns ? &chunk.returns : nullptr);
+  }
+  return chunk;
+}
+
+// The next chunk is made while this one is written or sent, so that live sending keeps its pace.
+void write_packets(const Options& options, const Sensor& sensor, double duration_s) {
   std::vector<std::unique_ptr<Sink>> sinks = make_sinks(options);
   ReturnsFile returns(options.returns);
   if (sinks.empty() && !returns.wanted()) {
@@ -192,19 +197,14 @@ void run(const Options& options) {
   FaultInjector faults(options.faults, options.simulation.epoch_ns);
   const std::int64_t count = sensor.packet_count(duration_s);
   const Progress progress(options, duration_s);
-  const auto simulate = [&](std::int64_t first) {
-    Chunk chunk{first, {}, {}};
-    const std::int64_t size = std::min(kChunkPackets, count - first);
-    if (size > 0) {
-      chunk.packets = sensor.data_packets(first, size, options.threads,
-                                          returns.wanted() ? &chunk.returns : nullptr);
-    }
-    return chunk;
+  const auto start = [&](std::int64_t first) {
+    return std::async(std::launch::async, simulate, std::cref(sensor), first, count,
+                      options.threads, returns.wanted());
   };
-  std::future<Chunk> next = std::async(std::launch::async, simulate, 0);
+  std::future<Chunk> next = start(0);
   for (std::int64_t first = 0; first < count; first += kChunkPackets) {
     const Chunk chunk = next.get();
-    next = std::async(std::launch::async, simulate, first + kChunkPackets);
+    next = start(first + kChunkPackets);
     const std::vector<Datagram> sent = faults.pass(datagrams(sensor, first, chunk.packets));
     for (const auto& sink : sinks) {
       sink->put(sent);
@@ -222,6 +222,18 @@ void run(const Options& options) {
   returns.close();
   write_faults(options.fault_log, faults.log());
   progress.finish(count);
+}
+
+void run(const Options& options) {
+  const Sensor sensor(make_scene(options.world, options.scene), options.simulation);
+  const double duration_s = options.duration_s > 0.0
+                                ? std::min(options.duration_s, sensor.duration_s())
+                                : sensor.duration_s();
+  write_trajectory(options.truth, sensor, duration_s, false);
+  write_trajectory(options.truth_base, sensor, duration_s, true);
+  write_sweep_truth(options.truth_sweeps, sensor, duration_s);
+  write_imu(options.imu, sensor, duration_s);
+  write_packets(options, sensor, duration_s);
 }
 
 }  // namespace

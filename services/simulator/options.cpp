@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <array>
+#include <charconv>
 #include <iostream>
 #include <map>
 #include <numbers>
@@ -109,6 +110,15 @@ void add_faults(CLI::App& app, Options& o) {
   app.add_option("--fault-log", o.fault_log, "CSV of what was done to which packet");
 }
 
+double number(const std::string& text, const std::string& what) {
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) {
+    throw std::invalid_argument(what + " is not a number: '" + text + "'");
+  }
+  return value;
+}
+
 void convert(const Raw& raw, Options& o) {
   const std::map<std::string, ReturnMode> modes = {{"strongest", ReturnMode::kStrongest},
                                                    {"last", ReturnMode::kLast},
@@ -119,10 +129,9 @@ void convert(const Raw& raw, Options& o) {
     o.simulation.sensor.divergence_mrad = kBeamMrad;
   }
   if (raw.duration != "full") {
-    std::size_t used = 0;
-    o.duration_s = std::stod(raw.duration, &used);
-    if (used != raw.duration.size() || !(o.duration_s > 0.0)) {
-      throw std::invalid_argument("duration");
+    o.duration_s = number(raw.duration, "--duration");
+    if (!(o.duration_s > 0.0)) {
+      throw std::invalid_argument("--duration must be above 0 or 'full'");
     }
   }
   if (!raw.epoch.empty()) {
@@ -137,9 +146,9 @@ void convert(const Raw& raw, Options& o) {
   const std::size_t colon = raw.udp.find(':');
   o.udp_address = raw.udp.substr(0, colon);
   if (colon != std::string::npos) {
-    const int port = std::stoi(raw.udp.substr(colon + 1));
-    if (port < 1 || port > 65535) {
-      throw std::invalid_argument("port");
+    const double port = number(raw.udp.substr(colon + 1), "the port of --udp");
+    if (!(port >= 1.0 && port <= 65535.0)) {
+      throw std::invalid_argument("the port of --udp must be from 1 to 65535");
     }
     o.udp_port = static_cast<std::uint16_t>(port);
   }
@@ -172,7 +181,7 @@ std::optional<int> parse_options(int argc, char** argv, Options& options) {
   try {
     convert(raw, options);
   } catch (const std::exception& error) {
-    std::cerr << "zloam-simulator: wrong value on the command line: " << error.what() << "\n";
+    std::cerr << "zloam-simulator: " << error.what() << "\n";
     return kUsageError;
   }
   return std::nullopt;

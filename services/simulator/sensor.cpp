@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
-#include <thread>
 
 #include "simulator/random.hpp"
 
@@ -272,28 +271,6 @@ DataPacket Sensor::data_packet(std::int64_t index, std::vector<Return>* returns)
   }
   vlp16::set_stamp(packet.bytes, config_.epoch_ns + packet.time_ns);
   return packet;
-}
-
-std::vector<DataPacket> Sensor::data_packets(std::int64_t first, std::int64_t count, int threads,
-                                             std::vector<std::vector<Return>>* returns) const {
-  std::vector<DataPacket> packets(static_cast<std::size_t>(count));
-  if (returns != nullptr) {
-    returns->assign(packets.size(), {});
-  }
-  const auto work = [&](std::int64_t start) {
-    for (std::int64_t i = start; i < count; i += threads) {
-      const auto slot = static_cast<std::size_t>(i);
-      packets[slot] = data_packet(first + i, returns != nullptr ? &(*returns)[slot] : nullptr);
-    }
-  };
-  {
-    std::vector<std::jthread> helpers;
-    for (int thread = 1; thread < threads; ++thread) {
-      helpers.emplace_back(work, thread);
-    }
-    work(0);
-  }
-  return packets;
 }
 
 vlp16::PositionBytes Sensor::position_packet(std::int64_t index) const {

@@ -86,11 +86,6 @@ class Sensor {
   /// may be called from several threads. Appends what was measured to returns, if given.
   DataPacket data_packet(std::int64_t index, std::vector<Return>* returns = nullptr) const;
 
-  /// Packets [first, first + count), made by the given number of threads; the result is the same
-  /// for any number. returns, if given, gets one list per packet.
-  std::vector<DataPacket> data_packets(std::int64_t first, std::int64_t count, int threads,
-                                       std::vector<std::vector<Return>>* returns = nullptr) const;
-
   /// The position packet that follows data packet index (one after every kDataPerPosition).
   vlp16::PositionBytes position_packet(std::int64_t index) const;
 

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <string>
 
+#include "simulator/io/parallel.hpp"
 #include "simulator/scene_builder.hpp"
 #include "simulator/scenes.hpp"
 
@@ -199,10 +200,10 @@ TEST(Sensor, BytesDependOnSeedAndNotOnThreadsOrOrder) {
   const auto scene = make_scene("park", {.seed = 1});
   SimulationConfig config;
   const Sensor sensor(scene, config);
-  const auto one = sensor.data_packets(2000, 60, 1);
-  const auto three = sensor.data_packets(2000, 60, 3);
+  const auto one = data_packets(sensor, 2000, 60, 1);
+  const auto three = data_packets(sensor, 2000, 60, 3);
   config.seed = 2;
-  const auto other = Sensor(scene, config).data_packets(2000, 60, 1);
+  const auto other = data_packets(Sensor(scene, config), 2000, 60, 1);
   ASSERT_EQ(one.size(), three.size());
   int equal_to_other = 0;
   for (std::size_t i = 0; i < one.size(); ++i) {

@@ -1,9 +1,10 @@
 #include "simulator/vlp16.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
+
+#include "simulator/calendar.hpp"
 
 namespace zloam::simulator::vlp16 {
 namespace {
@@ -74,21 +75,17 @@ void set_stamp(DataBytes& bytes, std::int64_t unix_ns) {
 }
 
 std::string gprmc(const Position& position) {
-  using std::chrono::floor;
-  const std::chrono::sys_time<std::chrono::nanoseconds> now{
-      std::chrono::nanoseconds(position.unix_ns)};
-  const auto day = floor<std::chrono::days>(now);
-  const std::chrono::year_month_day date{day};
-  const std::chrono::hh_mm_ss clock{floor<std::chrono::seconds>(now) - day};
+  constexpr std::int64_t kDayS = 86'400;
+  const std::int64_t now_s = position.unix_ns / 1'000'000'000;
+  const Date date = date_from_days(now_s / kDayS);
+  const auto clock_s = static_cast<int>(now_s % kDayS);
   char body[320];
-  std::snprintf(body, sizeof body, "GPRMC,%02d%02d%02d,A,%s,%s,%05.1f,%05.1f,%02u%02u%02d,,,D",
-                static_cast<int>(clock.hours().count()), static_cast<int>(clock.minutes().count()),
-                static_cast<int>(clock.seconds().count()),
+  std::snprintf(body, sizeof body, "GPRMC,%02d%02d%02d,A,%s,%s,%05.1f,%05.1f,%02d%02d%02d,,,D",
+                clock_s / 3600, clock_s / 60 % 60, clock_s % 60,
                 nmea_angle(position.latitude_deg, 2, 'N', 'S').c_str(),
                 nmea_angle(position.longitude_deg, 3, 'E', 'W').c_str(),
-                position.speed_m_s * 3600.0 / 1852.0, position.course_deg,
-                static_cast<unsigned>(date.day()), static_cast<unsigned>(date.month()),
-                static_cast<int>(date.year()) % 100);
+                position.speed_m_s * 3600.0 / 1852.0, position.course_deg, date.day, date.month,
+                date.year % 100);
   unsigned checksum = 0;
   for (const char* c = body; *c != '\0'; ++c) {
     checksum ^= static_cast<unsigned char>(*c);

@@ -1,4 +1,4 @@
-#include "simulator/sinks.hpp"
+#include "simulator/io/sinks.hpp"
 
 #include <arpa/inet.h>
 #include <sys/socket.h>
