@@ -221,8 +221,8 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
     if (!plan.group[g].valid) continue;
     std::int64_t time_ns = packet_ns + plan.group[g].offset_ns;
     // A view's gap passed a little faster than thought, or a damaged stamp: the points stay in time
-    // order. All firings of a group lie in its first seven eighths.
-    if (open_ && time_ns < last_group_ns_ + group_ns * 7 / 8) time_ns = last_group_ns_ + group_ns;
+    // order. All firings of a group lie in its first seven eighths, so that the delay wears off.
+    if (open_) time_ns = std::max(time_ns, last_group_ns_ + group_ns * 7 / 8);
     if (plan.gap_before_group == g && g > 0) {
       view_gap_from_cdeg_ = plan.group[g - 1].azimuth_cdeg;
       view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;

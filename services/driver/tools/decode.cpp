@@ -1,7 +1,9 @@
 // Decodes a capture outside of the chain: points as binary for comparisons, or the speed.
 //
-//   zloam-decode [--pcap|--bin] FILE [--model NAME] [--seam DEG] [--no-offsets] [--out POINTS]
-//                [--repeat N]
+//   zloam-decode [--pcap|--bin|--kitti|--scans] PATH [--model NAME] [--seam DEG] [--no-offsets]
+//                [--out POINTS] [--repeat N]
+//
+// KITTI scans get the times of a clockwise turn of 0.1 s with its seam at the rear.
 //
 // POINTS: 32-byte little-endian records {float x, y, z, intensity; int64 time_ns; uint16 ring;
 // uint8 return type; uint8 0; uint16 column; uint16 sweep}. The summary is one JSON line.
@@ -14,9 +16,7 @@
 #include <iostream>
 #include <string>
 
-#include "driver/io/packet_source.hpp"
-#include "driver/io/stream_filter.hpp"
-#include "driver/sweep/assembler.hpp"
+#include "driver/io/sweep_source.hpp"
 
 namespace {
 
@@ -25,7 +25,7 @@ using namespace zloam::driver;
 struct Options {
   std::string path;
   std::string out;
-  bool bare = false;
+  std::string kind = "--pcap";
   int repeat = 1;
   DecoderConfig decoder;
   AssemblerConfig assembler;
@@ -44,8 +44,8 @@ static_assert(sizeof(Record) == 32);
 
 [[noreturn]] void usage(const std::string& why) {
   std::cerr << "zloam-decode: " << why
-            << "\nusage: zloam-decode [--pcap|--bin] FILE [--model NAME] [--seam DEG] "
-               "[--no-offsets] [--out POINTS] [--repeat N]\n";
+            << "\nusage: zloam-decode [--pcap|--bin|--kitti|--scans] PATH [--model NAME] "
+               "[--seam DEG] [--no-offsets] [--out POINTS] [--repeat N]\n";
   std::exit(2);
 }
 
@@ -57,10 +57,9 @@ Options parse(int argc, char** argv) {
       if (i + 1 >= argc) usage(argument + " needs a value");
       return argv[++i];
     };
-    if (argument == "--bin") {
-      options.bare = true;
-    } else if (argument == "--pcap") {
-      options.bare = false;
+    if (argument == "--bin" || argument == "--pcap" || argument == "--kitti" ||
+        argument == "--scans") {
+      options.kind = argument;
     } else if (argument == "--model") {
       const std::string name = value();
       options.decoder.model = model_by_name(name);
@@ -78,7 +77,8 @@ Options parse(int argc, char** argv) {
     }
   }
   if (options.path.empty()) usage("no file");
-  options.assembler.clock_mode = options.bare ? ClockMode::kFreeRunning : ClockMode::kReceive;
+  options.assembler.clock_mode =
+      options.kind == "--bin" ? ClockMode::kFreeRunning : ClockMode::kReceive;
   return options;
 }
 
@@ -99,53 +99,47 @@ struct Totals {
   std::uint64_t sweeps = 0;
   std::uint64_t complete = 0;
   double seconds = 0.0;
-  PacketCounts counts;
-  std::string complaint;
-  std::vector<std::string> contradictions;
+  NamedCounts counts;
+  std::vector<std::string> remarks;
 };
+
+std::unique_ptr<SweepSource> open_source(const Options& options) {
+  if (options.kind == "--kitti") {
+    return sweeps_of_scans(open_kitti(options.path, {TimeModel::kClockwise, 0.1, 180.0}));
+  }
+  if (options.kind == "--scans") return sweeps_of_scans(open_synth(options.path));
+  PacketStreamConfig stream;
+  stream.decoder = options.decoder;
+  stream.assembler = options.assembler;
+  return sweeps_of_packets(
+      options.kind == "--bin" ? open_payload_file(options.path) : open_pcap(options.path), stream,
+      0);
+}
 
 void run_once(const Options& options, std::ofstream& out, Totals& totals) {
   const auto begin = std::chrono::steady_clock::now();
-  const auto source = options.bare ? open_payload_file(options.path) : open_pcap(options.path);
-  StreamFilter filter(0, 0);
-  SweepAssembler assembler(options.decoder, options.assembler);
+  const auto source = open_source(options);
   DecodedSweep sweep;
-  Datagram datagram;
-  const auto take = [&] {
-    while (assembler.take(sweep)) {
-      if (out.is_open()) write_points(out, sweep, static_cast<std::uint16_t>(totals.sweeps));
-      totals.points += sweep.points.size();
-      totals.complete += sweep.complete;
-      ++totals.sweeps;
-    }
-  };
-  while (source->next(datagram, 0) == Read::kDatagram) {
-    const DatagramKind kind = filter.classify(datagram);
-    if (kind == DatagramKind::kData || kind == DatagramKind::kMalformed) {
-      assembler.add(datagram.payload, datagram.received_ns);
-      take();
-    }
+  while (source->pull(sweep) == Pull::kSweep) {
+    if (out.is_open()) write_points(out, sweep, static_cast<std::uint16_t>(totals.sweeps));
+    totals.points += sweep.points.size();
+    totals.complete += sweep.complete;
+    ++totals.sweeps;
   }
-  assembler.flush();
-  take();
   totals.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  totals.counts = assembler.counts();
-  totals.complaint = source->complaint();
-  totals.contradictions = assembler.decoder().contradictions();
+  totals.counts = source->counts();
+  totals.remarks = source->remarks();
 }
 
 void print(const Totals& totals) {
   std::cout << "{\"points\":" << totals.points << ",\"sweeps\":" << totals.sweeps
             << ",\"complete\":" << totals.complete << ",\"seconds\":" << totals.seconds
             << ",\"points_per_second\":" << static_cast<double>(totals.points) / totals.seconds;
-  for (const auto& [name, count] : totals.counts.named()) {
+  for (const auto& [name, count] : totals.counts) {
     if (name != "points") std::cout << ",\"" << name << "\":" << count;
   }
   std::cout << "}\n";
-  if (!totals.complaint.empty()) std::cerr << "zloam-decode: " << totals.complaint << "\n";
-  for (const std::string& text : totals.contradictions) {
-    std::cerr << "zloam-decode: " << text << "\n";
-  }
+  for (const std::string& text : totals.remarks) std::cerr << "zloam-decode: " << text << "\n";
 }
 
 }  // namespace

@@ -190,11 +190,12 @@ void Decoder::read_blocks(PacketPlan& plan) const {
       const std::uint8_t* block = plan.payload + kBlockBytes * (g * blocks_per_group + b);
       const int bank = bank_of(block);
       const int azimuth_cdeg = read_u16(block + 2);
-      if (bank < 0 || bank >= banks_ || azimuth_cdeg >= kTurnCdeg) {
+      if (bank < 0 || bank >= banks_ || azimuth_cdeg > kTurnCdeg) {
         ++plan.bad_blocks;
       } else if (!group.valid) {
         group.valid = true;
-        group.azimuth_cdeg = azimuth_cdeg;
+        // Sensors round up to 36000 now and then, though the manual's range ends at 35999.
+        group.azimuth_cdeg = azimuth_cdeg % kTurnCdeg;
       }
     }
   }
@@ -355,7 +356,7 @@ std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32
     int bank = -1;
     for (int i = 0; i < returns; ++i) {
       const int own = bank_of(blocks[i]);
-      if (own < 0 || own >= banks_ || read_u16(blocks[i] + 2) >= kTurnCdeg) {
+      if (own < 0 || own >= banks_ || read_u16(blocks[i] + 2) > kTurnCdeg) {
         cells[i] = {};
         continue;
       }

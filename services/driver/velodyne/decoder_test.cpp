@@ -237,10 +237,24 @@ TEST(Decoder, ABadBlockIsSkippedAndTheRestKept) {
 
 TEST(Decoder, AzimuthOutOfRangeIsABadBlock) {
   std::vector<int> azimuths = azimuth_steps(1000, 40);
-  azimuths[5] = 36000;
+  azimuths[5] = 36001;
   Decoder decoder({});
   const Payload payload = make_payload(azimuths, {{5, 0, {1, 1, 1}}}, {0, 0, 0, 0, 0x37, 0x22});
   EXPECT_TRUE(decode_all(decoder, payload).empty());
+}
+
+TEST(Decoder, AFullTurnIsAzimuthZero) {
+  std::vector<int> azimuths = azimuth_steps(35880, 20);
+  azimuths[6] = 36000;
+  Decoder decoder({});
+  const Payload payload =
+      make_payload(azimuths, {{6, 0, {0x88, 0x13, 1}}}, {0, 0, 0, 0, 0x37, 0x22});
+  const PacketPlan plan = decoder.plan(payload, decoder.tail(payload).mode);
+  EXPECT_EQ(plan.bad_blocks, 0);
+  EXPECT_DOUBLE_EQ(plan.advance_cdeg, 20.0);
+  const std::vector<Point> points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_NEAR(points[0].y, 0.0, 1e-6);
 }
 
 TEST(Decoder, OneLargeGapIsARestrictedViewAndTakesTime) {
