@@ -35,11 +35,11 @@ zenoh::GetOptions patient() {
 
 /// Waits until the other side's subscriber is known.
 void wait_for_reader(zenoh::Publisher& publisher) {
-  Watched<bool> matched;
-  publisher.on_matching([&](bool yes) { matched.change([&](bool& m) { m = yes; }); });
-  const bool found = publisher.matching() || matched.wait([](bool m) { return m; });
+  // Shared with the callback, which lives as long as the publisher.
+  const auto matched = std::make_shared<Watched<bool>>();
+  publisher.on_matching([matched](bool yes) { matched->change([yes](bool& m) { m = yes; }); });
+  const bool found = publisher.matching() || matched->wait([](bool m) { return m; });
   ASSERT_TRUE(found);
-  publisher.on_matching([](bool) {});
 }
 
 zenoh::Bytes sweep_bytes(const HeaderFields& header, std::span<const Point> points = {}) {
