@@ -60,6 +60,10 @@ class Fake:
         self.stage, self.keys = stage, Keys("robot")
         self.session = open_session(stage, base_port)
         self.sent = 0
+        # the driver waits for its readers, the others for the driver
+        self.may_send = 0
+        self.first_ns = time.time_ns() + 1_000_000_000
+        self.listener = self.session.declare_subscriber(self.keys.sweep, self.heard)
         self.positions, self.points = loop(), wall()
         below = self.keys.below
         self.answers = [
@@ -72,6 +76,9 @@ class Fake:
             self.answers.append(self.answer(self.keys.path_map, self.path))
         if stage == "odometry":
             self.answers.append(self.answer(self.keys.path_odometry, self.path))
+
+    def heard(self, sample):
+        self.may_send = max(self.may_send, int(sample.payload.to_string()))
 
     def answer(self, key, build):
         return self.session.declare_queryable(key, lambda query: query.reply(key, build()))
@@ -107,7 +114,7 @@ class Fake:
 
     def status(self):
         key = self.keys.main_input(self.stage)
-        processed = self.sent - (1 if wants("UNBALANCED", self.stage) else 0)
+        processed = self.sent + (1 if wants("UNBALANCED", self.stage) else 0)
         inputs = [compose.Counts(key, self.sent, processed)] if key else []
         out = {self.keys.main_output(self.stage): self.sent}
         last = self.sent - 1 if self.sent else None
@@ -126,8 +133,13 @@ class Fake:
 
     def turn(self):
         n = self.sent
-        if n < SWEEPS and not os.environ.get("FAKE_QUIET"):
+        leads = self.stage == "driver" or wants("ALONE", self.stage)
+        if leads and time.time_ns() > self.first_ns:
+            self.may_send = SWEEPS
+        if n < min(SWEEPS, self.may_send) and not os.environ.get("FAKE_QUIET"):
             self.sent += 1
+            if self.stage == "driver":
+                self.session.put(self.keys.sweep, str(self.sent))
             instant = START_NS + (n + 1) * 100_000_000
             keys = {
                 "integration": self.keys.pose,
@@ -151,8 +163,6 @@ def main():
     base_port = next(int(a.split("=")[1]) for a in sys.argv if a.startswith("zenoh.base_port="))
     fake, ended = Fake(stage, base_port), threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
-    # the monitor links up; the ends of the chain are last
-    time.sleep(2.0 if stage in ("integration", "mapping") else 1.0)
     while not ended.wait(0.03):
         fake.turn()
         if wants("DIES", stage) and fake.sent == 10:

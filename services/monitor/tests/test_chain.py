@@ -71,7 +71,7 @@ def test_demo_writes_everything_and_accounts_for_it(build, capsys):
     out = build / "out"
     report = json.loads((out / "report.json").read_text())
     assert report["sweeps"]["driver"]["in"] == SWEEPS
-    assert all(report["sweeps"][stage]["out"] == SWEEPS for stage in STAGES)
+    assert {s: report["sweeps"][s]["out"] for s in STAGES} == dict.fromkeys(STAGES, SWEEPS)
     assert report["identities"]["inputs_balanced"]
     assert report["identities"]["sweeps_accounted"]
     assert report["ate_rmse_m"]["pose"] == pytest.approx(0, abs=1e-6)
@@ -181,10 +181,11 @@ def listens(port):
 
 
 @pytest.fixture
-def integration(build):
+def integration(build, monkeypatch):
     """A stand-in of the last stage, and where it listens."""
     base = free_base_port()
     program = str(build / "bin" / "zloam-integration")
+    monkeypatch.setenv("FAKE_ALONE", "integration")
     with subprocess.Popen([program, "--set", f"zenoh.base_port={base}"]) as process:
         port = base + PORT_ORDER.index("integration")
         while process.poll() is None and not listens(port):

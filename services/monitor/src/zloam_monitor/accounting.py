@@ -101,9 +101,7 @@ def account(
 ) -> Accounts:
     """From the last status of each stage and the number of different sweeps with a pose."""
     stages = {s: _stage_sweeps(s, statuses[s], keys) for s in STAGES if s in statuses}
-    driver = statuses.get("driver")
-    last = driver.last_sweep if driver is not None else None
-    sweeps = 0 if last is None else last + 1
+    sweeps = stages["driver"].came_in if "driver" in stages else 0
     unbalanced = [
         f"{stage} {each.key}"
         for stage, status in statuses.items()

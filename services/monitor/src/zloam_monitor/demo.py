@@ -51,7 +51,7 @@ def _line(chain: Chain, source: Source, began: float) -> str:
 
 
 def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
-    """Until the run's end; wall seconds from the first pose's sweep on."""
+    """Until the run's end; wall seconds."""
     began = time.monotonic()
     moved, seen = began, chain.progress()
     while not chain.finished():
@@ -59,8 +59,6 @@ def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
         chain.check()
         now, progress = time.monotonic(), chain.progress()
         if progress != seen:
-            if seen == (0, -1):
-                began = now
             moved, seen = now, progress
         if now - moved > STALL_SECONDS:
             raise ChainError(_stalled(chain))

@@ -22,8 +22,8 @@ from zloam_monitor.keys import STAGES
 WIDTH = 100
 HEAD = (
     "Above each key: [unit; what is allowed; default] meaning. A key behind # has its default; a"
-    ' key that is set says why after "Here:". An unknown key, a wrong type or a value out of range is'
-    " refused with file and line. --set key=value overrides one value. The comments are made by"
+    ' key that is set says why after "Here:". An unknown key, a wrong type or a value out of range'
+    " is refused with file and line. --set key=value overrides one value. The comments are made by"
     " `python -m zloam_monitor robot-files`."
 )
 #: order of the sections, and what each is about
