@@ -14,6 +14,7 @@
 #include "simulator/capture.hpp"
 #include "simulator/faults.hpp"
 #include "simulator/io/parallel.hpp"
+#include "simulator/io/scene_file.hpp"
 #include "simulator/io/sinks.hpp"
 #include "simulator/options.hpp"
 #include "simulator/scenes.hpp"
@@ -225,7 +226,9 @@ void write_packets(const Options& options, const Sensor& sensor, double duration
 }
 
 void run(const Options& options) {
-  const Sensor sensor(make_scene(options.world, options.scene), options.simulation);
+  const auto scene = options.world.ends_with(".yaml") ? read_scene(options.world, options.scene)
+                                                      : make_scene(options.world, options.scene);
+  const Sensor sensor(scene, options.simulation);
   const double duration_s = options.duration_s > 0.0
                                 ? std::min(options.duration_s, sensor.duration_s())
                                 : sensor.duration_s();

@@ -25,7 +25,8 @@ struct Raw {
 };
 
 void add_world_options(CLI::App& app, Options& o, Raw& raw) {
-  app.add_option("--world", o.world, "Name of the world, see --list-worlds")->capture_default_str();
+  app.add_option("--world", o.world, "Name of a world, see --list-worlds, or a .yaml file")
+      ->capture_default_str();
   app.add_option("--seed", o.simulation.seed, "Seed of everything random")->capture_default_str();
   app.add_option("--duration", raw.duration, "Seconds, or 'full' for the whole motion")
       ->capture_default_str();

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
+#include <string>
 
 #include "simulator/random.hpp"
 
@@ -51,11 +53,15 @@ std::vector<T> smoothed(const std::vector<T>& in, std::size_t half_width, bool c
   return out;
 }
 
+double turn_between(const Vector2d& in, const Vector2d& out) {
+  return std::atan2(in.x() * out.y() - in.y() * out.x(), in.dot(out));
+}
+
 // Points of the arc that rounds the corner at b between a and c.
 Polyline rounded_corner(const Vector2d& a, const Vector2d& b, const Vector2d& c, double radius) {
   const Vector2d in = (b - a).normalized();
   const Vector2d out = (c - b).normalized();
-  const double turn = std::atan2(in.x() * out.y() - in.y() * out.x(), in.dot(out));
+  const double turn = turn_between(in, out);
   if (std::abs(turn) < 1e-6) {
     return {b};
   }
@@ -75,7 +81,25 @@ Polyline rounded_corner(const Vector2d& a, const Vector2d& b, const Vector2d& c,
   return arc;
 }
 
+// Arcs that would overlap make the path double back on itself.
+void check_room(const Polyline& way, double radius, bool closed) {
+  const std::size_t n = way.size();
+  double before = 0.0;  // what the arc at the segment's start takes of it
+  for (std::size_t i = 1; i < n + (closed ? 1 : 0); ++i) {
+    const Vector2d segment = way[i % n] - way[i - 1];
+    const bool corner = i + (closed ? 0 : 1) < n;
+    const double turn = corner ? turn_between(segment, way[(i + 1) % n] - way[i]) : 0.0;
+    const double after = radius * std::tan(std::abs(turn) / 2.0);
+    if (before + after > segment.norm()) {
+      throw std::invalid_argument("a corner radius of " + std::to_string(radius) +
+                                  " m is too large for the way points");
+    }
+    before = after;
+  }
+}
+
 Polyline rounded(const Polyline& way, double radius, bool closed) {
+  check_room(way, radius, closed);
   Polyline out{way.front()};
   const std::size_t n = way.size();
   for (std::size_t i = 1; i < n; ++i) {

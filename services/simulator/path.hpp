@@ -24,7 +24,7 @@ struct Path {
 
 /// Rounds the corners of the way points with the given radius and smooths the curvature over
 /// smoothing_m. A closed path starts and ends at the first way point, which should lie on a
-/// straight stretch.
+/// straight stretch. Throws std::invalid_argument where arcs would overlap.
 Path smooth_path(const Polyline& way_points, double corner_radius_m, double smoothing_m,
                  bool closed);
 

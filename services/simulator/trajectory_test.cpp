@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
 
 #include "simulator/path.hpp"
 #include "simulator/random.hpp"
@@ -154,6 +155,12 @@ TEST(Path, RoundsCornersWithTheRadiusAskedFor) {
     sharpest = std::max(sharpest, (heading[i + 10] - heading[i - 10]) / (20.0 * path.spacing_m));
   }
   EXPECT_NEAR(1.0 / sharpest, 5.0, 0.15);
+}
+
+TEST(Path, RefusesCornersWithoutRoom) {
+  const Polyline way = {{0, 0}, {20, 0}, {20, 1.3}, {0, 10}};
+  EXPECT_THROW(smooth_path(way, 1.0, 0.5, false), std::invalid_argument);
+  EXPECT_NO_THROW(smooth_path(way, 0.5, 0.5, false));
 }
 
 }  // namespace
