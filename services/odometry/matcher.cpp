@@ -54,8 +54,10 @@ class Association {
     out.planes.clear();
     out.lines.clear();
     const MotionTable table(state.twist);
-    for (const SourcePoint& p : source.planes) {
-      add_plane(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
+    hints_.resize(source.planes.size());
+    for (std::size_t i = 0; i < source.planes.size(); ++i) {
+      const SourcePoint& p = source.planes[i];
+      add_plane(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, hints_[i], out);
     }
     for (const SourcePoint& p : source.edges) {
       add_line(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
@@ -63,11 +65,12 @@ class Association {
   }
 
  private:
-  void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m, Residuals& out) {
+  void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m,
+                 WindowMap::Hint& hint, Residuals& out) {
     Eigen::Vector3d normal;
     double offset;
     if (config_.target == Target::kRecentSweeps) {
-      const FittedPlane* plane = recent_.find(w);
+      const FittedPlane* plane = recent_.find(w, hint);
       if (plane == nullptr) {
         return;
       }
@@ -107,6 +110,7 @@ class Association {
   WindowMap& recent_;
   const RingTarget& last_;
   double plane_weight_;
+  std::vector<WindowMap::Hint> hints_;  // of source.planes
 };
 
 bool is_small(const Vector12& step, const OdometryConfig& config) {

@@ -89,8 +89,7 @@ std::uint32_t WindowMap::make_voxel(const Cell& cell, int level) {
     return found;
   }
   if (2 * (used_slots_ + 1) > table_.size()) {
-    const std::size_t living = voxels_.size() - free_.size();
-    rebuild_table(4 * living > table_.size() ? 2 * table_.size() : table_.size());
+    rebuild_table();
   }
   std::uint32_t index;
   if (free_.empty()) {
@@ -107,7 +106,7 @@ std::uint32_t WindowMap::make_voxel(const Cell& cell, int level) {
 }
 
 // Empty voxels stay in the table until it fills up; here they are given back.
-void WindowMap::rebuild_table(std::size_t capacity) {
+void WindowMap::rebuild_table() {
   for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
     if (voxels_[i].sums.count == 0 && voxels_[i].key != 0) {
       voxels_[i].key = 0;
@@ -115,6 +114,7 @@ void WindowMap::rebuild_table(std::size_t capacity) {
     }
   }
   const std::size_t living = voxels_.size() - free_.size();
+  std::size_t capacity = kInitialTable;
   while (capacity < 4 * living) {
     capacity *= 2;
   }
@@ -245,8 +245,16 @@ void WindowMap::remove_oldest() {
   sweeps_.pop_front();
 }
 
-const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom) {
+const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom, Hint& hint) {
   const Grid position = to_grid(point_odom);
+  const Cell cell = cell_of(position, levels_ - 1);
+  if (!hint.valid || cell != hint.cell) {
+    hint = {cell, look_up(position), true};
+  }
+  return hint.plane;
+}
+
+const FittedPlane* WindowMap::look_up(const Grid& position) {
   for (int level = 0; level < levels_; ++level) {
     const Cell cell = cell_of(position, level);
     const std::uint32_t index = find_voxel(cell, level);

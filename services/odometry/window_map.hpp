@@ -37,8 +37,16 @@ class WindowMap {
   /// full.
   void add(PointSpan points, const Pose& T_odom_base);
 
-  /// The plane around a point in odom, or null. Valid until the next add.
-  const FittedPlane* find(const Eigen::Vector3d& point_odom);
+  using Cell = std::array<std::int32_t, 3>;
+  /// What find() found last for a point that moves little between two calls.
+  struct Hint {
+    Cell cell{};
+    const FittedPlane* plane = nullptr;
+    bool valid = false;
+  };
+
+  /// The plane around a point in odom, or null. Valid until the next add, like the hint.
+  const FittedPlane* find(const Eigen::Vector3d& point_odom, Hint& hint);
 
   void clear();
   bool empty() const { return sweeps_.empty(); }
@@ -48,7 +56,6 @@ class WindowMap {
   static constexpr int kRootBits = 15;
   static constexpr int kMaxLevels = 5;
   enum class Fit : std::uint8_t { kStale, kPlane, kNone };
-  using Cell = std::array<std::int32_t, 3>;
   using Grid = std::array<std::int32_t, 3>;  // a point in units
 
   /// Moments of points relative to their voxel's centre, in units.
@@ -91,7 +98,8 @@ class WindowMap {
   void add_point(const Grid& position, std::vector<Run>& runs);
   void close_run(int level, std::vector<Run>& runs);
   void remove_oldest();
-  void rebuild_table(std::size_t capacity);
+  const FittedPlane* look_up(const Grid& position);
+  void rebuild_table();
   void enter(std::uint64_t key, std::uint32_t voxel);
   void fit(Voxel& voxel, const Cell& cell, int level);
   bool covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const;
