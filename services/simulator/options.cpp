@@ -38,11 +38,9 @@ void add_world_options(CLI::App& app, Options& o, Raw& raw) {
       ->capture_default_str();
   app.add_option("--turn-deg", raw.turn_deg, "Turns world and truth about the vertical")
       ->capture_default_str();
-  app.add_option("--shift", raw.shift, "Shifts world and truth: x y z in m")->expected(3);
-  app.add_option("--mount-xyz", raw.mount_xyz, "Place of the lidar in base_link: x y z in m")
-      ->expected(3);
-  app.add_option("--mount-rpy-deg", raw.mount_rpy_deg, "Its roll pitch yaw in degrees")
-      ->expected(3);
+  app.add_option("--shift", raw.shift, "Shifts world and truth: x y z in m");
+  app.add_option("--mount-xyz", raw.mount_xyz, "Place of the lidar in base_link: x y z in m");
+  app.add_option("--mount-rpy-deg", raw.mount_rpy_deg, "Its roll pitch yaw in degrees");
 }
 
 void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
