@@ -15,6 +15,7 @@ constexpr std::int64_t kTurn_ns = 20 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
 constexpr std::size_t kPastRuns = 64;
+constexpr std::size_t kOutputMemory = 256;
 
 /// Which stage reads a key inside the robot: readiness waits for it when it is part of the
 /// deployment.
@@ -200,6 +201,7 @@ bool StageCore::before_message(const Message& message) {
     run_ = run;
     has_sweep_ = run_ended_ = false;
   }
+  output_at_.clear();
   log_info("new run", {{"run", run}, {"replay", message.header->replay()}});
   for (const auto& task : on_new_run_) task(*message.header);
   return true;
@@ -218,6 +220,7 @@ void StageCore::after_message(const Message& message, bool ends_run) {
     last_sweep_ = has_sweep_ ? std::max(last_sweep_, header.sweep()) : header.sweep();
     has_sweep_ = true;
   }
+  if (header.replay()) note_output(header.sweep());
   if (ends_run && header.end_of_run()) end_of_run(header.run());
 }
 
@@ -234,10 +237,21 @@ void StageCore::end_of_run(std::uint64_t run) {
 }
 
 void StageCore::second_copy(std::uint64_t run, std::uint64_t sweep) {
+  if (!note_output(sweep)) return;
   for (const auto& outlet : outlets_) {
     if (key_row(outlet->row()).numbering == Numbering::kSweep) outlet->publish_again(run, sweep);
   }
   for (const auto& ack : acks_) ack->publish_again(run);
+}
+
+bool StageCore::note_output(std::uint64_t sweep) {
+  const std::int64_t now = steady_ns();
+  const std::int64_t quiet_ns = setup_.shared.flow.retransmit_ms * kMs / 2;
+  const auto [entry, is_new] = output_at_.try_emplace(sweep, now);
+  if (!is_new && now - entry->second < quiet_ns) return false;
+  entry->second = now;
+  if (output_at_.size() > kOutputMemory) output_at_.erase(output_at_.begin());
+  return true;
 }
 
 void StageCore::overdue(const std::string& key, std::uint64_t sweep) {

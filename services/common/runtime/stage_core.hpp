@@ -81,6 +81,9 @@ class StageCore final : public Stage, private InletEvents {
   void overdue(const std::string& key, std::uint64_t sweep) override;
   void handler_threw(const std::string& key, std::uint64_t sweep, const std::string& what) override;
 
+  /// Notes that something about the sweep was published now; false when that was just before: a
+  /// replica's copy is no call for help.
+  bool note_output(std::uint64_t sweep);
   void declare_service();
   bool run_tasks();
   bool work();
@@ -123,6 +126,8 @@ class StageCore final : public Stage, private InletEvents {
   std::atomic<bool> stopping_{false};
   std::atomic<int> exit_code_{0};
   std::deque<std::uint64_t> past_runs_;
+  /// replay: sweep -> when its outputs were last published, monotonic ns
+  std::map<std::uint64_t, std::int64_t> output_at_;
   // Told to others: under mutex_.
   mutable std::mutex mutex_;
   bool in_run_ = false;
