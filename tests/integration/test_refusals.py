@@ -60,6 +60,7 @@ def test_missing_configuration_file(build, tmp_path):
 def test_port_in_use(build, robot_file):
     base = free_base_port()
     with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", base + PORT_ORDER.index("mapping")))
         taken.listen()
         done = stage(build, "mapping", "--config", robot_file, "--set", f"zenoh.base_port={base}")

@@ -125,7 +125,7 @@ def _close_window(positions: Array) -> tuple[float, float, float, float]:
     if len(positions) == 0:
         return (-10.0, 10.0, -10.0, 10.0)
     extent = float(np.ptp(positions[:, :2], axis=0).max())
-    half = float(np.clip(extent * 0.15, 4.0, 20.0))
+    half = float(np.clip(extent * 0.15, 10.0, 20.0))
     x, y = positions[-1, :2]
     return (x - half, x + half, y - half, y + half)
 
