@@ -81,6 +81,7 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
   } catch (const SourceError& error) {
     throw runtime::IoError(error.what());
   }
+  say_remarks();
   last_datagram_ns_ = stage_.now_ns();
   stage_.every(std::chrono::seconds(1), [this] { every_second(); });
   stage_.on_turn([this] { return window_.replay() ? turn_replay() : turn_live(); });
@@ -169,6 +170,8 @@ Turn DriverStage::turn_replay() {
 
 Turn DriverStage::finish_replay() {
   if (!window_.finished()) return Turn::kWait;
+  say_remarks();
+  say_counts();
   runtime::log_info("the replay is finished", {{"sweeps", number_}});
   stage_.stop();
   return Turn::kWait;
@@ -345,10 +348,14 @@ void DriverStage::say_remarks() {
   }
 }
 
-void DriverStage::every_second() {
+void DriverStage::say_counts() {
   for (const auto& [name, count] : counts()) {
     stage_.figure(std::string(name), static_cast<double>(count));
   }
+}
+
+void DriverStage::every_second() {
+  say_counts();
   say_remarks();
   if (++seconds_ % kProgressSeconds == 0 && number_ > 0 && !last_published_) {
     runtime::log_info("progress", {{"sweeps", number_}});

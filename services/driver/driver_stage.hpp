@@ -44,6 +44,7 @@ class DriverStage {
   void watch_quiet(bool sweep_came);
   void every_second();
   void say_remarks();
+  void say_counts();
   NamedCounts counts() const;
 
   runtime::Stage& stage_;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "driver/velodyne/test_packets.hpp"
 
@@ -330,6 +331,45 @@ TEST(Assembler, ReceiveClockTiesTheFirstPacketAndFollowsDriftSlowly) {
   const std::int64_t all_ns = followed_ns.back() - followed_ns.front();
   EXPECT_GT(all_ns, 1'500'000) << "3 ms of drift must mostly be followed";
   EXPECT_LT(all_ns, 3'100'000);
+}
+
+TEST(Assembler, DamagedPacketsNeverBreakTheSweeps) {
+  std::mt19937 random(7);
+  for (const std::uint8_t mode : {0x37, 0x39}) {
+    TurningSensor sensor;
+    sensor.mode = mode;
+    SweepAssembler assembler({}, {});
+    for (int i = 0; i < 4000; ++i) {
+      Payload payload = sensor.next();
+      // From a few wrong bytes to noise with a right tail.
+      const int wrong = i % 5 == 0 ? 0 : i % 5 == 1 ? 1206 : 1 + static_cast<int>(random() % 20);
+      for (int k = 0; k < wrong; ++k) {
+        payload[random() % payload.size()] = static_cast<std::uint8_t>(random());
+      }
+      if (i % 2 == 0) payload[1204] = mode;
+      if (i % 2 == 0) payload[1205] = 0x22;
+      const std::size_t size = i % 11 == 0 ? random() % payload.size() : payload.size();
+      assembler.add(std::span(payload).first(size), 0);
+    }
+    assembler.flush();
+    const PacketCounts& counts = assembler.counts();
+    EXPECT_EQ(counts.received, counts.decoded + counts.too_short + counts.foreign +
+                                   counts.unknown_model + counts.model_mismatch +
+                                   counts.unknown_mode + counts.bad_time + counts.duplicate +
+                                   counts.late);
+    EXPECT_GT(counts.decoded, 500U);
+    for (const DecodedSweep& sweep : sweeps_of(assembler)) {
+      ASSERT_EQ(sweep.points.size(), sweep.columns.size());
+      std::uint32_t last_ns = 0;
+      for (const Point& p : sweep.points) {
+        ASSERT_TRUE(std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z));
+        ASSERT_LT(p.ring, sweep.rings);
+        ASSERT_GE(p.time_ns, last_ns);
+        last_ns = p.time_ns;
+      }
+      ASSERT_LT(last_ns, 400'000'000U);
+    }
+  }
 }
 
 TEST(Clock, R1HourRollover) {
