@@ -53,7 +53,7 @@ struct OdometryConfig {
   /// width_sigmas, and the normal's error below normal_error_rad. A ring thickened by noise is no
   /// plane: it would contain the beam.
   int plane_min_points = 8;
-  double plane_thickness_sigmas = 2.0;
+  double plane_thickness_sigmas = 1.4;
   double plane_width_sigmas = 3.0;
   double plane_normal_error_rad = 0.05;
 

@@ -1,0 +1,295 @@
+#include "odometry/odometry.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "odometry/test_room.hpp"
+
+namespace zloam::odometry {
+namespace {
+
+struct Error {
+  double position_m = 0.0;
+  double rotation_rad = 0.0;
+};
+
+// Greatest error of the poses from sweep `from` on.
+Error error_of(const Drive& d, std::size_t from = 0) {
+  Error e;
+  for (std::size_t k = from; k < d.results.size(); ++k) {
+    const Pose off = d.truth_end[k].inverse() * d.results[k].T_odom_base;
+    e.position_m = std::max(e.position_m, off.translation().norm());
+    e.rotation_rad = std::max(e.rotation_rad, log_so3(off.linear()).norm());
+  }
+  return e;
+}
+
+Vector6 twist_along(int axis) {
+  Vector6 twist = Vector6::Zero();
+  twist[axis] = axis < 3 ? 1.0 : 0.8;
+  return twist;
+}
+
+OdometryConfig config_for(Target target) {
+  OdometryConfig config;
+  config.target = target;
+  return config;
+}
+
+bool same_bytes(const OdometryResult& a, const OdometryResult& b) {
+  const auto same = [](const auto& x, const auto& y) {
+    return std::memcmp(x.data(), y.data(), sizeof(x)) == 0;
+  };
+  return a.planes.size() == b.planes.size() &&
+         same(a.T_odom_base.matrix(), b.T_odom_base.matrix()) &&
+         same(a.twist_per_s, b.twist_per_s) && same(a.covariance, b.covariance) &&
+         std::memcmp(a.planes.data(), b.planes.data(), a.planes.size() * sizeof(Point)) == 0;
+}
+
+CommittedSweep committed(const OdometryResult& r, std::uint32_t period_ns) {
+  return {r.sweep,       r.prev_sweep,  r.instant_ns, period_ns,
+          r.T_odom_base, r.twist_per_s, r.health,     r.degeneracy.degenerate,
+          r.edges,       r.planes};
+}
+
+TEST(Odometry, KnownMotionAlongEachAxisWithoutNoise) {
+  for (int axis = 0; axis < 6; ++axis) {
+    const Drive d = drive({}, {}, config_for(Target::kRecentSweeps), twist_along(axis), 8);
+    const Error e = error_of(d);
+    EXPECT_LT(e.position_m, 0.006) << "axis " << axis;
+    EXPECT_LT(e.rotation_rad, 0.002) << "axis " << axis;
+    EXPECT_LT((d.results.back().twist_per_s - twist_along(axis)).norm(), 0.03) << "axis " << axis;
+  }
+}
+
+TEST(Odometry, KnownMotionAlongEachAxisWithNoise) {
+  for (int axis = 0; axis < 6; ++axis) {
+    const Drive d =
+        drive({}, {.noise_m = 0.02}, config_for(Target::kRecentSweeps), twist_along(axis), 15);
+    const Error e = error_of(d);
+    EXPECT_LT(e.position_m, 0.02) << "axis " << axis;
+    EXPECT_LT(e.rotation_rad, 0.005) << "axis " << axis;
+  }
+}
+
+TEST(Odometry, LoamsFormFollowsTheSameMotions) {
+  for (int axis = 0; axis < 6; ++axis) {
+    const Drive d =
+        drive({}, {.noise_m = 0.01}, config_for(Target::kLastSweep), twist_along(axis), 8);
+    const Error e = error_of(d);
+    EXPECT_LT(e.position_m, 0.06) << "axis " << axis;
+    EXPECT_LT(e.rotation_rad, 0.02) << "axis " << axis;
+  }
+}
+
+TEST(Odometry, CombinedMotionAndSlowSensor) {
+  Vector6 twist;
+  twist << 1.2, -0.3, 0.1, 0.1, -0.2, 0.9;
+  const Drive fast = drive({}, {.noise_m = 0.02}, {}, twist, 12);
+  EXPECT_LT(error_of(fast).position_m, 0.02);
+  const Drive slow = drive({}, {.period_ns = 200000000, .noise_m = 0.02}, {}, twist, 8);
+  EXPECT_LT(error_of(slow).position_m, 0.03);
+}
+
+TEST(Odometry, MountingDoesNotChangeTheMotionOfTheBase) {
+  Vector6 twist;
+  twist << 1.0, 0.2, 0.0, 0.0, 0.1, 0.6;
+  for (const Eigen::Vector3d& rpy : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(180, 0, 0),
+                                     Eigen::Vector3d(0, 30, 0), Eigen::Vector3d(12, -20, 135)}) {
+    TestSensor sensor;
+    sensor.noise_m = 0.01;
+    sensor.T_base_lidar = pose_from_xyz_rpy_deg({0.3, -0.1, 0.2}, rpy);
+    const Drive d = drive({}, sensor, {}, twist, 8);
+    EXPECT_LT(error_of(d).position_m, 0.02) << rpy.transpose();
+    EXPECT_LT(error_of(d).rotation_rad, 0.005) << rpy.transpose();
+    EXPECT_LT((d.results.back().twist_per_s - twist).norm(), 0.06) << rpy.transpose();
+  }
+}
+
+TEST(Odometry, CloudsLieOnTheSurfacesAtTheInstant) {
+  Vector6 twist;
+  twist << 2.0, 0.0, 0.0, 0.0, 0.0, 1.5;
+  const TestWorld world{.room = {{-9, -6, -1.2}, {8, 7, 2.3}}, .boxes = {}};
+  const Drive d = drive(world, {}, {}, twist, 6);
+  const OdometryResult& r = d.results.back();
+  const Pose T_world_base = exp_se3(twist * 0.6);
+  double worst = 0.0;
+  for (const Point& p : r.planes) {
+    const Eigen::Vector3d w = T_world_base * p.position().cast<double>();
+    const double off =
+        std::min({std::abs(w.x() + 9), std::abs(w.x() - 8), std::abs(w.y() + 6),
+                  std::abs(w.y() - 7), std::abs(w.z() + 1.2), std::abs(w.z() - 2.3)});
+    worst = std::max(worst, off);
+  }
+  // Undeskewed, the far walls would be off by 2 m/s * 0.1 s.
+  EXPECT_LT(worst, 0.03);
+  EXPECT_EQ(r.instant_ns, 1000000000LL * 1000 + 6 * 100000000LL);
+}
+
+TEST(Odometry, CovarianceCoversTheErrorWithinAnOrderOfMagnitude) {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  const Drive d = drive({}, {.noise_m = 0.02}, {}, twist, 30);
+  double nees = 0.0;
+  for (std::size_t k = 10; k < d.results.size(); ++k) {
+    const Pose step = d.results[k - 1].T_odom_base.inverse() * d.results[k].T_odom_base;
+    const Pose true_step = d.truth_end[k - 1].inverse() * d.truth_end[k];
+    const Vector6 e = log_se3(true_step.inverse() * step);
+    nees += e.dot(d.results[k].covariance.ldlt().solve(e)) / 6.0 / 20.0;
+    EXPECT_GT(d.results[k].covariance.ldlt().vectorD().minCoeff(), 0.0);
+  }
+  EXPECT_LT(nees, 10.0);
+  EXPECT_GT(nees, 0.01);
+}
+
+TEST(Odometry, EndlessCorridorIsFlaggedAlongItsAxis) {
+  const TestWorld corridor{.room = {{-1000, -2, -1.2}, {1000, 2, 2.3}}, .boxes = {}};
+  Vector6 twist = Vector6::Zero();
+  const Drive d = drive(corridor, {.noise_m = 0.02}, {}, twist, 6);
+  const OdometryResult& r = d.results.back();
+  EXPECT_EQ(r.health, Health::kDegenerate);
+  EXPECT_TRUE(r.degeneracy.degenerate);
+  EXPECT_GT(std::abs(r.degeneracy.weak_translation.x()), 0.99);
+  EXPECT_GT(r.degeneracy.sigma_measured, r.degeneracy.sigma_predicted);
+  // The open direction keeps the prediction, the closed ones are measured.
+  EXPECT_LT(error_of(d).position_m, 0.05);
+  const Drive room = drive({}, {.noise_m = 0.02}, {}, twist, 6);
+  EXPECT_FALSE(room.results.back().degeneracy.degenerate);
+}
+
+TEST(Odometry, EmptySweepIsPredictedAndTheNextOneGoesOn) {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  Odometry odometry({}, Pose::Identity());
+  OdometryResult r;
+  for (int k = 0; k < 10; ++k) {
+    const PointVector points =
+        k == 6 ? PointVector{}
+               : sweep_of({}, {.noise_m = 0.01}, exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+    FeatureSweep sweep;
+    sweep.sweep = std::uint64_t(k);
+    sweep.stamp_ns = k * 100000000LL;
+    sweep.less_flat = points;
+    r = odometry.process(sweep);
+    EXPECT_EQ(r.health, k == 6 ? Health::kEmpty : Health::kOk) << k;
+    const Pose truth = exp_se3(twist * (0.1 * k));
+    EXPECT_LT((truth.inverse() * r.T_odom_base).translation().norm(), 0.03) << k;
+    EXPECT_EQ(r.prev_sweep, std::uint64_t(k == 0 ? 0 : k - 1));
+  }
+}
+
+TEST(Odometry, DroppedSweepsAreBridgedByTheirTimes) {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  Odometry odometry({}, Pose::Identity());
+  for (int k = 0; k < 16; ++k) {
+    if (k == 7 || k == 8 || k == 12) continue;
+    const PointVector points =
+        sweep_of({}, {.noise_m = 0.01}, exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+    FeatureSweep sweep;
+    sweep.sweep = std::uint64_t(k);
+    sweep.stamp_ns = k * 100000000LL;
+    sweep.less_flat = points;
+    const OdometryResult r = odometry.process(sweep);
+    EXPECT_EQ(r.health, Health::kOk);
+    EXPECT_LT((exp_se3(twist * (0.1 * k)).inverse() * r.T_odom_base).translation().norm(), 0.03);
+  }
+}
+
+TEST(Odometry, OddInputPassesWithAFinitePose) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const PointVector room = sweep_of({}, {}, Pose::Identity(), Vector6::Zero(), 1);
+  const PointVector one_ring = sweep_of({}, {.rings = 1}, Pose::Identity(), Vector6::Zero(), 1);
+  const std::vector<PointVector> odd = {
+      {},
+      PointVector(100, Point{nan, nan, nan, 0, 0, 0, ReturnType::kStrongest, 0}),
+      PointVector(1, Point{1, 2, 3, 0, 0, 0, ReturnType::kStrongest, 0}),
+      PointVector(5000, Point{1, 2, 3, 0, 5, 1, ReturnType::kStrongest, 0}),
+      PointVector(5000, Point{3e38F, -3e38F, 1e30F, 0, 4000000000U, 65535, ReturnType::kLast, 0}),
+      one_ring};
+  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
+    for (const PointVector& first : odd) {
+      for (const PointVector& second : odd) {
+        Odometry odometry(config_for(target), Pose::Identity());
+        std::uint64_t number = 0;
+        for (const PointVector* points : {&first, &second, &room, &second}) {
+          FeatureSweep sweep;
+          sweep.sweep = number;
+          sweep.stamp_ns = std::int64_t(number++) * 100000000;
+          sweep.sharp = sweep.less_sharp = sweep.flat = sweep.less_flat = *points;
+          const OdometryResult r = odometry.process(sweep);
+          EXPECT_TRUE(r.T_odom_base.matrix().allFinite());
+          EXPECT_TRUE(r.covariance.allFinite());
+          EXPECT_LT(r.T_odom_base.translation().norm(), 5.0);
+          EXPECT_TRUE(!points->empty() || r.health == Health::kEmpty);
+        }
+      }
+    }
+  }
+}
+
+TEST(Odometry, ClockJumpsAndZeroPeriodAreSurvived) {
+  const PointVector room = sweep_of({}, {}, Pose::Identity(), Vector6::Zero(), 1);
+  Odometry odometry({}, Pose::Identity());
+  std::uint64_t number = 0;
+  for (std::int64_t stamp : {0LL, 100000000LL, 900000000000000LL, -5LL, 100LL}) {
+    FeatureSweep sweep;
+    sweep.sweep = number++;
+    sweep.stamp_ns = stamp;
+    sweep.period_ns = number == 4 ? 0 : 100000000;
+    sweep.less_flat = room;
+    const OdometryResult r = odometry.process(sweep);
+    EXPECT_TRUE(r.T_odom_base.matrix().allFinite());
+    EXPECT_LT(r.T_odom_base.translation().norm(), 0.2);
+  }
+}
+
+TEST(Odometry, SameSweepsSameBytes) {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.1, 0.1, 0.0, 0.5;
+  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
+    const Drive a = drive({}, {.noise_m = 0.02}, config_for(target), twist, 6);
+    const Drive b = drive({}, {.noise_m = 0.02}, config_for(target), twist, 6);
+    for (std::size_t k = 0; k < a.results.size(); ++k) {
+      EXPECT_TRUE(same_bytes(a.results[k], b.results[k])) << k;
+    }
+  }
+}
+
+TEST(Odometry, AnotherInstanceTakesOverFromTheResultsWithTheSameBytes) {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.1, 0.1, 0.0, 0.5;
+  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
+    OdometryConfig config = config_for(target);
+    config.window_sweeps = 4;
+    for (int taken_at : {1, 3, 9}) {
+      Odometry first(config, Pose::Identity());
+      Odometry second(config, Pose::Identity());
+      std::vector<OdometryResult> results;
+      for (int k = 0; k < 12; ++k) {
+        const PointVector points =
+            sweep_of({}, {.noise_m = 0.01}, exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+        FeatureSweep sweep;
+        sweep.sweep = std::uint64_t(k);
+        sweep.stamp_ns = k * 100000000LL;
+        sweep.flat = sweep.less_flat = points;
+        if (k == taken_at) {
+          std::vector<CommittedSweep> commits;
+          const std::size_t depth = std::min(results.size(), second.restore_depth());
+          for (std::size_t i = results.size() - depth; i < results.size(); ++i) {
+            commits.push_back(committed(results[i], sweep.period_ns));
+          }
+          second.restore(commits);
+        }
+        results.push_back(first.process(sweep));
+        if (k >= taken_at) {
+          EXPECT_TRUE(same_bytes(results.back(), second.process(sweep))) << taken_at << ' ' << k;
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace zloam::odometry
