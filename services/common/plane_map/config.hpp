@@ -58,8 +58,8 @@ struct MatcherConfig {
   double min_range_m = 0.5;
 
   int max_iterations = 8;
-  double stop_rotation_rad = 2e-5;
-  double stop_translation_m = 2e-4;
+  double stop_rotation_rad = 5e-5;
+  double stop_translation_m = 5e-4;
 
   /// Points on one surface do not err independently: information is divided by this.
   double correlation = 10.0;

@@ -11,7 +11,7 @@ constexpr float kMaxLocal_m = 4096.0f;
 constexpr int kKeyBits = 21;
 constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
 
-int floor_to_int(float x) {
+inline int floor_to_int(float x) {
   const int i = static_cast<int>(x);
   return i - static_cast<int>(static_cast<float>(i) > x);
 }
@@ -52,7 +52,7 @@ Eigen::Vector3d VoxelPlaneMap::anchor_grid() const {
   return anchor_.cast<double>() * config_.root_voxel_m;
 }
 
-std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float y, float z) const {
+inline std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float y, float z) const {
   // Written so that NaN fails too.
   if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
     return std::nullopt;
@@ -61,7 +61,7 @@ std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float y, floa
               floor_to_int(z * leaf_per_m_)};
 }
 
-std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
+inline std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
   const auto part = [&](int cell, int anchor) {
     return static_cast<std::uint64_t>((cell >> shift_) + anchor + kKeyOffset);
   };
@@ -69,7 +69,7 @@ std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
          part(c.z, anchor_.z());
 }
 
-std::uint32_t VoxelPlaneMap::find_root(std::uint64_t key) const {
+inline std::uint32_t VoxelPlaneMap::find_root(std::uint64_t key) const {
   const std::size_t mask = table_.size() - 1;
   for (std::size_t i = hash(key) & mask; table_[i] != 0; i = (i + 1) & mask) {
     const Root& root = roots_[table_[i] - 1];
@@ -120,7 +120,7 @@ unsigned octant(const C& c, int bit) {
 
 }  // namespace
 
-std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
+inline std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
   const auto centre = [&](int cell) {
     return (static_cast<float>(cell >> shift_) + 0.5f) * static_cast<float>(config_.root_voxel_m);
   };
@@ -138,8 +138,9 @@ Eigen::Vector3d VoxelPlaneMap::voxel_offset(const Cell& c, int level) const {
   return {offset(c.x), offset(c.y), offset(c.z)};
 }
 
-bool VoxelPlaneMap::needs_fit(const Fit& fit) const {
-  return fit.count != fit.fitted_count && fit.count >= fit.fitted_count * config_.refit_growth;
+std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
+  const double grown = std::ceil(count * config_.refit_growth);
+  return std::max(count + 1, static_cast<std::uint32_t>(std::min(grown, 4e9)));
 }
 
 void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
@@ -153,7 +154,7 @@ void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
 }
 
 void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
-  node.fit.fitted_count = node.fit.count;
+  node.fit.refit_at = next_fit(node.fit.count);
   node.fit.kind = Kind::kNone;
   if (node.fit.count < config_.min_points) {
     return;
@@ -164,7 +165,7 @@ void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
   }
 }
 
-const VoxelPlaneMap::Leaf* VoxelPlaneMap::leaf_at(const Cell& cell) const {
+inline const VoxelPlaneMap::Leaf* VoxelPlaneMap::leaf_at(const Cell& cell) const {
   std::uint32_t i = find_root(root_key(cell));
   for (int bit = shift_ - 1; i != kNoChild && bit >= 0; --bit) {
     i = nodes_[i].children[octant(cell, bit)];
@@ -193,7 +194,7 @@ Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell) const 
 }
 
 void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
-  leaf.fit.fitted_count = leaf.fit.count;
+  leaf.fit.refit_at = next_fit(leaf.fit.count);
   leaf.fit.kind = Kind::kNone;
   const Eigen::Vector3d offset = voxel_offset(cell, shift_);
   PrincipalAxes own;
@@ -240,7 +241,7 @@ void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
   }
 }
 
-Match VoxelPlaneMap::match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const {
+inline Match VoxelPlaneMap::match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const {
   return {rows, fit.row_count, fit.kind == Kind::kPlane, fit.normal_variance, root_centre(cell)};
 }
 
@@ -249,7 +250,7 @@ Match VoxelPlaneMap::find(float x, float y, float z) {
   std::uint32_t i = cell ? find_root(root_key(*cell)) : kNoChild;
   for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
     Node& node = nodes_[i];
-    if (needs_fit(node.fit)) {
+    if (node.fit.count >= node.fit.refit_at) {
       fit_node(node, *cell, shift_ - 1 - bit);
     }
     if (node.fit.kind == Kind::kPlane) {
@@ -261,7 +262,7 @@ Match VoxelPlaneMap::find(float x, float y, float z) {
     return {};
   }
   Leaf& leaf = leaves_[i];
-  if (needs_fit(leaf.fit)) {
+  if (leaf.fit.count >= leaf.fit.refit_at) {
     fit_leaf(leaf, *cell);
   }
   switch (leaf.fit.kind) {

@@ -96,7 +96,7 @@ class VoxelPlaneMap {
     PlaneRow plane;
     float normal_variance = 0;
     std::uint32_t count = 0;
-    std::uint32_t fitted_count = 0;
+    std::uint32_t refit_at = 0;  // count from which it is fitted again
     Kind kind = Kind::kNone;
     bool settled = false;
     std::uint8_t row_count = 0;
@@ -130,7 +130,7 @@ class VoxelPlaneMap {
   const Leaf* leaf_at(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
   Eigen::Vector3d voxel_offset(const Cell& cell, int level) const;
-  bool needs_fit(const Fit& fit) const;
+  std::uint32_t next_fit(std::uint32_t count) const;
   void fit_node(Node& node, const Cell& cell, int level);
   void fit_leaf(Leaf& leaf, const Cell& cell);
   Moments merged_moments(const Leaf& leaf, const Cell& cell) const;

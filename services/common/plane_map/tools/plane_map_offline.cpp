@@ -125,6 +125,11 @@ const std::map<std::string, Setter>& setters() {
       {"maxpts", [](Options& o, double v) { o.matcher.max_points = static_cast<std::size_t>(v); }},
       {"it", [](Options& o, double v) { o.matcher.max_iterations = static_cast<int>(v); }},
       {"gate", [](Options& o, double v) { o.matcher.min_gate_m = v; }},
+      {"stop",
+       [](Options& o, double v) {
+         o.matcher.stop_rotation_rad *= v;
+         o.matcher.stop_translation_m *= v;
+       }},
       {"mem", [](Options& o, double v) { o.matcher.twist_memory = v; }},
       {"bt", [](Options& o, double v) { o.matcher.begin_sigma_m = v; }},
       {"br", [](Options& o, double v) { o.matcher.begin_sigma_rad = v; }},
