@@ -57,6 +57,7 @@ def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
             chain.link.poll(0.2)
             chain.check()
         chain.link.query_statuses()
+        chain.stop()
         driver = chain.link.stage("driver")
         poses = chain.link.trajectory()
         listener.undeclare()

@@ -10,7 +10,6 @@ from typing import Any
 
 from zloam_monitor import report
 from zloam_monitor.chain import Chain
-from zloam_monitor.keys import STAGES
 from zloam_monitor.report import Run
 from zloam_monitor.robot_file import names
 
@@ -65,16 +64,17 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
         while time.monotonic() < ends:
             chain.link.poll(0.2)
         chain.link.query_statuses()
+        codes = chain.stop()
         seen = Run(
             keys=chain.link.keys,
-            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            statuses=chain.statuses(),
+            exit_codes=codes,
             poses=dict(chain.link.poses),
             mapped=dict(chain.link.mapped),
             trajectory=chain.link.trajectory(),
             odometry=chain.link.odometry_trajectory(),
             wall_s=time.monotonic() - began,
         )
-        seen.exit_codes.update(chain.stop())
     found = report.build(seen)
     report.write(out / "report.json", found)
     return found

@@ -10,10 +10,13 @@ from types import TracebackType
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.processes import PORT_ORDER, Processes, free_base_port
+from zloam_monitor.records import StatusRecord
 
 #: consumers first, so that the first sweep finds its readers
 START_ORDER = ("integration", "mapping", "odometry", "registration", "driver")
 READY_SECONDS = 60.0
+#: the stages' last statuses are still on their way when the processes have ended
+LAST_WORDS_SECONDS = 0.3
 
 
 class ChainError(RuntimeError):
@@ -96,7 +99,9 @@ class Chain:
     def stop(self) -> dict[str, int]:
         """SIGTERM; waits; exit code of each stage. The last statuses are still heard."""
         self.exit_codes = self.processes.stop()
-        self.link.poll()
+        quiet = time.monotonic() + LAST_WORDS_SECONDS
+        while time.monotonic() < quiet:
+            self.link.poll(LAST_WORDS_SECONDS)
         return self.exit_codes
 
     def check(self) -> None:
@@ -122,6 +127,10 @@ class Chain:
         """Integration and mapping have handled the last sweep of the run."""
         found = [self.link.stage(stage) for stage in ("integration", "mapping")]
         return all(s is not None and s.end_of_run for s in found)
+
+    def statuses(self) -> dict[str, StatusRecord]:
+        """The newest of each stage; after stop() their last words."""
+        return {s: status for s in STAGES if (status := self.link.stage(s)) is not None}
 
     def progress(self) -> tuple[int, int]:
         """(poses, mapped sweeps): what must grow while the chain is alive."""

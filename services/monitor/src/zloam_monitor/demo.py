@@ -9,7 +9,6 @@ from typing import Any
 
 from zloam_monitor import outputs, report
 from zloam_monitor.chain import Chain, ChainError
-from zloam_monitor.keys import STAGES
 from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
@@ -95,17 +94,18 @@ def run(options: DemoOptions) -> dict[str, Any]:
         finally:
             line.end()
         chain.link.query_statuses()
+        codes = chain.stop()
         seen = Run(
             keys=chain.link.keys,
-            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            statuses=chain.statuses(),
             poses=dict(chain.link.poses),
             mapped=dict(chain.link.mapped),
             trajectory=chain.link.trajectory(),
             odometry=chain.link.odometry_trajectory(),
             wall_s=wall_s,
+            exit_codes=codes,
             truths=outputs.truths_of_base(options.truth, outputs.mounting(configs)),
         )
-        seen.exit_codes.update(chain.stop())
     return outputs.write_all(options.out, options.source.title, seen)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from zloam_monitor import outputs
 from zloam_monitor.chain import Chain
-from zloam_monitor.keys import STAGES
 from zloam_monitor.link import Link
 from zloam_monitor.report import Run
 from zloam_monitor.terminal import ProgressLine
@@ -134,14 +133,15 @@ def run(options: LiveOptions) -> dict[str, Any]:
         wall_s = _watch(chain, options)
         print("writing trajectory and map")
         chain.link.query_statuses()
+        codes = chain.stop()
         seen = Run(
             keys=chain.link.keys,
-            statuses={s: v for s in STAGES if (v := chain.link.stage(s)) is not None},
+            statuses=chain.statuses(),
+            exit_codes=codes,
             poses=dict(chain.link.poses),
             mapped=dict(chain.link.mapped),
             trajectory=chain.link.trajectory(),
             odometry=chain.link.odometry_trajectory(),
             wall_s=wall_s,
         )
-        seen.exit_codes.update(chain.stop())
     return outputs.write_all(options.out, "live run", seen)
