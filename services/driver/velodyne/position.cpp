@@ -54,7 +54,7 @@ std::optional<double> number(std::string_view text) {
 /// ddmm.mmmm or dddmm.mmmm to degrees.
 std::optional<double> degrees(std::string_view text, std::string_view hemisphere) {
   const auto value = number(text);
-  if (!value) return std::nullopt;
+  if (!value || *value > 18000.0) return std::nullopt;
   const double whole = std::floor(*value / 100.0);
   const double result = whole + (*value - 100.0 * whole) / 60.0;
   return hemisphere == "S" || hemisphere == "W" ? -result : result;
@@ -74,13 +74,13 @@ std::int64_t days_from_civil(int year, int month, int day) {
 std::int64_t utc_ns(std::string_view date, std::string_view time) {
   const auto day_number = number(date);
   const auto time_number = number(time);
-  if (!day_number || !time_number || date.size() != 6) return 0;
+  if (!day_number || !time_number || date.size() != 6 || *time_number >= 240000.0) return 0;
   const int d = static_cast<int>(*day_number);
   const int day = d / 10000;
   const int month = d / 100 % 100;
   if (day < 1 || day > 31 || month < 1 || month > 12) return 0;
   const int hms = static_cast<int>(*time_number);
-  if (hms / 10000 > 23 || hms / 100 % 100 > 59 || hms % 100 > 60) return 0;
+  if (hms / 100 % 100 > 59 || hms % 100 > 60) return 0;
   const double seconds = *time_number - hms + hms % 100;
   const std::int64_t whole_s = days_from_civil(2000 + d % 100, month, day) * 86400 +
                                hms / 10000 * 3600 + hms / 100 % 100 * 60;

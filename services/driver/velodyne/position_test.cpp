@@ -76,6 +76,15 @@ TEST(Nmea, RefusesWhatItCannotTrust) {
   EXPECT_FALSE(parse_rmc("$GPGGA,213504*4E"));
 }
 
+TEST(Nmea, NumbersBeyondTheirRangeAreNoFix) {
+  const auto fix = parse_rmc(
+      "$GPRMC,20001003504,A,9999999999999999999999999999999999999999.0,N,12139.0000,W,0,0,100918,,*"
+      "07");
+  ASSERT_TRUE(fix);
+  EXPECT_EQ(fix->utc_ns, 0);
+  EXPECT_FALSE(fix->valid);
+}
+
 TEST(Nmea, AVoidFixHasATimeButIsNotValid) {
   const auto fix = parse_rmc("$GPRMC,120000.50,V,,,,,,,010100,,*19");
   if (!fix) GTEST_FAIL() << "the checksum of this sentence is right";

@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# libFuzzer with AddressSanitizer and UBSan on everything that reads foreign bytes.
+# usage: tests/fuzz/run.sh [seconds for each target]
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+seconds=${1:-60}
+out=build/fuzz
+compiler=${FUZZ_CXX:-clang++}
+# The sanitizers' libraries are a package of their own on some releases (libclang-rt-*-dev).
+if ! command -v "$compiler" >/dev/null; then
+  echo "fuzz: $compiler is missing; make tools installs it" >&2
+  exit 1
+fi
+mkdir -p "$out"
+flags=(-std=c++20 -g -O1 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
+  -Iservices -isystem /usr/include/eigen3)
+driver=services/driver
+algorithms=("$driver"/velodyne/{model,decoder,position}.cpp "$driver"/sweep/{clock,assembler}.cpp)
+build() { # target, sources and libraries
+  local target=$1
+  shift
+  "$compiler" "${flags[@]}" tests/fuzz/"$target"_fuzz.cpp "$@" -o "$out/$target"
+}
+build packets "${algorithms[@]}"
+build position "${algorithms[@]}"
+build nmea "${algorithms[@]}"
+build pcap "$driver"/io/{link_layer,pcap_source}.cpp -lpcap
+python3 tests/fuzz/seeds.py "$out/seeds"
+for target in packets position nmea pcap; do
+  mkdir -p "$out/corpus/$target" "$out/found"
+  echo "fuzz: $target for $seconds s"
+  if ! "$out/$target" -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=2048 \
+    -artifact_prefix="$out/found/$target-" "$out/corpus/$target" "$out/seeds/$target" \
+    >"$out/$target.log" 2>&1; then
+    tail -n 40 "$out/$target.log" >&2
+    echo "fuzz: $target failed; the input is in $out/found, the log is $out/$target.log" >&2
+    exit 1
+  fi
+  grep -E '^(stat::number_of_executed_units|Done)' "$out/$target.log" || true
+done

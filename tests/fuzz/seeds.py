@@ -1,0 +1,48 @@
+"""Seeds for the fuzzers: one small well-formed input of each kind, made by rule."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from pathlib import Path
+
+
+def data_packet(toh_us: int, first_cdeg: int, mode: int) -> bytes:
+    """A VLP-16 packet that sees 10 m everywhere."""
+    blocks = b""
+    for k in range(12):
+        step = k // 2 if mode == 0x39 else k
+        azimuth = (first_cdeg + 40 * step) % 36000
+        blocks += struct.pack("<HH", 0xEEFF, azimuth) + struct.pack("<HB", 5000, 50) * 32
+    return blocks + struct.pack("<IBB", toh_us, mode, 0x22)
+
+
+def frame(payload: bytes) -> bytes:
+    """Ethernet, IPv4, UDP."""
+    udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
+    ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0) + bytes(8)
+    return bytes(12) + b"\x08\x00" + ip + udp
+
+
+def write(folder: Path, name: str, content: bytes) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(content)
+
+
+def main(target: Path) -> None:
+    sentence = b"$GPRMC,213504,A,3708.0000,N,12139.0000,W,000.0,080.5,100918,013.3,E,D*04\r\n"
+    for mode in (0x37, 0x39):
+        packets = [data_packet(1_000_000 + 1327 * i, 35900 + 480 * i, mode) for i in range(3)]
+        stream = b"".join(struct.pack("<H", len(p) + 1) + p + b"\0" for p in packets)
+        write(target / "packets", f"mode{mode:x}", b"\x09" + stream)
+    write(target / "position", "rmc", (bytes(206) + sentence).ljust(512, b"\0"))
+    write(target / "nmea", "rmc", sentence[1:-5])
+    wire = frame(data_packet(1, 0, 0x37))
+    head = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+    record = struct.pack("<IIII", 1, 2, len(wire), len(wire)) + wire
+    write(target / "pcap", "two", head + record * 2)
+    write(target / "pcap", "frame", wire)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
