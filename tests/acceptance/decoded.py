@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import velodyne_decoder
 from numpy.typing import NDArray
+
+from tests.acceptance.runs import ROOT, Setting
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.robot_file import names
 from zloam_monitor.sources import Source
-
-from tests.acceptance.runs import ROOT, Setting
 
 #: byte of a data packet that names the product, and the VLP-16's value
 PRODUCT_BYTE, VLP16 = 1205, 0x22

@@ -8,13 +8,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from tests.acceptance.decoded import udp_payloads
+from tests.acceptance.runs import ROOT, Setting
 from zloam_monitor import report
 from zloam_monitor.chain import Chain
 from zloam_monitor.report import Run
 from zloam_monitor.robot_file import names
-
-from tests.acceptance.decoded import udp_payloads
-from tests.acceptance.runs import ROOT, Setting
 
 #: how much of the capture is sent
 SECONDS = 40.0

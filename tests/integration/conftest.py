@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
 from zloam_monitor.keys import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

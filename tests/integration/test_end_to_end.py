@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from zloam_monitor import clouds, evaluation, trajectory
-from zloam_monitor.keys import STAGES
 
 from tests.integration.conftest import CAPTURE_SECONDS, monitor, simulate
+from zloam_monitor import clouds, evaluation, trajectory
+from zloam_monitor.keys import STAGES
 
 
 @pytest.fixture(scope="module")

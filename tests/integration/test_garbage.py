@@ -3,13 +3,12 @@
 import random
 import threading
 
+from tests.integration.conftest import CAPTURE_SECONDS
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import open_session
 from zloam_monitor.processes import endpoints
 from zloam_monitor.robot_file import names
-
-from tests.integration.conftest import CAPTURE_SECONDS
 
 #: messages of each kind and key
 ROUNDS = 40

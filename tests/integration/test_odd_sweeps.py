@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+
 from zloam_monitor import compose, messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session

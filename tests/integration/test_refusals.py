@@ -5,10 +5,10 @@ import socket
 import subprocess
 
 import pytest
-from zloam_monitor.keys import STAGES
-from zloam_monitor.processes import PORT_ORDER, free_base_port
 
 from tests.integration.conftest import CAPTURE_SECONDS, monitor
+from zloam_monitor.keys import STAGES
+from zloam_monitor.processes import PORT_ORDER, free_base_port
 
 REFUSED_CONFIG, REFUSED_FILE = 2, 3
 

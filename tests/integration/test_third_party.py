@@ -4,12 +4,11 @@ import os
 import subprocess
 import sys
 
+from tests.integration.conftest import CAPTURE_SECONDS, ROOT
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.processes import PORT_ORDER, endpoints
 from zloam_monitor.robot_file import names
-
-from tests.integration.conftest import CAPTURE_SECONDS, ROOT
 
 
 def test_the_example_sees_every_pose(build, robot_file, capture, tmp_path):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import zenoh
+
 from zloam_monitor import clouds, compose
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import MAP_POINT, STAMPED_POSE

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from zloam_monitor import evaluation, picture, se3
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.trajectory import Trajectory

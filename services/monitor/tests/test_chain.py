@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from fake_stage import SWEEPS, loop
 from zloam_monitor import cli, clouds, messages, trajectory
 from zloam_monitor.keys import STAGES

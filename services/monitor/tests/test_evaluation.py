@@ -5,6 +5,7 @@ import pytest
 from evo.core import metrics, sync
 from evo.core import trajectory as evo_trajectory
 from scipy.spatial.transform import Rotation
+
 from zloam_monitor import evaluation, se3
 from zloam_monitor.trajectory import Trajectory
 

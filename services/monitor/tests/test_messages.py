@@ -5,6 +5,7 @@ import re
 import flatbuffers
 import numpy as np
 import pytest
+
 from zloam_monitor import messages
 
 

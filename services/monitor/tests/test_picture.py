@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from scenes import city_scene
 from zloam_monitor import clouds, picture
 from zloam_monitor.messages import MAP_POINT

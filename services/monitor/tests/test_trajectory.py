@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from zloam_monitor import se3, trajectory
 from zloam_monitor.trajectory import Trajectory
 
