@@ -13,8 +13,8 @@ struct Entry {
 
 const std::vector<Entry>& entries() {
   static const std::vector<Entry> all = {
-      {{"city", "closed loop of 390 m through streets, up to 7.5 m/s"}, city_scene},
-      {{"indoor", "closed loop of 100 m through corridors and furnished rooms, walking"},
+      {{"city", "closed loop of 396 m through streets, up to 7.5 m/s"}, city_scene},
+      {{"indoor", "closed loop of 102 m through corridors and furnished rooms, walking"},
        indoor_scene},
       {{"handheld", "furnished hall, sensor in the hand, turning at up to 190 deg/s"},
        handheld_scene},
@@ -22,11 +22,11 @@ const std::vector<Entry>& entries() {
        [](const SceneOptions& options) { return tunnel_scene(options, false); }},
       {{"tunnel_weak", "90 m of tunnel with shallow pilasters"},
        [](const SceneOptions& options) { return tunnel_scene(options, true); }},
-      {{"flat", "closed loop of 170 m in a yard, motion strictly in the plane"}, flat_scene},
-      {{"field", "closed loop of 200 m over an open field with a few posts and bushes"},
+      {{"flat", "closed loop of 178 m in a yard, motion strictly in the plane"}, flat_scene},
+      {{"field", "closed loop of 208 m over an open field with a few posts and bushes"},
        field_scene},
       {{"park",
-        "closed loop of 160 m among trees, hedges and boulders: no planes but rough ground"},
+        "closed loop of 161 m among trees, hedges and boulders: no planes but rough ground"},
        park_scene},
   };
   return all;
