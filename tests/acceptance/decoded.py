@@ -135,24 +135,10 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
     return worst, excess
 
 
-def in_range_blocks_only(payload: bytes) -> bytes:
-    """Without returns in blocks whose azimuth is none by the manual (0 ... 35999)."""
-    for block in range(12):
-        at = 100 * block
-        if int.from_bytes(payload[at + 2 : at + 4], "little") > 35999:
-            payload = payload[: at + 4] + bytes(96) + payload[at + 100 :]
-    return payload
-
-
 def source_of(setting: Setting, name: str) -> tuple[Source, NDArray[Any]]:
-    """A recording and what the other decoder makes of it.
-
-    One block of vlp16_mislabelled says azimuth 36000; it is left out on both sides.
-    """
+    """A recording and what the other decoder makes of it."""
     folder = setting.recording(f"data/{name}")
     if (folder / "packets.bin").exists():
         return sources.from_bin(folder / "packets.bin"), stored(folder / "velodyne_decoder.npz")
     capture = folder / "capture.pcap"
-    return sources.from_pcap(capture), by_velodyne_decoder(
-        map(in_range_blocks_only, payloads_of_pcap(capture, VLP16))
-    )
+    return sources.from_pcap(capture), by_velodyne_decoder(payloads_of_pcap(capture, VLP16))
