@@ -42,7 +42,6 @@ void add_plane(NormalEquations& sum, const Residual& r, const Pose& T, double ke
   const double scale = weight * r.information;
   sum.H.noalias() += (scale * J) * J.transpose();
   sum.g += (scale * distance) * J;
-  sum.noise_information += scale * r.surface.axis_variance;
   note(sum, r, distance * distance, weight, kernel_m);
 }
 
@@ -71,6 +70,23 @@ NormalEquations accumulate(const std::vector<Residual>& residuals, const Pose& T
     } else {
       add_plane(sum, r, T_map_base, kernel_m);
     }
+  }
+  return sum;
+}
+
+Matrix6 noise_information(const std::vector<Residual>& residuals, const Pose& T_map_base,
+                          double kernel_m) {
+  Matrix6 sum = Matrix6::Zero();
+  const Eigen::Matrix3d R_base_map = T_map_base.linear().transpose();
+  for (const Residual& r : residuals) {
+    if (r.line) continue;
+    const double distance = r.surface.axis.dot(T_map_base * r.point_base - r.surface.point);
+    const double scale = kernel_weight(distance * distance, kernel_m) * r.information;
+    Eigen::Matrix<double, 6, 3> J;
+    J << Eigen::Matrix3d::Identity(), hat(r.point_base);
+    sum.noalias() += scale * J *
+                     (R_base_map * r.surface.normal_covariance * R_base_map.transpose()) *
+                     J.transpose();
   }
   return sum;
 }

@@ -30,15 +30,16 @@ struct NormalEquations {
   /// weighted sum of squared distances (m^2) and sum of the weights, for the rms
   double squared_m2 = 0.0;
   double weight = 0.0;
-  /// sum over planes of weight * information * variance of the normal: what normals' noise adds to
-  /// H
-  double noise_information = 0.0;
   std::uint32_t inliers = 0;
 };
 
 /// Data part at the pose.
 NormalEquations accumulate(const std::vector<Residual>& residuals, const Pose& T_map_base,
                            double kernel_m);
+
+/// What the noise of the planes' normals adds to H on average: information that is not there.
+Matrix6 noise_information(const std::vector<Residual>& residuals, const Pose& T_map_base,
+                          double kernel_m);
 
 /// Adds the prediction to the equations.
 void add_prior(NormalEquations& equations, const Prediction& prediction, const Pose& T_map_base);

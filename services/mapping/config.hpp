@@ -28,6 +28,10 @@ struct LoamConfig {
   /// and above (so many sigmas of the range noise)^2: a single ring, thickened by noise, is no
   /// plane
   double plane_spread_sigmas = 3.0;
+  /// the neighbours of a plane must come from more than one ring, as in odometry: where a ring
+  /// bends around a corner it spans a plane that is no surface, goes with the sensor and holds it
+  /// back
+  bool plane_several_rings = true;
   /// voxel filter of the sweep before matching (not before insertion), m; 0: none
   double match_leaf_edge_m = 0.2;
   double match_leaf_plane_m = 0.4;

@@ -25,13 +25,15 @@ Eigen::Matrix3d schur(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b,
   return 0.5 * (rest + rest.transpose());
 }
 
-Axes axes(const Eigen::Matrix3d& information, const Eigen::Matrix3d& prior, double noise) {
+// Eigenvectors are those of the information as measured; the noise is taken off along them.
+Axes axes(const Eigen::Matrix3d& information, const Eigen::Matrix3d& noise,
+          const Eigen::Matrix3d& prior) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(information);
   Axes result;
   result.vectors = solver.eigenvectors();
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d v = result.vectors.col(i);
-    result.lambda[i] = std::max(solver.eigenvalues()[i] - noise, kTiny);
+    result.lambda[i] = std::max(solver.eigenvalues()[i] - v.dot(noise * v), kTiny);
     result.measured[i] = 1.0 / std::sqrt(result.lambda[i]);
     result.predicted[i] = std::sqrt(std::max(v.dot(prior * v), kTiny * kTiny));
   }
@@ -40,17 +42,15 @@ Axes axes(const Eigen::Matrix3d& information, const Eigen::Matrix3d& prior, doub
 
 }  // namespace
 
-WeakAxes judge(const NormalEquations& data, const Matrix6& prior_covariance,
-               const MappingConfig& config, bool was_degenerate) {
-  const Eigen::Matrix3d tt = data.H.topLeftCorner<3, 3>();
-  const Eigen::Matrix3d tr = data.H.topRightCorner<3, 3>();
-  const Eigen::Matrix3d rr = data.H.bottomRightCorner<3, 3>();
-  const Axes t =
-      axes(schur(tt, tr, rr), prior_covariance.topLeftCorner<3, 3>(), data.noise_information);
-  // Squared lever arm, to carry the noise of normals over to rotation.
-  const double arm2 = rr.trace() / std::max(tt.trace(), kTiny);
-  const Axes r = axes(schur(rr, tr.transpose(), tt), prior_covariance.bottomRightCorner<3, 3>(),
-                      data.noise_information * arm2);
+WeakAxes judge(const Matrix6& data_information, const Matrix6& noise_information,
+               const Matrix6& prior_covariance, const MappingConfig& config, bool was_degenerate) {
+  const Eigen::Matrix3d tt = data_information.topLeftCorner<3, 3>();
+  const Eigen::Matrix3d tr = data_information.topRightCorner<3, 3>();
+  const Eigen::Matrix3d rr = data_information.bottomRightCorner<3, 3>();
+  const Axes t = axes(schur(tt, tr, rr), noise_information.topLeftCorner<3, 3>(),
+                      prior_covariance.topLeftCorner<3, 3>());
+  const Axes r = axes(schur(rr, tr.transpose(), tt), noise_information.bottomRightCorner<3, 3>(),
+                      prior_covariance.bottomRightCorner<3, 3>());
   const double limit = was_degenerate ? config.degenerate_off : config.degenerate_on;
   WeakAxes result;
   for (int i = 2; i >= 0; --i) {

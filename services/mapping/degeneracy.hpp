@@ -20,7 +20,7 @@ struct WeakAxes {
 };
 
 /// was_degenerate: of the sweep before, for the hysteresis between degenerate_on and _off.
-WeakAxes judge(const NormalEquations& data, const Matrix6& prior_covariance,
-               const MappingConfig& config, bool was_degenerate);
+WeakAxes judge(const Matrix6& data_information, const Matrix6& noise_information,
+               const Matrix6& prior_covariance, const MappingConfig& config, bool was_degenerate);
 
 }  // namespace zloam::mapping

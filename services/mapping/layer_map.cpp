@@ -58,22 +58,25 @@ TileIndex LayerMap::tile_of(const Eigen::Vector3d& point_map) const {
           static_cast<std::int32_t>(index.z())};
 }
 
-void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count) {
+void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings,
+                      std::uint32_t count) {
   if (!point_map.allFinite() || point_map.cwiseAbs().maxCoeff() > kFarthest_m || count == 0) return;
-  const std::uint32_t id = voxel_at(point_map);
+  const std::uint32_t id = voxel_at(point_map, rings);
   Voxel& voxel = voxels_[id];
   voxel.sum += static_cast<double>(count) * (point_map - voxel.anchor);
   voxel.count += count;
   if (std::isfinite(intensity)) voxel.intensity_sum += static_cast<float>(count) * intensity;
   const Eigen::Vector3d mean = voxel.mean();
   Cell& cell = cells_[voxel.cell];
-  cell.entries[voxel.place_in_cell].offset = (mean - cell.centre).cast<float>();
+  CellEntry& entry = cell.entries[voxel.place_in_cell];
+  entry.offset = (mean - cell.centre).cast<float>();
+  entry.rings.join(rings);
   const TileIndex tile = tile_of(mean);
   if (voxel.tile == nullptr || voxel.tile->index != tile) move_to_tile(id, tile);
   touch(*voxels_[id].tile);
 }
 
-std::uint32_t LayerMap::voxel_at(const Eigen::Vector3d& point_map) {
+std::uint32_t LayerMap::voxel_at(const Eigen::Vector3d& point_map, const RingRange& rings) {
   const Eigen::Vector3d in_grid = R_grid_map_ * point_map + kGridShift_m;
   const auto index = grid_index(in_grid, leaf_m_);
   const std::uint64_t key = pack_key(index.x(), index.y(), index.z());
@@ -81,11 +84,11 @@ std::uint32_t LayerMap::voxel_at(const Eigen::Vector3d& point_map) {
   if (found != FlatIndex::kNone) return found;
   const Eigen::Vector3d centre_grid =
       (index.cast<double>() + Eigen::Vector3d::Constant(0.5)) * leaf_m_;
-  return found_voxel(key, R_grid_map_.transpose() * (centre_grid - kGridShift_m), point_map);
+  return found_voxel(key, R_grid_map_.transpose() * (centre_grid - kGridShift_m), point_map, rings);
 }
 
 std::uint32_t LayerMap::found_voxel(std::uint64_t key, const Eigen::Vector3d& centre_map,
-                                    const Eigen::Vector3d& point_map) {
+                                    const Eigen::Vector3d& point_map, const RingRange& rings) {
   std::uint32_t id = static_cast<std::uint32_t>(voxels_.size());
   if (free_voxels_.empty()) {
     voxels_.emplace_back();
@@ -100,7 +103,7 @@ std::uint32_t LayerMap::found_voxel(std::uint64_t key, const Eigen::Vector3d& ce
   voxel.cell = cell_at(centre_map);
   Cell& cell = cells_[voxel.cell];
   voxel.place_in_cell = static_cast<std::uint32_t>(cell.entries.size());
-  cell.entries.push_back({(point_map - cell.centre).cast<float>(), id});
+  cell.entries.push_back({(point_map - cell.centre).cast<float>(), id, rings});
   voxel_index_.insert(key, id);
   ++live_;
   return id;
@@ -171,7 +174,7 @@ std::size_t LayerMap::nearest(const Eigen::Vector3d& point_map, double radius_m,
       if (squared >= worst) continue;
       std::size_t at = found < out.size() ? found++ : found - 1;
       for (; at > 0 && out[at - 1].squared_m2 > squared; --at) out[at] = out[at - 1];
-      out[at] = {cell.centre + entry.offset.cast<double>(), squared};
+      out[at] = {cell.centre + entry.offset.cast<double>(), squared, entry.rings};
       if (found == out.size()) worst = out[found - 1].squared_m2;
     }
   }
@@ -233,7 +236,7 @@ std::vector<CountedPoint> LayerMap::remove_tile(const TileIndex& index) {
 void LayerMap::restore_tile(const TileIndex& index, std::uint64_t version,
                             std::span<const CountedPoint> points) {
   const std::vector<TileIndex> before = changed_;
-  for (const CountedPoint& point : points) insert(point.mean, point.intensity, point.count);
+  for (const CountedPoint& point : points) insert(point.mean, point.intensity, {}, point.count);
   for (const TileIndex& changed : changed_) {
     if (std::find(before.begin(), before.end(), changed) == before.end()) {
       tiles_.at(changed).changed = false;

@@ -7,6 +7,7 @@
 // against the map's axes, because a floor or wall that lies on the boundary of two layers of voxels
 // would be split into two half-noise surfaces.
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <span>
@@ -16,6 +17,19 @@
 #include "mapping/mapping.hpp"
 
 namespace zloam::mapping {
+
+/// Rings that hit a voxel, lowest and highest. The default is that of a voxel whose rings are not
+/// known any more: taken for several.
+struct RingRange {
+  std::uint16_t low = 0;
+  std::uint16_t high = 0xffff;
+  static RingRange of(std::uint16_t ring) { return {ring, ring}; }
+  void join(const RingRange& other) {
+    low = std::min(low, other.low);
+    high = std::max(high, other.high);
+  }
+  bool single() const { return low == high; }
+};
 
 /// A voxel's mean (m, frame map) and how many points made it.
 struct CountedPoint {
@@ -27,6 +41,7 @@ struct CountedPoint {
 struct Neighbour {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   double squared_m2 = 0.0;
+  RingRange rings;
 };
 
 class LayerMap {
@@ -40,7 +55,8 @@ class LayerMap {
   LayerMap& operator=(const LayerMap&) = delete;
 
   /// Points (frame map) that are not finite or farther than 100 km from the origin are left out.
-  void insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count = 1);
+  void insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings = {},
+              std::uint32_t count = 1);
 
   /// The out.size() nearest voxel means, ascending by distance (ties: by their place in the map,
   /// which only depends on the order of insertion). Returns how many lie within radius_m.
@@ -85,6 +101,7 @@ class LayerMap {
     Eigen::Vector3f
         offset;  // of the voxel's mean from the cell's centre: short, so float is enough
     std::uint32_t voxel;
+    RingRange rings;
   };
   struct Cell {
     std::uint64_t key = 0;
@@ -92,9 +109,9 @@ class LayerMap {
     std::vector<CellEntry> entries;
   };
 
-  std::uint32_t voxel_at(const Eigen::Vector3d& point_map);
+  std::uint32_t voxel_at(const Eigen::Vector3d& point_map, const RingRange& rings);
   std::uint32_t found_voxel(std::uint64_t key, const Eigen::Vector3d& centre_map,
-                            const Eigen::Vector3d& point_map);
+                            const Eigen::Vector3d& point_map, const RingRange& rings);
   std::uint32_t cell_at(const Eigen::Vector3d& centre_map);
   void move_to_tile(std::uint32_t id, const TileIndex& index);
   TileRecord& record(const TileIndex& index);

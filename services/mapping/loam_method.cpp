@@ -41,8 +41,8 @@ class LoamMethod final : public MappingMethod {
   std::optional<Surface> surface_at(const Eigen::Vector3d& point_map, bool line, double noise_m,
                                     const TileMap& tiles) const;
   std::vector<Residual> residuals(const std::vector<Candidate>& candidates, double noise_m) const;
-  Vector6 step(NormalEquations equations, const Prediction& prediction,
-               const Pose& T_map_base) const;
+  Vector6 step(const std::vector<Residual>& residuals, double kernel_m,
+               const Prediction& prediction, const Pose& T_map_base) const;
   void finish(Match& match, const std::vector<Residual>& residuals, const Prediction& prediction);
 
   MappingConfig config_;
@@ -70,6 +70,9 @@ std::optional<Surface> LoamMethod::surface_at(const Eigen::Vector3d& point_map, 
   const LayerMap& layer = tiles.layer(line ? Layer::kEdge : Layer::kPlane);
   if (layer.nearest(point_map, loam_.neighbour_radius_m, out) < wanted) return std::nullopt;
   if (line) return fit_line(out, loam_.line_ratio);
+  RingRange rings = out.front().rings;
+  for (const Neighbour& n : out) rings.join(n.rings);
+  if (loam_.plane_several_rings && rings.single()) return std::nullopt;
   return fit_plane(out, {loam_.plane_distance_m, loam_.plane_spread_ratio,
                          loam_.plane_spread_sigmas * noise_m, noise_m});
 }
@@ -102,11 +105,14 @@ std::vector<Residual> LoamMethod::residuals(const std::vector<Candidate>& candid
   return all;
 }
 
-Vector6 LoamMethod::step(NormalEquations equations, const Prediction& prediction,
-                         const Pose& T_map_base) const {
+Vector6 LoamMethod::step(const std::vector<Residual>& residuals, double kernel_m,
+                         const Prediction& prediction, const Pose& T_map_base) const {
+  NormalEquations equations = accumulate(residuals, T_map_base, kernel_m);
   Matrix6 strong = Matrix6::Identity();
   if (config_.weak_directions == WeakDirections::kRemap) {
-    strong = judge(equations, prediction.covariance, config_, was_degenerate_).strong_projection;
+    const Matrix6 noise = noise_information(residuals, T_map_base, kernel_m);
+    strong = judge(equations.H, noise, prediction.covariance, config_, was_degenerate_)
+                 .strong_projection;
   }
   add_prior(equations, prediction, T_map_base);
   return -(strong * equations.H.ldlt().solve(equations.g));
@@ -119,7 +125,9 @@ void LoamMethod::finish(Match& match, const std::vector<Residual>& residuals,
   match.inliers = data.inliers;
   match.residual_m = std::sqrt(data.squared_m2 / std::max(data.weight, 1e-12));
   match.data_information = data.H;
-  match.degeneracy = judge(data, prediction.covariance, config_, was_degenerate_).report;
+  match.degeneracy = judge(data.H, noise_information(residuals, match.T_map_base, loam_.kernel_m),
+                           prediction.covariance, config_, was_degenerate_)
+                         .report;
   was_degenerate_ = match.degeneracy.degenerate;
   add_prior(data, prediction, match.T_map_base);
   match.covariance = data.H.ldlt().solve(Matrix6::Identity());
@@ -139,8 +147,7 @@ Match LoamMethod::match(const MappingInput& input, const Prediction& prediction,
     associate(features, match.T_map_base, noise_m, tiles);
     matched = residuals(features, noise_m);
     if (matched.size() < static_cast<std::size_t>(loam_.min_correspondences)) return match;
-    const Vector6 delta =
-        step(accumulate(matched, match.T_map_base, kernel_m), prediction, match.T_map_base);
+    const Vector6 delta = step(matched, kernel_m, prediction, match.T_map_base);
     if (!delta.allFinite()) return match;
     match.T_map_base = retract(match.T_map_base, delta);
     ++match.iterations;

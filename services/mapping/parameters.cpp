@@ -79,6 +79,8 @@ void bind_loam(Parameters& p, LoamConfig& c) {
         "plane: middle eigenvalue over the smallest");
   p.add("mapping.loam.plane_spread_sigmas", &c.plane_spread_sigmas, {0.0, 100.0}, "",
         "plane: root of the middle eigenvalue in sigmas of the range noise");
+  p.add("mapping.loam.plane_several_rings", &c.plane_several_rings,
+        "plane: its neighbours come from more than one ring");
   p.add("mapping.loam.match_leaf_edge_m", &c.match_leaf_edge_m, {0.0, 5.0}, "m",
         "voxel filter of a sweep's edges before matching; 0: none");
   p.add("mapping.loam.match_leaf_plane_m", &c.match_leaf_plane_m, {0.0, 5.0}, "m",

@@ -37,7 +37,7 @@ std::optional<Surface> fit_line(std::span<const Neighbour> points, double ratio)
   const Scatter s = scatter(points);
   const bool is_line = s.values[2] > 0.0 && s.values[2] > ratio * s.values[1];
   if (!is_line || !s.vectors.allFinite()) return std::nullopt;
-  return Surface{s.mean, s.vectors.col(2), 0.0};
+  return Surface{s.mean, s.vectors.col(2), Eigen::Matrix3d::Zero()};
 }
 
 std::optional<Surface> fit_plane(std::span<const Neighbour> points, const PlaneLimits& limits) {
@@ -50,9 +50,15 @@ std::optional<Surface> fit_plane(std::span<const Neighbour> points, const PlaneL
   for (const Neighbour& p : points) {
     if (std::abs(normal.dot(p.point - s.mean)) > limits.distance_m) return std::nullopt;
   }
-  const double thickness = std::max(s.values[0], limits.noise_m * limits.noise_m);
-  const double variance = thickness / (s.values[1] * static_cast<double>(points.size()));
-  return Surface{s.mean, normal, variance};
+  // The normal tilts about each axis of the plane by the thickness over the spread along the other.
+  const double thickness =
+      std::max(s.values[0], limits.noise_m * limits.noise_m) / static_cast<double>(points.size());
+  Surface plane{s.mean, normal, Eigen::Matrix3d::Zero()};
+  for (const int axis : {1, 2}) {
+    const Eigen::Vector3d v = s.vectors.col(axis);
+    plane.normal_covariance += thickness / s.values[axis] * v * v.transpose();
+  }
+  return plane;
 }
 
 }  // namespace zloam::mapping

@@ -13,8 +13,8 @@ namespace zloam::mapping {
 struct Surface {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = Eigen::Vector3d::UnitX();
-  /// variance of the axis' direction, rad^2 (plane only)
-  double axis_variance = 0.0;
+  /// covariance of the normal, rad^2, in its plane (plane only)
+  Eigen::Matrix3d normal_covariance = Eigen::Matrix3d::Zero();
 };
 
 /// Line when the largest eigenvalue is more than `ratio` times the middle one.

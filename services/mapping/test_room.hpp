@@ -73,7 +73,7 @@ inline Room furnished_room() {
 inline Room corridor() { return {{{-200.0, -2.0, -1.2}, {200.0, 2.0, 1.8}}, {}}; }
 
 inline Scan scan(const Room& room, const Pose& T_map_base, double noise_m, unsigned seed,
-                 double max_range_m = 60.0) {
+                 double max_range_m = 60.0, double plane_gap_m = 0.2) {
   std::mt19937 generator(seed);
   std::normal_distribution<double> noise(0.0, 1.0);
   Scan out;
@@ -99,7 +99,7 @@ inline Scan scan(const Room& room, const Pose& T_map_base, double noise_m, unsig
       // Between the two lies what feature extraction leaves out: a mean over a corner is on no
       // face.
       if (edge_m < 0.04) out.edges.push_back(point);
-      if (edge_m > 0.2) out.planes.push_back(point);
+      if (edge_m > plane_gap_m) out.planes.push_back(point);
     }
   }
   return out;

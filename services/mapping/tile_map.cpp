@@ -70,7 +70,7 @@ void TileMap::insert(Layer which, PointSpan points_base, const Pose& T_map_base)
   for (const Point& p : points_base) {
     const Eigen::Vector3d point_map = T_map_base * p.position().cast<double>();
     if (!point_map.allFinite() || !within(target.tile_of(point_map), window_)) continue;
-    target.insert(point_map, p.intensity);
+    target.insert(point_map, p.intensity, RingRange::of(p.ring));
   }
 }
 

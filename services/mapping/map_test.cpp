@@ -1,0 +1,175 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "mapping/flat_index.hpp"
+#include "mapping/key_match.hpp"
+#include "mapping/layer_map.hpp"
+#include "mapping/map_writer.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+std::string slurp(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+// A reader of the format's header that knows nothing of the writer.
+struct Pcd {
+  std::map<std::string, std::vector<std::string>> header;
+  std::string data;
+};
+
+Pcd parse(const std::string& bytes) {
+  Pcd pcd;
+  std::size_t at = 0;
+  while (at < bytes.size()) {
+    const std::size_t end = bytes.find('\n', at);
+    std::istringstream line(bytes.substr(at, end - at));
+    at = end + 1;
+    std::string name, word;
+    line >> name;
+    if (name.starts_with("#")) continue;
+    while (line >> word) pcd.header[name].push_back(word);
+    if (name == "DATA") break;
+  }
+  pcd.data = bytes.substr(at);
+  return pcd;
+}
+
+TEST(MapWriter, ReadsBack) {
+  const std::vector<LayeredPoint> points = {{{1.5F, -2.0F, 3.25F, 7.0F}, Layer::kEdge},
+                                            {{-100.5F, 0.0F, 1e-3F, 255.0F}, Layer::kPlane}};
+  const std::string folder = testing::TempDir() + "map_writer_test/deeper";
+  std::filesystem::remove_all(folder);
+  const std::string path = folder + "/map.pcd";
+  ASSERT_EQ(write_map(path, points), "");
+  const Pcd pcd = parse(slurp(path));
+  using Words = std::vector<std::string>;
+  EXPECT_EQ(pcd.header.at("FIELDS"), (Words{"x", "y", "z", "intensity", "layer"}));
+  EXPECT_EQ(pcd.header.at("SIZE"), (Words{"4", "4", "4", "4", "1"}));
+  EXPECT_EQ(pcd.header.at("TYPE"), (Words{"F", "F", "F", "F", "U"}));
+  EXPECT_EQ(pcd.header.at("WIDTH"), Words{"2"});
+  EXPECT_EQ(pcd.header.at("POINTS"), Words{"2"});
+  EXPECT_EQ(pcd.header.at("DATA"), Words{"binary"});
+  ASSERT_EQ(pcd.data.size(), 34U);
+  for (std::size_t i = 0; i < 2; ++i) {
+    float xyzi[4];
+    std::memcpy(xyzi, pcd.data.data() + 17 * i, 16);
+    EXPECT_EQ(xyzi[0], points[i].point.x);
+    EXPECT_EQ(xyzi[1], points[i].point.y);
+    EXPECT_EQ(xyzi[2], points[i].point.z);
+    EXPECT_EQ(xyzi[3], points[i].point.intensity);
+    EXPECT_EQ(pcd.data[17 * i + 16], static_cast<char>(points[i].layer));
+  }
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) files += entry.exists();
+  EXPECT_EQ(files, 1U) << "no temporary file is left";
+}
+
+TEST(MapWriter, EmptyMapIsAFile) {
+  EXPECT_EQ(parse(pcd_bytes({})).header.at("POINTS"), std::vector<std::string>{"0"});
+}
+
+TEST(MapWriter, FailureLeavesWhatWasThere) {
+  const std::string folder = testing::TempDir() + "map_writer_blocked";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directories(folder + "/map.pcd/in_the_way");
+  EXPECT_NE(write_map(folder + "/map.pcd", {}), "");
+  EXPECT_TRUE(std::filesystem::is_directory(folder + "/map.pcd/in_the_way"));
+}
+
+TEST(FlatIndex, BehavesLikeAMap) {
+  FlatIndex index;
+  std::map<std::uint64_t, std::uint32_t> reference;
+  std::uint64_t state = 1;
+  for (int i = 0; i < 20000; ++i) {
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    const std::uint64_t key = pack_key(static_cast<std::int64_t>(state >> 60) - 8, i % 7 - 3,
+                                       static_cast<std::int64_t>(state >> 40 & 31) - 16);
+    if (reference.contains(key) && (state >> 20 & 1) != 0) {
+      index.erase(key);
+      reference.erase(key);
+    } else if (!reference.contains(key)) {
+      index.insert(key, static_cast<std::uint32_t>(i));
+      reference[key] = static_cast<std::uint32_t>(i);
+    }
+    ASSERT_EQ(index.size(), reference.size());
+  }
+  for (std::int64_t a = -8; a < 8; ++a) {
+    for (std::int64_t b = -3; b < 4; ++b) {
+      for (std::int64_t c = -16; c < 16; ++c) {
+        const auto found = reference.find(pack_key(a, b, c));
+        EXPECT_EQ(index.find(pack_key(a, b, c)),
+                  found == reference.end() ? FlatIndex::kNone : found->second);
+      }
+    }
+  }
+}
+
+TEST(LayerMap, NearestAgreesWithLookingAtAll) {
+  LayerMap map(0.4, 50.0, 1.0);
+  std::uint64_t state = 7;
+  const auto number = [&state](double scale) {
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return scale * (static_cast<double>(state >> 11) / 9007199254740992.0 - 0.5);
+  };
+  for (int i = 0; i < 3000; ++i) map.insert({number(8), number(8), number(3)}, 1.0F);
+  std::vector<Eigen::Vector3d> all;
+  for (const TileIndex& tile : map.tiles()) {
+    for (const CountedPoint& p : map.tile_points(tile)) all.push_back(p.mean);
+  }
+  ASSERT_EQ(all.size(), map.point_count());
+  for (int i = 0; i < 300; ++i) {
+    const Eigen::Vector3d query(number(9), number(9), number(4));
+    std::vector<double> distances;
+    for (const Eigen::Vector3d& p : all) {
+      if ((p - query).norm() < 1.0) distances.push_back((p - query).norm());
+    }
+    std::sort(distances.begin(), distances.end());
+    Neighbour out[5];
+    const std::size_t found = map.nearest(query, 1.0, out);
+    ASSERT_EQ(found, std::min<std::size_t>(5, distances.size()));
+    for (std::size_t k = 0; k < found; ++k) {
+      EXPECT_NEAR(std::sqrt(out[k].squared_m2), distances[k], 1e-5);
+    }
+  }
+}
+
+TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
+  LayerMap map(0.4, 50.0, 1.0);
+  const Eigen::Vector3d centre(3.05, -7.1, 1.02);
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::Vector3d p = centre + 1e-3 * Eigen::Vector3d(i % 10, i % 7, i % 3);
+    sum += p;
+    map.insert(p, 2.0F);
+  }
+  ASSERT_EQ(map.point_count(), 1U);
+  const auto points = map.tile_points(map.tiles().at(0));
+  EXPECT_LT((points[0].mean - sum / 1000.0).norm(), 1e-9);
+  EXPECT_EQ(points[0].count, 1000U);
+  EXPECT_FLOAT_EQ(points[0].intensity, 2.0F);
+}
+
+TEST(KeyMatch, ChunksAndWildcards) {
+  const char* key = "loam/r/map/tile/edge/0/-1/2";
+  for (const char* yes : {"loam/r/map/tile/edge/0/-1/2", "loam/r/map/tile/**", "loam/*/map/**",
+                          "**", "loam/r/map/tile/edge/*/*/*", "**/2", "loam/**/tile/**/2"}) {
+    EXPECT_TRUE(key_matches(yes, key)) << yes;
+  }
+  for (const char* no : {"loam/r/map/tile/plane/**", "loam/r/map/tile/edge/*/*", "loam/r/map", "",
+                         "**/3", "loam/r/map/tile/edge/0/-1/2/3"}) {
+    EXPECT_FALSE(key_matches(no, key)) << no;
+  }
+}
+
+}  // namespace
+}  // namespace zloam::mapping
