@@ -1,0 +1,1 @@
+"""Benchmarks: `make bench`. Speed is stated as a ratio within one run, wherever there is a peer."""

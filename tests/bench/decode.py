@@ -1,0 +1,107 @@
+"""Packets to points: our decoder beside velodyne-decoder of PyPI, same packets, one thread each.
+
+CPU time on both sides. Ours reads its packets from a file in either case (bare payloads, or pcap);
+the other one gets them from memory, or reads the pcap with dpkt as it does for its users.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import velodyne_decoder
+
+from tests.bench.framework import Benchmark, Outcome
+from tests.bench.setting import BenchSetting, cost_of, json_of
+from zloam_monitor.chain import binary
+
+PACKET_BYTES = 1206
+#: a turn at 600 rpm
+PACKETS_PER_SCAN = 76
+#: points to decode, so that starting the program does not count
+ENOUGH_POINTS = 20_000_000
+
+
+def _config() -> Any:
+    return velodyne_decoder.Config(
+        model=velodyne_decoder.Model.VLP16, min_range=0, max_range=1000, cut_angle=None
+    )
+
+
+def _points_per_cpu_s(setting: BenchSetting, kind: str, path: Path) -> float:
+    decoder = [binary(setting.build, "decode"), kind, path, "--model", "VLP-16", "--repeat"]
+    once = json_of(cost_of([*decoder, 1]).said)["points"]
+    many = cost_of([*decoder, max(2, ENOUGH_POINTS // once)])
+    points: float = json_of(many.said)["points"]
+    return points / many.cpu_s
+
+
+def _peer_from_memory(path: Path) -> float:
+    data = path.read_bytes()
+    packets = [
+        velodyne_decoder.VelodynePacket(i * 1.327e-3, data[at : at + PACKET_BYTES])
+        for i, at in enumerate(range(0, len(data) - PACKET_BYTES + 1, PACKET_BYTES))
+    ]
+    scans = [
+        velodyne_decoder.PacketVector(packets[at : at + PACKETS_PER_SCAN])
+        for at in range(0, len(packets), PACKETS_PER_SCAN)
+    ]
+    decoder = velodyne_decoder.ScanDecoder(_config())
+    points, began = 0, time.process_time()
+    while points < ENOUGH_POINTS:
+        for scan in scans:
+            points += len(decoder.decode(scan, as_pcl_structs=True)[1])
+    return points / (time.process_time() - began)
+
+
+def _peer_from_pcap(path: Path) -> float:
+    points, began = 0, time.process_time()
+    for _, cloud in velodyne_decoder.read_pcap(path, _config(), as_pcl_structs=True):
+        points += len(cloud)
+    return points / (time.process_time() - began)
+
+
+def _outcome(ours: float, theirs: float) -> Outcome:
+    return Outcome(
+        f"{ours * 1e-6:.1f} M points per CPU second, velodyne-decoder {theirs * 1e-6:.1f} M: "
+        f"{ours / theirs:.2f} ×",
+        {"points_per_cpu_s": ours, "velodyne_decoder": theirs, "ratio": ours / theirs},
+    )
+
+
+def _simulated(setting: BenchSetting) -> Outcome:
+    setting.capture()
+    path = setting.payloads()
+    return _outcome(_points_per_cpu_s(setting, "--bin", path), _peer_from_memory(path))
+
+
+def _recorded(setting: BenchSetting) -> Outcome:
+    path = setting.recording("data/vlp16_single/packets.bin")
+    return _outcome(_points_per_cpu_s(setting, "--bin", path), _peer_from_memory(path))
+
+
+def _from_pcap(setting: BenchSetting) -> Outcome:
+    path = setting.capture()
+    return _outcome(_points_per_cpu_s(setting, "--pcap", path), _peer_from_pcap(path))
+
+
+def benchmarks(setting: BenchSetting) -> list[Benchmark]:
+    """Simulated and recorded packets, and a pcap."""
+    return [
+        Benchmark(
+            "decode-simulated",
+            "packets of the simulated city to sweeps, without pcap",
+            lambda: _simulated(setting),
+        ),
+        Benchmark(
+            "decode-recorded",
+            "packets of a real VLP-16, looped, without pcap",
+            lambda: _recorded(setting),
+        ),
+        Benchmark(
+            "decode-pcap",
+            "the simulated city's pcap file to sweeps",
+            lambda: _from_pcap(setting),
+        ),
+    ]

@@ -1,0 +1,120 @@
+"""A benchmark measures something, says it in words and figures, and may have a limit."""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tests.acceptance.framework import Skip
+
+HELD, NOT_HELD, REPORTED, SKIPPED, FAILED = "held", "not held", "reported", "skipped", "failed"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was measured; `held` only where the benchmark has a limit."""
+
+    figure: str
+    values: dict[str, Any]
+    held: bool | None = None
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One row of the report."""
+
+    name: str
+    what: str
+    measure: Callable[[], Outcome]
+    limit: str = ""
+
+
+@dataclass
+class Result:
+    """A benchmark after its run."""
+
+    name: str
+    what: str
+    limit: str
+    verdict: str
+    figure: str
+    seconds: float
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def _verdict(benchmark: Benchmark, outcome: Outcome) -> str:
+    if not benchmark.limit:
+        return REPORTED
+    return HELD if outcome.held else NOT_HELD
+
+
+def run(benchmark: Benchmark) -> Result:
+    """Runs it; what it throws is its verdict."""
+    began = time.monotonic()
+    figure, values = "–", {}
+    try:
+        outcome = benchmark.measure()
+        verdict, figure, values = _verdict(benchmark, outcome), outcome.figure, outcome.values
+    except Skip as skip:
+        verdict = f"{SKIPPED}: {skip}"
+    except Exception as error:
+        verdict = f"{FAILED}: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    return Result(
+        benchmark.name,
+        benchmark.what,
+        benchmark.limit,
+        verdict,
+        figure,
+        time.monotonic() - began,
+        values,
+    )
+
+
+def chosen(benchmarks: list[Benchmark], pattern: str | None) -> list[Benchmark]:
+    """All, or those whose name contains or matches the pattern."""
+    if not pattern:
+        return benchmarks
+    return [b for b in benchmarks if pattern in b.name or fnmatch.fnmatch(b.name, pattern)]
+
+
+def machine() -> dict[str, Any]:
+    """Where the figures come from; the load says whether absolute ones mean anything."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return {
+        "cpu": models[0] if models else platform.machine(),
+        "cores": len(os.sched_getaffinity(0)),
+        "load_1min": os.getloadavg()[0],
+        "system": platform.platform(),
+    }
+
+
+def write(folder: Path, results: list[Result], where: dict[str, Any]) -> None:
+    """report.json and report.md."""
+    folder.mkdir(parents=True, exist_ok=True)
+    report = {"machine": where, "benchmarks": [asdict(r) for r in results]}
+    (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+    head = f"{where['cpu']}, {where['cores']} cores, load {where['load_1min']:.1f} at the start"
+    rows = ["| benchmark | measures | limit | figure | verdict |", "|---|---|---|---|---|"]
+    rows += [
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        for cells in ((r.name, r.what, r.limit or "–", r.figure, r.verdict) for r in results)
+    ]
+    (folder / "report.md").write_text(f"# Benchmarks\n\n{head}\n\n" + "\n".join(rows) + "\n")
+
+
+def table(results: list[Result]) -> str:
+    """For the terminal."""
+    width = max(len(r.name) for r in results)
+    lines = []
+    for r in results:
+        limit = f" (limit: {r.limit})" if r.limit else ""
+        lines.append(f"{r.name:<{width}}  {r.figure}{limit}: {r.verdict}")
+    return "\n".join(lines)

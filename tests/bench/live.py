@@ -1,0 +1,83 @@
+"""A simulated drive, sent over UDP in real time, through the five stages on two cores."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from tests.acceptance import live
+from tests.acceptance.checks import LIVE_P99_MS
+from tests.bench.framework import Benchmark, Outcome
+from tests.bench.setting import BenchSetting, two_cores
+
+#: of the stages before the pose: none may lose a sweep
+POSE_PATH = ("driver", "registration", "odometry", "integration")
+
+
+def _lost(report: dict[str, Any]) -> dict[str, dict[str, int]]:
+    lost = {}
+    for stage in POSE_PATH:
+        sweeps = report["sweeps"][stage]
+        drops = dict(sweeps["dropped"]) | ({"lost": sweeps["lost"]} if sweeps["lost"] else {})
+        if drops:
+            lost[stage] = drops
+    return lost
+
+
+def _measure(setting: BenchSetting) -> dict[str, Any]:
+    setting.capture()
+    with two_cores():
+        return live.run(setting)
+
+
+def _loss(report: dict[str, Any]) -> Outcome:
+    lost, books = _lost(report), report["identities"]
+    sweeps, poses = books["sweeps"], books["poses"]
+    mapping = report["sweeps"]["mapping"]
+    return Outcome(
+        f"{sweeps} sweeps, {poses} poses"
+        + (f", {lost}" if lost else "")
+        + f"; mapping left out {sum(mapping['dropped'].values())}",
+        {"sweeps": sweeps, "poses": poses, "lost": lost, "mapping_dropped": mapping["dropped"]},
+        not lost and sweeps == poses and sweeps >= live.SECONDS * 9,
+    )
+
+
+def _latency(report: dict[str, Any]) -> Outcome:
+    pose, mapped = report["latency_ms"]["end_to_end"], report["latency_ms"]["mapped_pose"]
+    if not pose:
+        raise RuntimeError("no pose came with the time of its last packet")
+    words = f"fused pose p50 {pose['p50']:.0f}, p99 {pose['p99']:.0f} ms"
+    if mapped:
+        words += f"; mapped pose p50 {mapped['p50']:.0f}, p99 {mapped['p99']:.0f} ms"
+    return Outcome(words, {"pose": pose, "mapped_pose": mapped}, pose["p99"] <= LIVE_P99_MS)
+
+
+def _cpu(report: dict[str, Any]) -> Outcome:
+    cpu = report["cpu_ms_per_sweep"]
+    words = ", ".join(f"{stage} {ms:.1f}" for stage, ms in cpu.items())
+    return Outcome(f"{sum(cpu.values()):.1f} ms a sweep ({words})", {"cpu_ms_per_sweep": cpu})
+
+
+def benchmarks(setting: BenchSetting) -> list[Benchmark]:
+    """One run, three rows."""
+
+    @functools.cache
+    def report() -> dict[str, Any]:
+        return _measure(setting)
+
+    return [
+        Benchmark(
+            "live-loss",
+            f"{live.SECONDS:.0f} s at 10 Hz over UDP on two cores: sweeps lost before the pose",
+            lambda: _loss(report()),
+            "none lost",
+        ),
+        Benchmark(
+            "live-latency",
+            "the same run: last packet to fused pose",
+            lambda: _latency(report()),
+            f"p99 ≤ {LIVE_P99_MS:.0f} ms",
+        ),
+        Benchmark("live-cpu", "the same run: CPU of each stage", lambda: _cpu(report())),
+    ]

@@ -1,0 +1,34 @@
+"""CPU per sweep of registration, odometry and mapping beside KISS-ICP's, same scans, same run."""
+
+from __future__ import annotations
+
+from tests.acceptance.checks import ALGORITHMS, ALOAM_CPU_RATIO
+from tests.bench.framework import Benchmark, Outcome
+from tests.bench.setting import BenchSetting, json_of
+
+
+def _measure(setting: BenchSetting) -> Outcome:
+    per_stage = setting.synth().report["cpu_ms_per_sweep"]
+    stages = {stage: float(per_stage[stage]) for stage in ALGORITHMS}
+    done = setting.python("-m", "tests.acceptance.kiss", setting.synth_folder())
+    if done.returncode != 0:
+        raise RuntimeError(f"KISS-ICP did not run: {done.stdout.strip()[-200:]}")
+    kiss = float(json_of(done.stdout)["cpu_ms_per_sweep"])
+    ours = sum(stages.values())
+    words = ", ".join(f"{stage} {ms:.1f}" for stage, ms in stages.items())
+    return Outcome(
+        f"{ours:.1f} ms ({words}), KISS-ICP {kiss:.1f} ms: {ours / kiss:.2f} × "
+        f"(A-LOAM {ALOAM_CPU_RATIO} ×)",
+        {"cpu_ms_per_sweep": stages, "kiss_icp_ms": kiss, "ratio": ours / kiss},
+    )
+
+
+def benchmarks(setting: BenchSetting) -> list[Benchmark]:
+    """One row."""
+    return [
+        Benchmark(
+            "peer-kiss-icp",
+            "CPU a sweep of the three algorithms with all their transport, synthetic city",
+            lambda: _measure(setting),
+        )
+    ]
