@@ -9,7 +9,7 @@ packages=(build-essential cmake ninja-build ccache pkg-config git ca-certificate
   libeigen3-dev libceres-dev libpcl-dev libflatbuffers-dev flatbuffers-compiler libyaml-cpp-dev
   libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libgtest-dev
   libgmock-dev python3 python3-venv)
-[ "${1:-}" = --tools ] && packages+=(clang clang-format clang-tidy mmdebstrap)
+[ "${1:-}" = --tools ] && packages+=(clang libclang-rt-dev clang-format clang-tidy mmdebstrap)
 
 # Zenoh's crates need a recent compiler; one that is in PATH (rustup) is used as it is.
 rust_minimum=1.85
