@@ -100,8 +100,7 @@ struct Odometry::State {
   void clear_target() {
     recent.clear();
     last.clear();
-    founding_edges.clear();
-    founding_planes.clear();
+    forget_founding_sweep();
   }
 
   void found(PointSpan edges, PointSpan planes, const Pose& T_odom, std::uint32_t period_ns) {
@@ -115,34 +114,67 @@ struct Odometry::State {
     }
   }
 
-  // The first sweep's own motion is only known from the second.
-  bool deskew_founding_sweep(const Vector6& known_twist_per_s) {
-    if (founding_planes.empty() && founding_edges.empty()) {
-      return false;
-    }
+  bool founding_pending() const { return !founding_planes.empty() || !founding_edges.empty(); }
+
+  // Replaces the target by the founding sweep, deskewed by a twist.
+  void deskew_founding_sweep(const Vector6& known_twist_per_s) {
     const DeskewTable table(known_twist_per_s, founding_period_ns, founding_period_ns);
-    const PointVector edges = deskewed(founding_edges, table);
-    const PointVector planes = deskewed(founding_planes, table);
-    clear_target();
-    set_target(edges, planes, founding_pose);
-    return true;
+    recent.clear();
+    last.clear();
+    set_target(deskewed(founding_edges, table), deskewed(founding_planes, table), founding_pose);
+  }
+
+  void forget_founding_sweep() {
+    founding_edges.clear();
+    founding_planes.clear();
+  }
+
+  // The first sweep's own motion is only known from the second. Both taken as rigid, their middles
+  // are one step apart; from there the second sweep's own motion and the first one's deskewing are
+  // found in turn.
+  Solution solve_second(const FeatureSweep& sweep, const Source& source,
+                        const Prediction& predicted) {
+    constexpr int kRounds = 4;
+    const double period_s = sweep.period_ns * 1e-9;
+    Source rigid = source;
+    for (auto* points : {&rigid.planes, &rigid.edges}) {
+      for (SourcePoint& p : *points) p.bin = kTimeBins / 2;
+    }
+    Prediction wide = predicted;
+    wide.prior.begin_sigma = wide.prior.twist_sigma;
+    Solution solution = match(sweep, rigid, wide.state, wide.prior);
+    const double step_s = std::max(period_s, (sweep.stamp_ns - prev_instant_ns) * 1e-9 + period_s);
+    Vector6 step = log_se3(founding_pose.inverse() * solution.state.T_odom_mid);
+    for (int round = 0; round < kRounds && solution.solved; ++round) {
+      const Vector6 twist = round == 0 ? Vector6(step * (period_s / step_s)) : solution.state.twist;
+      deskew_founding_sweep(twist / period_s);
+      MotionState initial;
+      initial.twist = twist;
+      initial.T_odom_mid = founding_pose * exp_se3((step_s / period_s - 0.5) * twist);
+      MotionPrior prior = predicted.prior;
+      prior.T_odom_begin = founding_pose * exp_se3((step_s / period_s - 1.0) * twist);
+      solution = match(sweep, source, initial, prior);
+    }
+    // The target that stays is a function of the published twist: restore() makes the same.
+    deskew_founding_sweep(solution.solved ? Vector6(solution.state.twist / period_s)
+                                          : Vector6(Vector6::Zero()));
+    if (solution.solved) {
+      forget_founding_sweep();
+    }
+    return solution;
+  }
+
+  Solution match(const FeatureSweep& sweep, const Source& source, const MotionState& initial,
+                 const MotionPrior& prior) {
+    return match_sweep(source, initial, prior, sweep.range_noise_m, config, recent, last);
   }
 
   Solution solve(const FeatureSweep& sweep, const Source& source, const Prediction& predicted) {
     recent.set_range_noise(sweep.range_noise_m);
-    const auto match = [&](const MotionState& initial) {
-      return match_sweep(source, initial, predicted.prior, sweep.range_noise_m, config, recent,
-                         last);
-    };
-    Solution solution = match(predicted.state);
-    if (solution.solved && sweep.period_ns > 0 && !sweep.deskewed &&
-        deskew_founding_sweep(solution.state.twist / (sweep.period_ns * 1e-9))) {
-      Solution again = match(solution.state);
-      if (again.solved) {
-        solution = again;
-      }
+    if (founding_pending() && sweep.period_ns > 0 && !sweep.deskewed) {
+      return solve_second(sweep, source, predicted);
     }
-    return solution;
+    return match(sweep, source, predicted.state, predicted.prior);
   }
 
   void commit(const OdometryResult& result, std::uint32_t period_ns);
@@ -249,9 +281,10 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.
     state_->twist_known = sweep.prev_sweep != sweep.sweep;
-    if (state_->twist_known &&
+    if (state_->founding_pending() &&
         (sweep.health == Health::kOk || sweep.health == Health::kDegenerate)) {
       state_->deskew_founding_sweep(sweep.twist_per_s);
+      state_->forget_founding_sweep();
     }
     state_->commit(result, sweep.period_ns);
   }

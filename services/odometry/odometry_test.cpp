@@ -103,7 +103,7 @@ TEST(Odometry, MountingDoesNotChangeTheMotionOfTheBase) {
     const Drive d = drive({}, sensor, {}, twist, 8);
     EXPECT_LT(error_of(d).position_m, 0.02) << rpy.transpose();
     EXPECT_LT(error_of(d).rotation_rad, 0.005) << rpy.transpose();
-    EXPECT_LT((d.results.back().twist_per_s - twist).norm(), 0.06) << rpy.transpose();
+    EXPECT_LT((d.results.back().twist_per_s - twist).norm(), 0.1) << rpy.transpose();
   }
 }
 
@@ -153,7 +153,10 @@ TEST(Odometry, EndlessCorridorIsFlaggedAlongItsAxis) {
   EXPECT_GT(std::abs(r.degeneracy.weak_translation.x()), 0.99);
   EXPECT_GT(r.degeneracy.sigma_measured, r.degeneracy.sigma_predicted);
   // The open direction keeps the prediction, the closed ones are measured.
-  EXPECT_LT(error_of(d).position_m, 0.05);
+  const Vector6& before = d.results[d.results.size() - 2].twist_per_s;
+  EXPECT_LT(std::abs(r.twist_per_s.x() - before.x()), 0.5);
+  const Eigen::Vector3d off = r.T_odom_base.translation() - d.truth_end.back().translation();
+  EXPECT_LT(off.tail<2>().norm(), 0.01);
   const Drive room = drive({}, {.noise_m = 0.02}, {}, twist, 6);
   EXPECT_FALSE(room.results.back().degeneracy.degenerate);
 }
@@ -263,13 +266,13 @@ TEST(Odometry, AnotherInstanceTakesOverFromTheResultsWithTheSameBytes) {
   for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
     OdometryConfig config = config_for(target);
     config.window_sweeps = 4;
-    for (int taken_at : {1, 3, 9}) {
+    for (int taken_at : {1, 3, 7}) {
       Odometry first(config, Pose::Identity());
       Odometry second(config, Pose::Identity());
       std::vector<OdometryResult> results;
-      for (int k = 0; k < 12; ++k) {
-        const PointVector points =
-            sweep_of({}, {.noise_m = 0.01}, exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+      for (int k = 0; k < 9; ++k) {
+        const PointVector points = sweep_of({}, {.columns = 300, .noise_m = 0.01},
+                                            exp_se3(twist * (0.1 * k)), twist, unsigned(k));
         FeatureSweep sweep;
         sweep.sweep = std::uint64_t(k);
         sweep.stamp_ns = k * 100000000LL;
