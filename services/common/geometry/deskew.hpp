@@ -9,10 +9,10 @@
 
 namespace zloam {
 
-/// Table of motions p(instant) = Exp(twist * (t - instant)) * p(t) over one sweep. A point is moved by
-/// the nearest of kSteps + 1 entries: off by at most half a step, 1 mm at 20 m/s in a 0.1 s sweep and
-/// 0.16 mrad at 190 deg/s, far below a lidar's range noise and a hundred times cheaper than one
-/// exponential a point.
+/// Table of motions p(instant) = Exp(twist * (t - instant)) * p(t) over one sweep. A point is moved
+/// by the nearest of kSteps + 1 entries: off by at most half a step, 1 mm at 20 m/s in a 0.1 s
+/// sweep and 0.16 mrad at 190 deg/s, far below a lidar's range noise and a hundred times cheaper
+/// than one exponential a point.
 class DeskewTable {
  public:
   static constexpr int kSteps = 1024;

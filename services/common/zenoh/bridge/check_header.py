@@ -83,7 +83,9 @@ def read_header() -> dict[str, object]:
     for name, fields in re.findall(r"typedef struct (\w+) \{(.*?)\}", text, re.S):
         found[name] = ("struct", parameters_of_c(fields.replace(";", ",")))
     text = re.sub(r"typedef[^;{]*(\{.*?\}[^;]*)?;", "", text, flags=re.S)
-    for result, name, arguments in re.findall(r"([\w ]+?\**)\s*\b(zloam_\w+)\((.*?)\);", text, re.S):
+    for result, name, arguments in re.findall(
+        r"([\w ]+?\**)\s*\b(zloam_\w+)\((.*?)\);", text, re.S
+    ):
         found[name] = (" ".join(result.split()), parameters_of_c(arguments))
     return found
 
