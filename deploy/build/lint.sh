@@ -14,7 +14,7 @@ case "$1" in
     .venv/bin/mypy services/monitor/src
     ;;
   tidy)
-    git ls-files 'services/*.cpp' | grep -v '_test.cpp$' | xargs -P "$(nproc)" -n 4 clang-tidy -p "$2" --quiet
+    deploy/build/tidy.py "$2"
     ;;
   sizes)
     echo "ten largest files (lines):"
