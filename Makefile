@@ -8,8 +8,11 @@ PY := .venv/bin/python
 export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
 export ZLOAM_BUILD := $(CURDIR)/$(BUILD)
 export ZLOAM_SHARED ?= $(abspath ../shared)
+# One compiler cache for all checkouts, wherever they lie.
+export CCACHE_BASEDIR := $(CURDIR)
+export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build demo run test test-full accept bench sanitize fuzz fmt lint clean
+.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench reference sanitize fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -28,6 +31,9 @@ $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | dep
 
 build: deps $(BUILD)/build.ninja ## build everything (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS)
+
+unit-tests: deps $(BUILD)/build.ninja # only the tests' programs
+	@$(STEP) "build unit tests, $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target unit_tests
 
 # PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
 # CONFIG=deploy/robots/...yaml and SET="key=value ..." configure; RATE=max|realtime|factor.
@@ -55,11 +61,14 @@ test-full: test lint sanitize ## everything: tests, lint, sanitizers, acceptance
 accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
 
-bench: build venv ## speed, as ratios in one run: out/bench
-	@$(PY) -m tests.bench --preset-dir $(BUILD)
+bench: build venv ## speed, as ratios in one run: out/bench (ONLY=pattern)
+	@$(PY) -m tests.bench --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
+
+reference: build venv ## deploy/robots: reference and comments from what the programs say
+	@$(PY) -m zloam_monitor robot-files --preset-dir $(BUILD)
 
 sanitize: ## the unit tests under AddressSanitizer and UBSan
-	@$(MAKE) PRESET=asan-ubsan build
+	@$(MAKE) PRESET=asan-ubsan unit-tests
 	@$(STEP) "unit tests (asan-ubsan)" ctest --test-dir build/asan-ubsan --output-on-failure -j $(JOBS) --no-tests=error
 
 FUZZ_SECONDS ?= 60

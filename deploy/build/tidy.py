@@ -100,7 +100,7 @@ def main() -> int:
     parser.add_argument("build", type=Path)
     parser.add_argument("patterns", nargs="*", help="only paths that contain one of these")
     parser.add_argument("-j", type=int, default=len(os.sched_getaffinity(0)))
-    args = parser.parse_args()
+    args = parser.parse_intermixed_args()
     version = subprocess.run(
         ["clang-tidy", "--version"], capture_output=True, text=True, check=True
     )
