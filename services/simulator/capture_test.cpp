@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <map>
 #include <set>
+#include <sstream>
 
 #include "simulator/calendar.hpp"
 #include "simulator/faults.hpp"
@@ -147,6 +149,10 @@ TEST(Faults, LogAccountsForEveryPacket) {
     log[fault.index].insert(fault.kind);
     ++counts[fault.kind];
   }
+  for (const auto& [kind, count] : counts) {
+    const auto kinds = fault_kinds();
+    EXPECT_NE(std::find(kinds.begin(), kinds.end(), kind), kinds.end()) << kind;
+  }
   for (const char* kind : {"lost", "duplicated", "late", "corrupted", "cut"}) {
     EXPECT_NEAR(counts[kind], 180, 60) << kind;
   }
@@ -170,8 +176,8 @@ TEST(Faults, LogAccountsForEveryPacket) {
 
 TEST(Faults, ClockStepsAndGapsHappenWhereTheyShould) {
   FaultConfig config;
-  config.clock_step_at_s = 0.1;
-  config.clock_step_s = -30.0;  // below the full hour: wraps
+  // The first goes below the full hour and wraps; the second comes on top of it.
+  config.clock_steps = {{0.15, 7.25}, {0.1, -30.0}};
   config.gap_start_s = 0.05;
   config.gap_s = 0.02;
   FaultInjector faults(config, kEpochNs);
@@ -187,14 +193,119 @@ TEST(Faults, ClockStepsAndGapsHappenWhereTheyShould) {
     const double t = static_cast<double>(datagram.sent_ns - kEpochNs) * 1e-9;
     EXPECT_TRUE(t < 0.05 || t >= 0.07);
     const std::int64_t plain = 10'000'000 + (datagram.sent_ns - kEpochNs) / 1000;
-    EXPECT_EQ(little32(datagram.payload, 1200),
-              t < 0.1 ? plain : plain - 30'000'000 + 3'600'000'000);
+    const std::int64_t first = t < 0.1 ? 0 : 3'570'000'000;
+    const std::int64_t second = t < 0.15 ? 0 : 7'250'000;
+    EXPECT_EQ(little32(datagram.payload, 1200), plain + first + second);
   }
+  std::vector<std::int64_t> steps;
+  for (const Fault& fault : faults.log()) {
+    if (fault.kind == "clock_step") {
+      steps.push_back(fault.index);
+    } else {
+      EXPECT_EQ(fault.kind, "gap");
+    }
+  }
+  EXPECT_EQ(steps, (std::vector<std::int64_t>{76, 114}));  // 0.1 s and 0.15 s / 1.327104 ms
+}
+
+int azimuth_of(const std::vector<std::uint8_t>& payload, std::size_t block) {
+  return payload[100 * block + 2] + 256 * payload[100 * block + 3];
+}
+
+TEST(Faults, BytesAreWrongWhereTheLogSays) {
+  FaultConfig config;
+  config.bad_flag = 0.2;
+  config.azimuth_jump = 0.2;
+  config.corruption = 0.2;
+  FaultInjector faults(config, kEpochNs);
+  std::vector<Datagram> in = some_datagrams(500);
+  for (Datagram& datagram : in) {
+    vlp16::DataBytes bytes = vlp16::empty_packet(ReturnMode::kStrongest);
+    for (int block = 0; block < vlp16::kBlocks; ++block) {
+      vlp16::set_azimuth(bytes, block, 357.0 + 0.4 * block);
+    }
+    datagram.payload.assign(bytes.begin(), bytes.end());
+  }
+  const auto out = faults.pass(in);
+  ASSERT_EQ(out.size(), in.size());
+  std::vector<std::vector<std::uint8_t>> expected;
+  for (const Datagram& datagram : in) {
+    expected.push_back(datagram.payload);
+  }
+  std::set<std::pair<std::int64_t, std::size_t>> noisy;
+  int jumps = 0;
+  for (const Fault& fault : faults.log()) {
+    auto& payload = expected[static_cast<std::size_t>(fault.index)];
+    std::size_t block = 0;
+    int by = 0;
+    if (std::sscanf(fault.detail.c_str(), "block %zu by %d", &block, &by) == 2) {
+      ASSERT_EQ(fault.kind, "azimuth_jump");
+      ASSERT_GE(by, 100);
+      ++jumps;
+      for (; block < 12; ++block) {
+        const int off = (azimuth_of(payload, block) + by) % 36000;
+        payload[100 * block + 2] = static_cast<std::uint8_t>(off);
+        payload[100 * block + 3] = static_cast<std::uint8_t>(off / 256);
+      }
+    } else if (fault.kind == "bad_flag") {
+      ASSERT_EQ(std::sscanf(fault.detail.c_str(), "block %zu", &block), 1);
+      noisy.insert({fault.index, 100 * block});
+    } else {
+      ASSERT_EQ(fault.kind, "corrupted");
+      std::istringstream places(fault.detail.substr(6));
+      for (std::size_t at = 0; places >> at;) {
+        noisy.insert({fault.index, at});
+      }
+    }
+  }
+  EXPECT_GT(jumps, 50);
+  EXPECT_GT(noisy.size(), 800U);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    for (std::size_t at = 0; at < 1206; ++at) {
+      const bool same = out[i].payload[at] == expected[i][at];
+      // A flag can be hit twice, and an azimuth after it was noted: only the noted may differ.
+      ASSERT_TRUE(same || noisy.contains({static_cast<std::int64_t>(i), at})) << i << " " << at;
+    }
+  }
+}
+
+TEST(Faults, LatePacketsComeAfterAsManyAsTheLogSays) {
+  FaultConfig config;
+  config.loss = 0.05;
+  config.duplication = 0.05;
+  config.delay = 0.2;
+  config.delay_packets = 6;
+  config.seed = 4;
+  FaultInjector faults(config, kEpochNs);
+  auto out = faults.pass(some_datagrams(801));
+  const auto rest = faults.flush();
+  out.insert(out.end(), rest.begin(), rest.end());
+  std::map<std::int64_t, int> overtaken;
+  for (const Fault& fault : faults.log()) {
+    int by = 0;
+    if (std::sscanf(fault.detail.c_str(), "by %d", &by) == 1) {
+      overtaken[fault.index] = by;
+    }
+  }
+  EXPECT_GT(overtaken.size(), 100U);
+  std::set<std::int64_t> sent;
+  int shorter = 0;
+  for (const Datagram& datagram : out) {
+    const auto later = std::count_if(sent.upper_bound(datagram.index), sent.end(),
+                                     [&](std::int64_t i) { return !overtaken.contains(i); });
+    EXPECT_EQ(later, overtaken.contains(datagram.index) ? overtaken[datagram.index] : 0);
+    shorter += overtaken.contains(datagram.index) && later < 6 ? 1 : 0;
+    sent.insert(datagram.index);
+  }
+  EXPECT_LE(shorter, 6) << "only what was held back at the end";
 }
 
 TEST(Faults, RefusesImpossibleParts) {
   FaultConfig config;
   config.loss = 1.5;
+  EXPECT_THROW(FaultInjector(config, 0), std::invalid_argument);
+  config.loss = 0.0;
+  config.delay_packets = 0;
   EXPECT_THROW(FaultInjector(config, 0), std::invalid_argument);
 }
 

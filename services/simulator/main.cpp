@@ -105,9 +105,9 @@ void write_faults(const std::string& path, const std::vector<Fault>& log) {
     return;
   }
   OutputFile file(path);
-  file.write("packet,fault\n");
+  file.write("packet,fault,detail\n");
   for (const Fault& fault : log) {
-    file.write(std::to_string(fault.index) + "," + fault.kind + "\n");
+    file.write(std::to_string(fault.index) + "," + fault.kind + "," + fault.detail + "\n");
   }
   file.close();
 }

@@ -6,6 +6,7 @@
 #include <iostream>
 #include <map>
 #include <numbers>
+#include <vector>
 
 namespace zloam::simulator {
 namespace {
@@ -22,6 +23,7 @@ struct Raw {
   std::array<double, 3> shift{};
   double turn_deg = 0.0;
   std::string udp;
+  std::vector<double> clock_step_at_s, clock_step_s;
 };
 
 void add_world_options(CLI::App& app, Options& o, Raw& raw) {
@@ -93,19 +95,22 @@ void add_outputs(CLI::App& app, Options& o, Raw& raw) {
   app.add_flag("--quiet", o.quiet, "No progress line");
 }
 
-void add_faults(CLI::App& app, Options& o) {
+void add_faults(CLI::App& app, Options& o, Raw& raw) {
   FaultConfig& f = o.faults;
   app.add_option("--lose", f.loss, "Part of the data packets lost");
   app.add_option("--duplicate", f.duplication, "Part sent twice");
   app.add_option("--delay", f.delay, "Part sent late");
   app.add_option("--delay-packets", f.delay_packets, "How many packets late")
       ->capture_default_str();
-  app.add_option("--corrupt", f.corruption, "Part with wrong bytes");
+  app.add_option("--corrupt", f.corruption, "Part with eight wrong bytes anywhere");
+  app.add_option("--bad-flag", f.bad_flag, "Part with a wrong flag at one block");
+  app.add_option("--azimuth-jump", f.azimuth_jump,
+                 "Part whose azimuths are off from some block to the packet's end");
   app.add_option("--cut", f.wrong_length, "Part cut short");
   app.add_option("--gap-start", f.gap_start_s, "Silence from here, s");
   app.add_option("--gap", f.gap_s, "for so long, s");
-  app.add_option("--clock-step-at", f.clock_step_at_s, "The sensor's clock steps here, s");
-  app.add_option("--clock-step", f.clock_step_s, "by so much, s");
+  app.add_option("--clock-step-at", raw.clock_step_at_s, "The sensor's clock steps here, s ...");
+  app.add_option("--clock-step", raw.clock_step_s, "by so much each time, s ...");
   app.add_option("--fault-log", o.fault_log, "CSV of what was done to which packet");
 }
 
@@ -142,6 +147,12 @@ void convert(const Raw& raw, Options& o) {
                                                      Eigen::Vector3d(0.0, 0.0, raw.turn_deg));
   o.scene.seed = o.simulation.seed;
   o.faults.seed = o.simulation.seed;
+  if (raw.clock_step_at_s.size() != raw.clock_step_s.size()) {
+    throw std::invalid_argument("--clock-step-at and --clock-step need as many values");
+  }
+  for (std::size_t i = 0; i < raw.clock_step_s.size(); ++i) {
+    o.faults.clock_steps.push_back({raw.clock_step_at_s[i], raw.clock_step_s[i]});
+  }
   const std::size_t colon = raw.udp.find(':');
   o.udp_address = raw.udp.substr(0, colon);
   if (colon != std::string::npos) {
@@ -165,7 +176,7 @@ std::optional<int> parse_options(int argc, char** argv, Options& options) {
   add_world_options(app, options, raw);
   add_sensor_options(app, options, raw);
   add_outputs(app, options, raw);
-  add_faults(app, options);
+  add_faults(app, options, raw);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
