@@ -2,6 +2,7 @@
 
 #include <array>
 #include <stdexcept>
+#include <utility>
 
 namespace zloam {
 namespace {
@@ -98,7 +99,11 @@ std::string Keys::chunk_error(std::string_view text) {
   return {};
 }
 
-Keys::Keys(std::string robot, std::string sensor) : robot_(chunk(robot)), sensor_(chunk(sensor)) {}
+Keys::Keys(std::string robot, std::string sensor)
+    : robot_(std::move(robot)), sensor_(std::move(sensor)) {
+  chunk(robot_);
+  chunk(sensor_);
+}
 
 std::string Keys::below(std::string_view rest) const {
   return "loam/" + robot_ + "/" + std::string(rest);
