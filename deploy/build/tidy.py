@@ -26,8 +26,12 @@ ROOT = Path(__file__).resolve().parents[2]
 CACHE_HOME = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "zenoh-loam"
 CACHE = Path(os.environ.get("ZLOAM_CACHE", CACHE_HOME)) / "tidy"
 INCLUDE = re.compile(rb'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
-#: flags that only GCC knows (cmake/options.cmake)
-EXTRA = ("--extra-arg=-Wno-unknown-warning-option",)
+EXTRA = (
+    # flags that only GCC knows (cmake/options.cmake)
+    "--extra-arg=-Wno-unknown-warning-option",
+    # the analyzer's default (225000) spends minutes on Eigen and FlatBuffers, and finds no more
+    *(f"--extra-arg={a}" for a in ("-Xclang", "-analyzer-config", "-Xclang", "max-nodes=20000")),
+)
 #: what the compile database has that no tidy looks at
 OTHERS = ("/generated/", "/_deps/")
 
