@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <string>
 
+#include "common/plane_map/config.hpp"
+
 namespace zloam::mapping {
 
 enum class WeakDirections : std::uint8_t {
@@ -52,6 +54,19 @@ struct LoamConfig {
   double edge_weight = 1.0;
 };
 
+/// Matching against counted voxel planes. The range noise comes with the sweeps.
+struct VoxelPlanesConfig {
+  plane_map::PlaneMapConfig map;
+  plane_map::MatcherConfig matcher;
+  /// the odometry's pose weighs in as a prior (true), or only starts the iteration
+  bool use_prediction = true;
+  /// sigmas of the odometry's twist as a prior; 0: none
+  double twist_sigma_mps = 0.0;
+  double twist_sigma_radps = 0.0;
+  /// every so many points of a sweep are put into the tiles, which hold the points to look at
+  std::uint32_t tile_stride = 4;
+};
+
 struct MappingConfig {
   /// loam, or voxel_planes
   std::string method = "loam";
@@ -95,6 +110,7 @@ struct MappingConfig {
   /// empty: in memory without a bound
   std::string spill_directory;
   LoamConfig loam;
+  VoxelPlanesConfig voxel_planes;
 };
 
 }  // namespace zloam::mapping

@@ -3,13 +3,15 @@
 #include <stdexcept>
 
 #include "mapping/loam_method.hpp"
+#include "mapping/voxel_planes_method.hpp"
 
 namespace zloam::mapping {
 
-std::vector<std::string> method_names() { return {"loam"}; }
+std::vector<std::string> method_names() { return {"loam", "voxel_planes"}; }
 
 std::unique_ptr<MappingMethod> make_method(const MappingConfig& config) {
   if (config.method == "loam") return make_loam_method(config);
+  if (config.method == "voxel_planes") return make_voxel_planes_method(config);
   std::string allowed;
   for (const std::string& name : method_names()) allowed += " " + name;
   throw std::invalid_argument("mapping.method: '" + config.method +

@@ -103,6 +103,42 @@ void bind_loam(Parameters& p, LoamConfig& c) {
         "information of an edge's residual against a plane's");
 }
 
+void bind_voxel_map(Parameters& p, plane_map::PlaneMapConfig& c) {
+  p.add("mapping.voxel_planes.root_voxel_m", &c.root_voxel_m, {0.1, 50.0}, "m",
+        "edge of the coarsest voxels; each level halves it");
+  p.add("mapping.voxel_planes.levels", &c.levels, {1, 6}, "", "sizes of voxels");
+  p.add("mapping.voxel_planes.thickness_sigmas", &c.thickness_sigmas, {0.1, 20.0}, "",
+        "a plane is thinner than this many sigmas of the range noise");
+  p.add("mapping.voxel_planes.settled_points", &c.settled_points, {8, 1e6}, "",
+        "a plane of so many points drops its finer voxels");
+  p.add("mapping.voxel_planes.distributions", &c.distributions,
+        "finest voxels without a plane count as lines and blobs");
+  p.add("mapping.voxel_planes.keep_radius_m", &c.keep_radius_m, {10.0, 4000.0}, "m",
+        "voxels farther from the sensor are dropped");
+}
+
+void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
+  bind_voxel_map(p, c.map);
+  plane_map::MatcherConfig& m = c.matcher;
+  p.add("mapping.voxel_planes.stride", &m.stride, {1, 100}, "",
+        "every so many points of a sweep are matched; all are counted");
+  p.add("mapping.voxel_planes.max_iterations", &m.max_iterations, {1, 100}, "", "at most");
+  p.add("mapping.voxel_planes.correlation", &m.correlation, {1.0, 1e4}, "",
+        "information of the residuals is divided by this");
+  p.add("mapping.voxel_planes.change_sigma_m", &m.change_sigma_m, {1e-4, 10.0}, "m",
+        "random change of the motion from sweep to sweep");
+  p.add("mapping.voxel_planes.change_sigma_rad", &m.change_sigma_rad, {1e-5, 1.0}, "rad",
+        "and of the turn");
+  p.add("mapping.voxel_planes.weak_ratio", &m.weak_ratio, {0.01, 100.0}, "",
+        "flagged when measured sigma exceeds this many predicted ones");
+  p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
+        "until below this many");
+  p.add("mapping.voxel_planes.use_prediction", &c.use_prediction,
+        "the odometry's pose weighs in as a prior, or only starts the iteration");
+  p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
+        "every so many points of a sweep go into the tiles");
+}
+
 }  // namespace
 
 void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
@@ -110,6 +146,7 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
   bind_prediction(parameters, config);
   bind_insertion(parameters, config);
   bind_loam(parameters, config.loam);
+  bind_voxel_planes(parameters, config.voxel_planes);
   parameters.add("mapping.map_path", &output.map_path,
                  "PCD file of the map at the end of a run; empty: none", Effect::kNone);
   parameters.add("mapping.publish_every", &output.publish_every, {1, 10000}, "",

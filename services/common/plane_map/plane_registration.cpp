@@ -41,6 +41,15 @@ Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) c
                     exp_se3(period_s * (s * twist_per_s + 0.5 * s * s * twist_change_per_s)));
 }
 
+// Pose at s = T_mid * Exp(s * twist): its perturbation is the mid's seen from there plus s times the
+// twist's.
+Matrix6 RegistrationResult::covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
+  const double since_mid_s = instant_ns * 1e-9 - 0.5 * seconds(period_ns);
+  Eigen::Matrix<double, 6, 12> jacobian;
+  jacobian << adjoint(exp_se3(-since_mid_s * twist_per_s)), since_mid_s * Matrix6::Identity();
+  return jacobian * covariance * jacobian.transpose();
+}
+
 PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
                                      const Pose& T_map_base_start)
     : config_(matcher),
@@ -118,11 +127,8 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
   map_.evict_far(motion.T_mid.translation());
 }
 
-void PlaneRegistration::follow_gate(const SweepMotion& predicted, const SweepMotion& found) {
-  const Vector6 error = log_se3(predicted.T_mid.inverse() * found.T_mid);
-  const double moved =
-      error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
-  const double wanted = 3.0 * (moved + kGateMargin_m);
+void PlaneRegistration::follow_gate(const RegistrationResult& result) {
+  const double wanted = 3.0 * (result.prediction_error_m + kGateMargin_m);
   gate_m_ = std::clamp(kGateMemory * gate_m_ + (1.0 - kGateMemory) * wanted, config_.min_gate_m,
                        config_.max_gate_m);
 }
@@ -136,53 +142,81 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
   out.twist_per_s = match.motion.twist / period_s;
   // Turns are measured well enough for a difference of two sweeps to help; translations are not.
-  out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
+  if (previous_) {
+    out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
+  }
   out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);
-  // End = T_mid * Exp(twist / 2): its perturbation is the mid's seen from the end plus half of the
-  // twist's.
-  Eigen::Matrix<double, 6, 12> jacobian;
-  jacobian << adjoint(exp_se3(-0.5 * match.motion.twist)), 0.5 * Matrix6::Identity();
-  out.covariance_end = jacobian * match.covariance * jacobian.transpose();
-  out.twist_covariance = match.covariance.bottomRightCorner<6, 6>() / squared(period_s);
+  Vector12 units = Vector12::Ones();
+  units.tail<6>().setConstant(1.0 / period_s);
+  out.covariance = units.asDiagonal() * match.covariance * units.asDiagonal();
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
   out.matched_fraction = match.matched_fraction;
   out.gate_m = gate_m_;
   out.iterations = match.iterations;
   out.converged = match.converged;
+  out.tried = match.tried;
+  out.matches = match.matches;
   return out;
+}
+
+SweepPoints& PlaneRegistration::points_of(const SweepInput& sweep) {
+  if (!points_ || points_stamp_ns_ != sweep.stamp_ns) {
+    points_.emplace(sweep, config_.min_range_m);
+    points_stamp_ns_ = sweep.stamp_ns;
+  }
+  return *points_;
+}
+
+RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
+                                            const std::optional<MotionPrediction>& prediction) {
+  const SweepPoints& points = points_of(sweep);
+  const MotionPrior prior = make_prior(sweep, prediction);
+  MatchResult match;
+  match.motion = prior.start;
+  if (!map_.empty()) {
+    match = this->match(points, prior);
+  }
+  Degeneracy& d = match.degeneracy;
+  // Hysteresis: a weak direction stays so until it is clearly strong.
+  d.weak = match.valid &&
+           (d.weak || (weak_ && d.measured_sigma_m > config_.strong_ratio * d.predicted_sigma_m));
+  RegistrationResult result = result_of(match, sweep);
+  const Vector6 error = log_se3(prior.start.T_mid.inverse() * match.motion.T_mid);
+  result.prediction_error_m =
+      error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
+  result.points = points.points().size();
+  if (map_.empty() && result.points >= config_.min_matches) {
+    result.outcome = Outcome::kStarted;
+  }
+  return result;
+}
+
+void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult& result,
+                               bool insert) {
+  const double period_s = seconds(sweep.period_ns);
+  SweepMotion motion;
+  motion.T_mid = map_.T_grid_map() * result.T_map_base_mid;
+  motion.twist = result.twist_per_s * period_s;
+  if (result.outcome == Outcome::kRegistered) {
+    follow_gate(result);
+    weak_ = result.degeneracy.weak;
+  }
+  if (insert) {
+    this->insert(points_of(sweep), motion);
+  }
+  if (previous_ || !map_.empty()) {
+    const Matrix6 covariance = squared(period_s) * result.covariance.bottomRightCorner<6, 6>();
+    previous_ = Previous{motion, covariance, sweep.stamp_ns, sweep.period_ns};
+  }
+  points_.reset();
+  ++sweeps_;
 }
 
 RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
                                               const std::optional<MotionPrediction>& prediction) {
-  const SweepPoints points(sweep, config_.min_range_m);
-  const MotionPrior prior = make_prior(sweep, prediction);
-  MatchResult match;
-  match.motion = prior.start;
-  const bool starts = map_.empty() && points.points().size() >= config_.min_matches;
-  if (!map_.empty()) {
-    match = this->match(points, prior);
-  }
-  if (match.valid) {
-    follow_gate(prior.start, match.motion);
-    Degeneracy& d = match.degeneracy;
-    // Hysteresis: a weak direction stays so until it is clearly strong.
-    weak_ = d.weak || (weak_ && d.measured_sigma_m > config_.strong_ratio * d.predicted_sigma_m);
-    d.weak = weak_;
-  }
-  if (match.valid || starts) {
-    insert(points, match.motion);
-  }
-  RegistrationResult result = result_of(match, sweep);
-  result.points = points.points().size();
-  if (starts) {
-    result.outcome = Outcome::kStarted;
-  }
-  if (previous_ || !map_.empty()) {
-    previous_ = Previous{match.motion, match.covariance.bottomRightCorner<6, 6>(), sweep.stamp_ns,
-                         sweep.period_ns};
-  }
-  ++sweeps_;
+  const RegistrationResult result = match(sweep, prediction);
+  commit(sweep, result, result.outcome != Outcome::kPredicted);
   return result;
 }
 

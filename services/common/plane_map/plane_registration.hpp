@@ -35,18 +35,21 @@ struct RegistrationResult {
   /// Change of the turn rate against the sweep before (translation: 0). Registration takes the
   /// twist as constant over a sweep, which is best in the middle; poses away from it use this.
   Vector6 twist_change_per_s = Vector6::Zero();
-  Matrix6 covariance_end = Matrix6::Zero();  // of T_map_base_end, right perturbation
-  Matrix6 twist_covariance = Matrix6::Zero();
+  Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;
   double matched_fraction = 0.0;
   double gate_m = 0.0;
+  double prediction_error_m = 0.0;  // at the gate's range
   int iterations = 0;
   bool converged = false;
-  std::size_t points = 0;  // valid ones
+  std::size_t points = 0;   // valid ones
+  std::size_t tried = 0;    // those that were matched
+  std::size_t matches = 0;  // those that met a surface of the map
 
-  /// Pose at an instant after the stamp of this sweep of the given period.
+  /// Pose at an instant after the stamp of this sweep of the given period, and its covariance.
   Pose at(std::uint32_t instant_ns, std::uint32_t period_ns) const;
+  Matrix6 covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const;
 };
 
 class PlaneRegistration {
@@ -58,6 +61,16 @@ class PlaneRegistration {
   /// period later.
   RegistrationResult process(const SweepInput& sweep,
                              const std::optional<MotionPrediction>& prediction = std::nullopt);
+
+  /// The two halves of process(). match() leaves map and motion as they are and may be called
+  /// several times for a sweep; commit() takes one of its results for the sweep's motion, and with
+  /// `insert` the points into the map. Without a map, match() gives the prediction.
+  RegistrationResult match(const SweepInput& sweep,
+                           const std::optional<MotionPrediction>& prediction = std::nullopt);
+  void commit(const SweepInput& sweep, const RegistrationResult& result, bool insert);
+
+  /// The next sweep does not continue the motion of the last one.
+  void forget_motion() { previous_.reset(); }
 
   VoxelPlaneMap& map() { return map_; }
   const VoxelPlaneMap& map() const { return map_; }
@@ -76,8 +89,9 @@ class PlaneRegistration {
   void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
                       MotionPrior& prior) const;
   MatchResult match(const SweepPoints& points, const MotionPrior& prior);
+  SweepPoints& points_of(const SweepInput& sweep);
   void insert(const SweepPoints& points, const SweepMotion& motion);
-  void follow_gate(const SweepMotion& predicted, const SweepMotion& found);
+  void follow_gate(const RegistrationResult& result);
   RegistrationResult result_of(const MatchResult& match, const SweepInput& sweep) const;
 
   MatcherConfig config_;
@@ -85,6 +99,8 @@ class PlaneRegistration {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
+  std::optional<SweepPoints> points_;  // of the sweep that was matched last
+  std::int64_t points_stamp_ns_ = 0;
   double gate_m_;
   bool weak_ = false;
   std::uint64_t sweeps_ = 0;

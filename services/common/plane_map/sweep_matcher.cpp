@@ -75,6 +75,8 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
     result.converged = i + 1 >= kLeastIterations && is_small(step, config_);
   }
   const std::size_t matches = sums.planes.matches + sums.blobs.matches;
+  result.tried = points.size();
+  result.matches = matches;
   if (matches < config_.min_matches) {
     return result;
   }

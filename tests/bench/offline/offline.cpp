@@ -3,8 +3,9 @@
 //
 // Registration, odometry and, when it is built in, mapping over a folder of scans, in one process
 // and without any messages. Writes odom.tum and est.tum (poses of base_link stamped with the
-// instant they hold for; est is the mapped one) and sweeps.csv, and prints the CPU time of each
-// stage per sweep.
+// instant they hold for; est is the mapped one), fused.tum (as integration forms it in a replay),
+// sweeps.csv and covariance.csv (sweep, then the mapped pose's 6x6 row by row), and prints the CPU
+// time of each stage per sweep.
 
 #include <time.h>
 
@@ -22,6 +23,7 @@
 #include "scan_reader.hpp"
 #include "settings.hpp"
 #ifdef ZLOAM_WITH_MAPPING
+#include "integration/integration.hpp"
 #include "mapping/mapping.hpp"
 #endif
 
@@ -94,7 +96,8 @@ class Run {
         odometry_(options.settings.odometry, options.T_base_lidar)
 #ifdef ZLOAM_WITH_MAPPING
         ,
-        mapper_(options.settings.mapping)
+        mapper_(options.settings.mapping),
+        integrator_({})
 #endif
   {
     std::filesystem::create_directories(o_.out);
@@ -103,7 +106,10 @@ class Run {
     csv_.open(o_.out + "/sweeps.csv");
     csv_ << "sweep,health,iterations,planes,lines,residual_m,prediction_error_m,"
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
-            "less_flat,noise_m,map_health,map_residual_m\n";
+            "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
+            "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted\n";
+    fused_file_.open(o_.out + "/fused.tum");
+    covariance_file_.open(o_.out + "/covariance.csv");
   }
 
   void sweep(std::uint64_t number, const Scan& scan) {
@@ -160,7 +166,7 @@ class Run {
       mapping::MappingInput m;
       m.sweep = odom.sweep;
       m.stamp_ns = input.stamp_ns;
-      m.instant_ns = scan.period_ns;
+      m.instant_ns = static_cast<std::uint32_t>(odom.instant_ns - input.stamp_ns);
       m.period_ns = scan.period_ns;
       m.T_odom_base = odom.T_odom_base;
       m.twist_per_s = odom.twist_per_s;
@@ -173,7 +179,8 @@ class Run {
       m.range_noise_m = input.range_noise_m;
       const mapping::MappingResult r = mapper_.process(m);
       write_tum(est_file_, odom.instant_ns, r.T_map_base);
-      csv_ << ',' << int(r.health) << ',' << r.residual_m << '\n';
+      write_map_row(r);
+      fuse(odom, r);
       return;
     }
 #else
@@ -181,15 +188,49 @@ class Run {
     (void)input;
 #endif
     write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
-    csv_ << ",,\n";
+    csv_ << ",,,,,,,,,\n";
   }
+
+#ifdef ZLOAM_WITH_MAPPING
+  void write_map_row(const mapping::MappingResult& r) {
+    const mapping::Degeneracy& d = r.degeneracy;
+    csv_ << ',' << int(r.health) << ',' << r.residual_m << ',' << d.degenerate << ','
+         << d.sigma_measured << ',' << d.sigma_predicted << ',' << d.share << ','
+         << d.weak_translation.x() << ',' << d.weak_translation.y() << ','
+         << d.weak_translation.z() << ',' << r.inserted << '\n';
+    covariance_file_ << r.sweep;
+    for (int i = 0; i < 36; ++i) covariance_file_ << ',' << r.covariance(i / 6, i % 6);
+    covariance_file_ << '\n';
+  }
+
+  void fuse(const odometry::OdometryResult& odom, const mapping::MappingResult& r) {
+    integration::OdometryPose pose;
+    pose.sweep = odom.sweep;
+    pose.instant_ns = odom.instant_ns;
+    pose.T_odom_base = odom.T_odom_base;
+    pose.twist_per_s = odom.twist_per_s;
+    pose.step_covariance = odom.covariance;
+    pose.health = odom.health;
+    pose.replay = true;
+    integration::Correction correction;
+    correction.sweep = r.sweep;
+    correction.T_map_odom = r.T_map_odom;
+    correction.covariance = r.covariance;
+    correction.health = r.health;
+    auto leaving = integrator_.add(pose);
+    const auto later = integrator_.add(correction);
+    leaving.insert(leaving.end(), later.begin(), later.end());
+    for (const auto& f : leaving) write_tum(fused_file_, f.instant_ns, f.T_map_base);
+  }
+#endif
 
   const Options& o_;
   odometry::Odometry odometry_;
 #ifdef ZLOAM_WITH_MAPPING
   mapping::Mapper mapper_;
+  integration::Integrator integrator_;
 #endif
-  std::ofstream odom_file_, est_file_, csv_;
+  std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;
   double mapping_ms_ = 0.0;

@@ -9,7 +9,8 @@
 namespace zloam::offline {
 namespace {
 
-using Field = std::variant<double*, int*, std::uint32_t*, bool*, std::string*, std::uint8_t*>;
+using Field = std::variant<double*, int*, std::uint32_t*, std::size_t*, bool*, std::string*,
+                           std::uint8_t*>;
 using Fields = std::map<std::string, Field>;
 
 template <typename Enum>
@@ -77,6 +78,39 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
 }
 
 #ifdef ZLOAM_WITH_MAPPING
+void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
+  ZLOAM_FIELD("mapping.voxel_planes.", c, root_voxel_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, levels);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, min_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, thickness_sigmas);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, width_sigmas);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, normal_error_rad);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, merge_radius_voxels);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, refit_growth);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, settled_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, keep_radius_m);
+}
+
+void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
+  ZLOAM_FIELD("mapping.voxel_planes.", c, stride);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, max_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, max_iterations);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, stop_rotation_rad);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, stop_translation_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, correlation);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, min_gate_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, max_gate_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_rad);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, begin_sigma_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, begin_sigma_rad);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, twist_memory);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, weak_ratio);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
+  fields["mapping.voxel_planes.weak_normal_error_rad"] = &c.normal_error_rad;
+}
+
 void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   fields["mapping.weak_directions"] = number_of(c.weak_directions);
   ZLOAM_FIELD("mapping.", c, method);
@@ -94,6 +128,12 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, loam.max_iterations);
   ZLOAM_FIELD("mapping.", c, loam.kernel_m);
   ZLOAM_FIELD("mapping.", c, loam.edge_weight);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.use_prediction);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_mps);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_radps);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.tile_stride);
+  add_plane_map(c.voxel_planes.map, fields);
+  add_plane_matcher(c.voxel_planes.matcher, fields);
 }
 #endif
 

@@ -1,0 +1,197 @@
+#include "mapping/voxel_planes_method.hpp"
+
+#include <algorithm>
+#include <optional>
+
+#include "common/geometry/deskew.hpp"
+#include "common/plane_map/plane_registration.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+// Below this a given range noise counts as unknown.
+constexpr double kLeastNoise_m = 1e-3;
+
+class VoxelPlanesMethod : public MappingMethod {
+ public:
+  explicit VoxelPlanesMethod(const MappingConfig& config) : config_(config.voxel_planes) {}
+
+  Match match(const MappingInput& input, const Prediction& prediction,
+              const TileMap& tiles) override;
+  InsertClouds insert(const MappingInput& input, const Match& match) override;
+  void reset() override { *this = VoxelPlanesMethod(config_); }
+
+ private:
+  explicit VoxelPlanesMethod(const VoxelPlanesConfig& config) : config_(config) {}
+
+  // A result and the pose that was made of it.
+  struct Tried {
+    plane_map::RegistrationResult result;
+    Pose T_map_base = Pose::Identity();
+  };
+  // The sweep that founded the map while its motion was unknown, to be counted anew with the second
+  // one's motion.
+  struct Founding {
+    PointVector points;
+    Pose T_map_base = Pose::Identity();
+    MappingInput info;
+  };
+
+  void begin(const MappingInput& input, const Prediction& prediction);
+  void found_anew(const MappingInput& input);
+  plane_map::SweepInput sweep_of(const MappingInput& input, PointSpan points) const;
+  plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
+  plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
+  PointSpan thinned(PointSpan points, const MappingInput& input, const Vector6& twist_per_s,
+                    PointVector& out) const;
+
+  VoxelPlanesConfig config_;
+  std::optional<plane_map::PlaneRegistration> registration_;
+  std::optional<MappingInput> open_;  // the sweep whose results wait; spans are not to be read
+  PointVector points_;                // its edges and planes
+  std::vector<Tried> tried_;
+  std::optional<Founding> founding_;
+  std::uint32_t odom_epoch_ = 0;
+  PointVector tile_edges_, tile_planes_;
+};
+
+plane_map::SweepInput VoxelPlanesMethod::sweep_of(const MappingInput& input,
+                                                  PointSpan points) const {
+  plane_map::SweepInput sweep;
+  sweep.points = points;
+  sweep.stamp_ns = input.stamp_ns;
+  sweep.period_ns = input.period_ns;
+  sweep.deskewed = plane_map::Deskewing{input.twist_per_s, input.instant_ns};
+  return sweep;
+}
+
+plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
+                                                      const Prediction& prediction) const {
+  plane_map::MotionPrediction out;
+  out.T_map_base = prediction.T_map_base;
+  out.instant_ns = input.instant_ns;
+  out.twist_per_s = input.twist_per_s;
+  if (config_.use_prediction) out.pose_covariance = prediction.covariance;
+  const double v = config_.twist_sigma_mps;
+  const double w = config_.twist_sigma_radps;
+  if (v > 0.0 && w > 0.0) {
+    out.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
+  }
+  return out;
+}
+
+// What registration would say of a sweep whose pose and twist are as predicted.
+plane_map::RegistrationResult VoxelPlanesMethod::placed_at(const MappingInput& input,
+                                                           const Pose& T_map_base) const {
+  plane_map::RegistrationResult result;
+  const double to_mid_s = 0.5e-9 * input.period_ns - 1e-9 * input.instant_ns;
+  result.twist_per_s = input.twist_per_s;
+  result.T_map_base_mid = normalised(T_map_base * exp_se3(to_mid_s * input.twist_per_s));
+  return result;
+}
+
+// Odometry hands the first sweep on before it knows how the sensor moved: distorted by half a metre
+// at 5 m/s. With the second sweep's motion it is counted anew, in a map that holds nothing else.
+void VoxelPlanesMethod::found_anew(const MappingInput& input) {
+  const Founding founding = std::move(*founding_);
+  founding_.reset();
+  plane_map::PlaneMapConfig map = registration_->map().config();
+  registration_.emplace(map, config_.matcher, founding.T_map_base);
+  MappingInput first = founding.info;
+  const plane_map::SweepInput sweep = sweep_of(first, founding.points);
+  first.twist_per_s = input.twist_per_s;
+  const auto result = placed_at(first, founding.T_map_base);
+  registration_->commit(sweep, result, true);
+}
+
+void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& prediction) {
+  if (!registration_) {
+    plane_map::PlaneMapConfig map = config_.map;
+    map.range_noise_m = std::max(input.range_noise_m, kLeastNoise_m);
+    registration_.emplace(map, config_.matcher, prediction.T_map_base);
+    odom_epoch_ = input.odom_epoch;
+  } else if (open_ && tried_.size() == 1) {
+    // It was matched and not inserted.
+    registration_->commit(sweep_of(*open_, points_), tried_.front().result, false);
+  }
+  if (founding_ && !input.twist_per_s.isZero(0.0)) found_anew(input);
+  const bool bridged = open_ && tried_.size() > 1;
+  if (bridged || input.odom_epoch != odom_epoch_) registration_->forget_motion();
+  odom_epoch_ = input.odom_epoch;
+  tried_.clear();
+  open_ = input;
+  points_.assign(input.edges.begin(), input.edges.end());
+  points_.insert(points_.end(), input.planes.begin(), input.planes.end());
+}
+
+Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction,
+                               const TileMap& /*tiles*/) {
+  if (!open_ || open_->sweep != input.sweep) begin(input, prediction);
+  const auto result = registration_->match(sweep_of(input, points_), advice(input, prediction));
+  Match match;
+  match.T_map_base = prediction.T_map_base;
+  match.candidates = static_cast<std::uint32_t>(result.tried);
+  if (result.outcome != plane_map::Outcome::kRegistered) {
+    tried_.push_back({placed_at(input, prediction.T_map_base), match.T_map_base});
+    return match;
+  }
+  match.T_map_base = result.at(input.instant_ns, input.period_ns);
+  match.covariance = result.covariance_at(input.instant_ns, input.period_ns);
+  match.ok = match.T_map_base.matrix().allFinite() && match.covariance.allFinite();
+  match.iterations = static_cast<std::uint32_t>(result.iterations);
+  match.correspondences = static_cast<std::uint32_t>(result.matches);
+  match.inliers = match.correspondences;
+  match.residual_m = result.residual_rms_m;
+  const plane_map::Degeneracy& d = result.degeneracy;
+  const Eigen::Matrix3d R_base_mid =
+      match.T_map_base.linear().transpose() * result.T_map_base_mid.linear();
+  match.degeneracy.degenerate = d.weak;
+  match.degeneracy.share = d.share;
+  match.degeneracy.sigma_measured = d.measured_sigma_m;
+  match.degeneracy.sigma_predicted = d.predicted_sigma_m;
+  if (d.weak) match.degeneracy.weak_translation = R_base_mid * d.axis;
+  tried_.push_back({result, match.T_map_base});
+  return match;
+}
+
+InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& match) {
+  plane_map::RegistrationResult result = placed_at(input, match.T_map_base);
+  for (const Tried& t : tried_) {
+    if (t.T_map_base.matrix() == match.T_map_base.matrix()) result = t.result;
+  }
+  if (registration_->map().empty() && input.twist_per_s.isZero(0.0)) {
+    founding_ = Founding{points_, match.T_map_base, input};
+  }
+  registration_->commit(sweep_of(input, points_), result, true);
+  open_.reset();
+  return {thinned(input.edges, input, result.twist_per_s, tile_edges_),
+          thinned(input.planes, input, result.twist_per_s, tile_planes_)};
+}
+
+// Every tile_stride-th point, deskewed with the sweep's own motion.
+PointSpan VoxelPlanesMethod::thinned(PointSpan points, const MappingInput& input,
+                                     const Vector6& twist_per_s, PointVector& out) const {
+  const std::uint32_t stride = std::max(config_.tile_stride, 1U);
+  const DeskewTable before(input.twist_per_s, input.period_ns, input.instant_ns);
+  const DeskewTable now(twist_per_s, input.period_ns, input.instant_ns);
+  out.clear();
+  for (std::size_t i = input.sweep % stride; i < points.size(); i += stride) {
+    Point p = points[i];
+    const Eigen::Vector3d measured =
+        before.motion_at(p.time_ns).inverse() * p.position().cast<double>();
+    const Eigen::Vector3f moved = (now.motion_at(p.time_ns) * measured).cast<float>();
+    p.x = moved.x();
+    p.y = moved.y();
+    p.z = moved.z();
+    out.push_back(p);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::unique_ptr<MappingMethod> make_voxel_planes_method(const MappingConfig& config) {
+  return std::make_unique<VoxelPlanesMethod>(config);
+}
+
+}  // namespace zloam::mapping

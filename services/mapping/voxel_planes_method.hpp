@@ -1,0 +1,12 @@
+#pragma once
+// Matching against a map of counted planes in voxels (common/plane_map): the sweep's own motion is
+// found anew with its pose, from each point's own time, so that what odometry's deskewing left over
+// is taken out before the points are matched and counted.
+
+#include "mapping/method.hpp"
+
+namespace zloam::mapping {
+
+std::unique_ptr<MappingMethod> make_voxel_planes_method(const MappingConfig& config);
+
+}  // namespace zloam::mapping
