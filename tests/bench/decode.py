@@ -30,7 +30,7 @@ def _config() -> Any:
 
 
 def _points_per_cpu_s(setting: BenchSetting, kind: str, path: Path) -> float:
-    decoder = [binary(setting.build, "decode"), kind, path, "--model", "VLP-16", "--repeat"]
+    decoder = [binary(setting.build, "decode"), kind, path, "--model", "vlp16", "--repeat"]
     once = json_of(cost_of([*decoder, 1]).said)["points"]
     many = cost_of([*decoder, max(2, ENOUGH_POINTS // once)])
     points: float = json_of(many.said)["points"]
