@@ -33,7 +33,8 @@ struct ZenohConfig {
   /// further endpoints, e.g. the router's
   std::vector<std::string> connect;
   bool shared_memory = true;
-  int pool_mib = 64;
+  /// every reader has it in its memory too; what does not fit goes through the socket
+  int pool_mib = 16;
   int shared_memory_threshold = 3072;
   /// ms of silence after which a peer is given up
   int lease_ms = 2000;
@@ -55,9 +56,10 @@ struct FlowConfig {
 };
 
 struct RecoveryConfig {
-  /// messages kept by each publisher to be asked for by number
-  int keep_messages = 64;
-  int keep_mib = 256;
+  /// messages kept by each publisher to be asked for by number: more than a replay's windows, and
+  /// at 10 Hz more than it takes to find a frozen host (lease) and a hanging active (1 s)
+  int keep_messages = 32;
+  int keep_mib = 128;
   /// a gap is asked for after
   int gap_live_ms = 30;
   int gap_replay_ms = 200;

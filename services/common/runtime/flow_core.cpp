@@ -143,8 +143,9 @@ bool FlowWindowCore::may_send(std::uint64_t sweep) const {
 }
 
 bool FlowWindowCore::finished() const {
-  if (!sweeps_.ended()) return false;
-  return !replay_ || done_below() > *sweeps_.last_sweep();
+  const auto last = sweeps_.last();
+  if (!last || !last->ended) return false;
+  return !replay_ || done_below() > last->sweep;
 }
 
 std::optional<std::int64_t> FlowWindowCore::deadline() const {
@@ -283,8 +284,8 @@ std::string FlowWindowCore::lagging_sinks() const {
 void FlowWindowCore::tick_open(std::int64_t now) {
   if (!replay_ || setup_.flow.sinks.empty()) return;
   const std::uint64_t done = done_below();
-  const auto last = sweeps_.last_sweep();
-  if (done != last_done_ || !last || done > *last) {
+  const auto last = sweeps_.last();
+  if (done != last_done_ || !last || done > last->sweep) {
     // Progress, or nothing under way.
     last_done_ = done;
     progress_at_ = now;

@@ -155,13 +155,20 @@ void OutletCore::publish(const HeaderFields& header, Buffer message) {
   const std::size_t size = message.size();
   zenoh::Bytes payload = zenoh::Bytes::own(std::move(message));
   ++seq_;
-  last_sweep_ = header.sweep;
-  ended_ = header.end_of_run;
+  {
+    const std::lock_guard lock(last_mutex_);
+    last_ = {header.run, header.sweep, header.end_of_run};
+  }
   // Kept before it is sent, so that who misses it can have it at once.
   if (queryable_) cache_.put({header.run, header.sweep, header.seq, payload, header.replay});
   put(std::move(payload), header.replay);
   published_.fetch_add(1);
   bytes_.fetch_add(size);
+}
+
+std::optional<OutletCore::Published> OutletCore::last() const {
+  const std::lock_guard lock(last_mutex_);
+  return last_;
 }
 
 void OutletCore::publish_at(const std::string& key, const HeaderFields& header, Buffer message) {

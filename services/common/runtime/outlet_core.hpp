@@ -65,9 +65,13 @@ class OutletCore final : public Outlet {
   Key row() const { return setup_.row; }
   std::uint64_t bytes() const { return bytes_.load(); }
   std::uint64_t republished() const { return republished_.load(); }
-  /// Newest sweep published, and whether it was marked as the run's last.
-  std::optional<std::uint64_t> last_sweep() const { return last_sweep_; }
-  bool ended() const { return ended_; }
+  struct Published {
+    std::uint64_t run = 0, sweep = 0;
+    /// it was marked as the run's last
+    bool ended = false;
+  };
+  /// The newest published sweep. Any thread.
+  std::optional<Published> last() const;
 
  private:
   zenoh::PublisherOptions options(bool block) const;
@@ -79,8 +83,8 @@ class OutletCore final : public Outlet {
   std::string encoding_;
   MessageCache cache_;
   std::uint64_t seq_ = 0;
-  std::optional<std::uint64_t> last_sweep_;
-  bool ended_ = false;
+  mutable std::mutex last_mutex_;
+  std::optional<Published> last_;
   std::atomic<std::uint64_t> published_{0}, bytes_{0}, republished_{0};
   std::optional<zenoh::Publisher> live_;
   // Declared when a replay is seen: congestion control belongs to a publisher.

@@ -6,10 +6,12 @@
 #include <cstdlib>
 #include <iterator>
 
+#include "common/runtime/health_query.hpp"
 #include "common/runtime/log_setup.hpp"
 #include "common/runtime/session_config.hpp"
 #include "common/runtime/signals.hpp"
 #include "common/runtime/stage_core.hpp"
+#include "common/runtime/statistics.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -30,6 +32,7 @@ struct CommandLine {
   std::vector<std::string> settings;
   bool describe = false;
   bool check = false;
+  bool health = false;
 };
 
 std::string host_name() {
@@ -52,6 +55,8 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
       ->allow_extra_args(false);
   app.add_flag("--describe-config", line->describe, "print all parameters as JSON and end");
   app.add_flag("--check-config", line->check, "check the configuration and end");
+  app.add_flag("--health", line->health,
+               "ask the instance that runs on this host with this configuration; 0: it is ready");
   app.set_version_flag("--version", "zloam-" + spec.name + " " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);
@@ -145,6 +150,11 @@ int run(const StageSpec& spec, const CommandLine& line) {
     std::printf("%s\n", parameters.values_json().c_str());
     return kExitOk;
   }
+  if (line.health) {
+    const HealthAnswer answer = ask_health(shared, spec.name, host_name(), line.instance);
+    std::printf("%s\n", answer.text.c_str());
+    return answer.well ? kExitOk : kExitFailure;
+  }
   setup_log(spec.name, shared.log.level, shared.log.format == "json");
   StageSetup setup;
   setup.identity = identity_of(spec, line, shared);
@@ -162,6 +172,7 @@ int run_stage(int argc, const char* const* argv, const StageSpec& spec) {
   CommandLine line;
   if (const auto code = parse(argc, argv, spec, &line)) return *code;
   setup_log(spec.name, "info", false);
+  keep_memory_small();
   try {
     return run(spec, line);
   } catch (const ConfigError& e) {

@@ -137,9 +137,10 @@ FlowWindow& StageCore::flow_window(Outlet& sweeps) {
   s.own_result_hash = sha256_hex(setup_.result_json);
   s.flow = setup_.shared.flow;
   s.limit_ns = setup_.shared.recovery.replay_limit_s * 1000 * kMs;
-  window_ =
-      std::make_unique<FlowWindowCore>(std::move(s), keys_, dynamic_cast<OutletCore&>(sweeps),
-                                       session_, bell_, [this](const std::string& r) { fail(r); });
+  auto& outlet = dynamic_cast<OutletCore&>(sweeps);
+  window_ = std::make_unique<FlowWindowCore>(std::move(s), keys_, outlet, session_, bell_,
+                                             [this](const std::string& r) { fail(r); });
+  source_ = &outlet;
   return *window_;
 }
 
@@ -360,6 +361,7 @@ void StageCore::close() {
   alive_.reset();
   subscribers_.clear();
   queryables_.clear();
+  source_ = nullptr;
   window_.reset();
   acks_.clear();
   outlets_.clear();
@@ -445,8 +447,23 @@ StatusFields StageCore::status() const {
   f.last_sweep = last_sweep_;
   f.has_sweep = has_sweep_;
   f.end_of_run = run_ended_;
+  note_source(&f);
   f.figures = figures_;
+  f.figures["rss_anon_mib"] = f.usage.rss_anon_mib;
+  f.figures["rss_shm_mib"] = f.usage.rss_shm_mib;
   return f;
+}
+
+/// A source has no input that tells how far it is: its output does.
+void StageCore::note_source(StatusFields* f) const {
+  const OutletCore* source = source_.load();
+  if (source == nullptr) return;
+  const auto last = source->last();
+  if (!last) return;
+  f->run = last->run;
+  f->last_sweep = last->sweep;
+  f->has_sweep = true;
+  f->end_of_run = last->ended;
 }
 
 void StageCore::declare_service() {

@@ -93,6 +93,7 @@ class StageCore final : public Stage, private InletEvents {
   void status_loop();
   void publish_status();
   ServiceHealth health(std::string* reason) const;
+  void note_source(StatusFields* f) const;
   /// Outputs that a stage of this deployment reads and nobody subscribes to yet.
   std::string unmatched() const;
 
@@ -108,6 +109,8 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<std::unique_ptr<OutletCore>> outlets_;
   std::vector<std::unique_ptr<FlowAckCore>> acks_;
   std::unique_ptr<FlowWindowCore> window_;
+  /// what the window paces; one of outlets_
+  std::atomic<const OutletCore*> source_{nullptr};
   std::vector<zenoh::Queryable> queryables_;
   std::map<std::string, std::pair<std::string, CommandHandler>> commands_;
   std::vector<std::function<Turn()>> turns_;

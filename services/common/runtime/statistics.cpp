@@ -1,5 +1,6 @@
 #include "common/runtime/statistics.hpp"
 
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -57,13 +58,25 @@ ProcessUsage process_usage() {
   }
   std::ifstream status("/proc/self/status");
   for (std::string word; status >> word;) {
-    double* field = word == "VmRSS:"   ? &usage.rss_mib
-                    : word == "VmHWM:" ? &usage.rss_peak_mib
-                                       : nullptr;
+    double* field = word == "VmRSS:"      ? &usage.rss_mib
+                    : word == "VmHWM:"    ? &usage.rss_peak_mib
+                    : word == "RssAnon:"  ? &usage.rss_anon_mib
+                    : word == "RssShmem:" ? &usage.rss_shm_mib
+                                          : nullptr;
     double kib = 0;
     if (field != nullptr && status >> kib) *field = kib / 1024.0;
   }
   return usage;
+}
+
+void keep_memory_small() {
+#ifdef __GLIBC__
+  // Set, so that glibc does not raise them by itself: a sweep's cloud would then be cut out of the
+  // heap, where a small block above it keeps it from going back.
+  mallopt(M_MMAP_THRESHOLD, 1 << 20);
+  mallopt(M_TRIM_THRESHOLD, 1 << 20);
+  mallopt(M_ARENA_MAX, 2);
+#endif
 }
 
 }  // namespace zloam::runtime

@@ -38,7 +38,13 @@ struct ProcessUsage {
   double cpu_ms = 0;
   double rss_mib = 0;
   double rss_peak_mib = 0;
+  /// of rss_mib: this process' own, and shared memory, which every process that has it open counts
+  double rss_anon_mib = 0, rss_shm_mib = 0;
 };
 ProcessUsage process_usage();
+
+/// To be called before other threads start: freed memory goes back to the system instead of staying
+/// in one heap for each thread.
+void keep_memory_small();
 
 }  // namespace zloam::runtime

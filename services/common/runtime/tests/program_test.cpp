@@ -130,6 +130,23 @@ TEST(Program, FilesAndPortsThatCantBeHadEndWithThree) {
   EXPECT_EQ(first.exit_code(), 0);
 }
 
+TEST(Program, HealthAsksTheOneThatRuns) {
+  const int port = test::free_port();
+  const std::vector<std::string> question = {"--health", set_port(port - 1)};
+  Program nobody(question);
+  EXPECT_EQ(nobody.exit_code(), 1);
+  Program stage({set_port(port - 1), "--instance=a"});
+  ASSERT_TRUE(stage.read_until("started"));
+  Program ready(question);
+  EXPECT_EQ(ready.exit_code(), 0);
+  EXPECT_THAT(ready.output(), HasSubstr("Ready"));
+  Program other({"--health", set_port(port - 1), "--instance=b"});
+  EXPECT_EQ(other.exit_code(), 1);
+  EXPECT_THAT(other.output(), HasSubstr("no answer"));
+  stage.signal(SIGTERM);
+  EXPECT_EQ(stage.exit_code(), 0);
+}
+
 TEST(Program, AnythingElseEndsWithOne) {
   Program other({"--set=registration.fail=other", set_port(0)});
   EXPECT_EQ(other.exit_code(), 1);

@@ -332,6 +332,33 @@ TEST(Readiness, WaitsForTheReaderOfEachOutput) {
   EXPECT_TRUE(last.wait([](const auto& l) { return l.first == msg::ServiceHealth::Ready; }));
 }
 
+TEST(Status, ASourceSaysHowFarItIs) {
+  const Network network(1);
+  Watched<bool> done;
+  RunningStage driver(network.open(0), setup("driver"), [&](Stage& stage) {
+    Outlet& out = stage.outlet(Key::kSweep);
+    FlowWindow& window = stage.flow_window(out);
+    window.start_live();
+    stage.on_turn([&, sweep = std::uint64_t{0}]() mutable {
+      if (sweep == 3) return Turn::kWait;
+      HeaderFields header = out.header(1, 1);
+      header.run = window.run();
+      header.sweep = sweep++;
+      header.end_of_run = sweep == 3;
+      out.publish(header, build(header, SweepFields{.rings = 16}));
+      done.change([&](bool& d) { d = sweep == 3; });
+      return Turn::kAgain;
+    });
+  });
+  ASSERT_TRUE(done.wait([](bool d) { return d; }));
+  const StatusFields status = driver->status();
+  EXPECT_TRUE(status.has_sweep);
+  EXPECT_EQ(status.last_sweep, 2U);
+  EXPECT_TRUE(status.end_of_run);
+  EXPECT_NE(status.run, 0U);
+  EXPECT_GT(status.figures.at("rss_anon_mib"), 0.0);
+}
+
 TEST(RunId, IsAFunctionOfCaptureAndConfigurations) {
   // SHA-256 of the empty text, FIPS 180-4's well-known value.
   EXPECT_EQ(sha256_hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");

@@ -1,0 +1,23 @@
+#pragma once
+// Asks a running stage on this host how it is, as any client would: what a container's healthcheck
+// or a supervisor calls.
+
+#include <string>
+
+#include "common/runtime/stage.hpp"
+
+namespace zloam::runtime {
+
+struct HealthAnswer {
+  /// Ready, or degraded but at work
+  bool well = false;
+  /// one line for people
+  std::string text;
+};
+
+/// Connects to the stage's own listen endpoint as a client and reads its status. `instance` narrows
+/// it to one of several on this host; empty: the first of this host that answers. Never throws.
+HealthAnswer ask_health(const SharedConfig& shared, const std::string& stage,
+                        const std::string& host, const std::string& instance);
+
+}  // namespace zloam::runtime
