@@ -3,6 +3,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
 
 namespace zloam::driver {
 namespace {
@@ -42,6 +43,8 @@ std::optional<Model> forced_model(ModelChoice choice) {
       return Model::kHdl32e;
     case ModelChoice::kVlp32c:
       return Model::kVlp32c;
+    case ModelChoice::kVls128:
+      return Model::kVls128;
   }
   return std::nullopt;
 }
@@ -56,6 +59,16 @@ std::optional<ReturnMode> forced_mode(ReturnChoice choice) {
       return ReturnMode::kDual;
     default:
       return std::nullopt;
+  }
+}
+
+/// Empty when the action throws nothing.
+std::string error_of(const std::function<void()>& action) {
+  try {
+    action();
+    return {};
+  } catch (const SourceError& error) {
+    return error.what();
   }
 }
 
@@ -100,6 +113,9 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
         "of the kernel, for bursts", Effect::kNone);
   p.add("driver.sensor_address", &c.sensor_address,
         "only packets of this sender; empty: of the first one seen");
+  p.add("driver.multicast_group", &c.udp.multicast_group,
+        "IPv4 group to join, for a sensor that sends to one; empty: unicast and broadcast",
+        Effect::kNone);
   p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s", "live: so long without a packet is said",
         Effect::kNone);
 }
@@ -110,7 +126,8 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
          {"VLP-16", ModelChoice::kVlp16},
          {"Puck Hi-Res", ModelChoice::kPuckHiRes},
          {"HDL-32E", ModelChoice::kHdl32e},
-         {"VLP-32C", ModelChoice::kVlp32c}},
+         {"VLP-32C", ModelChoice::kVlp32c},
+         {"VLS-128", ModelChoice::kVls128}},
         "auto: as the packets say");
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
@@ -118,6 +135,12 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
          {"last", ReturnChoice::kLast},
          {"dual", ReturnChoice::kDual}},
         "return mode; auto: as the packets say");
+  p.add("driver.dual_returns", &c.dual_returns,
+        {{"strongest", DualReturns::kStrongest},
+         {"last", DualReturns::kLast},
+         {"both", DualReturns::kBoth},
+         {"tagged", DualReturns::kTagged}},
+        "of two returns of one firing: one of them, both as equals, or both with their types");
   p.add("driver.vertical_offsets", &c.vertical_offsets,
         "the lasers' own heights (up to 17 mm), as the manual has them");
   p.add("driver.seam_azimuth_deg", &c.seam_azimuth_deg, {0.0, 360.0}, "deg",
@@ -134,6 +157,18 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
         "sensor's own");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
         "added to stamps; -542.592 for an HDL-32E that stamps its last firing");
+}
+
+void bind_limits(runtime::Parameters& p, DriverConfig& c) {
+  p.add("driver.min_range_m", &c.min_range_m, {0.0, 300.0}, "m", "nearer returns are left out");
+  p.add("driver.max_range_m", &c.max_range_m, {0.1, 1000.0}, "m", "farther returns are left out");
+  p.add("driver.azimuth_mask_deg", &c.azimuth_mask_deg,
+        "sectors that are left out: from, to, from, to ... in degrees clockwise from the sensor's "
+        "front; [350, 10] goes through the front");
+  p.add("driver.body_box_min_m", &c.body_box_min_m, {-100.0, 100.0}, "m",
+        "corner of the robot's own body in base_link; points inside are left out");
+  p.add("driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
+        "opposite corner; no box when it is not above the other");
 }
 
 void bind_scans(runtime::Parameters& p, DriverConfig& c) {
@@ -165,6 +200,7 @@ std::optional<double> rate_factor(const std::string& rate) {
 void bind(runtime::Parameters& p, DriverConfig& c) {
   bind_source(p, c);
   bind_decoding(p, c);
+  bind_limits(p, c);
   bind_scans(p, c);
   p.check("driver.rate", [&c] { return rate_error(c.rate); });
   p.check("driver.path", [&c]() -> std::string {
@@ -176,19 +212,49 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
     return "is none, but such scans have no point times: say clockwise, counter_clockwise or "
            "deskewed";
   });
-  p.check("driver.sensor_address", [&c]() -> std::string {
-    try {
-      parse_ipv4(c.sensor_address);
-      return "";
-    } catch (const SourceError& error) {
-      return error.what();
-    }
+  p.check("driver.sensor_address",
+          [&c] { return error_of([&] { parse_ipv4(c.sensor_address); }); });
+  p.check("driver.multicast_group",
+          [&c] { return error_of([&] { parse_ipv4(c.udp.multicast_group); }); });
+  p.check("driver.azimuth_mask_deg",
+          [&c] { return error_of([&] { azimuth_sectors(c.azimuth_mask_deg); }); });
+  p.check("driver.max_range_m", [&c]() -> std::string {
+    return c.max_range_m > c.min_range_m ? "" : "is not above driver.min_range_m";
   });
 }
 
+std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts) {
+  if (texts.size() % 2 != 0) throw SourceError("has an odd number of values; pairs from, to");
+  std::vector<double> values_deg;
+  for (const std::string& text : texts) {
+    char* end = nullptr;
+    const double value_deg = std::strtod(text.c_str(), &end);
+    if (text.empty() || *end != '\0' || !(value_deg >= 0.0 && value_deg <= 360.0)) {
+      throw SourceError("\"" + text + "\" is no angle of 0 to 360 degrees");
+    }
+    values_deg.push_back(value_deg);
+  }
+  std::vector<AzimuthSector> sectors;
+  for (std::size_t i = 0; i < values_deg.size(); i += 2) {
+    sectors.push_back({values_deg[i], values_deg[i + 1]});
+  }
+  return sectors;
+}
+
+PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar) {
+  return {config.min_range_m, config.max_range_m,
+          MaskConfig{azimuth_sectors(config.azimuth_mask_deg), config.body_box_min_m,
+                     config.body_box_max_m, T_base_lidar}};
+}
+
 PacketStreamConfig packet_stream_config(const DriverConfig& config,
-                                        const std::string& declared_model) {
+                                        const runtime::SharedConfig& shared) {
+  const PointLimits limits = point_limits(config, shared.mounting.T_base_lidar());
   PacketStreamConfig stream;
+  stream.decoder.dual_returns = config.dual_returns;
+  stream.decoder.min_range_m = limits.min_range_m;
+  stream.decoder.max_range_m = limits.max_range_m;
+  stream.assembler.mask = limits.mask;
   stream.decoder.model = forced_model(config.model);
   stream.decoder.return_mode = forced_mode(config.returns);
   stream.decoder.vertical_offsets = config.vertical_offsets;
@@ -197,7 +263,7 @@ PacketStreamConfig packet_stream_config(const DriverConfig& config,
   stream.assembler.reorder_packets = config.reorder_packets;
   stream.assembler.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
   choose_clock(config, stream.assembler);
-  stream.declared_model = model_by_label(declared_model);
+  stream.declared_model = model_by_label(shared.sensor.model);
   // A socket hears its own port only; in a capture the payload's length decides.
   stream.port = config.source == SourceKind::kUdp ? config.udp.data_port : 0;
   stream.sender = parse_ipv4(config.sensor_address);

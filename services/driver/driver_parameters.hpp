@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/runtime/config.hpp"
 #include "common/runtime/parameters.hpp"
@@ -13,7 +14,7 @@ namespace zloam::driver {
 
 enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kZenoh };
 enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
-enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c };
+enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c, kVls128 };
 enum class ReturnChoice : std::uint8_t { kAuto, kStrongest, kLast, kDual };
 
 struct DriverConfig {
@@ -24,7 +25,14 @@ struct DriverConfig {
   std::string rate = "max";
   ModelChoice model = ModelChoice::kAuto;
   ReturnChoice returns = ReturnChoice::kAuto;
+  DualReturns dual_returns = DualReturns::kTagged;
   bool vertical_offsets = true;
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  /// pairs from, to; degrees clockwise from the front
+  std::vector<std::string> azimuth_mask_deg;
+  Eigen::Vector3d body_box_min_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d body_box_max_m = Eigen::Vector3d::Zero();
   UdpOptions udp;
   /// only packets of this sender; empty: of the first one seen
   std::string sensor_address;
@@ -45,7 +53,12 @@ std::optional<double> rate_factor(const std::string& rate);
 
 bool is_live(SourceKind source);
 
+/// The pairs of the mask; throws SourceError for what is none.
+std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts);
+
+PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar);
+
 PacketStreamConfig packet_stream_config(const DriverConfig& config,
-                                        const std::string& declared_model);
+                                        const runtime::SharedConfig& shared);
 
 }  // namespace zloam::driver

@@ -89,14 +89,15 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
 }
 
 void DriverStage::open_udp_source() {
-  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared().sensor.model);
-  source_ = sweeps_of_packets(open_udp(config_.udp), stream, kSocketWaitMs);
+  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
+  UdpOptions udp = config_.udp;
+  udp.sender = stream.sender;
+  source_ = sweeps_of_packets(open_udp(udp), stream, kSocketWaitMs);
   window_.start_live();
 }
 
 void DriverStage::open_zenoh() {
-  stream_ =
-      std::make_unique<PacketStream>(packet_stream_config(config_, stage_.shared().sensor.model));
+  stream_ = std::make_unique<PacketStream>(packet_stream_config(config_, stage_.shared()));
   runtime::InletOptions options;
   options.ends_run = false;
   stage_.inlet<msg::Packets>(
@@ -106,7 +107,7 @@ void DriverStage::open_zenoh() {
 }
 
 void DriverStage::open_finite() {
-  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared().sensor.model);
+  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
   std::vector<std::string> files = {config_.path};
   switch (config_.source) {
     case SourceKind::kPcap:
@@ -119,7 +120,8 @@ void DriverStage::open_finite() {
       auto scans = config_.source == SourceKind::kKitti ? open_kitti(config_.path, config_.scan)
                                                         : open_synth(config_.path);
       files = scans->files();
-      source_ = sweeps_of_scans(std::move(scans));
+      const Pose T_base_lidar = stage_.shared().mounting.T_base_lidar();
+      source_ = sweeps_of_scans(std::move(scans), point_limits(config_, T_base_lidar));
     }
   }
   if (!fetch()) {
@@ -296,10 +298,18 @@ void DriverStage::publish_positions() {
 
 void DriverStage::watch_clock(const PositionPacket& packet) {
   if (config_.clock != ClockChoice::kUtc) return;
-  stage_.degraded("clock", packet.pps == Pps::kLocked
-                               ? ""
-                               : "driver.clock is utc, but the sensor's pulse per second is not "
-                                 "locked: its hour is not UTC's");
+  std::string text;
+  if (packet.pps != Pps::kLocked) {
+    text =
+        "driver.clock is utc, but the sensor's pulse per second is not locked: its hour is not "
+        "UTC's";
+  } else if (const auto fix = parse_rmc(packet.nmea);
+             fix && !agrees_with_utc(packet.toh_us, fix->utc_ns)) {
+    text =
+        "driver.clock is utc, but the sensor's minutes and seconds are not those of its receiver: "
+        "the sensor has not taken over the receiver's time";
+  }
+  stage_.degraded("clock", text);
 }
 
 void DriverStage::watch_quiet(bool sweep_came) {

@@ -15,7 +15,7 @@ mkdir -p "$out"
 flags=(-std=c++20 -g -O1 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
   -Iservices -isystem /usr/include/eigen3)
 driver=services/driver
-algorithms=("$driver"/velodyne/{model,decoder,position}.cpp "$driver"/sweep/{clock,assembler}.cpp)
+algorithms=("$driver"/velodyne/{model,decoder,mask,position}.cpp "$driver"/sweep/{clock,assembler}.cpp)
 build() { # target, sources and libraries
   local target=$1
   shift

@@ -50,6 +50,11 @@ struct UdpOptions {
   std::uint16_t data_port = 2368;
   std::uint16_t position_port = 8308;
   int receive_buffer_bytes = 4 << 20;
+  /// joined when not empty
+  std::string multicast_group = {};
+  /// only packets of this IPv4 address; 0: any. With it several programs, each for a sensor of its
+  /// own, can listen on one port.
+  std::uint32_t sender = 0;
 };
 
 class UdpSource : public PacketSource {

@@ -279,15 +279,65 @@ TEST_F(Sources, PayloadFilesReadEndToEndAndNameALeftOver) {
   EXPECT_THAT(source->complaint(), HasSubstr("100 bytes"));
 }
 
-void send_to(std::uint16_t port, const Bytes& bytes) {
+void send_to(std::uint16_t port, const Bytes& bytes, const char* to_address = "127.0.0.1",
+             const char* from_address = "127.0.0.1") {
   const int fd = socket(AF_INET, SOCK_DGRAM, 0);
+  const int on = 1;
+  setsockopt(fd, SOL_SOCKET, SO_BROADCAST, &on, sizeof on);
+  sockaddr_in from{};
+  from.sin_family = AF_INET;
+  from.sin_addr.s_addr = htonl(parse_ipv4(from_address));
+  ASSERT_EQ(bind(fd, reinterpret_cast<sockaddr*>(&from), sizeof from), 0);
+  setsockopt(fd, IPPROTO_IP, IP_MULTICAST_IF, &from.sin_addr, sizeof from.sin_addr);
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_port = htons(port);
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  to.sin_addr.s_addr = htonl(parse_ipv4(to_address));
   ASSERT_EQ(sendto(fd, bytes.data(), bytes.size(), 0, reinterpret_cast<sockaddr*>(&to), sizeof to),
             static_cast<ssize_t>(bytes.size()));
   close(fd);
+}
+
+TEST_F(Sources, BroadcastsAreHeard) {
+  const auto source = open_udp({.data_port = 0, .position_port = 0});
+  send_to(source->data_port(), packet_, "127.255.255.255");
+  Datagram datagram;
+  ASSERT_EQ(source->next(datagram, 10'000), Read::kDatagram);
+  EXPECT_EQ(datagram.payload.size(), packet_.size());
+}
+
+TEST_F(Sources, AGroupIsJoinedOrRefused) {
+  EXPECT_THAT(error_of([] {
+                open_udp({.data_port = 0, .position_port = 0, .multicast_group = "10.0.0.1"});
+              }),
+              HasSubstr("10.0.0.1"));
+}
+
+// Two programs, one for each sensor, listen on one port. What is sent to this host alone reaches
+// the program that named the sender; what is broadcast reaches both, and one keeps it.
+TEST_F(Sources, TwoSensorsOnOnePortAreToldApartByAddress) {
+  const auto first =
+      open_udp({.data_port = 0, .position_port = 0, .sender = parse_ipv4("127.0.0.2")});
+  const auto second = open_udp(
+      {.data_port = first->data_port(), .position_port = 0, .sender = parse_ipv4("127.0.0.3")});
+  for (const char* to : {"127.0.0.1", "127.255.255.255"}) {
+    SCOPED_TRACE(to);
+    for (int i = 0; i < 5; ++i) {
+      send_to(first->data_port(), packet_, to, "127.0.0.2");
+      send_to(first->data_port(), packet_, to, "127.0.0.3");
+    }
+    const auto heard = [](UdpSource& source, const std::string& address) {
+      StreamFilter filter(0, parse_ipv4(address));
+      Datagram datagram;
+      int count = 0;
+      while (source.next(datagram, 0) == Read::kDatagram) {
+        count += filter.classify(datagram) == DatagramKind::kData;
+      }
+      return count;
+    };
+    EXPECT_EQ(heard(*first, "127.0.0.2"), 5);
+    EXPECT_EQ(heard(*second, "127.0.0.3"), 5);
+  }
 }
 
 TEST_F(Sources, UdpReceivesOnBothPortsWithKernelTime) {

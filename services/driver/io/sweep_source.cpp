@@ -61,14 +61,40 @@ class PacketSweeps : public SweepSource {
 
 class ScanSweeps : public SweepSource {
  public:
-  explicit ScanSweeps(std::unique_ptr<ScanFolder> scans) : scans_(std::move(scans)) {}
+  ScanSweeps(std::unique_ptr<ScanFolder> scans, const PointLimits& limits)
+      : scans_(std::move(scans)), limits_(limits), mask_(limits.mask) {}
+
   Pull pull(DecodedSweep& sweep) override {
-    return scans_->next(sweep) ? Pull::kSweep : Pull::kEnd;
+    if (!scans_->next(sweep)) return Pull::kEnd;
+    leave_out(sweep);
+    return Pull::kSweep;
   }
-  NamedCounts counts() const override { return scans_->counts(); }
+
+  NamedCounts counts() const override {
+    NamedCounts all = scans_->counts();
+    all.emplace_back("points_masked", masked_);
+    return all;
+  }
 
  private:
+  void leave_out(DecodedSweep& sweep) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < sweep.points.size(); ++i) {
+      const double range_m = sweep.points[i].position().cast<double>().norm();
+      if (range_m < limits_.min_range_m || range_m > limits_.max_range_m) continue;
+      if (mask_.active() && !mask_.keeps(sweep.points[i])) continue;
+      sweep.points[kept] = sweep.points[i];
+      sweep.columns[kept++] = sweep.columns[i];
+    }
+    masked_ += sweep.points.size() - kept;
+    sweep.points.resize(kept);
+    sweep.columns.resize(kept);
+  }
+
   std::unique_ptr<ScanFolder> scans_;
+  PointLimits limits_;
+  PointMask mask_;
+  std::uint64_t masked_ = 0;
 };
 
 }  // namespace
@@ -110,6 +136,7 @@ void PacketStream::begin() {
                          ": decoded as sensor.model (set driver.model to decide otherwise)");
     }
   }
+  decoder.group_ns = measured_group_ns(first_, decoder);
   assembler_ = std::make_unique<SweepAssembler>(decoder, config_.assembler);
   for (std::size_t i = 0; i < first_.size(); ++i) {
     assembler_->add(first_[i], first_received_ns_[i]);
@@ -156,8 +183,9 @@ std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> pac
   return std::make_unique<PacketSweeps>(std::move(packets), config, timeout_ms);
 }
 
-std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans) {
-  return std::make_unique<ScanSweeps>(std::move(scans));
+std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans,
+                                             const PointLimits& limits) {
+  return std::make_unique<ScanSweeps>(std::move(scans), limits);
 }
 
 }  // namespace zloam::driver

@@ -46,6 +46,13 @@ class SweepSource {
   virtual std::vector<ReceivedPosition> take_positions() { return {}; }
 };
 
+/// What is left out of every source's sweeps.
+struct PointLimits {
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  MaskConfig mask = {};
+};
+
 struct PacketStreamConfig {
   DecoderConfig decoder;
   AssemblerConfig assembler;
@@ -92,7 +99,8 @@ class PacketStream {
 /// timeout_ms: how long a live source may wait for a packet in one call.
 std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> packets,
                                                const PacketStreamConfig& config, int timeout_ms);
-std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans);
+std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans,
+                                             const PointLimits& limits = {});
 
 /// SHA-256 in hexadecimal over the files' bytes, one after the other.
 std::string hash_of_files(const std::vector<std::string>& paths);

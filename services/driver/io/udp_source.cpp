@@ -7,6 +7,8 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <optional>
+#include <vector>
 
 #include "driver/io/packet_source.hpp"
 
@@ -17,7 +19,8 @@ constexpr std::size_t kLargestDatagram = 65536;
 
 class Socket {
  public:
-  Socket(const std::string& address, std::uint16_t port, int buffer_bytes) {
+  /// shared: others may listen on the same port, if they say so, too.
+  Socket(const std::string& address, std::uint16_t port, int buffer_bytes, bool shared) {
     fd_ = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fd_ < 0) throw SourceError(std::string("UDP socket: ") + std::strerror(errno));
     const int on = 1;
@@ -27,6 +30,7 @@ class Socket {
     if (setsockopt(fd_, SOL_SOCKET, SO_RCVBUFFORCE, &buffer_bytes, sizeof buffer_bytes) != 0) {
       setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &buffer_bytes, sizeof buffer_bytes);
     }
+    if (shared) setsockopt(fd_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     bind_to(address, port);
   }
   ~Socket() {
@@ -34,6 +38,23 @@ class Socket {
   }
   Socket(const Socket&) = delete;
   Socket& operator=(const Socket&) = delete;
+
+  /// Of several sockets on a port the kernel gives a datagram to the one that asks for its sender.
+  /// False when there is no way to that address.
+  bool only_from(std::uint32_t sender) {
+    sockaddr_in name{};
+    name.sin_family = AF_INET;
+    name.sin_addr.s_addr = htonl(sender);
+    return connect(fd_, reinterpret_cast<const sockaddr*>(&name), sizeof name) == 0;
+  }
+
+  void join(const std::string& group) {
+    ip_mreqn membership{};
+    membership.imr_multiaddr.s_addr = htonl(parse_ipv4(group));
+    if (setsockopt(fd_, IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership) != 0) {
+      throw SourceError("multicast group " + group + ": " + std::strerror(errno));
+    }
+  }
 
   int fd() const { return fd_; }
   std::uint16_t port() const { return port_; }
@@ -113,18 +134,49 @@ class Socket {
   std::uint64_t dropped_ = 0;
 };
 
+/// One port. With a sender named it has two sockets: what is sent to this host alone comes to the
+/// one that is tied to the sender, also when other programs listen for other sensors here. A tied
+/// socket hears no broadcasts; the other one does, as do those of all other programs.
+class Port {
+ public:
+  Port(const UdpOptions& options, std::uint16_t port, int buffer_bytes)
+      : open_(options.bind_address, port, buffer_bytes, options.sender != 0) {
+    if (!options.multicast_group.empty()) open_.join(options.multicast_group);
+    if (options.sender == 0) return;
+    tied_.emplace(options.bind_address, open_.port(), buffer_bytes, true);
+    if (!tied_->only_from(options.sender)) tied_.reset();
+  }
+
+  bool receive(std::vector<std::uint8_t>& buffer, Datagram& datagram) {
+    return (tied_ && tied_->receive(buffer, datagram)) || open_.receive(buffer, datagram);
+  }
+  void wait_on(std::vector<pollfd>& ready) const {
+    ready.push_back({open_.fd(), POLLIN, 0});
+    if (tied_) ready.push_back({tied_->fd(), POLLIN, 0});
+  }
+  std::uint16_t port() const { return open_.port(); }
+  std::uint64_t dropped() const { return open_.dropped() + (tied_ ? tied_->dropped() : 0); }
+  int buffer_bytes() const { return open_.buffer_bytes(); }
+
+ private:
+  Socket open_;
+  std::optional<Socket> tied_;
+};
+
 class UdpSourceImpl : public UdpSource {
  public:
   explicit UdpSourceImpl(const UdpOptions& options)
       : options_(options),
-        data_(options.bind_address, options.data_port, options.receive_buffer_bytes),
-        position_(options.bind_address, options.position_port, options.receive_buffer_bytes / 16),
-        buffer_(kLargestDatagram) {}
+        data_(options, options.data_port, options.receive_buffer_bytes),
+        position_(options, options.position_port, options.receive_buffer_bytes / 16),
+        buffer_(kLargestDatagram) {
+    data_.wait_on(ready_);
+    position_.wait_on(ready_);
+  }
 
   Read next(Datagram& datagram, int timeout_ms) override {
     if (data_.receive(buffer_, datagram)) return received();
-    std::array<pollfd, 2> ready{{{data_.fd(), POLLIN, 0}, {position_.fd(), POLLIN, 0}}};
-    const int count = poll(ready.data(), ready.size(), timeout_ms);
+    const int count = poll(ready_.data(), ready_.size(), timeout_ms);
     if (count < 0 && errno != EINTR)
       throw SourceError(std::string("poll: ") + std::strerror(errno));
     if (count <= 0) return Read::kTimeout;
@@ -156,8 +208,9 @@ class UdpSourceImpl : public UdpSource {
   }
 
   UdpOptions options_;
-  Socket data_;
-  Socket position_;
+  Port data_;
+  Port position_;
+  std::vector<pollfd> ready_;
   std::vector<std::uint8_t> buffer_;
   std::uint64_t datagrams_ = 0;
 };

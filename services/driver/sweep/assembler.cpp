@@ -8,6 +8,8 @@ namespace {
 
 // A packet older than this is not late: the sensor's clock was set.
 constexpr std::int64_t kClockStepUs = 500'000;
+// So many packets in a row that are all older than what was: neither.
+constexpr int kLateInARow = 16;
 // The encoder may step back a little; that is no turn.
 constexpr int kJitterCdeg = 1000;
 // Two edges of a restricted field of view within this are the same.
@@ -44,11 +46,13 @@ std::vector<std::pair<std::string_view, std::uint64_t>> PacketCounts::named() co
           {"packets_lost", lost},
           {"packets_reordered", reordered},
           {"blocks_bad", bad_blocks},
-          {"clock_steps", clock_steps}};
+          {"clock_steps", clock_steps},
+          {"points_masked", points_masked}};
 }
 
 SweepAssembler::SweepAssembler(const DecoderConfig& decoder, const AssemblerConfig& config)
     : config_(config),
+      mask_(config.mask),
       seam_cdeg_(wrapped(std::llround(100.0 * config.seam_azimuth_deg))),
       decoder_(decoder),
       clock_(config.clock_mode) {}
@@ -102,13 +106,12 @@ void SweepAssembler::process_first_held() {
 void SweepAssembler::order(const Packet& packet) {
   const std::int64_t ahead_us = toh_difference_us(packet.tail.toh_us, last_toh_us_);
   if (clock_stepped(packet, ahead_us)) {
-    release_held(0);
-    ++counts_.clock_steps;
-    restart(packet);
-  } else if (ahead_us == 0) {
-    ++counts_.duplicate;
-  } else if (ahead_us < 0) {
-    ++counts_.late;
+    suspect_step(packet);
+    return;
+  }
+  drop_suspect();
+  if (ahead_us <= 0) {
+    count_overtaken(packet.tail.toh_us, ahead_us);
   } else if (contiguous(packet)) {
     if (!held_.empty()) ++counts_.reordered;
     process(packet, 1000 * ahead_us);
@@ -120,9 +123,77 @@ void SweepAssembler::order(const Packet& packet) {
 
 bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) const {
   if (ahead_us < -kClockStepUs) return true;
+  if (ahead_us < 0 && late_in_a_row_ >= kLateInARow) return true;
   if (packet.received_ns == 0 || last_received_ns_ == 0) return false;
   const std::int64_t waited_us = (packet.received_ns - last_received_ns_) / 1000;
   return std::abs(ahead_us - waited_us) > kClockStepUs;
+}
+
+/// One packet with a stamp from elsewhere may be damaged, or from before the clock was set. Two
+/// that agree are a new time.
+void SweepAssembler::suspect_step(const Packet& packet) {
+  if (!suspect_.empty()) {
+    const std::int64_t ahead_us =
+        toh_difference_us(packet.tail.toh_us, suspect_.front().tail.toh_us);
+    if (ahead_us == 0) {
+      ++counts_.duplicate;
+      return;
+    }
+    if (std::abs(ahead_us) <= kClockStepUs) {
+      const Held other = held_copy(packet);
+      const Held first = ahead_us > 0 ? suspect_.front() : other;
+      const Held second = ahead_us > 0 ? other : suspect_.front();
+      if (ahead_us < 0) ++counts_.reordered;
+      suspect_ = {first};
+      confirm_step();
+      order({second.payload, second.tail, second.received_ns});
+      return;
+    }
+  }
+  drop_suspect();
+  suspect_.push_back(held_copy(packet));
+}
+
+void SweepAssembler::confirm_step() {
+  release_held(0);
+  ++counts_.clock_steps;
+  const Held first = suspect_.front();
+  suspect_.clear();
+  restart({first.payload, first.tail, first.received_ns});
+}
+
+void SweepAssembler::drop_suspect() {
+  if (suspect_.empty()) return;
+  ++counts_.late;
+  suspect_.clear();
+}
+
+/// A packet older than what is decoded already: a copy, or one that came too late. The latter is
+/// not lost after all.
+void SweepAssembler::count_overtaken(std::uint32_t toh_us, std::int64_t ahead_us) {
+  const std::size_t known = std::min(recent_, recent_toh_us_.size());
+  const auto end = recent_toh_us_.begin() + static_cast<std::ptrdiff_t>(known);
+  if (ahead_us == 0 || std::find(recent_toh_us_.begin(), end, toh_us) != end) {
+    ++counts_.duplicate;
+    return;
+  }
+  ++counts_.late;
+  ++late_in_a_row_;
+  const std::int64_t at_ns = sensor_ns_ + 1000 * ahead_us;
+  for (Gap& gap : gaps_) {
+    if (gap.missing == 0 || at_ns <= gap.from_ns || at_ns >= gap.to_ns) continue;
+    --gap.missing;
+    --counts_.lost;
+    return;
+  }
+}
+
+SweepAssembler::Held SweepAssembler::held_copy(const Packet& packet) {
+  Held held;
+  std::copy(packet.payload.begin(), packet.payload.end(), held.payload.begin());
+  held.tail = packet.tail;
+  held.received_ns = packet.received_ns;
+  return held;
 }
 
 bool SweepAssembler::across_view_gap(std::span<const std::uint8_t> payload) const {
@@ -149,11 +220,7 @@ bool SweepAssembler::hold(const Packet& packet) {
     }
     ++counts_.reordered;
   }
-  Held held;
-  std::copy(packet.payload.begin(), packet.payload.end(), held.payload.begin());
-  held.tail = packet.tail;
-  held.received_ns = packet.received_ns;
-  held_.insert(place, held);
+  held_.insert(place, held_copy(packet));
   return true;
 }
 
@@ -186,6 +253,7 @@ void SweepAssembler::restart(const Packet& packet) {
   started_ = true;
   last_received_ns_ = packet.received_ns;
   view_gap_from_cdeg_ = -1;
+  gaps_ = {};
   expected_ahead_ns_ = ahead_ns;
   process(packet, ahead_ns);
 }
@@ -201,6 +269,11 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   const std::int64_t missing = missing_before(packet, ahead_ns);
   counts_.lost += static_cast<std::uint64_t>(missing);
   if (open_) sweep_.packets_lost += static_cast<std::uint32_t>(missing);
+  if (missing > 0) {
+    gaps_[next_gap_++ % gaps_.size()] = {sensor_ns_, sensor_ns_ + ahead_ns, missing};
+  }
+  recent_toh_us_[recent_++ % recent_toh_us_.size()] = packet.tail.toh_us;
+  late_in_a_row_ = 0;
 
   sensor_ns_ += ahead_ns;
   last_toh_us_ = packet.tail.toh_us;
@@ -216,7 +289,7 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
 
 void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_ns,
                                    std::int64_t received_ns) {
-  const auto group_ns = static_cast<std::int64_t>(decoder_.table()->group_ns);
+  const auto group_ns = static_cast<std::int64_t>(decoder_.group_ns());
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
     std::int64_t time_ns = packet_ns + plan.group[g].offset_ns;
@@ -248,7 +321,7 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   const int forward_cdeg = wrapped(phase_cdeg - phase_cdeg_);
   const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
   const double expected_cdeg =
-      advance_cdeg * static_cast<double>(time_ns - last_group_ns_) / decoder_.table()->group_ns;
+      advance_cdeg * static_cast<double>(time_ns - last_group_ns_) / decoder_.group_ns();
   const bool missed_turn = expected_cdeg - forward_cdeg > kTurnCdeg / 2.0 && !backwards;
   const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
   if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
@@ -273,14 +346,19 @@ void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_
   if (sweep_.columns.size() < sweep_.points.size()) sweep_.columns.resize(sweep_.points.size());
   const ModelTable& table = *decoder_.table();
   const auto groups = static_cast<std::int64_t>(
-      static_cast<double>(time_ns - first_group_ns_) / table.group_ns + 0.5);
+      static_cast<double>(time_ns - first_group_ns_) / decoder_.group_ns() + 0.5);
   const auto column =
       static_cast<std::uint16_t>(std::min<std::int64_t>(groups * table.columns_per_group, 65000));
   Point* const out = sweep_.points.data() + used_;
   const bool first = used_ == 0;
   const std::uint32_t after_base_ns = first ? 0 : static_cast<std::uint32_t>(time_ns - base_ns_);
-  const std::size_t count =
-      decoder_.decode_group(plan, group, after_base_ns, column, out, sweep_.columns.data() + used_);
+  std::uint16_t* const columns = sweep_.columns.data() + used_;
+  std::size_t count = decoder_.decode_group(plan, group, after_base_ns, column, out, columns);
+  if (mask_.active()) {
+    const std::size_t kept = mask_.apply(out, columns, count);
+    counts_.points_masked += count - kept;
+    count = kept;
+  }
   if (first && count > 0) {
     const std::uint32_t shift_ns = out[0].time_ns;
     for (std::size_t i = 0; i < count; ++i) out[i].time_ns -= shift_ns;
@@ -317,7 +395,7 @@ std::uint32_t SweepAssembler::measured_period_ns() const {
   }
   if (last_period_ns_ != 0 || last_advance_cdeg_ <= 0.0) return last_period_ns_;
   return static_cast<std::uint32_t>(
-      std::llround(decoder_.table()->group_ns * kTurnCdeg / last_advance_cdeg_));
+      std::llround(decoder_.group_ns() * kTurnCdeg / last_advance_cdeg_));
 }
 
 void SweepAssembler::close(bool at_seam) {
@@ -340,6 +418,7 @@ void SweepAssembler::close(bool at_seam) {
 void SweepAssembler::flush() {
   if (!started_ && !held_.empty()) process_first_held();
   release_held(0);
+  if (!suspect_.empty()) confirm_step();
   close(false);
 }
 

@@ -13,6 +13,7 @@
 #include "driver/sweep/clock.hpp"
 #include "driver/sweep/decoded_sweep.hpp"
 #include "driver/velodyne/decoder.hpp"
+#include "driver/velodyne/mask.hpp"
 
 namespace zloam::driver {
 
@@ -28,6 +29,7 @@ struct AssemblerConfig {
   ClockSource clock_source = ClockSource::kUnknown;
   /// added to every stamp; e.g. for an HDL-32E that stamps its last firing: -542592
   std::int64_t stamp_offset_ns = 0;
+  MaskConfig mask = {};
 };
 
 /// All that came in, and why it gave no points.
@@ -42,8 +44,9 @@ struct PacketCounts {
   std::uint64_t unknown_mode = 0;
   std::uint64_t bad_time = 0;
   std::uint64_t duplicate = 0;
+  /// came after its place in the order was gone
   std::uint64_t late = 0;
-  /// never came, by the stamps
+  /// never came, by the stamps; a late one did come
   std::uint64_t lost = 0;
   /// came after a later one and was put back in order
   std::uint64_t reordered = 0;
@@ -51,6 +54,8 @@ struct PacketCounts {
   std::uint64_t bad_blocks = 0;
   /// the sensor's clock was set; the sweep was begun anew
   std::uint64_t clock_steps = 0;
+  /// returns left out by the mask
+  std::uint64_t points_masked = 0;
 
   std::vector<std::pair<std::string_view, std::uint64_t>> named() const;
 };
@@ -84,9 +89,14 @@ class SweepAssembler {
     std::int64_t received_ns;
   };
 
+  static Held held_copy(const Packet& packet);
   bool accepted(const PacketTail& tail);
   void order(const Packet& packet);
   bool clock_stepped(const Packet& packet, std::int64_t ahead_us) const;
+  void suspect_step(const Packet& packet);
+  void confirm_step();
+  void drop_suspect();
+  void count_overtaken(std::uint32_t toh_us, std::int64_t ahead_us);
   bool contiguous(const Packet& packet) const;
   bool hold(const Packet& packet);
   void release_held(std::size_t keep);
@@ -104,6 +114,7 @@ class SweepAssembler {
   std::uint32_t measured_period_ns() const;
 
   AssemblerConfig config_;
+  PointMask mask_;
   int seam_cdeg_;
   Decoder decoder_;
   SensorClock clock_;
@@ -120,6 +131,20 @@ class SweepAssembler {
   int view_gap_from_cdeg_ = -1;
   int view_gap_to_cdeg_ = -1;
   std::vector<Held> held_;
+  /// at most one: after a clock that was set, or astray; the next packet tells
+  std::vector<Held> suspect_;
+  int late_in_a_row_ = 0;
+  /// stamps of the packets decoded last, to know a copy that comes late
+  std::array<std::uint32_t, 128> recent_toh_us_{};
+  std::size_t recent_ = 0;
+  /// where packets are missing, to know one that comes after all
+  struct Gap {
+    std::int64_t from_ns = 0;
+    std::int64_t to_ns = 0;
+    std::int64_t missing = 0;
+  };
+  std::array<Gap, 32> gaps_{};
+  std::size_t next_gap_ = 0;
 
   // The open sweep. Phase: azimuth behind the seam.
   bool open_ = false;

@@ -201,7 +201,130 @@ TEST(Assembler, DuplicatesAndVeryLatePacketsAreDroppedByName) {
   late.insert(late.begin() + 60, moved);
   assemble(late, {}, &counts);
   EXPECT_EQ(counts.late, 1U);
-  EXPECT_EQ(counts.lost, 1U);
+  EXPECT_EQ(counts.lost, 0U) << "it came, only too late";
+}
+
+TEST(Assembler, ALateCopyIsACopyAndALatePacketIsNotLost) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 200);
+  std::vector<Payload> stream = packets;
+  stream.insert(stream.begin() + 60, packets[10]);
+  PacketCounts counts;
+  assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.duplicate, 1U);
+  EXPECT_EQ(counts.late, 0U);
+
+  // Later than the window: its points are gone, but it came.
+  stream = packets;
+  stream.erase(stream.begin() + 10);
+  stream.erase(stream.begin() + 50);
+  stream.insert(stream.begin() + 60, packets[10]);
+  assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.late, 1U);
+  EXPECT_EQ(counts.lost, 1U) << "packet 51 only";
+}
+
+TEST(Assembler, ALatePacketWithinTheWindowIsInsertedByTime) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 300);
+  std::vector<Payload> stream;
+  std::size_t moved = 0;
+  for (std::size_t i = 0; i < packets.size(); ++i) {
+    if (i % 20 == 5 && i + 3 < packets.size()) {
+      for (std::size_t k = 1; k <= 3; ++k) stream.push_back(packets[i + k]);
+      stream.push_back(packets[i]);
+      i += 3;
+      ++moved;
+    } else {
+      stream.push_back(packets[i]);
+    }
+  }
+  PacketCounts counts;
+  const auto expected = assemble(packets);
+  const auto got = assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.reordered, moved);
+  EXPECT_EQ(counts.late, 0U);
+  EXPECT_EQ(counts.lost, 0U);
+  ASSERT_EQ(got.size(), expected.size());
+  for (std::size_t s = 0; s < got.size(); ++s) {
+    ASSERT_EQ(got[s].points.size(), expected[s].points.size());
+    EXPECT_EQ(got[s].complete, expected[s].complete);
+    for (std::size_t i = 0; i < got[s].points.size(); ++i) {
+      ASSERT_EQ(got[s].points[i].x, expected[s].points[i].x);
+      ASSERT_EQ(got[s].points[i].time_ns, expected[s].points[i].time_ns);
+    }
+  }
+}
+
+TEST(Assembler, OneStampFromElsewhereIsNoStep) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 200);
+  std::vector<Payload> stream = packets;
+  // 500 s before.
+  stream[100][1203] = static_cast<std::uint8_t>(stream[100][1203] ^ 0x1d);
+  SweepAssembler assembler({}, {});
+  std::int64_t received_ns = 1'700'000'000'000'000'000;
+  for (const Payload& packet : stream) assembler.add(packet, received_ns += 1'327'104);
+  assembler.flush();
+  EXPECT_EQ(assembler.counts().clock_steps, 0U);
+  EXPECT_EQ(assembler.counts().late, 1U);
+  EXPECT_EQ(assembler.counts().lost, 1U) << "its place stays empty";
+  EXPECT_EQ(assembler.counts().decoded, 199U);
+}
+
+TEST(Assembler, APacketFromBeforeTheStepComesLate) {
+  TurningSensor sensor;
+  std::vector<Payload> stream = packets_of(sensor, 150);
+  const Payload late = stream[148];
+  stream.erase(stream.begin() + 148);
+  sensor.time_us += 60e6;
+  for (const Payload& packet : packets_of(sensor, 150)) stream.push_back(packet);
+  stream.insert(stream.begin() + 151, late);
+  SweepAssembler assembler({}, {});
+  std::int64_t received_ns = 1'700'000'000'000'000'000;
+  for (const Payload& packet : stream) assembler.add(packet, received_ns += 1'327'104);
+  assembler.flush();
+  EXPECT_EQ(assembler.counts().clock_steps, 1U);
+  EXPECT_EQ(assembler.counts().late, 1U);
+  EXPECT_EQ(assembler.counts().decoded, 299U);
+}
+
+TEST(Assembler, ASmallStepBackIsKnownByItsManyLatePackets) {
+  TurningSensor sensor;
+  std::vector<Payload> stream = packets_of(sensor, 150);
+  sensor.time_us -= 200'300.0;
+  for (const Payload& packet : packets_of(sensor, 300)) stream.push_back(packet);
+  PacketCounts counts;
+  const auto sweeps = assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.clock_steps, 1U);
+  EXPECT_LE(counts.late, 16U);
+  EXPECT_GE(counts.decoded, 434U);
+  expect_in_time_order(sweeps);
+}
+
+TEST(Assembler, TheMaskLeavesOutAndCounts) {
+  TurningSensor sensor;
+  AssemblerConfig config;
+  config.mask.sectors = {{350.0, 10.0}};
+  PacketCounts counts;
+  std::size_t points = 0;
+  for (const DecodedSweep& sweep : assemble(packets_of(sensor, 300), config, &counts)) {
+    std::uint32_t last_ns = 0;
+    for (const Point& p : sweep.points) {
+      const double deg = azimuth_deg(p);
+      ASSERT_GT(deg, 9.99);
+      ASSERT_LT(deg, 350.01);
+      ASSERT_GE(p.time_ns, last_ns);
+      last_ns = p.time_ns;
+    }
+    if (!sweep.points.empty()) {
+      EXPECT_EQ(sweep.points.front().time_ns, 0U);
+    }
+    points += sweep.points.size();
+  }
+  EXPECT_EQ(points + counts.points_masked, 300U * 384U);
+  EXPECT_EQ(counts.points, points);
+  EXPECT_NEAR(static_cast<double>(counts.points_masked), 300.0 * 384.0 * 20.0 / 360.0, 700.0);
 }
 
 TEST(Assembler, FollowsTheMotorFrom5To20Hz) {

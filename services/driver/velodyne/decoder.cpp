@@ -78,6 +78,14 @@ void Decoder::use_model(Model model) {
   table_ = &model_table(model);
   banks_ = table_->banks;
   unit_m_ = static_cast<float>(table_->distance_unit_m);
+  group_ns_ = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
+  const double stretch = group_ns_ / table_->group_ns;
+  // A limit that is a whole number of units is meant to be within.
+  const double unit_m = table_->distance_unit_m;
+  min_raw_ =
+      static_cast<int>(std::clamp(std::ceil(config_.min_range_m / unit_m - 1e-6), 1.0, 65535.0));
+  max_raw_ =
+      static_cast<int>(std::clamp(std::floor(config_.max_range_m / unit_m + 1e-6), 0.0, 65535.0));
   for (const Channel& channel : table_->channels) {
     const double elevation_rad = channel.elevation_deg * std::numbers::pi / 180.0;
     const double correction_rad = channel.azimuth_correction_deg * std::numbers::pi / 180.0;
@@ -88,7 +96,7 @@ void Decoder::use_model(Model model) {
     up_.push_back(static_cast<float>(std::sin(elevation_rad)));
     height_m_.push_back(config_.vertical_offsets ? static_cast<float>(channel.vertical_offset_m)
                                                  : 0.0F);
-    time_ns_.push_back(static_cast<std::uint32_t>(std::lround(channel.time_ns)));
+    time_ns_.push_back(static_cast<std::uint32_t>(std::lround(stretch * channel.time_ns)));
     ring_.push_back(channel.ring);
     column_.push_back(channel.column);
   }
@@ -165,7 +173,7 @@ PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
 std::int64_t Decoder::packet_period_ns(ReturnMode mode) const {
   if (!table_) return 0;
   const int blocks = (mode == ReturnMode::kDual ? 2 : 1) * table_->banks;
-  return std::llround(table_->group_ns * (kBlocksPerPacket / blocks));
+  return std::llround(group_ns_ * (kBlocksPerPacket / blocks));
 }
 
 PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
@@ -182,10 +190,10 @@ PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode)
 }
 
 void Decoder::read_blocks(PacketPlan& plan) const {
-  const int blocks_per_group = kBlocksPerPacket / plan.groups;
+  const int blocks_per_group = (plan.mode == ReturnMode::kDual ? 2 : 1) * banks_;
   for (int g = 0; g < plan.groups; ++g) {
     Group& group = plan.group[g];
-    group.offset_ns = std::llround(g * table_->group_ns);
+    group.offset_ns = std::llround(g * group_ns_) + table_->first_firing_ns;
     for (int b = 0; b < blocks_per_group; ++b) {
       const std::uint8_t* block = plan.payload + kBlockBytes * (g * blocks_per_group + b);
       const int bank = bank_of(block);
@@ -205,6 +213,11 @@ void Decoder::read_blocks(PacketPlan& plan) const {
 // single gap, whose 0.01 degree rounding it averages out. It never looks beyond the packet, so that
 // a lost packet cannot smear it.
 void Decoder::measure_advance(PacketPlan& plan) {
+  plan.duration_ns = packet_period_ns(plan.mode);
+  if (plan.groups == 1) {
+    advance_by_packets(plan);
+    return;
+  }
   std::array<int, kBlocksPerPacket> gaps{};
   std::array<int, kBlocksPerPacket> group_after{};
   int count = 0;
@@ -214,13 +227,11 @@ void Decoder::measure_advance(PacketPlan& plan) {
     gaps[count++] =
         (plan.group[g].azimuth_cdeg - plan.group[g - 1].azimuth_cdeg + kTurnCdeg) % kTurnCdeg;
   }
-  plan.duration_ns = packet_period_ns(plan.mode);
   std::array<int, kBlocksPerPacket> sorted = gaps;
   const auto middle = sorted.begin() + count / 2;
   std::nth_element(sorted.begin(), middle, sorted.begin() + count);
   const int median = count > 0 ? *middle : 0;
-  const double rpm = median / (kTurnCdeg * table_->group_ns * 1e-9) * 60.0;
-  if (rpm < kMinRpm || rpm > kMaxRpm) {
+  if (!plausible_advance(median)) {
     plan.advance_cdeg = last_advance_cdeg_;
     return;
   }
@@ -244,6 +255,31 @@ void Decoder::measure_advance(PacketPlan& plan) {
   if (large == 1 && count >= 4) pass_view_gap(plan, group_after[large_at], gaps[large_at]);
 }
 
+bool Decoder::plausible_advance(double advance_cdeg) const {
+  const double rpm = advance_cdeg / (kTurnCdeg * group_ns_ * 1e-9) * 60.0;
+  return rpm >= kMinRpm && rpm <= kMaxRpm;
+}
+
+// A packet of one group (128 beams, two returns) cannot tell its own advance. The motor's speed is
+// taken from the stamps and azimuths of this packet and the one before: a speed, so that a lost
+// packet between them does no harm.
+void Decoder::advance_by_packets(PacketPlan& plan) {
+  plan.advance_cdeg = last_advance_cdeg_;
+  if (!plan.group[0].valid) return;
+  const std::int64_t ahead_us =
+      static_cast<std::int64_t>(plan.toh_us) - static_cast<std::int64_t>(last_toh_us_);
+  const int turned_cdeg = (plan.group[0].azimuth_cdeg - last_azimuth_cdeg_ + kTurnCdeg) % kTurnCdeg;
+  const bool known = last_azimuth_cdeg_ >= 0 && ahead_us > 0;
+  last_azimuth_cdeg_ = plan.group[0].azimuth_cdeg;
+  last_toh_us_ = plan.toh_us;
+  if (!known) return;
+  const double advance_cdeg = turned_cdeg * group_ns_ / (1e3 * static_cast<double>(ahead_us));
+  const bool jump = last_advance_cdeg_ > 0.0 && advance_cdeg > 1.8 * last_advance_cdeg_;
+  if (!plausible_advance(advance_cdeg) || jump) return;
+  plan.advance_cdeg = advance_cdeg;
+  last_advance_cdeg_ = advance_cdeg;
+}
+
 void Decoder::smooth_advance(double advance_cdeg) {
   const bool follows = std::abs(advance_cdeg - smooth_advance_cdeg_) < 0.03 * advance_cdeg;
   smooth_advance_cdeg_ =
@@ -255,7 +291,7 @@ void Decoder::smooth_advance(double advance_cdeg) {
 void Decoder::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const {
   plan.gap_before_group = first_group;
   const double skipped_groups = gap_cdeg / smooth_advance_cdeg_ - 1.0;
-  const std::int64_t skipped_ns = std::llround(skipped_groups * table_->group_ns);
+  const std::int64_t skipped_ns = std::llround(skipped_groups * group_ns_);
   for (int g = first_group; g < plan.groups; ++g) plan.group[g].offset_ns += skipped_ns;
   plan.duration_ns += skipped_ns;
 }
@@ -315,65 +351,104 @@ struct BankTables {
   const std::uint16_t* column;
 };
 
+/// Distances that count as returns; raw 0 never does.
+struct RawLimits {
+  int lowest;
+  int highest;
+  bool contain(int raw) const { return raw >= lowest && raw <= highest; }
+};
+
 void put_single(const Cells& cells, const std::uint8_t* block, const BankTables& bank,
-                std::uint32_t time_ns, std::uint16_t column, ReturnType type, Output& output) {
+                RawLimits limits, std::uint32_t time_ns, std::uint16_t column, ReturnType type,
+                Output& output) {
   for (int c = 0; c < kCells; ++c) {
     output.put(cells, block, c, time_ns + bank.time_ns[c], bank.ring[c],
-               static_cast<std::uint16_t>(column + bank.column[c]), type, cells.raw[c] != 0);
+               static_cast<std::uint16_t>(column + bank.column[c]), type,
+               limits.contain(cells.raw[c]));
   }
 }
 
-// Even block: last return; odd block: strongest, or second strongest when strongest and last are
-// one; equal distances are one return (VLP-16 manual p. 57).
+/// Which of two returns is given, and as what.
+struct Choice {
+  bool last;
+  bool strongest;
+  ReturnType last_type;
+  ReturnType strongest_type;
+};
+
+// Equal distances are one return (VLP-16 manual p. 57).
+Choice choose(bool last, bool strongest, bool same, DualReturns policy) {
+  const bool both = policy == DualReturns::kBoth || same;
+  Choice choice{last, strongest && !same, both ? ReturnType::kBoth : ReturnType::kLast,
+                both ? ReturnType::kBoth : ReturnType::kStrongest};
+  if (policy == DualReturns::kStrongest && choice.strongest) choice.last = false;
+  if (policy == DualReturns::kLast && choice.last) choice.strongest = false;
+  return choice;
+}
+
+/// blocks[0]: even, the last returns; blocks[1]: odd, the strongest.
 void put_dual(const Cells (&cells)[2], const std::uint8_t* const (&blocks)[2],
-              const BankTables& bank, std::uint32_t time_ns, std::uint16_t column, Output& output) {
+              const BankTables& bank, RawLimits limits, DualReturns policy, std::uint32_t time_ns,
+              std::uint16_t column, Output& output) {
   for (int c = 0; c < kCells; ++c) {
-    const bool same = cells[0].raw[c] == cells[1].raw[c];
+    const Choice choice = choose(limits.contain(cells[0].raw[c]), limits.contain(cells[1].raw[c]),
+                                 cells[0].raw[c] == cells[1].raw[c], policy);
     const std::uint32_t t = time_ns + bank.time_ns[c];
     const auto col = static_cast<std::uint16_t>(column + bank.column[c]);
-    output.put(cells[0], blocks[0], c, t, bank.ring[c], col,
-               same ? ReturnType::kBoth : ReturnType::kLast, cells[0].raw[c] != 0);
-    output.put(cells[1], blocks[1], c, t, bank.ring[c], col, ReturnType::kStrongest,
-               cells[1].raw[c] != 0 && !same);
+    output.put(cells[0], blocks[0], c, t, bank.ring[c], col, choice.last_type, choice.last);
+    output.put(cells[1], blocks[1], c, t, bank.ring[c], col, choice.strongest_type,
+               choice.strongest);
   }
+}
+
+constexpr int kMostBanks = 4;
+/// Read where a pair has one good block only: no returns.
+constexpr std::array<std::uint8_t, kBlockBytes> kEmptyBlock{};
+
+/// Blocks of one group by bank and return. The flag tells the bank, not the place in the packet.
+using GroupBlocks = std::array<std::array<const std::uint8_t*, 2>, kMostBanks>;
+
+GroupBlocks blocks_by_bank(const std::uint8_t* first, int banks, int returns) {
+  GroupBlocks blocks{};
+  for (int i = 0; i < banks * returns; ++i) {
+    const std::uint8_t* block = first + kBlockBytes * static_cast<std::size_t>(i);
+    const int bank = bank_of(block);
+    if (bank < 0 || bank >= banks || read_u16(block + 2) > kTurnCdeg) continue;
+    if (!blocks[bank][i % returns]) blocks[bank][i % returns] = block;
+  }
+  return blocks;
 }
 
 }  // namespace
 
 std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32_t time_ns,
                                   std::uint16_t column, Point* out, std::uint16_t* columns) const {
-  const bool dual = plan.mode == ReturnMode::kDual;
-  const int returns = dual ? 2 : 1;
+  const int returns = plan.mode == ReturnMode::kDual ? 2 : 1;
   const double azimuth_rad = plan.group[group].azimuth_cdeg * kRadPerCdeg;
   const auto cos_azimuth = static_cast<float>(std::cos(azimuth_rad));
   const auto sin_azimuth = static_cast<float>(std::sin(azimuth_rad));
+  const ReturnType single =
+      plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+  const RawLimits limits{min_raw_, max_raw_};
+  const GroupBlocks by_bank = blocks_by_bank(
+      plan.payload + kBlockBytes * static_cast<std::size_t>(group * banks_ * returns), banks_,
+      returns);
   Output output{out, columns};
   for (int b = 0; b < banks_; ++b) {
-    const std::uint8_t* first =
-        plan.payload + kBlockBytes * static_cast<std::size_t>((group * banks_ + b) * returns);
-    const std::uint8_t* blocks[2] = {first, first + (returns - 1) * kBlockBytes};
+    const std::uint8_t* blocks[2] = {by_bank[b][0], by_bank[b][1]};
+    if (!blocks[0] && !blocks[1]) continue;
+    const std::size_t at = static_cast<std::size_t>(b) * kCells;
+    const BankTables tables{&time_ns_[at], &ring_[at], &column_[at]};
     Cells cells[2];
-    int bank = -1;
     for (int i = 0; i < returns; ++i) {
-      const int own = bank_of(blocks[i]);
-      if (own < 0 || own >= banks_ || read_u16(blocks[i] + 2) > kTurnCdeg) {
-        cells[i] = {};
-        continue;
-      }
-      bank = own;
-      const std::size_t at = static_cast<std::size_t>(own) * kCells;
+      if (!blocks[i]) blocks[i] = kEmptyBlock.data();
       cartesian(blocks[i], cos_azimuth, sin_azimuth, unit_m_, &along_[at], &across_[at], &up_[at],
                 &height_m_[at], cells[i]);
     }
-    if (bank < 0) continue;
-    const std::size_t at = static_cast<std::size_t>(bank) * kCells;
-    const BankTables tables{&time_ns_[at], &ring_[at], &column_[at]};
-    if (dual) {
-      put_dual(cells, blocks, tables, time_ns, column, output);
+    if (returns == 2) {
+      put_dual(cells, blocks, tables, limits, config_.dual_returns, time_ns, column, output);
     } else {
-      put_single(cells[0], first, tables, time_ns, column,
-                 plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest,
-                 output);
+      put_single(cells[0], blocks[0], tables, limits, time_ns, column, single, output);
     }
   }
   return output.count;

@@ -26,6 +26,16 @@ inline constexpr std::size_t kMaxPointsPerPacket = 384;
 
 enum class ReturnMode : std::uint8_t { kUnknown = 0, kStrongest = 1, kLast = 2, kDual = 3 };
 
+/// What becomes of the two returns of one firing. The odd block of a pair is taken for the
+/// strongest; where that is the last one itself, it holds the second strongest, and nothing in the
+/// packet tells the two cases apart (VLP-16 manual p. 57).
+enum class DualReturns : std::uint8_t {
+  kStrongest,  // one: the odd block's, or the even one's where that is empty
+  kLast,       // one: the even block's, or the odd one's where that is empty
+  kBoth,       // both, of equal type for the stages that follow (kBoth); equal distances once
+  kTagged      // both, with their types; equal distances once, as kBoth
+};
+
 /// Why a packet, or a block of it, gave no points.
 enum class Reject : std::uint8_t {
   kNone,
@@ -42,6 +52,13 @@ struct DecoderConfig {
   std::optional<Model> model = std::nullopt;
   /// nothing: by the packets' mode byte
   std::optional<ReturnMode> return_mode = std::nullopt;
+  /// which returns of a pair are given
+  DualReturns dual_returns = DualReturns::kTagged;
+  /// nearer and farther returns are none; both ends belong to it. Of the measured distance.
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  /// from one firing group to the next; 0: the model's own
+  double group_ns = 0.0;
   /// the lasers do not leave from one point; most data sets leave the shift (up to 17 mm) out
   bool vertical_offsets = true;
 };
@@ -95,6 +112,8 @@ class Decoder {
 
   /// Nothing before the first packet when the model is not forced.
   const ModelTable* table() const { return table_; }
+  /// From one firing group to the next.
+  double group_ns() const { return group_ns_; }
   std::size_t max_points_per_group() const { return 64 * static_cast<std::size_t>(banks_); }
 
   /// From one packet's stamp to the next in this mode, without loss.
@@ -110,6 +129,8 @@ class Decoder {
   void note_contradiction(bool& noted, std::string text);
   void read_blocks(PacketPlan& plan) const;
   void measure_advance(PacketPlan& plan);
+  void advance_by_packets(PacketPlan& plan);
+  bool plausible_advance(double advance_cdeg) const;
   void smooth_advance(double advance_cdeg);
   void pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const;
   void prepare_motion(double advance_cdeg);
@@ -117,7 +138,13 @@ class Decoder {
   DecoderConfig config_;
   const ModelTable* table_ = nullptr;
   int banks_ = 1;
+  double group_ns_ = 0.0;
+  int min_raw_ = 1;
+  int max_raw_ = 65535;
   double last_advance_cdeg_ = 0.0;
+  // of the packet before, for packets of one group only
+  int last_azimuth_cdeg_ = -1;
+  std::uint32_t last_toh_us_ = 0;
   double smooth_advance_cdeg_ = 0.0;
   bool model_noted_ = false;
   bool mode_noted_ = false;

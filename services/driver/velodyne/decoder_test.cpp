@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "driver/velodyne/test_packets.hpp"
@@ -155,6 +156,185 @@ TEST(Decoder, C2Vlp32cDual) {
                  {20, 170.496, -0.218741, 15.998505, 0.0, 99, kStrongest}});
 }
 
+/// Single return: three firings of four banks, each with its own flag.
+Payload vls128_payload(const std::array<int, 3>& azimuths_cdeg, std::uint32_t toh_us,
+                       const std::vector<test::CellBytes>& cells) {
+  std::vector<int> azimuths;
+  for (int k = 0; k < kBlocksPerPacket; ++k) azimuths.push_back(azimuths_cdeg[k / 4]);
+  Payload payload = make_payload(azimuths, cells,
+                                 {static_cast<std::uint8_t>(toh_us),
+                                  static_cast<std::uint8_t>(toh_us >> 8), 0, 0, 0x37, 0xa1});
+  constexpr std::array<std::uint8_t, 4> kFlags = {0xEE, 0xDD, 0xCC, 0xBB};
+  for (std::size_t k = 0; k < kBlocksPerPacket; ++k) payload[100 * k + 1] = kFlags[k % 4];
+  return payload;
+}
+
+// The cells are in the second packet: its CRC is the second one published.
+TEST(Decoder, A1Vls128) {
+  const Payload payload = vls128_payload(
+      {60, 80, 100}, 1173,
+      {{0, 0, {0xc4, 0x09, 0x01}}, {2, 0, {0xc4, 0x09, 0x02}}, {7, 31, {0x10, 0x27, 0x03}}});
+  EXPECT_EQ(test::crc32(payload), 0xda9372e7U);
+  Decoder decoder({});
+  const PacketTail tail = decoder.tail(payload);
+  ASSERT_EQ(tail.reject, Reject::kNone);
+  const PacketPlan plan = decoder.plan(payload, tail.mode);
+  ASSERT_EQ(plan.groups, 3);
+  EXPECT_EQ(plan.bad_blocks, 0);
+  struct Row {
+    int group;
+    int ring;
+    double time_us, x, y, z;
+  };
+  std::vector<Point> out(decoder.max_points_per_group() + 1);
+  std::vector<std::uint16_t> columns(out.size());
+  const std::vector<Row> rows = {{0, 4, -7.0, 9.71872, -1.18539, -2.02286},
+                                 {0, 20, 21.9, 9.87661, -1.22214, -0.97353},
+                                 {1, 75, 99.93, 39.82241, 3.75311, 0.29975}};
+  std::size_t row = 0;
+  for (int g = 0; g < plan.groups; ++g) {
+    const std::size_t count = decoder.decode_group(plan, g, 0, 0, out.data(), columns.data());
+    for (std::size_t i = 0; i < count; ++i, ++row) {
+      ASSERT_LT(row, rows.size());
+      SCOPED_TRACE(row);
+      EXPECT_EQ(g, rows[row].group);
+      EXPECT_EQ(out[i].ring, rows[row].ring);
+      EXPECT_NEAR(1e-3 * static_cast<double>(plan.group[g].offset_ns + out[i].time_ns),
+                  rows[row].time_us, 1e-3);
+      EXPECT_NEAR(out[i].x, rows[row].x, 2e-5);
+      EXPECT_NEAR(out[i].y, rows[row].y, 2e-5);
+      EXPECT_NEAR(out[i].z, rows[row].z, 2e-5);
+    }
+  }
+  EXPECT_EQ(row, rows.size());
+}
+
+TEST(Decoder, BanksAreByTheFlagNotByThePlace) {
+  const std::vector<test::CellBytes> cells = {{0, 0, {0xc4, 0x09, 0x01}},
+                                              {2, 0, {0xc4, 0x09, 0x02}}};
+  const Payload usual = vls128_payload({60, 80, 100}, 1173, cells);
+  Payload moved = usual;
+  // Blocks 0 and 2 change places.
+  std::swap_ranges(moved.begin(), moved.begin() + 100, moved.begin() + 200);
+  Decoder a({});
+  Decoder b({});
+  const auto expected = decode_all(a, usual);
+  const auto got = decode_all(b, moved);
+  ASSERT_EQ(got.size(), 2U);
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    EXPECT_EQ(got[i].ring, expected[i].ring);
+    EXPECT_EQ(got[i].time_ns, expected[i].time_ns);
+    EXPECT_EQ(got[i].x, expected[i].x);
+  }
+}
+
+/// Dual return: pairs of blocks for each bank, and four blocks without meaning.
+Payload vls128_dual_payload(int azimuth_cdeg, std::uint32_t toh_us,
+                            const std::vector<test::CellBytes>& cells) {
+  Payload payload = vls128_payload({azimuth_cdeg, azimuth_cdeg, azimuth_cdeg}, toh_us, cells);
+  constexpr std::array<std::uint8_t, 4> kFlags = {0xEE, 0xDD, 0xCC, 0xBB};
+  for (std::size_t k = 0; k < 8; ++k) payload[100 * k + 1] = kFlags[k / 2];
+  std::fill(payload.begin() + 800, payload.begin() + 1200, 0);
+  payload[1204] = 0x39;
+  return payload;
+}
+
+TEST(Decoder, Vls128DualTakesItsSpeedFromTheLastPackets) {
+  Decoder decoder({});
+  // 600 rpm: 20.808 hundredths of a degree in a firing of 57.8 us.
+  std::vector<Point> points;
+  for (int i = 0; i < 20; ++i) {
+    const Payload payload = vls128_dual_payload(
+        static_cast<int>(20.808 * i), static_cast<std::uint32_t>(1000 + 57.8 * i),
+        {{6, 31, {0xc4, 0x09, 0x01}}, {7, 31, {0x10, 0x27, 0x02}}});
+    const PacketTail tail = decoder.tail(payload);
+    const PacketPlan plan = decoder.plan(payload, tail.mode);
+    EXPECT_EQ(plan.groups, 1);
+    EXPECT_EQ(plan.bad_blocks, 0) << "the last four blocks have no meaning";
+    if (i > 0) {
+      EXPECT_NEAR(plan.advance_cdeg, 20.808, 1.1);
+    }
+    points = decode_all(decoder, payload);
+  }
+  ASSERT_EQ(points.size(), 2U);
+  EXPECT_EQ(points[0].return_type, kLast);
+  EXPECT_EQ(points[1].return_type, kStrongest);
+  EXPECT_EQ(points[0].ring, points[1].ring);
+  EXPECT_NEAR(points[0].position().norm(), 10.0, 0.01);
+  EXPECT_NEAR(points[1].position().norm(), 40.0, 0.01);
+}
+
+TEST(Decoder, DualReturnPolicies) {
+  // Channels 3: last 40 m, strongest 16 m; 5: equal; 7: last only; 9: strongest only.
+  const Payload payload = make_payload(azimuth_steps(1000, 40, true),
+                                       {{4, 3, {0x20, 0x4e, 50}},
+                                        {5, 3, {0x40, 0x1f, 200}},
+                                        {4, 5, {0xb8, 0x0b, 9}},
+                                        {5, 5, {0xb8, 0x0b, 9}},
+                                        {4, 7, {0x70, 0x17, 66}},
+                                        {5, 9, {0x70, 0x17, 67}}},
+                                       {0, 0, 0, 0, 0x39, 0x22});
+  using Expect = std::vector<std::pair<int, ReturnType>>;
+  const auto decoded = [&](DualReturns policy) {
+    Decoder decoder({.dual_returns = policy});
+    Expect got;
+    for (const Point& p : decode_all(decoder, payload)) {
+      got.emplace_back(static_cast<int>(p.intensity), p.return_type);
+    }
+    return got;
+  };
+  constexpr ReturnType kBoth = ReturnType::kBoth;
+  EXPECT_EQ(decoded(DualReturns::kTagged),
+            (Expect{{50, kLast}, {200, kStrongest}, {9, kBoth}, {66, kLast}, {67, kStrongest}}));
+  EXPECT_EQ(decoded(DualReturns::kBoth),
+            (Expect{{50, kBoth}, {200, kBoth}, {9, kBoth}, {66, kBoth}, {67, kBoth}}));
+  EXPECT_EQ(decoded(DualReturns::kStrongest),
+            (Expect{{200, kStrongest}, {9, kBoth}, {66, kLast}, {67, kStrongest}}));
+  EXPECT_EQ(decoded(DualReturns::kLast),
+            (Expect{{50, kLast}, {9, kBoth}, {66, kLast}, {67, kStrongest}}));
+}
+
+TEST(Decoder, RangeLimitsBelongToTheRange) {
+  // 0.998, 1.000, 50.000 and 50.002 m.
+  const Payload payload = make_payload(azimuth_steps(1000, 40),
+                                       {{0, 0, {0xf3, 0x01, 1}},
+                                        {0, 1, {0xf4, 0x01, 2}},
+                                        {0, 2, {0xa8, 0x61, 3}},
+                                        {0, 3, {0xa9, 0x61, 4}}},
+                                       {0, 0, 0, 0, 0x37, 0x22});
+  Decoder decoder({.min_range_m = 1.0, .max_range_m = 50.0});
+  const auto points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 2U);
+  EXPECT_EQ(points[0].intensity, 2.0F);
+  EXPECT_EQ(points[1].intensity, 3.0F);
+}
+
+TEST(Decoder, ReflectivityZeroIsAReturnAndDistanceZeroIsNone) {
+  const Payload payload =
+      make_payload(azimuth_steps(1000, 40), {{0, 0, {0x88, 0x13, 0}}, {0, 1, {0, 0, 99}}},
+                   {0, 0, 0, 0, 0x37, 0x22});
+  Decoder decoder({});
+  const auto points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_EQ(points[0].intensity, 0.0F);
+}
+
+// Between 359.99 and 360 degrees a table by rounded azimuth would end.
+TEST(Decoder, NothingHappensAtTheEndOfTheTurn) {
+  const Payload payload =
+      make_payload(azimuth_steps(35997, 40), {{0, 15, {0x88, 0x13, 1}}, {0, 31, {0x88, 0x13, 2}}},
+                   {0, 0, 0, 0, 0x37, 0x22});
+  Decoder decoder({});
+  const auto points = decode_all(decoder, payload);
+  ASSERT_EQ(points.size(), 2U);
+  // 359.97 degrees and 0.40 degrees times the firing's share of the block.
+  for (std::size_t i = 0; i < 2; ++i) {
+    const double share = (34.56 + 55.296 * static_cast<double>(i)) / 110.592;
+    const double expected_deg = -0.03 + 0.40 * share;
+    EXPECT_NEAR(std::atan2(-points[i].y, points[i].x) * 180.0 / M_PI, expected_deg, 1e-4);
+  }
+}
+
 TEST(Decoder, VerticalOffsetsCanBeLeftOut) {
   const Payload payload = make_payload(azimuth_steps(1000, 40), {{0, 0, {0x88, 0x13, 0x64}}},
                                        {0xd2, 0x02, 0x96, 0x49, 0x37, 0x22});
@@ -165,7 +345,8 @@ TEST(Decoder, VerticalOffsetsCanBeLeftOut) {
 }
 
 TEST(Decoder, RingsAreByAscendingElevation) {
-  for (const Model model : {Model::kVlp16, Model::kPuckHiRes, Model::kHdl32e, Model::kVlp32c}) {
+  for (const Model model :
+       {Model::kVlp16, Model::kPuckHiRes, Model::kHdl32e, Model::kVlp32c, Model::kVls128}) {
     const ModelTable& table = model_table(model);
     for (const Channel& a : table.channels) {
       ASSERT_LT(a.ring, table.rings);
@@ -207,6 +388,19 @@ TEST(Decoder, AnotherModelInTheStreamIsAStranger) {
   const Payload hdl32e = make_payload(azimuth_steps(0, 40), {}, {0, 0, 0, 0, 0x37, 0x21});
   EXPECT_EQ(decoder.tail(vlp16).reject, Reject::kNone);
   EXPECT_EQ(decoder.tail(hdl32e).reject, Reject::kModelMismatch);
+}
+
+TEST(Decoder, ForcedReturnModeDecodesAndNamesTheContradiction) {
+  // Old firmware has no such byte; another mode than the packets' is said.
+  const Payload old = make_payload(azimuth_steps(1000, 40), {}, {0, 0, 0, 0, 0x00, 0x00});
+  Decoder forced({.model = Model::kVlp16, .return_mode = ReturnMode::kLast});
+  EXPECT_EQ(forced.tail(old).reject, Reject::kNone);
+  EXPECT_EQ(forced.tail(old).mode, ReturnMode::kLast);
+  EXPECT_TRUE(forced.contradictions().empty());
+  const Payload other = make_payload(azimuth_steps(1000, 40), {}, {0, 0, 0, 0, 0x37, 0x22});
+  EXPECT_EQ(forced.tail(other).mode, ReturnMode::kLast);
+  ASSERT_EQ(forced.contradictions().size(), 1U);
+  EXPECT_NE(forced.contradictions()[0].find("strongest"), std::string::npos);
 }
 
 TEST(Decoder, ForcedModelDecodesAndNamesTheContradiction) {

@@ -36,6 +36,23 @@ constexpr std::array<Beam, 32> kVlp32cBeams = {{
     {-1.4, +10.333}, {+1.4, -1.333},
 }};
 
+// Degrees by laser. Laser l leaves at the azimuth correction number l mod 8.
+constexpr std::array<double, 8> kVls128AzimuthDeg = {-6.354, -4.548, -2.732, -0.911,
+                                                     0.911,  2.732,  4.548,  6.354};
+constexpr std::array<double, 128> kVls128ElevationDeg = {
+    -11.742, -1.990, 3.400,  -5.290,  -0.780, 4.610,  -4.080, 1.310,  -6.500, -1.110,  4.280,
+    -4.410,  0.100,  6.480,  -3.200,  2.190,  -3.860, 1.530,  -9.244, -1.770, 2.740,   -5.950,
+    -0.560,  4.830,  -2.980, 2.410,   -6.280, -0.890, 3.620,  -5.070, 0.320,  7.580,   -0.340,
+    5.180,   -3.640, 1.750,  -25.000, -2.430, 2.960,  -5.730, 0.540,  9.700,  -2.760,  2.630,
+    -7.650,  -1.550, 3.840,  -4.850,  3.180,  -5.510, -0.120, 5.730,  -4.300, 1.090,   -16.042,
+    -2.210,  4.060,  -4.630, 0.760,   15.000, -3.420, 1.970,  -6.850, -1.330, -5.620,  -0.230,
+    5.430,   -3.530, 0.980,  -19.582, -2.320, 3.070,  -4.740, 0.650,  11.750, -2.650,  1.860,
+    -7.150,  -1.440, 3.950,  -2.100,  3.290,  -5.400, -0.010, 4.500,  -4.190, 1.200,   -13.565,
+    -1.220,  4.170,  -4.520, 0.870,   6.080,  -3.310, 2.080,  -6.650, 1.420,  -10.346, -1.880,
+    3.510,   -6.060, -0.670, 4.720,   -3.970, 2.300,  -6.390, -1.000, 4.390,  -5.180,  0.210,
+    6.980,   -3.090, 4.980,  -3.750,  1.640,  -8.352, -2.540, 2.850,  -5.840, -0.450,  8.430,
+    -2.870,  2.520,  -6.170, -1.660,  3.730,  -4.960, 0.430};
+
 // Lasers of the 16- and 32-beam Pucks alternate between the lower and the upper half of the fan.
 constexpr int interleaved_ring(int laser, int lasers) {
   return laser % 2 == 0 ? laser / 2 : lasers / 2 + laser / 2;
@@ -102,6 +119,28 @@ std::vector<Channel> vlp32c_channels() {
   return channels;
 }
 
+// Eight lasers fire together; two slots without firing follow the eighth and the last firing.
+constexpr double kVls128SlotNs = 2890.0;
+constexpr int kVls128Slots = 20;
+
+std::vector<Channel> vls128_channels() {
+  std::vector<Channel> channels;
+  for (int laser = 0; laser < 128; ++laser) {
+    const double elevation_deg = kVls128ElevationDeg[laser];
+    const int firing = laser / 8;
+    channels.push_back({.elevation_deg = elevation_deg,
+                        .azimuth_correction_deg = kVls128AzimuthDeg[laser % 8],
+                        .vertical_offset_m = offset_by_focal_length_m(58.63, elevation_deg),
+                        .time_ns = kVls128SlotNs * (firing + 2 * (firing / 8)),
+                        .ring = 0,
+                        .column = 0});
+  }
+  for (Channel& channel : channels) {
+    channel.ring = rank_by_elevation(channels, channel.elevation_deg);
+  }
+  return channels;
+}
+
 std::vector<ModelTable> build_tables() {
   std::vector<ModelTable> tables;
   tables.push_back({Model::kVlp16,
@@ -144,6 +183,18 @@ std::vector<ModelTable> build_tables() {
                     1,
                     1,
                     vlp32c_channels()});
+  tables.push_back({Model::kVls128,
+                    "vls128",
+                    "VLS-128",
+                    {0xA1, 0x63},
+                    128,
+                    0.004,
+                    kVls128Slots * kVls128SlotNs,
+                    1,
+                    4,
+                    vls128_channels(),
+                    -7000,
+                    true});
   return tables;
 }
 
@@ -182,14 +233,11 @@ std::string_view product_label(std::uint8_t product_id) {
       return "VLP-32A/B";
     case 0x31:
       return "Velarray";
-    case 0x63:
-    case 0xA1:
-      return "VLS-128";
     default:
       return "unknown";
   }
 }
 
-std::string_view known_model_names() { return "vlp16, puck-hires, hdl32e, vlp32c"; }
+std::string_view known_model_names() { return "vlp16, puck-hires, hdl32e, vlp32c, vls128"; }
 
 }  // namespace zloam::driver

@@ -1,6 +1,7 @@
 #pragma once
 // What is fixed for a model: laser tables, firing times, units. Tables: VLP-16 manual (63-9243) p.
-// 54 to 62, VLP-32C manual (63-9325) p. 55 to 67, HDL-32E application note 63-9277.
+// 54 to 62, VLP-32C manual (63-9325) p. 55 to 67, HDL-32E application note 63-9277, VLS-128: beams
+// as in the sensor's calibration file, timing as firmware 5.2.3 has it (20 slots of 2.89 us).
 
 #include <array>
 #include <cstdint>
@@ -43,6 +44,11 @@ struct ModelTable {
   int banks;
   /// banks * 32
   std::vector<Channel> channels;
+  /// of the group's first firing after the packet's stamp (VLS-128 manual 63-9483)
+  std::int64_t first_firing_ns = 0;
+  /// the firmware's firing period is not the same in all sensors: group_ns is the newest's, and
+  /// what the packets say counts
+  bool period_varies = false;
 };
 
 /// The table of a model; built once, lives as long as the program.

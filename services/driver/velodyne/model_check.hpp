@@ -19,4 +19,11 @@ inline constexpr std::size_t kTimingPackets = 7;
 std::optional<Model> model_by_timing(const std::vector<std::vector<std::uint8_t>>& payloads,
                                      std::optional<Model> declared);
 
+/// From one firing group to the next, for a model whose firmware decides that: the published value
+/// that fits the packets' stamps, otherwise what the stamps say. 0 for all other models, and with
+/// too few packets. Of a VLS-128, packets of 160 us (firmware 5.1.7) and 173.4 us (5.2.3) are
+/// published, and 165.8 us is what a recording has.
+double measured_group_ns(const std::vector<std::vector<std::uint8_t>>& payloads,
+                         const DecoderConfig& config);
+
 }  // namespace zloam::driver

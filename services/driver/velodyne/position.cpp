@@ -152,4 +152,13 @@ std::optional<NmeaFix> parse_rmc(std::string_view sentence) {
   return fix;
 }
 
+bool agrees_with_utc(std::uint32_t toh_us, std::int64_t utc_ns) {
+  if (utc_ns == 0) return true;
+  constexpr std::int64_t kHourNs = 3'600'000'000'000;
+  constexpr std::int64_t kToleranceNs = 2'000'000'000;
+  const std::int64_t apart_ns =
+      ((1000 * static_cast<std::int64_t>(toh_us) - utc_ns) % kHourNs + kHourNs) % kHourNs;
+  return std::min(apart_ns, kHourNs - apart_ns) < kToleranceNs;
+}
+
 }  // namespace zloam::driver

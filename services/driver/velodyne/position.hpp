@@ -46,4 +46,8 @@ struct NmeaFix {
 /// A $..RMC sentence. Nothing for other sentences, a wrong checksum, or fields that are no numbers.
 std::optional<NmeaFix> parse_rmc(std::string_view sentence);
 
+/// Whether a sensor's time of the hour is that of its receiver's sentence to 2 s (a sentence tells
+/// of the second before). True when the sentence has no date.
+bool agrees_with_utc(std::uint32_t toh_us, std::int64_t utc_ns);
+
 }  // namespace zloam::driver

@@ -92,5 +92,16 @@ TEST(Nmea, AVoidFixHasATimeButIsNotValid) {
   EXPECT_EQ(fix->utc_ns, 946728000'500'000'000);
 }
 
+TEST(Position, TheSensorsHourIsComparedWithTheSentence) {
+  // 2018-09-10 21:35:04 UTC.
+  const std::int64_t utc_ns = 1'536'615'304'000'000'000;
+  EXPECT_TRUE(agrees_with_utc(2'104'000'123U, utc_ns));
+  EXPECT_TRUE(agrees_with_utc(2'105'500'000U, utc_ns)) << "the sentence is of the second before";
+  EXPECT_FALSE(agrees_with_utc(2'107'000'000U, utc_ns));
+  EXPECT_FALSE(agrees_with_utc(404'000'000U, utc_ns));
+  EXPECT_TRUE(agrees_with_utc(3'599'500'000U, 1'536'613'200'000'000'000)) << "across the hour";
+  EXPECT_TRUE(agrees_with_utc(1U, 0)) << "no date, nothing to compare";
+}
+
 }  // namespace
 }  // namespace zloam::driver
