@@ -71,7 +71,7 @@ void IntegrationStage::take(const OdometryMessage& message) {
   pose.replay = message.replay();
   odometry_.push_back({pose.instant_ns, pose.T_odom_base});
   waiting_.emplace(pose.sweep, message.raw());
-  publish(integrator_.add(pose));
+  publish(integrator_.add(pose), message.raw().started_ns);
 }
 
 void IntegrationStage::take(const CorrectionMessage& message) {
@@ -82,14 +82,16 @@ void IntegrationStage::take(const CorrectionMessage& message) {
   correction.covariance = covariance_of(message->covariance());
   correction.health = health_of(message->health());
   correction.degenerate = message->degenerate();
-  publish(integrator_.add(correction));
+  publish(integrator_.add(correction), message.raw().started_ns);
 }
 
-void IntegrationStage::publish(const std::vector<FusedPose>& poses) {
+void IntegrationStage::publish(const std::vector<FusedPose>& poses, std::int64_t started_ns) {
   for (const FusedPose& pose : poses) {
     const auto cause = waiting_.find(pose.sweep);
     if (cause == waiting_.end()) continue;
-    const runtime::Message message = cause->second;
+    runtime::Message message = cause->second;
+    // A pose that waited for its correction is worked on from that one's arrival.
+    message.started_ns = started_ns;
     waiting_.erase(cause);
     publish(pose, message);
   }

@@ -23,7 +23,8 @@ class IntegrationStage {
   void new_run();
   void take(const OdometryMessage& message);
   void take(const CorrectionMessage& message);
-  void publish(const std::vector<FusedPose>& poses);
+  /// poses that can leave now, by work that began at the host's time
+  void publish(const std::vector<FusedPose>& poses, std::int64_t started_ns);
   void publish(const FusedPose& fused, const runtime::Message& cause);
   std::string write_files();
   runtime::CommandReply save(const std::string& arguments_json);

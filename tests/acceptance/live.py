@@ -27,15 +27,15 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def send(capture: Path, port: int, seconds: float) -> None:
-    """Each datagram at its own time after the first."""
+def send(capture: Path, port: int, seconds: float, slower: float = 1.0) -> None:
+    """Each datagram of so many seconds at its own time after the first."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         began, first = time.monotonic(), None
         for stamp, payload in udp_payloads(capture):
             first = stamp if first is None else first
             if stamp - first > seconds:
                 return
-            wait = began + (stamp - first) - time.monotonic()
+            wait = began + slower * (stamp - first) - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
             # position packets go to another port on a sensor; only data is sent here
