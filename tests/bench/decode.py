@@ -109,7 +109,7 @@ def benchmarks(setting: BenchSetting) -> list[Benchmark]:
         ),
         Benchmark(
             "decode-recorded",
-            "packets of a real VLP-16, without pcap; a short file, opened anew for each loop by ours",
+            "packets of a real VLP-16, without pcap; ours opens the short file for each loop",
             lambda: _recorded(setting),
         ),
         Benchmark(
