@@ -1,0 +1,139 @@
+#include "store/file.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <fstream>
+#include <iterator>
+#include <system_error>
+#include <utility>
+
+namespace zloam::store {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::uint64_t changes_done = 0;
+std::uint64_t change_to_die_at = 0;
+
+[[noreturn]] void fail(const std::string& what, const fs::path& path) {
+  throw std::system_error(errno, std::generic_category(), what + " " + path.string());
+}
+
+/// Counts one change; true: this is the one to die in.
+bool last_change() { return ++changes_done == change_to_die_at; }
+
+void die() { ::raise(SIGKILL); }
+
+void write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(descriptor, bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) fail("can't write", path);
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+  }
+}
+
+}  // namespace
+
+void die_at_change(std::uint64_t n) {
+  changes_done = 0;
+  change_to_die_at = n;
+}
+
+std::uint64_t changes() { return changes_done; }
+
+AppendFile::AppendFile(const fs::path& path) : path_(path) {
+  if (last_change()) die();
+  descriptor_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  if (descriptor_ < 0) fail("can't open", path);
+  const off_t end = ::lseek(descriptor_, 0, SEEK_END);
+  size_ = end > 0 ? static_cast<std::uint64_t>(end) : 0;
+}
+
+AppendFile::~AppendFile() { close(); }
+
+AppendFile::AppendFile(AppendFile&& other) noexcept
+    : descriptor_(std::exchange(other.descriptor_, -1)),
+      size_(other.size_),
+      path_(std::move(other.path_)) {}
+
+AppendFile& AppendFile::operator=(AppendFile&& other) noexcept {
+  if (this != &other) {
+    close();
+    descriptor_ = std::exchange(other.descriptor_, -1);
+    size_ = other.size_;
+    path_ = std::move(other.path_);
+  }
+  return *this;
+}
+
+void AppendFile::append(std::span<const std::uint8_t> bytes) {
+  if (last_change()) {
+    write_all(descriptor_, bytes.first(bytes.size() / 2), path_);
+    die();
+  }
+  try {
+    write_all(descriptor_, bytes, path_);
+  } catch (const std::system_error&) {
+    // A full disk: what was half written must not stand before the next record.
+    if (::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0) close();
+    throw;
+  }
+  size_ += bytes.size();
+}
+
+void AppendFile::sync() {
+  if (last_change()) die();
+  if (::fsync(descriptor_) != 0) fail("can't sync", path_);
+}
+
+void AppendFile::close() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+  descriptor_ = -1;
+}
+
+std::vector<std::uint8_t> read_file(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) fail("can't read", path);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+std::vector<std::uint8_t> read_part(const fs::path& path, std::uint64_t offset, std::size_t size) {
+  std::vector<std::uint8_t> bytes(size);
+  std::ifstream in(path, std::ios::binary);
+  in.seekg(static_cast<std::streamoff>(offset));
+  in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (!in) fail("can't read", path);
+  return bytes;
+}
+
+void truncate_file(const fs::path& path, std::uint64_t size) {
+  if (last_change()) die();
+  if (::truncate(path.c_str(), static_cast<off_t>(size)) != 0) fail("can't cut", path);
+}
+
+void rename_file(const fs::path& from, const fs::path& to) {
+  if (last_change()) die();
+  if (::rename(from.c_str(), to.c_str()) != 0) fail("can't rename to", to);
+  sync_folder(to.parent_path());
+}
+
+void remove_file(const fs::path& path) {
+  if (last_change()) die();
+  if (::unlink(path.c_str()) != 0 && errno != ENOENT) fail("can't remove", path);
+}
+
+void sync_folder(const fs::path& folder) {
+  if (last_change()) die();
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) fail("can't open", folder);
+  const int result = ::fsync(descriptor);
+  ::close(descriptor);
+  if (result != 0) fail("can't sync", folder);
+}
+
+}  // namespace zloam::store

@@ -1,0 +1,52 @@
+#pragma once
+// A file that is only ever appended to, and the few operations on folders that must not be lost at
+// a power failure. Every operation that changes the disk is counted, so that a test can end the
+// process in the middle of any of them.
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace zloam::store {
+
+/// The process ends itself by SIGKILL at the n-th change of the disk from 1; a write is then half
+/// done. 0: never. Also set by the environment, ZLOAM_FAULT_STORE_WRITE, in the program.
+void die_at_change(std::uint64_t n);
+/// Changes so far.
+std::uint64_t changes();
+
+/// Throws std::system_error with the path when something fails.
+class AppendFile {
+ public:
+  AppendFile() = default;
+  /// Creates the file, or opens it and goes to its end.
+  explicit AppendFile(const std::filesystem::path& path);
+  ~AppendFile();
+  AppendFile(AppendFile&& other) noexcept;
+  AppendFile& operator=(AppendFile&& other) noexcept;
+
+  bool is_open() const { return descriptor_ >= 0; }
+  std::uint64_t size() const { return size_; }
+  void append(std::span<const std::uint8_t> bytes);
+  void sync();
+  void close();
+
+ private:
+  int descriptor_ = -1;
+  std::uint64_t size_ = 0;
+  std::filesystem::path path_;
+};
+
+std::vector<std::uint8_t> read_file(const std::filesystem::path& path);
+/// Bytes [offset, offset + size); throws when they are not all there.
+std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint64_t offset,
+                                    std::size_t size);
+void truncate_file(const std::filesystem::path& path, std::uint64_t size);
+/// Renames within a folder, and syncs the folder.
+void rename_file(const std::filesystem::path& from, const std::filesystem::path& to);
+void remove_file(const std::filesystem::path& path);
+void sync_folder(const std::filesystem::path& folder);
+
+}  // namespace zloam::store

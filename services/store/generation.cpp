@@ -1,0 +1,33 @@
+#include "store/generation.hpp"
+
+#include <cstring>
+
+namespace zloam::store {
+namespace {
+
+// No key of Zenoh starts with '#': it can't meet a message's.
+constexpr const char* kKey = "#map";
+constexpr std::size_t kSize = 2 * sizeof(std::uint64_t);
+
+}  // namespace
+
+Generations::Generations(TileStore& store) : store_(store) {
+  const auto found = store.get(kKey);
+  if (!found || found->payload.size() != kSize) return;
+  std::memcpy(&run_, found->payload.data(), sizeof run_);
+  std::memcpy(&map_id_, found->payload.data() + sizeof run_, sizeof map_id_);
+  number_ = found->rank.map_id;
+}
+
+std::uint64_t Generations::of(std::uint64_t run, std::uint64_t map_id) {
+  if (number_ > 0 && run == run_ && map_id == map_id_) return number_;
+  StoredMessage record{kKey, "", {number_ + 1, 0, 0}, std::vector<std::uint8_t>(kSize)};
+  std::memcpy(record.payload.data(), &run, sizeof run);
+  std::memcpy(record.payload.data() + sizeof run, &map_id, sizeof map_id);
+  store_.put(record);
+  run_ = run;
+  map_id_ = map_id;
+  return ++number_;
+}
+
+}  // namespace zloam::store

@@ -1,0 +1,175 @@
+#include "store/record_log.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdio>
+#include <map>
+#include <system_error>
+
+#include "store/crc32c.hpp"
+
+namespace zloam::store {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr std::size_t kHead = 8;
+constexpr const char* kTemporary = "compaction.tmp";
+
+std::uint32_t read_u32(const std::uint8_t* p) {
+  return static_cast<std::uint32_t>(p[0]) | static_cast<std::uint32_t>(p[1]) << 8 |
+         static_cast<std::uint32_t>(p[2]) << 16 | static_cast<std::uint32_t>(p[3]) << 24;
+}
+
+void put_u32(std::uint8_t* p, std::uint32_t value) {
+  for (int i = 0; i < 4; ++i) p[i] = static_cast<std::uint8_t>(value >> (8 * i));
+}
+
+/// One write for head and body: what a kill leaves is a prefix.
+std::vector<std::uint8_t> framed(std::span<const std::uint8_t> body) {
+  std::vector<std::uint8_t> bytes(kHead + body.size());
+  put_u32(bytes.data(), static_cast<std::uint32_t>(body.size()));
+  put_u32(bytes.data() + 4, crc32c(body));
+  std::copy(body.begin(), body.end(), bytes.begin() + kHead);
+  return bytes;
+}
+
+/// Size of the body of the record at the offset; 0: no whole record is there. An empty body is
+/// none, as zeros after a power failure would pass for it.
+std::uint32_t body_size(std::span<const std::uint8_t> bytes, std::size_t at, std::uint32_t limit) {
+  if (bytes.size() - at < kHead) return 0;
+  const std::uint32_t size = read_u32(bytes.data() + at);
+  if (size == 0 || size > limit || bytes.size() - at - kHead < size) return 0;
+  const bool good = crc32c(bytes.subspan(at + kHead, size)) == read_u32(bytes.data() + at + 4);
+  return good ? size : 0;
+}
+
+/// Numbers of the files <digits><extension>, ascending.
+std::vector<std::uint64_t> numbers(const fs::path& folder, const std::string& extension) {
+  std::vector<std::uint64_t> found;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.path().extension() != extension) continue;
+    const std::string stem = entry.path().stem().string();
+    std::uint64_t n = 0;
+    const auto [end, error] = std::from_chars(stem.data(), stem.data() + stem.size(), n);
+    if (error == std::errc{} && end == stem.data() + stem.size()) found.push_back(n);
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+}  // namespace
+
+RecordLog::RecordLog(fs::path folder, const LogLimits& limits, const OnRecord& on_record)
+    : folder_(std::move(folder)), limits_(limits) {
+  fs::create_directories(folder_);
+  fs::remove(folder_ / kTemporary);
+  recover(on_record);
+  open_segment();
+}
+
+fs::path RecordLog::path_of(std::uint64_t number, bool base) const {
+  std::array<char, 32> name{};
+  std::snprintf(name.data(), name.size(), "%08llu.%s", static_cast<unsigned long long>(number),
+                base ? "base" : "log");
+  return folder_ / name.data();
+}
+
+void RecordLog::recover(const OnRecord& on_record) {
+  const std::vector<std::uint64_t> bases = numbers(folder_, ".base");
+  const std::uint64_t base = bases.empty() ? 0 : bases.back();
+  // Left by a process that was killed between the new base and the end of the cleaning.
+  remove_up_to(base, true);
+  number_ = base;
+  bool whole = bases.empty() || read_segment(base, true, on_record);
+  for (const std::uint64_t n : numbers(folder_, ".log")) {
+    number_ = n;
+    if (whole) {
+      whole = read_segment(n, false, on_record);
+    } else {
+      const fs::path path = path_of(n, false);
+      rename_file(path, path.string() + ".ignored");
+      ++recovery_.ignored_segments;
+    }
+  }
+}
+
+bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on_record) {
+  const fs::path path = path_of(number, base);
+  const std::vector<std::uint8_t> bytes = read_file(path);
+  std::size_t at = 0;
+  while (const std::uint32_t size = body_size(bytes, at, limits_.record_bytes)) {
+    on_record(std::span(bytes).subspan(at + kHead, size), Place{number, base, at + kHead, size});
+    at += kHead + size;
+    ++recovery_.records;
+  }
+  recovery_.bytes += at;
+  bytes_ += at;
+  if (at == bytes.size()) return true;
+  recovery_.cut_bytes += bytes.size() - at;
+  truncate_file(path, at);
+  return false;
+}
+
+void RecordLog::open_segment() {
+  if (segment_.is_open()) sync();
+  segment_ = AppendFile(path_of(++number_, false));
+  sync_folder(folder_);
+}
+
+Place RecordLog::append(std::span<const std::uint8_t> body) {
+  if (body.empty() || body.size() > limits_.record_bytes) {
+    throw std::system_error(std::make_error_code(std::errc::message_size),
+                            "a record of " + std::to_string(body.size()) + " bytes");
+  }
+  if (segment_.size() > 0 && segment_.size() + body.size() > limits_.segment_bytes) open_segment();
+  const Place place{number_, false, segment_.size() + kHead,
+                    static_cast<std::uint32_t>(body.size())};
+  segment_.append(framed(body));
+  unsynced_ += kHead + body.size();
+  bytes_ += kHead + body.size();
+  return place;
+}
+
+void RecordLog::sync() {
+  if (unsynced_ == 0) return;
+  segment_.sync();
+  unsynced_ = 0;
+}
+
+std::vector<std::uint8_t> RecordLog::read(const Place& place) const {
+  return read_part(path_of(place.file, place.base), place.offset, place.size);
+}
+
+void RecordLog::remove_up_to(std::uint64_t number, bool bases) {
+  for (const std::uint64_t n : numbers(folder_, ".log")) {
+    if (n <= number) remove_file(path_of(n, false));
+  }
+  for (const std::uint64_t n : numbers(folder_, ".base")) {
+    if (bases && n < number) remove_file(path_of(n, true));
+  }
+}
+
+void RecordLog::compact(
+    const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep) {
+  const fs::path temporary = folder_ / kTemporary;
+  fs::remove(temporary);
+  const std::uint64_t base = number_;
+  AppendFile file(temporary);
+  keep([&file, base](std::span<const std::uint8_t> body) {
+    const Place place{base, true, file.size() + kHead, static_cast<std::uint32_t>(body.size())};
+    file.append(framed(body));
+    return place;
+  });
+  file.sync();
+  const std::uint64_t size = file.size();
+  file.close();
+  rename_file(temporary, path_of(base, true));
+  bytes_ = size;
+  unsynced_ = 0;
+  segment_.close();
+  open_segment();
+  remove_up_to(base, true);
+}
+
+}  // namespace zloam::store

@@ -1,0 +1,83 @@
+#pragma once
+// Records on disk: {length u32, crc32c u32, body} after one another, little endian, in segments
+// 00000001.log, 00000002.log, ... A compaction puts what still holds into one file <n>.base, which
+// stands for all segments up to n: written under a temporary name, synced, renamed, folder synced;
+// only then the segments go. On start the newest base is read, then the segments above it; the
+// first bad record ends the log there, is cut off, and segments behind it are set aside as
+// *.ignored.
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "store/file.hpp"
+
+namespace zloam::store {
+
+/// Where a body lies.
+struct Place {
+  std::uint64_t file = 0;
+  bool base = false;
+  std::uint64_t offset = 0;
+  std::uint32_t size = 0;
+};
+
+struct LogLimits {
+  std::uint64_t segment_bytes = 64U << 20;
+  /// a longer record is taken for a broken one
+  std::uint32_t record_bytes = 512U << 20;
+};
+
+struct Recovery {
+  std::uint64_t records = 0;
+  std::uint64_t bytes = 0;
+  /// cut off at the end of the log, and set aside behind it
+  std::uint64_t cut_bytes = 0;
+  std::uint64_t ignored_segments = 0;
+};
+
+class RecordLog {
+ public:
+  using OnRecord = std::function<void(std::span<const std::uint8_t> body, const Place& place)>;
+
+  /// Creates the folder or recovers what is in it, calling on_record for each record in order.
+  /// Throws std::system_error when the folder can't be used.
+  RecordLog(std::filesystem::path folder, const LogLimits& limits, const OnRecord& on_record);
+
+  /// After it returns a kill loses nothing; a power failure loses what is not synced.
+  Place append(std::span<const std::uint8_t> body);
+  /// Bytes that a power failure would lose.
+  std::uint64_t unsynced_bytes() const { return unsynced_; }
+  void sync();
+
+  std::vector<std::uint8_t> read(const Place& place) const;
+
+  /// Replaces everything by the records that `keep` gives to its argument, which returns their new
+  /// places.
+  void compact(
+      const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep);
+
+  std::uint64_t bytes() const { return bytes_; }
+  const Recovery& recovery() const { return recovery_; }
+
+ private:
+  std::filesystem::path path_of(std::uint64_t number, bool base) const;
+  void recover(const OnRecord& on_record);
+  /// True: whole; false: it ended at a bad record, cut off there.
+  bool read_segment(std::uint64_t number, bool base, const OnRecord& on_record);
+  void open_segment();
+  void remove_up_to(std::uint64_t number, bool bases);
+
+  std::filesystem::path folder_;
+  LogLimits limits_;
+  Recovery recovery_;
+  AppendFile segment_;
+  std::uint64_t number_ = 0;
+  std::uint64_t unsynced_ = 0;
+  std::uint64_t bytes_ = 0;
+};
+
+}  // namespace zloam::store

@@ -1,0 +1,277 @@
+// The tile store against cuts at any byte, kills at any change of the disk, and a model in memory.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <random>
+
+#include "store/crc32c.hpp"
+#include "store/tile_store.hpp"
+
+namespace zloam::store {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+
+class Store : public testing::Test {
+ protected:
+  Store() {
+    std::string name = (fs::temp_directory_path() / "zloam-store-XXXXXX").string();
+    root_ = mkdtemp(name.data());
+  }
+  ~Store() override { fs::remove_all(root_); }
+  fs::path root_;
+};
+
+StoredMessage message(const std::string& key, std::uint64_t version, std::size_t size = 40) {
+  StoredMessage m{"loam/r/map/tile/" + key, "flat", {1, 1, version}, {}};
+  for (std::size_t i = 0; i < size; ++i) {
+    m.payload.push_back(static_cast<std::uint8_t>(version * 31 + i * 7 + key[0]));
+  }
+  return m;
+}
+
+fs::path last_segment(const fs::path& folder) {
+  fs::path last;
+  for (const auto& e : fs::directory_iterator(folder)) {
+    const bool filled = e.path().extension() == ".log" && e.file_size() > 0;
+    if (filled && e.path() > last) last = e.path();
+  }
+  return last;
+}
+
+std::vector<std::uint8_t> bytes_of(std::string_view text) { return {text.begin(), text.end()}; }
+
+// RFC 3720, appendix B.4, and the check value of the catalogue of CRC algorithms (CRC-32/ISCSI).
+TEST(Crc32c, KnownVectors) {
+  EXPECT_EQ(crc32c(bytes_of("123456789")), 0xE3069283U);
+  EXPECT_EQ(crc32c(std::vector<std::uint8_t>(32, 0x00)), 0x8A9136AAU);
+  EXPECT_EQ(crc32c(std::vector<std::uint8_t>(32, 0xFF)), 0x62A8AB43U);
+  std::vector<std::uint8_t> ascending;
+  for (int i = 0; i < 32; ++i) ascending.push_back(static_cast<std::uint8_t>(i));
+  EXPECT_EQ(crc32c(ascending), 0x46DD794EU);
+  EXPECT_EQ(crc32c({}), 0U);
+}
+
+TEST_F(Store, TheGreatestRankWinsWhateverTheOrder) {
+  std::vector<Rank> ranks = {{1, 1, 5}, {1, 1, 4}, {1, 2, 1}, {1, 1, 9}, {1, 2, 2}};
+  std::sort(ranks.begin(), ranks.end());
+  do {
+    fs::remove_all(root_ / "s");
+    TileStore store(root_ / "s", {});
+    for (const Rank& rank : ranks) {
+      StoredMessage m = message("a", rank.version);
+      m.rank = rank;
+      store.put(m);
+    }
+    ASSERT_EQ(store.rank("loam/r/map/tile/a"), (Rank{1, 2, 2}));
+    ASSERT_EQ(TileStore(root_ / "s", {}).get("loam/r/map/tile/a")->payload,
+              message("a", 2).payload);
+  } while (std::next_permutation(ranks.begin(), ranks.end()));
+}
+
+TEST_F(Store, ANewMapPutsTheOldOneAway) {
+  {
+    TileStore store(root_, {});
+    store.put(message("a", 7));
+    store.put(message("b", 8));
+    StoredMessage next = message("c", 1);
+    next.rank.map_id = 2;
+    EXPECT_EQ(store.put(next), PutResult::kStored);
+    EXPECT_THAT(store.keys(), ElementsAre(next.key));
+    EXPECT_EQ(store.put(message("a", 99)), PutResult::kOld);
+    store.compact();
+  }
+  TileStore again(root_, {});
+  EXPECT_EQ(again.newest_map(), 2U);
+  EXPECT_EQ(again.keys().size(), 1U);
+  EXPECT_EQ(again.recovery().records, 1U) << "the old map's records are gone from the disk";
+}
+
+TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
+  std::vector<std::uint64_t> ends = {0};
+  {
+    TileStore store(root_ / "whole", {});
+    for (std::uint64_t v = 1; v <= 5; ++v) {
+      store.put(message(std::string(1, static_cast<char>('a' + v)), v, 20 + 3 * v));
+      ends.push_back(store.log_bytes());
+    }
+  }
+  const std::vector<std::uint8_t> whole = read_file(last_segment(root_ / "whole"));
+  ASSERT_EQ(whole.size(), ends.back());
+  for (std::size_t cut = 0; cut <= whole.size(); ++cut) {
+    const fs::path folder = root_ / "cut";
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+    std::ofstream(folder / "00000001.log", std::ios::binary)
+        .write(reinterpret_cast<const char*>(whole.data()), static_cast<std::streamsize>(cut));
+    const auto complete = static_cast<std::size_t>(std::upper_bound(ends.begin(), ends.end(), cut) -
+                                                   ends.begin() - 1);
+    {
+      TileStore store(folder, {});
+      ASSERT_EQ(store.keys().size(), complete) << "cut at " << cut;
+      ASSERT_EQ(store.recovery().cut_bytes, cut - ends[complete]);
+      for (std::size_t v = 1; v <= complete; ++v) {
+        const StoredMessage m = message(std::string(1, static_cast<char>('a' + v)), v, 20 + 3 * v);
+        ASSERT_EQ(store.get(m.key)->payload, m.payload);
+      }
+      store.put(message("z", 1));
+    }
+    ASSERT_EQ(TileStore(folder, {}).keys().size(), complete + 1) << "what comes after is kept";
+  }
+}
+
+TEST_F(Store, AFlippedBitEndsTheLogThere) {
+  {
+    TileStore store(root_, {});
+    for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
+  }
+  const fs::path segment = last_segment(root_);
+  const std::vector<std::uint8_t> whole = read_file(segment);
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    std::vector<std::uint8_t> bad = whole;
+    bad[at] ^= 0x10;
+    std::ofstream(segment, std::ios::binary | std::ios::trunc)
+        .write(reinterpret_cast<const char*>(bad.data()), static_cast<std::streamsize>(bad.size()));
+    ASSERT_EQ(TileStore(root_, {}).keys().size(), at / (whole.size() / 3)) << at;
+  }
+}
+
+TEST_F(Store, ZerosAfterAPowerFailureAreNoRecords) {
+  { TileStore(root_, {}).put(message("a", 1)); }
+  std::ofstream(last_segment(root_), std::ios::binary | std::ios::app) << std::string(4096, '\0');
+  TileStore store(root_, {});
+  EXPECT_EQ(store.keys().size(), 1U);
+  EXPECT_EQ(store.recovery().cut_bytes, 4096U);
+}
+
+TEST_F(Store, SegmentsBehindABadRecordAreSetAside) {
+  StoreLimits small;
+  small.log.segment_bytes = 100;
+  {
+    TileStore store(root_, small);
+    for (std::uint64_t v = 1; v <= 4; ++v)
+      store.put(message(std::string(1, static_cast<char>('a' + v)), v));
+  }
+  fs::resize_file(root_ / "00000002.log", 10);
+  TileStore store(root_, small);
+  EXPECT_THAT(store.keys(), ElementsAre(message("b", 1).key));
+  EXPECT_EQ(store.recovery().ignored_segments, 2U);
+}
+
+TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
+  StoreLimits small;
+  small.log.segment_bytes = 400;
+  small.compact_bytes = 2000;
+  std::map<std::string, StoredMessage> model;
+  std::mt19937 random(7);  // NOLINT: the same each time
+  int compactions = 0;
+  {
+    TileStore store(root_, small);
+    for (std::uint64_t v = 1; v <= 400; ++v) {
+      const StoredMessage m =
+          message(std::string(1, static_cast<char>('a' + random() % 6)), v, v % 50);
+      store.put(m);
+      model[m.key] = m;
+      compactions += store.compact_if_due() ? 1 : 0;
+      ASSERT_LE(store.live_bytes(), store.log_bytes());
+    }
+    EXPECT_LT(store.log_bytes(), 3000U);
+  }
+  EXPECT_GT(compactions, 3);
+  const TileStore store(root_, small);
+  ASSERT_EQ(store.keys().size(), model.size());
+  for (const auto& [key, m] : model) {
+    EXPECT_EQ(store.get(key)->payload, m.payload);
+    EXPECT_EQ(store.get(key)->encoding, "flat");
+  }
+}
+
+constexpr int kPuts = 30;
+constexpr int kCompactAt = 15;
+
+/// What the child does: every put that returned is told through the pipe.
+void work(const fs::path& folder, std::uint64_t die_at, int pipe) {
+  die_at_change(die_at);
+  StoreLimits small;
+  small.log.segment_bytes = 300;
+  TileStore store(folder, small);
+  for (int v = 1; v <= kPuts; ++v) {
+    store.put(
+        message(std::string(1, static_cast<char>('a' + v % 5)), static_cast<std::uint64_t>(v)));
+    const auto done = static_cast<std::uint8_t>(v);
+    if (write(pipe, &done, 1) != 1) _exit(9);
+    if (v % 4 == 0) store.sync();
+    if (v == kCompactAt) store.compact();
+  }
+  _exit(0);
+}
+
+struct Outcome {
+  int puts = 0;
+  bool killed = false;
+};
+
+Outcome run_until(const fs::path& folder, std::uint64_t die_at) {
+  int ends[2];
+  if (pipe(ends) != 0) throw std::runtime_error("pipe");
+  const pid_t child = fork();
+  if (child == 0) work(folder, die_at, ends[1]);
+  close(ends[1]);
+  Outcome outcome;
+  std::uint8_t done = 0;
+  while (read(ends[0], &done, 1) == 1) outcome.puts = done;
+  close(ends[0]);
+  int status = 0;
+  waitpid(child, &status, 0);
+  outcome.killed = WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;
+  EXPECT_TRUE(outcome.killed || (WIFEXITED(status) && WEXITSTATUS(status) == 0));
+  return outcome;
+}
+
+TEST_F(Store, KilledAtEveryChangeOfTheDiskNothingAcknowledgedIsLost) {
+  for (std::uint64_t die_at = 1;; ++die_at) {
+    const fs::path folder = root_ / std::to_string(die_at);
+    const Outcome outcome = run_until(folder, die_at);
+    TileStore store(folder, {});
+    for (int k = 0; k < 5; ++k) {
+      // The newest of this key that was acknowledged; the put under way may be there too, or not.
+      std::uint64_t newest = 0;
+      for (int v = 1; v <= outcome.puts; ++v)
+        newest = v % 5 == k ? static_cast<std::uint64_t>(v) : newest;
+      const std::string name(1, static_cast<char>('a' + k));
+      const auto got = store.get(message(name, 1).key);
+      if (newest > 0) {
+        ASSERT_TRUE(got) << "change " << die_at << ", key " << name;
+        const bool under_way = got->rank.version == static_cast<std::uint64_t>(outcome.puts) + 1;
+        ASSERT_TRUE(got->rank.version == newest || under_way) << die_at;
+      }
+      if (got) {
+        ASSERT_EQ(got->payload, message(name, got->rank.version).payload) << die_at;
+      }
+    }
+    EXPECT_EQ(store.put(message("z", 1)), PutResult::kStored) << "it goes on";
+    fs::remove_all(folder);
+    if (!outcome.killed) {
+      EXPECT_EQ(outcome.puts, kPuts);
+      EXPECT_GT(die_at, 60U) << "puts, syncs, segments and a compaction were all hit";
+      break;
+    }
+  }
+}
+
+TEST_F(Store, AFolderThatCantBeHadIsSaid) {
+  std::ofstream(root_ / "file") << "x";
+  EXPECT_THROW(TileStore(root_ / "file", {}), std::system_error);
+}
+
+}  // namespace
+}  // namespace zloam::store

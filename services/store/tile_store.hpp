@@ -1,0 +1,91 @@
+#pragma once
+// The newest of each key, on disk. Newest is the greatest (map_id, term, version), not the latest
+// to come (protocols.md, section 9): a late copy from before a take-over changes nothing. A greater
+// map_id makes the tiles of lesser ones obsolete; they go at the next compaction.
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "store/record_log.hpp"
+
+namespace zloam::store {
+
+struct Rank {
+  std::uint64_t map_id = 0;
+  std::uint32_t term = 0;
+  std::uint64_t version = 0;
+  auto tie() const { return std::tie(map_id, term, version); }
+  bool operator<(const Rank& other) const { return tie() < other.tie(); }
+  bool operator==(const Rank& other) const { return tie() == other.tie(); }
+};
+
+struct StoredMessage {
+  std::string key;
+  std::string encoding;
+  Rank rank;
+  std::vector<std::uint8_t> payload;
+};
+
+struct StoreLimits {
+  LogLimits log;
+  /// compaction starts when the log is larger than this many times what still holds ...
+  double garbage_factor = 3.0;
+  /// ... and than this
+  std::uint64_t compact_bytes = 256U << 20;
+};
+
+/// kOld: a greater or equal rank is there.
+enum class PutResult : std::uint8_t { kStored, kOld };
+
+class TileStore {
+ public:
+  TileStore(const std::filesystem::path& folder, const StoreLimits& limits);
+
+  PutResult put(const StoredMessage& message);
+  std::optional<StoredMessage> get(const std::string& key) const;
+  std::optional<Rank> rank(const std::string& key) const;
+  /// In ascending order.
+  std::vector<std::string> keys() const;
+
+  void sync() { log_.sync(); }
+  std::uint64_t unsynced_bytes() const { return log_.unsynced_bytes(); }
+  /// Does it when the limits say so; true: done.
+  bool compact_if_due();
+  void compact();
+
+  std::uint64_t live_bytes() const { return live_bytes_; }
+  std::uint64_t log_bytes() const { return log_.bytes(); }
+  std::uint64_t newest_map() const { return newest_map_; }
+  const Recovery& recovery() const { return log_.recovery(); }
+  /// records that were whole and no message
+  std::uint64_t unreadable() const { return unreadable_; }
+
+ private:
+  struct Entry {
+    Rank rank;
+    Place place;
+  };
+  void note(const std::string& key, const Rank& rank, const Place& place);
+  void on_record(std::span<const std::uint8_t> body, const Place& place);
+
+  StoreLimits limits_;
+  // Before the log, whose recovery fills them.
+  std::map<std::string, Entry> entries_;
+  std::uint64_t live_bytes_ = 0;
+  std::uint64_t newest_map_ = 0;
+  std::uint64_t unreadable_ = 0;
+  RecordLog log_;
+};
+
+/// The body of a record, and back; empty for what is no message.
+std::vector<std::uint8_t> pack(const StoredMessage& message);
+std::optional<StoredMessage> unpack(std::span<const std::uint8_t> body, bool with_payload);
+
+}  // namespace zloam::store
