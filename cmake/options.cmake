@@ -9,6 +9,7 @@ endif()
 
 option(ZLOAM_WERROR "Warnings are errors" ON)
 option(ZLOAM_NATIVE "Optimise for this machine's CPU (-march=native): not portable, changes last bits" OFF)
+option(ZLOAM_PEERS "Also what compares with PCL, in tests and benchmarks" ON)
 set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
 
 find_program(ZLOAM_CCACHE ccache)
