@@ -1,0 +1,145 @@
+"""Messages thrown away, another pace, a reader that is too slow: what came out stays the same."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from tests.acceptance import live
+from tests.integration.conftest import ROOT, monitor
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.processes import endpoints
+from zloam_monitor.robot_file import names
+
+FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
+#: between driver and pose: none may lose a sweep
+POSE_PATH = ("registration", "odometry", "integration")
+LIVE_SECONDS = 4.0
+#: the live capture is sent slower than it was recorded, so that a busy machine is no fault
+LIVE_SLOWER = 2.0
+#: a slow reader needs so long for each message; a sweep causes a dozen of them
+SLOW_SECONDS = 0.1
+
+
+def replay(build, capture, out, *options):
+    """Digests of the files, and the report."""
+    done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", out, *options)
+    assert done.code == 0, done.said
+    report = json.loads((out / "report.json").read_text())
+    return {name: hashlib.sha256((out / name).read_bytes()).hexdigest() for name in FILES}, report
+
+
+def assert_books(report):
+    books = report["identities"]
+    assert books["inputs_balanced"], books["complaints"]
+    assert books["sweeps_accounted"], books["complaints"]
+    assert books["poses"] == books["sweeps"]
+
+
+@pytest.fixture(scope="module")
+def untroubled(build, capture, tmp_path_factory):
+    """The files of a replay in which nothing is done to anybody."""
+    return replay(build, capture, tmp_path_factory.mktemp("untroubled"))[0]
+
+
+@pytest.mark.parametrize("every", [7, 2])
+def test_dropped_messages_are_recovered(build, capture, untroubled, tmp_path, monkeypatch, every):
+    """Each stage throws every seventh message of each of its inputs away."""
+    monkeypatch.setenv("ZLOAM_FAULT_DROP_EVERY", str(every))
+    files, report = replay(build, capture, tmp_path, "--set", "recovery.gap_replay_ms=50")
+    assert files == untroubled
+    assert_books(report)
+    sweeps = report["sweeps"]
+    for stage in STAGES[1:]:
+        assert sweeps[stage]["recovered"] > 0, stage
+        assert sweeps[stage]["lost"] == 0, stage
+        assert set(sweeps[stage]["dropped"]) <= {"duplicate"}, stage
+
+
+def test_the_pace_is_in_no_file(build, capture, untroubled, tmp_path):
+    files, report = replay(build, capture, tmp_path, "--rate", "realtime")
+    assert files == untroubled
+    assert_books(report)
+
+
+class SlowReader:
+    """A stranger on every key of the robot who dawdles over each message."""
+
+    def __init__(self, base_port, key, folder):
+        self._said = folder / "slow_reader.txt"
+        arguments = [str(SLOW_SECONDS), key, *endpoints(base_port)]
+        with self._said.open("wb") as out:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.integration.slow_reader", *arguments],
+                cwd=ROOT,
+                env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src")},
+                stdout=out,
+            )
+
+    def seen(self):
+        """Messages read so far."""
+        return max(0, len(self._said.read_text().splitlines()) - 1)
+
+    def close(self):
+        self._process.kill()
+        self._process.wait()
+
+
+def run_live(build, robot_file, capture, logs, slow):
+    """(last statuses, greatest queue seen of each stage, poses, messages the stranger has read)."""
+    port, robot = live.free_udp_port(), names(robot_file, [])
+    settings = [
+        "driver.source=udp",
+        f"driver.port={port}",
+        "driver.position_port=0",
+        f"integration.output_dir={logs}",
+    ]
+    chain = Chain(build, robot_file, robot.robot, settings, logs, robot.sensor)
+    queued = dict.fromkeys(STAGES, 0)
+    with chain:
+        chain.wait_ready()
+        link = chain.link
+        reader = SlowReader(chain.base_port, link.keys.below("**"), logs) if slow else None
+        while reader and reader.seen() == 0:  # statuses come all the time
+            link.poll(0.1)
+        sender = threading.Thread(
+            target=live.send, args=(capture.pcap, port, LIVE_SECONDS, LIVE_SLOWER)
+        )
+        sender.start()
+        while sender.is_alive():
+            link.poll(0.2)
+            chain.processes.check()
+            for stage, status in chain.statuses().items():
+                queued[stage] = max([queued[stage], *(i.queued for i in status.inputs)])
+        ends = time.monotonic() + live.AFTER_SECONDS
+        while time.monotonic() < ends:
+            link.poll(0.2)
+        seen = reader.seen() if reader else 0
+        link.query_statuses()
+        poses = len(link.poses)
+        if reader:
+            reader.close()
+        chain.stop()
+        return chain.statuses(), queued, poses, seen
+
+
+@pytest.mark.parametrize("slow", [False, True], ids=["alone", "beside a slow reader"])
+def test_a_slow_reader_is_nobody_elses_trouble(build, robot_file, capture, tmp_path, slow):
+    statuses, queued, poses, seen = run_live(build, robot_file, capture, tmp_path, slow)
+    sweeps = statuses["driver"].last_sweep + 1
+    assert sweeps >= LIVE_SECONDS * 9
+    assert poses == sweeps
+    for stage in POSE_PATH:
+        for account in statuses[stage].inputs:
+            assert account.processed == account.received == sweeps, (stage, account)
+            assert account.lost == 0, (stage, account)
+        assert queued[stage] <= 2, stage
+    published = sum(sum(s.published.values()) for s in statuses.values())
+    # the stranger was overloaded, or the test shows nothing
+    assert not slow or 0 < seen < published
