@@ -1,17 +1,21 @@
 """Messages thrown away, another pace, a reader that is too slow: what came out stays the same."""
 
+import contextlib
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from tests.acceptance import live
 from tests.integration.conftest import ROOT, monitor
+from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.keys import STAGES
 from zloam_monitor.processes import endpoints
@@ -143,3 +147,42 @@ def test_a_slow_reader_is_nobody_elses_trouble(build, robot_file, capture, tmp_p
     published = sum(sum(s.published.values()) for s in statuses.values())
     # the stranger was overloaded, or the test shows nothing
     assert not slow or 0 < seen < published
+
+
+def replaying(build, robot_file, capture, logs):
+    robot = names(robot_file, [])
+    settings = [
+        *sources.from_pcap(capture.pcap).driver_settings("realtime"),
+        f"integration.output_dir={logs}",
+    ]
+    return Chain(build, robot_file, robot.robot, settings, logs, robot.sensor)
+
+
+def until_poses(chain):
+    while len(chain.link.poses) < 5:
+        chain.link.poll(0.2)
+        chain.check()
+
+
+def orphans():
+    """Segments that no living process has mapped."""
+    mapped = ""
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        with contextlib.suppress(OSError):
+            mapped += maps.read_text()
+    return {path for path in Path("/dev/shm").iterdir() if str(path) not in mapped}
+
+
+def test_shared_memory_of_the_killed_is_reclaimed(build, robot_file, capture, tmp_path):
+    """kill -9 leaves segments behind; they go when a stage is started the next time."""
+    with replaying(build, robot_file, capture, tmp_path / "a") as chain:
+        until_poses(chain)
+        for process in chain.processes.running.values():
+            process.send(signal.SIGKILL)
+            process.wait(10.0)
+        chain.processes.running.clear()
+    left = orphans()
+    assert left, "nothing was shared: the test shows nothing"
+    with replaying(build, robot_file, capture, tmp_path / "b") as chain:
+        until_poses(chain)
+        assert not left & orphans()
