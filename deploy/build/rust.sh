@@ -1,21 +1,28 @@
 #!/usr/bin/env bash
-# rust.sh OUTPUT: puts libzloam_zenoh.so, built from services/common/zenoh/bridge, at OUTPUT.
-# A library is built once for each (sources, lock file, compiler, flags) and kept in
+# rust.sh [--router] OUTPUT: puts libzloam_zenoh.so, built from services/common/zenoh/bridge, at OUTPUT; with
+# --router zloam-router, built from services/router. Both share what their lock files have in common.
+# A product is built once for each (sources, lock file, compiler, flags) and kept in
 # ~/.cache/zenoh-loam/rust/<hash>/ (ZLOAM_CACHE names another place), so that all build directories and
 # presets share it. Without a change this costs a hash. The first build takes some minutes.
 set -euo pipefail
-[ $# -eq 1 ] || { echo "usage: rust.sh OUTPUT" >&2; exit 2; }
-output=$1
-crate=$(cd "$(dirname "$0")/../../services/common/zenoh/bridge" && pwd)
-cache=${ZLOAM_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/zenoh-loam}
+folder=services/common/zenoh/bridge
 name=libzloam_zenoh.so
+if [ "${1:-}" = --router ]; then
+  folder=services/router
+  name=zloam-router
+  shift
+fi
+[ $# -eq 1 ] || { echo "usage: rust.sh [--router] OUTPUT" >&2; exit 2; }
+output=$1
+crate=$(cd "$(dirname "$0")/../../$folder" && pwd)
+cache=${ZLOAM_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/zenoh-loam}
 for tool in cargo rustc; do
   command -v "$tool" >/dev/null || { echo "rust.sh: $tool is not in PATH (see deploy/build/deps.sh)" >&2; exit 1; }
 done
 
 # The profile stands in Cargo.toml.
 hash=$(cd "$crate" && {
-  find Cargo.toml Cargo.lock build.rs src -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum
+  find Cargo.toml Cargo.lock build.rs src -type f -print0 2>/dev/null | LC_ALL=C sort -z | xargs -0 sha256sum
   rustc -vV
   printf '%s\n' "${RUSTFLAGS:-}" "${CARGO_ENCODED_RUSTFLAGS:-}"
 } | sha256sum | cut -c1-16)
