@@ -25,7 +25,7 @@ void check(const DecodedSweep& sweep) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   DecoderConfig decoder;
-  if (data[0] < 4) decoder.model = static_cast<Model>(data[0]);
+  if (data[0] < 5) decoder.model = static_cast<Model>(data[0]);
   SweepAssembler assembler(decoder, {});
   std::size_t at = 1;
   DecodedSweep sweep;

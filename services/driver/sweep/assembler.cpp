@@ -335,24 +335,30 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   phase_cdeg_ = phase_cdeg;
 }
 
+/// Room for a whole turn at once: memory is asked for once, and each page of it touched once.
+void SweepAssembler::make_room(const PacketPlan& plan) {
+  const std::size_t group = decoder_.max_points_per_group();
+  const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;
+  const std::size_t per_group = plan.mode == ReturnMode::kDual ? group : group / 2;
+  const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * per_group + 2 * group;
+  if (sweep_.points.capacity() < turn) sweep_.points.reserve(turn);
+  if (sweep_.columns.capacity() < turn) sweep_.columns.reserve(turn);
+  group_points_.resize(group + 1);
+  group_columns_.resize(group + 1);
+}
+
 void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_t time_ns) {
-  const std::size_t room = used_ + decoder_.max_points_per_group() + 1;
-  if (sweep_.points.size() < room) {
-    const std::size_t size =
-        std::max(room + 16 * kMaxPointsPerPacket, 3 * sweep_.points.size() / 2);
-    sweep_.points.resize(size);
-    sweep_.columns.resize(size);
-  }
-  if (sweep_.columns.size() < sweep_.points.size()) sweep_.columns.resize(sweep_.points.size());
+  const bool first = sweep_.points.empty();
+  if (first) make_room(plan);
   const ModelTable& table = *decoder_.table();
   const auto groups = static_cast<std::int64_t>(
       static_cast<double>(time_ns - first_group_ns_) / decoder_.group_ns() + 0.5);
   const auto column =
       static_cast<std::uint16_t>(std::min<std::int64_t>(groups * table.columns_per_group, 65000));
-  Point* const out = sweep_.points.data() + used_;
-  const bool first = used_ == 0;
+  // By way of a small buffer: writing into the sweep itself means clearing it first.
+  Point* const out = group_points_.data();
+  std::uint16_t* const columns = group_columns_.data();
   const std::uint32_t after_base_ns = first ? 0 : static_cast<std::uint32_t>(time_ns - base_ns_);
-  std::uint16_t* const columns = sweep_.columns.data() + used_;
   std::size_t count = decoder_.decode_group(plan, group, after_base_ns, column, out, columns);
   if (mask_.active()) {
     const std::size_t kept = mask_.apply(out, columns, count);
@@ -364,7 +370,8 @@ void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_
     for (std::size_t i = 0; i < count; ++i) out[i].time_ns -= shift_ns;
     base_ns_ = time_ns + shift_ns;
   }
-  used_ += count;
+  sweep_.points.insert(sweep_.points.end(), out, out + count);
+  sweep_.columns.insert(sweep_.columns.end(), columns, columns + count);
   counts_.points += count;
 }
 
@@ -380,7 +387,8 @@ void SweepAssembler::open(std::int64_t time_ns, int phase_cdeg, bool at_seam) {
   open_ = true;
   began_at_seam_ = at_seam;
   packet_counted_ = false;
-  used_ = 0;
+  sweep_.points.clear();
+  sweep_.columns.clear();
   base_ns_ = time_ns;
   first_group_ns_ = time_ns;
   last_group_ns_ = time_ns;
@@ -401,9 +409,7 @@ std::uint32_t SweepAssembler::measured_period_ns() const {
 void SweepAssembler::close(bool at_seam) {
   if (!open_) return;
   open_ = false;
-  sweep_.points.resize(used_);
-  sweep_.columns.resize(used_);
-  const std::int64_t first_ns = used_ > 0 ? base_ns_ : first_group_ns_;
+  const std::int64_t first_ns = !sweep_.points.empty() ? base_ns_ : first_group_ns_;
   sweep_.stamp_ns = clock_.to_epoch_ns(first_ns) + config_.stamp_offset_ns;
   last_period_ns_ = measured_period_ns();
   sweep_.period_ns = last_period_ns_;

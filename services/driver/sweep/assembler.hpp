@@ -108,6 +108,7 @@ class SweepAssembler {
   bool across_view_gap(std::span<const std::uint8_t> payload) const;
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg);
+  void make_room(const PacketPlan& plan);
   void append_group(const PacketPlan& plan, int group, std::int64_t time_ns);
   void open(std::int64_t time_ns, int phase_cdeg, bool at_seam);
   void close(bool at_seam);
@@ -151,7 +152,8 @@ class SweepAssembler {
   bool began_at_seam_ = false;
   bool packet_counted_ = false;
   DecodedSweep sweep_;
-  std::size_t used_ = 0;
+  std::vector<Point> group_points_;
+  std::vector<std::uint16_t> group_columns_;
   std::int64_t base_ns_ = 0;
   std::int64_t first_group_ns_ = 0;
   std::int64_t last_group_ns_ = 0;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <numbers>
 
 namespace zloam::driver {
@@ -60,13 +62,101 @@ std::string hex(std::uint8_t value) {
   return std::string("0x") + kDigits[value >> 4] + kDigits[value & 15];
 }
 
-/// The cells of one block in Cartesian coordinates; raw 0 is no return.
-struct Cells {
-  alignas(64) float x[kCells];
-  alignas(64) float y[kCells];
-  alignas(64) float z[kCells];
-  alignas(64) std::uint16_t raw[kCells];
+// Four lanes at a time, as any 64-bit machine has them; the compiler turns this into the vector
+// instructions of the target.
+using Floats = float __attribute__((vector_size(16)));
+using Ints = std::int32_t __attribute__((vector_size(16)));
+constexpr int kLanes = 4;
+
+Floats load(const float* at) {
+  Floats values;
+  std::memcpy(&values, at, sizeof values);
+  return values;
+}
+
+/// A cell with one byte beyond it: raw distance, then intensity. A block is followed by another one
+/// or by the packet's tail.
+std::int32_t read_cell(const std::uint8_t* at) {
+  std::int32_t cell;
+  std::memcpy(&cell, at, sizeof cell);
+  return cell;
+}
+
+/// What a block's cells have in common with those of any other block: by channel.
+struct BankTables {
+  const float* along;
+  const float* across;
+  const float* up;
+  const float* height_m;
+  const std::uint32_t* time_ns;
+  const std::uint16_t* ring;
+  const std::uint16_t* column;
 };
+
+struct Direction {
+  float cos_azimuth;
+  float sin_azimuth;
+  float unit_m;
+};
+
+/// Position and intensity of four cells; raw 0 is no return.
+struct Quad {
+  std::int32_t raw[kLanes];
+  Floats points[kLanes];
+};
+
+__attribute__((always_inline)) inline Quad read_quad(const std::uint8_t* cells,
+                                                     const BankTables& bank, int c,
+                                                     const Direction& d) {
+  Quad quad;
+  Ints packed;
+  for (int i = 0; i < kLanes; ++i) packed[i] = read_cell(cells + 3 * (c + i));
+  const Ints raw = packed & 0xFFFF;
+  const Floats intensity = __builtin_convertvector((packed >> 16) & 0xFF, Floats);
+  const Floats range_m = __builtin_convertvector(raw, Floats) * d.unit_m;
+  const Floats along = load(bank.along + c);
+  const Floats across = load(bank.across + c);
+  const Floats x = range_m * (along * d.cos_azimuth - across * d.sin_azimuth);
+  const Floats y = -range_m * (along * d.sin_azimuth + across * d.cos_azimuth);
+  const Floats z = range_m * load(bank.up + c) + load(bank.height_m + c);
+  const Floats xy_low = __builtin_shufflevector(x, y, 0, 4, 1, 5);
+  const Floats xy_high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
+  const Floats zi_low = __builtin_shufflevector(z, intensity, 0, 4, 1, 5);
+  const Floats zi_high = __builtin_shufflevector(z, intensity, 2, 6, 3, 7);
+  quad.points[0] = __builtin_shufflevector(xy_low, zi_low, 0, 1, 4, 5);
+  quad.points[1] = __builtin_shufflevector(xy_low, zi_low, 2, 3, 6, 7);
+  quad.points[2] = __builtin_shufflevector(xy_high, zi_high, 0, 1, 4, 5);
+  quad.points[3] = __builtin_shufflevector(xy_high, zi_high, 2, 3, 6, 7);
+  for (int i = 0; i < kLanes; ++i) quad.raw[i] = raw[i];
+  return quad;
+}
+
+/// cos and sin of whole hundredths of a degree: one table for degrees, one for the rest, and the
+/// theorem of addition. Small enough to stay in the first-level cache.
+class AzimuthTable {
+ public:
+  AzimuthTable() {
+    for (int i = 0; i < 360; ++i) degrees_[i] = direction(100 * i);
+    for (int i = 0; i < 100; ++i) rest_[i] = direction(i);
+  }
+  std::pair<double, double> cos_sin(int cdeg) const {
+    const auto& [c, s] = degrees_[cdeg / 100];
+    const auto& [rc, rs] = rest_[cdeg % 100];
+    return {c * rc - s * rs, s * rc + c * rs};
+  }
+
+ private:
+  static std::pair<double, double> direction(int cdeg) {
+    return {std::cos(cdeg * kRadPerCdeg), std::sin(cdeg * kRadPerCdeg)};
+  }
+  std::array<std::pair<double, double>, 360> degrees_;
+  std::array<std::pair<double, double>, 100> rest_;
+};
+
+const AzimuthTable& azimuth_table() {
+  static const AzimuthTable kTable;
+  return kTable;
+}
 
 }  // namespace
 
@@ -80,12 +170,12 @@ void Decoder::use_model(Model model) {
   unit_m_ = static_cast<float>(table_->distance_unit_m);
   group_ns_ = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
   const double stretch = group_ns_ / table_->group_ns;
-  // A limit that is a whole number of units is meant to be within.
-  const double unit_m = table_->distance_unit_m;
-  min_raw_ =
-      static_cast<int>(std::clamp(std::ceil(config_.min_range_m / unit_m - 1e-6), 1.0, 65535.0));
-  max_raw_ =
-      static_cast<int>(std::clamp(std::floor(config_.max_range_m / unit_m + 1e-6), 0.0, 65535.0));
+  use_limits();
+  single_period_ns_ = period_of(1);
+  dual_period_ns_ = period_of(2);
+  for (int g = 0; g < kBlocksPerPacket; ++g) {
+    group_offset_ns_[g] = std::llround(g * group_ns_) + table_->first_firing_ns;
+  }
   for (const Channel& channel : table_->channels) {
     const double elevation_rad = channel.elevation_deg * std::numbers::pi / 180.0;
     const double correction_rad = channel.azimuth_correction_deg * std::numbers::pi / 180.0;
@@ -102,6 +192,21 @@ void Decoder::use_model(Model model) {
   }
   along_.resize(table_->channels.size());
   across_.resize(table_->channels.size());
+}
+
+void Decoder::use_limits() {
+  // A limit that is a whole number of units belongs to the range.
+  const double lowest = std::ceil(config_.min_range_m / table_->distance_unit_m - 1e-6);
+  const double highest = std::floor(config_.max_range_m / table_->distance_unit_m + 1e-6);
+  lowest_raw_ = static_cast<std::uint32_t>(std::clamp(lowest, 1.0, 65536.0));
+  const double span = std::min(highest, 65535.0) - lowest_raw_;
+  raw_span_ = static_cast<std::uint32_t>(std::max(span, 0.0));
+  // Nothing has so great a distance.
+  if (span < 0.0) lowest_raw_ = 65536;
+}
+
+std::int64_t Decoder::period_of(int returns) const {
+  return std::llround(group_ns_ * (kBlocksPerPacket / (returns * table_->banks)));
 }
 
 void Decoder::note_contradiction(bool& noted, std::string text) {
@@ -170,12 +275,6 @@ PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
   return tail;
 }
 
-std::int64_t Decoder::packet_period_ns(ReturnMode mode) const {
-  if (!table_) return 0;
-  const int blocks = (mode == ReturnMode::kDual ? 2 : 1) * table_->banks;
-  return std::llround(group_ns_ * (kBlocksPerPacket / blocks));
-}
-
 PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
   PacketPlan plan;
   plan.payload = payload.data();
@@ -193,7 +292,7 @@ void Decoder::read_blocks(PacketPlan& plan) const {
   const int blocks_per_group = (plan.mode == ReturnMode::kDual ? 2 : 1) * banks_;
   for (int g = 0; g < plan.groups; ++g) {
     Group& group = plan.group[g];
-    group.offset_ns = std::llround(g * group_ns_) + table_->first_firing_ns;
+    group.offset_ns = group_offset_ns_[g];
     for (int b = 0; b < blocks_per_group; ++b) {
       const std::uint8_t* block = plan.payload + kBlockBytes * (g * blocks_per_group + b);
       const int bank = bank_of(block);
@@ -314,19 +413,12 @@ void Decoder::prepare_motion(double advance_cdeg) {
 
 namespace {
 
-// Kept free of branches so that the compiler makes it a handful of vector instructions.
-void cartesian(const std::uint8_t* block, float cos_azimuth, float sin_azimuth, float unit_m,
-               const float* along, const float* across, const float* up, const float* height_m,
-               Cells& cells) {
-  const std::uint8_t* cell = block + 4;
-  for (int c = 0; c < kCells; ++c) cells.raw[c] = read_u16(cell + 3 * c);
-  for (int c = 0; c < kCells; ++c) {
-    const float range_m = static_cast<float>(static_cast<int>(cells.raw[c])) * unit_m;
-    cells.x[c] = range_m * (along[c] * cos_azimuth - across[c] * sin_azimuth);
-    cells.y[c] = -range_m * (along[c] * sin_azimuth + across[c] * cos_azimuth);
-    cells.z[c] = range_m * up[c] + height_m[c];
-  }
-}
+/// Distances that count as returns; raw 0 never does.
+struct RawLimits {
+  std::uint32_t lowest;
+  std::uint32_t span;
+  bool contain(std::int32_t raw) const { return static_cast<std::uint32_t>(raw) - lowest <= span; }
+};
 
 /// Where points are written. Every cell is written and kept only when it is a return: cheaper than
 /// a branch that is taken half of the time.
@@ -335,37 +427,38 @@ struct Output {
   std::uint16_t* columns;
   std::size_t count = 0;
 
-  void put(const Cells& cells, const std::uint8_t* block, int c, std::uint32_t time_ns,
-           std::uint16_t ring, std::uint16_t column, ReturnType type, bool keep) {
-    points[count] = {cells.x[c], cells.y[c], cells.z[c], static_cast<float>(block[4 + 3 * c + 2]),
-                     time_ns,    ring,       type,       0};
+  void put(const Floats& position_and_intensity, std::uint32_t time_ns, std::uint16_t ring,
+           std::uint16_t column, ReturnType type, bool keep) {
+    // The two halves of a point as it lies in memory; member by member it takes twice as long.
+    struct Rest {
+      std::uint32_t time_ns;
+      std::uint16_t ring;
+      ReturnType type;
+      std::uint8_t reserved;
+    };
+    static_assert(sizeof(Rest) == 8 && offsetof(Point, time_ns) == 16);
+    const Rest rest{time_ns, ring, type, 0};
+    auto* const at = reinterpret_cast<std::uint8_t*>(points + count);
+    std::memcpy(at, &position_and_intensity, 16);
+    std::memcpy(at + 16, &rest, sizeof rest);
     columns[count] = column;
     count += keep;
   }
 };
 
-/// What the cells of one bank have in common with those of any other block.
-struct BankTables {
-  const std::uint32_t* time_ns;
-  const std::uint16_t* ring;
-  const std::uint16_t* column;
-};
-
-/// Distances that count as returns; raw 0 never does.
-struct RawLimits {
-  int lowest;
-  int highest;
-  bool contain(int raw) const { return raw >= lowest && raw <= highest; }
-};
-
-void put_single(const Cells& cells, const std::uint8_t* block, const BankTables& bank,
+void put_single(const std::uint8_t* block, const BankTables& bank, const Direction& direction,
                 RawLimits limits, std::uint32_t time_ns, std::uint16_t column, ReturnType type,
-                Output& output) {
-  for (int c = 0; c < kCells; ++c) {
-    output.put(cells, block, c, time_ns + bank.time_ns[c], bank.ring[c],
-               static_cast<std::uint16_t>(column + bank.column[c]), type,
-               limits.contain(cells.raw[c]));
+                Output& out) {
+  Output output = out;
+  for (int c = 0; c < kCells; c += kLanes) {
+    const Quad quad = read_quad(block + 4, bank, c, direction);
+    for (int i = 0; i < kLanes; ++i) {
+      output.put(quad.points[i], time_ns + bank.time_ns[c + i], bank.ring[c + i],
+                 static_cast<std::uint16_t>(column + bank.column[c + i]), type,
+                 limits.contain(quad.raw[i]));
+    }
   }
+  out.count = output.count;
 }
 
 /// Which of two returns is given, and as what.
@@ -387,23 +480,27 @@ Choice choose(bool last, bool strongest, bool same, DualReturns policy) {
 }
 
 /// blocks[0]: even, the last returns; blocks[1]: odd, the strongest.
-void put_dual(const Cells (&cells)[2], const std::uint8_t* const (&blocks)[2],
-              const BankTables& bank, RawLimits limits, DualReturns policy, std::uint32_t time_ns,
-              std::uint16_t column, Output& output) {
-  for (int c = 0; c < kCells; ++c) {
-    const Choice choice = choose(limits.contain(cells[0].raw[c]), limits.contain(cells[1].raw[c]),
-                                 cells[0].raw[c] == cells[1].raw[c], policy);
-    const std::uint32_t t = time_ns + bank.time_ns[c];
-    const auto col = static_cast<std::uint16_t>(column + bank.column[c]);
-    output.put(cells[0], blocks[0], c, t, bank.ring[c], col, choice.last_type, choice.last);
-    output.put(cells[1], blocks[1], c, t, bank.ring[c], col, choice.strongest_type,
-               choice.strongest);
+void put_dual(const std::uint8_t* const (&blocks)[2], const BankTables& bank,
+              const Direction& direction, RawLimits limits, DualReturns policy,
+              std::uint32_t time_ns, std::uint16_t column, Output& output) {
+  for (int c = 0; c < kCells; c += kLanes) {
+    const Quad last = read_quad(blocks[0] + 4, bank, c, direction);
+    const Quad strongest = read_quad(blocks[1] + 4, bank, c, direction);
+    for (int i = 0; i < kLanes; ++i) {
+      const Choice choice = choose(limits.contain(last.raw[i]), limits.contain(strongest.raw[i]),
+                                   last.raw[i] == strongest.raw[i], policy);
+      const std::uint32_t t = time_ns + bank.time_ns[c + i];
+      const std::uint16_t ring = bank.ring[c + i];
+      const auto col = static_cast<std::uint16_t>(column + bank.column[c + i]);
+      output.put(last.points[i], t, ring, col, choice.last_type, choice.last);
+      output.put(strongest.points[i], t, ring, col, choice.strongest_type, choice.strongest);
+    }
   }
 }
 
 constexpr int kMostBanks = 4;
 /// Read where a pair has one good block only: no returns.
-constexpr std::array<std::uint8_t, kBlockBytes> kEmptyBlock{};
+constexpr std::array<std::uint8_t, kBlockBytes + 1> kEmptyBlock{};
 
 /// Blocks of one group by bank and return. The flag tells the bank, not the place in the packet.
 using GroupBlocks = std::array<std::array<const std::uint8_t*, 2>, kMostBanks>;
@@ -424,12 +521,12 @@ GroupBlocks blocks_by_bank(const std::uint8_t* first, int banks, int returns) {
 std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32_t time_ns,
                                   std::uint16_t column, Point* out, std::uint16_t* columns) const {
   const int returns = plan.mode == ReturnMode::kDual ? 2 : 1;
-  const double azimuth_rad = plan.group[group].azimuth_cdeg * kRadPerCdeg;
-  const auto cos_azimuth = static_cast<float>(std::cos(azimuth_rad));
-  const auto sin_azimuth = static_cast<float>(std::sin(azimuth_rad));
+  const auto [cos_azimuth, sin_azimuth] = azimuth_table().cos_sin(plan.group[group].azimuth_cdeg);
+  const Direction direction{static_cast<float>(cos_azimuth), static_cast<float>(sin_azimuth),
+                            unit_m_};
   const ReturnType single =
       plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
-  const RawLimits limits{min_raw_, max_raw_};
+  const RawLimits limits{lowest_raw_, raw_span_};
   const GroupBlocks by_bank = blocks_by_bank(
       plan.payload + kBlockBytes * static_cast<std::size_t>(group * banks_ * returns), banks_,
       returns);
@@ -438,18 +535,16 @@ std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32
     const std::uint8_t* blocks[2] = {by_bank[b][0], by_bank[b][1]};
     if (!blocks[0] && !blocks[1]) continue;
     const std::size_t at = static_cast<std::size_t>(b) * kCells;
-    const BankTables tables{&time_ns_[at], &ring_[at], &column_[at]};
-    Cells cells[2];
-    for (int i = 0; i < returns; ++i) {
-      if (!blocks[i]) blocks[i] = kEmptyBlock.data();
-      cartesian(blocks[i], cos_azimuth, sin_azimuth, unit_m_, &along_[at], &across_[at], &up_[at],
-                &height_m_[at], cells[i]);
+    const BankTables tables{&along_[at],   &across_[at], &up_[at],    &height_m_[at],
+                            &time_ns_[at], &ring_[at],   &column_[at]};
+    if (returns == 1) {
+      put_single(blocks[0], tables, direction, limits, time_ns, column, single, output);
+      continue;
     }
-    if (returns == 2) {
-      put_dual(cells, blocks, tables, limits, config_.dual_returns, time_ns, column, output);
-    } else {
-      put_single(cells[0], blocks[0], tables, limits, time_ns, column, single, output);
+    for (const std::uint8_t*& block : blocks) {
+      if (!block) block = kEmptyBlock.data();
     }
+    put_dual(blocks, tables, direction, limits, config_.dual_returns, time_ns, column, output);
   }
   return output.count;
 }

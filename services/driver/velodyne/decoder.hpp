@@ -117,13 +117,17 @@ class Decoder {
   std::size_t max_points_per_group() const { return 64 * static_cast<std::size_t>(banks_); }
 
   /// From one packet's stamp to the next in this mode, without loss.
-  std::int64_t packet_period_ns(ReturnMode mode) const;
+  std::int64_t packet_period_ns(ReturnMode mode) const {
+    return mode == ReturnMode::kDual ? dual_period_ns_ : single_period_ns_;
+  }
 
   /// A sentence for each contradiction between configuration and packets; empty when there is none.
   const std::vector<std::string>& contradictions() const { return contradictions_; }
 
  private:
   void use_model(Model model);
+  void use_limits();
+  std::int64_t period_of(int returns) const;
   Reject check_model(std::uint8_t product_id);
   ReturnMode check_mode(std::uint8_t mode_byte);
   void note_contradiction(bool& noted, std::string text);
@@ -139,8 +143,12 @@ class Decoder {
   const ModelTable* table_ = nullptr;
   int banks_ = 1;
   double group_ns_ = 0.0;
-  int min_raw_ = 1;
-  int max_raw_ = 65535;
+  // raw distances that count: from the lowest, so many more
+  std::uint32_t lowest_raw_ = 1;
+  std::uint32_t raw_span_ = 65534;
+  std::array<std::int64_t, kBlocksPerPacket> group_offset_ns_{};
+  std::int64_t single_period_ns_ = 0;
+  std::int64_t dual_period_ns_ = 0;
   double last_advance_cdeg_ = 0.0;
   // of the packet before, for packets of one group only
   int last_azimuth_cdeg_ = -1;
