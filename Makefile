@@ -12,7 +12,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench reference sanitize fuzz fmt lint clean
+.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench reference sanitize system fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -55,8 +55,12 @@ test: build venv ## unit and integration tests, layers, schemas
 
 test-full: test lint sanitize ## everything: tests, lint, sanitizers, acceptance, benchmarks, a longer fuzz
 	@$(MAKE) fuzz FUZZ_SECONDS=60
+	@$(MAKE) system
 	@$(MAKE) accept
 	@$(MAKE) bench
+
+system: build venv ## the deployment in containers; skipped with the reason where Docker is not there
+	@$(STEP) "system tests" $(PY) -m pytest -q tests/system
 
 accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")

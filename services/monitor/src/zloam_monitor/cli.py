@@ -1,4 +1,4 @@
-"""The commands: demo, run, watch, evaluate."""
+"""The commands: demo, run, follow, watch, evaluate."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from zloam_monitor import (
     demo,
     evaluation,
+    follow,
     live,
     report,
     robot_files,
@@ -145,6 +146,33 @@ def _watch(args: argparse.Namespace) -> int:
     return watch.watch(Keys(args.robot), args.connect, args.seconds, args.every)
 
 
+def _follow(args: argparse.Namespace) -> int:
+    options = follow.FollowOptions(
+        keys=Keys(args.robot, args.sensor),
+        connect=args.connect,
+        out=args.out,
+        title=args.title,
+        truth=args.truth,
+        ready_file=args.ready_file,
+    )
+    found = follow.follow(options)
+    return 0 if report.accounted(found) else 1
+
+
+def _follow_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser("follow", help="one run of stages that somebody else started")
+    parser.add_argument("--robot", default="robot")
+    parser.add_argument("--sensor", default="lidar")
+    parser.add_argument("--connect", nargs="+", required=True, metavar="ENDPOINT")
+    parser.add_argument("--out", type=Path, default=Path("out"), help="default: %(default)s")
+    parser.add_argument("--truth", type=Path, nargs="+", default=[], help="poses of the sensor")
+    parser.add_argument("--title", default="run", help="of the picture")
+    parser.add_argument(
+        "--ready-file", type=Path, help="is made when all stages were heard: the source may start"
+    )
+    parser.set_defaults(run=_follow)
+
+
 def _evaluate(args: argparse.Namespace) -> int:
     T_base_sensor = se3.from_xyz_rpy_deg(args.mounting[:3], args.mounting[3:])
     truth = trajectory.read(args.truth).carried(se3.inverse(T_base_sensor))
@@ -175,6 +203,7 @@ def _parser() -> argparse.ArgumentParser:
     look.add_argument("--seconds", type=float)
     look.add_argument("--every", type=float, default=2.0, help="s between two looks")
     look.set_defaults(run=_watch)
+    _follow_parser(commands)
     score = commands.add_parser("evaluate", help="a trajectory file against a truth file")
     score.add_argument("trajectory", type=Path)
     score.add_argument("truth", type=Path)

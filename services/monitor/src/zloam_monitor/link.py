@@ -37,6 +37,15 @@ def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
     return zenoh.open(config)
 
 
+def open_client(endpoints: list[str]) -> Any:
+    """A client of a router: what is outside the robot."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps(endpoints))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
 class Link:
     """Keeps poses and statuses of one robot."""
 

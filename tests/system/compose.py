@@ -1,0 +1,96 @@
+"""One deployment by Docker Compose under a project name and ports of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class NotInTime(AssertionError):
+    """Something did not come about within its limit."""
+
+
+def free_port() -> int:
+    """A TCP port of the loopback that is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Deployment:
+    """`docker compose` with fixed files and environment."""
+
+    project: str
+    out: Path
+    layers: list[str] = field(default_factory=list)
+    environment: dict[str, str] = field(default_factory=dict)
+    router_port: int = field(default_factory=free_port)
+
+    def command(self, *arguments: str) -> list[str]:
+        files = [a for layer in ("docker-compose.yml", *self.layers) for a in ("-f", layer)]
+        return ["docker", "compose", "-p", self.project, *files, *arguments]
+
+    def run(self, *arguments: str, check: bool = True) -> str:
+        """Standard output; with check a failure raises with everything that was said."""
+        variables = {
+            "ZLOAM_OUT": str(self.out),
+            "ZLOAM_UID": str(os.getuid() or 1000),
+            "ZLOAM_GID": str(os.getgid() or 1000),
+            "ZLOAM_ROUTER_PORT": f"127.0.0.1:{self.router_port}",
+            **self.environment,
+        }
+        done = subprocess.run(
+            self.command(*arguments),
+            cwd=ROOT,
+            env={**os.environ, **variables},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if check and done.returncode != 0:
+            said = done.stdout + done.stderr
+            raise AssertionError(f"{' '.join(arguments)} ended with {done.returncode}:\n{said}")
+        return done.stdout
+
+    def containers(self) -> dict[str, dict[str, Any]]:
+        """Service -> what `docker compose ps` knows of its container."""
+        lines = self.run("ps", "--all", "--format", "json").splitlines()
+        found = [json.loads(line) for line in lines if line.startswith("{")]
+        return {str(each["Service"]): each for each in found}
+
+    def wait(self, what: str, seconds: float, condition: Any) -> float:
+        """Seconds until condition(containers) holds."""
+        began = time.monotonic()
+        while True:
+            containers = self.containers()
+            if condition(containers):
+                return time.monotonic() - began
+            if time.monotonic() - began > seconds:
+                states = {n: (c["State"], c.get("Health")) for n, c in containers.items()}
+                logs = self.run("logs", "--no-color", "--tail", "15", check=False)
+                raise NotInTime(f"not {what} within {seconds:.0f} s: {states}\n{logs}")
+            time.sleep(0.5)
+
+    def leftovers(self) -> dict[str, list[str]]:
+        """Containers and networks of this project that are still there."""
+        label = f"label=com.docker.compose.project={self.project}"
+
+        def names(*command: str) -> list[str]:
+            listed = subprocess.run(
+                ["docker", *command, "--quiet", "--filter", label],
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            return listed.stdout.split()
+
+        return {"containers": names("ps", "--all"), "networks": names("network", "ls")}

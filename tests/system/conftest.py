@@ -1,0 +1,153 @@
+"""Docker, the images, and one whole run of the default deployment that several tests look at."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.system.compose import ROOT, Deployment
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link, open_client
+
+#: seconds of the simulated drive: long enough to turn a corner, short enough for every day
+DRIVE_SECONDS = 20
+SERVICES = ("router", "store", "integration", "mapping", "odometry", "registration", "monitor")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Everything here needs Docker and is run by `make system`."""
+    for item in items:
+        if "tests/system" in str(item.path):
+            item.add_marker(pytest.mark.system)
+
+
+@pytest.fixture(scope="session")
+def images() -> None:
+    """The three images, made when they are not there; skipped with the reason without Docker."""
+    asked = subprocess.run(["docker", "info"], capture_output=True, text=True, check=False)
+    if asked.returncode != 0:
+        pytest.skip(f"Docker does not answer: {asked.stderr.strip()}")
+    if os.environ.get("ZLOAM_IMAGES") == "as-they-are":
+        return
+    built = subprocess.run(
+        [ROOT / "deploy/docker/images.sh", "--prebuilt"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stdout[-3000:] + built.stderr[-6000:]
+
+
+@dataclass
+class Finished:
+    """What one run left."""
+
+    deployment: Deployment
+    healthy_after_s: float
+    poses_seen: int
+    report: dict[str, Any]
+    tiles_live: dict[str, int]
+    containers: dict[str, dict[str, Any]]
+
+
+def _healthy(containers: dict[str, dict[str, Any]]) -> bool:
+    return all(
+        name in containers
+        and (containers[name].get("Health") == "healthy" or containers[name].get("ExitCode") == 0)
+        and (containers[name]["State"] == "running" or name == "monitor")
+        for name in SERVICES
+    )
+
+
+def _ended(containers: dict[str, dict[str, Any]]) -> bool:
+    return containers.get("monitor", {}).get("State") == "exited"
+
+
+def _count_poses(port: int, wanted: int, seconds: float) -> int:
+    """Poses that a program outside the containers gets through the router."""
+    session = open_client([f"tcp/127.0.0.1:{port}"])
+    link = Link(session, Keys("robot"))
+    deadline = time.monotonic() + seconds
+    while len(link.poses) < wanted and time.monotonic() < deadline:
+        link.poll(0.2)
+    link.close()
+    session.close()
+    return len(link.poses)
+
+
+def versions(port: int) -> dict[str, int]:
+    """Cube -> version of the whole map, as anybody may ask for it."""
+    session = open_client([f"tcp/127.0.0.1:{port}"])
+    link = Link(session, Keys("robot"))
+    tiles = {f"{t.layer}/{t.index}": t.version for t in link.query_tiles()}
+    link.close()
+    session.close()
+    return tiles
+
+
+@pytest.fixture(scope="session")
+def run(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Finished]:
+    """`docker compose up` with the simulator as source, to the end of the run."""
+    out = tmp_path_factory.mktemp("compose")
+    deployment = Deployment(
+        f"zloam-system-{os.getpid()}",
+        out,
+        environment={"ZLOAM_DURATION": str(DRIVE_SECONDS), "ZLOAM_RATE": "realtime"},
+    )
+    try:
+        began = time.monotonic()
+        up = subprocess.Popen(
+            deployment.command("up", "--no-build", "--detach"),
+            cwd=ROOT,
+            env={
+                **os.environ,
+                **deployment.environment,
+                "ZLOAM_OUT": str(out),
+                "ZLOAM_ROUTER_PORT": f"127.0.0.1:{deployment.router_port}",
+            },
+        )
+        deployment.wait("all healthy", 180, _healthy)
+        healthy_after_s = time.monotonic() - began
+        assert up.wait(180) == 0
+        poses = _count_poses(deployment.router_port, 10, 60)
+        deployment.wait("finished", 300, _ended)
+        report = json.loads((out / "report.json").read_text())
+        time.sleep(2.0)  # the store writes once a second
+        yield Finished(
+            deployment,
+            healthy_after_s,
+            poses,
+            report,
+            versions(deployment.router_port),
+            deployment.containers(),
+        )
+    finally:
+        deployment.run("down", "--volumes", "--timeout", "20", check=False)
+
+
+@pytest.fixture(scope="session")
+def demo_report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The same drive by the same stages as plain processes."""
+    build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
+    if not (build / "bin" / "zloam-mapping").is_file():
+        pytest.skip(f"not built in {build}: nothing to compare with")
+    out = tmp_path_factory.mktemp("demo")
+    done = subprocess.run(
+        [ROOT / ".venv/bin/python", "-m", "zloam_monitor", "demo", "--preset-dir", build,
+         "--out", out, "--simulate=--duration", f"--simulate={DRIVE_SECONDS}"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads((out / "report.json").read_text())
