@@ -31,12 +31,15 @@ LIVE_SLOWER = 2.0
 SLOW_SECONDS = 0.1
 
 
+def digests(folder, files):
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
+
+
 def replay(build, capture, out, *options):
     """Digests of the files, and the report."""
     done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", out, *options)
     assert done.code == 0, done.said
-    report = json.loads((out / "report.json").read_text())
-    return {name: hashlib.sha256((out / name).read_bytes()).hexdigest() for name in FILES}, report
+    return digests(out, FILES), json.loads((out / "report.json").read_text())
 
 
 def assert_books(report):
@@ -186,3 +189,28 @@ def test_shared_memory_of_the_killed_is_reclaimed(build, robot_file, capture, tm
     with replaying(build, robot_file, capture, tmp_path / "b") as chain:
         until_poses(chain)
         assert not left & orphans()
+
+
+def test_registration_is_killed_and_started_again(build, robot_file, capture, untroubled, tmp_path):
+    """It has no state: what was under way is published again, and computed by the new one."""
+    with replaying(build, robot_file, capture, tmp_path) as chain:
+        until_poses(chain)
+        old = chain.processes.running.pop("registration")
+        old.send(signal.SIGKILL)
+        old.wait(10.0)
+        chain.start("registration", "registration-again")
+        while not chain.finished():
+            chain.link.poll(0.2)
+            chain.check()
+        chain.link.query_statuses()
+        poses = len(chain.link.poses)
+        codes = chain.stop()
+        statuses = chain.statuses()
+    assert set(codes.values()) == {0}
+    assert poses == statuses["driver"].last_sweep + 1
+    for stage in ("odometry", "mapping", "integration"):
+        for account in statuses[stage].inputs:
+            assert account.balanced(), (stage, account)
+            assert account.lost == 0, (stage, account)
+    files = ("trajectory.tum", "odometry.tum")
+    assert digests(tmp_path, files) == {name: untroubled[name] for name in files}

@@ -72,8 +72,7 @@ class Chain:
             for stage in START_ORDER:
                 if stage == "driver":
                     self._wait_for(START_ORDER[:-1])
-                log = self._logs / f"{stage}.log"
-                self.processes.start(stage, self._commands[stage], log)
+                self.start(stage)
         except BaseException:
             self.close()
             raise
@@ -86,6 +85,10 @@ class Chain:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def start(self, stage: str, log: str | None = None) -> None:
+        """Starts a stage, also one that was ended before; `log`: name of its file without .log."""
+        self.processes.start(stage, self._commands[stage], self._logs / f"{log or stage}.log")
 
     def close(self) -> None:
         """Ends all stages, then the link."""
@@ -105,8 +108,9 @@ class Chain:
         return self.exit_codes
 
     def check(self) -> None:
-        """Raises when a stage has died. The driver of a finite source may end."""
-        self.processes.check(may_end=("driver",) if self.finished() else ())
+        """Raises when a stage has died. The driver of a finite source ends when the sinks have told
+        it so, which the others' statuses may say a little later."""
+        self.processes.check(may_end=("driver",))
 
     def wait_ready(self) -> None:
         """Until every stage has said something over Zenoh; a start error is raised as it is."""
