@@ -13,9 +13,11 @@
 
 #include "simulator/capture.hpp"
 #include "simulator/faults.hpp"
+#include "simulator/imu.hpp"
 #include "simulator/io/parallel.hpp"
 #include "simulator/io/scene_file.hpp"
 #include "simulator/io/sinks.hpp"
+#include "simulator/io/zenoh_sink.hpp"
 #include "simulator/options.hpp"
 #include "simulator/scenes.hpp"
 #include "simulator/sensor.hpp"
@@ -27,13 +29,37 @@ constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
 constexpr std::int64_t kChunkPackets = 192;  // a quarter of a second
 constexpr double kTruthHz = 200.0;
-constexpr double kGravity = 9.80665;
 
 std::int64_t nanoseconds(double seconds) {
   return static_cast<std::int64_t>(std::llround(seconds * 1e9));
 }
 
-std::vector<std::unique_ptr<Sink>> make_sinks(const Options& options) {
+// The trajectory is that of the lidar's place, along the axes of the base.
+Pose T_base_body(const SimulationConfig& config) {
+  Pose pose = Pose::Identity();
+  pose.translation() = config.T_base_lidar.translation();
+  return pose;
+}
+
+Imu make_imu(const Options& options, const Sensor& sensor) {
+  return {sensor.scene().trajectory, options.imu_config, T_base_body(options.simulation),
+          options.simulation.seed};
+}
+
+ImuSource imu_source(const Options& options, const Sensor& sensor) {
+  if (!options.zenoh_imu) {
+    return {};
+  }
+  return [imu = std::make_shared<Imu>(make_imu(options, sensor))](std::int64_t until_ns) {
+    std::vector<ImuReading> readings;
+    while (imu->next_time_ns() <= until_ns) {
+      readings.push_back(imu->next());
+    }
+    return readings;
+  };
+}
+
+std::vector<std::unique_ptr<Sink>> make_sinks(const Options& options, const Sensor& sensor) {
   std::vector<std::unique_ptr<Sink>> sinks;
   if (!options.pcap.empty()) {
     sinks.push_back(pcap_sink(options.pcap, options.nanoseconds));
@@ -44,6 +70,10 @@ std::vector<std::unique_ptr<Sink>> make_sinks(const Options& options) {
   if (!options.udp_address.empty()) {
     sinks.push_back(
         udp_sink(options.udp_address, options.udp_port, options.udp_position_port, options.rate));
+  }
+  if (options.zenoh) {
+    sinks.push_back(
+        zenoh_sink(options.zenoh_config, options.simulation.epoch_ns, imu_source(options, sensor)));
   }
   return sinks;
 }
@@ -78,24 +108,25 @@ void write_sweep_truth(const std::string& path, const Sensor& sensor, double dur
   file.close();
 }
 
-void write_imu(const std::string& path, const Sensor& sensor, double duration_s) {
-  if (path.empty()) {
+void write_imu(const Options& options, const Sensor& sensor, double duration_s) {
+  if (options.imu.empty()) {
     return;
   }
-  OutputFile file(path);
-  file.write("t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n");
-  const auto count = static_cast<std::int64_t>(std::ceil(duration_s * kTruthHz));
-  for (std::int64_t i = 0; i <= count; ++i) {
-    const double t = static_cast<double>(i) / kTruthHz;
-    const MotionState state = sensor.scene().trajectory.at(t);
-    const Eigen::Vector3d force = state.T_world_body.linear().transpose() *
-                                  (state.acceleration_world + Eigen::Vector3d(0.0, 0.0, kGravity));
-    char line[256];
-    std::snprintf(line, sizeof line, "%lld,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n",
-                  static_cast<long long>(sensor.config().epoch_ns + nanoseconds(t)),
-                  state.rate_body.x(), state.rate_body.y(), state.rate_body.z(), force.x(),
-                  force.y(), force.z());
-    file.write(line);
+  OutputFile file(options.imu);
+  file.write(
+      "t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,"
+      "bias_wx,bias_wy,bias_wz,bias_ax,bias_ay,bias_az\n");
+  Imu imu = make_imu(options, sensor);
+  while (imu.next_time_ns() <= nanoseconds(duration_s)) {
+    const ImuReading reading = imu.next();
+    std::string line = std::to_string(sensor.config().epoch_ns + reading.time_ns);
+    for (const Eigen::Vector3d& v :
+         {reading.rate_rad_s, reading.force_m_s2, reading.gyro_bias, reading.accelerometer_bias}) {
+      char text[96];
+      std::snprintf(text, sizeof text, ",%.9f,%.9f,%.9f", v.x(), v.y(), v.z());
+      line += text;
+    }
+    file.write(line + "\n");
   }
   file.close();
 }
@@ -190,7 +221,7 @@ Chunk simulate(const Sensor& sensor, std::int64_t first, std::int64_t count, int
 
 // The next chunk is made while this one is written or sent, so that live sending keeps its pace.
 void write_packets(const Options& options, const Sensor& sensor, double duration_s) {
-  std::vector<std::unique_ptr<Sink>> sinks = make_sinks(options);
+  std::vector<std::unique_ptr<Sink>> sinks = make_sinks(options, sensor);
   ReturnsFile returns(options.returns);
   if (sinks.empty() && !returns.wanted()) {
     return;
@@ -235,7 +266,7 @@ void run(const Options& options) {
   write_trajectory(options.truth, sensor, duration_s, false);
   write_trajectory(options.truth_base, sensor, duration_s, true);
   write_sweep_truth(options.truth_sweeps, sensor, duration_s);
-  write_imu(options.imu, sensor, duration_s);
+  write_imu(options, sensor, duration_s);
   write_packets(options, sensor, duration_s);
 }
 

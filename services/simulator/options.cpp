@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <iostream>
 #include <map>
 #include <numbers>
@@ -22,7 +23,14 @@ struct Raw {
   std::array<double, 3> mount_rpy_deg{};
   std::array<double, 3> shift{};
   double turn_deg = 0.0;
+  double range_bias_mm = 0.0;
   std::string udp;
+  std::array<double, 2> imu_noise{ImuConfig{}.gyro.noise, ImuConfig{}.accelerometer.noise};
+  std::array<double, 2> imu_bias{ImuConfig{}.gyro.bias, ImuConfig{}.accelerometer.bias};
+  std::array<double, 2> imu_walk{ImuConfig{}.gyro.walk, ImuConfig{}.accelerometer.walk};
+  std::array<double, 3> imu_xyz{};
+  std::array<double, 3> imu_rpy_deg{};
+  bool imu_ideal = false;
   std::vector<double> clock_step_at_s, clock_step_s;
 };
 
@@ -64,8 +72,9 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--detection", s.detection_reflectivity,
                  "Reflectivity in percent just seen at the greatest range; 0: all is seen")
       ->capture_default_str();
-  app.add_option("--laser-bias", s.range_bias_sigma_m,
-                 "Constant range error of each laser, 1 sigma")
+  app.add_option("--range-bias-mm", raw.range_bias_mm,
+                 "Constant range error of each laser, drawn from the seed, 1 sigma")
+      ->check(CLI::Range(0.0, 1000.0))
       ->capture_default_str();
   app.add_option("--divergence-mrad", s.divergence_mrad,
                  "Full beam angle; above 0: mixed pixels, and second returns in mode dual")
@@ -81,7 +90,7 @@ void add_outputs(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--truth-base", o.truth_base, "Trajectory of base_link, TUM, 200 Hz");
   app.add_option("--truth-sweeps", o.truth_sweeps,
                  "Pose of the lidar each time the rotor passes 0 degrees, TUM");
-  app.add_option("--imu", o.imu, "Ideal inertial measurements of base_link at 200 Hz, CSV");
+  app.add_option("--imu", o.imu, "Inertial measurements, CSV");
   app.add_option("--returns", o.returns, "All returns as they were encoded, CSV (large)");
   app.add_option("--udp", raw.udp, "Send live to ADDRESS or ADDRESS:PORT");
   app.add_option("--udp-position-port", o.udp_position_port, "Port of the position packets")
@@ -93,6 +102,42 @@ void add_outputs(CLI::App& app, Options& o, Raw& raw) {
       ->check(CLI::Range(1, 64))
       ->capture_default_str();
   app.add_flag("--quiet", o.quiet, "No progress line");
+}
+
+void add_zenoh_options(CLI::App& app, Options& o) {
+  ZenohSinkConfig& z = o.zenoh_config;
+  app.add_flag("--zenoh", o.zenoh,
+               "Publish live on lidar/<sensor>/packets, for driver.source zenoh");
+  app.add_flag("--zenoh-imu", o.zenoh_imu, "and the IMU's readings on imu/<sensor>");
+  app.add_option("--robot", z.robot, "Name of the robot in the keys")->capture_default_str();
+  app.add_option("--sensor", z.sensor, "Name of the sensor in the keys")->capture_default_str();
+  app.add_option("--zenoh-base-port", z.base_port,
+                 "As zenoh.base_port of the robot's file; 0: no ports of its own")
+      ->check(CLI::Range(0, 65500))
+      ->capture_default_str();
+  app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on, in place of its own port");
+  app.add_option("--zenoh-connect", z.connect, "Further endpoints to connect to");
+  app.add_option("--zenoh-wait", z.wait_s, "Seconds to wait for a first reader")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+}
+
+void add_imu_options(CLI::App& app, Options& o, Raw& raw) {
+  app.add_option("--imu-rate", o.imu_config.rate_hz, "Readings of the IMU a second")
+      ->check(CLI::Range(1.0, 10000.0))
+      ->capture_default_str();
+  app.add_option("--imu-noise", raw.imu_noise,
+                 "Noise densities of gyro (rad/s/sqrt(Hz)) and accelerometer (m/s^2/sqrt(Hz))")
+      ->capture_default_str();
+  app.add_option("--imu-bias", raw.imu_bias,
+                 "Constant biases, 1 sigma: gyro (rad/s) and accelerometer (m/s^2)")
+      ->capture_default_str();
+  app.add_option("--imu-walk", raw.imu_walk,
+                 "Random walks of the biases: gyro (rad/s/sqrt(s)), accelerometer (m/s^2/sqrt(s))")
+      ->capture_default_str();
+  app.add_flag("--imu-ideal", raw.imu_ideal, "No noise, no bias");
+  app.add_option("--imu-xyz", raw.imu_xyz, "Place of the IMU in base_link: x y z in m");
+  app.add_option("--imu-rpy-deg", raw.imu_rpy_deg, "Its roll pitch yaw in degrees");
 }
 
 void add_faults(CLI::App& app, Options& o, Raw& raw) {
@@ -128,6 +173,7 @@ void convert(const Raw& raw, Options& o) {
                                                    {"last", ReturnMode::kLast},
                                                    {"dual", ReturnMode::kDual}};
   constexpr double kBeamMrad = 3.0;  // of the VLP-16
+  o.simulation.sensor.range_bias_sigma_m = raw.range_bias_mm * 1e-3;
   o.simulation.sensor.mode = modes.at(raw.mode);
   if (raw.mode == "dual" && o.simulation.sensor.divergence_mrad <= 0.0) {
     o.simulation.sensor.divergence_mrad = kBeamMrad;
@@ -145,6 +191,17 @@ void convert(const Raw& raw, Options& o) {
                                                     Eigen::Vector3d(raw.mount_rpy_deg.data()));
   o.simulation.T_truth_world = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.shift.data()),
                                                      Eigen::Vector3d(0.0, 0.0, raw.turn_deg));
+  if (!raw.imu_ideal) {
+    o.imu_config.gyro = {raw.imu_noise[0], raw.imu_bias[0], raw.imu_walk[0]};
+    o.imu_config.accelerometer = {raw.imu_noise[1], raw.imu_bias[1], raw.imu_walk[1]};
+  } else {
+    o.imu_config.gyro = o.imu_config.accelerometer = {};
+  }
+  o.imu_config.T_base_imu = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.imu_xyz.data()),
+                                                  Eigen::Vector3d(raw.imu_rpy_deg.data()));
+  o.zenoh = o.zenoh || o.zenoh_imu;
+  o.zenoh_config.rate = o.rate;
+  o.zenoh_config.batch_ns = std::llround(60e9 / o.simulation.sensor.rotation_rpm);
   o.scene.seed = o.simulation.seed;
   o.faults.seed = o.simulation.seed;
   if (raw.clock_step_at_s.size() != raw.clock_step_s.size()) {
@@ -176,6 +233,8 @@ std::optional<int> parse_options(int argc, char** argv, Options& options) {
   add_world_options(app, options, raw);
   add_sensor_options(app, options, raw);
   add_outputs(app, options, raw);
+  add_zenoh_options(app, options);
+  add_imu_options(app, options, raw);
   add_faults(app, options, raw);
   try {
     app.parse(argc, argv);

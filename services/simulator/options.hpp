@@ -6,6 +6,8 @@
 #include <string>
 
 #include "simulator/faults.hpp"
+#include "simulator/imu.hpp"
+#include "simulator/io/zenoh_sink.hpp"
 #include "simulator/scenes.hpp"
 #include "simulator/sensor.hpp"
 
@@ -16,6 +18,7 @@ struct Options {
   SceneOptions scene;
   SimulationConfig simulation;
   FaultConfig faults;
+  ImuConfig imu_config;
   double duration_s = 0.0;  ///< 0: the whole motion
   int threads = 2;
   bool quiet = false;
@@ -26,6 +29,9 @@ struct Options {
   std::uint16_t udp_port = vlp16::kDataPort;
   std::uint16_t udp_position_port = vlp16::kPositionPort;
   double rate = 1.0;
+  bool zenoh = false;
+  bool zenoh_imu = false;
+  ZenohSinkConfig zenoh_config;
 };
 
 /// Exit code if the program is to end at once (help, version, list or an error, all of it already

@@ -18,7 +18,16 @@ inline std::uint64_t mixed(std::uint64_t x) {
 }
 
 /// Separates the draws of one seed by what they are for.
-enum class Stream : std::uint64_t { kReturns = 1, kWorld, kTrajectory, kTerrain, kFaults, kImu };
+enum class Stream : std::uint64_t {
+  kReturns = 1,
+  kWorld,
+  kTrajectory,
+  kTerrain,
+  kFaults,
+  kImu,
+  kMovers,
+  kFoliage
+};
 
 /// The sequence of draws that belongs to (seed, stream, index).
 class Random {

@@ -28,6 +28,8 @@ const std::vector<Entry>& entries() {
       {{"park",
         "closed loop of 161 m among trees, hedges and boulders: no planes but rough ground"},
        park_scene},
+      {{"moving", "the loop of city with traffic: vans ahead and behind, oncoming cars, people"},
+       moving_scene},
   };
   return all;
 }

@@ -36,5 +36,6 @@ Scene tunnel_scene(const SceneOptions& options, bool with_faces);
 Scene flat_scene(const SceneOptions& options);
 Scene field_scene(const SceneOptions& options);
 Scene park_scene(const SceneOptions& options);
+Scene moving_scene(const SceneOptions& options);
 
 }  // namespace zloam::simulator

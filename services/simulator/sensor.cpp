@@ -62,9 +62,14 @@ struct Sensor::Shot {
 struct Sensor::Echo {
   double range_m = 0.0;
   double reflectivity = 0.0;
-  double roughness_m = 0.0;
   double signal = 0.0;  // reflected power relative to what is just detected; 0: none
   int surface = kNoSurface;
+};
+
+/// Where everything that moves is at one time.
+struct Sensor::Movement {
+  std::int64_t time_ns;
+  std::vector<Track::State> states;
 };
 
 struct Sensor::Echoes {
@@ -124,15 +129,37 @@ Sensor::Shot Sensor::shot(const MotionState& body, std::int64_t sequence_ns, int
   shot.ray.direction = to_world(direction).normalized();
   shot.ray.origin = body.T_world_body.translation() + dt * body.velocity_world +
                     to_world(Vector3d(0.0, 0.0, vlp16::kHeightM[i]));
-  shot.ray.key = mixed(config_.seed) ^ mixed(static_cast<std::uint64_t>(shot.time_ns));
   shot.across = to_world(Vector3d(-sin_a, -cos_a, 0.0)).normalized();
   shot.upward = shot.ray.direction.cross(shot.across);
   return shot;
 }
 
-Sensor::Echo Sensor::cast(const Ray& ray, double weight) const {
+// All that moves and can be met by the sequence that begins with this shot: its lasers look along
+// one upright plane, which turns by a quarter of a degree at most until the last of them.
+std::vector<MovingShape> Sensor::moving_near(const Shot& first, const Movement& movement) const {
+  constexpr double kSlack = 0.03;  // of the distance: the turn, and half of the widest beam
+  constexpr double kDriftM = 0.1;  // nothing turns or speeds up by more within one packet
+  const World& world = scene_->world;
+  const double since_s = seconds(first.time_ns - movement.time_ns);
+  std::vector<MovingShape> moving;
+  for (std::size_t i = 0; i < movement.states.size(); ++i) {
+    const Track::State& state = movement.states[i];
+    const Vector3d to = state.place + since_s * state.velocity - first.ray.origin;
+    const double distance = to.norm();
+    const double radius = world.mover_radius(i) + kDriftM;
+    const double reach = radius + kSlack * distance;
+    if (distance < config_.sensor.max_range_m + radius && std::abs(to.dot(first.across)) < reach &&
+        to.dot(first.ray.direction) > -reach) {
+      world.add_moving(i, seconds(first.time_ns), moving);
+    }
+  }
+  return moving;
+}
+
+Sensor::Echo Sensor::cast(const Ray& ray, double weight, std::span<const MovingShape> moving,
+                          double after_s) const {
   const SensorConfig& sensor = config_.sensor;
-  const Hit hit = scene_->world.cast(ray, sensor.max_range_m + 1.0);
+  const Hit hit = scene_->world.cast(ray, sensor.max_range_m + 1.0, moving, after_s);
   if (!hit) {
     return {};
   }
@@ -144,7 +171,7 @@ Sensor::Echo Sensor::cast(const Ray& ray, double weight) const {
   } else {
     signal *= 1e3 / (hit.range_m * hit.range_m) + 1.0;
   }
-  return {hit.range_m, hit.reflectivity, hit.roughness_m, signal, hit.surface};
+  return {hit.range_m, hit.reflectivity, signal, hit.surface};
 }
 
 Sensor::Echoes Sensor::detect(std::span<Echo> echoes) const {
@@ -153,11 +180,12 @@ Sensor::Echoes Sensor::detect(std::span<Echo> echoes) const {
   Echoes out;
   const double threshold = config_.sensor.detection_reflectivity > 0.0 ? 1.0 : 0.0;
   for (std::size_t i = 0; i < echoes.size();) {
-    // Parts of the beam that return within one pulse's length are one return at their centre.
+    // Parts of the beam that return less than kSecondReturnM apart are one return at their centre,
+    // so that two returns are never nearer to each other than that.
     Echo joined = echoes[i];
     double moment = joined.signal * joined.range_m;
     std::size_t j = i + 1;
-    for (; j < echoes.size() && echoes[j].range_m - echoes[i].range_m < kSecondReturnM; ++j) {
+    for (; j < echoes.size() && echoes[j].range_m - echoes[j - 1].range_m < kSecondReturnM; ++j) {
       if (echoes[j].signal > joined.signal) {
         joined.surface = echoes[j].surface;
         joined.reflectivity = echoes[j].reflectivity;
@@ -181,7 +209,8 @@ Sensor::Echoes Sensor::detect(std::span<Echo> echoes) const {
   return out;
 }
 
-Sensor::Echoes Sensor::measure(const Shot& shot) const {
+Sensor::Echoes Sensor::measure(const Shot& shot, std::span<const MovingShape> moving) const {
+  const double after_s = seconds(shot.laser * vlp16::kLaserNs);
   const double divergence_rad = config_.sensor.divergence_mrad * 1e-3;
   std::array<Echo, 5> echoes;
   std::size_t count = 0;
@@ -189,9 +218,8 @@ Sensor::Echoes Sensor::measure(const Shot& shot) const {
     Ray ray = shot.ray;
     if (across != 0.0 || upward != 0.0) {
       ray.direction = (ray.direction + across * shot.across + upward * shot.upward).normalized();
-      ray.key = mixed(ray.key + count);
     }
-    const Echo echo = cast(ray, weight);
+    const Echo echo = cast(ray, weight, moving, after_s);
     if (echo.surface != kNoSurface) {
       echoes[count++] = echo;
     }
@@ -215,10 +243,9 @@ void Sensor::write(const Echo& echo, const Shot& shot, int block, int channel, D
   // Both returns of one firing keep their noise apart, and equal ones stay equal.
   Random random(config_.seed, Stream::kReturns,
                 mixed(static_cast<std::uint64_t>(shot.time_ns)) ^
-                    mixed(static_cast<std::uint64_t>(echo.surface)));
+                    mixed(static_cast<std::uint64_t>(std::llround(echo.range_m * 1e6))));
   const bool lost = random.chance(sensor.dropout);
-  const double noise =
-      random.normal(std::hypot(sensor.noise_sigma_m, echo.roughness_m), sensor.noise_limit_sigmas);
+  const double noise = random.normal(sensor.noise_sigma_m, sensor.noise_limit_sigmas);
   const double shade = random.normal(sensor.reflectivity_sigma, 4.0);
   const double range = echo.range_m + noise + bias_m_[static_cast<std::size_t>(shot.laser)];
   if (echo.surface == kNoSurface || lost || range < sensor.min_range_m ||
@@ -236,12 +263,13 @@ void Sensor::write(const Echo& echo, const Shot& shot, int block, int channel, D
   }
 }
 
-void Sensor::sequence(std::int64_t sequence_ns, int group, int half, DataPacket& packet,
-                      std::vector<Return>* returns) const {
+void Sensor::sequence(std::int64_t sequence_ns, int group, int half, const Movement& movement,
+                      DataPacket& packet, std::vector<Return>* returns) const {
   const MotionState body = scene_->trajectory.at(seconds(sequence_ns));
+  const std::vector<MovingShape> moving = moving_near(shot(body, sequence_ns, 0), movement);
   for (int laser = 0; laser < vlp16::kLasers; ++laser) {
     const Shot fired = shot(body, sequence_ns, laser);
-    const Echoes echoes = measure(fired);
+    const Echoes echoes = measure(fired, moving);
     const int channel = half * vlp16::kLasers + laser;
     if (config_.sensor.mode != ReturnMode::kDual) {
       const bool last = config_.sensor.mode == ReturnMode::kLast;
@@ -259,6 +287,10 @@ void Sensor::sequence(std::int64_t sequence_ns, int group, int half, DataPacket&
 DataPacket Sensor::data_packet(std::int64_t index, std::vector<Return>* returns) const {
   const ReturnMode mode = config_.sensor.mode;
   DataPacket packet{index * packet_period_ns(), vlp16::empty_packet(mode)};
+  Movement movement{packet.time_ns, {}};
+  for (const Mover& mover : scene_->world.movers()) {
+    movement.states.push_back(mover.track.at(seconds(packet.time_ns)));
+  }
   for (int group = 0; group < vlp16::groups(mode); ++group) {
     const std::int64_t group_ns = packet.time_ns + group * vlp16::kBlockNs;
     const double azimuth = rotor_deg(seconds(group_ns));
@@ -266,8 +298,8 @@ DataPacket Sensor::data_packet(std::int64_t index, std::vector<Return>* returns)
     for (int copy = 0; copy < copies; ++copy) {
       vlp16::set_azimuth(packet.bytes, copies * group + copy, azimuth);
     }
-    sequence(group_ns, group, 0, packet, returns);
-    sequence(group_ns + vlp16::kSequenceNs, group, 1, packet, returns);
+    sequence(group_ns, group, 0, movement, packet, returns);
+    sequence(group_ns + vlp16::kSequenceNs, group, 1, movement, packet, returns);
   }
   vlp16::set_stamp(packet.bytes, config_.epoch_ns + packet.time_ns);
   return packet;

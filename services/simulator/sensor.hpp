@@ -102,12 +102,15 @@ class Sensor {
   struct Shot;
   struct Echo;
   struct Echoes;
+  struct Movement;
   Shot shot(const MotionState& body, std::int64_t sequence_ns, int laser) const;
-  Echoes measure(const Shot& shot) const;
+  std::vector<MovingShape> moving_near(const Shot& first, const Movement& movement) const;
+  Echoes measure(const Shot& shot, std::span<const MovingShape> moving) const;
   Echoes detect(std::span<Echo> echoes) const;
-  Echo cast(const Ray& ray, double weight) const;
-  void sequence(std::int64_t sequence_ns, int group, int half, DataPacket& packet,
-                std::vector<Return>* returns) const;
+  Echo cast(const Ray& ray, double weight, std::span<const MovingShape> moving,
+            double after_s) const;
+  void sequence(std::int64_t sequence_ns, int group, int half, const Movement& movement,
+                DataPacket& packet, std::vector<Return>* returns) const;
   void write(const Echo& echo, const Shot& shot, int block, int channel, DataPacket& packet,
              std::vector<Return>* returns) const;
 

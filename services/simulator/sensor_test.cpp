@@ -429,6 +429,104 @@ TEST(Sensor, TruthTurnsAndShiftsWithoutChangingThePackets) {
       turned_sensor.T_truth_base(12.3) * config.T_base_lidar, 1e-12));
 }
 
+// A wall that comes towards a sensor at rest.
+TEST(Sensor, WhatMovesIsMetWhereItIsWhenTheLaserFires) {
+  constexpr double kSpeed = 60.0;
+  Track track({{0.0, {40.0, 0.0, 0.0}, 0.0}, {0.5, {40.0 - 0.5 * kSpeed, 0.0, 0.0}, 0.0}}, false);
+  SceneBuilder builder;
+  builder.box({1.0, 0.0, -60.0, 60.0, 2.0, 300.0, 0.0});
+  std::vector<Mover> movers;
+  movers.push_back({builder.take(), track});
+  const auto scene =
+      std::make_shared<const Scene>(Scene{World({}, std::nullopt, std::move(movers)),
+                                          Trajectory(std::vector<Knot>(100, Knot::Zero()), 0.02)});
+  for (const double beam_mrad : {0.0, 3.0}) {
+    SimulationConfig config = exact();
+    config.sensor.divergence_mrad = beam_mrad;
+    config.sensor.detection_reflectivity = 0.0;
+    const Sensor sensor(scene, config);
+    std::size_t count = 0;
+    double worst = 0.0;
+    for (std::int64_t i = 0; i < 300; ++i) {
+      std::vector<Return> returns;
+      sensor.data_packet(i, &returns);
+      for (const Return& r : returns) {
+        const double t = static_cast<double>(r.time_ns) * 1e-9;
+        const double w = kElevation[r.laser] * pi / 180.0;
+        const double cos_x = std::cos(w) * std::cos(r.azimuth_deg * pi / 180.0);
+        if (cos_x < 0.7) {
+          continue;  // a beam's footprint on a slanted wall is long
+        }
+        worst = std::max(worst, std::abs(r.range_m * cos_x - (40.0 - kSpeed * t)));
+        ASSERT_EQ(r.surface, 0);
+        ++count;
+      }
+    }
+    EXPECT_GT(count, 20000U);
+    EXPECT_LT(worst, beam_mrad > 0.0 ? 2e-3 : 1.01e-3) << "within a packet it comes 80 mm nearer";
+  }
+}
+
+TEST(Sensor, MovingThingsHideAndUncoverWhatIsBehindThem) {
+  const auto moving = make_scene("moving", {.seed = 2});
+  const auto city = make_scene("city", {.seed = 2});
+  const Sensor with(moving, exact());
+  const Sensor without(city, exact());
+  const int first_moving = static_cast<int>(city->world.shapes().size());
+  std::size_t on_moving = 0;
+  std::size_t all = 0;
+  for (std::int64_t i = 10000; i < 14000; i += 37) {
+    std::vector<Return> a;
+    std::vector<Return> b;
+    with.data_packet(i, &a);
+    without.data_packet(i, &b);
+    std::size_t k = 0;
+    for (const Return& r : a) {
+      ++all;
+      if (r.surface >= first_moving) {
+        ++on_moving;
+        continue;
+      }
+      while (k < b.size() && b[k].time_ns < r.time_ns) {
+        ++k;
+      }
+      ASSERT_LT(k, b.size());
+      ASSERT_EQ(b[k].time_ns, r.time_ns);
+      ASSERT_EQ(b[k].range_m, r.range_m) << "what is not hidden is as it was";
+    }
+  }
+  EXPECT_GT(on_moving, all / 100);
+  EXPECT_LT(on_moving, all / 3);
+}
+
+TEST(Sensor, RoughAndLeafyThingsLookTheSameInEveryTurn) {
+  SceneBuilder builder;
+  builder.ellipsoid({8.0, 0.0, 0.0}, {2.0, 2.0, 2.0}, 60.0).density_per_m = 1.0;
+  builder.box({-8.0, 0.0, -3.0, 3.0, 1.0, 30.0, 0.0}).roughness_m = 0.05;
+  const auto scene = std::make_shared<const Scene>(Scene{
+      World(builder.take(), std::nullopt), Trajectory(std::vector<Knot>(100, Knot::Zero()), 0.02)});
+  SimulationConfig config = exact();
+  config.sensor.speed_deviation = 0.0;
+  config.sensor.detection_reflectivity = 0.0;
+  // Turns of exactly 75 packets, so that each of their shots looks along the same line again.
+  config.sensor.rotation_rpm = 60e9 / (75.0 * vlp16::packet_ns(ReturnMode::kStrongest));
+  const Sensor sensor(scene, config);
+  std::map<int, int> by_surface;
+  for (std::int64_t i = 0; i < 75; ++i) {
+    std::vector<Return> first;
+    std::vector<Return> second;
+    sensor.data_packet(i, &first);
+    sensor.data_packet(i + 75, &second);
+    ASSERT_EQ(first.size(), second.size());
+    for (std::size_t k = 0; k < first.size(); ++k) {
+      ASSERT_NEAR(first[k].range_m, second[k].range_m, 0.0021);
+      ++by_surface[first[k].surface];
+    }
+  }
+  EXPECT_GT(by_surface[0], 500);
+  EXPECT_GT(by_surface[1], 5000);
+}
+
 TEST(Sensor, RefusesImpossibleSettings) {
   const auto scene = still_scene(10.0);
   const auto with = [&](auto change) {

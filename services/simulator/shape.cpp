@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "simulator/random.hpp"
 
@@ -92,19 +93,101 @@ std::optional<Crossing> cross_cylinder(const Vector3d& o, const Vector3d& d, con
   return std::nullopt;
 }
 
-std::optional<Crossing> cross_foliage(const Span& span, double density, std::uint64_t key) {
-  const double start = std::max(span.enter, 0.0);
-  Random random(key, Stream::kReturns);
-  const double range = start - std::log(1.0 - random.uniform()) / density;
-  if (range >= span.leave || range <= kNearestHitM) {
+// A number for each cell of a grid, the same whenever it is asked for.
+std::uint64_t cell_bits(const Eigen::Vector3i& cell, std::uint64_t key) {
+  const auto part = [](int v) { return static_cast<std::uint64_t>(static_cast<std::uint32_t>(v)); };
+  return mixed(key + part(cell.x()) * 0x8DA6B343D8163841ULL +
+               part(cell.y()) * 0xD8163841CB1AB31FULL + part(cell.z()) * 0xCB1AB31F8DA6B343ULL);
+}
+
+double unit(std::uint64_t bits, int shift) {
+  return static_cast<double>((bits >> shift) & 0xFFFF) / 65536.0;
+}
+
+// Cells with at most one leaf each, a sphere of 0.4 of the cell.
+struct Leaves {
+  double cell_m;
+  std::uint64_t threshold;  // of 2^16: a cell has a leaf where its bits are below
+  std::uint64_t key;
+};
+
+constexpr double kLeafRadius = 0.4;  // of the cell
+
+Leaves leaves_of(double density, std::uint64_t key) {
+  // A ray that crosses a cell runs through 2/3 of its edge on average. The part mean of such rays
+  // would meet a leaf inside, and of those the part 1 - share finds none there, so that
+  // mean * ln(1 - share) must be -density * 2/3 * edge.
+  const double cell_m = std::min(0.1, 0.4 / density);
+  const double chord_m = 2.0 / 3.0 * cell_m;
+  const double mean = std::numbers::pi * kLeafRadius * kLeafRadius * 2.0 / 3.0;
+  const double share = 1.0 - std::exp(-density * chord_m / mean);
+  return {cell_m, static_cast<std::uint64_t>(share * 65536.0), key};
+}
+
+// Nearest crossing with the leaf of a cell, if it has one. o and d in cells.
+std::optional<Crossing> cross_leaf(const Vector3d& o, const Vector3d& d,
+                                   const Eigen::Vector3i& cell, const Leaves& leaves) {
+  const std::uint64_t bits = cell_bits(cell, leaves.key);
+  if ((bits & 0xFFFF) >= leaves.threshold) {
     return std::nullopt;
   }
-  return Crossing{range, random.uniform(0.3, 1.0)};
+  const double room = 1.0 - 2.0 * kLeafRadius;
+  const Vector3d centre = cell.cast<double>() + Vector3d::Constant(kLeafRadius) +
+                          room * Vector3d(unit(bits, 16), unit(bits, 32), unit(bits, 48));
+  const Vector3d to = centre - o;
+  const double along = to.dot(d);
+  const double aside = to.squaredNorm() - along * along;
+  const double radius_squared = kLeafRadius * kLeafRadius;
+  if (aside >= radius_squared) {
+    return std::nullopt;
+  }
+  const double half = std::sqrt(radius_squared - aside);
+  return Crossing{along - half, half / kLeafRadius};
+}
+
+// From cell to cell along the ray (Amanatides and Woo, "A fast voxel traversal algorithm for ray
+// tracing", Eurographics 1987).
+std::optional<Crossing> cross_foliage(const Vector3d& o_m, const Vector3d& d, const Span& span,
+                                      const Leaves& leaves, double max_range_m) {
+  const double start = std::max(span.enter, kNearestHitM) / leaves.cell_m;
+  const double end = std::min(span.leave, max_range_m) / leaves.cell_m;
+  const Vector3d o = o_m / leaves.cell_m;
+  const Vector3d first = o + start * d;
+  Eigen::Vector3i cell = first.array().floor().cast<int>();
+  Eigen::Vector3i step;
+  Vector3d next;
+  Vector3d stride;
+  for (int axis = 0; axis < 3; ++axis) {
+    const bool flat = std::abs(d[axis]) < 1e-12;
+    step[axis] = d[axis] < 0.0 ? -1 : 1;
+    stride[axis] = flat ? std::numeric_limits<double>::infinity() : 1.0 / std::abs(d[axis]);
+    const double edge = cell[axis] + (step[axis] > 0 ? 1.0 : 0.0);
+    next[axis] = flat ? std::numeric_limits<double>::infinity() : (edge - o[axis]) / d[axis];
+  }
+  for (double t = start; t < end;) {
+    const auto crossing = cross_leaf(o, d, cell, leaves);
+    if (crossing && crossing->range_m >= start && crossing->range_m < end) {
+      return Crossing{crossing->range_m * leaves.cell_m, crossing->cos_incidence};
+    }
+    int axis = next.x() < next.y() ? 0 : 1;
+    axis = next.z() < next[axis] ? 2 : axis;
+    t = next[axis];
+    cell[axis] += step[axis];
+    next[axis] += stride[axis];
+  }
+  return std::nullopt;
 }
 
 }  // namespace
 
-std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index) {
+std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index,
+                              double max_range_m) {
+  // Most candidates of the tree are passed by; this costs less than turning the ray.
+  const Vector3d to = shape.centre - ray.origin;
+  const double along = to.dot(ray.direction);
+  if (to.squaredNorm() - along * along > shape.half.squaredNorm() * (1.0 + 1e-9)) {
+    return std::nullopt;
+  }
   const Vector3d o = shape.R_world_shape.transpose() * (ray.origin - shape.centre);
   const Vector3d d = shape.R_world_shape.transpose() * ray.direction;
   if (shape.kind == ShapeKind::kCylinder) {
@@ -116,12 +199,39 @@ std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t 
     return std::nullopt;
   }
   if (shape.density_per_m > 0.0) {
-    return cross_foliage(*span, shape.density_per_m, ray.key ^ mixed(shape_index));
+    return cross_foliage(o, d, *span, leaves_of(shape.density_per_m, mixed(shape_index)),
+                         max_range_m);
   }
   if (span->enter > kNearestHitM) {
     return crossing_at(span->enter, d, span->enter_normal);
   }
   return crossing_at(span->leave, d, span->leave_normal);
+}
+
+double relief_along(const Vector3d& point, const Shape& shape, std::uint64_t shape_index,
+                    double cos_incidence) {
+  if (shape.roughness_m <= 0.0) {
+    return 0.0;
+  }
+  constexpr double kCellM = 0.05;
+  constexpr double kLeastCosine = 0.3;  // what is seen at a glance has no relief of its own
+  const Vector3d p = shape.R_world_shape.transpose() * (point - shape.centre) / kCellM;
+  const Vector3d low = p.array().floor();
+  const Vector3d u = p - low;
+  const Eigen::Vector3i cell = low.cast<int>();
+  double sum = 0.0;
+  double squares = 0.0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3i at(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
+    double weight = 1.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      weight *= at[axis] == 1 ? u[axis] : 1.0 - u[axis];
+    }
+    sum += weight * (2.0 * unit(cell_bits(cell + at, mixed(~shape_index)), 0) - 1.0);
+    squares += weight * weight;
+  }
+  // A value between -1 and 1 has a variance of 1/3, a weighted sum that times the weights' squares.
+  return shape.roughness_m * sum * std::sqrt(3.0 / squares) / std::max(cos_incidence, kLeastCosine);
 }
 
 Vector3d half_bounds(const Shape& shape) { return shape.R_world_shape.cwiseAbs() * shape.half; }

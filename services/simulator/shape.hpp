@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <optional>
 
 namespace zloam::simulator {
@@ -14,8 +15,8 @@ enum class ShapeKind : std::uint8_t {
   kEllipsoid,  ///< half: semi-axes
 };
 
-/// One solid. A shape with density > 0 is foliage: a ray stops at a random depth inside it, with
-/// the probability density * exp(-density * depth), or leaves it at the far side.
+/// One solid. A shape with density > 0 is foliage: full of small round leaves, each at its place
+/// for ever, of so many that a ray stops inside with the probability 1 - exp(-density * depth).
 struct Shape {
   ShapeKind kind = ShapeKind::kBox;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -23,13 +24,12 @@ struct Shape {
   Eigen::Matrix3d R_world_shape = Eigen::Matrix3d::Identity();
   double reflectivity = 60.0;  ///< 0-100 diffuse, 101-255 retro-reflector
   double density_per_m = 0.0;
-  double roughness_m = 0.0;  ///< 1 sigma of the surface's own relief along the beam
+  double roughness_m = 0.0;  ///< 1 sigma of the surface's own relief, bumps of some 5 cm
 };
 
 struct Ray {
   Eigen::Vector3d origin;     ///< m
   Eigen::Vector3d direction;  ///< unit
-  std::uint64_t key = 0;      ///< decides the random depths in foliage
 };
 
 /// Where a ray meets a surface.
@@ -42,7 +42,14 @@ struct Crossing {
 inline constexpr double kNearestHitM = 0.05;
 
 /// First crossing of the ray with the shape beyond kNearestHitM; seen from inside, the far wall.
-std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index);
+/// shape_index tells the leaves of one shape from another's. Nothing beyond max_range_m is of use.
+std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index,
+                              double max_range_m = std::numeric_limits<double>::infinity());
+
+/// What the roughness of the shape adds to the range of a ray that meets it at the point: 0 for
+/// smooth shapes; else the same at the same place, with a sigma of roughness / cos_incidence.
+double relief_along(const Eigen::Vector3d& point, const Shape& shape, std::uint64_t shape_index,
+                    double cos_incidence);
 
 /// Half extents of the axis-aligned box around the shape.
 Eigen::Vector3d half_bounds(const Shape& shape);

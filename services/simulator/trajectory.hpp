@@ -12,9 +12,10 @@ namespace zloam::simulator {
 /// Pose and motion at one instant.
 struct MotionState {
   Pose T_world_body = Pose::Identity();
-  Eigen::Vector3d velocity_world = Eigen::Vector3d::Zero();      ///< m/s
-  Eigen::Vector3d acceleration_world = Eigen::Vector3d::Zero();  ///< m/s^2, without gravity
-  Eigen::Vector3d rate_body = Eigen::Vector3d::Zero();           ///< rad/s, body axes
+  Eigen::Vector3d velocity_world = Eigen::Vector3d::Zero();             ///< m/s
+  Eigen::Vector3d acceleration_world = Eigen::Vector3d::Zero();         ///< m/s^2, without gravity
+  Eigen::Vector3d rate_body = Eigen::Vector3d::Zero();                  ///< rad/s, body axes
+  Eigen::Vector3d angular_acceleration_body = Eigen::Vector3d::Zero();  ///< rad/s^2, body axes
 };
 
 /// A knot of a trajectory: x, y, z (m), yaw, pitch, roll (rad; R = Rz(yaw) Ry(pitch) Rx(roll)). Yaw

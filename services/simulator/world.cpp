@@ -5,6 +5,8 @@
 #include <limits>
 #include <numeric>
 
+#include "simulator/scene_builder.hpp"
+
 namespace zloam::simulator {
 namespace {
 
@@ -72,13 +74,17 @@ Split best_split(const std::vector<Shape>& shapes, std::vector<std::int32_t>& or
 
 }  // namespace
 
-World::World(std::vector<Shape> shapes, std::optional<Terrain> terrain)
-    : shapes_(std::move(shapes)), order_(shapes_.size()), terrain_(std::move(terrain)) {
+World::World(std::vector<Shape> shapes, std::optional<Terrain> terrain, std::vector<Mover> movers)
+    : shapes_(std::move(shapes)),
+      order_(shapes_.size()),
+      terrain_(std::move(terrain)),
+      movers_(std::move(movers)) {
   std::iota(order_.begin(), order_.end(), 0);
   nodes_.reserve(2 * shapes_.size() + 1);
   if (!shapes_.empty()) {
     build(0, static_cast<std::int32_t>(shapes_.size()), 0);
   }
+  measure_movers();
 }
 
 void World::build(std::int32_t begin, std::int32_t end, int depth) {
@@ -113,10 +119,9 @@ void World::cast_leaf(const Ray& ray, const Node& node, Hit& best) const {
   for (std::int32_t i = node.first; i < node.first + node.count; ++i) {
     const std::int32_t index = order_[static_cast<std::size_t>(i)];
     const Shape& shape = shapes_[static_cast<std::size_t>(index)];
-    const auto crossing = cross(ray, shape, static_cast<std::uint64_t>(index));
+    const auto crossing = cross(ray, shape, static_cast<std::uint64_t>(index), best.range_m);
     if (crossing && crossing->range_m < best.range_m) {
-      best = {crossing->range_m, crossing->cos_incidence, shape.reflectivity, shape.roughness_m,
-              index};
+      best = {crossing->range_m, crossing->cos_incidence, shape.reflectivity, index};
     }
   }
 }
@@ -150,7 +155,41 @@ void World::cast_shapes(const Ray& ray, Hit& best) const {
   }
 }
 
-Hit World::cast(const Ray& ray, double max_range_m) const {
+void World::measure_movers() {
+  int surface = static_cast<int>(shapes_.size());
+  for (const Mover& mover : movers_) {
+    double radius = 0.0;
+    for (const Shape& shape : mover.shapes) {
+      radius = std::max(radius, shape.centre.norm() + shape.half.norm());
+    }
+    first_surface_.push_back(surface);
+    radii_.push_back(radius);
+    surface += static_cast<int>(mover.shapes.size());
+  }
+}
+
+void World::add_moving(std::size_t mover, double time_s, std::vector<MovingShape>& out) const {
+  const Track::State state = movers_[mover].track.at(time_s);
+  const Eigen::Matrix3d R = turned(state.yaw_rad);
+  int surface = first_surface_[mover];
+  for (const Shape& own : movers_[mover].shapes) {
+    MovingShape moving{own, state.velocity, surface++};
+    moving.shape.centre = state.place + R * own.centre;
+    moving.shape.R_world_shape = R * own.R_world_shape;
+    out.push_back(std::move(moving));
+  }
+}
+
+std::vector<MovingShape> World::moving_at(double time_s) const {
+  std::vector<MovingShape> out;
+  for (std::size_t mover = 0; mover < movers_.size(); ++mover) {
+    add_moving(mover, time_s, out);
+  }
+  return out;
+}
+
+Hit World::cast(const Ray& ray, double max_range_m, std::span<const MovingShape> moving,
+                double after_s) const {
   Hit best;
   best.range_m = max_range_m;
   if (!shapes_.empty()) {
@@ -158,8 +197,28 @@ Hit World::cast(const Ray& ray, double max_range_m) const {
   }
   if (terrain_) {
     if (const auto crossing = terrain_->cross(ray, best.range_m)) {
-      best = {crossing->range_m, crossing->cos_incidence, terrain_->reflectivity, 0.0, kGround};
+      best = {crossing->range_m, crossing->cos_incidence, terrain_->reflectivity, kGround};
     }
+  }
+  const MovingShape* moved = nullptr;
+  for (const MovingShape& candidate : moving) {
+    // To what moves evenly, the ray is one that starts elsewhere.
+    const Ray relative{ray.origin - after_s * candidate.velocity, ray.direction};
+    const auto crossing = cross(relative, candidate.shape,
+                                static_cast<std::uint64_t>(candidate.surface), best.range_m);
+    if (crossing && crossing->range_m < best.range_m) {
+      best = {crossing->range_m, crossing->cos_incidence, candidate.shape.reflectivity,
+              candidate.surface};
+      moved = &candidate;
+    }
+  }
+  if (best.surface >= 0) {
+    const Shape& shape =
+        moved != nullptr ? moved->shape : shapes_[static_cast<std::size_t>(best.surface)];
+    const Vector3d shift =
+        moved != nullptr ? Vector3d(after_s * moved->velocity) : Vector3d::Zero();
+    best.range_m += relief_along(ray.origin - shift + best.range_m * ray.direction, shape,
+                                 static_cast<std::uint64_t>(best.surface), best.cos_incidence);
   }
   return best;
 }

@@ -3,10 +3,11 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
+#include "simulator/moving.hpp"
 #include "simulator/shape.hpp"
 #include "simulator/terrain.hpp"
 
@@ -20,8 +21,9 @@ struct Hit {
   double range_m = 0.0;
   double cos_incidence = 0.0;
   double reflectivity = 0.0;
-  double roughness_m = 0.0;
-  int surface = kNoSurface;  ///< index into World::shapes(), kGround or kNoSurface
+  /// Index into World::shapes(), after those the moving ones in the order of World::movers();
+  /// kGround or kNoSurface.
+  int surface = kNoSurface;
 
   explicit operator bool() const { return surface != kNoSurface; }
 };
@@ -30,13 +32,24 @@ struct Hit {
 class World {
  public:
   /// Terrain may be absent (floors can be boxes).
-  World(std::vector<Shape> shapes, std::optional<Terrain> terrain);
+  World(std::vector<Shape> shapes, std::optional<Terrain> terrain, std::vector<Mover> movers = {});
 
   const std::vector<Shape>& shapes() const { return shapes_; }
   const std::optional<Terrain>& terrain() const { return terrain_; }
 
-  /// The nearest surface within max_range_m.
-  Hit cast(const Ray& ray, double max_range_m) const;
+  const std::vector<Mover>& movers() const { return movers_; }
+
+  /// All that moves, where it is at a time (s).
+  std::vector<MovingShape> moving_at(double time_s) const;
+  /// Appends the solids of one mover.
+  void add_moving(std::size_t mover, double time_s, std::vector<MovingShape>& out) const;
+  /// Of the sphere around a mover's place that holds all of its solids, m.
+  double mover_radius(std::size_t mover) const { return radii_[mover]; }
+
+  /// The nearest surface within max_range_m, rough ones with their relief; of what moves only that
+  /// which is given, after_s later than it was made.
+  Hit cast(const Ray& ray, double max_range_m, std::span<const MovingShape> moving = {},
+           double after_s = 0.0) const;
 
  private:
   struct Node {
@@ -46,6 +59,7 @@ class World {
     std::int32_t count;  // leaf: number of shapes; else 0
     std::int32_t axis;   // inner: along which the children are sorted
   };
+  void measure_movers();
   void build(std::int32_t begin, std::int32_t end, int depth);
   void cast_shapes(const Ray& ray, Hit& best) const;
   void cast_leaf(const Ray& ray, const Node& node, Hit& best) const;
@@ -54,6 +68,9 @@ class World {
   std::vector<std::int32_t> order_;
   std::vector<Node> nodes_;
   std::optional<Terrain> terrain_;
+  std::vector<Mover> movers_;
+  std::vector<int> first_surface_;  // of each mover
+  std::vector<double> radii_;
 };
 
 }  // namespace zloam::simulator

@@ -70,24 +70,133 @@ TEST(Shape, EllipsoidIsHitOnItsSurface) {
 
 TEST(Shape, FoliageIsPenetratedByTheExponentialLaw) {
   SceneBuilder builder;
-  builder.box({10.0, 0.0, -1.0, 1.0, 4.0, 4.0, 0.0});
+  builder.box({0.0, 0.0, -50.0, 50.0, 4.0, 100.0, 0.0});
   Shape shape = builder.take().front();
-  shape.density_per_m = 0.7;
-  const int rays = 20000;
-  int hits = 0;
-  double depth = 0.0;
-  for (int i = 0; i < rays; ++i) {
-    const Ray ray{Vector3d::Zero(), Vector3d::UnitX(), mixed(static_cast<std::uint64_t>(i))};
-    if (const auto crossing = cross(ray, shape, 3)) {
-      ASSERT_GE(crossing->range_m, 8.0);
-      ASSERT_LE(crossing->range_m, 12.0);
-      ++hits;
-      depth += crossing->range_m - 8.0;
+  for (const double density : {0.3, 0.7, 2.0, 6.0}) {
+    shape.density_per_m = density;
+    Random random(5, Stream::kWorld);
+    const int rays = 20000;
+    int hits = 0;
+    double through = 0.0;
+    double depth = 0.0;
+    double expected_depth = 0.0;
+    for (int i = 0; i < rays; ++i) {
+      const Vector3d direction =
+          Vector3d(1.0, random.uniform(-0.7, 0.7), random.uniform(-0.7, 0.7)).normalized();
+      const Ray ray{{-9.0, random.uniform(-20.0, 20.0), random.uniform(-20.0, 20.0)}, direction};
+      const double enter = 7.0 / direction.x();
+      const double thick = 4.0 / direction.x();
+      const double left = std::exp(-density * thick);
+      through += left / rays;
+      expected_depth += (1.0 / density * (1.0 - left) - thick * left) / rays;
+      if (const auto crossing = cross(ray, shape, 3)) {
+        ASSERT_GE(crossing->range_m, enter - 1e-9);
+        ASSERT_LE(crossing->range_m, enter + thick + 1e-9);
+        ASSERT_GE(crossing->cos_incidence, 0.0);
+        ASSERT_LE(crossing->cos_incidence, 1.0 + 1e-9);
+        ++hits;
+        depth += (crossing->range_m - enter) / rays;
+      }
     }
+    EXPECT_NEAR(static_cast<double>(hits) / rays, 1.0 - through, 0.02) << density;
+    // A leaf is met at its front, not at its centre.
+    EXPECT_NEAR(depth, expected_depth, 0.04 * expected_depth + 0.02) << density;
   }
-  const double through = std::exp(-0.7 * 4.0);
-  EXPECT_NEAR(static_cast<double>(hits) / rays, 1.0 - through, 0.01);
-  EXPECT_NEAR(depth / hits, 1.0 / 0.7 - 4.0 * through / (1.0 - through), 0.03);
+}
+
+TEST(Shape, LeavesStayWhereTheyAre) {
+  SceneBuilder builder;
+  builder.ellipsoid({5.0, 0.0, 0.0}, {1.5, 1.5, 1.5}, 40.0);
+  Shape shape = builder.take().front();
+  shape.density_per_m = 1.0;
+  // Rays from everywhere to a point that one ray has met are stopped there or before, never behind.
+  Random random(2, Stream::kWorld);
+  int met = 0;
+  int same = 0;
+  for (int i = 0; i < 300; ++i) {
+    const Vector3d d = Vector3d(5.0, random.uniform(-1, 1), random.uniform(-1, 1)).normalized();
+    const auto crossing = cross({Vector3d::Zero(), d}, shape, 3);
+    if (!crossing) {
+      continue;
+    }
+    ++met;
+    const Vector3d leaf = crossing->range_m * d;
+    const Vector3d eye(0.0, random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2));
+    const double distance = (leaf - eye).norm();
+    const auto again = cross({eye, (leaf - eye) / distance}, shape, 3);
+    ASSERT_TRUE(again);
+    ASSERT_LT(again->range_m, distance + 1e-6);
+    same += std::abs(again->range_m - distance) < 1e-6 ? 1 : 0;
+    const auto other = cross({Vector3d::Zero(), d}, shape, 4);
+    EXPECT_TRUE(!other || other->range_m != crossing->range_m);
+  }
+  EXPECT_GT(met, 150);
+  EXPECT_GT(same, met / 2);
+}
+
+TEST(Shape, ReliefBelongsToThePlaceAndHasTheSigmaAskedFor) {
+  SceneBuilder builder;
+  Shape& wall = builder.box({0.0, 0.0, -50.0, 50.0, 2.0, 100.0, 0.4});
+  wall.roughness_m = 0.02;
+  const Shape shape = builder.take().front();
+  Random random(6, Stream::kWorld);
+  double squares = 0.0;
+  double steps = 0.0;
+  constexpr int kPlaces = 20000;
+  for (int i = 0; i < kPlaces; ++i) {
+    const Vector3d p(0.3, random.uniform(-40, 40), random.uniform(-40, 40));
+    const double relief = relief_along(p, shape, 1, 1.0);
+    EXPECT_EQ(relief, relief_along(p, shape, 1, 1.0));
+    EXPECT_NEAR(relief_along(p, shape, 1, 0.5), 2.0 * relief, 1e-12);
+    squares += relief * relief / kPlaces;
+    const double step = relief_along(p + Vector3d(0.0, 0.001, 0.0), shape, 1, 1.0) - relief;
+    steps += step * step / kPlaces;
+  }
+  EXPECT_NEAR(std::sqrt(squares), 0.02, 0.001);
+  EXPECT_LT(std::sqrt(steps), 0.002) << "bumps, not noise";
+  Shape smooth = shape;
+  smooth.roughness_m = 0.0;
+  EXPECT_EQ(relief_along(Vector3d::Zero(), smooth, 1, 1.0), 0.0);
+}
+
+TEST(Track, WalksAtItsSpeedAndRepeats) {
+  const auto ground = [](double x, double) { return 0.1 * x; };
+  const Track once = walk({{0, 0}, {10, 0}, {10, 5}}, 2.0, 0.0, Repeat::kOnce, ground);
+  EXPECT_TRUE(once.at(2.1).place.isApprox(Vector3d(4.2, 0.0, 0.42), 1e-9));
+  EXPECT_TRUE(once.at(2.1).velocity.isApprox(Vector3d(2.0, 0.0, 0.2), 1e-9));
+  EXPECT_NEAR(once.at(6.1).yaw_rad, std::numbers::pi / 2.0, 1e-9);
+  EXPECT_TRUE(once.at(60.0).place.isApprox(Vector3d(10.0, 5.0, 1.0), 1e-9));
+  EXPECT_EQ(once.at(60.0).velocity.norm(), 0.0);
+  const Track to_and_fro = walk({{0, 0}, {10, 0}}, 2.0, 3.0, Repeat::kToAndFro, nullptr);
+  EXPECT_NEAR(to_and_fro.at(0.0).place.x(), 3.0, 1e-9);
+  EXPECT_NEAR(to_and_fro.at(6.0).place.x(), 5.0, 1e-9);  // on its way back
+  EXPECT_NEAR(to_and_fro.at(6.0).velocity.x(), -2.0, 1e-9);
+  EXPECT_NEAR(to_and_fro.at(16.0).place.x(), 5.0, 1e-9);
+  const Track loop = walk({{0, 0}, {4, 0}, {4, 4}, {0, 4}}, 1.0, 0.0, Repeat::kLoop, nullptr);
+  EXPECT_TRUE(loop.at(14.0).place.isApprox(Vector3d(0.0, 2.0, 0.0), 1e-9));
+  EXPECT_TRUE(loop.at(-2.0).place.isApprox(Vector3d(0.0, 2.0, 0.0), 1e-9));
+  EXPECT_THROW(walk({{0, 0}}, 1.0, 0.0, Repeat::kLoop, nullptr), std::invalid_argument);
+  EXPECT_THROW(walk({{0, 0}, {1, 0}}, 0.0, 0.0, Repeat::kLoop, nullptr), std::invalid_argument);
+  EXPECT_EQ(Track().at(3.0).place.norm(), 0.0);
+}
+
+TEST(Moving, NothingComesTooNearToThePlatform) {
+  const auto scene = make_scene("moving", {.seed = 7});
+  const auto city = make_scene("city", {.seed = 7});
+  EXPECT_GT(scene->world.movers().size(), 60U);
+  double vans_moved = 0.0;
+  for (double t = 0.0; t < scene->trajectory.duration_s(); t += 0.25) {
+    const Pose pose = scene->trajectory.at(t).T_world_body;
+    ASSERT_TRUE(pose.isApprox(city->trajectory.at(t).T_world_body, 1e-12)) << "the truth is city's";
+    for (const MovingShape& moving : scene->world.moving_at(t)) {
+      const Vector3d inside =
+          moving.shape.R_world_shape.transpose() * (pose.translation() - moving.shape.centre);
+      const Vector3d gap = inside.cwiseAbs() - moving.shape.half;
+      ASSERT_GT(gap.head<2>().cwiseMax(0.0).norm(), 0.8) << "at " << t;
+    }
+    vans_moved += 0.25 * scene->world.movers().front().track.at(t).velocity.norm();
+  }
+  EXPECT_NEAR(vans_moved, 390.0, 20.0) << "goes with the platform all the way";
 }
 
 TEST(Terrain, HitsAreOnTheSurfaceAndNothingIsJumpedOver) {
@@ -123,7 +232,7 @@ TEST(World, TreeFindsWhatTryingAllShapesFinds) {
   int hits = 0;
   for (int i = 0; i < 3000; ++i) {
     const Pose pose = scene->trajectory.at(random.uniform(0.0, 70.0)).T_world_body;
-    Ray ray{pose.translation(), any_direction(random), mixed(static_cast<std::uint64_t>(i))};
+    Ray ray{pose.translation(), any_direction(random)};
     ray.direction.z() *= 0.2;
     ray.direction.normalize();
     double nearest = 100.0;

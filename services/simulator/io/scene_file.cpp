@@ -3,6 +3,8 @@
 #include <yaml-cpp/yaml.h>
 
 #include <cmath>
+#include <functional>
+#include <map>
 #include <set>
 #include <stdexcept>
 
@@ -92,6 +94,14 @@ Shape read_shape(const YAML::Node& node) {
   return shape;
 }
 
+std::vector<Shape> read_shapes(const YAML::Node& node) {
+  std::vector<Shape> shapes;
+  for (const YAML::Node& shape : node) {
+    shapes.push_back(read_shape(shape));
+  }
+  return shapes;
+}
+
 std::optional<Terrain> read_ground(const YAML::Node& node, std::uint64_t seed) {
   if (!node) {
     return std::nullopt;
@@ -135,6 +145,30 @@ Path read_path(const YAML::Node& node) {
   return smooth_path(points, radius_m, smoothing_m, closed);
 }
 
+Mover read_mover(const YAML::Node& node, const std::function<double(double, double)>& ground) {
+  allow_only(node, {"points", "speed_m_s", "start_m", "repeat", "shapes"});
+  Polyline points;
+  for (const YAML::Node& point : needed(node, "points")) {
+    points.push_back(vector<2>(point));
+  }
+  double start_m = 0.0;
+  read(node, "start_m", start_m);
+  const std::map<std::string, Repeat> ways = {
+      {"once", Repeat::kOnce}, {"loop", Repeat::kLoop}, {"to_and_fro", Repeat::kToAndFro}};
+  const auto repeat = node["repeat"] ? node["repeat"].as<std::string>() : "once";
+  if (!ways.contains(repeat)) {
+    refuse(node["repeat"], "'" + repeat + "' is none of once, loop, to_and_fro");
+  }
+  const double speed_m_s = number(needed(node, "speed_m_s"));
+  std::vector<Shape> shapes = read_shapes(needed(node, "shapes"));
+  try {
+    return {std::move(shapes),
+            walk(std::move(points), speed_m_s, start_m, ways.at(repeat), ground)};
+  } catch (const std::invalid_argument& error) {
+    refuse(node, error.what());
+  }
+}
+
 Drive read_drive(const YAML::Node& node) {
   Drive drive;
   if (!node) {
@@ -169,11 +203,7 @@ Drive read_drive(const YAML::Node& node) {
 }
 
 Scene scene_from(const YAML::Node& root, const SceneOptions& options) {
-  allow_only(root, {"path", "drive", "ground", "shapes"});
-  std::vector<Shape> shapes;
-  for (const YAML::Node& shape : root["shapes"]) {
-    shapes.push_back(read_shape(shape));
-  }
+  allow_only(root, {"path", "drive", "ground", "shapes", "movers"});
   const std::optional<Terrain> ground = read_ground(root["ground"], options.seed);
   Drive ride = read_drive(root["drive"]);
   ride.max_speed_m_s *= options.speed_factor;
@@ -182,7 +212,11 @@ Scene scene_from(const YAML::Node& root, const SceneOptions& options) {
     ride.ground = [&](double x, double y) { return ground->height(x, y); };
   }
   const Trajectory trajectory = drive(read_path(needed(root, "path")), ride, options.seed);
-  return {World(std::move(shapes), ground), trajectory};
+  std::vector<Mover> movers;
+  for (const YAML::Node& mover : root["movers"]) {
+    movers.push_back(read_mover(mover, ride.ground));
+  }
+  return {World(read_shapes(root["shapes"]), ground, std::move(movers)), trajectory};
 }
 
 }  // namespace

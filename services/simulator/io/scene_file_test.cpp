@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
@@ -56,6 +57,47 @@ shapes:
   EXPECT_LT((end.translation() - start.translation()).norm(), 0.05);
 }
 
+TEST_F(SceneFile, WhatMovesFollowsItsPoints) {
+  const auto scene = read_scene(written(std::string(kPath) + R"(
+movers:
+  - points: [[10, -20], [10, 20]]
+    speed_m_s: 5
+    start_m: 5
+    repeat: to_and_fro
+    shapes: [{kind: box, centre: [0, 0, 1], size: [4, 2, 2]}]
+)"),
+                                {});
+  const auto moving = scene->world.moving_at(2.0);
+  ASSERT_EQ(moving.size(), 1U);
+  EXPECT_TRUE(moving[0].shape.centre.isApprox(Eigen::Vector3d(10.0, -5.0, 1.0), 1e-9));
+  EXPECT_TRUE(moving[0].velocity.isApprox(Eigen::Vector3d(0.0, 5.0, 0.0), 1e-9));
+  const Eigen::Vector3d eye(0.0, -5.0, 1.0);
+  const Hit hit = scene->world.cast({eye, Eigen::Vector3d::UnitX()}, 100.0, moving);
+  EXPECT_NEAR(hit.range_m, 9.0, 1e-9) << "it has turned towards where it goes";
+  EXPECT_EQ(hit.surface, 0);
+}
+
+// In the frame of the first pose of base_link all walls, the floor and the ceiling of this world
+// are where a map with cells of 0.25, 0.5 or 1 m has its boundaries.
+TEST_F(SceneFile, TheGridWorldsWallsStandOnTheGrid) {
+  const auto scene = read_scene(ZLOAM_WORLDS "/grid.yaml", {});
+  const Pose T_map_world = scene->trajectory.at(0.0).T_world_body.inverse();
+  ASSERT_GT(scene->world.shapes().size(), 8U);
+  int faces = 0;
+  for (const Shape& shape : scene->world.shapes()) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double side : {-1.0, 1.0}) {
+        const Eigen::Vector3d face =
+            T_map_world *
+            Eigen::Vector3d(shape.centre + side * shape.half[axis] * Eigen::Vector3d::Unit(axis));
+        EXPECT_NEAR(face[axis], std::round(face[axis]), 1e-6);
+        ++faces;
+      }
+    }
+  }
+  EXPECT_GT(faces, 48);
+}
+
 TEST_F(SceneFile, NamesFileLineAndKeyOfWhatIsWrong) {
   using testing::AllOf;
   using testing::HasSubstr;
@@ -68,6 +110,11 @@ TEST_F(SceneFile, NamesFileLineAndKeyOfWhatIsWrong) {
               HasSubstr("'size' is missing"));
   EXPECT_THAT(refusal(std::string(kPath) + "drive: {height_m: high}\n"), HasSubstr("a number"));
   EXPECT_THAT(refusal(std::string(kPath) + "drive: {max_speed_m_s: 0}\n"), HasSubstr("above 0"));
+  const std::string mover = std::string(kPath) + "movers: [{points: [[0, 0], [1, 0]], shapes: []";
+  EXPECT_THAT(refusal(mover + "}]"), HasSubstr("'speed_m_s' is missing"));
+  EXPECT_THAT(refusal(mover + ", speed_m_s: -1}]"), HasSubstr("speed above 0"));
+  EXPECT_THAT(refusal(mover + ", speed_m_s: 1, repeat: often}]"), HasSubstr("often"));
+  EXPECT_THAT(refusal(mover + ", speed_m_s: 1, colour: red}]"), HasSubstr("colour"));
   EXPECT_THAT(refusal("shapes: []\n"), HasSubstr("'path' is missing"));
   EXPECT_THAT(refusal("path: {points: [[0, 0]]}\n"), HasSubstr("too few"));
   EXPECT_THAT(refusal("path: {points: [[0, 0], [9, .nan]]}\n"), HasSubstr("a number"));

@@ -5,12 +5,11 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
 #include <cstdio>
 #include <cstring>
-#include <optional>
 #include <stdexcept>
-#include <thread>
+
+#include "simulator/io/pacer.hpp"
 
 namespace zloam::simulator {
 namespace {
@@ -54,7 +53,7 @@ class PayloadSink : public Sink {
 class UdpSink : public Sink {
  public:
   UdpSink(const std::string& address, std::uint16_t port, std::uint16_t position_port, double rate)
-      : rate_(rate) {
+      : pacer_(rate) {
     for (sockaddr_in* target : {&data_, &position_}) {
       target->sin_family = AF_INET;
       if (inet_pton(AF_INET, address.c_str(), &target->sin_addr) != 1) {
@@ -76,7 +75,7 @@ class UdpSink : public Sink {
   }
   void put(std::span<const Datagram> datagrams) override {
     for (const Datagram& datagram : datagrams) {
-      wait_for(datagram.sent_ns);
+      pacer_.wait_for(datagram.sent_ns);
       const sockaddr_in& target = datagram.is_data() ? data_ : position_;
       const ssize_t sent = sendto(socket_, datagram.payload.data(), datagram.payload.size(), 0,
                                   reinterpret_cast<const sockaddr*>(&target), sizeof target);
@@ -89,23 +88,10 @@ class UdpSink : public Sink {
   void close() override {}
 
  private:
-  void wait_for(std::int64_t sent_ns) {
-    using Clock = std::chrono::steady_clock;
-    if (!first_ns_) {
-      first_ns_ = sent_ns;
-      start_ = Clock::now();
-    }
-    const double after_ns = static_cast<double>(sent_ns - *first_ns_) / rate_;
-    std::this_thread::sleep_until(start_ +
-                                  std::chrono::nanoseconds(static_cast<std::int64_t>(after_ns)));
-  }
-
-  double rate_;
+  Pacer pacer_;
   int socket_ = -1;
   sockaddr_in data_{};
   sockaddr_in position_{};
-  std::optional<std::int64_t> first_ns_;
-  std::chrono::steady_clock::time_point start_;
 };
 
 }  // namespace
