@@ -302,6 +302,71 @@ TEST(Assembler, ASmallStepBackIsKnownByItsManyLatePackets) {
   expect_in_time_order(sweeps);
 }
 
+TEST(Assembler, EightThousandSecondsGoOnOverTwoHours) {
+  TurningSensor sensor;
+  sensor.time_us = 3'000'000'000.0;
+  SweepAssembler assembler({}, {.clock_mode = ClockMode::kUtc});
+  // A packet each 0.9 s is enough. 1700002800 is a full hour.
+  const std::int64_t start_ns = (1'700'002'800 + 3000) * 1'000'000'000LL;
+  constexpr std::int64_t kStepNs = 900'000'000;
+  constexpr std::int64_t kPackets = 8900;
+  std::int64_t last = -1;
+  DecodedSweep sweep;
+  const auto check = [&] {
+    // A packet over the seam makes two sweeps.
+    while (assembler.take(sweep)) {
+      const std::int64_t after_ns = sweep.stamp_ns - start_ns;
+      ASSERT_LT(after_ns % kStepNs, 1'327'104);
+      ASSERT_LE(after_ns / kStepNs - last, 1);
+      last = after_ns / kStepNs;
+    }
+  };
+  for (std::int64_t i = 0; i < kPackets; ++i) {
+    sensor.time_us = 3e9 + 9e5 * static_cast<double>(i);
+    assembler.add(sensor.next(), start_ns + kStepNs * i + 1'400'000);
+    check();
+  }
+  assembler.flush();
+  check();
+  EXPECT_EQ(assembler.counts().clock_steps, 0U);
+  EXPECT_EQ(last, kPackets - 1);
+}
+
+TEST(Assembler, AnOffsetShiftsEveryStamp) {
+  TurningSensor sensor;
+  const auto packets = packets_of(sensor, 200);
+  const auto plain = assemble(packets);
+  const auto shifted = assemble(packets, {.stamp_offset_ns = -542'592});
+  ASSERT_EQ(plain.size(), shifted.size());
+  for (std::size_t i = 0; i < plain.size(); ++i) {
+    EXPECT_EQ(shifted[i].stamp_ns, plain[i].stamp_ns - 542'592);
+  }
+}
+
+TEST(Assembler, DualReturnHasAsManySweeps) {
+  std::array<std::size_t, 2> sweeps{};
+  for (const bool dual : {false, true}) {
+    TurningSensor sensor;
+    if (dual) sensor.mode = 0x39;
+    sweeps[dual] = assemble(packets_of(sensor, dual ? 600 : 300)).size();
+  }
+  EXPECT_EQ(sweeps[0], 4U);
+  EXPECT_EQ(sweeps[1], 4U);
+}
+
+TEST(Assembler, ATurnWithoutReturnsIsEmptyAndWhole) {
+  TurningSensor sensor;
+  std::vector<Payload> packets = packets_of(sensor, 100);
+  sensor.raw_distance = 0;
+  for (const Payload& packet : packets_of(sensor, 200)) packets.push_back(packet);
+  const auto sweeps = assemble(packets);
+  ASSERT_GT(sweeps.size(), 3U);
+  EXPECT_TRUE(sweeps[2].points.empty());
+  EXPECT_TRUE(sweeps[2].columns.empty());
+  EXPECT_TRUE(sweeps[2].complete);
+  EXPECT_NEAR(sweeps[2].period_ns, 1e8, 2e4);
+}
+
 TEST(Assembler, TheMaskLeavesOutAndCounts) {
   TurningSensor sensor;
   AssemblerConfig config;
