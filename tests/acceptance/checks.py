@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 
-from tests.acceptance import decoded, live
+from tests.acceptance import decoded, faults, live
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
 
@@ -29,6 +29,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_kitti(setting),
         *_synth(setting),
         *_decoding(setting),
+        *faults.checks(setting),
         *_determinism(setting),
         *_live(setting),
         *_transport(),
