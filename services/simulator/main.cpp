@@ -27,7 +27,7 @@ namespace {
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
-constexpr std::int64_t kChunkPackets = 192;  // a quarter of a second
+constexpr std::int64_t kChunkPackets = 768;  // a second
 constexpr double kTruthHz = 200.0;
 
 std::int64_t nanoseconds(double seconds) {

@@ -1,5 +1,6 @@
 #include "simulator/io/parallel.hpp"
 
+#include <atomic>
 #include <thread>
 
 namespace zloam::simulator {
@@ -10,8 +11,10 @@ std::vector<DataPacket> data_packets(const Sensor& sensor, std::int64_t first, s
   if (returns != nullptr) {
     returns->assign(packets.size(), {});
   }
-  const auto work = [&](std::int64_t start) {
-    for (std::int64_t i = start; i < count; i += threads) {
+  // Each takes the next packet when it is done with one, so that none waits for a slower one.
+  std::atomic<std::int64_t> next{0};
+  const auto work = [&] {
+    for (std::int64_t i = next++; i < count; i = next++) {
       const auto slot = static_cast<std::size_t>(i);
       packets[slot] =
           sensor.data_packet(first + i, returns != nullptr ? &(*returns)[slot] : nullptr);
@@ -19,9 +22,9 @@ std::vector<DataPacket> data_packets(const Sensor& sensor, std::int64_t first, s
   };
   std::vector<std::jthread> helpers;
   for (int thread = 1; thread < threads; ++thread) {
-    helpers.emplace_back(work, thread);
+    helpers.emplace_back(work);
   }
-  work(0);
+  work();
   helpers.clear();  // waits for them
   return packets;
 }
