@@ -17,7 +17,7 @@ for stage in $stages common/geometry common/plane_map; do
     hits=$(grep -nE "^\s*#\s*include.*$forbidden" "$file" || true)
     [ -z "$hits" ] || complain "$file is an algorithm and may not include: $hits"
   done < <(find "services/$stage" \( -name '*.hpp' -o -name '*.cpp' \) \
-             ! -name main.cpp ! -name '*_stage.*' ! -name '*_parameters.*' ! -name '*_test.cpp' \
+             ! -name main.cpp ! -name '*_stage.*' ! -name '*parameters.*' ! -name '*_test.cpp' \
              ! -path '*/io/*' ! -path '*/tools/*' ! -path '*/tests/*')
 done
 for stage in $stages; do
@@ -29,7 +29,7 @@ for stage in $stages; do
 done
 hits=$(grep -rnE "^\s*#\s*include\s+\"($(echo $stages | tr ' ' '|'))/" services/common --include='*.hpp' --include='*.cpp' || true)
 [ -z "$hits" ] || complain "services/common includes of a stage: $hits"
-hits=$(grep -rnE 'pcl_io|vtk' --include=CMakeLists.txt services tests CMakeLists.txt || true)
+hits=$(grep -rnE '^[^#]*(pcl_io|vtk)' --include=CMakeLists.txt services tests CMakeLists.txt || true)
 [ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
 for entry in services/*; do
   case $(basename "$entry") in
