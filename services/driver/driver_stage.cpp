@@ -368,7 +368,11 @@ void DriverStage::every_second() {
   say_counts();
   say_remarks();
   if (++seconds_ % kProgressSeconds == 0 && number_ > 0 && !last_published_) {
-    runtime::log_info("progress", {{"sweeps", number_}});
+    const NamedCounts all = counts();
+    runtime::log_info("progress", {{"sweeps", number_},
+                                   {"packets", count_of(all, "packets_received")},
+                                   {"lost", count_of(all, "packets_lost")},
+                                   {"kernel_drops", count_of(all, "kernel_drops")}});
   }
 }
 

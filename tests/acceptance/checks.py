@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 
-from tests.acceptance import decoded, faults, live
+from tests.acceptance import decoded, faults, live, udp_rate
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
 
@@ -30,6 +30,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_synth(setting),
         *_decoding(setting),
         *faults.checks(setting),
+        *udp_rate.checks(setting),
         *_determinism(setting),
         *_live(setting),
         *_transport(),
