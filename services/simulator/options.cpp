@@ -117,6 +117,7 @@ void add_zenoh_options(CLI::App& app, Options& o) {
       ->capture_default_str();
   app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on, in place of its own port");
   app.add_option("--zenoh-connect", z.connect, "Further endpoints to connect to");
+  app.add_flag("--zenoh-block", z.block, "Wait for a slow reader instead of dropping messages");
   app.add_option("--zenoh-wait", z.wait_s, "Seconds to wait for a first reader")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();

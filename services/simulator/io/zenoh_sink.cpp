@@ -33,11 +33,12 @@ msg::ImuSample sample_of(const ImuReading& reading, std::int64_t epoch_ns) {
 // Numbers the messages of one key.
 class Outlet {
  public:
-  Outlet(zenoh::Session& session, const Keys& keys, Key key)
-      : publisher_(session.declare_publisher(keys.of(key),
-                                             {.congestion_control = zenoh::CongestionControl::kDrop,
-                                              .priority = zenoh::Priority::kInteractiveHigh,
-                                              .encoding = encoding_of(key)})) {
+  Outlet(zenoh::Session& session, const Keys& keys, Key key, bool block)
+      : publisher_(session.declare_publisher(
+            keys.of(key), {.congestion_control = block ? zenoh::CongestionControl::kBlock
+                                                       : zenoh::CongestionControl::kDrop,
+                           .priority = zenoh::Priority::kInteractiveHigh,
+                           .encoding = encoding_of(key)})) {
     header_.robot = keys.robot();
     header_.sensor = keys.sensor();
     header_.instance = "simulator-" + std::to_string(getpid());
@@ -70,10 +71,10 @@ class ZenohSink : public Sink {
         imu_source_(std::move(imu)),
         keys_(config.robot, config.sensor),
         session_(open_session(config)),
-        packets_(session_, keys_, Key::kPackets),
+        packets_(session_, keys_, Key::kPackets, config.block),
         pacer_(config.rate) {
     if (imu_source_) {
-      imu_.emplace(session_, keys_, Key::kImu);
+      imu_.emplace(session_, keys_, Key::kImu, config_.block);
     }
     wait_for_reader();
   }

@@ -49,6 +49,7 @@ ZenohSinkConfig sink_config(int port) {
   config.connect = {zenoh::test::endpoint(port)};
   config.wait_s = 60.0;
   config.rate = 1000.0;
+  config.block = true;
   return config;
 }
 
