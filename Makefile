@@ -52,6 +52,7 @@ test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
 	@$(STEP) "integration tests" $(PY) -m pytest -q
+	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 
 test-full: test lint sanitize ## everything: tests, lint, sanitizers, acceptance, benchmarks, a longer fuzz
 	@$(MAKE) fuzz FUZZ_SECONDS=60

@@ -1,24 +1,36 @@
 #!/usr/bin/env bash
 # libFuzzer with AddressSanitizer and UBSan on everything that reads foreign bytes.
-# usage: tests/fuzz/run.sh [seconds for each target]
+# usage: tests/fuzz/run.sh [--if-there] [seconds for each target]
+#   --if-there: without the compiler or its libraries say so and leave with 0
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+missing=1
+if [ "${1:-}" = --if-there ]; then
+  missing=0
+  shift
+fi
 seconds=${1:-60}
 out=build/fuzz
 compiler=${FUZZ_CXX:-clang++}
-# The sanitizers' libraries are a package of their own on some releases (libclang-rt-*-dev).
-if ! command -v "$compiler" >/dev/null; then
-  echo "fuzz: $compiler is missing; make tools installs it" >&2
-  exit 1
-fi
-mkdir -p "$out"
 flags=(-std=c++20 -g -O1 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
   -Iservices -isystem /usr/include/eigen3)
+mkdir -p "$out"
+# The sanitizers' libraries are a package of their own (libclang-rt-*-dev).
+probe='extern "C" int LLVMFuzzerTestOneInput(const unsigned char*, unsigned long) { return 0; }'
+if ! command -v "$compiler" >/dev/null ||
+  ! "$compiler" "${flags[@]}" -x c++ - -o "$out/probe" <<<"$probe" 2>/dev/null; then
+  echo "fuzz: skipped: $compiler with its fuzzing libraries is missing (make tools installs it)" >&2
+  exit "$missing"
+fi
 driver=services/driver
 algorithms=("$driver"/velodyne/{model,decoder,mask,position}.cpp "$driver"/sweep/{clock,assembler}.cpp)
 build() { # target, sources and libraries
   local target=$1
   shift
+  if [ -x "$out/$target" ] &&
+    [ -z "$(find services/driver services/common/geometry tests/fuzz -newer "$out/$target" -name '*.[ch]pp' -print -quit)" ]; then
+    return
+  fi
   "$compiler" "${flags[@]}" tests/fuzz/"$target"_fuzz.cpp "$@" -o "$out/$target"
 }
 build packets "${algorithms[@]}"
@@ -30,8 +42,8 @@ for target in packets position nmea pcap; do
   mkdir -p "$out/corpus/$target" "$out/found"
   echo "fuzz: $target for $seconds s"
   if ! "$out/$target" -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=2048 \
-    -artifact_prefix="$out/found/$target-" "$out/corpus/$target" "$out/seeds/$target" \
-    >"$out/$target.log" 2>&1; then
+    -print_final_stats=1 -artifact_prefix="$out/found/$target-" "$out/corpus/$target" \
+    "$out/seeds/$target" >"$out/$target.log" 2>&1; then
     tail -n 40 "$out/$target.log" >&2
     echo "fuzz: $target failed; the input is in $out/found, the log is $out/$target.log" >&2
     exit 1
