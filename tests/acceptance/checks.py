@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 
-from tests.acceptance import decoded, faults, live, udp_rate
+from tests.acceptance import accuracy, decoded, faults, live, udp_rate
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
 
@@ -28,6 +28,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_city(setting),
         *_kitti(setting),
         *_synth(setting),
+        *accuracy.checks(setting),
         *_decoding(setting),
         *faults.checks(setting),
         *udp_rate.checks(setting),

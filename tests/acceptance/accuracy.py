@@ -1,0 +1,136 @@
+"""Lines on accuracy: reference scans, simulated worlds, what is said of weak directions."""
+
+from __future__ import annotations
+
+import functools
+import json
+import subprocess
+
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import CACHE, SYNTH_SEED, Demo, Setting
+
+#: position error of A-LOAM's better run on the same scans, m
+SYNTH_ATE_M = {"city": 0.176, "indoor": 0.249, "fastrot": 0.129, "tunnel": 1.0}
+CPU_BESIDE_KISS = 2.0
+ALGORITHMS = ("registration", "odometry", "mapping")
+SEEDS = (1, 2, 3)
+#: position error and, where there is one, drift in percent
+WORLDS: dict[str, tuple[float, float | None]] = {
+    "city": (0.20, 0.45),
+    "indoor": (0.08, None),
+    "handheld": (0.06, None),
+    "tunnel_weak": (1.0, None),
+}
+#: real drive, against each reference, m
+KITTI_ATE_M = 0.10
+
+
+def checks(setting: Setting) -> list[Check]:
+    """Scans of the reference generator, worlds of the simulator, the real drive."""
+    return [
+        *(c for scene in SYNTH_ATE_M for c in _scene(setting, scene)),
+        *(_world(setting, world, seed) for world in WORLDS for seed in SEEDS),
+        *_drive(setting),
+    ]
+
+
+def _scans(s: Setting, scene: str) -> Demo:
+    folder = CACHE / "synth" / f"{scene}-{SYNTH_SEED}"
+    if not (folder / "gt_dense.tum").exists():
+        generator = s.recording("reference/synth/synth_gen.py")
+        done = s.python(generator, scene, folder, "--seed", SYNTH_SEED)
+        if done.returncode != 0:
+            raise RuntimeError(f"{generator.name} failed: {done.stdout[-300:]}")
+    return s.demo(f"synth-{scene}", "--scans", folder)
+
+
+def _scene_ate(s: Setting, scene: str) -> Measured:
+    error = _scans(s, scene).report["references"]["gt_dense.tum"]["pose"]["ate_rmse_m"]
+    return Measured(f"{error:.4f} m", error <= SYNTH_ATE_M[scene])
+
+
+def _scene_cpu(s: Setting, scene: str) -> Measured:
+    spent = _scans(s, scene).report["cpu_ms_per_sweep"]
+    ours = sum(spent[stage] for stage in ALGORITHMS)
+    done = s.python("-m", "tests.acceptance.kiss", CACHE / "synth" / f"{scene}-{SYNTH_SEED}")
+    if done.returncode != 0:
+        raise Skip(f"KISS-ICP did not run: {done.stdout.strip()[-120:]}")
+    kiss = float(json.loads(done.stdout.splitlines()[-1])["cpu_ms_per_sweep"])
+    figure = f"{ours:.1f} ms, KISS-ICP {kiss:.1f} ms: {ours / kiss:.2f} ×"
+    return Measured(figure, ours <= CPU_BESIDE_KISS * kiss)
+
+
+def _scene(s: Setting, scene: str) -> list[Check]:
+    command = f"make demo SCANS=~/.cache/zenoh-loam/synth/{scene}-{SYNTH_SEED}"
+    return [
+        Check(
+            f"synth-ate-{scene}",
+            f"synthetic {scene} (seed {SYNTH_SEED}): ATE of the fused pose",
+            f"≤ {SYNTH_ATE_M[scene]} m",
+            command,
+            functools.partial(_scene_ate, s, scene),
+        ),
+        Check(
+            f"synth-cpu-{scene}",
+            f"synthetic {scene}: CPU per sweep of the three algorithms against KISS-ICP",
+            f"≤ {CPU_BESIDE_KISS} ×",
+            f"make accept ONLY=synth-cpu-{scene}",
+            functools.partial(_scene_cpu, s, scene),
+        ),
+    ]
+
+
+def _simulated(s: Setting, world: str, seed: int) -> Demo:
+    """The world's packets, made once, through the chain."""
+    folder = s.out / "accept" / "worlds"
+    folder.mkdir(parents=True, exist_ok=True)
+    capture, truth = folder / f"{world}-{seed}.pcap", folder / f"{world}-{seed}.tum"
+    if not (capture.exists() and truth.exists()):
+        simulator = s.build / "bin" / "zloam-simulator"
+        if not simulator.exists():
+            raise Skip(f"{simulator} is not built")
+        files = ["--out", str(capture), "--truth", str(truth)]
+        subprocess.run(
+            [str(simulator), "--world", world, "--seed", str(seed), *files],
+            check=True,
+            capture_output=True,
+        )
+    return s.demo(f"world-{world}-{seed}", "--pcap", capture, "--truth", truth)
+
+
+def _world_errors(s: Setting, world: str, seed: int) -> Measured:
+    report = _simulated(s, world, seed).report
+    ate_limit, drift_limit = WORLDS[world]
+    ate, drift = report["ate_rmse_m"]["pose"], report["drift_percent"]["pose"]
+    held = ate <= ate_limit and (drift_limit is None or drift <= drift_limit)
+    return Measured(f"ATE {ate:.4f} m, drift {drift:.3f} %", held)
+
+
+def _world(s: Setting, world: str, seed: int) -> Check:
+    ate, drift = WORLDS[world]
+    limit = f"ATE ≤ {ate} m" + ("" if drift is None else f", drift ≤ {drift} %")
+    return Check(
+        f"world-{world}-{seed}",
+        f"simulated {world}, seed {seed}: fused pose",
+        limit,
+        f"make accept ONLY=world-{world}-{seed}",
+        functools.partial(_world_errors, s, world, seed),
+    )
+
+
+def _drive_ate(s: Setting, reference: str) -> Measured:
+    error = s.kitti().report["references"][reference]["pose"]["ate_rmse_m"]
+    return Measured(f"{error:.4f} m", error <= KITTI_ATE_M)
+
+
+def _drive(s: Setting) -> list[Check]:
+    return [
+        Check(
+            f"drive-ate-{name}",
+            f"real HDL-64E drive: ATE against {name}'s poses, as the method's own line asks",
+            f"≤ {KITTI_ATE_M} m",
+            "make demo KITTI=../shared/data/hdl64e_drive",
+            functools.partial(_drive_ate, s, f"reference_{name}.kitti.txt"),
+        )
+        for name in ("kiss", "small_gicp")
+    ]
