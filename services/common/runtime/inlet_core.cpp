@@ -15,9 +15,8 @@ Drop drop_of(Outcome outcome) {
   return outcome == Outcome::kFenced ? Drop::kFenced : Drop::kInvalid;
 }
 
-std::string selector(const std::string& key, const Sequencer::Request& request) {
-  return key + "?run=" + std::to_string(request.run) + ";sweep=" + std::to_string(request.first) +
-         ".." + std::to_string(request.last);
+std::string span(std::uint64_t first, std::uint64_t last) {
+  return std::to_string(first) + ".." + std::to_string(last);
 }
 
 }  // namespace
@@ -26,7 +25,8 @@ InletCore::InletCore(InletSetup setup, std::shared_ptr<Shared> shared, InletEven
     : setup_(std::move(setup)),
       shared_(std::move(shared)),
       events_(events),
-      sequencer_(setup_.limits) {
+      sequencer_(setup_.limits),
+      seen_(setup_.limits) {
   account_.key = setup_.key;
 }
 
@@ -116,14 +116,14 @@ void InletCore::accept(Raw raw) {
 void InletCore::note_seen(bool recovered) {
   const std::lock_guard lock(shared_->mutex);
   if (recovered) ++account_.recovered;
-  if (setup_.options.order == Order::kAsTheyCome) account_.lost = seen_.missing();
 }
 
 std::optional<Drop> InletCore::file(Message message) {
   if (setup_.options.order == Order::kBySweep) {
     return sequencer_.add(std::move(message), steady_ns());
   }
-  if (!seen_.add(message.header->instance()->str(), message.header->seq())) {
+  if (!seen_.add(message.header->instance()->str(), message.header->seq(), message.header->replay(),
+                 steady_ns())) {
     return Drop::kDuplicate;
   }
   arrivals_.push_back(std::move(message));
@@ -198,32 +198,52 @@ void InletCore::handle(Message message) {
   events_.after_message(message, setup_.options.ends_run);
 }
 
+std::string InletCore::next_request(std::int64_t now,
+                                    std::optional<Sequencer::Request>* of_sweeps) {
+  if (setup_.options.order == Order::kAsTheyCome) {
+    const auto request = seen_.request(now);
+    {
+      const std::lock_guard lock(shared_->mutex);
+      account_.lost = seen_.lost();
+    }
+    return request ? "seq=" + span(request->first, request->last) : std::string();
+  }
+  *of_sweeps = sequencer_.request(now);
+  if (!*of_sweeps) return {};
+  return "run=" + std::to_string((*of_sweeps)->run) +
+         ";sweep=" + span((*of_sweeps)->first, (*of_sweeps)->last);
+}
+
 void InletCore::recover(zenoh::Session& session) {
-  if (setup_.options.order != Order::kBySweep) return;
   const std::int64_t now = steady_ns();
-  if (const auto sweep = sequencer_.overdue(now)) events_.overdue(setup_.key, *sweep);
-  const auto request = sequencer_.request(now);
-  if (!request) return;
-  log(Level::kDebug, "asking for missing sweeps",
-      {{"key", setup_.key}, {"first", request->first}, {"last", request->last}});
+  const bool by_sweep = setup_.options.order == Order::kBySweep;
+  if (const auto missing = by_sweep ? sequencer_.overdue(now) : seen_.overdue(now)) {
+    events_.overdue(setup_.key, *missing);
+  }
+  std::optional<Sequencer::Request> of_sweeps;
+  const std::string wanted = next_request(now, &of_sweeps);
+  if (wanted.empty()) return;
+  log(Level::kDebug, "asking for what is missing", {{"key", setup_.key}, {"wanted", wanted}});
   // The answer may come after this object's stage: it keeps the inlet, not the other way round.
   const auto self = shared_from_this();
   const auto count = std::make_shared<std::atomic<std::size_t>>(0);
   session.get(
-      selector(setup_.key, *request),
+      setup_.key + "?" + wanted,
       [self, count](zenoh::Reply&& reply) {
         if (!reply.ok()) return;
         count->fetch_add(1);
         self->on_sample(std::move(*reply.sample), true);
       },
-      [self, count, request = *request] {
+      [self, count, of_sweeps] {
         const std::lock_guard lock(self->shared_->mutex);
-        self->answered_.push_back({request, count->load()});
+        if (of_sweeps) self->answered_.push_back({*of_sweeps, count->load()});
         self->shared_->rung = true;
         self->shared_->bell.notify_all();
       });
 }
 
-std::optional<std::int64_t> InletCore::deadline() const { return sequencer_.deadline(); }
+std::optional<std::int64_t> InletCore::deadline() const {
+  return setup_.options.order == Order::kBySweep ? sequencer_.deadline() : seen_.deadline();
+}
 
 }  // namespace zloam::runtime

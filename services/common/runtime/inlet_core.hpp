@@ -7,6 +7,7 @@
 #include <string>
 
 #include "common/runtime/inlet.hpp"
+#include "common/runtime/seen_numbers.hpp"
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/shared.hpp"
 #include "common/zenoh/zenoh.hpp"
@@ -77,6 +78,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void report_drop(Drop reason, const std::string& why);
   void note_given_up();
   void note_seen(bool recovered);
+  /// The text behind '?' of what to ask for now; empty: nothing.
+  std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);
   void handle(Message message);
 
   InletSetup setup_;

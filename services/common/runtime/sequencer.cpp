@@ -208,27 +208,4 @@ void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   gap_since_.reset();
 }
 
-bool SeenNumbers::add(const std::string& instance, std::uint64_t seq) {
-  const auto [it, is_new] = publishers_.try_emplace(instance);
-  Publisher& p = it->second;
-  if (is_new) p.below = p.first = p.highest = seq;
-  if (seq < p.below || !p.above.insert(seq).second) return false;
-  ++p.seen;
-  p.highest = std::max(p.highest, seq);
-  while (p.above.contains(p.below)) p.above.erase(p.below++);
-  while (p.above.size() > kMemory) {
-    p.below = *p.above.begin();
-    while (p.above.contains(p.below)) p.above.erase(p.below++);
-  }
-  return true;
-}
-
-std::uint64_t SeenNumbers::missing() const {
-  std::uint64_t total = 0;
-  for (const auto& [instance, p] : publishers_) {
-    if (p.seen > 0) total += p.highest - p.first + 1 - p.seen;
-  }
-  return total;
-}
-
 }  // namespace zloam::runtime

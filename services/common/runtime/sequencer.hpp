@@ -106,24 +106,4 @@ class Sequencer {
   std::optional<std::pair<std::uint64_t, std::int64_t>> last_stamp_;
 };
 
-/// Second copies on a key without sweeps: by (publisher's instance, seq), and how many never came.
-class SeenNumbers {
- public:
-  /// False for a second copy.
-  bool add(const std::string& instance, std::uint64_t seq);
-  std::uint64_t missing() const;
-
- private:
-  struct Publisher {
-    /// every number below is seen or beyond memory
-    std::uint64_t below = 0;
-    std::set<std::uint64_t> above;
-    std::uint64_t first = 0;
-    std::uint64_t seen = 0;
-    std::uint64_t highest = 0;
-  };
-  static constexpr std::size_t kMemory = 4096;
-  std::map<std::string, Publisher> publishers_;
-};
-
 }  // namespace zloam::runtime

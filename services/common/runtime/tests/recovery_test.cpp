@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "common/runtime/tests/support.hpp"
 
 namespace zloam::runtime {
@@ -11,6 +13,7 @@ namespace {
 using test::Network;
 using test::RunningStage;
 using test::setup;
+using test::Watched;
 
 constexpr std::uint64_t kSweeps = 60;
 
@@ -168,6 +171,38 @@ TEST(Recovery, EverySecondMessageDroppedThroughSharedMemory) {
   const Result r = replay(kSweeps, 2, true);
   expect_whole(r, kSweeps);
   EXPECT_GT(r.middle.recovered + r.sink.recovered, 0U);
+}
+
+TEST(Recovery, KeysWithoutSweepsAreAskedForBySeq) {
+  constexpr std::uint64_t kMessages = 20;
+  const Network network(2);
+  Watched<std::set<std::uint64_t>> seen;
+  InletOptions as_they_come;
+  as_they_come.order = Order::kAsTheyCome;
+  RunningStage reader(network.open(0), setup("odometry", "o", 3), [&](Stage& stage) {
+    stage.inlet<msg::GnssBatch>(
+        Key::kGnss, as_they_come, [&seen](const Received<msg::GnssBatch>& fixes) {
+          seen.change([&](auto& numbers) { numbers.insert(fixes.header().seq()); });
+        });
+  });
+  RunningStage driver(network.open(1), setup("driver", "d"), [&](Stage& stage) {
+    Outlet& out = stage.outlet(Key::kGnss);
+    stage.on_turn([&out] {
+      if (!out.matching() || out.published() == kMessages) return Turn::kWait;
+      HeaderFields header = out.header(1, 1);
+      header.run = 1;
+      header.replay = true;
+      out.publish(header, build_gnss(header, {}));
+      return Turn::kAgain;
+    });
+  });
+  EXPECT_TRUE(seen.wait([](const auto& numbers) { return numbers.size() == kMessages; }));
+  reader.stop();
+  const Account a = reader->accounts().at(0);
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.processed, kMessages);
+  EXPECT_EQ(a.recovered, kMessages / 3);
+  EXPECT_EQ(a.lost, 0U);
 }
 
 TEST(Recovery, TheLastSweepDroppedIsPublishedAgain) {

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "common/messages/build.hpp"
+#include "common/runtime/seen_numbers.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -241,18 +242,58 @@ TEST(Sequencer, ContinuesWhereARestoredStageStands) {
   EXPECT_EQ(b.out(), Sweeps{10});
 }
 
-TEST(SeenNumbers, CountsCopiesAndGapsPerPublisher) {
+TEST(SeenNumbers, CountsCopiesPerPublisher) {
   SeenNumbers seen;
-  EXPECT_TRUE(seen.add("a", 5));
-  EXPECT_FALSE(seen.add("a", 5));
-  EXPECT_TRUE(seen.add("b", 5));
-  EXPECT_TRUE(seen.add("a", 8));
-  EXPECT_EQ(seen.missing(), 2U);
-  EXPECT_TRUE(seen.add("a", 6));
-  EXPECT_FALSE(seen.add("a", 6));
-  EXPECT_EQ(seen.missing(), 1U);
-  for (std::uint64_t n = 9; n < 100'000; ++n) EXPECT_TRUE(seen.add("a", n));
-  EXPECT_EQ(seen.missing(), 1U);
+  EXPECT_TRUE(seen.add("a", 5, false, 0));
+  EXPECT_FALSE(seen.add("a", 5, false, 0));
+  EXPECT_TRUE(seen.add("b", 5, false, 0));
+  EXPECT_FALSE(seen.deadline());
+  EXPECT_TRUE(seen.add("a", 8, false, 0));
+  EXPECT_TRUE(seen.add("a", 6, false, 0));
+  EXPECT_FALSE(seen.add("a", 6, false, 0));
+  EXPECT_FALSE(seen.add("a", 8, false, 0));
+  for (std::uint64_t n = 9; n < 100'000; ++n) EXPECT_TRUE(seen.add("a", n, false, 0));
+  // 7 went beyond memory
+  EXPECT_EQ(seen.lost(), 1U);
+  EXPECT_FALSE(seen.add("a", 7, false, 0));
+}
+
+TEST(SeenNumbers, LiveAsksForTheGapAndGivesItUp) {
+  SeenNumbers seen({.gap_live_ns = 30 * kMs, .late_ns = 200 * kMs});
+  EXPECT_TRUE(seen.add("a", 0, false, 0));
+  EXPECT_TRUE(seen.add("a", 3, false, 10 * kMs));
+  EXPECT_TRUE(seen.add("a", 5, false, 20 * kMs));
+  EXPECT_FALSE(seen.request(39 * kMs));
+  EXPECT_EQ(seen.deadline(), 40 * kMs);
+  const auto first = seen.request(40 * kMs);
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->first, 1U);
+  EXPECT_EQ(first->last, 2U);
+  EXPECT_FALSE(seen.request(99 * kMs));
+  EXPECT_TRUE(seen.request(100 * kMs));
+  EXPECT_TRUE(seen.add("a", 1, false, 110 * kMs));  // a part of the answer: 2 is a gap of its own
+  EXPECT_EQ(seen.lost(), 0U);
+  EXPECT_FALSE(seen.request(310 * kMs));  // 2 is given up, 4 is waited for
+  EXPECT_EQ(seen.lost(), 1U);
+  const auto next = seen.request(340 * kMs);
+  ASSERT_TRUE(next);
+  EXPECT_EQ(next->first, 4U);
+  EXPECT_EQ(next->last, 4U);
+  EXPECT_TRUE(seen.add("a", 4, false, 341 * kMs));
+  EXPECT_FALSE(seen.deadline());
+  EXPECT_FALSE(seen.request(10'000 * kMs));
+  EXPECT_EQ(seen.lost(), 1U);
+}
+
+TEST(SeenNumbers, ReplayNeverGivesUpAndNamesWhatIsOverdue) {
+  SeenNumbers seen({.gap_replay_ns = 200 * kMs, .replay_limit_ns = 120'000 * kMs});
+  EXPECT_TRUE(seen.add("a", 0, true, 0));
+  EXPECT_TRUE(seen.add("a", 2, true, 0));
+  EXPECT_TRUE(seen.request(200 * kMs));
+  EXPECT_FALSE(seen.overdue(119'999 * kMs));
+  EXPECT_TRUE(seen.request(119'999 * kMs));
+  EXPECT_EQ(seen.overdue(120'000 * kMs), 1U);
+  EXPECT_EQ(seen.lost(), 0U);
 }
 
 }  // namespace

@@ -1,0 +1,75 @@
+#include "common/runtime/seen_numbers.hpp"
+
+#include <algorithm>
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::int64_t kMaxWait_ns = 8'000'000'000;
+// One period of a sensor, when none is configured: such keys have no sweeps to measure it by.
+constexpr std::int64_t kDefaultLate_ns = 100'000'000;
+
+}  // namespace
+
+bool SeenNumbers::add(const std::string& instance, std::uint64_t seq, bool replay,
+                      std::int64_t now_ns) {
+  replay_ = replay;
+  const auto [it, is_new] = publishers_.try_emplace(instance);
+  Publisher& p = it->second;
+  if (is_new) p.below = seq;
+  if (seq < p.below || !p.above.insert(seq).second) return false;
+  while (p.above.erase(p.below) > 0) ++p.below;
+  while (p.above.size() > kMemory) give_up(p);
+  note_gap(now_ns);
+  return true;
+}
+
+/// The lowest missing numbers of the publisher, which has some.
+void SeenNumbers::give_up(Publisher& p) {
+  lost_ += *p.above.begin() - p.below;
+  p.below = *p.above.begin();
+  while (p.above.erase(p.below) > 0) ++p.below;
+}
+
+void SeenNumbers::note_gap(std::int64_t now_ns) {
+  const auto found = std::find_if(publishers_.begin(), publishers_.end(),
+                                  [](const auto& entry) { return !entry.second.above.empty(); });
+  if (found == publishers_.end()) {
+    gap_.reset();
+    return;
+  }
+  const Publisher& p = found->second;
+  const bool known = gap_ && gap_->instance == found->first && gap_->first == p.below;
+  if (!known) {
+    const std::int64_t wait_ns = replay_ ? limits_.gap_replay_ns : limits_.gap_live_ns;
+    gap_ = Gap{found->first, p.below, 0, now_ns, now_ns + wait_ns, wait_ns};
+  }
+  gap_->last = *p.above.begin() - 1;
+}
+
+std::int64_t SeenNumbers::late_ns() const {
+  return limits_.late_ns > 0 ? limits_.late_ns : kDefaultLate_ns;
+}
+
+std::optional<SeenNumbers::Request> SeenNumbers::request(std::int64_t now_ns) {
+  while (!replay_ && gap_ && now_ns - gap_->since_ns >= late_ns()) {
+    give_up(publishers_[gap_->instance]);
+    note_gap(now_ns);
+  }
+  if (!gap_ || now_ns < gap_->ask_at_ns) return std::nullopt;
+  gap_->wait_ns = std::min(gap_->wait_ns * 2, kMaxWait_ns);
+  gap_->ask_at_ns = now_ns + gap_->wait_ns;
+  return Request{gap_->first, gap_->last};
+}
+
+std::optional<std::int64_t> SeenNumbers::deadline() const {
+  if (!gap_) return std::nullopt;
+  return replay_ ? gap_->ask_at_ns : std::min(gap_->ask_at_ns, gap_->since_ns + late_ns());
+}
+
+std::optional<std::uint64_t> SeenNumbers::overdue(std::int64_t now_ns) const {
+  if (!replay_ || !gap_ || now_ns - gap_->since_ns < limits_.replay_limit_ns) return std::nullopt;
+  return gap_->first;
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,63 @@
+#pragma once
+// The messages of one input key without sweeps, without clock, threads or transport: second copies
+// by (publisher's instance, seq), and which numbers to ask for (protocols.md, section 3). Messages
+// are taken as they come. What a publisher sent before its first message was heard is not missed.
+//
+// Times are of any monotonic clock, ns.
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "common/runtime/sequencer.hpp"
+
+namespace zloam::runtime {
+
+class SeenNumbers {
+ public:
+  explicit SeenNumbers(const SequencerLimits& limits = {}) : limits_(limits) {}
+
+  /// False for a second copy. replay: missing numbers are never given up.
+  bool add(const std::string& instance, std::uint64_t seq, bool replay, std::int64_t now_ns);
+
+  struct Request {
+    std::uint64_t first, last;
+  };
+  /// What to ask for now; doubles its patience with each call that returns something. Live, what
+  /// has been missing for too long is given up here.
+  std::optional<Request> request(std::int64_t now_ns);
+
+  /// Numbers that were given up.
+  std::uint64_t lost() const { return lost_; }
+  /// When something is to be done though nothing arrives.
+  std::optional<std::int64_t> deadline() const;
+  /// Replay: the number that has been missing for longer than the limit.
+  std::optional<std::uint64_t> overdue(std::int64_t now_ns) const;
+
+ private:
+  struct Publisher {
+    /// every number below is seen or given up
+    std::uint64_t below = 0;
+    std::set<std::uint64_t> above;
+  };
+  /// The gap that is waited for: the lowest of one publisher.
+  struct Gap {
+    std::string instance;
+    std::uint64_t first = 0, last = 0;
+    std::int64_t since_ns = 0, ask_at_ns = 0, wait_ns = 0;
+  };
+  void give_up(Publisher& publisher);
+  void note_gap(std::int64_t now_ns);
+  std::int64_t late_ns() const;
+
+  static constexpr std::size_t kMemory = 4096;
+  SequencerLimits limits_;
+  bool replay_ = false;
+  std::map<std::string, Publisher> publishers_;
+  std::optional<Gap> gap_;
+  std::uint64_t lost_ = 0;
+};
+
+}  // namespace zloam::runtime
