@@ -260,9 +260,8 @@ void run(const Options& options) {
   const auto scene = options.world.ends_with(".yaml") ? read_scene(options.world, options.scene)
                                                       : make_scene(options.world, options.scene);
   const Sensor sensor(scene, options.simulation);
-  const double duration_s = options.duration_s > 0.0
-                                ? std::min(options.duration_s, sensor.duration_s())
-                                : sensor.duration_s();
+  // Beyond the end of the motion it stands still.
+  const double duration_s = options.duration_s > 0.0 ? options.duration_s : sensor.duration_s();
   write_trajectory(options.truth, sensor, duration_s, false);
   write_trajectory(options.truth_base, sensor, duration_s, true);
   write_sweep_truth(options.truth_sweeps, sensor, duration_s);

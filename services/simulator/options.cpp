@@ -38,7 +38,8 @@ void add_world_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--world", o.world, "Name of a world, see --list-worlds, or a .yaml file")
       ->capture_default_str();
   app.add_option("--seed", o.simulation.seed, "Seed of everything random")->capture_default_str();
-  app.add_option("--duration", raw.duration, "Seconds, or 'full' for the whole motion")
+  app.add_option("--duration", raw.duration,
+                 "Seconds, or 'full' for the whole motion; it stands still after that")
       ->capture_default_str();
   app.add_option("--speed-factor", o.scene.speed_factor, "Multiplies the greatest speed")
       ->check(CLI::Range(0.05, 3.0))
