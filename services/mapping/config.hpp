@@ -58,8 +58,9 @@ struct LoamConfig {
 struct VoxelPlanesConfig {
   plane_map::PlaneMapConfig map;
   plane_map::MatcherConfig matcher;
-  /// the odometry's pose weighs in as a prior (true), or only starts the iteration
-  bool use_prediction = true;
+  /// the odometry's pose is the start and a prior of each sweep it saw well (true), or only of the
+  /// first ones and of those after a break
+  bool use_prediction = false;
   /// sigmas of the odometry's twist as a prior; 0: none
   double twist_sigma_mps = 0.0;
   double twist_sigma_radps = 0.0;
@@ -68,8 +69,8 @@ struct VoxelPlanesConfig {
 };
 
 struct MappingConfig {
-  /// loam, or voxel_planes
-  std::string method = "loam";
+  /// voxel_planes, or loam (its own form)
+  std::string method = "voxel_planes";
   /// every n-th sweep by number is mapped
   std::uint32_t every = 1;
   /// edge of a cube, m

@@ -30,6 +30,12 @@ MappingInput input_of(std::uint64_t sweep, const Scan& scan, const Pose& T_odom_
   return input;
 }
 
+MappingConfig loam_config() {
+  MappingConfig config;
+  config.method = "loam";
+  return config;
+}
+
 // Drives through the room with the odometry it is given; truth(i) is the pose in the map.
 struct Drive {
   Room room = test::furnished_room();
@@ -57,7 +63,7 @@ struct Offset {
 class RecoversPose : public testing::TestWithParam<Offset> {};
 
 TEST_P(RecoversPose, NoiseFree) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   const Drive drive;
   drive.map(mapper, 20, small_steps);
   const Pose truth = small_steps(21);
@@ -72,7 +78,7 @@ TEST_P(RecoversPose, NoiseFree) {
 }
 
 TEST_P(RecoversPose, AtTwentyMillimetresOfNoise) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   Drive drive;
   drive.noise_m = 0.02;
   drive.map(mapper, 20, small_steps);
@@ -107,7 +113,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 // Odometry that drifts by 5 mm and 0.5 mrad a sweep: the map takes the drift out.
 TEST(Mapper, CorrectsDrift) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   const Room room = test::furnished_room();
   const Pose drift = exp_se3(twist(0.005, -0.003, 0.002, 0.0002, 0, 0.0005));
   Pose T_odom_base = small_steps(0);
@@ -141,8 +147,8 @@ std::vector<std::uint8_t> bytes_of(const Mapper& mapper) {
 TEST(Mapper, SameInputGivesSameBytes) {
   Drive drive;
   drive.noise_m = 0.02;
-  Mapper first{MappingConfig{}};
-  Mapper second{MappingConfig{}};
+  Mapper first{loam_config()};
+  Mapper second{loam_config()};
   drive.map(first, 12, small_steps);
   // Between them something else is allocated, so that addresses differ.
   const std::vector<char> elsewhere(1 << 20);
@@ -155,7 +161,7 @@ TEST(Mapper, SameInputGivesSameBytes) {
 
 TEST(Mapper, CorridorKeepsThePredictionAlongItsAxisAndSaysSo) {
   for (const WeakDirections mode : {WeakDirections::kPrior, WeakDirections::kRemap}) {
-    MappingConfig config;
+    MappingConfig config = loam_config();
     config.weak_directions = mode;
     Mapper mapper{config};
     Drive drive;
@@ -184,7 +190,7 @@ TEST(Mapper, CorridorKeepsThePredictionAlongItsAxisAndSaysSo) {
 }
 
 TEST(Mapper, RoomIsNotDegenerate) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   Drive drive;
   drive.noise_m = 0.02;
   drive.map(mapper, 10, small_steps);
@@ -211,7 +217,7 @@ TEST(Mapper, BadInputsPassWithAReason) {
                                  {PointVector(500, far), PointVector(500, far)}};
   // Before there is a map, and after.
   for (const int before : {0, 6}) {
-    Mapper mapper{MappingConfig{}};
+    Mapper mapper{loam_config()};
     const Drive drive;
     drive.map(mapper, before, small_steps);
     auto sweep = static_cast<std::uint64_t>(before);
@@ -231,7 +237,7 @@ TEST(Mapper, BadInputsPassWithAReason) {
 }
 
 TEST(Mapper, PoseThatIsNotFiniteIsRefused) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   const Drive drive;
   drive.map(mapper, 3, small_steps);
   const Scan s = test::scan(drive.room, small_steps(3), 0.0, 3);
@@ -245,7 +251,7 @@ TEST(Mapper, PoseThatIsNotFiniteIsRefused) {
 }
 
 TEST(Mapper, SweepFromElsewhereIsNotInserted) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   Drive drive;
   drive.noise_m = 0.01;
   drive.map(mapper, 12, small_steps);
@@ -261,7 +267,7 @@ TEST(Mapper, SweepFromElsewhereIsNotInserted) {
 }
 
 TEST(Mapper, TilesTellTheirChanges) {
-  MappingConfig config;
+  MappingConfig config = loam_config();
   config.tile_edge_m = 10.0;
   Mapper mapper{config};
   const Drive drive;
@@ -296,7 +302,7 @@ TEST(Mapper, TilesTellTheirChanges) {
 // A small window: what leaves it stays in the whole map, on file or in memory, and comes back.
 TEST(Mapper, WindowLosesNothing) {
   for (const bool on_file : {false, true}) {
-    MappingConfig config;
+    MappingConfig config = loam_config();
     config.tile_edge_m = 5.0;
     config.window_tiles = {5, 5, 3};
     config.local_tiles = {5, 5, 3};
@@ -337,7 +343,7 @@ TEST(Mapper, WindowLosesNothing) {
 }
 
 TEST(Mapper, BridgesANewOdometryFrame) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   Drive drive;
   drive.noise_m = 0.01;
   drive.map(mapper, 15, small_steps);
@@ -353,7 +359,7 @@ TEST(Mapper, BridgesANewOdometryFrame) {
 }
 
 TEST(Mapper, BridgingInsertsNothingUntilItMatches) {
-  Mapper mapper{MappingConfig{}};
+  Mapper mapper{loam_config()};
   Drive drive;
   drive.map(mapper, 15, small_steps);
   const std::size_t points = mapper.point_count();

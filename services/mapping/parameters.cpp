@@ -133,8 +133,9 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
         "flagged when measured sigma exceeds this many predicted ones");
   p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
         "until below this many");
-  p.add("mapping.voxel_planes.use_prediction", &c.use_prediction,
-        "the odometry's pose weighs in as a prior, or only starts the iteration");
+  p.add(
+      "mapping.voxel_planes.use_prediction", &c.use_prediction,
+      "the odometry's pose is start and prior of every sweep, or only where the motion is unknown");
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
         "every so many points of a sweep go into the tiles");
 }

@@ -40,7 +40,8 @@ class VoxelPlanesMethod : public MappingMethod {
   void begin(const MappingInput& input, const Prediction& prediction);
   void found_anew(const MappingInput& input);
   plane_map::SweepInput sweep_of(const MappingInput& input, PointSpan points) const;
-  plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
+  std::optional<plane_map::MotionPrediction> advice(const MappingInput& input,
+                                                    const Prediction& prediction) const;
   plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
   PointSpan thinned(PointSpan points, const MappingInput& input, const Vector6& twist_per_s,
                     PointVector& out) const;
@@ -65,13 +66,18 @@ plane_map::SweepInput VoxelPlanesMethod::sweep_of(const MappingInput& input,
   return sweep;
 }
 
-plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
-                                                      const Prediction& prediction) const {
+// Once moving, the map's own last motion predicts better than the odometry: in a direction that the
+// odometry does not see it drifts by centimetres a sweep, always the same way, and a map that once
+// followed it stays wrong.
+std::optional<plane_map::MotionPrediction> VoxelPlanesMethod::advice(
+    const MappingInput& input, const Prediction& prediction) const {
+  const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
+  if (own) return std::nullopt;
   plane_map::MotionPrediction out;
   out.T_map_base = prediction.T_map_base;
   out.instant_ns = input.instant_ns;
   out.twist_per_s = input.twist_per_s;
-  if (config_.use_prediction) out.pose_covariance = prediction.covariance;
+  out.pose_covariance = prediction.covariance;
   const double v = config_.twist_sigma_mps;
   const double w = config_.twist_sigma_radps;
   if (v > 0.0 && w > 0.0) {

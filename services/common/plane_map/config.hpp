@@ -46,6 +46,9 @@ struct PlaneMapConfig {
   /// Finest voxels where no plane fits count as distributions (lines and blobs). They cost a little
   /// accuracy where planes abound, and keep the axis of a smooth tunnel.
   bool distributions = true;
+  /// ... those with points of several rings. One ring's trace over a smooth wall is a line that
+  /// goes with the sensor and holds it back.
+  bool distributions_several_rings = true;
 
   /// Voxels farther than this from the sensor are dropped.
   double keep_radius_m = 150.0;

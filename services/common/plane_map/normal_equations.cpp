@@ -130,7 +130,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
   Accumulator planes(gate_m, gate_m / 3.0);
   Accumulator blobs(10.0 * noise, 3.0 * noise);
   const bool with_blobs = map.config().distributions;
-  std::uint32_t slot = points.empty() ? 0 : points.front().slot;
+  std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {
     planes.end_slot(slot);
     if (with_blobs) {

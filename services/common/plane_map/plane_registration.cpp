@@ -41,8 +41,8 @@ Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) c
                     exp_se3(period_s * (s * twist_per_s + 0.5 * s * s * twist_change_per_s)));
 }
 
-// Pose at s = T_mid * Exp(s * twist): its perturbation is the mid's seen from there plus s times the
-// twist's.
+// Pose at s = T_mid * Exp(s * twist): its perturbation is the mid's seen from there plus s times
+// the twist's.
 Matrix6 RegistrationResult::covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
   const double since_mid_s = instant_ns * 1e-9 - 0.5 * seconds(period_ns);
   Eigen::Matrix<double, 6, 12> jacobian;
@@ -122,7 +122,7 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
   for (const SlotPoint& point : points.points()) {
     const std::array<float, 3> q = motions[point.slot](point);
-    map_.insert(q[0] + shift.x(), q[1] + shift.y(), q[2] + shift.z());
+    map_.insert(q[0] + shift.x(), q[1] + shift.y(), q[2] + shift.z(), point.ring);
   }
   map_.evict_far(motion.T_mid.translation());
 }

@@ -71,6 +71,7 @@ class PlaneRegistration {
 
   /// The next sweep does not continue the motion of the last one.
   void forget_motion() { previous_.reset(); }
+  bool knows_motion() const { return previous_.has_value(); }
 
   VoxelPlaneMap& map() { return map_; }
   const VoxelPlaneMap& map() const { return map_; }

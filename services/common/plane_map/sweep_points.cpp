@@ -35,7 +35,7 @@ bool usable(const Point& p, float min_range2) {
 std::vector<SlotPoint> in_slot_order(const std::vector<SlotPoint>& points) {
   std::vector<std::uint32_t> next(kSlots + 2, 0);
   for (const SlotPoint& p : points) {
-    ++next[p.slot + 1];
+    ++next[p.slot + 1U];
   }
   for (std::size_t i = 1; i < next.size(); ++i) {
     next[i] += next[i - 1];
@@ -59,7 +59,7 @@ SweepPoints::SweepPoints(const SweepInput& sweep, double min_range_m)
   for (const Point& p : sweep.points) {
     if (usable(p, min_range2)) {
       const double slot = std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots);
-      valid.push_back({p.x, p.y, p.z, static_cast<std::uint32_t>(slot)});
+      valid.push_back({p.x, p.y, p.z, static_cast<std::uint16_t>(slot), p.ring});
     }
   }
   points_ = in_slot_order(valid);

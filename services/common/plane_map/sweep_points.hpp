@@ -37,7 +37,8 @@ constexpr double slot_fraction(int slot) { return static_cast<double>(slot) / kS
 
 struct SlotPoint {
   float x, y, z;
-  std::uint32_t slot;
+  std::uint16_t slot;
+  std::uint16_t ring;
 };
 
 /// Row-major 3x4 motion.

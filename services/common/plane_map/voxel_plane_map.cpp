@@ -215,7 +215,8 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
       }
     }
   }
-  if (config_.distributions && leaf.fit.count >= config_.min_points) {
+  const bool seen = leaf.several_rings || !config_.distributions_several_rings;
+  if (config_.distributions && seen && leaf.fit.count >= config_.min_points) {
     fit_distribution(leaf, own, offset);
   }
 }
@@ -276,7 +277,7 @@ Match VoxelPlaneMap::find(float x, float y, float z) {
   return {};
 }
 
-void VoxelPlaneMap::insert(float x, float y, float z) {
+void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
   const auto cell = cell_of(x, y, z);
   if (!cell) {
     return;
@@ -311,6 +312,10 @@ void VoxelPlaneMap::insert(float x, float y, float z) {
     quarter *= 0.5f;
   }
   Leaf& leaf = leaves_[i];
+  if (leaf.fit.count == 0) {
+    leaf.ring = ring;
+  }
+  leaf.several_rings = leaf.several_rings || ring == kUnknownRing || leaf.ring != ring;
   leaf.sums.add(dx, dy, dz);
   ++leaf.fit.count;
 }

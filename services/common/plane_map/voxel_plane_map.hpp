@@ -71,8 +71,9 @@ class VoxelPlaneMap {
   Match find(float x, float y, float z);
 
   /// Counts a point, local coordinates. Points that are not finite or farther than 4 km from the
-  /// anchor are ignored.
-  void insert(float x, float y, float z);
+  /// anchor are ignored. The ring is only used to see whether a voxel holds several.
+  void insert(float x, float y, float z, std::uint16_t ring = kUnknownRing);
+  static constexpr std::uint16_t kUnknownRing = 0xffff;
 
   /// The same in the map's frame, for callers outside the inner loops.
   std::optional<MapPlane> plane_at(const Eigen::Vector3d& point_map);
@@ -115,6 +116,8 @@ class VoxelPlaneMap {
     Fit fit;
     std::uint32_t rows = kNoChild;
     MomentSums<float> sums;
+    std::uint16_t ring = 0;  // of its first point
+    bool several_rings = false;
   };
 
   struct Root {

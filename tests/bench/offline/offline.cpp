@@ -196,8 +196,8 @@ class Run {
     const mapping::Degeneracy& d = r.degeneracy;
     csv_ << ',' << int(r.health) << ',' << r.residual_m << ',' << d.degenerate << ','
          << d.sigma_measured << ',' << d.sigma_predicted << ',' << d.share << ','
-         << d.weak_translation.x() << ',' << d.weak_translation.y() << ','
-         << d.weak_translation.z() << ',' << r.inserted << '\n';
+         << d.weak_translation.x() << ',' << d.weak_translation.y() << ',' << d.weak_translation.z()
+         << ',' << r.inserted << '\n';
     covariance_file_ << r.sweep;
     for (int i = 0; i < 36; ++i) covariance_file_ << ',' << r.covariance(i / 6, i % 6);
     covariance_file_ << '\n';

@@ -9,8 +9,8 @@
 namespace zloam::offline {
 namespace {
 
-using Field = std::variant<double*, int*, std::uint32_t*, std::size_t*, bool*, std::string*,
-                           std::uint8_t*>;
+using Field =
+    std::variant<double*, int*, std::uint32_t*, std::size_t*, bool*, std::string*, std::uint8_t*>;
 using Fields = std::map<std::string, Field>;
 
 template <typename Enum>
@@ -89,6 +89,7 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, refit_growth);
   ZLOAM_FIELD("mapping.voxel_planes.", c, settled_points);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, distributions_several_rings);
   ZLOAM_FIELD("mapping.voxel_planes.", c, keep_radius_m);
 }
 

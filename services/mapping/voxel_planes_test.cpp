@@ -1,0 +1,142 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "common/geometry/deskew.hpp"
+#include "mapping/mapping.hpp"
+#include "mapping/test_room.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+constexpr std::uint32_t kPeriod_ns = 100'000'000;
+
+Vector6 twist(double x, double y, double z, double rx, double ry, double rz) {
+  Vector6 t;
+  t << x, y, z, rx, ry, rz;
+  return t;
+}
+
+// A sweep of a sensor that moves while it turns: each column seen from its own pose, then moved to
+// the sweep's end with the twist that odometry believed in.
+PointVector swept(const test::Room& room, const Pose& T_map_end, const Vector6& true_twist_per_s,
+                  const Vector6& believed_twist_per_s, double noise_m, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::normal_distribution<double> noise(0.0, 1.0);
+  PointVector points;
+  constexpr int kColumns = 900;
+  for (int column = 0; column < kColumns; ++column) {
+    const auto time_ns = static_cast<std::uint32_t>(column * (kPeriod_ns / kColumns));
+    const double since_end_s = 1e-9 * time_ns - 1e-9 * kPeriod_ns;
+    const Pose T_map_base = T_map_end * exp_se3(true_twist_per_s * since_end_s);
+    for (std::uint16_t ring = 0; ring < 16; ++ring) {
+      const double azimuth = -2.0 * M_PI * column / kColumns;
+      const double elevation = (-15.0 + 2.0 * ring) * M_PI / 180.0;
+      const Eigen::Vector3d ray(std::cos(elevation) * std::cos(azimuth),
+                                std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+      const double range = room.cast(T_map_base.translation(), T_map_base.linear() * ray).first;
+      const Eigen::Vector3f p = ((range + noise_m * noise(generator)) * ray).cast<float>();
+      points.push_back({p.x(), p.y(), p.z(), 10.0F, time_ns, ring, ReturnType::kStrongest, 0});
+    }
+  }
+  return deskewed(points, DeskewTable(believed_twist_per_s, kPeriod_ns, kPeriod_ns));
+}
+
+MappingInput input_of(std::uint64_t sweep, const PointVector& planes, const Pose& T_odom_base,
+                      const Vector6& believed_twist_per_s) {
+  MappingInput input;
+  input.sweep = sweep;
+  input.stamp_ns = static_cast<std::int64_t>(sweep * kPeriod_ns);
+  input.instant_ns = kPeriod_ns;
+  input.period_ns = kPeriod_ns;
+  input.T_odom_base = T_odom_base;
+  input.twist_per_s = believed_twist_per_s;
+  input.planes = planes;
+  return input;
+}
+
+MappingConfig voxel_planes() {
+  MappingConfig config;
+  config.method = "voxel_planes";
+  return config;
+}
+
+const Vector6 kMotion = twist(1.5, 0.1, 0.0, 0.0, 0.02, 0.6);
+
+Pose end_of(int sweep) { return exp_se3(0.1 * sweep * kMotion); }
+
+// Odometry's pose and twist are off by a constant; the map's pose must not be.
+double worst_error_m(double noise_m, const Vector6& pose_error, const Vector6& twist_error) {
+  Mapper mapper{voxel_planes()};
+  const test::Room room = test::furnished_room();
+  double worst = 0.0;
+  for (int i = 0; i < 20; ++i) {
+    const Vector6 believed = i == 0 ? Vector6(Vector6::Zero()) : Vector6(kMotion + twist_error);
+    const PointVector points = swept(room, end_of(i), kMotion, believed, noise_m, 7U + i);
+    const Pose T_odom_base = i == 0 ? end_of(0) : Pose(end_of(i) * exp_se3(pose_error));
+    const auto result =
+        mapper.process(input_of(static_cast<std::uint64_t>(i), points, T_odom_base, believed));
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_TRUE(result.inserted);
+    const Vector6 error = log_se3(end_of(i).inverse() * result.T_map_base);
+    if (i > 2) worst = std::max(worst, error.head<3>().norm());
+  }
+  return worst;
+}
+
+TEST(VoxelPlanes, FindsThePoseWithoutNoise) {
+  EXPECT_LT(worst_error_m(0.0, Vector6::Zero(), Vector6::Zero()), 0.01);
+}
+
+TEST(VoxelPlanes, TakesOutWhatOdometrysDeskewingLeft) {
+  const Vector6 pose_error = twist(0.03, -0.02, 0.01, 0.0, 0.0, 0.005);
+  const Vector6 twist_error = twist(0.2, -0.1, 0.05, 0.01, 0.0, 0.05);
+  EXPECT_LT(worst_error_m(0.01, pose_error, twist_error), 0.02);
+}
+
+TEST(VoxelPlanes, BridgesANewOdometryFrame) {
+  Mapper mapper{voxel_planes()};
+  const test::Room room = test::furnished_room();
+  const Vector6 still = Vector6::Zero();
+  for (int i = 0; i < 8; ++i) {
+    const PointVector points = swept(room, Pose::Identity(), still, still, 0.01, 7U + i);
+    mapper.process(input_of(static_cast<std::uint64_t>(i), points, Pose::Identity(), still));
+  }
+  const Pose truth = exp_se3(twist(0.9, -0.6, 0, 0, 0, 0.1));
+  const PointVector points = swept(room, truth, still, still, 0.01, 99);
+  MappingInput input = input_of(8, points, Pose::Identity(), still);
+  input.odom_epoch = 1;
+  const auto result = mapper.process(input);
+  EXPECT_EQ(result.health, Health::kOk) << result.reason;
+  EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03);
+}
+
+TEST(VoxelPlanes, OddSweepsArePredictedAndNotInserted) {
+  Mapper mapper{voxel_planes()};
+  const test::Room room = test::furnished_room();
+  const Vector6 still = Vector6::Zero();
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const PointVector good = swept(room, Pose::Identity(), still, still, 0.01, 1);
+  const PointVector odd[] = {
+      {},
+      {{nan, nan, nan, 0, 0, 0, ReturnType::kStrongest, 0}},
+      {{1.0F, 2.0F, 3.0F, 0, 0, 0, ReturnType::kStrongest, 0}},
+      PointVector(500, {1.0F, 2.0F, 3.0F, 0, 0, 0, ReturnType::kStrongest, 0})};
+  std::uint64_t sweep = 0;
+  for (int i = 0; i < 4; ++i) {
+    mapper.process(input_of(sweep++, good, Pose::Identity(), still));
+  }
+  for (const PointVector& points : odd) {
+    const auto result = mapper.process(input_of(sweep++, points, Pose::Identity(), still));
+    EXPECT_TRUE(result.T_map_base.matrix().allFinite());
+    EXPECT_LT(result.T_map_base.translation().norm(), 0.05);
+    EXPECT_FALSE(result.inserted);
+  }
+  const auto result = mapper.process(input_of(sweep++, good, Pose::Identity(), still));
+  EXPECT_EQ(result.health, Health::kOk);
+  EXPECT_LT(result.T_map_base.translation().norm(), 0.02);
+}
+
+}  // namespace
+}  // namespace zloam::mapping
