@@ -12,10 +12,11 @@ constexpr std::uint8_t kMessage = 1;
 constexpr std::size_t kFixed = 1 + 8 + 4 + 8 + 2 + 2;
 
 template <class T>
-void put_number(std::vector<std::uint8_t>& out, T value) {
+std::uint8_t* put_number(std::uint8_t* out, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i) {
-    out.push_back(static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i)));
+    *out++ = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i));
   }
+  return out;
 }
 
 template <class T>
@@ -38,17 +39,16 @@ std::vector<std::uint8_t> pack(const StoredMessage& m) {
   if (m.key.size() > UINT16_MAX || m.encoding.size() > UINT16_MAX) {
     throw std::length_error("a key or encoding of more than 65535 bytes");
   }
-  std::vector<std::uint8_t> out;
-  out.reserve(kFixed + m.key.size() + m.encoding.size() + m.payload.size());
-  put_number(out, kMessage);
-  put_number(out, m.rank.map_id);
-  put_number(out, m.rank.term);
-  put_number(out, m.rank.version);
-  put_number(out, static_cast<std::uint16_t>(m.key.size()));
-  put_number(out, static_cast<std::uint16_t>(m.encoding.size()));
-  out.insert(out.end(), m.key.begin(), m.key.end());
-  out.insert(out.end(), m.encoding.begin(), m.encoding.end());
-  out.insert(out.end(), m.payload.begin(), m.payload.end());
+  std::vector<std::uint8_t> out(kFixed + m.key.size() + m.encoding.size() + m.payload.size());
+  std::uint8_t* at = put_number(out.data(), kMessage);
+  at = put_number(at, m.rank.map_id);
+  at = put_number(at, m.rank.term);
+  at = put_number(at, m.rank.version);
+  at = put_number(at, static_cast<std::uint16_t>(m.key.size()));
+  at = put_number(at, static_cast<std::uint16_t>(m.encoding.size()));
+  at = std::copy(m.key.begin(), m.key.end(), at);
+  at = std::copy(m.encoding.begin(), m.encoding.end(), at);
+  std::copy(m.payload.begin(), m.payload.end(), at);
   return out;
 }
 

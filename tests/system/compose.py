@@ -39,19 +39,23 @@ class Deployment:
         files = [a for layer in ("docker-compose.yml", *self.layers) for a in ("-f", layer)]
         return ["docker", "compose", "-p", self.project, *files, *arguments]
 
-    def run(self, *arguments: str, check: bool = True) -> str:
-        """Standard output; with check a failure raises with everything that was said."""
-        variables = {
+    def variables(self) -> dict[str, str]:
+        """The environment of every call: the knobs of .env that this deployment sets."""
+        return {
+            **os.environ,
             "ZLOAM_OUT": str(self.out),
             "ZLOAM_UID": str(os.getuid() or 1000),
             "ZLOAM_GID": str(os.getgid() or 1000),
             "ZLOAM_ROUTER_PORT": f"127.0.0.1:{self.router_port}",
             **self.environment,
         }
+
+    def run(self, *arguments: str, check: bool = True) -> str:
+        """Standard output; with check a failure raises with everything that was said."""
         done = subprocess.run(
             self.command(*arguments),
             cwd=ROOT,
-            env={**os.environ, **variables},
+            env=self.variables(),
             capture_output=True,
             text=True,
             check=False,

@@ -107,12 +107,7 @@ def run(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fini
         up = subprocess.Popen(
             deployment.command("up", "--no-build", "--detach"),
             cwd=ROOT,
-            env={
-                **os.environ,
-                **deployment.environment,
-                "ZLOAM_OUT": str(out),
-                "ZLOAM_ROUTER_PORT": f"127.0.0.1:{deployment.router_port}",
-            },
+            env=deployment.variables(),
         )
         deployment.wait("all healthy", 180, _healthy)
         healthy_after_s = time.monotonic() - began

@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Builds the three images, on machines without an image registry too (the base image is made from the
+# distribution's packages then).
+#   images.sh               Rust compiled in the image's build
+#   images.sh --prebuilt    Rust taken from this machine's cache (deploy/build/rust.sh), for machines that
+#                           have compiled it anyway; their C library must not be newer than the image's
+# Knobs: those of .env for building (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+base=${ZLOAM_BASE:-debian:trixie-slim}
+if ! docker image inspect "$base" >/dev/null 2>&1 && ! docker pull -q "$base" >/dev/null 2>&1; then
+  suite=${base#debian:}
+  deploy/docker/base-image.sh "${suite%-slim}"
+fi
+if [ "${1:-}" = --prebuilt ]; then
+  export ZLOAM_RUST=prebuilt
+  deploy/build/rust.sh deploy/docker/prebuilt/libzloam_zenoh.so
+  deploy/build/rust.sh --router deploy/docker/prebuilt/zloam-router
+fi
+docker compose build prepare router monitor
+docker image inspect --format '{{index .RepoTags 0}} {{.Size}} bytes' zenoh-loam zenoh-loam-router zenoh-loam-monitor
