@@ -14,7 +14,9 @@ from tests.acceptance.runs import Setting
 def main() -> int:
     parser = argparse.ArgumentParser(prog="tests.acceptance", description=__doc__)
     parser.add_argument("--preset-dir", type=Path, default=Path("build/release"))
-    parser.add_argument("--only", help="part of a name or line, or a pattern over names")
+    parser.add_argument(
+        "--only", help="comma-separated parts of names or lines, or patterns over names"
+    )
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--list", action="store_true", help="names and lines only")
     args = parser.parse_args()

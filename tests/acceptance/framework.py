@@ -68,14 +68,16 @@ def _first_line(text: str) -> str:
 
 
 def chosen(checks: list[Check], pattern: str | None) -> list[Check]:
-    """All, or those whose name or line contains or matches the pattern."""
+    """All, or those whose name or line contains or matches one of the comma-separated patterns."""
     if not pattern:
         return checks
-    wanted = pattern.lower()
+    wanted = [part.strip().lower() for part in pattern.split(",")]
     return [
         c
         for c in checks
-        if wanted in f"{c.name} {c.line}".lower() or fnmatch.fnmatch(c.name.lower(), wanted)
+        if any(
+            w in f"{c.name} {c.line}".lower() or fnmatch.fnmatch(c.name.lower(), w) for w in wanted
+        )
     ]
 
 
