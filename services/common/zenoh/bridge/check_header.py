@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Compares include/zloam_zenoh.h with src/: every exported function, callback type and struct must have
-the same name, the same parameters and fields in the same order, and the same types on both sides.
+"""Compares include/zloam_zenoh.h with src/: every exported function, callback type and struct
+must have the same name, the same parameters and fields in the same order, and the same types on
+both sides.
 
 Exit code 0: they agree; 1: they differ (the differences are printed). Needs nothing but Python.
 """
@@ -62,7 +63,10 @@ def read_rust() -> dict[str, object]:
     found: dict[str, object] = {}
     for source in SOURCES:
         text = re.sub(r"//.*", "", source.read_text())
-        function = r'#\[no_mangle\]\s*pub (?:unsafe )?extern "C" fn (\w+)\((.*?)\)\s*(?:->\s*([^{]+?))?\s*\{'
+        function = (
+            r'#\[no_mangle\]\s*pub (?:unsafe )?extern "C" fn (\w+)'
+            r"\((.*?)\)\s*(?:->\s*([^{]+?))?\s*\{"
+        )
         for name, arguments, result in re.findall(function, text, re.S):
             found[name] = (c_type(result) if result else "void", parameters_of_rust(arguments))
         callback = r'pub type (\w+)\s*=\s*unsafe extern "C" fn\((.*?)\);'
