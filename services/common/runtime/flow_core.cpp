@@ -10,7 +10,6 @@
 namespace zloam::runtime {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kRetry_ns = 100 * kMs;
 constexpr std::int64_t kWord_ns = 2000 * kMs;
 constexpr std::int64_t kMaxAgain_ns = 10'000 * kMs;

@@ -26,6 +26,9 @@ inline std::int64_t steady_ns() {
       .count();
 }
 
+/// Nanoseconds in a millisecond.
+inline constexpr std::int64_t kMs = 1'000'000;
+
 struct Shared {
   std::mutex mutex;
   std::condition_variable bell;

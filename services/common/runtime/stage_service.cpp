@@ -1,0 +1,174 @@
+// What a stage tells others about itself: health, status, configuration, token.
+
+#include <algorithm>
+#include <array>
+
+#include "common/runtime/log.hpp"
+#include "common/runtime/run_id.hpp"
+#include "common/runtime/stage_core.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::chrono::milliseconds kStatusPeriod{1000};
+
+/// Which stage reads a key inside the robot: readiness waits for it when it is part of the
+/// deployment.
+struct Reader {
+  Key key;
+  const char* stage;
+};
+constexpr std::array kReaders = {
+    Reader{Key::kSweep, "registration"},        Reader{Key::kFeatures, "odometry"},
+    Reader{Key::kOdometry, "integration"},      Reader{Key::kOdometryFeatures, "mapping"},
+    Reader{Key::kMapCorrection, "integration"},
+};
+
+}  // namespace
+
+void StageCore::figure(const std::string& name, double value) {
+  const std::lock_guard lock(mutex_);
+  figures_[name] = value;
+}
+
+void StageCore::degraded(const std::string& topic, const std::string& reason) {
+  const std::lock_guard lock(mutex_);
+  if (reason.empty()) {
+    degraded_.erase(topic);
+  } else {
+    degraded_[topic] = reason;
+  }
+}
+
+void StageCore::ready(bool yes, const std::string& reason) {
+  const std::lock_guard lock(mutex_);
+  own_ready_ = yes;
+  own_reason_ = reason;
+}
+
+std::vector<Account> StageCore::accounts() const {
+  const std::lock_guard lock(bell_->mutex);
+  std::vector<Account> all;
+  for (const auto& inlet : inlets_) all.push_back(inlet->account_locked());
+  return all;
+}
+
+std::string StageCore::unmatched() const {
+  const auto& stages = setup_.shared.flow.wait_for;
+  for (const auto& outlet : outlets_) {
+    for (const Reader& reader : kReaders) {
+      if (reader.key != outlet->row()) continue;
+      const bool deployed = std::find(stages.begin(), stages.end(), reader.stage) != stages.end();
+      if (deployed && !outlet->matching()) return outlet->key();
+    }
+  }
+  return {};
+}
+
+ServiceHealth StageCore::health(std::string* reason) const {
+  const std::string lonely = unmatched();
+  const std::lock_guard lock(mutex_);
+  const auto because = [reason](const std::string& text, ServiceHealth h) {
+    *reason = text;
+    return h;
+  };
+  if (!failure_.empty()) return because(failure_, ServiceHealth::kFailed);
+  if (stopping_.load()) return because("stopping", ServiceHealth::kStopping);
+  if (!declared_) return because("starting", ServiceHealth::kStarting);
+  if (!own_ready_) return because(own_reason_, ServiceHealth::kStarting);
+  if (!lonely.empty()) return because("nobody listens to " + lonely, ServiceHealth::kStarting);
+  if (!degraded_.empty()) {
+    return because(degraded_.begin()->first + ": " + degraded_.begin()->second,
+                   ServiceHealth::kDegraded);
+  }
+  return because("", ServiceHealth::kReady);
+}
+
+StatusFields StageCore::status() const {
+  StatusFields f;
+  f.identity = setup_.identity;
+  f.health = health(&f.reason);
+  f.stamp_ns = wall_ns();
+  f.started_ns = started_ns_;
+  f.inputs = accounts();
+  for (const auto& o : outlets_) {
+    f.outputs.push_back({o->key(), o->published(), o->bytes(), o->republished()});
+  }
+  f.latencies = latencies_.summaries();
+  f.usage = process_usage();
+  f.rss_start_mib = rss_start_mib_;
+  f.transfer = {bell_->transfer.bytes_in_place.load(), bell_->transfer.bytes_copied.load(),
+                bell_->transfer.messages_shared_memory.load(),
+                bell_->transfer.messages_other.load()};
+  const std::lock_guard lock(mutex_);
+  f.run = run_;
+  f.last_sweep = last_sweep_;
+  f.has_sweep = has_sweep_;
+  f.end_of_run = run_ended_;
+  note_source(&f);
+  f.figures = figures_;
+  f.figures["rss_anon_mib"] = f.usage.rss_anon_mib;
+  f.figures["rss_shm_mib"] = f.usage.rss_shm_mib;
+  return f;
+}
+
+/// A source has no input that tells how far it is: its output does.
+void StageCore::note_source(StatusFields* f) const {
+  const OutletCore* source = source_.load();
+  if (source == nullptr) return;
+  const auto last = source->last();
+  if (!last) return;
+  f->run = last->run;
+  f->last_sweep = last->sweep;
+  f->has_sweep = true;
+  f->end_of_run = last->ended;
+}
+
+void StageCore::declare_service() {
+  const Identity& id = setup_.identity;
+  const std::string status_key = keys_.status(id.stage, id.instance);
+  const std::string config_key = keys_.config(id.stage, id.instance);
+  zenoh::PublisherOptions options;
+  options.priority = zenoh::Priority::kBackground;
+  options.encoding = encoding_of(Key::kStatus);
+  status_publisher_ = session_.declare_publisher(status_key, options);
+  queryables_.push_back(session_.declare_queryable(status_key, [this,
+                                                                status_key](zenoh::Query&& query) {
+    query.reply(status_key, zenoh::Bytes::own(runtime::build(status())), encoding_of(Key::kStatus));
+  }));
+  queryables_.push_back(
+      session_.declare_queryable(config_key, [this, config_key](zenoh::Query&& query) {
+        query.reply(config_key,
+                    zenoh::Bytes::own(build_config(setup_.identity, setup_.values_json,
+                                                   sha256_hex(setup_.result_json))),
+                    encoding_of(Key::kConfig));
+      }));
+  {
+    const std::lock_guard lock(mutex_);
+    declared_ = true;
+  }
+  alive_ = session_.declare_liveliness_token(keys_.alive(id.stage, id.instance));
+  status_thread_ = std::thread([this] { status_loop(); });
+  log_info("started", {{"instance", id.instance}, {"robot", id.robot}, {"version", id.version}});
+}
+
+void StageCore::status_loop() {
+  std::unique_lock lock(status_mutex_);
+  while (!status_end_) {
+    lock.unlock();
+    publish_status();
+    lock.lock();
+    status_bell_.wait_for(lock, kStatusPeriod, [this] { return status_end_; });
+  }
+}
+
+void StageCore::publish_status() {
+  if (!status_publisher_) return;
+  try {
+    status_publisher_->put(zenoh::Bytes::own(runtime::build(status())));
+  } catch (const std::exception& e) {
+    log(Level::kDebug, "status not published", {{"what", e.what()}});
+  }
+}
+
+}  // namespace zloam::runtime
