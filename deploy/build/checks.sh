@@ -17,7 +17,7 @@ for stage in $stages common/geometry common/plane_map; do
     hits=$(grep -nE "^\s*#\s*include.*$forbidden" "$file" || true)
     [ -z "$hits" ] || complain "$file is an algorithm and may not include: $hits"
   done < <(find "services/$stage" \( -name '*.hpp' -o -name '*.cpp' \) \
-             ! -name main.cpp ! -name '*_stage.*' ! -name '*parameters.*' ! -name '*_test.cpp' \
+             ! -name main.cpp ! -name '*_stage.*' ! -name '*_parameters.*' ! -name '*_test.cpp' \
              ! -path '*/io/*' ! -path '*/tools/*' ! -path '*/tests/*')
 done
 for stage in $stages; do

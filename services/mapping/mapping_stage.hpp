@@ -6,7 +6,7 @@
 
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
-#include "mapping/parameters.hpp"
+#include "mapping/mapping_parameters.hpp"
 
 namespace zloam::mapping {
 

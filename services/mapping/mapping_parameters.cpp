@@ -1,4 +1,4 @@
-#include "mapping/parameters.hpp"
+#include "mapping/mapping_parameters.hpp"
 
 #include "common/runtime/parameters.hpp"
 #include "mapping/method.hpp"
