@@ -1,51 +1,28 @@
 #pragma once
-// What the tests of whole stages share: sessions on the loopback, stages on threads of their own,
-// waiting for a condition without sleeping.
+// What the tests of whole stages share: sessions on the loopback, stages on threads of their own.
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
-#include <chrono>
-#include <condition_variable>
 #include <functional>
 #include <memory>
-#include <mutex>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "common/runtime/session_config.hpp"
 #include "common/runtime/stage_core.hpp"
+#include "common/zenoh/tests/support.hpp"
 
 namespace zloam::runtime::test {
 
-/// Long enough for a machine that has other things to do; nobody waits for it to pass.
-inline constexpr std::chrono::seconds kPatience{90};
-
-/// A TCP port of the loopback that is free now.
-inline int free_port() {
-  const int fd = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  if (bind(fd, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
-      getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) {
-    throw std::runtime_error("no free port");
-  }
-  close(fd);
-  return ntohs(address.sin_port);
-}
+using zenoh::test::free_port;
+using zenoh::test::kPatience;
+using zenoh::test::Watched;
 
 /// Peers that all know each other's ports, one for each place.
 class Network {
  public:
   explicit Network(std::size_t places, bool shared_memory = false) : shared_memory_(shared_memory) {
     for (std::size_t i = 0; i < places; ++i) {
-      endpoints_.push_back("tcp/127.0.0.1:" + std::to_string(free_port()));
+      endpoints_.push_back(zenoh::test::endpoint(free_port()));
     }
   }
 
@@ -63,32 +40,6 @@ class Network {
  private:
   bool shared_memory_;
   std::vector<std::string> endpoints_;
-};
-
-/// A value that other threads change and the test waits for.
-template <class T>
-class Watched {
- public:
-  void change(const std::function<void(T&)>& f) {
-    {
-      const std::lock_guard lock(mutex_);
-      f(value_);
-    }
-    bell_.notify_all();
-  }
-  bool wait(const std::function<bool(const T&)>& condition) {
-    std::unique_lock lock(mutex_);
-    return bell_.wait_for(lock, kPatience, [&] { return condition(value_); });
-  }
-  T get() {
-    const std::lock_guard lock(mutex_);
-    return value_;
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable bell_;
-  T value_{};
 };
 
 inline StageSetup setup(const std::string& stage, const std::string& instance = "i",

@@ -1,13 +1,16 @@
 #pragma once
-// What the tests of this folder share: sessions on the loopback, and waiting for a condition.
+// What the tests of this folder and of the runtime share: sessions on the loopback, and waiting for
+// a condition.
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <concepts>
 #include <condition_variable>
+#include <memory>
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -17,7 +20,7 @@
 namespace zloam::zenoh::test {
 
 /// Long enough for a machine that has other things to do; nobody waits for it to pass.
-inline constexpr std::chrono::seconds kPatience{60};
+inline constexpr std::chrono::seconds kPatience{90};
 
 /// A TCP port of the loopback that is free now.
 inline int free_port() {
