@@ -26,6 +26,22 @@ Int saturated(std::uint32_t value) {
   return static_cast<Int>(std::min<std::uint32_t>(value, std::numeric_limits<Int>::max()));
 }
 
+/// What odometry and mapping both say of a pose they solved for. Structs of a table are copied at
+/// once, so they may end with this call.
+template <class TableBuilder>
+void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& solve) {
+  const msg::Vec3 translation = vec(weak.weak_translation);
+  const msg::Vec3 rotation = vec(weak.weak_rotation);
+  m->add_degenerate(weak.degenerate);
+  m->add_weak_translation(&translation);
+  m->add_weak_rotation(&rotation);
+  m->add_weak_sigma_measured(weak.sigma_measured);
+  m->add_weak_sigma_predicted(weak.sigma_predicted);
+  m->add_iterations(saturated<std::uint16_t>(solve.iterations));
+  m->add_correspondences(solve.correspondences);
+  m->add_residual_m(solve.residual_m);
+}
+
 }  // namespace
 
 Buffer build(const HeaderFields& header, const SweepFields& f) {
@@ -88,22 +104,13 @@ Buffer build(const HeaderFields& header, const OdometryFields& f) {
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_odom_base);
   const msg::Twist twist = twist_message(f.twist_per_s);
-  const msg::Vec3 weak_translation = vec(f.weak.weak_translation);
-  const msg::Vec3 weak_rotation = vec(f.weak.weak_rotation);
   msg::OdometryBuilder m(b);
   m.add_header(head);
   m.add_instant_ns(f.instant_ns);
   m.add_pose_odom_base(&pose);
   m.add_twist(&twist);
   m.add_covariance(covariance);
-  m.add_degenerate(f.weak.degenerate);
-  m.add_weak_translation(&weak_translation);
-  m.add_weak_rotation(&weak_rotation);
-  m.add_weak_sigma_measured(f.weak.sigma_measured);
-  m.add_weak_sigma_predicted(f.weak.sigma_predicted);
-  m.add_iterations(saturated<std::uint16_t>(f.solve.iterations));
-  m.add_correspondences(f.solve.correspondences);
-  m.add_residual_m(f.solve.residual_m);
+  add_solution(&m, f.weak, f.solve);
   m.add_health(to_message(f.health));
   m.add_prev_sweep(f.prev_sweep);
   return finish(b, m.Finish());
@@ -140,8 +147,6 @@ Buffer build(const HeaderFields& header, const MapCorrectionFields& f) {
   const auto covariance = put_covariance(b, f.covariance);
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_map_odom);
-  const msg::Vec3 weak_translation = vec(f.weak.weak_translation);
-  const msg::Vec3 weak_rotation = vec(f.weak.weak_rotation);
   msg::MapCorrectionBuilder m(b);
   m.add_header(head);
   m.add_instant_ns(f.instant_ns);
@@ -149,14 +154,7 @@ Buffer build(const HeaderFields& header, const MapCorrectionFields& f) {
   m.add_covariance(covariance);
   m.add_health(to_message(f.health));
   m.add_inserted(f.inserted);
-  m.add_degenerate(f.weak.degenerate);
-  m.add_weak_translation(&weak_translation);
-  m.add_weak_rotation(&weak_rotation);
-  m.add_weak_sigma_measured(f.weak.sigma_measured);
-  m.add_weak_sigma_predicted(f.weak.sigma_predicted);
-  m.add_iterations(saturated<std::uint16_t>(f.solve.iterations));
-  m.add_correspondences(f.solve.correspondences);
-  m.add_residual_m(f.solve.residual_m);
+  add_solution(&m, f.weak, f.solve);
   m.add_prev_sweep(f.prev_sweep);
   return finish(b, m.Finish());
 }
