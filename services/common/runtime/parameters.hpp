@@ -61,8 +61,8 @@ struct RawValue {
 
 class Parameters {
  public:
-  Parameters();
-  ~Parameters();
+  Parameters() = default;
+  ~Parameters() = default;
   Parameters(const Parameters&) = delete;
   Parameters& operator=(const Parameters&) = delete;
 
@@ -122,8 +122,24 @@ class Parameters {
   std::vector<std::string> keys() const;
 
  private:
-  struct Entry;
-  struct Check;
+  struct Entry {
+    std::string key;
+    std::string type;
+    std::string unit;
+    /// range or allowed values in words
+    std::string allowed;
+    std::string doc;
+    Effect effect;
+    std::function<std::string(const RawValue&)> set;
+    /// the value in force as JSON text
+    std::function<std::string()> get_json;
+    std::string default_json;
+  };
+  struct Check {
+    std::string key;
+    std::function<std::string()> condition;
+  };
+
   void add_entry(const std::string& key, std::string type, std::string unit, std::string allowed,
                  std::string doc, Effect effect, std::function<std::string(const RawValue&)> set,
                  std::function<std::string()> get_json);
@@ -135,7 +151,6 @@ class Parameters {
                   std::function<std::size_t()> get);
   const Entry* find(const std::string& key) const;
   std::string nearest(const std::string& key) const;
-  std::string run_checks(const std::function<std::string(const std::string&)>& place) const;
   std::string json_object(bool only_result) const;
   struct Loader;
 

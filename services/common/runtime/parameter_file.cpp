@@ -1,0 +1,177 @@
+// Reads a robot's YAML file and --set into parameters.
+
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+
+#include "common/runtime/parameter_text.hpp"
+#include "common/runtime/parameters.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+RawValue raw_value(const YAML::Node& node) {
+  RawValue value;
+  if (node.IsScalar()) {
+    value.shape = RawValue::Shape::kScalar;
+    value.items = {node.Scalar()};
+  } else if (node.IsSequence()) {
+    value.shape = RawValue::Shape::kList;
+    for (const auto& item : node) {
+      value.items.push_back(item.IsScalar() ? item.Scalar() : std::string("(not a single value)"));
+    }
+  } else if (node.IsMap()) {
+    value.shape = RawValue::Shape::kMap;
+  }
+  return value;
+}
+
+}  // namespace
+
+/// One reading of file and settings; collects all errors before it throws.
+struct Parameters::Loader {
+  Parameters& parameters;
+  const std::string& name;
+  const std::vector<std::string>& foreign;
+  std::vector<std::string> errors{};
+  /// where each key was last set
+  std::map<std::string, std::string> places{};
+
+  static std::string line_of(const YAML::Node& node) {
+    return std::to_string(node.Mark().line + 1);
+  }
+
+  bool is_prefix(const std::string& key) const {
+    return std::any_of(parameters.entries_.begin(), parameters.entries_.end(),
+                       [&](const Entry& e) { return e.key.starts_with(key + "."); });
+  }
+
+  void set_at(const std::string& place, const std::string& key, const RawValue& value) {
+    const std::string error = parameters.set(key, value);
+    if (error.empty()) {
+      places[key] = place;
+    } else {
+      errors.push_back(place + ": " + key + ": " + error);
+    }
+  }
+
+  void walk(const YAML::Node& map, const std::string& prefix) {
+    std::set<std::string> seen;
+    for (const auto& item : map) {
+      const std::string leaf = item.first.IsScalar() ? item.first.Scalar() : "?";
+      const std::string place = name + ":" + line_of(item.first);
+      const std::string key = prefix.empty() ? leaf : prefix + "." + leaf;
+      if (!seen.insert(leaf).second) {
+        errors.push_back(place + ": " + key + ": stands here a second time");
+      } else if (is_foreign(key)) {
+        continue;
+      } else if (is_prefix(key)) {
+        section(item.second, key, place);
+      } else {
+        set_at(place, key, raw_value(item.second));
+      }
+    }
+  }
+
+  void section(const YAML::Node& node, const std::string& key, const std::string& place) {
+    if (node.IsMap()) {
+      walk(node, key);
+    } else if (!node.IsNull()) {
+      errors.push_back(place + ": " + key + ": a section with keys of its own is expected, not " +
+                       shown(raw_value(node)));
+    }
+  }
+
+  /// Of another program's section, and not one of the few keys of it that this one reads as well.
+  bool is_foreign(const std::string& key) const {
+    const std::string section_name = key.substr(0, key.find('.'));
+    return std::find(foreign.begin(), foreign.end(), section_name) != foreign.end() &&
+           parameters.find(key) == nullptr && !is_prefix(key);
+  }
+
+  void file(const std::string& text) {
+    YAML::Node root;
+    try {
+      root = YAML::Load(text);
+    } catch (const YAML::Exception& e) {
+      throw ConfigError(name + ":" + std::to_string(e.mark.line + 1) + ": not YAML: " + e.msg);
+    }
+    if (root.IsMap()) {
+      walk(root, "");
+    } else if (!root.IsNull()) {
+      errors.push_back(name + ":1: a map of sections is expected");
+    }
+  }
+
+  void setting(const std::string& text) {
+    const auto equals = text.find('=');
+    const std::string key = text.substr(0, equals);
+    const std::string place = "--set " + key;
+    if (equals == std::string::npos || key.empty()) {
+      errors.push_back("--set " + text + ": key=value is expected");
+      return;
+    }
+    if (is_foreign(key)) return;
+    RawValue value;
+    try {
+      value = raw_value(YAML::Load(text.substr(equals + 1)));
+    } catch (const YAML::Exception& e) {
+      errors.push_back(place + ": " + key + ": not a YAML value: " + e.msg);
+      return;
+    }
+    set_at(place, key, value);
+  }
+
+  void conditions() {
+    for (const Check& check : parameters.checks_) {
+      const std::string error = check.condition();
+      if (error.empty()) continue;
+      const auto place = places.find(check.key);
+      errors.push_back((place == places.end() ? name : place->second) + ": " + check.key + ": " +
+                       error);
+    }
+  }
+
+  void finish() const {
+    if (errors.empty()) return;
+    std::string all;
+    for (const std::string& error : errors) all += (all.empty() ? "" : "\n") + error;
+    throw ConfigError(all);
+  }
+};
+
+void Parameters::load(const std::optional<std::string>& path,
+                      const std::vector<std::string>& settings,
+                      const std::vector<std::string>& foreign) {
+  if (!path) {
+    load_text("", "(no file)", settings, foreign);
+    return;
+  }
+  std::ifstream file(*path);
+  std::ostringstream text;
+  if (!file) throw IoError(*path + ": can't be read: " + std::strerror(errno));
+  if (std::filesystem::is_directory(*path)) throw IoError(*path + ": is a directory");
+  text << file.rdbuf();
+  if (file.bad()) throw IoError(*path + ": can't be read to its end");
+  load_text(text.str(), *path, settings, foreign);
+}
+
+void Parameters::load_text(const std::string& text, const std::string& name,
+                           const std::vector<std::string>& settings,
+                           const std::vector<std::string>& foreign) {
+  Loader loader{*this, name, foreign};
+  loader.file(text);
+  for (const std::string& setting : settings) loader.setting(setting);
+  // Conditions over several fields only make sense when each field is right.
+  if (loader.errors.empty()) loader.conditions();
+  loader.finish();
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,25 @@
+#pragma once
+// Between the text of a configuration and values: what parameters of all types share.
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/runtime/parameters.hpp"
+
+namespace zloam::runtime {
+
+/// The range in words.
+std::string range_text(Range range);
+
+/// Sets the value when the whole text is a number within the range; returns the error, or an empty
+/// text.
+std::string set_double(const std::string& text, Range range, double* value);
+std::string set_integer(const std::string& text, Range range, std::int64_t* value);
+
+std::string join(const std::vector<std::string>& items);
+
+/// A value as an error shows it.
+std::string shown(const RawValue& value);
+
+}  // namespace zloam::runtime
