@@ -1,0 +1,137 @@
+// Packets that are lost, late, doubled or in another order.
+#include <gtest/gtest.h>
+
+#include "driver/sweep/test_sweeps.hpp"
+
+namespace zloam::driver {
+namespace {
+
+using test::assemble;
+using test::expect_in_time_order;
+using test::expect_same;
+using test::packets_of;
+using test::Payload;
+using test::TurningSensor;
+
+TEST(Assembler, LostPacketsAreCountedAndFlagTheSweep) {
+  TurningSensor sensor;
+  std::vector<Payload> packets = packets_of(sensor, 400);
+  std::vector<Payload> kept;
+  for (std::size_t i = 0; i < packets.size(); ++i) {
+    if (i % 7 != 3) kept.push_back(packets[i]);
+  }
+  PacketCounts counts;
+  const auto sweeps = assemble(kept, {}, &counts);
+  EXPECT_EQ(counts.lost, packets.size() - kept.size());
+  EXPECT_EQ(counts.decoded, kept.size());
+  expect_in_time_order(sweeps);
+  std::uint32_t lost = 0;
+  for (std::size_t i = 1; i + 1 < sweeps.size(); ++i) {
+    EXPECT_FALSE(sweeps[i].complete);
+    EXPECT_NEAR(sweeps[i].period_ns, 1e8, 2e4);
+    lost += sweeps[i].packets_lost;
+  }
+  EXPECT_GT(lost, 0U);
+}
+
+TEST(Assembler, ALostPacketDoesNotMoveThePointsOfOthers) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 40);
+  std::vector<Payload> kept = packets;
+  kept.erase(kept.begin() + 20);
+  const auto whole = assemble(packets);
+  const auto gap = assemble(kept);
+  ASSERT_EQ(whole.size(), gap.size());
+  ASSERT_EQ(gap[0].points.size() + 384, whole[0].points.size());
+  for (std::size_t i = 0; i < gap[0].points.size(); ++i) {
+    const Point& a = gap[0].points[i];
+    const Point& b = whole[0].points[i < 20 * 384 ? i : i + 384];
+    ASSERT_EQ(a.x, b.x);
+    ASSERT_EQ(a.time_ns, b.time_ns);
+    ASSERT_EQ(gap[0].columns[i], whole[0].columns[i < 20 * 384 ? i : i + 384]);
+  }
+}
+
+TEST(Assembler, SwappedNeighboursGiveTheSameSweeps) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 300);
+  std::vector<Payload> swapped = packets;
+  for (std::size_t i = 0; i + 1 < swapped.size(); i += 2) std::swap(swapped[i], swapped[i + 1]);
+  PacketCounts counts;
+  const auto expected = assemble(packets);
+  const auto got = assemble(swapped, {}, &counts);
+  EXPECT_EQ(counts.lost, 0U);
+  EXPECT_EQ(counts.late, 0U);
+  EXPECT_GT(counts.reordered, 100U);
+  expect_same(got, expected);
+}
+
+TEST(Assembler, DuplicatesAndVeryLatePacketsAreDroppedByName) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 100);
+  std::vector<Payload> stream;
+  for (const Payload& packet : packets) {
+    stream.push_back(packet);
+    stream.push_back(packet);
+  }
+  PacketCounts counts;
+  const auto sweeps = assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.duplicate, 100U);
+  EXPECT_EQ(counts.points, 100U * 384U);
+  EXPECT_EQ(sweeps.size(), assemble(packets).size());
+
+  std::vector<Payload> late = packets;
+  const Payload moved = late[10];
+  late.erase(late.begin() + 10);
+  late.insert(late.begin() + 60, moved);
+  assemble(late, {}, &counts);
+  EXPECT_EQ(counts.late, 1U);
+  EXPECT_EQ(counts.lost, 0U) << "it came, only too late";
+}
+
+TEST(Assembler, ALateCopyIsACopyAndALatePacketIsNotLost) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 200);
+  std::vector<Payload> stream = packets;
+  stream.insert(stream.begin() + 60, packets[10]);
+  PacketCounts counts;
+  assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.duplicate, 1U);
+  EXPECT_EQ(counts.late, 0U);
+
+  // Later than the window: its points are gone, but it came.
+  stream = packets;
+  stream.erase(stream.begin() + 10);
+  stream.erase(stream.begin() + 50);
+  stream.insert(stream.begin() + 60, packets[10]);
+  assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.late, 1U);
+  EXPECT_EQ(counts.lost, 1U) << "packet 51 only";
+}
+
+TEST(Assembler, ALatePacketWithinTheWindowIsInsertedByTime) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 300);
+  std::vector<Payload> stream;
+  std::size_t moved = 0;
+  for (std::size_t i = 0; i < packets.size(); ++i) {
+    if (i % 20 == 5 && i + 3 < packets.size()) {
+      for (std::size_t k = 1; k <= 3; ++k) stream.push_back(packets[i + k]);
+      stream.push_back(packets[i]);
+      i += 3;
+      ++moved;
+    } else {
+      stream.push_back(packets[i]);
+    }
+  }
+  PacketCounts counts;
+  const auto expected = assemble(packets);
+  const auto got = assemble(stream, {}, &counts);
+  EXPECT_EQ(counts.reordered, moved);
+  EXPECT_EQ(counts.late, 0U);
+  EXPECT_EQ(counts.lost, 0U);
+  expect_same(got, expected);
+}
+
+}  // namespace
+}  // namespace zloam::driver

@@ -1,0 +1,63 @@
+#pragma once
+// From packets made by hand to sweeps, for tests of the assembler.
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <vector>
+
+#include "driver/sweep/assembler.hpp"
+#include "driver/velodyne/test_packets.hpp"
+
+namespace zloam::driver::test {
+
+inline std::vector<Payload> packets_of(TurningSensor& sensor, int count) {
+  std::vector<Payload> packets;
+  for (int i = 0; i < count; ++i) packets.push_back(sensor.next());
+  return packets;
+}
+
+inline std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler) {
+  std::vector<DecodedSweep> sweeps;
+  DecodedSweep sweep;
+  while (assembler.take(sweep)) sweeps.push_back(sweep);
+  return sweeps;
+}
+
+inline std::vector<DecodedSweep> assemble(const std::vector<Payload>& packets,
+                                          AssemblerConfig config = {},
+                                          PacketCounts* counts = nullptr) {
+  SweepAssembler assembler({}, config);
+  for (const Payload& packet : packets) assembler.add(packet, 0);
+  assembler.flush();
+  if (counts) *counts = assembler.counts();
+  return sweeps_of(assembler);
+}
+
+inline void expect_in_time_order(const std::vector<DecodedSweep>& sweeps) {
+  std::int64_t last_ns = std::numeric_limits<std::int64_t>::min();
+  for (const DecodedSweep& sweep : sweeps) {
+    ASSERT_EQ(sweep.points.size(), sweep.columns.size());
+    for (const Point& p : sweep.points) {
+      ASSERT_GE(sweep.stamp_ns + p.time_ns, last_ns);
+      last_ns = sweep.stamp_ns + p.time_ns;
+    }
+  }
+}
+
+/// The same sweeps, point by point.
+inline void expect_same(const std::vector<DecodedSweep>& got,
+                        const std::vector<DecodedSweep>& expected) {
+  ASSERT_EQ(got.size(), expected.size());
+  for (std::size_t s = 0; s < got.size(); ++s) {
+    ASSERT_EQ(got[s].points.size(), expected[s].points.size());
+    EXPECT_EQ(got[s].stamp_ns, expected[s].stamp_ns);
+    EXPECT_EQ(got[s].complete, expected[s].complete);
+    for (std::size_t i = 0; i < got[s].points.size(); ++i) {
+      ASSERT_EQ(got[s].points[i].x, expected[s].points[i].x);
+      ASSERT_EQ(got[s].points[i].time_ns, expected[s].points[i].time_ns);
+    }
+  }
+}
+
+}  // namespace zloam::driver::test
