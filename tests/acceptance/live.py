@@ -64,16 +64,7 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
             chain.link.poll(0.2)
         chain.link.query_statuses()
         codes = chain.stop()
-        seen = Run(
-            keys=chain.link.keys,
-            statuses=chain.statuses(),
-            exit_codes=codes,
-            poses=dict(chain.link.poses),
-            mapped=dict(chain.link.mapped),
-            trajectory=chain.link.trajectory(),
-            odometry=chain.link.odometry_trajectory(),
-            wall_s=time.monotonic() - began,
-        )
+        seen = Run.heard(chain.link, time.monotonic() - began, codes)
     found = report.build(seen)
     report.write(out / "report.json", found)
     return found

@@ -134,7 +134,7 @@ class Chain:
 
     def statuses(self) -> dict[str, StatusRecord]:
         """The newest of each stage; after stop() their last words."""
-        return {s: status for s in STAGES if (status := self.link.stage(s)) is not None}
+        return self.link.newest_statuses()
 
     def progress(self) -> tuple[int, int]:
         """(poses, mapped sweeps): what must grow while the chain is alive."""

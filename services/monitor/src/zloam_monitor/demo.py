@@ -95,17 +95,8 @@ def run(options: DemoOptions) -> dict[str, Any]:
             line.end()
         chain.link.query_statuses()
         codes = chain.stop()
-        seen = Run(
-            keys=chain.link.keys,
-            statuses=chain.statuses(),
-            poses=dict(chain.link.poses),
-            mapped=dict(chain.link.mapped),
-            trajectory=chain.link.trajectory(),
-            odometry=chain.link.odometry_trajectory(),
-            wall_s=wall_s,
-            exit_codes=codes,
-            truths=outputs.truths_of_base(options.truth, outputs.mounting(configs)),
-        )
+        truths = outputs.truths_of_base(options.truth, outputs.mounting(configs))
+        seen = Run.heard(chain.link, wall_s, codes, truths)
     return outputs.write_all(options.out, options.source.title, seen)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor import outputs, report
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.report import Run
 from zloam_monitor.terminal import ProgressLine
@@ -71,19 +71,9 @@ def follow(options: FollowOptions) -> dict[str, Any]:
         link.query_statuses()
         link.poll()
         configs = link.query_configs()
-        seen = Run(
-            keys=link.keys,
-            statuses={s: status for s in STAGES if (status := link.stage(s)) is not None},
-            poses=dict(link.poses),
-            mapped=dict(link.mapped),
-            trajectory=link.trajectory(),
-            odometry=link.odometry_trajectory(),
-            wall_s=wall_s,
-            exit_codes={},
-            truths=outputs.truths_of_base(
-                [path for path in options.truth if path.exists()], outputs.mounting(configs)
-            ),
-        )
+        known = [path for path in options.truth if path.exists()]
+        truths = outputs.truths_of_base(known, outputs.mounting(configs))
+        seen = Run.heard(link, wall_s, truths=truths)
     finally:
         link.close()
         session.close()

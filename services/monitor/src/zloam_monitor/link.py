@@ -16,7 +16,7 @@ import zenoh
 
 from zloam_monitor import records
 from zloam_monitor.clouds import Tile
-from zloam_monitor.keys import Keys
+from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.messages import DECODE_ERRORS
 from zloam_monitor.records import PoseRecord, StatusRecord
 from zloam_monitor.trajectory import Trajectory, from_records
@@ -131,6 +131,10 @@ class Link:
         """The newest status of a stage."""
         found = [s for (name, _), s in self.statuses.items() if name == stage]
         return max(found, key=lambda s: s.stamp_ns, default=None)
+
+    def newest_statuses(self) -> dict[str, StatusRecord]:
+        """The newest of each stage of the chain that was heard."""
+        return {s: status for s in STAGES if (status := self.stage(s)) is not None}
 
     def get(self, selector: str, seconds: float = QUERY_SECONDS) -> Iterator[bytes]:
         """Payloads of all good answers to a query."""

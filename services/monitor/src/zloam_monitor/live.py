@@ -134,14 +134,5 @@ def run(options: LiveOptions) -> dict[str, Any]:
         print("writing trajectory and map")
         chain.link.query_statuses()
         codes = chain.stop()
-        seen = Run(
-            keys=chain.link.keys,
-            statuses=chain.statuses(),
-            exit_codes=codes,
-            poses=dict(chain.link.poses),
-            mapped=dict(chain.link.mapped),
-            trajectory=chain.link.trajectory(),
-            odometry=chain.link.odometry_trajectory(),
-            wall_s=wall_s,
-        )
+        seen = Run.heard(chain.link, wall_s, codes)
     return outputs.write_all(options.out, "live run", seen)

@@ -12,6 +12,7 @@ from zloam_monitor.accounting import Accounts, account
 from zloam_monitor.evaluation import Scores
 from zloam_monitor.files import written_whole
 from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.link import Link
 from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
 from zloam_monitor.trajectory import Trajectory
 
@@ -33,6 +34,27 @@ class Run:
     #: name of the reference -> truth of base_link
     truths: dict[str, Trajectory] = field(default_factory=dict)
     exit_codes: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def heard(
+        cls,
+        link: Link,
+        wall_s: float,
+        exit_codes: dict[str, int] | None = None,
+        truths: dict[str, Trajectory] | None = None,
+    ) -> Run:
+        """What came over a link until now."""
+        return cls(
+            keys=link.keys,
+            statuses=link.newest_statuses(),
+            poses=dict(link.poses),
+            mapped=dict(link.mapped),
+            trajectory=link.trajectory(),
+            odometry=link.odometry_trajectory(),
+            wall_s=wall_s,
+            truths=truths or {},
+            exit_codes=exit_codes or {},
+        )
 
 
 def _worst(scores: list[Scores], name: str) -> float | None:
