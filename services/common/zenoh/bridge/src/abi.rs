@@ -1,5 +1,5 @@
 //! What crosses the boundary: borrowed byte ranges, closures, boxed handles.
-use crate::error::{guard, Result};
+use crate::error::{guard, Result, Status};
 use std::ffi::c_void;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 
@@ -75,4 +75,13 @@ pub unsafe fn take_back<T>(handle: *mut T, end: impl FnOnce(T) -> Result<()>) {
 /// Runs our half of a callback; a panic in it must not reach Zenoh's threads.
 pub fn shield(body: impl FnOnce()) {
     let _ = catch_unwind(AssertUnwindSafe(body));
+}
+
+/// For tests: panics with the given text.
+///
+/// # Safety
+/// `text` must be valid.
+#[no_mangle]
+pub unsafe extern "C" fn zloam_test_panic(text: Slice) -> Status {
+    guard(|| panic!("{}", text.text()?))
 }

@@ -54,12 +54,3 @@ pub fn guard(body: impl FnOnce() -> Result<()>) -> Status {
 pub extern "C" fn zloam_last_error() -> *const c_char {
     LAST_ERROR.with(|last| last.borrow().as_ptr())
 }
-
-/// For tests: panics with the given text.
-///
-/// # Safety
-/// `text` must be valid.
-#[no_mangle]
-pub unsafe extern "C" fn zloam_test_panic(text: crate::abi::Slice) -> Status {
-    guard(|| panic!("{}", text.text()?))
-}

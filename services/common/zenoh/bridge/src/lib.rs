@@ -11,6 +11,7 @@
 mod abi;
 mod bytes;
 mod config;
+mod ending;
 mod error;
 mod liveliness;
 mod pubsub;

@@ -1,60 +1,18 @@
 //! Publishers and subscribers.
 use crate::abi::{hand_out, take_back, Context, DropFn, Slice};
 use crate::bytes::Bytes;
+use crate::ending::Ending;
 use crate::error::{guard, Result, Status};
 use crate::sample::{sample_closure, OnSample};
 use crate::session::{key_expression, Session};
 use std::ffi::c_void;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 use zenoh::bytes::Encoding;
-use zenoh::matching::{MatchingListener, MatchingStatus};
+use zenoh::matching::MatchingStatus;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::Wait;
 
 pub struct Publisher(Arc<Ending>);
-
-/// A publisher that ends with its handle or with its session, whichever comes first: Zenoh never
-/// frees a session that was closed while a publisher was declared on it.
-pub struct Ending {
-    live: Mutex<Option<Arc<Live>>>,
-    /// Held while it ends, so that both who want it ended wait for it.
-    ending: Mutex<()>,
-}
-
-struct Live {
-    publisher: zenoh::pubsub::Publisher<'static>,
-    listeners: Mutex<Vec<MatchingListener<()>>>,
-}
-
-pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
-}
-
-impl Ending {
-    /// The lock is not held while Zenoh is called: a callback may come back to this publisher.
-    fn live(&self) -> Result<Arc<Live>> {
-        lock(&self.live).clone().ok_or_else(|| "the session is closed".into())
-    }
-
-    /// A put that runs on another thread just now ends the publisher when it returns.
-    pub fn end(&self) -> Result<()> {
-        let _ending = lock(&self.ending);
-        let live = lock(&self.live).take();
-        match live.map(Arc::try_unwrap) {
-            Some(Ok(live)) => live.undeclare(),
-            _ => Ok(()),
-        }
-    }
-}
-
-impl Live {
-    fn undeclare(self) -> Result<()> {
-        for listener in self.listeners.into_inner().unwrap_or_else(|p| p.into_inner()) {
-            listener.undeclare().wait_callbacks().wait()?;
-        }
-        self.publisher.undeclare().wait_callbacks().wait()
-    }
-}
 
 pub struct Subscriber(pub zenoh::pubsub::Subscriber<()>);
 
@@ -110,8 +68,7 @@ pub unsafe extern "C" fn zloam_session_declare_publisher(
             .express(options.express)
             .reliability(options.reliability())
             .wait()?;
-        let live = Arc::new(Live { publisher, listeners: Mutex::default() });
-        let ending = Arc::new(Ending { live: Mutex::new(Some(live)), ending: Mutex::default() });
+        let ending = Arc::new(Ending::new(publisher));
         (*session).end_before_close(Arc::downgrade(&ending));
         hand_out(out, Publisher(ending));
         Ok(())
@@ -170,7 +127,7 @@ pub unsafe extern "C" fn zloam_publisher_on_matching(
                 unsafe { call(context.pointer(), status.matching()) }
             })
             .wait()?;
-        lock(&live.listeners).push(listener);
+        live.keep(listener);
         Ok(())
     })
 }

@@ -1,8 +1,8 @@
 //! Sessions and Zenoh's log.
 use crate::abi::{hand_out, shield, take_back, Slice};
 use crate::config::Config;
+use crate::ending::{lock, Ending};
 use crate::error::{guard, Result, Status};
-use crate::pubsub::{lock, Ending};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::sync::{Mutex, Weak};
 use std::time::Duration;
@@ -70,7 +70,7 @@ pub unsafe extern "C" fn zloam_session_close(
     guard(|| {
         *closed = false;
         let session = &*session;
-        let mut closing = session.closing.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut closing = lock(&session.closing);
         let end = match closing.take() {
             Some(end) => end,
             None => session.start_closing()?,
