@@ -35,6 +35,14 @@ std::vector<Datagram> some_datagrams(std::int64_t count) {
   return out;
 }
 
+/// What comes out, to the last one held back.
+std::vector<Datagram> all_of(FaultInjector& faults, const std::vector<Datagram>& in) {
+  auto out = faults.pass(in);
+  const auto rest = faults.flush();
+  out.insert(out.end(), rest.begin(), rest.end());
+  return out;
+}
+
 TEST(Pcap, RecordHasCorrectHeaders) {
   Datagram datagram{kEpochNs + 123'456'789, vlp16::kPositionPort, 0,
                     std::vector<std::uint8_t>(512, 7)};
@@ -140,9 +148,7 @@ TEST(Faults, LogAccountsForEveryPacket) {
   config.wrong_length = 0.1;
   FaultInjector faults(config, kEpochNs);
   const auto in = some_datagrams(2000);
-  auto out = faults.pass(in);
-  const auto rest = faults.flush();
-  out.insert(out.end(), rest.begin(), rest.end());
+  const auto out = all_of(faults, in);
   std::map<std::int64_t, std::set<std::string>> log;
   std::map<std::string, int> counts;
   for (const Fault& fault : faults.log()) {
@@ -277,9 +283,7 @@ TEST(Faults, LatePacketsComeAfterAsManyAsTheLogSays) {
   config.delay_packets = 6;
   config.seed = 4;
   FaultInjector faults(config, kEpochNs);
-  auto out = faults.pass(some_datagrams(801));
-  const auto rest = faults.flush();
-  out.insert(out.end(), rest.begin(), rest.end());
+  const auto out = all_of(faults, some_datagrams(801));
   std::map<std::int64_t, int> overtaken;
   for (const Fault& fault : faults.log()) {
     int by = 0;
