@@ -1,0 +1,192 @@
+// The assembler's packets in their order: late, doubled and lost ones, and a clock that was set.
+
+#include <algorithm>
+#include <cmath>
+
+#include "driver/sweep/assembler.hpp"
+#include "driver/sweep/azimuth.hpp"
+
+namespace zloam::driver {
+namespace {
+
+// A packet older than this is not late: the sensor's clock was set.
+constexpr std::int64_t kClockStepUs = 500'000;
+// So many packets in a row that are all older than what was: neither.
+constexpr int kLateInARow = 16;
+// Two edges of a restricted field of view within this are the same.
+constexpr int kViewEdgeCdeg = 100;
+
+int first_azimuth(std::span<const std::uint8_t> payload) { return payload[2] | (payload[3] << 8); }
+
+}  // namespace
+
+void SweepAssembler::process_first_held() {
+  const Held first = held_.front();
+  held_.erase(held_.begin());
+  restart({first.payload, first.tail, first.received_ns});
+  release_contiguous();
+}
+
+void SweepAssembler::order(const Packet& packet) {
+  const std::int64_t ahead_us = toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  if (clock_stepped(packet, ahead_us)) {
+    suspect_step(packet);
+    return;
+  }
+  drop_suspect();
+  if (ahead_us <= 0) {
+    count_overtaken(packet.tail.toh_us, ahead_us);
+  } else if (contiguous(packet)) {
+    if (!held_.empty()) ++counts_.reordered;
+    process(packet, 1000 * ahead_us);
+    release_contiguous();
+  } else if (hold(packet)) {
+    release_held(static_cast<std::size_t>(std::max(config_.reorder_packets, 0)));
+  }
+}
+
+bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) const {
+  if (ahead_us < -kClockStepUs) return true;
+  if (ahead_us < 0 && late_in_a_row_ >= kLateInARow) return true;
+  if (packet.received_ns == 0 || last_received_ns_ == 0) return false;
+  const std::int64_t waited_us = (packet.received_ns - last_received_ns_) / 1000;
+  return std::abs(ahead_us - waited_us) > kClockStepUs;
+}
+
+/// One packet with a stamp from elsewhere may be damaged, or from before the clock was set. Two
+/// that agree are a new time.
+void SweepAssembler::suspect_step(const Packet& packet) {
+  if (!suspect_.empty()) {
+    const std::int64_t ahead_us =
+        toh_difference_us(packet.tail.toh_us, suspect_.front().tail.toh_us);
+    if (ahead_us == 0) {
+      ++counts_.duplicate;
+      return;
+    }
+    if (std::abs(ahead_us) <= kClockStepUs) {
+      const Held other = held_copy(packet);
+      const Held first = ahead_us > 0 ? suspect_.front() : other;
+      const Held second = ahead_us > 0 ? other : suspect_.front();
+      if (ahead_us < 0) ++counts_.reordered;
+      suspect_ = {first};
+      confirm_step();
+      order({second.payload, second.tail, second.received_ns});
+      return;
+    }
+  }
+  drop_suspect();
+  suspect_.push_back(held_copy(packet));
+}
+
+void SweepAssembler::confirm_step() {
+  release_held(0);
+  ++counts_.clock_steps;
+  const Held first = suspect_.front();
+  suspect_.clear();
+  restart({first.payload, first.tail, first.received_ns});
+}
+
+void SweepAssembler::drop_suspect() {
+  if (suspect_.empty()) return;
+  ++counts_.late;
+  suspect_.clear();
+}
+
+/// A packet older than what is decoded already: a copy, or one that came too late. The latter is
+/// not lost after all.
+void SweepAssembler::count_overtaken(std::uint32_t toh_us, std::int64_t ahead_us) {
+  const std::size_t known = std::min(recent_, recent_toh_us_.size());
+  const auto end = recent_toh_us_.begin() + static_cast<std::ptrdiff_t>(known);
+  if (ahead_us == 0 || std::find(recent_toh_us_.begin(), end, toh_us) != end) {
+    ++counts_.duplicate;
+    return;
+  }
+  ++counts_.late;
+  ++late_in_a_row_;
+  const std::int64_t at_ns = sensor_ns_ + 1000 * ahead_us;
+  for (Gap& gap : gaps_) {
+    if (gap.missing == 0 || at_ns <= gap.from_ns || at_ns >= gap.to_ns) continue;
+    --gap.missing;
+    --counts_.lost;
+    return;
+  }
+}
+
+SweepAssembler::Held SweepAssembler::held_copy(const Packet& packet) {
+  Held held;
+  std::copy(packet.payload.begin(), packet.payload.end(), held.payload.begin());
+  held.tail = packet.tail;
+  held.received_ns = packet.received_ns;
+  return held;
+}
+
+bool SweepAssembler::across_view_gap(std::span<const std::uint8_t> payload) const {
+  if (view_gap_from_cdeg_ < 0) return false;
+  return apart(last_azimuth_cdeg_, view_gap_from_cdeg_) < kViewEdgeCdeg &&
+         apart(first_azimuth(payload), view_gap_to_cdeg_) < kViewEdgeCdeg;
+}
+
+bool SweepAssembler::contiguous(const Packet& packet) const {
+  const std::int64_t ahead_ns = 1000 * toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  return ahead_ns < expected_ahead_ns_ + decoder_.packet_period_ns(packet.tail.mode) / 2 ||
+         across_view_gap(packet.payload);
+}
+
+/// Keeps the packet, in order of time; false for one that is already there.
+bool SweepAssembler::hold(const Packet& packet) {
+  const auto place = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
+    return toh_difference_us(held.tail.toh_us, packet.tail.toh_us) >= 0;
+  });
+  if (place != held_.end()) {
+    if (place->tail.toh_us == packet.tail.toh_us) {
+      ++counts_.duplicate;
+      return false;
+    }
+    ++counts_.reordered;
+  }
+  held_.insert(place, held_copy(packet));
+  return true;
+}
+
+void SweepAssembler::release_held(std::size_t keep) {
+  while (held_.size() > keep) {
+    const Held held = held_.front();
+    held_.erase(held_.begin());
+    process({held.payload, held.tail, held.received_ns},
+            1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+    release_contiguous();
+  }
+}
+
+void SweepAssembler::release_contiguous() {
+  while (!held_.empty()) {
+    const Held held = held_.front();
+    const Packet packet{held.payload, held.tail, held.received_ns};
+    if (!contiguous(packet)) return;
+    held_.erase(held_.begin());
+    process(packet, 1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+  }
+}
+
+/// Begins anew with this packet; the sensor's own time goes on, so that stamps stay ascending.
+void SweepAssembler::restart(const Packet& packet) {
+  close(false);
+  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
+  const std::int64_t ahead_ns = started_ ? expected_ahead_ns_ : 0;
+  clock_.anchor(sensor_ns_ + ahead_ns, packet.tail.toh_us, packet.received_ns, period_ns);
+  started_ = true;
+  last_received_ns_ = packet.received_ns;
+  view_gap_from_cdeg_ = -1;
+  gaps_ = {};
+  expected_ahead_ns_ = ahead_ns;
+  process(packet, ahead_ns);
+}
+
+std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
+  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
+  const std::int64_t beyond_ns = ahead_ns - expected_ahead_ns_ + period_ns / 2;
+  if (beyond_ns < period_ns || across_view_gap(packet.payload)) return 0;
+  return beyond_ns / period_ns;
+}
+
+}  // namespace zloam::driver
