@@ -62,9 +62,9 @@ Buffer FlowAckCore::message() {
 }
 
 void FlowAckCore::publish() {
-  zenoh::Bytes payload = zenoh::Bytes::own(message());
+  const zenoh::Bytes payload = zenoh::Bytes::own(message());
   ++seq_;
-  publisher_.put(std::move(payload));
+  publisher_.put(payload);
 }
 
 void FlowAckCore::done_below(std::uint64_t run, std::uint64_t sweep) {
@@ -200,7 +200,7 @@ void FlowWindowCore::say_what_is_missing(std::int64_t now,
   next_word_ = now + kWord_ns;
   std::string text;
   for (const auto& [stage, why] : missing) {
-    text += (text.empty() ? "" : "; ") + stage + ": " + why;
+    text.append(text.empty() ? "" : "; ").append(stage).append(": ").append(why);
   }
   log_info("waiting before the first sweep", {{"for", text}});
 }

@@ -145,15 +145,15 @@ HeaderFields OutletCore::header(const Message& cause) {
   return h;
 }
 
-void OutletCore::put(zenoh::Bytes payload, bool replay) {
+void OutletCore::put(const zenoh::Bytes& payload, bool replay) {
   const bool block = replay && key_row(setup_.row).congestion == Congestion::kLiveDrop;
   if (block && !replay_) replay_ = session_.declare_publisher(setup_.key, options(true));
-  (block ? *replay_ : *live_).put(std::move(payload));
+  (block ? *replay_ : *live_).put(payload);
 }
 
 void OutletCore::publish(const HeaderFields& header, Buffer message) {
   const std::size_t size = message.size();
-  zenoh::Bytes payload = zenoh::Bytes::own(std::move(message));
+  const zenoh::Bytes payload = zenoh::Bytes::own(std::move(message));
   ++seq_;
   {
     const std::lock_guard lock(last_mutex_);
@@ -161,7 +161,7 @@ void OutletCore::publish(const HeaderFields& header, Buffer message) {
   }
   // Kept before it is sent, so that who misses it can have it at once.
   if (queryable_) cache_.put({header.run, header.sweep, header.seq, payload, header.replay});
-  put(std::move(payload), header.replay);
+  put(payload, header.replay);
   published_.fetch_add(1);
   bytes_.fetch_add(size);
 }
@@ -181,16 +181,16 @@ void OutletCore::publish_at(const std::string& key, const HeaderFields& header, 
 }
 
 bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
-  auto entry = cache_.find(run, sweep);
+  const auto entry = cache_.find(run, sweep);
   if (!entry) return false;
-  put(std::move(entry->payload), entry->replay);
+  put(entry->payload, entry->replay);
   republished_.fetch_add(1);
   return true;
 }
 
 void OutletCore::answer(zenoh::Query&& query) {
-  for (auto& entry : cache_.select(query.parameters())) {
-    query.reply(setup_.key, std::move(entry.payload), encoding_);
+  for (const auto& entry : cache_.select(query.parameters())) {
+    query.reply(setup_.key, entry.payload, encoding_);
     republished_.fetch_add(1);
   }
 }

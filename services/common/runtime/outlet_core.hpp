@@ -75,7 +75,7 @@ class OutletCore final : public Outlet {
 
  private:
   zenoh::PublisherOptions options(bool block) const;
-  void put(zenoh::Bytes payload, bool replay);
+  void put(const zenoh::Bytes& payload, bool replay);
   void answer(zenoh::Query&& query);
 
   OutletSetup setup_;

@@ -48,6 +48,14 @@ struct Parameters::Loader {
     return std::to_string(node.Mark().line + 1);
   }
 
+  static std::string within(const std::string& section, const std::string& leaf) {
+    return section.empty() ? leaf : section + "." + leaf;
+  }
+
+  void complain(const std::string& place, const std::string& key, const std::string& what) {
+    errors.push_back(place + ": " + key + ": " + what);
+  }
+
   bool is_prefix(const std::string& key) const {
     return std::any_of(parameters.entries_.begin(), parameters.entries_.end(),
                        [&](const Entry& e) { return e.key.starts_with(key + "."); });
@@ -58,7 +66,7 @@ struct Parameters::Loader {
     if (error.empty()) {
       places[key] = place;
     } else {
-      errors.push_back(place + ": " + key + ": " + error);
+      complain(place, key, error);
     }
   }
 
@@ -67,9 +75,9 @@ struct Parameters::Loader {
     for (const auto& item : map) {
       const std::string leaf = item.first.IsScalar() ? item.first.Scalar() : "?";
       const std::string place = name + ":" + line_of(item.first);
-      const std::string key = prefix.empty() ? leaf : prefix + "." + leaf;
+      const std::string key = within(prefix, leaf);
       if (!seen.insert(leaf).second) {
-        errors.push_back(place + ": " + key + ": stands here a second time");
+        complain(place, key, "stands here a second time");
       } else if (is_foreign(key)) {
         continue;
       } else if (is_prefix(key)) {
@@ -84,8 +92,8 @@ struct Parameters::Loader {
     if (node.IsMap()) {
       walk(node, key);
     } else if (!node.IsNull()) {
-      errors.push_back(place + ": " + key + ": a section with keys of its own is expected, not " +
-                       shown(raw_value(node)));
+      complain(place, key,
+               "a section with keys of its own is expected, not " + shown(raw_value(node)));
     }
   }
 
@@ -123,7 +131,7 @@ struct Parameters::Loader {
     try {
       value = raw_value(YAML::Load(text.substr(equals + 1)));
     } catch (const YAML::Exception& e) {
-      errors.push_back(place + ": " + key + ": not a YAML value: " + e.msg);
+      complain(place, key, "not a YAML value: " + e.msg);
       return;
     }
     set_at(place, key, value);
@@ -134,8 +142,7 @@ struct Parameters::Loader {
       const std::string error = check.condition();
       if (error.empty()) continue;
       const auto place = places.find(check.key);
-      errors.push_back((place == places.end() ? name : place->second) + ": " + check.key + ": " +
-                       error);
+      complain(place == places.end() ? name : place->second, check.key, error);
     }
   }
 

@@ -69,8 +69,8 @@ void Parameters::add(const std::string& key, float* field, Range range, const st
 
 void Parameters::add_integer(const std::string& key, Range range, double lowest, double highest,
                              const std::string& unit, const std::string& doc, Effect effect,
-                             std::function<void(std::int64_t)> assign,
-                             std::function<std::int64_t()> get) {
+                             const std::function<void(std::int64_t)>& assign,
+                             const std::function<std::int64_t()>& get) {
   const Range whole{std::max(range.min, lowest), std::min(range.max, highest)};
   const auto set = [whole, assign](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
@@ -98,10 +98,10 @@ void Parameters::add(const std::string& key, std::string* field, const std::stri
   add_entry(key, "text", "", "any text", doc, effect, set, [field] { return Json(*field).dump(); });
 }
 
-void Parameters::add_choice(const std::string& key, std::vector<std::string> allowed,
+void Parameters::add_choice(const std::string& key, const std::vector<std::string>& allowed,
                             const std::string& doc, Effect effect,
-                            std::function<void(std::size_t)> assign,
-                            std::function<std::size_t()> get) {
+                            const std::function<void(std::size_t)>& assign,
+                            const std::function<std::size_t()>& get) {
   const std::string text = "one of " + join(allowed);
   const auto set = [allowed, assign](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;

@@ -145,10 +145,12 @@ class Parameters {
                  std::function<std::string()> get_json);
   void add_integer(const std::string& key, Range range, double lowest, double highest,
                    const std::string& unit, const std::string& doc, Effect effect,
-                   std::function<void(std::int64_t)> set, std::function<std::int64_t()> get);
-  void add_choice(const std::string& key, std::vector<std::string> allowed, const std::string& doc,
-                  Effect effect, std::function<void(std::size_t)> set,
-                  std::function<std::size_t()> get);
+                   const std::function<void(std::int64_t)>& set,
+                   const std::function<std::int64_t()>& get);
+  void add_choice(const std::string& key, const std::vector<std::string>& allowed,
+                  const std::string& doc, Effect effect,
+                  const std::function<void(std::size_t)>& set,
+                  const std::function<std::size_t()>& get);
   const Entry* find(const std::string& key) const;
   std::string nearest(const std::string& key) const;
   std::string json_object(bool only_result) const;

@@ -33,7 +33,9 @@ std::string sha256_hex(std::string_view text) {
 std::uint64_t replay_run_id(const std::string& capture_hash,
                             const std::map<std::string, std::string>& result_hash_by_stage) {
   std::string text = "capture=" + capture_hash + "\n";
-  for (const auto& [stage, hash] : result_hash_by_stage) text += stage + "=" + hash + "\n";
+  for (const auto& [stage, hash] : result_hash_by_stage) {
+    text.append(stage).append("=").append(hash).append("\n");
+  }
   std::uint64_t run = 0;
   const auto digest = sha256(text);
   for (std::size_t i = 0; i < 8; ++i) run = run << 8 | digest[i];

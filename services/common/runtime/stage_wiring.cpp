@@ -15,7 +15,7 @@ SequencerLimits limits_of(const RecoveryConfig& c, const InletOptions& options) 
   l.gap_live_ns = c.gap_live_ms * kMs;
   l.gap_replay_ns = c.gap_replay_ms * kMs;
   l.late_ns = c.late_ms * kMs;
-  l.replay_limit_ns = c.replay_limit_s * 1000 * kMs;
+  l.replay_limit_ns = kMs * 1000 * c.replay_limit_s;
   l.newest = options.newest > 0 ? options.newest : static_cast<std::size_t>(c.queue_sweeps);
   if (options.lossless) l.newest = 0;
   return l;
@@ -104,7 +104,7 @@ FlowWindow& StageCore::flow_window(Outlet& sweeps) {
   s.own_stage = setup_.identity.stage;
   s.own_result_hash = sha256_hex(setup_.result_json);
   s.flow = setup_.shared.flow;
-  s.limit_ns = setup_.shared.recovery.replay_limit_s * 1000 * kMs;
+  s.limit_ns = kMs * 1000 * setup_.shared.recovery.replay_limit_s;
   auto& outlet = dynamic_cast<OutletCore&>(sweeps);
   window_ = std::make_unique<FlowWindowCore>(std::move(s), keys_, outlet, session_, bell_,
                                              [this](const std::string& r) { fail(r); });

@@ -23,6 +23,7 @@ flatbuffers::Offset<msg::InputAccount> input(Builder& b, const Account& a) {
 template <class T, class Items, class Make>
 auto list_of(Builder& b, const Items& items, Make make) {
   std::vector<flatbuffers::Offset<T>> offsets;
+  offsets.reserve(items.size());
   for (const auto& item : items) offsets.push_back(make(item));
   return b.CreateVector(offsets);
 }
