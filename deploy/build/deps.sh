@@ -41,6 +41,8 @@ if [ "$(id -u)" -ne 0 ]; then
   command -v sudo >/dev/null || { echo "deps: run as root, or install sudo" >&2; exit 1; }
   as_root=(sudo)
 fi
+# Slim images have no folder for manuals, without which Java, which PCL's VTK brings along, can't be set up.
+"${as_root[@]}" mkdir -p /usr/share/man/man1
 "${as_root[@]}" apt-get update -q
 "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}"
 have_rust || { echo "deps: rustc >= $rust_minimum is needed and was not found after installation" >&2; exit 1; }

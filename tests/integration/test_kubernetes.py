@@ -1,0 +1,132 @@
+"""The Kubernetes variant: against the published schemas, and the compose file it mirrors."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import kubernetes_validate
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "deploy" / "kubernetes"
+OVERLAYS = ("simulated", "live")
+#: of Kubernetes, whose published schemas are held against
+VERSION = "1.29"
+WORKLOADS = ("Deployment", "Job")
+Resource = dict[str, Any]
+
+
+def _resources(overlay: str) -> list[Resource]:
+    """The overlay's files and its base's, as they stand in the folder."""
+    found = []
+    for folder in (FOLDER / "base", FOLDER / overlay):
+        listed = yaml.safe_load((folder / "kustomization.yaml").read_text())["resources"]
+        for name in (n for n in listed if n.endswith(".yaml")):
+            found += list(yaml.safe_load_all((folder / name).read_text()))
+    return found
+
+
+def _container(resource: Resource) -> Resource:
+    (container,) = resource["spec"]["template"]["spec"]["containers"]
+    return dict(container)
+
+
+def _environment(resource: Resource) -> dict[str, str]:
+    return {e["name"]: e["value"] for e in _container(resource).get("env", [])}
+
+
+class _Compose(yaml.SafeLoader):
+    """Compose's own tags (!override) say how layers merge, which is not asked here."""
+
+
+def _untagged(loader: _Compose, _suffix: str, node: yaml.Node) -> object:
+    if isinstance(node, yaml.MappingNode):
+        return loader.construct_mapping(node)
+    assert isinstance(node, yaml.SequenceNode)
+    return loader.construct_sequence(node)
+
+
+_Compose.add_multi_constructor("!", _untagged)
+
+
+def _compose(layer: str | None = None) -> dict[str, Any]:
+    path = ROOT / (f"deploy/compose/{layer}.yml" if layer else "docker-compose.yml")
+    services: dict[str, Any] = yaml.load(path.read_text(), _Compose)["services"]
+    return services
+
+
+@pytest.mark.parametrize("overlay", OVERLAYS)
+def test_every_resource_fits_the_published_schema(overlay: str) -> None:
+    resources = _resources(overlay)
+    assert len(resources) > 12
+    for resource in resources:
+        kubernetes_validate.validate(resource, VERSION, strict=True)
+
+
+def test_a_misspelt_field_is_refused() -> None:
+    resource = next(r for r in _resources("live") if r["kind"] == "Deployment")
+    resource["spec"]["template"]["spec"]["hostNetwrok"] = True
+    with pytest.raises(kubernetes_validate.ValidationError):
+        kubernetes_validate.validate(resource, VERSION, strict=True)
+
+
+@pytest.mark.parametrize("overlay", OVERLAYS)
+def test_rendered_by_kubectl_it_still_fits(overlay: str) -> None:
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed: patches and name references are not rendered")
+    done = subprocess.run(
+        ["kubectl", "kustomize", FOLDER / overlay], capture_output=True, text=True, check=True
+    )
+    rendered = list(yaml.safe_load_all(done.stdout))
+    maps = {r["metadata"]["name"] for r in rendered if r["kind"] == "ConfigMap"}
+    for resource in rendered:
+        kubernetes_validate.validate(resource, VERSION, strict=True)
+        if resource["kind"] in WORKLOADS:
+            assert _container(resource)["image"].endswith(":latest")
+            for source in _container(resource).get("envFrom", []):
+                assert source["configMapRef"]["name"] in maps
+    space = next(r for r in rendered if r["kind"] == "Namespace")
+    level = space["metadata"]["labels"]["pod-security.kubernetes.io/enforce"]
+    assert level == ("privileged" if overlay == "live" else "restricted")
+
+
+def test_stages_listen_and_connect_as_in_compose() -> None:
+    compose = _compose()
+    workloads = [r for r in _resources("simulated") if r["kind"] in WORKLOADS]
+    stages = {r["metadata"]["name"]: _environment(r) for r in workloads}
+    expected = {n: s for n, s in compose.items() if "ZLOAM_LISTEN" in s.get("environment", {})}
+    assert stages.keys() - {"router"} == expected.keys()
+    for name, service in expected.items():
+        for variable in ("ZLOAM_LISTEN", "ZLOAM_CONNECT"):
+            assert stages[name][variable] == service["environment"][variable], f"{name}: {variable}"
+
+
+@pytest.mark.parametrize("overlay", OVERLAYS)
+def test_every_peer_named_is_a_service_of_that_port(overlay: str) -> None:
+    resources = _resources(overlay)
+    ports = {
+        r["metadata"]["name"]: [p["port"] for p in r["spec"]["ports"]]
+        for r in resources
+        if r["kind"] == "Service"
+    }
+    for resource in (r for r in resources if r["kind"] in WORKLOADS):
+        for endpoint in filter(None, _environment(resource).get("ZLOAM_CONNECT", "").split(",")):
+            protocol, address = endpoint.split("/")
+            host, port = address.split(":")
+            assert protocol == "tcp"
+            assert int(port) in ports[host], f"{resource['metadata']['name']}: {endpoint}"
+
+
+def test_the_live_driver_reads_the_sensor_as_in_compose() -> None:
+    driver = next(
+        r
+        for r in _resources("live")
+        if r["kind"] == "Deployment" and r["metadata"]["name"] == "driver"
+    )
+    setting = _environment(driver)["ZLOAM_SET"]
+    assert setting in _compose("live")["driver"]["environment"]["ZLOAM_SET"]
+    assert driver["spec"]["template"]["spec"]["hostNetwork"] is True
