@@ -39,7 +39,7 @@ def _environment(resource: Resource) -> dict[str, str]:
     return {e["name"]: e["value"] for e in _container(resource).get("env", [])}
 
 
-class _Compose(yaml.SafeLoader):
+class _Compose(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """Compose's own tags (!override) say how layers merge, which is not asked here."""
 
 
