@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 
-from tests.acceptance import accuracy, decoded, faults, live, udp_rate
+from tests.acceptance import accuracy, benches, decoded, faults, live, udp_rate
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
 
@@ -34,7 +34,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *udp_rate.checks(setting),
         *_determinism(setting),
         *_live(setting),
-        *_transport(),
+        *benches.checks(setting),
         *_robustness(setting),
         *_structure(),
     ]
@@ -293,21 +293,6 @@ def _live(s: Setting) -> list[Check]:
             f"p99 ≤ {LIVE_P99_MS:.0f} ms",
             command,
             latency,
-        ),
-    ]
-
-
-def _transport() -> list[Check]:
-    def in_bench() -> Measured:
-        raise Skip("measured by make bench: speed depends on the machine's load")
-
-    return [
-        Check(
-            "transport-10mb",
-            "10 MB, 1000 times, by shared memory and by TCP, all there",
-            "1000 of 1000",
-            "make bench",
-            in_bench,
         ),
     ]
 

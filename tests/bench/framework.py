@@ -78,9 +78,12 @@ def run(benchmark: Benchmark) -> Result:
 
 
 def chosen(benchmarks: list[Benchmark], pattern: str | None) -> list[Benchmark]:
-    """All, or those whose name contains or matches the pattern."""
+    """All, the one of that name, or those whose name contains or matches the pattern."""
     if not pattern:
         return benchmarks
+    exact = [b for b in benchmarks if b.name == pattern]
+    if exact:
+        return exact
     return [b for b in benchmarks if pattern in b.name or fnmatch.fnmatch(b.name, pattern)]
 
 
