@@ -12,7 +12,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench reference sanitize system fuzz fmt lint clean
+.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench bench-peers reference sanitize system fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -66,8 +66,15 @@ system: build venv ## the deployment in containers; skipped with the reason wher
 accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
 
+# ONLY=pattern over names; DATA=city-7,sim-*, RUNS=n: data sets and rounds of versus-*.
+BENCH_ARGS = --preset-dir $(BUILD) $(if $(DATA),--data "$(DATA)") $(if $(RUNS),--runs $(RUNS))
+
 bench: build venv ## speed, as ratios in one run: out/bench (ONLY=pattern)
-	@$(PY) -m tests.bench --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
+	@$(PY) -m tests.bench $(BENCH_ARGS) $(if $(ONLY),--only "$(ONLY)")
+
+bench-peers: DATA ?= all
+bench-peers: build venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
+	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
 
 reference: build venv ## deploy/robots: reference and comments from what the programs say
 	@$(PY) -m zloam_monitor robot-files --preset-dir $(BUILD)

@@ -9,14 +9,22 @@ import argparse
 import sys
 from pathlib import Path
 
-from tests.bench import decode, framework, live, peers, simulator, transport
+from tests.bench import decode, framework, live, peers, simulator, transport, versus
 from tests.bench.setting import BenchSetting
+from tests.bench.versus.rows import Options
 
 
-def all_benchmarks(setting: BenchSetting) -> list[framework.Benchmark]:
+def all_benchmarks(setting: BenchSetting, options: Options) -> list[framework.Benchmark]:
     """In the order of the report."""
     modules = (transport, live, decode, simulator, peers)
-    return [b for module in modules for b in module.benchmarks(setting)]
+    rows = [b for module in modules for b in module.benchmarks(setting)]
+    return rows + versus.benchmarks(setting, options)
+
+
+def options_of(args: argparse.Namespace) -> Options:
+    """Of the benchmarks versus-*."""
+    systems = tuple(args.systems.split(",")) if args.systems else Options.systems
+    return Options(args.data, args.runs, args.add, args.kept_peers, systems)
 
 
 def main() -> int:
@@ -25,9 +33,22 @@ def main() -> int:
     parser.add_argument("--only", help="part of a name, or a pattern over names")
     parser.add_argument("--out", type=Path, default=Path("out/bench"))
     parser.add_argument("--list", action="store_true", help="names only")
+    parser.add_argument(
+        "--data", default="small", help="versus-*: data sets, patterns over them, `small` or `all`"
+    )
+    parser.add_argument("--runs", type=int, default=3, help="versus-*: rounds of all systems")
+    parser.add_argument(
+        "--add", action="store_true", help="versus-*: keep the rounds of an earlier call"
+    )
+    parser.add_argument(
+        "--kept-peers",
+        action="store_true",
+        help="versus-*: peers' errors as kept, no CPU",
+    )
+    parser.add_argument("--systems", help="versus-*: comma-separated")
     args = parser.parse_args()
     setting = BenchSetting.at(args.preset_dir, args.out)
-    benchmarks = framework.chosen(all_benchmarks(setting), args.only)
+    benchmarks = framework.chosen(all_benchmarks(setting, options_of(args)), args.only)
     if args.list or not benchmarks:
         print("\n".join(f"{b.name:<20} {b.what}" for b in benchmarks) or "nothing matches")
         return 0 if benchmarks else 2
@@ -37,6 +58,8 @@ def main() -> int:
         results.append(framework.run(benchmark))
         framework.write(args.out, results, where)
     print("\n" + framework.table(results))
+    if any(r.report for r in results):
+        print("\n" + (args.out / "versus.md").read_text())
     print(f"{args.out}/report.md")
     bad = (framework.NOT_HELD, framework.FAILED)
     return 1 if any(r.verdict.startswith(bad) for r in results) else 0

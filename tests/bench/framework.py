@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import fnmatch
 import json
 import os
@@ -24,6 +25,8 @@ class Outcome:
     figure: str
     values: dict[str, Any]
     held: bool | None = None
+    #: goes to the top of report.json, merged with that of other benchmarks
+    report: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Result:
     figure: str
     seconds: float
     values: dict[str, Any] = field(default_factory=dict)
+    report: dict[str, Any] = field(default_factory=dict)
 
 
 def _verdict(benchmark: Benchmark, outcome: Outcome) -> str:
@@ -58,10 +62,11 @@ def _verdict(benchmark: Benchmark, outcome: Outcome) -> str:
 def run(benchmark: Benchmark) -> Result:
     """Runs it; what it throws is its verdict."""
     began = time.monotonic()
-    figure, values = "–", {}
+    figure, values, report = "–", {}, {}
     try:
         outcome = benchmark.measure()
         verdict, figure, values = _verdict(benchmark, outcome), outcome.figure, outcome.values
+        report = outcome.report
     except Skip as skip:
         verdict = f"{SKIPPED}: {skip}"
     except Exception as error:
@@ -74,6 +79,7 @@ def run(benchmark: Benchmark) -> Result:
         figure,
         time.monotonic() - began,
         values,
+        report,
     )
 
 
@@ -99,18 +105,30 @@ def machine() -> dict[str, Any]:
     }
 
 
+def merge(into: dict[str, Any], more: dict[str, Any]) -> None:
+    """Adds what is new, level by level."""
+    for key, value in more.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            merge(into[key], value)
+        else:
+            into[key] = copy.deepcopy(value)
+
+
 def write(folder: Path, results: list[Result], where: dict[str, Any]) -> None:
     """report.json and report.md."""
     folder.mkdir(parents=True, exist_ok=True)
-    report = {"machine": where, "benchmarks": [asdict(r) for r in results]}
+    rows = [asdict(r) for r in results]
+    report: dict[str, Any] = {"machine": where, "benchmarks": rows}
+    for row in rows:
+        merge(report, row.pop("report"))
     (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
     head = f"{where['cpu']}, {where['cores']} cores, load {where['load_1min']:.1f} at the start"
-    rows = ["| benchmark | measures | limit | figure | verdict |", "|---|---|---|---|---|"]
-    rows += [
+    lines = ["| benchmark | measures | limit | figure | verdict |", "|---|---|---|---|---|"]
+    lines += [
         "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
         for cells in ((r.name, r.what, r.limit or "–", r.figure, r.verdict) for r in results)
     ]
-    (folder / "report.md").write_text(f"# Benchmarks\n\n{head}\n\n" + "\n".join(rows) + "\n")
+    (folder / "report.md").write_text(f"# Benchmarks\n\n{head}\n\n" + "\n".join(lines) + "\n")
 
 
 def table(results: list[Result]) -> str:

@@ -1,0 +1,263 @@
+"""The benchmarks of this folder: one a data set, and what is asked of all together."""
+
+from __future__ import annotations
+
+import functools
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tests.acceptance.framework import Skip
+from tests.bench.framework import Benchmark, Outcome, machine
+from tests.bench.setting import BenchSetting
+from tests.bench.versus import aloam, data, summary, systems, table
+from tests.bench.versus.data import DataSet, Scans
+from tests.bench.versus.summary import Entry, Round
+from tests.bench.versus.systems import OURS, Taken
+from tests.bench.versus.table import number
+from zloam_monitor.trajectory import Trajectory
+
+#: of issue 7
+ATE_TO_BEST, DRIFT_TO_BEST, ROUGH_ATE_TO_BEST = 0.33, 0.5, 0.7
+ROUGH = ("sim-field-1", "sim-park-1")
+CPU_TO_ALOAM, CPU_TO_KISS = 1 / 3, 1.0
+WHOLE_RATIO, WHOLE_MORE_MS = 1.3, 4.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What of it all is asked for."""
+
+    data: str = "small"
+    runs: int = 3
+    #: keep the rounds of an earlier call, if they are of the same commit
+    add: bool = False
+    #: peers' errors from the cache, without running them
+    kept_peers: bool = False
+    systems: tuple[str, ...] = systems.SYSTEMS
+
+
+@dataclass
+class Session:
+    """All data sets of one call."""
+
+    setting: BenchSetting
+    options: Options
+    found: dict[str, dict[str, Entry]] = field(default_factory=dict)
+    ratios: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def out(self) -> Path:
+        return self.setting.out / "versus"
+
+    def write(self) -> None:
+        where = machine()
+        said = (
+            f"{where['cpu']}, {where['cores']} of its cores, load {where['load_1min']:.1f}; "
+            f"{time.strftime('%Y-%m-%d')}, commit {systems.commit()}"
+        )
+        self.out.mkdir(parents=True, exist_ok=True)
+        text = table.document(self.found, self.ratios, said)
+        (self.setting.out / "versus.md").write_text(text)
+
+
+def benchmarks(setting: BenchSetting, options: Options) -> list[Benchmark]:
+    """The data sets, then the lines over all of them."""
+    session = Session(setting, options)
+    rows = [
+        Benchmark(
+            f"versus-{d.name}",
+            "ours, kiss-icp, genz-icp, small-gicp, mad-icp on the same scans",
+            functools.partial(_measure, session, d),
+        )
+        for d in data.chosen(data.all_sets(setting), options.data)
+    ]
+    return rows + [
+        Benchmark(f"versus-{name}", what, functools.partial(judge, session), limit)
+        for name, what, judge, limit in _LINES
+    ]
+
+
+def _measure(session: Session, chosen: DataSet) -> Outcome:
+    scans = chosen.get()
+    out = session.out / chosen.name
+    out.mkdir(parents=True, exist_ok=True)
+    rounds = _earlier(out) if session.options.add else []
+    for _ in range(session.options.runs):
+        rounds.append(_round(session, chosen.name, scans, out))
+        text = json.dumps({"commit": systems.commit(), "rounds": rounds}, indent=1)
+        (out / "rounds.json").write_text(text + "\n")
+    if not rounds:
+        raise Skip("no rounds: none asked for, none kept of this commit")
+    found = summary.systems_of(chosen.name, rounds)
+    ratios = summary.ratios_of(found, rounds)
+    session.found[chosen.name], session.ratios[chosen.name] = found, ratios
+    session.write()
+    return Outcome(
+        _figure(found, ratios),
+        {"rounds": len(rounds)},
+        report={chosen.name: found, "ratio": {chosen.name: ratios}},
+    )
+
+
+def _earlier(out: Path) -> list[Round]:
+    file = out / "rounds.json"
+    if not file.exists():
+        return []
+    kept = json.loads(file.read_text())
+    return list(kept["rounds"]) if kept["commit"] == systems.commit() else []
+
+
+def _round(session: Session, name: str, scans: Scans, out: Path) -> Round:
+    """Every system once, one after the other."""
+    done: Round = {}
+    paths: dict[str, Trajectory] = {}
+    for system in session.options.systems:
+        try:
+            taken = _run(session, system, scans, out)
+        except Skip as skip:
+            done[system] = {"skipped": str(skip)}
+        except RuntimeError as error:
+            if system == OURS:
+                raise
+            done[system] = {"failed": str(error)}
+        else:
+            done[system] = _entry(system, taken, scans)
+            paths[system] = taken.scored.trajectory
+        print(f"  {system}: {_words(done[system])}", flush=True)
+    table.picture(session.setting.out / f"versus-{name}.png", name, scans, paths)
+    return done
+
+
+def _run(session: Session, system: str, scans: Scans, out: Path) -> Taken:
+    if system == OURS:
+        return systems.run_ours(session.setting, scans, out)
+    if session.options.kept_peers:
+        return systems.kept_peer(system, scans)
+    return systems.run_peer(system, scans, out)
+
+
+def _entry(system: str, taken: Taken, scans: Scans) -> Entry:
+    scores = taken.scored.scores.as_dict()
+    known = {} if system in scans.truth_of else {n: scores[n] for n in scores if n != "poses"}
+    return {
+        **known,
+        "lost": taken.scored.lost,
+        "instant": taken.scored.instant,
+        "sweeps": taken.sweeps,
+        "cpu_ms_per_sweep": taken.cpu_ms_per_sweep,
+        "rss_mib": taken.rss_mib,
+        "version": taken.version,
+        **taken.more,
+    }
+
+
+def _words(entry: Entry) -> str:
+    if "sweeps" not in entry:
+        return ", ".join(f"{kind}: {why}" for kind, why in entry.items())
+    return (
+        f"ATE {number(entry.get('ate_rmse_m'))} m, drift {number(entry.get('drift_percent'))} %, "
+        f"{number(entry['cpu_ms_per_sweep'])} ms CPU a sweep, {number(entry['rss_mib'])} MiB, "
+        f"instant {entry['instant']}"
+    )
+
+
+def _figure(found: dict[str, Entry], ratios: dict[str, Any]) -> str:
+    ours = found.get(OURS, {})
+    return (
+        f"ATE {number(ours.get('ate_rmse_m'))} m "
+        f"({number(ratios.get('ate_rmse_m_to_best_peer'))} × "
+        f"{ratios.get('ate_rmse_m_best_peer', 'no peer')}), "
+        f"drift {number(ratios.get('drift_percent_to_best_peer'))} ×, "
+        f"CPU {number(ours.get('cpu_ms_per_sweep'))} ms "
+        f"({number(ratios.get('cpu_to_kiss-icp'))} × kiss-icp)"
+    )
+
+
+def _over_sets(session: Session) -> dict[str, Any]:
+    if not session.found:
+        raise Skip("no data set was measured in this call")
+    return summary.over_sets(session.found, session.ratios, data.scene_of)
+
+
+def _accuracy(session: Session) -> Outcome:
+    over = _over_sets(session)
+    words, held = [], True
+    for scene, r in over["scene"].items():
+        ate, drift = r["ate_rmse_m_to_best_peer"], r["drift_percent_to_best_peer"]
+        words.append(f"{scene} {number(ate)}, {number(drift)} ({r['seeds']} seeds)")
+        held &= not r["lost"] and ate is not None and ate <= ATE_TO_BEST
+        held &= drift is not None and drift <= DRIFT_TO_BEST
+    for name in (n for n in ROUGH if n in session.ratios):
+        ate = session.ratios[name].get("ate_rmse_m_to_best_peer")
+        words.append(f"{name} {number(ate)}")
+        held &= ate is not None and ate <= ROUGH_ATE_TO_BEST
+    if not words:
+        raise Skip("no data set with a limit on its error was measured")
+    return Outcome("; ".join(words), over, bool(held), report={"ratio": {"over_sets": over}})
+
+
+def _cpu(session: Session) -> Outcome:
+    over = _over_sets(session)
+    mean = over["cpu_to_kiss_icp_geometric_mean"]
+    if mean is None:
+        raise Skip("no peer was run in this call")
+    other = {
+        name: r[f"cpu_to_{aloam.NAME}"]
+        for name, r in session.ratios.items()
+        if r.get(f"cpu_to_{aloam.NAME}") is not None
+    }
+    worst = max(other, key=lambda name: other[name], default=None)
+    words = f"{number(mean)} × kiss-icp"
+    words += f", worst {number(other[worst])} × a-loam ({worst})" if worst else ""
+    held = mean <= CPU_TO_KISS and all(r <= CPU_TO_ALOAM for r in other.values())
+    return Outcome(words, {"to_kiss_icp": mean, "to_a_loam": other}, held)
+
+
+def _beaten(session: Session) -> Outcome:
+    _over_sets(session)
+    by = {name: r["beaten_by"] for name, r in session.ratios.items() if r["beaten_by"]}
+    words = "; ".join(f"{name}: {', '.join(peers)}" for name, peers in by.items())
+    return Outcome(words or "on none", {"beaten_by": by}, not by)
+
+
+def _whole(session: Session) -> Outcome:
+    _over_sets(session)
+    words, held = [], True
+    for name, of in session.found.items():
+        if "sweeps" not in of.get(OURS, {}):
+            continue
+        three = of[OURS]["cpu_ms_per_sweep"]
+        whole = of[OURS]["cpu_all_processes_ms_per_sweep"]
+        words.append(f"{name} {number(whole)} of {number(three)} ms")
+        held &= whole <= max(WHOLE_RATIO * three, three + WHOLE_MORE_MS)
+    if not words:
+        raise Skip("ours was not run in this call")
+    return Outcome("; ".join(words), {}, held)
+
+
+_LINES: tuple[tuple[str, str, Callable[[Session], Outcome], str], ...] = (
+    (
+        "accuracy",
+        "ATE and drift over the best peer's, median over a scene's seeds",
+        _accuracy,
+        f"ATE ≤ {ATE_TO_BEST} ×, drift ≤ {DRIFT_TO_BEST} ×, none lost; "
+        f"ATE on field and park ≤ {ROUGH_ATE_TO_BEST} ×",
+    ),
+    (
+        "cpu",
+        "CPU a sweep of the three algorithms: geometric mean to kiss-icp, worst to a-loam (scaled)",
+        _cpu,
+        f"≤ {CPU_TO_KISS:.0f} × kiss-icp, ≤ 1/3 a-loam",
+    ),
+    ("beaten", "data sets on which a peer is better in error and CPU both", _beaten, "none"),
+    (
+        "processes",
+        "CPU a sweep of all five processes and of the three algorithms",
+        _whole,
+        f"≤ {WHOLE_RATIO} × or + {WHOLE_MORE_MS:.0f} ms",
+    ),
+)

@@ -1,0 +1,127 @@
+"""Rounds to figures: medians, spread, and ratios of what was measured in the same round."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from tests.bench.versus import aloam
+from tests.bench.versus.score import geometric_mean, median, ratio
+from tests.bench.versus.systems import OURS, PEERS
+
+#: what one system did in one round, or {"skipped": why}, {"failed": why}
+Entry = dict[str, Any]
+#: name of the system -> what it did
+Round = dict[str, Entry]
+
+MEDIANS = (
+    *("ate_rmse_m", "ate_max_m", "drift_percent", "drift_deg_per_m", "rpe_1m_m"),
+    *("cpu_ms_per_sweep", "rss_mib", "cpu_all_processes_ms_per_sweep", "rss_all_processes_mib"),
+    *("realtime_factor", "instant", "sweeps"),
+)
+SPREAD = ("ate_rmse_m", "cpu_ms_per_sweep")
+
+
+def _values(rounds: Iterable[Round], system: str, name: str) -> list[float]:
+    found = (r.get(system, {}).get(name) for r in rounds)
+    return [float(v) for v in found if v is not None]
+
+
+def systems_of(data: str, rounds: list[Round]) -> dict[str, Entry]:
+    """Each system's medians over the rounds; A-LOAM's figures beside them."""
+    found = {name: _of_system(rounds, name) for name in (OURS, *PEERS)}
+    found = {name: entry for name, entry in found.items() if entry}
+    other = aloam.entry(data, found.get(aloam.KISS, {}).get("cpu_ms_per_sweep"))
+    return found | ({aloam.NAME: other} if other else {})
+
+
+def _of_system(rounds: list[Round], system: str) -> Entry:
+    entries = [r[system] for r in rounds if system in r]
+    good = [e for e in entries if "sweeps" in e]
+    if not good:
+        return dict(entries[-1]) if entries else {}
+    out: Entry = {}
+    for name in MEDIANS:
+        values = _values(rounds, system, name)
+        if values:
+            out[name] = median(values)
+    out["spread"] = {
+        name: [min(values), max(values)]
+        for name in SPREAD
+        if (values := _values(rounds, system, name))
+    }
+    out["lost"] = any(e["lost"] for e in good)
+    out["rounds"] = len(good)
+    for name in ("version", "cpu_ms_by_stage", "settings", "kept"):
+        if name in good[-1]:
+            out[name] = good[-1][name]
+    return out
+
+
+def ratios_of(systems: dict[str, Entry], rounds: list[Round]) -> dict[str, Any]:
+    """Ours over the peers'. CPU: the median of the rounds' own ratios."""
+    ours = systems.get(OURS, {})
+    out: dict[str, Any] = {}
+    for name in ("ate_rmse_m", "drift_percent"):
+        best = best_peer(systems, name)
+        if best:
+            value = ratio(ours.get(name), systems[best][name])
+            out[f"{name}_to_best_peer"], out[f"{name}_best_peer"] = value, best
+    for peer in PEERS:
+        each = [_cpu_ratio(r, peer) for r in rounds]
+        known = [v for v in each if v is not None]
+        if known:
+            out[f"cpu_to_{peer}"] = median(known)
+            out[f"cpu_to_{peer}_spread"] = [min(known), max(known)]
+    other = systems.get(aloam.NAME, {}).get("cpu_ms_per_sweep")
+    if other:
+        out[f"cpu_to_{aloam.NAME}"] = ratio(ours.get("cpu_ms_per_sweep"), other)
+    out["all_processes_to_algorithms"] = ratio(
+        ours.get("cpu_all_processes_ms_per_sweep"), ours.get("cpu_ms_per_sweep")
+    )
+    out["beaten_by"] = [name for name in systems if _beats(systems[name], ours)]
+    return out
+
+
+def _cpu_ratio(one: Round, peer: str) -> float | None:
+    cpu = "cpu_ms_per_sweep"
+    return ratio(one.get(OURS, {}).get(cpu), one.get(peer, {}).get(cpu))
+
+
+def best_peer(systems: dict[str, Entry], name: str) -> str | None:
+    """Whose error is the least."""
+    known = {s: e[name] for s, e in systems.items() if s != OURS and e.get(name) is not None}
+    return min(known, key=lambda s: known[s]) if known else None
+
+
+def _beats(theirs: Entry, ours: Entry) -> bool:
+    """In error and in CPU time both."""
+    pairs = [(theirs.get(n), ours.get(n)) for n in ("ate_rmse_m", "cpu_ms_per_sweep")]
+    return all(t is not None and o is not None and t < o for t, o in pairs)
+
+
+def over_sets(
+    found: dict[str, dict[str, Entry]],
+    ratios: dict[str, dict[str, Any]],
+    scene_of: Callable[[str], str],
+) -> dict[str, Any]:
+    """What is stated over several data sets: scenes over their seeds, CPU over all."""
+    scenes: dict[str, list[str]] = {}
+    for data in found:
+        if scene_of(data):
+            scenes.setdefault(scene_of(data), []).append(data)
+    kiss = [r[f"cpu_to_{aloam.KISS}"] for r in ratios.values() if f"cpu_to_{aloam.KISS}" in r]
+    return {
+        "scene": {
+            scene: {
+                "seeds": len(sets),
+                "lost": [d for d in sets if found[d].get(OURS, {}).get("lost", True)],
+                **{
+                    name: median(ratios[d].get(name) for d in sets)
+                    for name in ("ate_rmse_m_to_best_peer", "drift_percent_to_best_peer")
+                },
+            }
+            for scene, sets in scenes.items()
+        },
+        "cpu_to_kiss_icp_geometric_mean": geometric_mean(kiss),
+    }
