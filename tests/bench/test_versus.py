@@ -76,6 +76,8 @@ def test_stamped_poses_are_held_to_their_own_instants(
     wrong = Trajectory(poses_at_part(0.5), starts_ns + PERIOD_NS, np.arange(SCANS))
     assert score.stamped(right, starts_ns, truth).scores.ate_rmse_m == pytest.approx(0, abs=2e-4)
     assert score.stamped(right, starts_ns, truth).instant == 1.0
+    a_digit_late = Trajectory(right.transforms, right.stamps_ns + 1, right.sweeps)
+    assert score.stamped(a_digit_late, starts_ns, truth).instant == 1.0
     # half a period late: the rms of speed times 50 ms, whatever the alignment can take off it
     speed = np.linalg.norm(np.diff(poses_at_part(0.0)[:, :3, 3], axis=0), axis=1) / 0.1
     error = score.stamped(wrong, starts_ns, truth).scores.ate_rmse_m

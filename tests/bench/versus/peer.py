@@ -15,7 +15,6 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -199,8 +198,9 @@ PEERS: dict[str, Callable[[Data], Any]] = {
 
 
 def peak_rss_mib() -> float:
-    """Of this process so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    """Of this program so far; getrusage would count what it was forked from."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(float(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024.0
 
 
 def main() -> int:
