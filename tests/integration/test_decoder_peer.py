@@ -7,6 +7,7 @@ import os
 import subprocess
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,7 +161,9 @@ def expect_times(own_ns: np.ndarray, peer_ns: np.ndarray, raw: bytes, start_ns: 
         ("vlp32c/packets.bin", "VLP32C", None),
     ],
 )
-def test_bare_packets(decode, shared, tmp_path, file, model, expected):
+def test_bare_packets(
+    decode: Path, shared: Path, tmp_path: Path, file: str, model: str, expected: Any
+) -> None:
     raw = (shared / "data" / file).read_bytes()
     own, summary = decoded(decode, tmp_path, "--bin", shared / "data" / file)
     assert summary["packets_decoded"] == len(raw) // PACKET_BYTES
@@ -177,7 +180,15 @@ def test_bare_packets(decode, shared, tmp_path, file, model, expected):
         ("hdl32e_gnss/capture.pcap", "hdl32e", "HDL32E", 0x21),
     ],
 )
-def test_captures(decode, shared, tmp_path, file, own_model, peer_model, product):
+def test_captures(
+    decode: Path,
+    shared: Path,
+    tmp_path: Path,
+    file: str,
+    own_model: str,
+    peer_model: str,
+    product: Any,
+) -> None:
     capture = shared / "data" / file
     raw = bytes_set(pcap_payloads(capture), 1205, product)
     _, summary = decoded(decode, tmp_path, "--pcap", capture, "--model", own_model)
@@ -189,7 +200,7 @@ def test_captures(decode, shared, tmp_path, file, own_model, peer_model, product
     compare(own, peer_points(raw, peer_model), raw)
 
 
-def test_a_mislabelled_capture_is_named(decode, shared, tmp_path):
+def test_a_mislabelled_capture_is_named(decode: Path, shared: Path, tmp_path: Path) -> None:
     capture = shared / "data" / "vlp16_mislabelled" / "capture.pcap"
     command = [str(decode), "--pcap", str(capture), "--model", "vlp16"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -199,7 +210,7 @@ def test_a_mislabelled_capture_is_named(decode, shared, tmp_path):
     assert summary["complete"] == summary["sweeps"] - 2  # all but the first and the last
 
 
-def test_rings_of_a_real_drive(decode, shared, tmp_path):
+def test_rings_of_a_real_drive(decode: Path, shared: Path, tmp_path: Path) -> None:
     """Rings are not in the files; they come from the order of the points."""
     with tarfile.open(shared / "data" / "hdl64e_drive" / "velodyne.tar.xz") as tar:
         names = sorted(n for n in tar.getnames() if n.endswith(".bin"))[:10]

@@ -1,17 +1,23 @@
 """Packets in, poses and a map out, against the simulator's exact truth."""
 
+from __future__ import annotations
+
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.integration.conftest import CAPTURE_SECONDS, monitor, simulate
+from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor, simulate
 from zloam_monitor import clouds, evaluation, trajectory
 from zloam_monitor.keys import STAGES
 
 
 @pytest.fixture(scope="module")
-def demo(build, capture, tmp_path_factory):
+def demo(
+    build: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("demo")
     done = monitor(
         "demo",
@@ -28,7 +34,9 @@ def demo(build, capture, tmp_path_factory):
     return out, json.loads((out / "report.json").read_text())
 
 
-def test_every_sweep_gets_a_pose_and_both_identities_hold(demo):
+def test_every_sweep_gets_a_pose_and_both_identities_hold(
+    demo: tuple[Path, dict[str, Any]],
+) -> None:
     _, report = demo
     # a turn takes 0.1 s; the first and the last may be incomplete but count
     sweeps = report["identities"]["sweeps"]
@@ -42,7 +50,7 @@ def test_every_sweep_gets_a_pose_and_both_identities_hold(demo):
     assert report["identities"]["sweeps_accounted"]
 
 
-def test_poses_agree_with_the_truth(demo):
+def test_poses_agree_with_the_truth(demo: tuple[Path, dict[str, Any]]) -> None:
     _, report = demo
     assert report["ate_rmse_m"]["pose"] < 0.10
     assert report["rpe_1m_m"]["pose"] < 0.10
@@ -50,7 +58,7 @@ def test_poses_agree_with_the_truth(demo):
     assert report["path_m"] > 5.0
 
 
-def test_files_agree_with_the_report(demo):
+def test_files_agree_with_the_report(demo: tuple[Path, dict[str, Any]]) -> None:
     out, report = demo
     poses = trajectory.read(out / "trajectory.tum")
     assert len(poses) == report["identities"]["poses"]
@@ -65,7 +73,7 @@ def test_files_agree_with_the_report(demo):
     assert (out / "picture.png").stat().st_size > 10_000
 
 
-def test_report_has_every_figure(demo):
+def test_report_has_every_figure(demo: tuple[Path, dict[str, Any]]) -> None:
     _, report = demo
     for stage in STAGES:
         assert report["cpu_ms_per_sweep"][stage] > 0
@@ -81,7 +89,7 @@ def test_report_has_every_figure(demo):
     [((0.3, -0.2, 1.1), (0, 30, 90)), ((0, 0, 0.5), (180, 0, 0))],
     ids=["tilted", "upside down"],
 )
-def test_mounting(build, tmp_path, xyz, rpy_deg):
+def test_mounting(build: Path, tmp_path: Path, xyz: list[float], rpy_deg: list[float]) -> None:
     """Poses are of base_link, however the sensor is fixed to it, by the simulator's own truth."""
     made = simulate(
         build,

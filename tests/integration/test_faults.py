@@ -1,5 +1,7 @@
 """Messages thrown away, another pace, a reader that is too slow: what came out stays the same."""
 
+from __future__ import annotations
+
 import contextlib
 import hashlib
 import json
@@ -10,11 +12,12 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.acceptance import live
-from tests.integration.conftest import ROOT, monitor
+from tests.integration.conftest import ROOT, Capture, monitor
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.keys import STAGES
@@ -31,18 +34,20 @@ LIVE_SLOWER = 2.0
 SLOW_SECONDS = 0.1
 
 
-def digests(folder, files):
+def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
 
 
-def replay(build, capture, out, *options):
+def replay(
+    build: Path, capture: Capture, out: Path, *options: object
+) -> tuple[dict[str, str], dict[str, Any]]:
     """Digests of the files, and the report."""
     done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", out, *options)
     assert done.code == 0, done.said
     return digests(out, FILES), json.loads((out / "report.json").read_text())
 
 
-def assert_books(report):
+def assert_books(report: dict[str, Any]) -> None:
     books = report["identities"]
     assert books["inputs_balanced"], books["complaints"]
     assert books["sweeps_accounted"], books["complaints"]
@@ -50,13 +55,22 @@ def assert_books(report):
 
 
 @pytest.fixture(scope="module")
-def untroubled(build, capture, tmp_path_factory):
+def untroubled(
+    build: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, str]:
     """The files of a replay in which nothing is done to anybody."""
     return replay(build, capture, tmp_path_factory.mktemp("untroubled"))[0]
 
 
 @pytest.mark.parametrize("every", [7, 2])
-def test_dropped_messages_are_recovered(build, capture, untroubled, tmp_path, monkeypatch, every):
+def test_dropped_messages_are_recovered(
+    build: Path,
+    capture: Capture,
+    untroubled: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    every: int,
+) -> None:
     """Each stage throws every seventh message of each of its inputs away."""
     monkeypatch.setenv("ZLOAM_FAULT_DROP_EVERY", str(every))
     files, report = replay(build, capture, tmp_path, "--set", "recovery.gap_replay_ms=50")
@@ -69,7 +83,9 @@ def test_dropped_messages_are_recovered(build, capture, untroubled, tmp_path, mo
         assert set(sweeps[stage]["dropped"]) <= {"duplicate"}, stage
 
 
-def test_the_pace_is_in_no_file(build, capture, untroubled, tmp_path):
+def test_the_pace_is_in_no_file(
+    build: Path, capture: Capture, untroubled: dict[str, str], tmp_path: Path
+) -> None:
     files, report = replay(build, capture, tmp_path, "--rate", "realtime")
     assert files == untroubled
     assert_books(report)
@@ -78,7 +94,7 @@ def test_the_pace_is_in_no_file(build, capture, untroubled, tmp_path):
 class SlowReader:
     """A stranger on every key of the robot who dawdles over each message."""
 
-    def __init__(self, base_port, key, folder):
+    def __init__(self, base_port: int, key: str, folder: Path) -> None:
         self._said = folder / "slow_reader.txt"
         arguments = [str(SLOW_SECONDS), key, *endpoints(base_port)]
         with self._said.open("wb") as out:
@@ -89,16 +105,18 @@ class SlowReader:
                 stdout=out,
             )
 
-    def seen(self):
+    def seen(self) -> int:
         """Messages read so far."""
         return max(0, len(self._said.read_text().splitlines()) - 1)
 
-    def close(self):
+    def close(self) -> None:
         self._process.kill()
         self._process.wait()
 
 
-def run_live(build, robot_file, capture, logs, slow):
+def run_live(
+    build: Path, robot_file: Path, capture: Capture, logs: Path, slow: bool
+) -> tuple[dict[str, Any], dict[str, int], int, int]:
     """(last statuses, greatest queue seen of each stage, poses, messages the stranger has read)."""
     port, robot = live.free_udp_port(), names(robot_file, [])
     settings = [
@@ -137,7 +155,9 @@ def run_live(build, robot_file, capture, logs, slow):
 
 
 @pytest.mark.parametrize("slow", [False, True], ids=["alone", "beside a slow reader"])
-def test_a_slow_reader_is_nobody_elses_trouble(build, robot_file, capture, tmp_path, slow):
+def test_a_slow_reader_is_nobody_elses_trouble(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path, slow: bool
+) -> None:
     statuses, queued, poses, seen = run_live(build, robot_file, capture, tmp_path, slow)
     sweeps = statuses["driver"].last_sweep + 1
     assert sweeps >= LIVE_SECONDS * 9
@@ -152,7 +172,7 @@ def test_a_slow_reader_is_nobody_elses_trouble(build, robot_file, capture, tmp_p
     assert not slow or 0 < seen < published
 
 
-def replaying(build, robot_file, capture, logs):
+def replaying(build: Path, robot_file: Path, capture: Capture, logs: Path) -> Chain:
     robot = names(robot_file, [])
     settings = [
         *sources.from_pcap(capture.pcap).driver_settings("realtime"),
@@ -161,13 +181,13 @@ def replaying(build, robot_file, capture, logs):
     return Chain(build, robot_file, robot.robot, settings, logs, robot.sensor)
 
 
-def until_poses(chain):
+def until_poses(chain: Chain) -> None:
     while len(chain.link.poses) < 5:
         chain.link.poll(0.2)
         chain.check()
 
 
-def orphans():
+def orphans() -> set[Path]:
     """Segments that no living process has mapped."""
     mapped = ""
     for maps in Path("/proc").glob("[0-9]*/maps"):
@@ -176,7 +196,9 @@ def orphans():
     return {path for path in Path("/dev/shm").iterdir() if str(path) not in mapped}
 
 
-def test_shared_memory_of_the_killed_is_reclaimed(build, robot_file, capture, tmp_path):
+def test_shared_memory_of_the_killed_is_reclaimed(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
     """kill -9 leaves segments behind; they go when a stage is started the next time."""
     with replaying(build, robot_file, capture, tmp_path / "a") as chain:
         until_poses(chain)
@@ -191,7 +213,9 @@ def test_shared_memory_of_the_killed_is_reclaimed(build, robot_file, capture, tm
         assert not left & orphans()
 
 
-def test_registration_is_killed_and_started_again(build, robot_file, capture, untroubled, tmp_path):
+def test_registration_is_killed_and_started_again(
+    build: Path, robot_file: Path, capture: Capture, untroubled: dict[str, str], tmp_path: Path
+) -> None:
     """It has no state: what was under way is published again, and computed by the new one."""
     with replaying(build, robot_file, capture, tmp_path) as chain:
         until_poses(chain)

@@ -1,9 +1,13 @@
 """Garbage on every data key: counted by reason, never a crash, and the poses go on."""
 
+from __future__ import annotations
+
 import random
 import threading
+from pathlib import Path
+from typing import Any
 
-from tests.integration.conftest import CAPTURE_SECONDS
+from tests.integration.conftest import CAPTURE_SECONDS, Capture
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import open_session
@@ -14,7 +18,7 @@ from zloam_monitor.robot_file import names
 ROUNDS = 40
 
 
-def bad_payloads(table, rng):
+def bad_payloads(table: str, rng: random.Random) -> list[tuple[Any, str]]:
     """Bytes that are no message of this kind, each in another way."""
     identifier = messages.KINDS[table].identifier
     noise = rng.randbytes(rng.randrange(9, 4000))
@@ -31,7 +35,9 @@ def bad_payloads(table, rng):
     ]
 
 
-def test_garbage_on_every_key(build, robot_file, capture, tmp_path):
+def test_garbage_on_every_key(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
     source = sources.from_pcap(capture.pcap)
     robot = names(robot_file, [])
     chain = Chain(
@@ -55,7 +61,7 @@ def test_garbage_on_every_key(build, robot_file, capture, tmp_path):
     }
     genuine: dict[str, bytes] = {}
 
-    def flood(session):
+    def flood(session: Any) -> None:
         rng = random.Random(5)
         for _ in range(ROUNDS):
             for key, table in inputs.items():

@@ -6,9 +6,12 @@ Each stage runs alone; its input is written by hand, and for each message in the
 from __future__ import annotations
 
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from zloam_monitor import compose, messages
 from zloam_monitor.keys import Keys
@@ -21,7 +24,7 @@ START_NS = 1_700_000_000_000_000_000
 GOOD_BEFORE = 3
 
 
-def room(columns=900):
+def room(columns: int = 900) -> NDArray[Any]:
     """A sweep in the middle of a room of 12 x 9 x 4 m: 16 rings, ray-cast on its walls."""
     azimuth = np.repeat(np.arange(columns) * 2 * np.pi / columns, 16)
     ring = np.tile(np.arange(16), columns)
@@ -39,7 +42,7 @@ def room(columns=900):
     return points
 
 
-def odd_clouds():
+def odd_clouds() -> dict[str, NDArray[Any]]:
     """Name -> cloud."""
     good = room()
     nan = good.copy()
@@ -55,17 +58,17 @@ def odd_clouds():
     }
 
 
-def header(n, frame="lidar"):
+def header(n: int, frame: str = "lidar") -> compose.HeaderValues:
     return compose.HeaderValues(
         run=START_NS, sweep=n, seq=n, stamp_ns=START_NS + n * PERIOD_NS, frame=frame
     )
 
 
-def sweep_message(n, cloud):
+def sweep_message(n: int, cloud: NDArray[Any]) -> bytes:
     return compose.sweep(header(n), cloud)
 
 
-def features_message(n, cloud):
+def features_message(n: int, cloud: NDArray[Any]) -> bytes:
     finite = cloud[np.isfinite(cloud["x"])]
     clouds = {
         "Sharp": finite[::50],
@@ -76,7 +79,7 @@ def features_message(n, cloud):
     return compose.features(header(n), clouds)
 
 
-def odometry_features_message(n, cloud):
+def odometry_features_message(n: int, cloud: NDArray[Any]) -> bytes:
     finite = cloud[np.isfinite(cloud["x"])]
     instant = START_NS + (n + 1) * PERIOD_NS
     return compose.odometry_features(
@@ -84,7 +87,7 @@ def odometry_features_message(n, cloud):
     )
 
 
-def odometry_message(n, cloud):
+def odometry_message(n: int, cloud: NDArray[Any]) -> bytes:
     health = 0 if len(cloud) > 100 else 5
     instant = START_NS + (n + 1) * PERIOD_NS
     return compose.pose("Odometry", header(n, "odom"), instant, (0, 0, 0), (0, 0, 0, 1), health)
@@ -100,7 +103,7 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_one_out_for_each_in(build, tmp_path, stage):
+def test_one_out_for_each_in(build: Path, tmp_path: Path, stage: str) -> None:
     table, message = STAGES[stage]
     base = free_base_port()
     config = tmp_path / "robot.yaml"

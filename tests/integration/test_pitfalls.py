@@ -31,11 +31,11 @@ def names_in_sources() -> set[str]:
     return found
 
 
-def test_every_number_once():
+def test_every_number_once() -> None:
     assert sorted(rows()) == list(range(1, COUNT + 1))
 
 
-def test_every_row_has_a_test_that_exists_or_a_reason():
+def test_every_row_has_a_test_that_exists_or_a_reason() -> None:
     known = names_in_sources()
     for number, text in rows().items():
         kind, _, rest = text.partition(": ")

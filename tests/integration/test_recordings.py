@@ -1,6 +1,9 @@
 """Real recordings of real sensors through the real processes."""
 
+from __future__ import annotations
+
 import json
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +17,9 @@ from tests.integration.conftest import monitor
         ("--bin", "vlp16_dual/packets.bin", (4, 7)),  # 0.40 s
     ],
 )
-def test_standing_still(build, shared, tmp_path, source, file, sweeps):
+def test_standing_still(
+    build: Path, shared: Path, tmp_path: Path, source: str, file: str, sweeps: tuple[int, int]
+) -> None:
     done = monitor("demo", "--preset-dir", build, source, shared / "data" / file, "--out", tmp_path)
     assert done.code == 0, done.said
     report = json.loads((tmp_path / "report.json").read_text())
@@ -24,7 +29,7 @@ def test_standing_still(build, shared, tmp_path, source, file, sweeps):
     assert report["path_m"] < 0.5
 
 
-def test_a_capture_with_the_wrong_product_byte(build, shared, tmp_path):
+def test_a_capture_with_the_wrong_product_byte(build: Path, shared: Path, tmp_path: Path) -> None:
     """Timing is a VLP-16's at 20 Hz, the product byte says HDL-32E: the declared model counts."""
     done = monitor(
         "demo",

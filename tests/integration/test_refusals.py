@@ -1,19 +1,22 @@
 """What a person gets wrong: a clear text, the right exit code, no crash."""
 
+from __future__ import annotations
+
 import json
 import socket
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from tests.integration.conftest import CAPTURE_SECONDS, monitor
+from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor
 from zloam_monitor.keys import STAGES
 from zloam_monitor.processes import PORT_ORDER, free_base_port
 
 REFUSED_CONFIG, REFUSED_FILE = 2, 3
 
 
-def stage(build, name, *arguments):
+def stage(build: Path, name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [build / "bin" / f"zloam-{name}", *map(str, arguments)],
         capture_output=True,
@@ -34,7 +37,9 @@ def stage(build, name, *arguments):
     ],
     ids=["unknown key", "wrong type", "out of range", "no YAML"],
 )
-def test_wrong_configuration(build, tmp_path, name, text, words):
+def test_wrong_configuration(
+    build: Path, tmp_path: Path, name: str, text: str, words: list[str]
+) -> None:
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     done = stage(build, name, "--config", path)
@@ -45,19 +50,19 @@ def test_wrong_configuration(build, tmp_path, name, text, words):
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_wrong_setting(build, robot_file, name):
+def test_wrong_setting(build: Path, robot_file: Path, name: str) -> None:
     done = stage(build, name, "--config", robot_file, "--set", "mounting.xyz_m=[1, 2]")
     assert done.returncode == REFUSED_CONFIG
     assert "mounting.xyz_m" in done.stderr + done.stdout
 
 
-def test_missing_configuration_file(build, tmp_path):
+def test_missing_configuration_file(build: Path, tmp_path: Path) -> None:
     done = stage(build, "mapping", "--config", tmp_path / "none.yaml")
     assert done.returncode == REFUSED_FILE
     assert "none.yaml" in done.stderr + done.stdout
 
 
-def test_port_in_use(build, robot_file):
+def test_port_in_use(build: Path, robot_file: Path) -> None:
     base = free_base_port()
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -68,7 +73,7 @@ def test_port_in_use(build, robot_file):
     assert str(base + PORT_ORDER.index("mapping")) in done.stderr + done.stdout
 
 
-def test_missing_capture(build, tmp_path):
+def test_missing_capture(build: Path, tmp_path: Path) -> None:
     done = monitor(
         "demo", "--preset-dir", build, "--pcap", tmp_path / "none.pcap", "--out", tmp_path / "out"
     )
@@ -76,7 +81,7 @@ def test_missing_capture(build, tmp_path):
     assert "none.pcap" in done.said
 
 
-def test_a_file_that_is_no_capture(build, tmp_path):
+def test_a_file_that_is_no_capture(build: Path, tmp_path: Path) -> None:
     (tmp_path / "text.pcap").write_text("this is no capture\n" * 100)
     done = monitor(
         "demo", "--preset-dir", build, "--pcap", tmp_path / "text.pcap", "--out", tmp_path / "out"
@@ -85,7 +90,9 @@ def test_a_file_that_is_no_capture(build, tmp_path):
     assert "text.pcap" in done.said
 
 
-def test_truncated_capture_is_used_as_far_as_it_goes(build, capture, tmp_path):
+def test_truncated_capture_is_used_as_far_as_it_goes(
+    build: Path, capture: Capture, tmp_path: Path
+) -> None:
     whole = capture.pcap.read_bytes()
     (tmp_path / "cut.pcap").write_bytes(whole[: len(whole) // 2 + 7])
     done = monitor(

@@ -1,17 +1,22 @@
 """A stranger's view: PyPI's eclipse-zenoh, the generated code, and nothing else of the project."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
+from pathlib import Path
 
-from tests.integration.conftest import CAPTURE_SECONDS, ROOT
+from tests.integration.conftest import CAPTURE_SECONDS, ROOT, Capture
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.processes import PORT_ORDER, endpoints
 from zloam_monitor.robot_file import names
 
 
-def test_the_example_sees_every_pose(build, robot_file, capture, tmp_path):
+def test_the_example_sees_every_pose(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
     robot = names(robot_file, [])
     chain = Chain(
         build,

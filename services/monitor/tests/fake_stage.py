@@ -3,15 +3,20 @@
 fake_stage.py STAGE --config FILE --set KEY=VALUE ... ; behaviour by environment FAKE_<WHAT>=STAGE.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from zloam_monitor import clouds, compose
 from zloam_monitor.keys import Keys
@@ -26,13 +31,13 @@ START_NS = 1_700_000_000_000_000_000
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-def loop():
+def loop() -> NDArray[np.float64]:
     """Where the robot drives: positions of base_link, m."""
     angle = np.linspace(0, 2 * np.pi, SWEEPS)
     return np.c_[55 * np.cos(angle), 40 * np.sin(angle), 0.1 * np.sin(angle)]
 
 
-def wall():
+def wall() -> NDArray[Any]:
     """A map to be asked for."""
     points = np.zeros(2000, MAP_POINT)
     points["x"] = np.linspace(-60, 60, 2000)
@@ -40,11 +45,11 @@ def wall():
     return points
 
 
-def wants(what, stage):
+def wants(what: str, stage: str) -> bool:
     return os.environ.get(f"FAKE_{what}") == stage
 
 
-def open_session(stage, base_port):
+def open_session(stage: str, base_port: int) -> zenoh.Session:
     mine = PORT_ORDER.index(stage)
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
@@ -57,7 +62,7 @@ def open_session(stage, base_port):
 
 
 class Fake:
-    def __init__(self, stage, base_port):
+    def __init__(self, stage: str, base_port: int) -> None:
         self.stage, self.keys = stage, Keys("robot")
         self.session = open_session(stage, base_port)
         self.sent = 0
@@ -78,13 +83,13 @@ class Fake:
         if stage == "odometry":
             self.answers.append(self.answer(self.keys.path_odometry, self.path))
 
-    def heard(self, sample):
+    def heard(self, sample: zenoh.Sample) -> None:
         self.may_send = max(self.may_send, int(sample.payload.to_string()))
 
-    def answer(self, key, build):
+    def answer(self, key: str, build: Callable[[], bytes]) -> Any:
         return self.session.declare_queryable(key, lambda query: query.reply(key, build()))
 
-    def header(self, n):
+    def header(self, n: int) -> compose.HeaderValues:
         now = time.time_ns()
         return compose.HeaderValues(
             RUN,
@@ -96,15 +101,15 @@ class Fake:
             trace=((self.stage, now - 3_000_000, now - 2_000_000, now),),
         )
 
-    def config(self):
+    def config(self) -> bytes:
         return compose.config(
             self.stage, {"mounting.xyz_m": [0, 0, 1.5], "mounting.rpy_deg": [0, 0, 0]}
         )
 
-    def tile(self):
+    def tile(self) -> bytes:
         return compose.tile(self.header(0), "plane", (0, 0, 0), self.points)
 
-    def path(self):
+    def path(self) -> bytes:
         rows = np.zeros(self.sent, STAMPED_POSE)
         rows["sweep"] = np.arange(self.sent)
         rows["instant_ns"] = START_NS + np.arange(1, self.sent + 1) * 100_000_000
@@ -113,7 +118,7 @@ class Fake:
         rows["pose"]["rotation"]["w"] = 1.0
         return compose.path(self.header(0), rows)
 
-    def status(self):
+    def status(self) -> bytes:
         key = self.keys.main_input(self.stage)
         processed = self.sent + (1 if wants("UNBALANCED", self.stage) else 0)
         inputs = [compose.Counts(key, self.sent, processed)] if key else []
@@ -132,7 +137,7 @@ class Fake:
             reason=reason,
         )
 
-    def turn(self):
+    def turn(self) -> None:
         n = self.sent
         leads = self.stage == "driver" or wants("ALONE", self.stage)
         if leads and time.time_ns() > self.first_ns:
@@ -156,7 +161,7 @@ class Fake:
         )
 
 
-def main():
+def main() -> int:
     stage = sys.argv[1]
     if wants("REFUSES", stage):
         print("robot.yaml:3: driver.speed: unknown key", file=sys.stderr)
@@ -173,7 +178,7 @@ def main():
     # while this one is a turn behind.
     for _ in range(min(SWEEPS, fake.may_send) - fake.sent):
         fake.turn()
-    fake.session.close()
+    fake.session.close()  # type: ignore[no-untyped-call]
     named = [a.partition("=")[2] for a in sys.argv if a.startswith("mapping.map_path=")]
     if stage == "mapping":
         clouds.write_pcd(Path(named[-1]), fake.points, np.ones(len(fake.points), np.uint8))

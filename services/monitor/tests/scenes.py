@@ -1,8 +1,11 @@
 """A made-up city block for looking at pictures: walls, ground, a closed path."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from zloam_monitor import evaluation, picture, se3
@@ -10,13 +13,15 @@ from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.trajectory import Trajectory
 
 
-def wall(rng, a, b, height, n):
+def wall(
+    rng: np.random.Generator, a: tuple[float, float], b: tuple[float, float], height: float, n: int
+) -> NDArray[np.float64]:
     s = rng.uniform(0, 1, n)[:, None]
     xy = np.array(a) * (1 - s) + np.array(b) * s + rng.normal(0, 0.02, (n, 2))
-    return np.c_[xy, rng.uniform(0, height, n)]
+    return np.column_stack([xy, rng.uniform(0, height, n)])
 
 
-def city_scene(with_truth=True, n=700):
+def city_scene(with_truth: bool = True, n: int = 700) -> picture.Scene:
     rng = np.random.default_rng(1)
     block = [(-45, -30), (45, -30), (45, 30), (-45, 30), (-45, -30)]
     outer = [(-65, -50), (65, -50), (65, 50), (-65, 50), (-65, -50)]

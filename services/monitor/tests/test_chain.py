@@ -1,5 +1,7 @@
 """Orchestration with stand-ins for the stages: what goes well, and how each failure is told."""
 
+from __future__ import annotations
+
 import json
 import os
 import signal
@@ -7,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +24,7 @@ HERE = Path(__file__).parent
 
 
 @pytest.fixture
-def build(tmp_path):
+def build(tmp_path: Path) -> Path:
     """A build folder whose binaries are the stand-ins."""
     try:
         schemas = messages.schemas_path()
@@ -41,7 +44,7 @@ def build(tmp_path):
     return tmp_path
 
 
-def demo(build, *more):
+def demo(build: Path, *more: str) -> int:
     return cli.main(
         [
             "demo",
@@ -58,7 +61,7 @@ def demo(build, *more):
     )
 
 
-def write_truth(path):
+def write_truth(path: Path) -> None:
     """Truth of a sensor 1.5 m above base_link, at 20 Hz around the stand-ins' instants."""
     stamps = 1_700_000_000_000_000_000 + (np.arange(SWEEPS) + 1) * 100_000_000
     transforms = np.tile(np.eye(4), (SWEEPS, 1, 1))
@@ -66,7 +69,9 @@ def write_truth(path):
     trajectory.write_tum(path, trajectory.Trajectory(transforms, stamps, np.arange(SWEEPS)))
 
 
-def test_demo_writes_everything_and_accounts_for_it(build, capsys):
+def test_demo_writes_everything_and_accounts_for_it(
+    build: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_truth(build / "truth.tum")
     assert demo(build, "--truth", str(build / "truth.tum")) == 0
     out = build / "out"
@@ -90,20 +95,24 @@ def test_demo_writes_everything_and_accounts_for_it(build, capsys):
     assert "accounted for: yes" in capsys.readouterr().out
 
 
-def test_without_truth_errors_are_null(build):
+def test_without_truth_errors_are_null(build: Path) -> None:
     assert demo(build) == 0
     report = json.loads((build / "out" / "report.json").read_text())
     assert report["ate_rmse_m"] == {"pose": None, "odometry": None}
     assert not (build / "out" / "ground_truth.tum").exists()
 
 
-def test_books_that_do_not_balance_fail_the_run(build, monkeypatch, capsys):
+def test_books_that_do_not_balance_fail_the_run(
+    build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("FAKE_UNBALANCED", "mapping")
     assert demo(build) == 1
     assert "mapping loam/robot/odometry/features does not balance" in capsys.readouterr().out
 
 
-def test_a_stage_that_dies_is_told_with_its_last_lines(build, monkeypatch, capsys):
+def test_a_stage_that_dies_is_told_with_its_last_lines(
+    build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("FAKE_DIES", "odometry")
     assert demo(build) == 1
     said = capsys.readouterr().err
@@ -111,26 +120,34 @@ def test_a_stage_that_dies_is_told_with_its_last_lines(build, monkeypatch, capsy
     assert "something broke" in said
 
 
-def test_a_refused_configuration_keeps_its_exit_code(build, monkeypatch, capsys):
+def test_a_refused_configuration_keeps_its_exit_code(
+    build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("FAKE_REFUSES", "driver")
     assert demo(build) == 2
     assert "driver.speed: unknown key" in capsys.readouterr().err
 
 
-def test_a_bad_exit_code_fails_the_run(build, monkeypatch, capsys):
+def test_a_bad_exit_code_fails_the_run(
+    build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("FAKE_ENDS_BADLY", "integration")
     assert demo(build) == 1
     assert "integration ended with 7" in capsys.readouterr().out
 
 
-def test_missing_binaries_and_truth_are_said_before_the_start(build, tmp_path, capsys):
+def test_missing_binaries_and_truth_are_said_before_the_start(
+    build: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert demo(build, "--truth", str(build / "none.tum")) == 1
     assert "none.tum" in capsys.readouterr().err
     assert cli.main(["demo", "--preset-dir", str(tmp_path / "none")]) == 1
     assert "build first" in capsys.readouterr().err
 
 
-def test_live_run_says_what_is_missing_and_writes_at_the_end(build, monkeypatch, capsys):
+def test_live_run_says_what_is_missing_and_writes_at_the_end(
+    build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("FAKE_QUIET", "driver")
     code = cli.main(
         [
@@ -150,7 +167,7 @@ def test_live_run_says_what_is_missing_and_writes_at_the_end(build, monkeypatch,
     assert (build / "out" / "report.json").exists()
 
 
-def test_interrupted_live_run_writes_what_it_has(build):
+def test_interrupted_live_run_writes_what_it_has(build: Path) -> None:
     program = [
         sys.executable,
         "-m",
@@ -176,13 +193,13 @@ def test_interrupted_live_run_writes_what_it_has(build):
     assert (build / "out" / "map.pcd").exists()
 
 
-def listens(port):
+def listens(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.fixture
-def integration(build, monkeypatch):
+def integration(build: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A stand-in of the last stage, and where it listens."""
     base = free_base_port()
     program = str(build / "bin" / "zloam-integration")
@@ -195,7 +212,7 @@ def integration(build, monkeypatch):
         process.terminate()
 
 
-def test_watch_shows_a_robot(integration, capsys):
+def test_watch_shows_a_robot(integration: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["watch", "--connect", integration, "--seconds", "3.5", "--every", "1"]) == 0
     shown = capsys.readouterr().out
     assert "integration  ready" in shown
@@ -203,7 +220,7 @@ def test_watch_shows_a_robot(integration, capsys):
     assert "mapping      nothing heard" in shown
 
 
-def test_the_example_for_third_parties(integration):
+def test_the_example_for_third_parties(integration: str) -> None:
     program = [sys.executable, str(HERE.parent / "examples" / "subscribe.py")]
     environment = {**os.environ, "PYTHONPATH": str(messages.schemas_path())}
     done = subprocess.run(
@@ -220,7 +237,7 @@ def test_the_example_for_third_parties(integration):
     assert sweeps == list(range(sweeps[0], sweeps[0] + 3))
 
 
-def test_watch_of_nobody_says_so():
+def test_watch_of_nobody_says_so() -> None:
     began = time.monotonic()
     endpoint = endpoints(free_base_port())[0]
     assert cli.main(["watch", "--connect", endpoint, "--seconds", "0.5", "--every", "0.2"]) == 1

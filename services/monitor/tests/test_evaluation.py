@@ -1,5 +1,9 @@
 """Scores against closed forms, and against evo's own programs."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 from evo.core import metrics, sync
@@ -7,12 +11,12 @@ from evo.core import trajectory as evo_trajectory
 from scipy.spatial.transform import Rotation
 
 from zloam_monitor import evaluation, se3
-from zloam_monitor.trajectory import Trajectory
+from zloam_monitor.trajectory import Trajectory, interpolate
 
 START_NS = 1_600_000_000_000_000_000
 
 
-def loop(n=2001, radius_m=50.0, turns=1.0):
+def loop(n: int = 2001, radius_m: float = 50.0, turns: float = 1.0) -> Trajectory:
     """A circle with a little height, heading along the path; about 314 m a turn."""
     angle = np.linspace(0, 2 * np.pi * turns, n)
     positions = np.c_[radius_m * np.cos(angle), radius_m * np.sin(angle), 0.5 * np.sin(3 * angle)]
@@ -21,14 +25,14 @@ def loop(n=2001, radius_m=50.0, turns=1.0):
     return Trajectory(se3.matrices(positions, quats), stamps, np.arange(n))
 
 
-def straight(n, step_m):
+def straight(n: int, step_m: float) -> Trajectory:
     positions = np.c_[np.arange(n) * step_m, np.zeros(n), np.zeros(n)]
     quats = np.tile([0.0, 0, 0, 1], (n, 1))
     stamps = START_NS + (np.arange(n) * 100_000_000).astype(np.int64)
     return Trajectory(se3.matrices(positions, quats), stamps, np.arange(n))
 
 
-def test_another_origin_is_no_error():
+def test_another_origin_is_no_error() -> None:
     truth = loop()
     moved = se3.from_xyz_rpy_deg([30, -7, 2], [3, -5, 120])
     estimate = Trajectory(moved @ truth.transforms, truth.stamps_ns, truth.sweeps)
@@ -38,7 +42,7 @@ def test_another_origin_is_no_error():
     assert scores.rpe_1m_m == pytest.approx(0, abs=1e-6)
 
 
-def test_scale_is_not_forgiven():
+def test_scale_is_not_forgiven() -> None:
     truth = straight(1001, 0.3)
     stretched = truth.transforms.copy()
     stretched[:, :3, 3] *= 1.01
@@ -50,7 +54,7 @@ def test_scale_is_not_forgiven():
     assert scores.rpe_1m_m == pytest.approx(0.012, rel=1e-6)
 
 
-def test_heading_drift_in_closed_form():
+def test_heading_drift_in_closed_form() -> None:
     truth = straight(401, 0.5)  # 200 m: sub-lengths 5 to 80 m
     rate = np.radians(0.02)  # per m
     along = np.arange(401) * 0.5
@@ -70,7 +74,7 @@ def test_heading_drift_in_closed_form():
     assert scores.drift_percent == pytest.approx(np.mean(expected), rel=1e-6)
 
 
-def test_white_noise_shows_in_full():
+def test_white_noise_shows_in_full() -> None:
     truth = loop(20_001)
     noise = np.random.default_rng(3).normal(0, 0.1, (len(truth), 3))
     noisy = truth.transforms.copy()
@@ -79,9 +83,9 @@ def test_white_noise_shows_in_full():
     assert scores.ate_rmse_m == pytest.approx(0.1 * np.sqrt(3), rel=0.02)
 
 
-def test_truth_is_taken_at_the_instant_of_the_pose():
+def test_truth_is_taken_at_the_instant_of_the_pose() -> None:
     truth = loop(2001)
-    between, _ = evaluation.interpolate(truth, truth.stamps_ns[:-1] + 9_000_000)
+    between, _ = interpolate(truth, truth.stamps_ns[:-1] + 9_000_000)
     scores = evaluation.evaluate(between, truth)
     assert scores.ate_rmse_m < 1e-6
     # half a stamp off would be 7.5 mm on each pose: the score must see it
@@ -89,7 +93,7 @@ def test_truth_is_taken_at_the_instant_of_the_pose():
     assert evaluation.evaluate(late, truth).drift_percent is not None
 
 
-def test_a_constant_time_error_is_seen():
+def test_a_constant_time_error_is_seen() -> None:
     truth = straight(500, 0.1)
     wobble = truth.transforms.copy()
     wobble[:, 1, 3] = np.sin(np.arange(500) / 10)
@@ -98,7 +102,7 @@ def test_a_constant_time_error_is_seen():
     assert evaluation.evaluate(late, truth).ate_rmse_m > 0.1
 
 
-def test_truth_of_the_sensor_is_carried_to_base_link():
+def test_truth_of_the_sensor_is_carried_to_base_link() -> None:
     T_base_lidar = se3.from_xyz_rpy_deg([0.4, 0.1, 1.2], [2, -8, 90])
     base = loop()
     sensor = base.carried(T_base_lidar)
@@ -108,7 +112,7 @@ def test_truth_of_the_sensor_is_carried_to_base_link():
     assert evaluation.evaluate(base, sensor).rpe_1m_m > 1e-3
 
 
-def test_kitti_truth_is_joined_by_sweep_number():
+def test_kitti_truth_is_joined_by_sweep_number() -> None:
     truth = loop(200, turns=0.2)
     by_number = Trajectory(truth.transforms, None, truth.sweeps)
     missing = np.r_[0:50, 60:200]
@@ -124,23 +128,23 @@ def test_kitti_truth_is_joined_by_sweep_number():
     ("path_m", "lengths"),
     [(801, [100, 800]), (800, [50, 400]), (250, [5, 80]), (61, [5, 80]), (60, [1, 10])],
 )
-def test_sub_length_rule(path_m, lengths):
+def test_sub_length_rule(path_m: float, lengths: list[int]) -> None:
     found = evaluation.sub_lengths_m(path_m)
     assert [found[0], found[-1]] == lengths
 
 
-def test_too_few_poses_give_no_figure():
+def test_too_few_poses_give_no_figure() -> None:
     truth = loop(10)
     few = Trajectory(truth.transforms[:2], truth.stamps_ns[:2], truth.sweeps[:2])
     assert evaluation.evaluate(few, truth).ate_rmse_m is None
 
 
-def test_standing_still_is_an_answer():
+def test_standing_still_is_an_answer() -> None:
     still = straight(50, 0.0)
     assert evaluation.evaluate(still, still).ate_rmse_m == pytest.approx(0, abs=1e-9)
 
 
-def test_ape_equals_evo_by_its_own_association():
+def test_ape_equals_evo_by_its_own_association() -> None:
     truth = loop(2001)
     rng = np.random.default_rng(5)
     bent = truth.transforms.copy()
@@ -148,7 +152,7 @@ def test_ape_equals_evo_by_its_own_association():
     estimate = Trajectory(bent[::5], truth.stamps_ns[::5], truth.sweeps[::5])
     scores = evaluation.evaluate(estimate, truth)
 
-    def as_evo(t):
+    def as_evo(t: Trajectory) -> Any:
         return evo_trajectory.PoseTrajectory3D(
             poses_se3=list(t.transforms), timestamps=t.times_s(START_NS)
         )

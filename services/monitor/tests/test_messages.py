@@ -1,6 +1,11 @@
 """The numpy dtypes are the structs of the schemas, and what is written is read again."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import flatbuffers
 import numpy as np
@@ -10,14 +15,14 @@ from zloam_monitor import messages
 
 
 @pytest.fixture(autouse=True)
-def _needs_generated_code():
+def _needs_generated_code() -> None:
     try:
         messages.schemas_path()
     except messages.SchemasMissing as missing:
         pytest.skip(str(missing))
 
 
-def generated_value(struct, path):
+def generated_value(struct: Any, path: tuple[str, ...]) -> Any:
     """Reads x or translation.x by the generated accessors."""
     for name in path[:-1]:
         accessor = "".join(part.capitalize() for part in name.split("_"))
@@ -28,7 +33,7 @@ def generated_value(struct, path):
     return getattr(struct, "".join(part.capitalize() for part in path[-1].split("_")))()
 
 
-def leaves(dtype, prefix=()):
+def leaves(dtype: np.dtype[Any], prefix: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     for name in dtype.names:
         field = dtype.fields[name][0]
         if field.names:
@@ -38,7 +43,7 @@ def leaves(dtype, prefix=()):
 
 
 @pytest.mark.parametrize("name", sorted(messages.STRUCTS))
-def test_dtype_equals_the_struct_of_the_schema(name):
+def test_dtype_equals_the_struct_of_the_schema(name: str) -> None:
     dtype = messages.STRUCTS[name]
     generated = getattr(messages.module(name), name)
     assert dtype.itemsize == generated.SizeOf()
@@ -54,8 +59,8 @@ def test_dtype_equals_the_struct_of_the_schema(name):
         assert generated_value(struct, path) == value, path
 
 
-def test_every_schema_has_its_kind_here():
-    root = messages.Path(__file__).resolve().parents[3]
+def test_every_schema_has_its_kind_here() -> None:
+    root = Path(__file__).resolve().parents[3]
     declared = set()
     for schema in sorted((root / "schemas").glob("*.fbs")):
         identifier = re.search(r'file_identifier "(\w{4})"', schema.read_text())
@@ -64,7 +69,7 @@ def test_every_schema_has_its_kind_here():
     assert declared == set(messages.KINDS.values())
 
 
-def test_struct_vector_round_trip():
+def test_struct_vector_round_trip() -> None:
     tile = messages.module("MapTile")
     points = np.zeros(5, messages.MAP_POINT)
     points["x"] = np.arange(5) + 0.5
@@ -82,7 +87,7 @@ def test_struct_vector_round_trip():
     )
 
 
-def test_a_foreign_or_short_message_is_refused():
+def test_a_foreign_or_short_message_is_refused() -> None:
     with pytest.raises(messages.MessageError):
         messages.decode("MapPose", b"\x08\0\0\0ZLTI" + bytes(64))
     with pytest.raises(messages.MessageError):

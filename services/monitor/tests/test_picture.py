@@ -1,5 +1,9 @@
 """The picture is drawn from anything a run can give, also from nothing."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,20 +15,20 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.mark.parametrize("with_truth", [True, False])
-def test_picture_of_a_loop(tmp_path, with_truth):
+def test_picture_of_a_loop(tmp_path: Path, with_truth: bool) -> None:
     picture.draw(tmp_path / "p.png", city_scene(with_truth))
     assert (tmp_path / "p.png").read_bytes().startswith(PNG)
     assert list(tmp_path.iterdir()) == [tmp_path / "p.png"]
 
 
-def test_picture_of_nothing(tmp_path):
+def test_picture_of_nothing(tmp_path: Path) -> None:
     empty = picture.Scene("nothing", np.empty(0, MAP_POINT), np.empty((0, 3)), np.empty(0))
     picture.draw(tmp_path / "p.png", empty)
     assert (tmp_path / "p.png").read_bytes().startswith(PNG)
 
 
-def test_pcd_round_trip_in_the_order_of_tiles(tmp_path):
-    def tile(layer, index, x):
+def test_pcd_round_trip_in_the_order_of_tiles(tmp_path: Path) -> None:
+    def tile(layer: str, index: tuple[int, int, int], x: float) -> clouds.Tile:
         points = np.zeros(2, MAP_POINT)
         points["x"] = [x, x + 1]
         return clouds.Tile(layer, index, 1, points)

@@ -8,16 +8,20 @@ pose's own stamp. Prints
   rpe     root mean square of the error of the motion over ten poses, m and degrees
 """
 
+from __future__ import annotations
+
 import argparse
 import json
+from typing import Any
 
 import numpy as np
 from evo.core import metrics
 from evo.core.trajectory import PoseTrajectory3D
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 
-def read_tum(path):
+def read_tum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     rows = np.loadtxt(path, ndmin=2)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:8]).as_matrix()
@@ -25,7 +29,9 @@ def read_tum(path):
     return rows[:, 0], poses
 
 
-def interpolated(times, poses, at):
+def interpolated(
+    times: NDArray[np.float64], poses: NDArray[np.float64], at: NDArray[np.float64]
+) -> NDArray[np.float64]:
     out = np.tile(np.eye(4), (len(at), 1, 1))
     out[:, :3, :3] = Slerp(times, Rotation.from_matrix(poses[:, :3, :3]))(at).as_matrix()
     for axis in range(3):
@@ -33,19 +39,19 @@ def interpolated(times, poses, at):
     return out
 
 
-def inverse(poses):
+def inverse(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     out = np.tile(np.eye(4), (len(poses), 1, 1))
     out[:, :3, :3] = np.transpose(poses[:, :3, :3], (0, 2, 1))
     out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], poses[:, :3, 3])
     return out
 
 
-def angles(rotations):
+def angles(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     trace = np.trace(rotations, axis1=1, axis2=2)
     return np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
 
 
-def sub_lengths(path_length):
+def sub_lengths(path_length: float) -> list[int]:
     if path_length > 800:
         return [100 * k for k in range(1, 9)]
     if path_length > 250:
@@ -53,7 +59,7 @@ def sub_lengths(path_length):
     return [5, 10, 20, 40, 60, 80] if path_length > 60 else [1, 2, 5, 10]
 
 
-def drift(truth, estimate):
+def drift(truth: NDArray[np.float64], estimate: NDArray[np.float64]) -> tuple[float, float]:
     steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
     along = np.r_[0.0, np.cumsum(steps)]
     errors = []
@@ -70,19 +76,23 @@ def drift(truth, estimate):
     return np.mean(errors, axis=0) if errors else (np.nan, np.nan)
 
 
-def relative(truth, estimate, poses=10):
+def relative(
+    truth: NDArray[np.float64], estimate: NDArray[np.float64], poses: int = 10
+) -> tuple[float, float]:
     n = min(poses, len(truth) - 2)
     error = inverse(inverse(truth[:-n]) @ truth[n:]) @ (inverse(estimate[:-n]) @ estimate[n:])
     shift = np.sqrt((error[:, :3, 3] ** 2).sum(1).mean())
     return shift, np.degrees(np.sqrt((angles(error[:, :3, :3]) ** 2).mean()))
 
 
-def evo_trajectory(times, poses):
+def evo_trajectory(times: NDArray[np.float64], poses: NDArray[np.float64]) -> Any:
     quaternion = Rotation.from_matrix(poses[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
     return PoseTrajectory3D(poses[:, :3, 3], quaternion, times)
 
 
-def evaluate(truth_file, estimate_file, base_from_lidar=None):
+def evaluate(
+    truth_file: str, estimate_file: str, base_from_lidar: NDArray[np.float64] | None = None
+) -> dict[str, float]:
     truth_times, truth_poses = read_tum(truth_file)
     times, estimate = read_tum(estimate_file)
     inside = (times >= truth_times[0]) & (times <= truth_times[-1] + 1e-6)
@@ -108,7 +118,7 @@ def evaluate(truth_file, estimate_file, base_from_lidar=None):
     }
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("truth")
     parser.add_argument("estimate", nargs="+")
