@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import random
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+
+import zenoh
 
 from tests.integration.conftest import CAPTURE_SECONDS, Capture
 from zloam_monitor import messages, sources
@@ -61,6 +63,9 @@ def test_garbage_on_every_key(
     }
     genuine: dict[str, bytes] = {}
 
+    def hear(sample: zenoh.Sample) -> None:
+        genuine.setdefault(str(sample.key_expr), sample.payload.to_bytes())
+
     def flood(session: Any) -> None:
         rng = random.Random(5)
         for _ in range(ROUNDS):
@@ -75,24 +80,23 @@ def test_garbage_on_every_key(
     with chain:
         session = open_session(endpoints(chain.base_port))
         listeners = [
-            session.declare_subscriber(
-                key, lambda sample, key=key: genuine.setdefault(key, sample.payload.to_bytes())
-            )
+            session.declare_subscriber(key, hear, allowed_origin=zenoh.Locality.REMOTE)
             for key in (keys.sweep, keys.features, keys.odometry, keys.odometry_features)
         ]
         chain.wait_ready()
-        flooding = threading.Thread(target=flood, args=(session,))
-        flooding.start()
-        while not chain.finished():
-            chain.link.poll(0.2)
-            chain.check()
-        flooding.join()
+        with ThreadPoolExecutor() as pool:
+            flooding = pool.submit(flood, session)
+            while not chain.finished():
+                chain.link.poll(0.2)
+                chain.check()
+            flooding.result()
         chain.link.query_statuses()
         poses = chain.link.trajectory()
         listeners.clear()
         session.close()
         codes = chain.stop()
         statuses = chain.statuses()
+    assert len(genuine) == 4, "no message of the stages was there to be cut short"
     assert set(codes.values()) == {0}
     assert len(poses) >= CAPTURE_SECONDS * 10
     for stage in ("registration", "odometry", "mapping", "integration"):
