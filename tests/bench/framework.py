@@ -20,7 +20,7 @@ HELD, NOT_HELD, REPORTED, SKIPPED, FAILED = "held", "not held", "reported", "ski
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was measured; `held` only where the benchmark has a limit."""
+    """What was measured; `held` only where a limit can be judged by it."""
 
     figure: str
     values: dict[str, Any]
@@ -54,7 +54,7 @@ class Result:
 
 
 def _verdict(benchmark: Benchmark, outcome: Outcome) -> str:
-    if not benchmark.limit:
+    if not benchmark.limit or outcome.held is None:
         return REPORTED
     return HELD if outcome.held else NOT_HELD
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tests.bench.versus.score import LOST_PERCENT
+
 NAME = "a-loam"
 KISS = "kiss-icp"
 SEED = "7"
@@ -50,5 +52,6 @@ def entry(data: str, kiss_cpu_ms: float | None) -> dict[str, object] | None:
         "drift_percent": known.drift_percent if same_scans else None,
         "cpu_ms_per_sweep": None if kiss_cpu_ms is None else scale * kiss_cpu_ms,
         "rss_mib": None,
+        "lost": same_scans and (known.drift_percent or 0.0) > LOST_PERCENT,
         "not_measured_here": "errors and CPU / KISS-ICP's from peers.md, scaled by KISS-ICP here",
     }

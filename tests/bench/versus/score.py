@@ -22,7 +22,6 @@ INSTANTS = tuple(i / 8 for i in range(9))
 MOTION_POSES = 10
 #: m per degree, to add errors of position and of direction
 METRES_PER_DEGREE = 0.02
-STAMP_DIGITS_NS = 1000
 #: a run that is wrong by as much of its way, or by this part of it at any place, has lost its way
 LOST_PERCENT = 20.0
 
@@ -86,10 +85,11 @@ def stamped(found: Trajectory, starts_ns: NDArray[np.int64] | None, truth: Traje
     if starts_ns is None or found.stamps_ns is None:
         by_number = Trajectory(found.transforms, None, np.arange(len(found), dtype=np.int64))
         return Scored(evaluation.evaluate(by_number, truth), None, by_number)
-    # the end of a sweep is the start of the next, give or take the digits of the files
-    within = found.stamps_ns - STAMP_DIGITS_NS
+    period_ns = float(np.median(np.diff(starts_ns)))
+    # the end of a sweep is the start of the next; a firing more or less is still the end
+    within = found.stamps_ns - round(period_ns / 100)
     before = np.maximum(np.searchsorted(starts_ns, within, side="right") - 1, 0)
-    part = np.median((found.stamps_ns - starts_ns[before]) / np.median(np.diff(starts_ns)))
+    part = np.median((found.stamps_ns - starts_ns[before]) / period_ns)
     return Scored(evaluation.evaluate(found, truth), round(float(part), 3), found)
 
 

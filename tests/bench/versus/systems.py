@@ -23,10 +23,15 @@ from tests.bench.versus import score
 from tests.bench.versus.data import Scans
 from tests.bench.versus.score import Scored
 from zloam_monitor import se3, trajectory
+from zloam_monitor.chain import binary
+from zloam_monitor.keys import STAGES
+from zloam_monitor.trajectory import Trajectory
 
 OURS = "zloam"
 PEERS = tuple(peer_program.PEERS)
 SYSTEMS = (OURS, *PEERS)
+#: configurations that the demo takes: for scans with times, and for KITTI's
+ROBOTS = ("vlp16-outdoor", "hdl64e")
 KEPT = CACHE / "peers" / "results"
 
 
@@ -133,10 +138,13 @@ def run_ours(setting: BenchSetting, scans: Scans, out: Path) -> Taken:
     if done.returncode != 0:
         said = " / ".join(done.stdout.strip().splitlines()[-2:])
         raise RuntimeError(f"the chain ended with {done.returncode}: {said[:300]}")
+    return _taken_by_chain(place, scans)
+
+
+def _taken_by_chain(place: Path, scans: Scans) -> Taken:
     report = json.loads((place / "report.json").read_text())
     cpu, rss = report["cpu_ms_per_sweep"], report["rss_mib"]
-    of_base = trajectory.read(place / "trajectory.tum")
-    scored = score.stamped(of_base.carried(T_base_lidar(scans)), scans.starts_ns, scans.truth)
+    scored = _of_chain(place, scans)
     more = {
         "cpu_ms_by_stage": cpu,
         "cpu_all_processes_ms_per_sweep": sum(cpu.values()),
@@ -146,24 +154,51 @@ def run_ours(setting: BenchSetting, scans: Scans, out: Path) -> Taken:
     return Taken(
         scored,
         commit(),
-        len(of_base),
+        scored.scores.poses,
         sum(cpu[stage] for stage in ALGORITHMS),
         sum(rss[stage]["peak"] for stage in ALGORITHMS),
         more,
     )
 
 
+def _of_chain(place: Path, scans: Scans) -> Scored:
+    of_base = trajectory.read(place / "trajectory.tum")
+    return score.stamped(of_base.carried(T_base_lidar(scans)), scans.starts_ns, scans.truth)
+
+
+def last_trajectories(scans: Scans, out: Path) -> dict[str, Trajectory]:
+    """What every system left in this folder, for the picture."""
+    found = {}
+    if (out / OURS / "trajectory.tum").exists():
+        found[OURS] = _of_chain(out / OURS, scans).trajectory
+    for name in PEERS:
+        if (out / f"{name}.npz").exists():
+            found[name] = _of_file(out / f"{name}.npz", scans).scored.trajectory
+    return found
+
+
 def T_base_lidar(scans: Scans) -> Any:
     """Of the configuration that the demo takes for the scans: truth is the sensor's."""
-    robot = "hdl64e" if scans.demo[0] == "--kitti" else "vlp16-outdoor"
+    robot = ROBOTS[scans.demo[0] == "--kitti"]
     text = (ROOT / "deploy/robots" / f"{robot}.yaml").read_text()
     mounting = yaml.safe_load(text)["mounting"]
     return se3.from_xyz_rpy_deg(mounting["xyz_m"], mounting["rpy_deg"])
 
 
 @functools.cache
+def programs(build: Path) -> str:
+    """What of ours is measured: the bytes of the programs and their configuration."""
+    digest = hashlib.sha256()
+    for stage in STAGES:
+        digest.update(binary(build, stage).read_bytes())
+    for robot in ROBOTS:
+        digest.update((ROOT / f"deploy/robots/{robot}.yaml").read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
 def commit() -> str:
-    """What is measured; with a mark when the tree differs from it."""
+    """For the reader; with a mark when the tree differs from it."""
     done = subprocess.run(
         ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=9"],
         capture_output=True,
