@@ -179,6 +179,7 @@ def test_a_peer_that_did_not_run_has_a_reason_and_no_figure() -> None:
         {"sim-park-1": found}, {"sim-park-1": summary.ratios_of(found, rounds)}, ""
     )
     assert "skipped" in text
+    assert "sim-park-1 (without kiss-icp, genz-icp, small-gicp, mad-icp)" in text
 
 
 def test_scenes_take_the_median_over_their_seeds_and_a_lost_seed_stays_visible() -> None:

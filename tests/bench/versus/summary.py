@@ -79,6 +79,7 @@ def ratios_of(systems: dict[str, Entry], rounds: list[Round]) -> dict[str, Any]:
     out["all_processes_to_algorithms"] = ratio(
         ours.get("cpu_all_processes_ms_per_sweep"), ours.get("cpu_ms_per_sweep")
     )
+    out["without"] = [p for p in PEERS if "sweeps" not in systems.get(p, {})]
     out["beaten_by"] = [name for name in systems if _beats(systems[name], ours)]
     return out
 
@@ -115,6 +116,7 @@ def over_sets(
         "scene": {
             scene: {
                 "seeds": len(sets),
+                "without": sorted({p for d in sets for p in ratios[d].get("without", [])}),
                 "lost": [d for d in sets if found[d].get(OURS, {}).get("lost", True)],
                 **{
                     name: median(ratios[d].get(name) for d in sets)

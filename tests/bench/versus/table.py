@@ -72,7 +72,8 @@ def comparison(found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, A
         cpu = [number(r.get(f"cpu_to_{peer}")) for peer in (aloam.KISS, aloam.NAME)]
         ours = found[data].get(OURS, {})
         whole = number(ours.get("cpu_all_processes_ms_per_sweep"))
-        rows.append([data, *best, *cpu, whole, ", ".join(r["beaten_by"]) or "none"])
+        name = f"{data} (without {', '.join(r['without'])})" if r.get("without") else data
+        rows.append([name, *best, *cpu, whole, ", ".join(r["beaten_by"]) or "none"])
     return _rows([*head, "CPU ms, all five processes", "better in error and CPU both"], rows)
 
 
@@ -124,6 +125,7 @@ def picture(path: Path, title: str, scans: Scans, runs: dict[str, Trajectory]) -
         above.plot(at[:, 0], at[:, 1], label=f"{name}: {rmse:.3f} m", **style)
         along.semilogy(np.maximum(error, LEAST_DRAWN_M), **style)
     _frame(above, truth)
+    figure.legend(loc="outside lower center", ncols=len(COLUMNS))
     along.set(xlabel="sweep", ylabel="distance from the truth (m)", title="error after alignment")
     along.grid(alpha=0.25, which="both")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -138,5 +140,4 @@ def _frame(axes: Any, truth: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
     axes.set(xlabel="x (m)", ylabel="y (m)", title="from above")
     axes.set_aspect("equal", adjustable="box")
-    axes.legend(loc="best")
     axes.grid(alpha=0.25)
