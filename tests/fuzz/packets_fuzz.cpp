@@ -20,13 +20,21 @@ void check(const DecodedSweep& sweep) {
 
 }  // namespace
 
-/// First byte: which model is forced, if any. Then packets: two bytes of length, and the payload;
-/// one short of 1206 bytes is filled up with a tail that is right, to get past the first checks.
+/// First byte: which model is forced, if any, or else what is left out. Then packets: two bytes of
+/// length, and the payload; one short of 1206 bytes is filled up with a tail that is right, to get
+/// past the first checks.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   DecoderConfig decoder;
   if (data[0] < 5) decoder.model = static_cast<Model>(data[0]);
-  SweepAssembler assembler(decoder, {});
+  AssemblerConfig config;
+  if (data[0] >= 5) {
+    decoder.dual_returns = static_cast<DualReturns>(data[0] >> 6);
+    if ((data[0] & 32) != 0) config.mask.sectors = {{350.0, 10.0}};
+    if ((data[0] & 16) != 0) decoder.max_range_m = 20.0;
+    if ((data[0] & 8) != 0) config.seam_azimuth_deg = 123.4;
+  }
+  SweepAssembler assembler(decoder, config);
   std::size_t at = 1;
   DecodedSweep sweep;
   std::int64_t received_ns = data[0] % 2 == 0 ? 0 : 1'700'000'000'000'000'000;

@@ -23,7 +23,8 @@ if ! command -v "$compiler" >/dev/null ||
   exit "$missing"
 fi
 driver=services/driver
-algorithms=("$driver"/velodyne/{model,decoder,mask,position}.cpp "$driver"/sweep/{clock,assembler}.cpp)
+algorithms=("$driver"/velodyne/{model,beams,block_points,motor,decoder,mask,position}.cpp
+  "$driver"/sweep/{clock,assembler,assembler_order}.cpp)
 build() { # target, sources and libraries
   local target=$1
   shift

@@ -12,6 +12,8 @@ namespace {
 constexpr int kJitterCdeg = 1000;
 // Turned less than this, the speed within the packet tells the period better.
 constexpr int kMeasurableTurnCdeg = 1000;
+// Points by which a sweep's buffers grow.
+constexpr std::size_t kRoomStep = 1024;
 
 }  // namespace
 
@@ -128,16 +130,17 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
 
 /// Cuts before this group when it has passed the seam, or when no cut came for too long.
 void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg) {
-  const int phase_cdeg = wrapped(azimuth_cdeg - seam_cdeg_);
+  const int phase_cdeg = ahead(seam_cdeg_, azimuth_cdeg);
   if (!open_) {
     open(time_ns, phase_cdeg, false);
     return;
   }
-  const int forward_cdeg = wrapped(phase_cdeg - phase_cdeg_);
+  const int forward_cdeg = ahead(phase_cdeg_, phase_cdeg);
   const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
-  const double expected_cdeg =
-      advance_cdeg * static_cast<double>(time_ns - last_group_ns_) / decoder_.group_ns();
-  const bool missed_turn = expected_cdeg - forward_cdeg > kTurnCdeg / 2.0 && !backwards;
+  // Multiplied by the group's time: what the motor should have turned.
+  const double expected = advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
+  const bool missed_turn =
+      expected > (forward_cdeg + kTurnCdeg / 2) * decoder_.group_ns() && !backwards;
   const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
   if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
     close(at_seam);
@@ -150,29 +153,30 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   phase_cdeg_ = phase_cdeg;
 }
 
-/// Room for a whole turn at once: memory is asked for once, and each page of it touched once.
+/// Room behind the sweep's points for one group more. Memory is asked for once for a whole turn; of
+/// it only what the last sweep in these buffers did not have is cleared, in steps.
 void SweepAssembler::make_room(const PacketPlan& plan) {
   const std::size_t group = decoder_.max_points_per_group();
   const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;
   const std::size_t per_group = plan.mode == ReturnMode::kDual ? group : group / 2;
   const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * per_group + 2 * group;
-  if (sweep_.points.capacity() < turn) sweep_.points.reserve(turn);
-  if (sweep_.columns.capacity() < turn) sweep_.columns.reserve(turn);
-  group_points_.resize(group + 1);
-  group_columns_.resize(group + 1);
+  sweep_.points.reserve(turn);
+  sweep_.columns.reserve(turn);
+  const std::size_t wanted = filled_ + std::max(group + 1, kRoomStep);
+  sweep_.points.resize(std::max(sweep_.points.size(), wanted));
+  sweep_.columns.resize(sweep_.points.size());
 }
 
 void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_t time_ns) {
-  const bool first = sweep_.points.empty();
-  if (first) make_room(plan);
+  const bool first = filled_ == 0;
+  if (sweep_.points.size() - filled_ <= decoder_.max_points_per_group()) make_room(plan);
   const ModelTable& table = *decoder_.table();
   const auto groups = static_cast<std::int64_t>(
       static_cast<double>(time_ns - first_group_ns_) / decoder_.group_ns() + 0.5);
   const auto column =
       static_cast<std::uint16_t>(std::min<std::int64_t>(groups * table.columns_per_group, 65000));
-  // By way of a small buffer: writing into the sweep itself means clearing it first.
-  Point* const out = group_points_.data();
-  std::uint16_t* const columns = group_columns_.data();
+  Point* const out = sweep_.points.data() + filled_;
+  std::uint16_t* const columns = sweep_.columns.data() + filled_;
   const std::uint32_t after_base_ns = first ? 0 : static_cast<std::uint32_t>(time_ns - base_ns_);
   std::size_t count = decoder_.decode_group(plan, group, after_base_ns, column, out, columns);
   if (mask_.active()) {
@@ -185,8 +189,7 @@ void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_
     for (std::size_t i = 0; i < count; ++i) out[i].time_ns -= shift_ns;
     base_ns_ = time_ns + shift_ns;
   }
-  sweep_.points.insert(sweep_.points.end(), out, out + count);
-  sweep_.columns.insert(sweep_.columns.end(), columns, columns + count);
+  filled_ += count;
   counts_.points += count;
 }
 
@@ -197,13 +200,13 @@ void SweepAssembler::open(std::int64_t time_ns, int phase_cdeg, bool at_seam) {
     std::swap(sweep_.columns, spare_.back().columns);
     spare_.pop_back();
   }
+  sweep_.columns.resize(sweep_.points.size());
   sweep_.packets = 0;
   sweep_.packets_lost = 0;
   open_ = true;
   began_at_seam_ = at_seam;
   packet_counted_ = false;
-  sweep_.points.clear();
-  sweep_.columns.clear();
+  filled_ = 0;
   base_ns_ = time_ns;
   first_group_ns_ = time_ns;
   last_group_ns_ = time_ns;
@@ -224,7 +227,9 @@ std::uint32_t SweepAssembler::measured_period_ns() const {
 void SweepAssembler::close(bool at_seam) {
   if (!open_) return;
   open_ = false;
-  const std::int64_t first_ns = !sweep_.points.empty() ? base_ns_ : first_group_ns_;
+  sweep_.points.resize(filled_);
+  sweep_.columns.resize(filled_);
+  const std::int64_t first_ns = filled_ > 0 ? base_ns_ : first_group_ns_;
   sweep_.stamp_ns = clock_.to_epoch_ns(first_ns) + config_.stamp_offset_ns;
   last_period_ns_ = measured_period_ns();
   sweep_.period_ns = last_period_ns_;

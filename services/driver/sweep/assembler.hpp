@@ -152,8 +152,8 @@ class SweepAssembler {
   bool began_at_seam_ = false;
   bool packet_counted_ = false;
   DecodedSweep sweep_;
-  std::vector<Point> group_points_;
-  std::vector<std::uint16_t> group_columns_;
+  // points that are in it; its buffers are longer while it is open
+  std::size_t filled_ = 0;
   std::int64_t base_ns_ = 0;
   std::int64_t first_group_ns_ = 0;
   std::int64_t last_group_ns_ = 0;

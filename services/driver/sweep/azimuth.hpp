@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "driver/velodyne/decoder.hpp"
+#include "driver/velodyne/packet.hpp"
 
 namespace zloam::driver {
 
@@ -12,6 +12,11 @@ namespace zloam::driver {
 inline int wrapped(std::int64_t cdeg) {
   const auto rest = static_cast<int>(cdeg % kTurnCdeg);
   return rest < 0 ? rest + kTurnCdeg : rest;
+}
+
+/// From one azimuth of a turn ahead to another, without a division.
+inline int ahead(int from_cdeg, int to_cdeg) {
+  return to_cdeg < from_cdeg ? to_cdeg - from_cdeg + kTurnCdeg : to_cdeg - from_cdeg;
 }
 
 inline int apart(int a_cdeg, int b_cdeg) {

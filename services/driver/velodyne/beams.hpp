@@ -1,0 +1,44 @@
+#pragma once
+// What all blocks of a sensor have in common, by channel and ready for four lanes at a time.
+
+#include <array>
+#include <cstdint>
+
+#include "driver/velodyne/model.hpp"
+#include "driver/velodyne/packet.hpp"
+
+namespace zloam::driver {
+
+inline constexpr int kMostBanks = 4;
+/// Channels that fire in one column; firing columns change nowhere else.
+inline constexpr int kChannelsPerColumn = 16;
+
+struct BeamTables {
+  static constexpr std::size_t kChannels = kMostBanks * kCellsPerBlock;
+  template <typename T>
+  using ByChannel = std::array<T, kChannels>;
+
+  /// stretch: of the firing times, against the table's.
+  BeamTables(const ModelTable& table, double stretch, bool vertical_offsets);
+
+  /// Turns the beams by what the motor moves on up to each channel's own firing.
+  void follow(double advance_cdeg);
+
+  /// horizontal part of the beam's direction relative to its block's azimuth; follows the motor
+  alignas(16) ByChannel<float> along{};
+  alignas(16) ByChannel<float> across{};
+  /// vertical part, and the beam's origin above the sensor's
+  alignas(16) ByChannel<float> up{};
+  alignas(16) ByChannel<float> height_m{};
+  /// the second half of a point as it lies in memory: time after the group's begin, ring
+  alignas(16) ByChannel<std::uint64_t> time_and_ring{};
+  /// firing column within the group, of sixteen channels each
+  std::array<std::uint16_t, kChannels / kChannelsPerColumn> column{};
+
+ private:
+  std::size_t channels_;
+  double followed_cdeg_ = -1.0;
+  ByChannel<double> correction_cos_{}, correction_sin_{}, elevation_cos_{}, time_share_{};
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,62 @@
+#pragma once
+// Cells of a block to points.
+
+#include <cstdint>
+
+#include "common/geometry/point.hpp"
+#include "driver/velodyne/beams.hpp"
+#include "driver/velodyne/packet.hpp"
+
+namespace zloam::driver {
+
+/// What becomes of the two returns of one firing. The odd block of a pair is taken for the
+/// strongest; where that is the last one itself, it holds the second strongest, and nothing in the
+/// packet tells the two cases apart (VLP-16 manual p. 57).
+enum class DualReturns : std::uint8_t {
+  kStrongest,  // one: the odd block's, or the even one's where that is empty
+  kLast,       // one: the even block's, or the odd one's where that is empty
+  kBoth,       // both, of equal type for the stages that follow (kBoth); equal distances once
+  kTagged      // both, with their types; equal distances once, as kBoth
+};
+
+/// What a block gives to all of its points.
+struct BlockFrame {
+  float cos_azimuth;
+  float sin_azimuth;
+  float unit_m;
+  /// of the group's first firing
+  std::uint32_t time_ns;
+  std::uint16_t column;
+};
+
+/// Distances that count as returns; raw 0 never does.
+struct RawLimits {
+  std::uint32_t lowest = 1;
+  std::uint32_t span = 65534;
+  bool contain(std::uint32_t raw) const { return raw - lowest <= span; }
+};
+
+/// Where points and their columns go on being written. There must be room for all cells of the
+/// blocks, and for one point more.
+struct PointSink {
+  Point* points;
+  std::uint16_t* columns;
+  std::size_t count = 0;
+};
+
+/// The returns of a block of one bank.
+void put_single(const std::uint8_t* block, const BeamTables& beams, int bank,
+                const BlockFrame& frame, RawLimits limits, ReturnType type, PointSink& sink);
+
+/// The same with four lanes on any processor: what put_single must agree with to the last bit.
+void put_single_portable(const std::uint8_t* block, const BeamTables& beams, int bank,
+                         const BlockFrame& frame, RawLimits limits, ReturnType type,
+                         PointSink& sink);
+
+/// The returns of a pair of blocks; last: the even one, strongest: the odd one. Either may be
+/// missing (nullptr).
+void put_dual(const std::uint8_t* last, const std::uint8_t* strongest, const BeamTables& beams,
+              int bank, const BlockFrame& frame, RawLimits limits, DualReturns policy,
+              PointSink& sink);
+
+}  // namespace zloam::driver

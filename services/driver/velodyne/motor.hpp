@@ -1,0 +1,50 @@
+#pragma once
+// The motor's advance from one firing group to the next, and the view's gap that it passes.
+
+#include <array>
+#include <cstdint>
+
+#include "driver/velodyne/packet.hpp"
+
+namespace zloam::driver {
+
+/// Knows the last plausible motor speed of a stream.
+class Motor {
+ public:
+  /// From one firing group to the next.
+  explicit Motor(double group_ns);
+
+  /// The packet's advance; where it goes over a gap of the view, also times and duration.
+  void measure(PacketPlan& plan);
+
+ private:
+  /// Azimuth differences between neighbouring good groups.
+  struct Gaps {
+    std::array<int, kBlocksPerPacket> cdeg{};
+    std::array<int, kBlocksPerPacket> group_after{};
+    int count = 0;
+    int sum = 0;
+    int least = kTurnCdeg;
+    int greatest = 0;
+  };
+
+  static Gaps gaps_of(const PacketPlan& plan);
+  bool plausible(double advance_cdeg) const {
+    return advance_cdeg >= least_cdeg_ && advance_cdeg <= greatest_cdeg_;
+  }
+  void measure_uneven(const Gaps& gaps, PacketPlan& plan);
+  void measure_by_packets(PacketPlan& plan);
+  void keep(double advance_cdeg, PacketPlan& plan);
+  void pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const;
+
+  double group_ns_;
+  double least_cdeg_;
+  double greatest_cdeg_;
+  double last_advance_cdeg_ = 0.0;
+  double smooth_advance_cdeg_ = 0.0;
+  // of the packet before, for packets of one group only
+  int last_azimuth_cdeg_ = -1;
+  std::uint32_t last_toh_us_ = 0;
+};
+
+}  // namespace zloam::driver
