@@ -15,6 +15,9 @@ LINES = {
     "transport-shm-faults": "the same by shared memory, one in 50 thrown away: all recovered",
     "transport-tcp-faults": "the same by TCP, one in 50 thrown away: all recovered",
     "slow-reader-shm": "a reader of 100 ms a message delays no other and no publisher, 10 MB",
+    "decode-simulated": "decoding on one thread beside velodyne-decoder, packets of the city",
+    "decode-recorded": "decoding on one thread beside velodyne-decoder, packets of a real VLP-16",
+    "decode-pcap": "decoding beside velodyne-decoder, reading of the pcap included",
     "slow-reader-tcp": "a reader of 100 ms a message delays no other and no publisher, TCP",
 }
 

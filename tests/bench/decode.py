@@ -1,7 +1,9 @@
 """Packets to points: our decoder beside velodyne-decoder of PyPI, same packets, one thread each.
 
-CPU time on both sides. Ours reads its packets from a file in either case (bare payloads, or pcap);
-the other one gets them from memory, or reads the pcap with dpkt as it does for its users.
+CPU time on both sides. Bare payloads are in memory before either clock starts: ours cuts them into
+sweeps, the other one gets a turn of ready packet objects at a time, the fastest of the ways that it
+offers (packet by packet, pieces of other sizes, arrays instead of structs are slower).
+From pcap both read the file, the other one with dpkt as it does for its users.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ PACKET_BYTES = 1206
 PACKETS_PER_SCAN = 76
 #: points to decode at a time, so that starting the program does not count
 ENOUGH_POINTS = 40_000_000
+#: what the product promises
+LEAST_RATIO = 3.0
 #: the two take turns; the best of each counts, since load only ever slows down
 ROUNDS = 3
 
@@ -35,12 +39,18 @@ def _config() -> Any:
     )
 
 
-def _ours(setting: BenchSetting, kind: str, path: Path) -> float:
-    decoder = [binary(setting.build, "decode"), kind, path, "--model", "vlp16", "--repeat"]
+def _ours_from_memory(setting: BenchSetting, path: Path) -> float:
+    decoder = [binary(setting.build, "decode"), "--bin", path, "--in-memory", "--repeat"]
+    once = json_of(cost_of([*decoder, 1]).said)["points"]
+    many = json_of(cost_of([*decoder, max(2, ENOUGH_POINTS // once)]).said)
+    return float(many["points"] / many["cpu_seconds"])
+
+
+def _ours_from_pcap(setting: BenchSetting, path: Path) -> float:
+    decoder = [binary(setting.build, "decode"), "--pcap", path, "--repeat"]
     once = json_of(cost_of([*decoder, 1]).said)["points"]
     many = cost_of([*decoder, max(2, ENOUGH_POINTS // once)])
-    points: float = json_of(many.said)["points"]
-    return points / many.cpu_s
+    return float(json_of(many.said)["points"] / many.cpu_s)
 
 
 def _peer_from_memory(path: Path) -> float:
@@ -80,41 +90,46 @@ def _compared(measure_ours: Measure, measure_theirs: Measure) -> Outcome:
             "ratio": ours / theirs,
             "rounds": rounds,
         },
+        held=ours >= LEAST_RATIO * theirs,
     )
 
 
 def _simulated(setting: BenchSetting) -> Outcome:
     setting.capture()
     path = setting.payloads()
-    return _compared(lambda: _ours(setting, "--bin", path), lambda: _peer_from_memory(path))
+    return _compared(lambda: _ours_from_memory(setting, path), lambda: _peer_from_memory(path))
 
 
 def _recorded(setting: BenchSetting) -> Outcome:
     path = setting.recording("data/vlp16_single/packets.bin")
-    return _compared(lambda: _ours(setting, "--bin", path), lambda: _peer_from_memory(path))
+    return _compared(lambda: _ours_from_memory(setting, path), lambda: _peer_from_memory(path))
 
 
 def _from_pcap(setting: BenchSetting) -> Outcome:
     path = setting.capture()
-    return _compared(lambda: _ours(setting, "--pcap", path), lambda: _peer_from_pcap(path))
+    return _compared(lambda: _ours_from_pcap(setting, path), lambda: _peer_from_pcap(path))
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
     """Simulated and recorded packets, and a pcap."""
+    limit = f"≥ {LEAST_RATIO:.0f} × velodyne-decoder"
     return [
         Benchmark(
             "decode-simulated",
             "packets of the simulated city to sweeps, without pcap",
             lambda: _simulated(setting),
+            limit,
         ),
         Benchmark(
             "decode-recorded",
-            "packets of a real VLP-16, without pcap; ours opens the short file for each loop",
+            "packets of a real VLP-16, without pcap",
             lambda: _recorded(setting),
+            limit,
         ),
         Benchmark(
             "decode-pcap",
             "the simulated city's pcap file to sweeps",
             lambda: _from_pcap(setting),
+            limit,
         ),
     ]
