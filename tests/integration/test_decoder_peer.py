@@ -172,6 +172,60 @@ def test_bare_packets(
     compare(own, peer_points(raw, model), raw)
 
 
+#: VLS-128: three sequences of twenty slots in a packet; the first firing comes before the stamp.
+#: The other decoder takes one firmware's length of a slot in the first packet, and another one's
+#: after it.
+VLS128_SLOTS, VLS128_FIRST_NS = 20, -7000.0
+VLS128_PEER_SLOT_NS = (2890.0, 8000.0 / 3)
+
+
+def by_ring_and_time(ring: np.ndarray, time_ns: np.ndarray, xyz: list[np.ndarray]) -> np.ndarray:
+    """x, y, z and the time in an order that both decoders share."""
+    order = np.lexsort((time_ns, ring))
+    return np.stack([*xyz, time_ns], axis=1).astype(float)[order]
+
+
+def azimuth_deg(points: np.ndarray) -> np.ndarray:
+    """Clockwise from the front."""
+    return np.degrees(np.arctan2(-points[:, 1], points[:, 0]))
+
+
+def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
+    """Two differences from the other decoder are expected, and are asserted for what they are. It
+    takes published lengths of a slot where the recording's stamps show another. In the first packet
+    it leaves the azimuths of a sequence as they are at its begin."""
+    file = shared / "data" / "vls128" / "packets.bin"
+    raw = file.read_bytes()
+    own, _ = decoded(decode, tmp_path, "--bin", file)
+    peer = peer_points(raw, "VLS128")
+    assert len(own) == len(peer["x"]) == 765_932
+    start_ns = int.from_bytes(raw[1200:1204], "little") * 1e3
+    ours = by_ring_and_time(own["ring"], own["time_ns"] - start_ns, [own[a] for a in "xyz"])
+    theirs = by_ring_and_time(peer["ring"], peer["time_ns"] - start_ns, [peer[a] for a in "xyz"])
+    assert np.array_equal(np.sort(own["ring"]), np.sort(peer["ring"].astype(int)))
+
+    stamps = stamps_ns(raw, start_ns)
+    slot_ns = np.diff(stamps).mean() / (3 * VLS128_SLOTS)
+    # the last firing of a packet comes 7 us before the first one of the next
+    packet = np.searchsorted(stamps + VLS128_FIRST_NS + 250, theirs[:, 3], side="right") - 1
+    packet = np.maximum(packet, 0)
+    first = packet == 0
+    peer_slot_ns = np.where(first, *VLS128_PEER_SLOT_NS)
+    peer_first_ns = VLS128_FIRST_NS * peer_slot_ns / VLS128_PEER_SLOT_NS[0]
+    peer_slots = (theirs[:, 3] - stamps[packet] - peer_first_ns) / peer_slot_ns
+    slot = np.round(peer_slots)
+    assert np.abs(peer_slots - slot).max() < 0.02
+    assert np.abs(ours[:, 3] - stamps[packet] - VLS128_FIRST_NS - slot * slot_ns).max() < 1000
+
+    distance = np.linalg.norm(ours[:, :3] - theirs[:, :3], axis=1)
+    allowed = 0.002 + 8.73e-5 * np.linalg.norm(theirs[:, :3], axis=1)
+    assert (distance[~first] <= allowed[~first]).all()
+    # of 0.2 degrees from one sequence to the next, as the blocks' azimuths say
+    turned_deg = 0.2 * (slot[first] % VLS128_SLOTS) / VLS128_SLOTS
+    ahead_deg = azimuth_deg(ours[first]) - azimuth_deg(theirs[first])
+    assert np.abs((ahead_deg + 180) % 360 - 180 - turned_deg).max() < 0.0055
+
+
 @pytest.mark.parametrize(
     ("file", "own_model", "peer_model", "product"),
     [
