@@ -6,8 +6,8 @@ A program of its own for the peers' virtual environment (deploy/build/peers.sh):
 nothing of ours. Every peer has its own defaults; what is set here is what the data ask for: the
 least range, and whether points have times (without times nothing can be deskewed).
 CPU time is user and system time of all threads while the peer works on a sweep, reading excluded.
-The process keeps to one core: several threads give the same poses for more CPU time, and on a busy
-machine for several times as much.
+The process keeps to one core, and its threads wait asleep (OMP_WAIT_POLICY=passive, set by the
+caller): spinning ones take several times the CPU time on a busy machine.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ TICK_S = 2e-6
 #: m; nearer is the sensor's own vehicle: a VLP-16 begins at 0.5, a car with an HDL-64E ends at 3
 LEAST_RANGE_M = {16: 0.5, 64: 3.0}
 MOST_RANGE_M = 120.0
-#: where a number has to be given: what waits in a second thread takes CPU time and brings no pose
-THREADS = 1
+#: small_gicp's default, and MAD-ICP's: its poses, though repeatable, depend on the number
+SMALL_GICP_THREADS, MAD_THREADS = 1, 4
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class SmallGicp:
         "downsampling_m": 0.25,
         "voxel_m": 1.0,
         "lru": [100, 10],
-        "threads": THREADS,
+        "threads": MAD_THREADS,
     }
 
     def __init__(self, data: Data) -> None:
@@ -134,13 +134,15 @@ class SmallGicp:
 
     def step(self, scan: Any) -> Array:
         cloud, _ = self._lib.preprocess_points(
-            scan, self.settings["downsampling_m"], num_threads=THREADS
+            scan, self.settings["downsampling_m"], num_threads=SMALL_GICP_THREADS
         )
         if self._map.size() == 0:
             self._map.insert(cloud)
             return self._pose
         guess = self._pose @ self._motion
-        found = self._lib.align(self._map, cloud, guess, num_threads=THREADS).T_target_source
+        found = self._lib.align(
+            self._map, cloud, guess, num_threads=SMALL_GICP_THREADS
+        ).T_target_source
         self._motion = np.linalg.inv(self._pose) @ found
         self._pose = np.array(found)
         self._map.insert(cloud, self._pose)
@@ -162,7 +164,7 @@ class Mad:
         "b_min": 0.1,
         "b_ratio": 0.02,
         "keyframes": 4,
-        "threads": THREADS,
+        "threads": MAD_THREADS,
     }
 
     def __init__(self, data: Data) -> None:

@@ -79,6 +79,7 @@ def run_peer(name: str, scans: Scans, out: Path) -> Taken:
     version = version_of(name)
     result = out / f"{name}.npz"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    environment["OMP_WAIT_POLICY"] = "passive"
     program = ROOT / "tests/bench/versus/peer.py"
     with (out / f"{name}.log").open("w") as log:
         done = subprocess.run(
