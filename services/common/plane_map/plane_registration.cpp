@@ -215,7 +215,7 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
 
 RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
                                               const std::optional<MotionPrediction>& prediction) {
-  const RegistrationResult result = match(sweep, prediction);
+  RegistrationResult result = match(sweep, prediction);
   commit(sweep, result, result.outcome != Outcome::kPredicted);
   return result;
 }
