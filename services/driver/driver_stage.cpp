@@ -188,8 +188,8 @@ bool DriverStage::due() {
                                            static_cast<double>(end_ns - first_stamp_ns_) / *rate_);
   const std::int64_t left_ns = due_ns - stage_.now_ns();
   if (left_ns <= 0) return true;
-  std::this_thread::sleep_for(
-      std::chrono::nanoseconds(std::min<std::int64_t>(left_ns, kSocketWaitMs * 1'000'000)));
+  std::this_thread::sleep_for(std::min<std::chrono::nanoseconds>(
+      std::chrono::nanoseconds(left_ns), std::chrono::milliseconds(kSocketWaitMs)));
   return false;
 }
 

@@ -77,7 +77,7 @@ FrameKind parse_frame(int link_type, Bytes frame, Datagram& datagram) {
   if (ip[9] != kProtocolUdp) return FrameKind::kOther;
   // More fragments, or not the first one.
   if ((big16(ip, 6) & 0x3FFF) != 0) return FrameKind::kFragment;
-  const std::size_t header = 4U * (ip[0] & 0x0FU);
+  const std::size_t header = std::size_t{4} * (ip[0] & 0x0FU);
   if (header < 20) return FrameKind::kOther;
   if (ip.size() < header + kUdpHeader) return FrameKind::kCut;
   const std::size_t length = big16(ip, header + 4);

@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::size_t kRecordBytes = 16;
 constexpr std::uint32_t kTickNs = 2000;
-constexpr double kFiringNs = 55296.0;
+constexpr std::uint32_t kFiringNs = 55296;
 
 struct Record {
   float x, y, z;
