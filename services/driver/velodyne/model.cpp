@@ -67,14 +67,15 @@ std::vector<Channel> sixteen_beam_channels(double lowest_deg, double step_deg,
                                            const std::array<double, 16>& offset_mm) {
   std::vector<Channel> channels;
   for (int c = 0; c < kChannelsPerBlock; ++c) {
+    const int firing = c / 16;
     const int laser = c % 16;
     const int ring = interleaved_ring(laser, 16);
     channels.push_back({.elevation_deg = lowest_deg + step_deg * ring,
                         .azimuth_correction_deg = 0.0,
                         .vertical_offset_m = 1e-3 * offset_mm[laser],
-                        .time_ns = 55296.0 * (c / 16) + 2304.0 * laser,
+                        .time_ns = 55296.0 * firing + 2304.0 * laser,
                         .ring = static_cast<std::uint16_t>(ring),
-                        .column = static_cast<std::uint16_t>(c / 16)});
+                        .column = static_cast<std::uint16_t>(firing)});
   }
   return channels;
 }
@@ -106,10 +107,11 @@ std::vector<Channel> vlp32c_channels() {
   std::vector<Channel> channels;
   for (int c = 0; c < kChannelsPerBlock; ++c) {
     const Beam& beam = kVlp32cBeams[c];
+    const int pair = c / 2;
     channels.push_back({.elevation_deg = beam.elevation_deg,
                         .azimuth_correction_deg = beam.azimuth_correction_deg,
                         .vertical_offset_m = offset_by_focal_length_m(42.4, beam.elevation_deg),
-                        .time_ns = 2304.0 * (c / 2),
+                        .time_ns = 2304.0 * pair,
                         .ring = 0,
                         .column = 0});
   }
@@ -128,10 +130,11 @@ std::vector<Channel> vls128_channels() {
   for (int laser = 0; laser < 128; ++laser) {
     const double elevation_deg = kVls128ElevationDeg[laser];
     const int firing = laser / 8;
+    const int slot = firing + 2 * (firing / 8);
     channels.push_back({.elevation_deg = elevation_deg,
                         .azimuth_correction_deg = kVls128AzimuthDeg[laser % 8],
                         .vertical_offset_m = offset_by_focal_length_m(58.63, elevation_deg),
-                        .time_ns = kVls128SlotNs * (firing + 2 * (firing / 8)),
+                        .time_ns = kVls128SlotNs * slot,
                         .ring = 0,
                         .column = 0});
   }

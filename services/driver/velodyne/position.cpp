@@ -82,9 +82,9 @@ std::int64_t utc_ns(std::string_view date, std::string_view time) {
   const int hms = static_cast<int>(*time_number);
   if (hms / 100 % 100 > 59 || hms % 100 > 60) return 0;
   const double seconds = *time_number - hms + hms % 100;
-  const std::int64_t whole_s = days_from_civil(2000 + d % 100, month, day) * 86400 +
-                               hms / 10000 * 3600 + hms / 100 % 100 * 60;
-  return whole_s * 1'000'000'000 + std::llround(seconds * 1e9);
+  const int minutes = hms / 10000 * 60 + hms / 100 % 100;
+  const std::int64_t whole_min = days_from_civil(2000 + d % 100, month, day) * 1440 + minutes;
+  return whole_min * 60'000'000'000 + std::llround(seconds * 1e9);
 }
 
 int hex_value(char c) {
