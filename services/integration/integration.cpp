@@ -101,7 +101,7 @@ void Integrator::place(const OdometryPose& pose, const Correction* correction, F
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
-  const Matrix6 step = finite_or_zero(pose.step_covariance);
+  Matrix6 step = finite_or_zero(pose.step_covariance);
   const bool known =
       correction != nullptr && !recent_.empty() && recent_.front().sweep <= correction->sweep;
   if (!known) {

@@ -133,7 +133,7 @@ std::string IntegrationStage::write_into(const std::string& folder) const {
       {"/odometry.tum", tum_text(odometry_)},
   };
   for (const auto& [name, text] : files) {
-    const std::string error = write_file_atomically(folder + name, text);
+    std::string error = write_file_atomically(folder + name, text);
     if (!error.empty()) return error;
   }
   return {};
@@ -141,7 +141,7 @@ std::string IntegrationStage::write_into(const std::string& folder) const {
 
 std::string IntegrationStage::write_files() {
   if (config_.output_dir.empty()) return {};
-  const std::string error = write_into(config_.output_dir);
+  std::string error = write_into(config_.output_dir);
   stage_.degraded("trajectory", error);
   if (!error.empty()) {
     runtime::log_error("trajectory not written", {{"reason", error}});
