@@ -96,7 +96,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging) return method->match(input, prediction, tiles);
-  const Match match = bridge(*method, input, prediction, tiles, config, policy.median_residual_m());
+  Match match = bridge(*method, input, prediction, tiles, config, policy.median_residual_m());
   ++bridged_sweeps;
   bridging = !match.ok;
   return match;

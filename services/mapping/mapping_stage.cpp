@@ -280,7 +280,7 @@ runtime::CommandReply MappingStage::reset() {
 std::string MappingStage::write_files() {
   if (output_.map_path.empty()) return {};
   const std::vector<LayeredPoint> points = mapper_.cloud();
-  const std::string error = write_map(output_.map_path, points);
+  std::string error = write_map(output_.map_path, points);
   stage_.degraded("map", error);
   if (!error.empty()) {
     runtime::log_error("map not written", {{"reason", error}});
