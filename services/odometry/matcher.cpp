@@ -15,7 +15,7 @@ std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
     return kTimeBins;  // the sweep's end
   }
   const double turn = static_cast<double>(point.time_ns) / sweep.period_ns;
-  return static_cast<std::uint16_t>(std::min<double>(turn, 1.0) * kTimeBins + 0.5);
+  return static_cast<std::uint16_t>(std::lround(std::min(turn, 1.0) * kTimeBins));
 }
 
 void append(PointSpan points, std::size_t first, std::size_t stride, const FeatureSweep& sweep,

@@ -1,6 +1,7 @@
 #include "simulator/capture.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <stdexcept>
 
@@ -139,8 +140,9 @@ std::int64_t parse_utc(const std::string& text) {
       !clock) {
     throw std::invalid_argument("'" + text + "' is not a time like 2024-01-01T00:00:10");
   }
-  const std::int64_t whole_s = days_from_date(date) * 86'400 + hour * 3600 + minute * 60;
-  return whole_s * 1'000'000'000 + static_cast<std::int64_t>(second * 1e6 + 0.5) * 1000;
+  const int minutes = hour * 60 + minute;
+  const std::int64_t whole_s = days_from_date(date) * 86'400 + std::int64_t{60} * minutes;
+  return whole_s * 1'000'000'000 + std::llround(second * 1e6) * 1000;
 }
 
 }  // namespace zloam::simulator

@@ -156,11 +156,11 @@ class ReturnsFile {
              std::int64_t epoch_ns) {
     std::string text;
     for (std::size_t i = 0; i < packets.size(); ++i) {
+      const auto packet = static_cast<long long>(i) + first;
       for (const Return& r : packets[i]) {
         char line[160];
-        std::snprintf(line, sizeof line, "%lld,%d,%d,%d,%lld,%.6f,%.3f,%d,%d\n",
-                      static_cast<long long>(first + static_cast<std::int64_t>(i)), r.block,
-                      r.channel, r.laser, static_cast<long long>(epoch_ns + r.time_ns),
+        std::snprintf(line, sizeof line, "%lld,%d,%d,%d,%lld,%.6f,%.3f,%d,%d\n", packet, r.block,
+                      r.channel, r.laser, static_cast<long long>(epoch_ns) + r.time_ns,
                       std::fmod(r.azimuth_deg, 360.0), r.range_m, r.reflectivity, r.surface);
         text += line;
       }

@@ -59,4 +59,14 @@ class SceneBuilder {
 /// Rotation about the vertical.
 Eigen::Matrix3d turned(double yaw_rad);
 
+/// Goes along a line from the first place on, step() further each time, while before the end.
+template <class Step, class Visit>
+void along_line(double first, double end, Step step, Visit visit) {
+  double place = first;
+  while (place < end) {
+    visit(place);
+    place += step();
+  }
+}
+
 }  // namespace zloam::simulator

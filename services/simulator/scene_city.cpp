@@ -107,13 +107,15 @@ void add_car(SceneBuilder& scene, Random& random, const Front& front, double s) 
 }
 
 void add_street_furniture(SceneBuilder& scene, Random& random, const Front& front, bool bare) {
-  for (double s = random.uniform(0.0, 10.0); s < front.length; s += random.uniform(5.5, 16.0)) {
+  const auto next_car = [&] { return random.uniform(5.5, 16.0); };
+  along_line(random.uniform(0.0, 10.0), front.length, next_car, [&](double s) {
     if (random.chance(0.7)) {
       add_car(scene, random, front, s);
     }
-  }
+  });
   const double spacing = bare ? 34.0 : 15.0;
-  for (double s = random.uniform(0.0, spacing); s < front.length; s += spacing) {
+  const auto next_post = [&] { return spacing; };
+  along_line(random.uniform(0.0, spacing), front.length, next_post, [&](double s) {
     const Vector2d p = front.place(s + random.uniform(-3.0, 3.0), 6.5 + random.uniform(-0.4, 0.4));
     if (random.chance(0.4)) {
       add_tree(scene, random, p);
@@ -121,7 +123,7 @@ void add_street_furniture(SceneBuilder& scene, Random& random, const Front& fron
       scene.try_cylinder(p.x(), p.y(), random.chance(0.5) ? 0.08 : 0.15, kBelowGroundM,
                          random.uniform(3.0, 8.0), 70.0);
     }
-  }
+  });
   for (int i = 0; i < 3; ++i) {  // bins, boxes, signs
     const double size = random.uniform(0.4, 1.0);
     scene.try_box(placed(front, random.uniform(0.0, front.length), random.uniform(5.8, 7.2), -0.5,
@@ -142,7 +144,7 @@ Scene city_scene(const SceneOptions& options) {
   SceneBuilder scene;
   scene.keep_clear(path, 2.2);
   for (std::size_t i = 0; i < corners.size(); ++i) {
-    const Vector2d a = corners[(i + corners.size() - 1) % corners.size()];
+    const Vector2d& a = corners[(i + corners.size() - 1) % corners.size()];
     const Vector2d along = (corners[i] - a).normalized();
     const Vector2d left(-along.y(), along.x());
     const double length = (corners[i] - a).norm();

@@ -59,8 +59,8 @@ void line_corridor(SceneBuilder& scene, Random& random, const Rectangle& c, doub
   const bool along_x = c.x_high - c.x_low > c.y_high - c.y_low;
   const double low = along_x ? c.x_low : c.y_low;
   const double high = along_x ? c.x_high : c.y_high;
-  for (double s = low + 1.0; s < high - 1.0;
-       s += bare ? random.uniform(6.0, 9.0) : random.uniform(2.0, 4.5)) {
+  const auto next = [&] { return bare ? random.uniform(6.0, 9.0) : random.uniform(2.0, 4.5); };
+  along_line(low + 1.0, high - 1.0, next, [&](double s) {
     const double depth = random.uniform(0.06, 0.3);
     const double length = random.uniform(0.15, 1.2);
     const bool low_side = random.chance(0.5);
@@ -73,7 +73,7 @@ void line_corridor(SceneBuilder& scene, Random& random, const Rectangle& c, doub
       const double x = low_side ? c.x_low + depth / 2.0 : c.x_high - depth / 2.0;
       scene.try_box({x, s, -0.1, top, depth, length, 0.0, refl});
     }
-  }
+  });
 }
 
 void add_ceilings(SceneBuilder& scene, const std::vector<Rectangle>& free, double height) {

@@ -74,7 +74,9 @@ Track escort(const Way& way, double ahead_m, const Terrain& ground) {
 }
 
 bool keeps_away(const Track& track, const Trajectory& platform, double distance_m) {
-  for (double t = 0.0; t <= platform.duration_s(); t += 0.05) {
+  constexpr double kStepS = 0.05;
+  for (int i = 0; kStepS * i <= platform.duration_s(); ++i) {
+    const double t = kStepS * i;
     const Vector2d gap = (track.at(t).place - platform.at(t).T_world_body.translation()).head<2>();
     if (gap.norm() < distance_m) {
       return false;
@@ -88,8 +90,8 @@ void add_cars(std::vector<Mover>& movers, Random& random, const Way& way, const 
   movers.push_back(car(true, 60.0, escort(way, kAheadM, ground)));
   movers.push_back(car(true, 45.0, escort(way, kBehindM, ground)));
   Polyline lane;  // the other way round, on the other side
-  for (double s = way.length(); s > 0.0; s -= 1.0) {
-    const Place place = place_at(way, s);
+  for (int i = 0; i < way.length(); ++i) {
+    const Place place = place_at(way, way.length() - i);
     lane.push_back(place.p + kLaneM * place.left());
   }
   const double speed = 8.0;  // the same for all, so that none runs into another

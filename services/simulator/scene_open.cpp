@@ -40,13 +40,13 @@ Scene tunnel_scene(const SceneOptions& options, bool with_faces) {
   scene.box({kLengthM / 2.0, 0.0, -0.3, 0.0, whole, 5.0, 0.0, 30.0});
   scene.box({kLengthM / 2.0, 0.0, kTunnelHeightM, kTunnelHeightM + 0.3, whole, 5.0, 0.0, 60.0});
   if (with_faces) {  // shallow pilasters and niches: little that looks along the axis
-    for (double x = -kMarginM + 20.0; x < kLengthM + kMarginM - 20.0;
-         x += random.uniform(5.0, 11.0)) {
+    const auto next = [&] { return random.uniform(5.0, 11.0); };
+    along_line(-kMarginM + 20.0, kLengthM + kMarginM - 20.0, next, [&](double x) {
       const double depth = random.uniform(0.08, 0.25);
       scene.try_box({x, random.sign() * (kTunnelHalfWidthM - depth / 2.0), -0.1,
                      random.chance(0.6) ? kTunnelHeightM : 1.8, random.uniform(0.2, 0.6), depth,
                      0.0, 50.0});
-    }
+    });
   }
   Drive ride;
   ride.max_speed_m_s = 4.0 * options.speed_factor;

@@ -88,6 +88,7 @@ int main() {
     }
   }
   std::vector<Eigen::Vector3d> queries;
+  queries.reserve(kPointsPerSweep);
   for (int i = 0; i < kPointsPerSweep; ++i) {
     queries.push_back(surface_point(rng));
   }
