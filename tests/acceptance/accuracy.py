@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import subprocess
 
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import CACHE, SYNTH_SEED, Demo, Setting
@@ -80,26 +79,8 @@ def _scene(s: Setting, scene: str) -> list[Check]:
     ]
 
 
-def _simulated(s: Setting, world: str, seed: int) -> Demo:
-    """The world's packets, made once, through the chain."""
-    folder = s.out / "accept" / "worlds"
-    folder.mkdir(parents=True, exist_ok=True)
-    capture, truth = folder / f"{world}-{seed}.pcap", folder / f"{world}-{seed}.tum"
-    if not (capture.exists() and truth.exists()):
-        simulator = s.build / "bin" / "zloam-simulator"
-        if not simulator.exists():
-            raise Skip(f"{simulator} is not built")
-        files = ["--out", str(capture), "--truth", str(truth)]
-        subprocess.run(
-            [str(simulator), "--world", world, "--seed", str(seed), *files],
-            check=True,
-            capture_output=True,
-        )
-    return s.demo(f"world-{world}-{seed}", "--pcap", capture, "--truth", truth)
-
-
 def _world_errors(s: Setting, world: str, seed: int) -> Measured:
-    report = _simulated(s, world, seed).report
+    report = s.world(world, seed).report
     ate_limit, drift_limit = WORLDS[world]
     ate, drift = report["ate_rmse_m"]["pose"], report["drift_percent"]["pose"]
     held = ate <= ate_limit and (drift_limit is None or drift <= drift_limit)

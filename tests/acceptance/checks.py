@@ -9,7 +9,15 @@ import shutil
 import subprocess
 import sys
 
-from tests.acceptance import accuracy, benches, decoded, faults, live, udp_rate
+from tests.acceptance import (
+    accuracy,
+    benches,
+    decoded,
+    faults,
+    live,
+    udp_rate,
+    worlds,
+)
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
 
@@ -29,6 +37,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_kitti(setting),
         *_synth(setting),
         *accuracy.checks(setting),
+        *worlds.checks(setting),
         *_decoding(setting),
         *faults.checks(setting),
         *udp_rate.checks(setting),

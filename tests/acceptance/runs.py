@@ -85,6 +85,31 @@ class Setting:
             self._demos[name] = Demo(done.returncode, done.stdout, out)
         return self._demos[name]
 
+    def simulated(self, world: str, seed: int) -> tuple[Path, Path]:
+        """Capture and the lidar's truth of a world (a name or a .yaml file), made once."""
+        folder = self.out / "accept" / "worlds"
+        folder.mkdir(parents=True, exist_ok=True)
+        stem = f"{Path(world).stem}-{seed}"
+        capture, truth = folder / f"{stem}.pcap", folder / f"{stem}.tum"
+        if not (capture.exists() and truth.exists()):
+            simulator = self.build / "bin" / "zloam-simulator"
+            if not simulator.exists():
+                raise Skip(f"{simulator} is not built")
+            files = ["--out", str(capture), "--truth", str(truth)]
+            subprocess.run(
+                [str(simulator), "--world", world, "--seed", str(seed), *files],
+                cwd=ROOT,
+                check=True,
+                capture_output=True,
+            )
+        return capture, truth
+
+    def world(self, world: str, seed: int) -> Demo:
+        """A simulated world's packets through the chain."""
+        capture, truth = self.simulated(world, seed)
+        name = f"world-{Path(world).stem}-{seed}"
+        return self.demo(name, "--pcap", capture, "--truth", truth)
+
     def city(self) -> Demo:
         return self.demo("city")
 

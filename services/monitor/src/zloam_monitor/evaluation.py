@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 #: every so many poses a sub-length starts, as the KITTI development kit does
 SUB_LENGTH_STEP = 10
 MIN_POSES = 3
+#: a reference without times (KITTI's form) holds for the middle of each sweep: KITTI stamps a scan
+#: when the sensor faces forward, and matching scans as they are finds about their middle
+SWEEP_PART_OF_REFERENCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,11 +80,26 @@ def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, ND
     if truth.stamps_ns is not None and estimate.stamps_ns is not None:
         at, inside = interpolate(truth, estimate.stamps_ns)
         return at.transforms, estimate.transforms[inside], stamps[inside]
+    if estimate.stamps_ns is not None:
+        estimate, stamps = at_part_of_sweep(estimate, SWEEP_PART_OF_REFERENCE)
     row = {int(sweep): i for i, sweep in enumerate(truth.sweeps)}
     pairs = [(row[int(s)], i) for i, s in enumerate(estimate.sweeps) if int(s) in row]
     of_truth = [t for t, _ in pairs]
     of_estimate = [e for _, e in pairs]
     return truth.transforms[of_truth], estimate.transforms[of_estimate], stamps[of_estimate]
+
+
+def at_part_of_sweep(estimate: Trajectory, part: float) -> tuple[Trajectory, NDArray[np.int64]]:
+    """Poses at the sweeps' ends, carried back to a part of each sweep; the first one is left out.
+
+    Sweeps follow each other without a gap: sweep n began at the pose before it if that is n - 1's.
+    """
+    ends = estimate.stamps_ns
+    assert ends is not None
+    follows = np.flatnonzero(np.diff(estimate.sweeps) == 1) + 1
+    back = np.rint((1.0 - part) * (ends[follows] - ends[follows - 1])).astype(np.int64)
+    at, _ = interpolate(estimate, ends[follows] - back)
+    return Trajectory(at.transforms, at.stamps_ns, estimate.sweeps[follows]), ends[follows] - back
 
 
 def drift(truth: Array, estimate: Array) -> tuple[float | None, float | None]:

@@ -53,10 +53,11 @@ def truths_of_base(
 
 
 def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
-    """Truth as a stamped trajectory; where it is known by sweep, with the poses' instants."""
+    """Truth as a stamped trajectory; where it is known by sweep, at the middle of each."""
     if truth.stamps_ns is not None or poses.stamps_ns is None:
         return truth
-    at = {int(s): int(t) for s, t in zip(poses.sweeps, poses.stamps_ns, strict=True)}
+    middle, stamps_ns = evaluation.at_part_of_sweep(poses, evaluation.SWEEP_PART_OF_REFERENCE)
+    at = {int(s): int(t) for s, t in zip(middle.sweeps, stamps_ns, strict=True)}
     rows = [i for i, s in enumerate(truth.sweeps) if int(s) in at]
     stamps = np.array([at[int(truth.sweeps[i])] for i in rows], np.int64)
     return Trajectory(truth.transforms[rows], stamps, truth.sweeps[rows])

@@ -1,0 +1,148 @@
+"""Lines on simulated worlds beyond position errors: KISS-ICP beside, heights, steps."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import Setting
+from zloam_monitor import evaluation, se3, trajectory
+from zloam_monitor.evaluation import Compared
+from zloam_monitor.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Measure = Callable[[Setting, str, int], Measured]
+
+SEEDS = (1, 2, 3)
+GRID = "services/simulator/worlds/grid.yaml"
+#: smooth as well, but one comes in from where there is something to see, and leaves to such a place
+TUNNEL_ENTRY = "tests/acceptance/worlds/tunnel_entry.yaml"
+KISS_WORLDS = (
+    "city",
+    "indoor",
+    "handheld",
+    "tunnel",
+    "tunnel_weak",
+    "flat",
+    "field",
+    "park",
+    "moving",
+    GRID,
+)
+FLAT_Z_SHARE = 0.002
+STEP_M = 0.2
+
+
+def checks(setting: Setting) -> list[Check]:
+    """In the order of the issue."""
+    lines: list[tuple[str, tuple[str, ...], str, str, Measure]] = [
+        ("kiss", KISS_WORLDS, "ATE beside KISS-ICP's, same sweeps", "not above", _beside_kiss),
+        (
+            "flat-z",
+            ("flat",),
+            "height beside the truth's",
+            f"≤ {FLAT_Z_SHARE:.1%} of path",
+            _height,
+        ),
+        (
+            "step",
+            ("tunnel", TUNNEL_ENTRY),
+            "worst step between poses beside the truth's",
+            f"≤ {STEP_M} m",
+            _worst_step,
+        ),
+    ]
+    return [
+        _check(setting, kind, world, seed, text, limit, measure)
+        for kind, worlds, text, limit, measure in lines
+        for world in worlds
+        for seed in SEEDS
+    ]
+
+
+def _check(
+    s: Setting, kind: str, world: str, seed: int, text: str, limit: str, measure: Measure
+) -> Check:
+    name = f"{kind}-{Path(world).stem}-{seed}"
+    return Check(
+        name,
+        f"simulated {Path(world).stem}, seed {seed}: {text}",
+        limit,
+        f"make accept ONLY={name}",
+        functools.partial(measure, s, world, seed),
+    )
+
+
+def _truth(s: Setting, world: str, seed: int) -> Trajectory:
+    """The simulator's truth is the lidar's; the worlds mount it at base_link."""
+    return trajectory.read(s.simulated(world, seed)[1])
+
+
+def _compared(s: Setting, world: str, seed: int) -> Compared:
+    poses = trajectory.read(s.world(world, seed).out / "trajectory.tum")
+    compared = evaluation.compare(poses, _truth(s, world, seed))
+    if compared is None:
+        raise RuntimeError("too few poses")
+    return compared
+
+
+def _kiss_trajectory(s: Setting, world: str, seed: int) -> Trajectory:
+    """KISS-ICP on the sweeps that the driver makes of the world's packets; kept beside them."""
+    capture, _ = s.simulated(world, seed)
+    found = capture.with_suffix(".kiss.tum")
+    if not found.exists():
+        decoded = capture.with_suffix(".points")
+        decoder = s.build / "bin" / "zloam-decode"
+        try:
+            subprocess.run(
+                [str(decoder), "--pcap", str(capture), "--out", str(decoded)],
+                check=True,
+                capture_output=True,
+            )
+            done = s.python("-m", "tests.acceptance.kiss", decoded, "--trajectory", found)
+        finally:
+            decoded.unlink(missing_ok=True)
+        if done.returncode != 0:
+            raise Skip(f"KISS-ICP did not run: {done.stdout.strip()[-120:]}")
+    return trajectory.read(found)
+
+
+def _beside_kiss(s: Setting, world: str, seed: int) -> Measured:
+    truth = _truth(s, world, seed)
+    ours = evaluation.evaluate(
+        trajectory.read(s.world(world, seed).out / "trajectory.tum"), truth
+    ).ate_rmse_m
+    kiss = evaluation.evaluate(_kiss_trajectory(s, world, seed), truth).ate_rmse_m
+    if ours is None or kiss is None:
+        return Measured("no figure", False)
+    return Measured(f"{ours:.4f} m, KISS-ICP {kiss:.4f} m", ours <= kiss)
+
+
+def _height(s: Setting, world: str, seed: int) -> Measured:
+    """Both in the frame of their first pose, where the platform stands level."""
+    found = _compared(s, world, seed)
+    estimate = (se3.inverse(found.estimate[:1]) @ found.estimate)[:, 2, 3]
+    truth = (se3.inverse(found.truth[:1]) @ found.truth)[:, 2, 3]
+    path_m = float(trajectory.path_m(found.truth)[-1])
+    worst = float(np.abs(estimate - truth).max())
+    return Measured(
+        f"{worst:.3f} m of {path_m:.0f} m: {worst / path_m:.3%} of the path",
+        worst <= FLAT_Z_SHARE * path_m,
+    )
+
+
+def _worst_step(s: Setting, world: str, seed: int) -> Measured:
+    found = _compared(s, world, seed)
+    ours = se3.inverse(found.estimate[:-1]) @ found.estimate[1:]
+    true = se3.inverse(found.truth[:-1]) @ found.truth[1:]
+    off = np.linalg.norm(ours[:, :3, 3] - true[:, :3, 3], axis=1)
+    true_m = float(np.linalg.norm(true[:, :3, 3], axis=1).max())
+    return Measured(
+        f"{off.max():.3f} m (the truth's longest step: {true_m:.2f} m)", float(off.max()) <= STEP_M
+    )
