@@ -300,6 +300,8 @@ void FlowWindowCore::tick_open(std::int64_t now) {
   again_wait_ns_ = std::min(again_wait_ns_ * 2, kMaxAgain_ns);
   again_at_ = now + again_wait_ns_;
   const bool sent = sweeps_.publish_again(run_, done);
+  // When all of the window was lost, nothing shows a gap: the newest does.
+  if (last->sweep > done) sweeps_.publish_again(run_, last->sweep);
   log(Level::kDebug, sent ? "published again" : "a sweep without progress is not kept any more",
       {{"sweep", done}, {"waiting_for", lagging_sinks()}});
 }

@@ -183,7 +183,9 @@ void OutletCore::publish_at(const std::string& key, const HeaderFields& header, 
 bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
   const auto entry = cache_.find(run, sweep);
   if (!entry) return false;
-  put(entry->payload, entry->replay);
+  // Through the socket, as answers go: who can't reach the publisher's shared memory (no room to
+  // lock it, a chunk taken back under load) would miss the second copy as it missed the first.
+  put(entry->payload.in_parts(setup_.unshared_part), entry->replay);
   republished_.fetch_add(1);
   return true;
 }

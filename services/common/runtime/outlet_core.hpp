@@ -21,6 +21,8 @@ struct OutletSetup {
   Key row = Key::kSweep;
   std::string key;
   std::string robot, sensor, stage, instance, host;
+  /// what is published again goes in slices of so many bytes, past the shared memory
+  std::size_t unshared_part = 3071;
   std::size_t keep_messages = 64;
   std::size_t keep_bytes = std::size_t{256} << 20;
 };

@@ -8,6 +8,7 @@
 
 #include "common/runtime/health_query.hpp"
 #include "common/runtime/log_setup.hpp"
+#include "common/runtime/memory_lock.hpp"
 #include "common/runtime/session_config.hpp"
 #include "common/runtime/signals.hpp"
 #include "common/runtime/stage_core.hpp"
@@ -94,11 +95,23 @@ Identity identity_of(const StageSpec& spec, const CommandLine& line, const Share
   return id;
 }
 
+/// Without shared memory where it could not be locked.
+ZenohConfig lockable(ZenohConfig config) {
+  const std::uint64_t bytes = lockable_bytes();
+  if (!config.shared_memory || pools_fit(bytes, config.pool_mib)) return config;
+  log_warning(
+      "messages go through sockets: the stages' shared memory can't be locked (raise ulimit "
+      "-l, grant IPC_LOCK, or lower zenoh.pool_mib)",
+      {{"lockable_mib", bytes >> 20}, {"pool_mib", config.pool_mib}});
+  config.shared_memory = false;
+  return config;
+}
+
 zenoh::Session open_session(const SharedConfig& shared, const std::string& stage) {
   const Endpoints endpoints = endpoints_of(shared.zenoh, stage);
   std::string listen;
   for (const std::string& e : endpoints.listen) listen += (listen.empty() ? "" : ", ") + e;
-  zenoh::Config config = session_config(shared.zenoh, endpoints);
+  zenoh::Config config = session_config(lockable(shared.zenoh), endpoints);
   try {
     return zenoh::Session::open(config);
   } catch (const zenoh::ZenohError& e) {

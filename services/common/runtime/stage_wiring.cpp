@@ -70,6 +70,7 @@ Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
   s.stage = setup_.identity.stage;
   s.instance = setup_.identity.instance;
   s.host = setup_.identity.host;
+  s.unshared_part = static_cast<std::size_t>(setup_.shared.zenoh.shared_memory_threshold - 1);
   s.keep_messages = static_cast<std::size_t>(setup_.shared.recovery.keep_messages);
   s.keep_bytes = static_cast<std::size_t>(setup_.shared.recovery.keep_mib) << 20;
   outlets_.push_back(std::make_unique<OutletCore>(std::move(s), session_));

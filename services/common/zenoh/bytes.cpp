@@ -64,6 +64,13 @@ Bytes Bytes::from_owner(const std::uint8_t* data, std::size_t size, void* contex
   return detail::adopt(handle);
 }
 
+Bytes Bytes::in_parts(std::size_t part) const {
+  if (!impl_) return {};
+  zloam_bytes* handle = nullptr;
+  detail::check(zloam_bytes_in_parts(impl_->handle.get(), part, &handle), "bytes");
+  return detail::adopt(handle);
+}
+
 std::size_t Bytes::size() const { return impl_ ? zloam_bytes_size(impl_->handle.get()) : 0; }
 
 bool Bytes::is_shared_memory() const {

@@ -52,6 +52,9 @@ class Bytes {
   /// Copies all fragments to dst, which must hold size() bytes.
   void copy_to(std::uint8_t* dst) const;
   std::string to_string() const;
+  /// A copy in slices of at most so many bytes. Slices below the threshold of the implicit shared
+  /// memory go through the socket.
+  Bytes in_parts(std::size_t part) const;
 
   // Implementation detail, shared by the classes below.
   struct Impl;

@@ -86,6 +86,8 @@ zloam_status zloam_init_log(zloam_slice fallback_level);
 zloam_status zloam_bytes_own(const uint8_t* data, size_t size, void* context, zloam_drop_fn drop,
                              zloam_bytes** out);
 zloam_status zloam_bytes_copy(zloam_slice data, zloam_bytes** out);
+/* A copy in slices of at most part bytes. */
+zloam_status zloam_bytes_in_parts(const zloam_bytes* bytes, size_t part, zloam_bytes** out);
 void zloam_bytes_drop(zloam_bytes* bytes);
 size_t zloam_bytes_size(const zloam_bytes* bytes);
 bool zloam_bytes_is_shared_memory(const zloam_bytes* bytes);

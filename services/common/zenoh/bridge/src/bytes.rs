@@ -67,6 +67,25 @@ pub unsafe extern "C" fn zloam_bytes_copy(data: Slice, out: *mut *mut Bytes) -> 
     })
 }
 
+/// A copy in slices of at most `part` bytes: Zenoh's implicit shared memory looks at each slice.
+#[no_mangle]
+pub unsafe extern "C" fn zloam_bytes_in_parts(
+    bytes: *const Bytes,
+    part: usize,
+    out: *mut *mut Bytes,
+) -> Status {
+    guard(|| {
+        let mut writer = ZBytes::writer();
+        for slice in (*bytes).0.slices() {
+            for chunk in slice.chunks(part.max(1)) {
+                writer.append(chunk.to_vec().into());
+            }
+        }
+        hand_out(out, Bytes(writer.finish()));
+        Ok(())
+    })
+}
+
 #[no_mangle]
 pub unsafe extern "C" fn zloam_bytes_drop(bytes: *mut Bytes) {
     take_back(bytes, |_| Ok(()));

@@ -1,0 +1,49 @@
+#include "common/runtime/memory_lock.hpp"
+
+#include <sys/resource.h>
+
+#include <charconv>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "common/runtime/config.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+// linux/capability.h
+constexpr unsigned kCapIpcLock = 14;
+
+std::uint64_t effective_capabilities(std::string_view process_status) {
+  constexpr std::string_view kName = "CapEff:\t";
+  const std::size_t at = process_status.find(kName);
+  if (at == std::string_view::npos) return 0;
+  const std::string_view text = process_status.substr(at + kName.size(), 16);
+  std::uint64_t value = 0;
+  std::from_chars(text.data(), text.data() + text.size(), value, 16);
+  return value;
+}
+
+}  // namespace
+
+std::uint64_t lockable_bytes(std::string_view process_status, std::uint64_t limit) {
+  const bool may = ((effective_capabilities(process_status) >> kCapIpcLock) & 1U) != 0;
+  return may ? kUnlimited : limit;
+}
+
+std::uint64_t lockable_bytes() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0) return kUnlimited;
+  std::ostringstream status;
+  status << std::ifstream("/proc/self/status").rdbuf();
+  return lockable_bytes(status.str(),
+                        limit.rlim_cur == RLIM_INFINITY ? kUnlimited : limit.rlim_cur);
+}
+
+bool pools_fit(std::uint64_t lockable_bytes, int pool_mib) {
+  const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
+  return lockable_bytes / std::size(kStageOrder) >= pool;
+}
+
+}  // namespace zloam::runtime

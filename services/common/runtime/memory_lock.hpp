@@ -1,0 +1,22 @@
+#pragma once
+// Zenoh locks every pool of shared memory that a process makes or reads into memory. Where the
+// limit is reached, a reader can't open a publisher's pool, and loses each message in it without a
+// word.
+
+#include <cstdint>
+#include <limits>
+#include <string_view>
+
+namespace zloam::runtime {
+
+inline constexpr std::uint64_t kUnlimited = std::numeric_limits<std::uint64_t>::max();
+
+/// Bytes that this process may lock: its own limit, or none with CAP_IPC_LOCK.
+std::uint64_t lockable_bytes();
+/// The same from the text of /proc/self/status and RLIMIT_MEMLOCK.
+std::uint64_t lockable_bytes(std::string_view process_status, std::uint64_t limit);
+
+/// Whether a stage can lock its own pool and those of all stages that it may read from.
+bool pools_fit(std::uint64_t lockable_bytes, int pool_mib);
+
+}  // namespace zloam::runtime

@@ -1,0 +1,27 @@
+// When shared memory is left off because it could not be locked.
+
+#include "common/runtime/memory_lock.hpp"
+
+#include <gtest/gtest.h>
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::uint64_t kMib = std::uint64_t{1} << 20;
+
+TEST(MemoryLock, TheCapabilityLiftsTheLimit) {
+  // Bit 14 is CAP_IPC_LOCK (capabilities(7)).
+  EXPECT_EQ(lockable_bytes("Name:\tx\nCapEff:\t0000000000004000\n", 8 * kMib), kUnlimited);
+  EXPECT_EQ(lockable_bytes("Name:\tx\nCapEff:\t000001ffffffbfff\n", 8 * kMib), 8 * kMib);
+  EXPECT_EQ(lockable_bytes("", 8 * kMib), 8 * kMib);
+}
+
+TEST(MemoryLock, AStageLocksThePoolsOfTheOthersToo) {
+  EXPECT_TRUE(pools_fit(kUnlimited, 4096));
+  EXPECT_TRUE(pools_fit(24 * kMib, 4));  // six programs
+  EXPECT_FALSE(pools_fit(24 * kMib - 1, 4));
+  EXPECT_FALSE(pools_fit(8 * kMib, 4));
+}
+
+}  // namespace
+}  // namespace zloam::runtime

@@ -1,0 +1,107 @@
+"""Zenoh locks shared memory: a stage that may lock little must not lose what goes through it.
+
+A reader that can't lock a publisher's pool never sees the messages in it, the first copies nor the
+second ones, and is told nothing.
+"""
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.integration.conftest import Capture
+from tests.integration.test_faults import digests
+from zloam_monitor import sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.robot_file import names
+
+FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
+RUN_SECONDS = 120.0
+LOCKABLE_MIB = 8
+#: without the capability that lifts the limit, which only root has to give away
+SMALL = [
+    *(["setpriv", "--bounding-set=-ipc_lock", "--inh-caps=-ipc_lock"] if os.getuid() == 0 else []),
+    "prlimit",
+    f"--memlock={LOCKABLE_MIB << 20}:{LOCKABLE_MIB << 20}",
+]
+
+pytestmark = pytest.mark.skipif(
+    any(shutil.which(tool) is None for tool in ("setpriv", "prlimit")),
+    reason="needs setpriv and prlimit (util-linux)",
+)
+
+
+class SmallChain(Chain):
+    """A chain in which some stages may lock little; sweeps without progress go again soon."""
+
+    def __init__(
+        self,
+        build: Path,
+        robot_file: Path,
+        capture: Capture,
+        logs: Path,
+        small: tuple[str, ...],
+        *options: str,
+    ) -> None:
+        robot = names(robot_file, [])
+        settings = [
+            *sources.from_pcap(capture.pcap).driver_settings("max"),
+            f"integration.output_dir={logs}",
+            f"mapping.map_path={logs / 'map.pcd'}",
+            "flow.retransmit_ms=100",
+            "recovery.gap_replay_ms=50",
+        ]
+        super().__init__(build, robot_file, robot.robot, settings, logs, robot.sensor)
+        for stage in small:
+            sets = [word for option in options for word in ("--set", option)]
+            self._commands[stage] = [*SMALL, *self._commands[stage], *sets]
+
+    def follow(self) -> dict[str, StatusRecord]:
+        """To the end of the run; the last statuses."""
+        ends = time.monotonic() + RUN_SECONDS
+        with self:
+            while not self.finished():
+                self.link.poll(0.2)
+                self.check()
+                assert time.monotonic() < ends, f"stands still at {self.progress()}"
+            self.link.query_statuses()
+            assert set(self.stop().values()) == {0}
+        return self.statuses()
+
+
+@pytest.fixture(scope="module")
+def unlimited(
+    build: Path, robot_file: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, str]:
+    """The files of a run in which everybody may lock what it wants."""
+    logs = tmp_path_factory.mktemp("unlimited")
+    statuses = SmallChain(build, robot_file, capture, logs, ()).follow()
+    assert statuses["mapping"].inputs[0].recovered == 0
+    return digests(logs, FILES)
+
+
+def test_a_pool_that_the_reader_cannot_lock(
+    build: Path, robot_file: Path, capture: Capture, unlimited: dict[str, str], tmp_path: Path
+) -> None:
+    """Mapping has room for pools as small as its own; odometry's is larger."""
+    chain = SmallChain(build, robot_file, capture, tmp_path, ("mapping",), "zenoh.pool_mib=1")
+    account = chain.follow()["mapping"].inputs[0]
+    assert account.recovered > 0, "nothing was lost: the test shows nothing"
+    assert account.balanced()
+    assert account.lost == 0
+    assert digests(tmp_path, FILES) == unlimited
+
+
+def test_without_room_for_the_pools_there_is_no_shared_memory(
+    build: Path, robot_file: Path, capture: Capture, unlimited: dict[str, str], tmp_path: Path
+) -> None:
+    everybody = ("driver", "registration", "odometry", "mapping", "integration")
+    chain = SmallChain(build, robot_file, capture, tmp_path, everybody, "zenoh.pool_mib=4")
+    for stage, status in chain.follow().items():
+        assert all(account.recovered == 0 for account in status.inputs), stage
+        said = (tmp_path / f"{stage}.log").read_text()
+        assert "can't be locked" in said, stage
+    assert digests(tmp_path, FILES) == unlimited
