@@ -7,7 +7,7 @@ set -euo pipefail
 
 packages=(build-essential cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libceres-dev libpcl-dev libflatbuffers-dev flatbuffers-compiler libyaml-cpp-dev
-  libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libgtest-dev
+  libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev libgtest-dev
   libgmock-dev python3 python3-venv)
 [ "${1:-}" = --tools ] && packages+=(clang libclang-rt-dev clang-format clang-tidy mmdebstrap)
 

@@ -1,5 +1,6 @@
 #include "odometry/odometry_stage.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <string>
 #include <string_view>
@@ -45,8 +46,10 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
   options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
     next_sweep_ = sweep + 1;
   };
-  stage.inlet<msg::Features>(Key::kFeatures, options,
-                             [this](const Features& features) { take(features); });
+  // Any number of replicas; the first copy of a sweep is taken.
+  options.replicas = true;
+  inlet_ = &stage.inlet<msg::Features>(Key::kFeatures, options,
+                                       [this](const Features& features) { take(features); });
   stage.answer(stage.keys().of(Key::kPathOdometry),
                [this](runtime::Answer& answer) { answer_path(answer); });
   stage.command("reset", "forgets the motion; the next sweep begins a new odom frame",
@@ -138,6 +141,9 @@ void OdometryStage::publish_progress(HeaderFields header) {
   fields.run = last_header_.run;
   fields.instance = stage_.identity().instance;
   fields.next_sweep = next_sweep_;
+  const runtime::Arrivals arrivals = inlet_->arrivals();
+  fields.received_below = std::max(arrivals.received_below, next_sweep_);
+  fields.missing = arrivals.missing;
   fields.seq = header.seq;
   header.run = last_header_.run;
   progress_.publish(header, build(fields));

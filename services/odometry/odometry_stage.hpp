@@ -33,6 +33,7 @@ class OdometryStage {
   runtime::Outlet& features_;
   runtime::Outlet& sweep_;
   runtime::Outlet& progress_;
+  runtime::Inlet* inlet_ = nullptr;
   std::vector<msg::StampedPose> path_;
   HeaderFields last_header_;
   std::uint64_t next_sweep_ = 0;

@@ -75,4 +75,17 @@ void bind(runtime::Parameters& p, RegistrationConfig& c) {
   bind_selection(p, c);
 }
 
+void bind(runtime::Parameters& p, SharingConfig& c) {
+  using runtime::Effect;
+  p.add("registration.redo_live_ms", &c.redo_live_ms, {1, 10000}, "ms",
+        "live: the replica of rank r does a sweep that is missing for r times so long",
+        Effect::kNone);
+  p.add("registration.redo_replay_ms", &c.redo_replay_ms, {1, 60000}, "ms", "the same in replay",
+        Effect::kNone);
+  p.add("registration.hold_sweeps", &c.hold_sweeps, {1, 1000}, "sweeps",
+        "sweeps of other replicas held until odometry has their features", Effect::kNone);
+  p.add("registration.hold_mib", &c.hold_mib, {1, 65536}, "MiB", "bound of the same",
+        Effect::kNone);
+}
+
 }  // namespace zloam::registration

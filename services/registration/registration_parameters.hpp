@@ -2,6 +2,7 @@
 // Names, ranges and meaning of what can be configured about registration.
 
 #include "registration/config.hpp"
+#include "registration/sharing.hpp"
 
 namespace zloam::runtime {
 class Parameters;
@@ -10,5 +11,6 @@ class Parameters;
 namespace zloam::registration {
 
 void bind(runtime::Parameters& parameters, RegistrationConfig& config);
+void bind(runtime::Parameters& parameters, SharingConfig& config);
 
 }  // namespace zloam::registration

@@ -250,7 +250,8 @@ Buffer build(const ProgressFields& f) {
   Builder b;
   const auto instance = b.CreateString(f.instance);
   const auto missing = b.CreateVector(f.missing);
-  return finish(b, msg::CreateProgress(b, f.run, instance, f.next_sweep, missing, f.seq));
+  return finish(
+      b, msg::CreateProgress(b, f.run, instance, f.next_sweep, missing, f.seq, f.received_below));
 }
 
 Buffer build(const FlowAckFields& f) {

@@ -157,6 +157,7 @@ struct ProgressFields {
   std::uint64_t next_sweep = 0;
   std::vector<std::uint64_t> missing{};
   std::uint64_t seq = 0;
+  std::uint64_t received_below = 0;
 };
 
 struct FlowAckFields {

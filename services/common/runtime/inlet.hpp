@@ -9,6 +9,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/messages/verify.hpp"
 #include "common/runtime/account.hpp"
@@ -16,8 +17,9 @@
 
 namespace zloam::runtime {
 
-/// What became of a message that was handed to its handler.
-enum class Outcome : std::uint8_t { kProcessed, kNotMine, kFenced, kInvalid };
+/// What became of a message that was handed to its handler. kHeld: not decided yet; it counts as
+/// queued until Inlet::settle().
+enum class Outcome : std::uint8_t { kProcessed, kNotMine, kFenced, kInvalid, kHeld };
 
 enum class Order : std::uint8_t {
   /// ascending sweep, gaps waited for and asked for
@@ -33,6 +35,8 @@ enum class SweepSet : std::uint8_t { kEvery, kPublisherDecides };
 struct InletOptions {
   Order order = Order::kBySweep;
   SweepSet sweeps = SweepSet::kEvery;
+  /// kEvery: several replicas publish the sweeps, and none knows what the others still hold
+  bool replicas = false;
   /// the last sweep of the run, once handled, ends the run for this stage
   bool ends_run = true;
   /// live: sweeps held before the oldest is dropped as queue_full; 0: recovery.queue_sweeps.
@@ -78,6 +82,14 @@ class Received {
   Message message_;
 };
 
+/// What an input in order of sweeps has of the current run.
+struct Arrivals {
+  /// one more than the highest sweep that has come
+  std::uint64_t received_below = 0;
+  /// below that and not yet come, ascending; of very many the lowest
+  std::vector<std::uint64_t> missing;
+};
+
 /// Handle of a declared input.
 class Inlet {
  public:
@@ -87,6 +99,10 @@ class Inlet {
   /// Sweeps below are taken for handled: where a restored stage goes on. From a handler or before
   /// the start.
   virtual void continue_at(std::uint64_t run, std::uint64_t sweep) = 0;
+  /// Worker only.
+  virtual Arrivals arrivals() const = 0;
+  /// The end of a message whose handler said kHeld: work says what became of it. Worker only.
+  virtual void settle(Message message, const std::function<Outcome(const Message&)>& work) = 0;
 };
 
 }  // namespace zloam::runtime

@@ -172,6 +172,10 @@ void InletCore::handle(Message message) {
     count_drop(Drop::kWrongRun);
     return;
   }
+  settle(std::move(message), setup_.handler);
+}
+
+void InletCore::settle(Message message, const std::function<Outcome(const Message&)>& work) {
   {
     const std::lock_guard lock(shared_->mutex);
     --account_.queued;
@@ -180,22 +184,34 @@ void InletCore::handle(Message message) {
   message.started_ns = wall_ns();
   Outcome outcome = Outcome::kInvalid;
   try {
-    outcome = setup_.handler(message);
+    outcome = work(message);
   } catch (const std::exception& e) {
     events_.handler_threw(setup_.key, message.header->sweep(), e.what());
   }
-  {
-    const std::lock_guard lock(shared_->mutex);
-    --account_.in_work;
-    if (outcome == Outcome::kProcessed) {
-      ++account_.processed;
-    } else if (outcome == Outcome::kNotMine) {
-      ++account_.not_mine;
-    } else {
-      ++account_.dropped[static_cast<std::size_t>(drop_of(outcome))];
-    }
-  }
+  count_outcome(outcome);
+  if (outcome == Outcome::kHeld) return;
+  if (outcome == Outcome::kNotMine) message.started_ns = 0;
   events_.after_message(message, setup_.options.ends_run);
+}
+
+void InletCore::count_outcome(Outcome outcome) {
+  const std::lock_guard lock(shared_->mutex);
+  --account_.in_work;
+  switch (outcome) {
+    case Outcome::kProcessed:
+      ++account_.processed;
+      return;
+    case Outcome::kNotMine:
+      ++account_.not_mine;
+      return;
+    case Outcome::kHeld:
+      ++account_.queued;
+      return;
+    case Outcome::kFenced:
+    case Outcome::kInvalid:
+      ++account_.dropped[static_cast<std::size_t>(drop_of(outcome))];
+      return;
+  }
 }
 
 std::string InletCore::next_request(std::int64_t now,

@@ -20,6 +20,7 @@ class InletEvents {
   virtual ~InletEvents() = default;
   /// False: the message belongs to a run that was left.
   virtual bool before_message(const Message& message) = 0;
+  /// started_ns 0: nobody worked on it here.
   virtual void after_message(const Message& message, bool ends_run) = 0;
   /// A second copy of a sweep in replay: someone downstream may lack what came of it.
   virtual void second_copy(std::uint64_t run, std::uint64_t sweep) = 0;
@@ -49,6 +50,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   /// For a snapshot of several: the caller holds Shared::mutex.
   Account account_locked() const { return account_; }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;
+  Arrivals arrivals() const override { return sequencer_.arrivals(); }
+  void settle(Message message, const std::function<Outcome(const Message&)>& work) override;
 
   /// Any thread: queues, counts, rings.
   void on_sample(zenoh::Sample sample, bool recovered);
@@ -81,6 +84,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   /// The text behind '?' of what to ask for now; empty: nothing.
   std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);
   void handle(Message message);
+  void count_outcome(Outcome outcome);
 
   InletSetup setup_;
   std::shared_ptr<Shared> shared_;

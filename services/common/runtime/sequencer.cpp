@@ -9,8 +9,9 @@ constexpr std::size_t kPastRuns = 64;
 constexpr std::size_t kGivenUpMemory = 4096;
 // A source can't number sweeps so far ahead of what was seen; more is a damaged or foreign message.
 constexpr std::uint64_t kMaxGap = 1'000'000;
-// Answers without any message before a replay is joined where it stands.
+// Answers without any message (of replicas: answers) before a replay is joined where it stands.
 constexpr int kJoinAttempts = 5;
+constexpr std::size_t kMaxMissing = 256;
 constexpr std::int64_t kMaxWait_ns = 8'000'000'000;
 
 std::string instance_of(const Message& m) { return m.header->instance()->str(); }
@@ -174,7 +175,7 @@ std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns) {
 
 void Sequencer::answered(const Request& request, std::size_t messages) {
   if (!joining_ || request.run != run_ || held_.empty()) return;
-  if (messages == 0 && asked_ < kJoinAttempts) return;
+  if ((messages == 0 || limits_.replicas) && asked_ < kJoinAttempts) return;
   // The publisher has told what it still holds; what lies below was finished by those before us.
   next_ = held_.begin()->first;
   joining_ = false;
@@ -197,6 +198,17 @@ std::optional<std::uint64_t> Sequencer::overdue(std::int64_t now_ns) const {
     return std::nullopt;
   }
   return next_;
+}
+
+Arrivals Sequencer::arrivals() const {
+  Arrivals a;
+  a.received_below = held_.empty() ? next_ : held_.rbegin()->first + 1;
+  for (std::uint64_t n = next_; n < a.received_below && a.missing.size() < kMaxMissing; ++n) {
+    if (!held_.contains(n)) a.missing.push_back(n);
+  }
+  // Nothing is said of what the list has no room for.
+  if (a.missing.size() == kMaxMissing) a.received_below = a.missing.back() + 1;
+  return a;
 }
 
 void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {

@@ -20,6 +20,8 @@ namespace zloam::runtime {
 
 struct SequencerLimits {
   SweepSet sweeps = SweepSet::kEvery;
+  /// what one publisher answers says nothing of what the others hold
+  bool replicas = false;
   std::int64_t gap_live_ns = 30'000'000;
   std::int64_t gap_replay_ns = 200'000'000;
   /// 0: one measured sweep period
@@ -64,6 +66,7 @@ class Sequencer {
   void continue_at(std::uint64_t run, std::uint64_t sweep);
   std::size_t held() const { return held_.size() + future_.size(); }
   std::uint64_t next_sweep() const { return next_; }
+  Arrivals arrivals() const;
 
  private:
   void begin_run(const Message& first);

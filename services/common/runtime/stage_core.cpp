@@ -59,12 +59,9 @@ bool StageCore::before_message(const Message& message) {
 
 void StageCore::after_message(const Message& message, bool ends_run) {
   const msg::Header& header = *message.header;
-  const std::int64_t now = wall_ns();
-  latencies_.add("queue", static_cast<double>(message.started_ns - message.received_ns) * 1e-6);
-  latencies_.add("work", static_cast<double>(now - message.started_ns) * 1e-6);
-  if (header.last_packet_ns() > 0) {
-    latencies_.add("since_last_packet", static_cast<double>(now - header.last_packet_ns()) * 1e-6);
-  }
+  // Held from a run that was left meanwhile.
+  if (header.run() != run_) return;
+  if (message.started_ns > 0) note_latencies(message);
   {
     const std::lock_guard lock(mutex_);
     last_sweep_ = has_sweep_ ? std::max(last_sweep_, header.sweep()) : header.sweep();
@@ -72,6 +69,16 @@ void StageCore::after_message(const Message& message, bool ends_run) {
   }
   if (header.replay()) note_output(header.sweep());
   if (ends_run && header.end_of_run()) end_of_run(header.run());
+}
+
+void StageCore::note_latencies(const Message& message) {
+  const std::int64_t now = wall_ns();
+  const std::int64_t last_packet_ns = message.header->last_packet_ns();
+  latencies_.add("queue", static_cast<double>(message.started_ns - message.received_ns) * 1e-6);
+  latencies_.add("work", static_cast<double>(now - message.started_ns) * 1e-6);
+  if (last_packet_ns > 0) {
+    latencies_.add("since_last_packet", static_cast<double>(now - last_packet_ns) * 1e-6);
+  }
 }
 
 void StageCore::end_of_run(std::uint64_t run) {

@@ -84,6 +84,7 @@ class StageCore final : public Stage, private InletEvents {
   /// Notes that something about the sweep was published now; false when that was just before: a
   /// replica's copy is no call for help.
   bool note_output(std::uint64_t sweep);
+  void note_latencies(const Message& message);
   void declare_service();
   bool run_tasks();
   bool work();

@@ -12,6 +12,7 @@ namespace {
 SequencerLimits limits_of(const RecoveryConfig& c, const InletOptions& options) {
   SequencerLimits l;
   l.sweeps = options.sweeps;
+  l.replicas = options.replicas;
   l.gap_live_ns = c.gap_live_ms * kMs;
   l.gap_replay_ns = c.gap_replay_ms * kMs;
   l.late_ns = c.late_ms * kMs;

@@ -75,6 +75,36 @@ TEST(Sequencer, IdentityIsAcceptedOnce) {
   EXPECT_EQ(b.add(2), Drop::kDuplicate);
 }
 
+TEST(Sequencer, SaysWhatHasComeAndWhatIsMissing) {
+  Bench b({}, true);
+  for (const std::uint64_t sweep : {0U, 1U, 3U, 6U}) b.add(sweep);
+  EXPECT_EQ(b.out(), (Sweeps{0, 1}));
+  EXPECT_EQ(b.sequencer.arrivals().missing, (Sweeps{2, 4, 5}));
+  EXPECT_EQ(b.sequencer.arrivals().received_below, 7U);
+  for (const std::uint64_t sweep : {2U, 4U, 5U}) b.add(sweep);
+  EXPECT_EQ(b.out(), (Sweeps{2, 3, 4, 5, 6}));
+  EXPECT_TRUE(b.sequencer.arrivals().missing.empty());
+  EXPECT_EQ(b.sequencer.arrivals().received_below, 7U);
+}
+
+// The first sweeps of a run come from several replicas, the later ones first. One replica's answer
+// with what it has must not be taken for all there is.
+TEST(Sequencer, OneReplicasAnswerDoesNotTellWhereAReplayBegins) {
+  for (const bool replicas : {true, false}) {
+    Bench b({.replicas = replicas}, true);
+    b.add(2);
+    b.now += 200 * kMs;
+    const auto request = b.sequencer.request(b.now);
+    ASSERT_TRUE(request);
+    EXPECT_EQ(request->first, 0U);
+    b.add(1);
+    b.sequencer.answered(*request, 1);
+    EXPECT_EQ(b.out(), replicas ? Sweeps{} : (Sweeps{1, 2}));
+    b.add(0);
+    EXPECT_EQ(b.out(), replicas ? (Sweeps{0, 1, 2}) : Sweeps{});
+  }
+}
+
 TEST(Sequencer, LiveAsksAfterTheGapTimeAndGivesUpAfterOnePeriod) {
   Bench b;
   b.add(5);

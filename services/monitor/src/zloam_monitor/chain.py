@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Self
 
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link, open_session
@@ -67,7 +68,7 @@ class Chain:
             command += ["--set", setting]
         return command
 
-    def __enter__(self) -> Chain:
+    def __enter__(self) -> Self:
         try:
             for stage in START_ORDER:
                 if stage == "driver":
@@ -89,6 +90,14 @@ class Chain:
     def start(self, stage: str, log: str | None = None) -> None:
         """Starts a stage, also one that was ended before; `log`: name of its file without .log."""
         self.processes.start(stage, self._commands[stage], self._logs / f"{log or stage}.log")
+
+    def start_replica(
+        self, stage: str, instance: str, environment: dict[str, str] | None = None
+    ) -> None:
+        """One more instance of a stage, under its own name, at a port of its own."""
+        own = ["--instance", instance, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
+        log = self._logs / f"{instance}.log"
+        self.processes.start(instance, self._commands[stage] + own, log, environment)
 
     def close(self) -> None:
         """Ends all stages, then the link."""

@@ -68,6 +68,8 @@ class Process:
     stage: str
     command: list[str]
     log_path: Path
+    #: added to this process' environment
+    environment: dict[str, str] = field(default_factory=dict)
     _process: subprocess.Popen[bytes] = field(init=False)
     _log: IO[bytes] = field(init=False)
 
@@ -76,7 +78,11 @@ class Process:
         self._log = self.log_path.open("wb")
         # a session of its own: Ctrl-C reaches this program, which then ends the stages in order
         self._process = subprocess.Popen(
-            self.command, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
+            self.command,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, **self.environment},
         )
 
     @property
@@ -111,8 +117,14 @@ class Processes:
     def __init__(self) -> None:
         self.running: dict[str, Process] = {}
 
-    def start(self, stage: str, command: list[str], log_path: Path) -> Process:
-        process = Process(stage, command, log_path)
+    def start(
+        self,
+        stage: str,
+        command: list[str],
+        log_path: Path,
+        environment: dict[str, str] | None = None,
+    ) -> Process:
+        process = Process(stage, command, log_path, environment or {})
         self.running[stage] = process
         return process
 

@@ -1,0 +1,159 @@
+#include "registration/registration_stage.hpp"
+
+#include <charconv>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <numeric>
+#include <string_view>
+#include <vector>
+
+namespace zloam::registration {
+namespace {
+
+using runtime::Message;
+using runtime::Outcome;
+
+std::int64_t steady_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+std::optional<std::uint64_t> kill_at() {
+  const char* text = std::getenv("ZLOAM_FAULT_KILL_AT");
+  if (text == nullptr) return std::nullopt;
+  const std::string_view view(text);
+  std::uint64_t sweep = 0;
+  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), sweep);
+  if (error != std::errc{} || end != view.data() + view.size()) {
+    throw runtime::ConfigError("ZLOAM_FAULT_KILL_AT: value '" + std::string(view) +
+                               "' is refused: a whole number is expected");
+  }
+  runtime::log_warning("FAULT INJECTION: this process will kill itself", {{"sweep", sweep}});
+  return sweep;
+}
+
+/// The message in memory of its own: what is held for long must not fill the driver's shared
+/// memory.
+Message own_copy(const Message& message) {
+  const std::size_t size = message.bytes.size();
+  const auto words = std::make_shared<std::vector<std::uint64_t>>((size + 7) / 8);
+  std::memcpy(words->data(), message.bytes.data(), size);
+  Message copy = message;
+  copy.bytes = {reinterpret_cast<const std::uint8_t*>(words->data()), size};
+  copy.header = message_of<msg::Sweep>(copy.bytes).header();
+  copy.owner = words;
+  return copy;
+}
+
+FeaturesFields fields_of(const msg::Sweep& sweep, const RegistrationResult& result,
+                         const RegistrationConfig& config) {
+  FeaturesFields f;
+  f.period_ns = sweep.period_ns();
+  f.rings = sweep.rings();
+  f.sharp = result.sharp;
+  f.less_sharp = result.less_sharp;
+  f.flat = result.flat;
+  f.less_flat = result.less_flat;
+  f.points_in = result.diagnostics.points_in;
+  f.points_rejected = std::accumulate(std::begin(result.diagnostics.rejected),
+                                      std::end(result.diagnostics.rejected), std::uint32_t{0});
+  f.deskewed = sweep.deskewed();
+  // A sweep that lost packets is still matched, and says so.
+  const Health source = health_of(sweep.health());
+  f.health = result.health == Health::kOk ? source : result.health;
+  f.range_noise_m = static_cast<float>(config.range_noise_m);
+  return f;
+}
+
+}  // namespace
+
+RegistrationStage::RegistrationStage(runtime::Stage& stage, const RegistrationConfig& config,
+                                     const SharingConfig& sharing)
+    : stage_(stage),
+      config_(config),
+      features_(stage.outlet(Key::kFeatures)),
+      rejected_(stage.outlet(Key::kRejected)),
+      sharing_(stage.identity().instance, sharing),
+      kill_at_(kill_at()),
+      colleagues_(stage, [&stage] { stage.notify(); }) {
+  runtime::InletOptions options;
+  options.on_given_up = [this](std::uint64_t run, std::uint64_t sweep, std::string_view) {
+    publish_dropped(run, sweep);
+  };
+  sweeps_ = &stage.inlet<msg::Sweep>(Key::kSweep, options,
+                                     [this](const Sweep& sweep) { return take(sweep); });
+  stage.on_turn([this] { return settle_held(); });
+}
+
+void RegistrationStage::hear_colleagues() {
+  sharing_.set_members(colleagues_.members());
+  if (auto progress = colleagues_.progress()) sharing_.set_progress(std::move(*progress));
+}
+
+Outcome RegistrationStage::take(const Sweep& sweep) {
+  hear_colleagues();
+  const SweepToShare key{sweep.run(), sweep.sweep(), sweep.replay(), sweep.raw().bytes.size()};
+  switch (sharing_.take(key, steady_ns())) {
+    case Sharing::Share::kNotMine:
+      return Outcome::kNotMine;
+    case Sharing::Share::kHold:
+      held_.emplace(std::pair(sweep.run(), sweep.sweep()), own_copy(sweep.raw()));
+      return Outcome::kHeld;
+    case Sharing::Share::kCompute:
+      break;
+  }
+  process(sweep);
+  return Outcome::kProcessed;
+}
+
+runtime::Turn RegistrationStage::settle_held() {
+  if (held_.empty()) return runtime::Turn::kWait;
+  hear_colleagues();
+  for (const Sharing::Due& due : sharing_.due(steady_ns())) {
+    auto node = held_.extract(std::pair(due.run, due.sweep));
+    sweeps_->settle(std::move(node.mapped()), [this, &due](const Message& message) {
+      if (!due.compute) return Outcome::kNotMine;
+      process(Sweep(message));
+      stage_.figure("redone", static_cast<double>(++redone_));
+      return Outcome::kProcessed;
+    });
+  }
+  return runtime::Turn::kWait;
+}
+
+void RegistrationStage::process(const Sweep& sweep) {
+  if (kill_at_ && sweep.sweep() >= *kill_at_) std::raise(SIGKILL);
+  const SweepInfo info{.period_ns = sweep->period_ns(), .rings = sweep->rings()};
+  const RegistrationResult result = extract_features(points_of(sweep->points()), info, config_);
+  const HeaderFields header = features_.header(sweep);
+  features_.publish(header, build(header, fields_of(*sweep, result, config_)));
+  if (rejected_.matching()) publish_rejected(sweep, result);
+  last_ = header;
+  stage_.figure("points_in", result.diagnostics.points_in);
+  stage_.figure("measured_noise_m", result.diagnostics.measured_noise_m);
+}
+
+void RegistrationStage::publish_rejected(const Sweep& sweep, const RegistrationResult& result) {
+  const HeaderFields header = rejected_.header(sweep);
+  const auto* reasons = reinterpret_cast<const msg::RejectReason*>(result.reasons.data());
+  rejected_.publish(
+      header, build(header, RejectedFields{result.rejected, {reasons, result.reasons.size()}}));
+}
+
+/// Odometry need not wait for a sweep that was given up here: an empty message says so. Of replicas
+/// only the one whose turn it was: another may have it.
+void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
+  hear_colleagues();
+  if (!sharing_.first(run, sweep)) return;
+  HeaderFields header = features_.header(stage_.now_ns(), stage_.now_ns());
+  header.run = run;
+  header.sweep = sweep;
+  header.frame = "lidar";
+  header.stamp_ns = last_.stamp_ns;
+  features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
+}
+
+}  // namespace zloam::registration

@@ -1,0 +1,49 @@
+#pragma once
+// Registration on the runtime: keys and headers around the method (registration.hpp), and the part
+// of a replica among replicas (sharing.hpp).
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "common/runtime/stage.hpp"
+#include "registration/io/colleagues.hpp"
+#include "registration/registration.hpp"
+#include "registration/sharing.hpp"
+
+namespace zloam::registration {
+
+class RegistrationStage {
+ public:
+  RegistrationStage(runtime::Stage& stage, const RegistrationConfig& config,
+                    const SharingConfig& sharing);
+
+ private:
+  using Sweep = runtime::Received<msg::Sweep>;
+
+  runtime::Outcome take(const Sweep& sweep);
+  /// Held sweeps that are to be done here after all, or that another has done.
+  runtime::Turn settle_held();
+  void hear_colleagues();
+  void process(const Sweep& sweep);
+  void publish_rejected(const Sweep& sweep, const RegistrationResult& result);
+  void publish_dropped(std::uint64_t run, std::uint64_t sweep);
+
+  runtime::Stage& stage_;
+  const RegistrationConfig& config_;
+  runtime::Outlet& features_;
+  runtime::Outlet& rejected_;
+  runtime::Inlet* sweeps_ = nullptr;
+  HeaderFields last_;
+  Sharing sharing_;
+  /// (run, sweep) -> the message, in memory of this process
+  std::map<std::pair<std::uint64_t, std::uint64_t>, runtime::Message> held_;
+  std::uint64_t redone_ = 0;
+  /// ZLOAM_FAULT_KILL_AT: this process kills itself between a sweep's receipt and its output
+  std::optional<std::uint64_t> kill_at_;
+  // Last: its callbacks end before what they use goes.
+  Colleagues colleagues_;
+};
+
+}  // namespace zloam::registration
