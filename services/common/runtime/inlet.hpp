@@ -44,6 +44,9 @@ struct InletOptions {
   std::size_t newest = 0;
   /// nothing is dropped for lack of room, live neither (poses, corrections, acknowledgements)
   bool lossless = false;
+  /// so many of the newest messages are kept and answered to get <key>?kept=1: for the publisher,
+  /// should it be killed and started again (recall.hpp). Copies: they hold no shared memory.
+  std::size_t keep = 0;
   /// a sweep was given up here (queue_full, late or lost) and will not be handled: say so
   /// downstream. In order with the handler's calls. reason: a Drop's name or "lost".
   std::function<void(std::uint64_t run, std::uint64_t sweep, std::string_view reason)> on_given_up;

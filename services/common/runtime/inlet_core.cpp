@@ -4,6 +4,7 @@
 #include <exception>
 
 #include "common/runtime/log.hpp"
+#include "common/runtime/recall.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -26,7 +27,8 @@ InletCore::InletCore(InletSetup setup, std::shared_ptr<Shared> shared, InletEven
       shared_(std::move(shared)),
       events_(events),
       sequencer_(setup_.limits),
-      seen_(setup_.limits) {
+      seen_(setup_.limits),
+      kept_(setup_.options.keep, setup_.queue_bytes) {
   account_.key = setup_.key;
 }
 
@@ -101,6 +103,7 @@ void InletCore::accept(Raw raw) {
   message.header = setup_.header(message.bytes);
   message.received_ns = raw.received_ns;
   message.recovered = raw.recovered;
+  keep(message, raw.sample.encoding);
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
   // A recovered copy that was overtaken by the original is nobody's request.
@@ -111,6 +114,27 @@ void InletCore::accept(Raw raw) {
     return;
   }
   note_seen(raw.recovered);
+}
+
+void InletCore::keep(const Message& message, const std::string& encoding) {
+  if (setup_.options.keep == 0) return;
+  const msg::Header& h = *message.header;
+  if (kept_.find(h.run(), h.sweep())) return;
+  {
+    const std::lock_guard lock(shared_->mutex);
+    encoding_ = encoding;
+  }
+  kept_.put({h.run(), h.sweep(), h.seq(), zenoh::Bytes::copy_of(message.bytes), h.replay()});
+}
+
+void InletCore::answer_kept(zenoh::Query& query) const {
+  if (query.parameters() != kKept) return;
+  std::string encoding;
+  {
+    const std::lock_guard lock(shared_->mutex);
+    encoding = encoding_;
+  }
+  for (auto& entry : kept_.all()) query.reply(setup_.key, std::move(entry.payload), encoding);
 }
 
 void InletCore::note_seen(bool recovered) {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "common/runtime/inlet.hpp"
+#include "common/runtime/outlet_core.hpp"
 #include "common/runtime/seen_numbers.hpp"
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/shared.hpp"
@@ -53,6 +54,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;
 
+  /// Any thread: get <key>?kept=1.
+  void answer_kept(zenoh::Query& query) const;
   /// Any thread: queues, counts, rings.
   void on_sample(zenoh::Sample sample, bool recovered);
 
@@ -80,6 +83,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void count_drop(Drop reason);
   void report_drop(Drop reason, const std::string& why);
   void note_given_up();
+  void keep(const Message& message, const std::string& encoding);
   void note_seen(bool recovered);
   /// The text behind '?' of what to ask for now; empty: nothing.
   std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);
@@ -94,6 +98,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   std::deque<Raw> raw_;
   std::size_t raw_bytes_ = 0;
   std::uint64_t fault_count_ = 0;
+  std::string encoding_;
   // Answers to requests, from the transport's threads.
   struct Answered {
     Sequencer::Request request;
@@ -104,6 +109,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Sequencer sequencer_;
   SeenNumbers seen_;
   std::deque<Message> arrivals_;
+  MessageCache kept_;
   std::uint64_t complaints_ = 0;
 };
 

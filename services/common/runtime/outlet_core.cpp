@@ -95,6 +95,11 @@ std::vector<MessageCache::Entry> MessageCache::select(std::string_view parameter
   return found;
 }
 
+std::vector<MessageCache::Entry> MessageCache::all() const {
+  const std::lock_guard lock(mutex_);
+  return {entries_.begin(), entries_.end()};
+}
+
 std::size_t MessageCache::size() const {
   const std::lock_guard lock(mutex_);
   return entries_.size();

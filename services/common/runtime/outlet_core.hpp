@@ -42,6 +42,8 @@ class MessageCache {
   /// What a selector's parameters ask for: run=R;sweep=a..b or seq=a..b (a single number too), in
   /// ascending order; nothing for text that is neither.
   std::vector<Entry> select(std::string_view parameters) const;
+  /// In the order in which they came.
+  std::vector<Entry> all() const;
   std::size_t size() const;
 
  private:

@@ -96,6 +96,10 @@ Inlet& StageCore::add_inlet(Key, const std::string& full_key, const InletOptions
     const std::lock_guard lock(bell_->mutex);
     inlets_.push_back(inlet);
   }
+  if (options.keep > 0) {
+    queryables_.push_back(session_.declare_queryable(
+        full_key, [inlet](zenoh::Query&& query) { inlet->answer_kept(query); }, false));
+  }
   subscribers_.push_back(session_.declare_subscriber(
       full_key, [inlet](zenoh::Sample&& sample) { inlet->on_sample(std::move(sample), false); }));
   return *inlet;

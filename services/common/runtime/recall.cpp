@@ -1,0 +1,89 @@
+#include "common/runtime/recall.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <thread>
+
+#include "common/runtime/async_get.hpp"
+#include "common/runtime/log.hpp"
+#include "common/runtime/shared.hpp"
+#include "common/zenoh/aligned.hpp"
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::chrono::milliseconds kTimeout{2000};
+constexpr std::chrono::milliseconds kBetween{200};
+constexpr std::int64_t kLongestGap_ns = 2000 * kMs;
+// The first sweep after a gap may begin before the last pose's instant.
+constexpr std::int64_t kOverlap_ns = 200 * kMs;
+
+std::vector<zenoh::Sample> answers(zenoh::Session& session, const std::string& selector) {
+  const auto bell = std::make_shared<Shared>();
+  AsyncGet get;
+  get.start(session, selector, kTimeout, bell);
+  while (true) {
+    if (auto samples = get.take()) return std::move(*samples);
+    bell->wait_until(steady_ns() + 100'000'000);
+  }
+}
+
+}  // namespace
+
+std::string sweeps_from(std::uint64_t run, std::uint64_t first) {
+  constexpr std::uint64_t kLast = std::uint64_t{1} << 62;
+  return "run=" + std::to_string(run) + ";sweep=" + std::to_string(first) + ".." +
+         std::to_string(kLast);
+}
+
+std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
+                                     VerifyFunction verify, HeaderFunction header, int tries) {
+  std::vector<zenoh::Sample> samples;
+  for (int i = 0; i < tries && samples.empty(); ++i) {
+    if (i > 0) std::this_thread::sleep_for(kBetween);
+    samples = answers(stage.session(), selector);
+  }
+  std::vector<Message> found;
+  for (zenoh::Sample& sample : samples) {
+    Message message;
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(sample.payload));
+    if (!verify(bytes.data(), sample.encoding).ok()) continue;
+    message.owner = std::make_shared<const zenoh::AlignedBytes>(bytes);
+    message.bytes = bytes.data();
+    message.header = header(message.bytes);
+    message.received_ns = message.started_ns = stage.now_ns();
+    message.recovered = true;
+    found.push_back(std::move(message));
+  }
+  return found;
+}
+
+void sort_by_sweep(std::vector<Message>& messages) {
+  const auto identity = [](const Message& m) {
+    return std::pair(m.header->run(), m.header->sweep());
+  };
+  std::stable_sort(messages.begin(), messages.end(),
+                   [&](const Message& a, const Message& b) { return identity(a) < identity(b); });
+  const auto same = [&](const Message& a, const Message& b) { return identity(a) == identity(b); };
+  messages.erase(std::unique(messages.begin(), messages.end(), same), messages.end());
+}
+
+bool goes_on(const msg::Header& first, std::int64_t instant_ns) {
+  const std::int64_t gap_ns = first.stamp_ns() - instant_ns;
+  return !first.replay() && gap_ns > -kOverlap_ns && gap_ns < kLongestGap_ns;
+}
+
+void report(Stage& stage, const Gap& gap) {
+  const double gap_ms = 1e-6 * static_cast<double>(gap.ns);
+  const bool any = gap.last >= gap.first;
+  log_warning("went on after a gap", {{"first_sweep", any ? std::to_string(gap.first) : "none"},
+                                      {"last_sweep", any ? std::to_string(gap.last) : "none"},
+                                      {"ns", gap.ns}});
+  stage.figure("gap_sweeps", any ? static_cast<double>(gap.last - gap.first + 1) : 0.0);
+  stage.figure("gap_first_sweep", any ? static_cast<double>(gap.first) : -1.0);
+  stage.figure("gap_last_sweep", any ? static_cast<double>(gap.last) : -1.0);
+  stage.figure("gap_ms", gap_ms);
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,59 @@
+#pragma once
+// What others keep of an instance that was killed, and what its inputs' publishers still have:
+// asked for when a run begins, by a stage that was started in the middle of it (protocols.md,
+// section 7).
+
+#include <chrono>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/runtime/stage.hpp"
+
+namespace zloam::runtime {
+
+/// Of a selector's parameters: all that is kept by readers of the key (InletOptions::keep).
+inline constexpr std::string_view kKept = "kept=1";
+std::string sweeps_from(std::uint64_t run, std::uint64_t first);
+
+/// The newest run goes on in this one, which the driver began anew: the sensor was not away for
+/// longer than its motion can be told over. `instant_ns`: of the last pose before.
+bool goes_on(const msg::Header& first, std::int64_t instant_ns);
+
+/// What this stage did not do while it was away, as figures of its status and in the log.
+struct Gap {
+  /// sweeps of this run; last < first: none
+  std::uint64_t first = 0, last = 0;
+  std::int64_t ns = 0;
+};
+void report(Stage& stage, const Gap& gap);
+
+/// Asks and waits, for the worker only. What is no message in order is left out. A link that is not
+/// yet up looks like nobody who answers: `tries` askings, 200 ms apart, before nothing is taken for
+/// an answer.
+std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
+                                     VerifyFunction verify, HeaderFunction header, int tries);
+
+/// Each (run, sweep) once, ascending.
+void sort_by_sweep(std::vector<Message>& messages);
+
+template <class T>
+std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, int tries,
+                                   bool by_sweep) {
+  std::vector<Message> messages = recall_messages(
+      stage, selector, &verify<T>,
+      [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries);
+  if (by_sweep) sort_by_sweep(messages);
+  std::vector<Received<T>> found;
+  for (Message& m : messages) found.emplace_back(std::move(m));
+  return found;
+}
+
+template <class T>
+std::vector<Received<T>> recall(Stage& stage, Key key, std::string_view parameters, int tries) {
+  const std::string key_of = stage.keys().of(key);
+  return recall_at<T>(stage, parameters.empty() ? key_of : key_of + "?" + std::string(parameters),
+                      tries, true);
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,110 @@
+// A publisher that is killed finds with its readers what it had said last.
+
+#include "common/runtime/recall.hpp"
+
+#include <gtest/gtest.h>
+
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::Watched;
+
+// 200 ms apart: more than it takes to connect.
+constexpr int kTries = 100;
+
+OdometryFields pose_of_sweep(std::uint64_t sweep) {
+  OdometryFields fields;
+  fields.instant_ns = static_cast<std::int64_t>(sweep) * 100'000'000;
+  fields.T_odom_base.translation().x() = static_cast<double>(sweep);
+  return fields;
+}
+
+std::vector<std::uint64_t> sweeps_of(const std::vector<Received<msg::Odometry>>& messages) {
+  std::vector<std::uint64_t> sweeps;
+  for (const auto& message : messages) sweeps.push_back(message.sweep());
+  return sweeps;
+}
+
+class Recall : public ::testing::Test {
+ protected:
+  // A publisher of sweeps 0 to 4, gone again when all have been read.
+  void publish_and_go() {
+    RunningStage publisher(network_.open(1), setup("odometry", "killed"), [](Stage& stage) {
+      Outlet& out = stage.outlet(Key::kOdometry);
+      stage.on_turn([&out, next = std::uint64_t{0}]() mutable {
+        if (next == 5 || !out.matching()) return Turn::kWait;
+        const HeaderFields header = sweep_header(7, next, true);
+        out.publish(header, build(header, pose_of_sweep(next)));
+        ++next;
+        return Turn::kAgain;
+      });
+    });
+    ASSERT_TRUE(read_.wait([](int n) { return n >= 5; }));
+  }
+
+  static void keep(Stage& stage, Watched<int>& read, std::size_t messages) {
+    InletOptions options;
+    options.sweeps = SweepSet::kPublisherDecides;
+    options.keep = messages;
+    stage.inlet<msg::Odometry>(Key::kOdometry, options, [&read](const Received<msg::Odometry>&) {
+      read.change([](int& n) { ++n; });
+    });
+  }
+
+  Network network_{3};
+  Watched<int> read_;
+};
+
+TEST_F(Recall, TheReaderKeepsTheNewest) {
+  RunningStage reader(network_.open(0), setup("integration"),
+                      [this](Stage& stage) { keep(stage, read_, 3); });
+  publish_and_go();
+  std::vector<Received<msg::Odometry>> found;
+  RunningStage again(network_.open(2), setup("odometry", "again"), [&found](Stage& stage) {
+    found = recall<msg::Odometry>(stage, Key::kOdometry, kKept, kTries);
+  });
+  EXPECT_EQ(sweeps_of(found), (std::vector<std::uint64_t>{2, 3, 4}));
+  for (const auto& message : found) {
+    EXPECT_EQ(message.run(), 7U);
+    EXPECT_EQ(message.header().instance()->str(), "d");
+    EXPECT_EQ(pose_of(message->pose_odom_base()).translation().x(),
+              static_cast<double>(message.sweep()));
+  }
+}
+
+TEST_F(Recall, WhoKeepsNothingAnswersNothing) {
+  RunningStage reader(network_.open(0), setup("integration"),
+                      [this](Stage& stage) { keep(stage, read_, 0); });
+  publish_and_go();
+  bool none = false;
+  RunningStage again(network_.open(2), setup("odometry", "again"), [&none](Stage& stage) {
+    none = recall<msg::Odometry>(stage, Key::kOdometry, kKept, 3).empty();
+  });
+  EXPECT_TRUE(none);
+}
+
+TEST(GoesOn, OnlyLiveAndForAShortTime) {
+  constexpr std::int64_t kLast_ns = 50'000'000'000;
+  const auto goes = [](std::int64_t stamp_ns, bool replay) {
+    HeaderFields fields = sweep_header(8, 0, replay);
+    fields.stamp_ns = stamp_ns;
+    const OdometryFields pose = pose_of_sweep(0);
+    const Buffer buffer = build(fields, pose);
+    const std::span<const std::uint8_t> bytes(buffer.data(), buffer.size());
+    return goes_on(*message_of<msg::Odometry>(bytes).header(), kLast_ns);
+  };
+  EXPECT_TRUE(goes(kLast_ns + 1'900'000'000, false));
+  EXPECT_TRUE(goes(kLast_ns - 100'000'000, false));
+  EXPECT_FALSE(goes(kLast_ns + 2'100'000'000, false));
+  EXPECT_FALSE(goes(kLast_ns - 5'000'000'000, false));
+  EXPECT_FALSE(goes(kLast_ns + 100'000'000, true));
+}
+
+}  // namespace
+}  // namespace zloam::runtime
