@@ -10,6 +10,12 @@
 namespace zloam::mapping {
 namespace {
 
+// For longer the last motion says nothing about where the sensor is now.
+constexpr double kLongestGap_s = 3.0;
+// A new odometry knows its first sweep's motion only from the second, and what is distorted must
+// not go into the map: so many sweeps in a row must be found in it first.
+constexpr std::uint32_t kSettling = 3;
+
 // Below this a covariance from outside counts as none.
 Matrix6 sane_covariance(const Matrix6& covariance) {
   if (!covariance.allFinite()) return Matrix6::Zero();
@@ -76,17 +82,26 @@ struct Mapper::State {
   std::optional<LastPose> last;
   bool bridging = false;
   std::uint32_t bridged_sweeps = 0;
+  // The next sweep may not go on where the last one was.
+  bool break_expected = false;
+  // Matches to come before anything is inserted.
+  std::uint32_t settling = 0;
 };
 
 Prediction Mapper::State::predict(const MappingInput& input) {
-  if (last && input.odom_epoch != last->odom_epoch) {
+  const bool new_frame = last && input.odom_epoch != last->odom_epoch;
+  if (new_frame) {
     const double gap_s =
         1e-9 * static_cast<double>(input.stamp_ns + input.instant_ns - last->instant_ns);
-    T_map_odom = normalised(last->T_map_base * exp_se3(last->twist_per_s * gap_s) *
-                            input.T_odom_base.inverse());
+    const Vector6 moved = last->twist_per_s * std::clamp(gap_s, 0.0, kLongestGap_s);
+    T_map_odom = normalised(last->T_map_base * exp_se3(moved) * input.T_odom_base.inverse());
+  }
+  if (new_frame || break_expected) {
     bridging = tiles.point_count() >= config.founding_points;
     bridged_sweeps = 0;
   }
+  if (new_frame && bridging) settling = kSettling;
+  break_expected = false;
   Prediction prediction;
   prediction.T_map_base = normalised(T_map_odom * input.T_odom_base);
   prediction.covariance =
@@ -95,10 +110,11 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 }
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
-  if (!bridging) return method->match(input, prediction, tiles);
+  if (!bridging && settling == 0) return method->match(input, prediction, tiles);
   Match match = bridge(*method, input, prediction, tiles, config, policy.median_residual_m());
   ++bridged_sweeps;
   bridging = !match.ok;
+  settling = match.ok ? settling - std::min(settling, 1U) : settling;
   return match;
 }
 
@@ -113,7 +129,8 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   const bool founding = !match.ok && !bridging && tiles.point_count() < config.founding_points;
   if (match.ok) {
     result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
-    result.reason = policy.judge(match.T_map_base, match.residual_m);
+    result.reason = settling > 0 ? "a new odometry frame is still settling"
+                                 : policy.judge(match.T_map_base, match.residual_m);
   } else if (input.edges.empty() && input.planes.empty()) {
     result.health = Health::kEmpty;
     result.reason = "no point came";
@@ -189,6 +206,29 @@ void Mapper::reset() {
   State& s = *state_;
   s.method->reset();
   s = State(s.config, std::move(s.method));
+}
+
+void Mapper::restore(const SavedMap& saved) {
+  reset();
+  State& s = *state_;
+  for (const Tile& tile : saved.tiles) s.tiles.restore(tile);
+  s.method->restore(saved.voxels);
+  s.last = LastPose{};
+  s.last->instant_ns = saved.instant_ns;
+  // Without its pose in the map the frame is as good as a new one.
+  s.last->odom_epoch = saved.T_map_odom ? saved.odom_epoch : ~saved.odom_epoch;
+  s.last->T_map_base = saved.T_map_base;
+  s.last->twist_per_s = saved.twist_per_s;
+  s.last->covariance = bridge_covariance(s.config);
+  s.T_map_odom = saved.T_map_odom.value_or(Pose::Identity());
+  s.last->T_odom_base = s.T_map_odom.inverse() * saved.T_map_base;
+  s.break_expected = true;
+}
+
+void Mapper::expect_break() { state_->break_expected = true; }
+
+std::vector<VoxelTile> Mapper::take_changed_voxels() {
+  return state_->method->take_changed(state_->config.tile_edge_m);
 }
 
 const Pose& Mapper::T_map_odom() const { return state_->T_map_odom; }

@@ -22,6 +22,7 @@
 #include "common/geometry/health.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
+#include "common/plane_map/saved_voxel.hpp"
 #include "mapping/config.hpp"
 
 namespace zloam::mapping {
@@ -77,6 +78,32 @@ struct Tile {
   std::uint64_t version = 0;
   /// frame map, in the order in which their voxels were first hit
   std::vector<MapPoint> points;
+  /// returns that made each point
+  std::vector<std::uint32_t> counts;
+};
+
+/// What a method has counted in one cube, to go on with after a restart.
+struct VoxelTile {
+  TileIndex index;
+  /// grows each time that it is handed out
+  std::uint64_t version = 0;
+  double root_voxel_m = 0.0;
+  int levels = 0;
+  double range_noise_m = 0.0;
+  /// parents before children
+  std::vector<plane_map::SavedVoxel> voxels;
+};
+
+/// What a mapper that was killed left behind: its map, and where it was last.
+struct SavedMap {
+  std::vector<Tile> tiles;
+  std::vector<VoxelTile> voxels;
+  std::int64_t instant_ns = 0;
+  std::uint32_t odom_epoch = 0;
+  Pose T_map_base = Pose::Identity();
+  Vector6 twist_per_s = Vector6::Zero();
+  /// of that odometry epoch; unknown: the next sweep is searched for around T_map_base
+  std::optional<Pose> T_map_odom;
 };
 
 /// A point of the whole map with its layer.
@@ -144,6 +171,15 @@ class Mapper {
 
   /// Empties map and path; the next sweep founds a new map at its predicted pose.
   void reset();
+
+  /// Takes up what another instance left. Nothing is inserted before a sweep was matched against it
+  /// (config.bridge_*); without points in it, the next sweep founds a new map in the same frame.
+  void restore(const SavedMap& saved);
+  /// The odometry may not have gone on where it was: the next sweep is searched for as after a new
+  /// epoch, around where the odometry says.
+  void expect_break();
+  /// What the method has counted, of the cubes that changed since the last call, ascending.
+  std::vector<VoxelTile> take_changed_voxels();
 
   const Pose& T_map_odom() const;
   const std::vector<PathPose>& path() const;

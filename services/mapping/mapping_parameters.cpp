@@ -156,6 +156,13 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
   parameters.add("mapping.cloud_every", &output.cloud_every, {1, 100000}, "",
                  "the whole map leaves every n-th mapped sweep while someone listens",
                  Effect::kNone);
+  parameters.add("mapping.voxels_every", &output.voxels_every, {1, 100000}, "",
+                 "what the store keeps of the voxels leaves every n-th mapped sweep",
+                 Effect::kNone);
+  parameters.add(
+      "mapping.take_back_s", &output.take_back_s, {0.0, 1e9}, "s",
+      "live, when started: the store's map is gone on with when its last pose is younger",
+      Effect::kNone);
 }
 
 }  // namespace zloam::mapping

@@ -17,6 +17,12 @@ struct OutputConfig {
   /// cloud_every-th; only while someone listens
   std::uint32_t publish_every = 5;
   std::uint32_t cloud_every = 50;
+  /// what was counted in voxels, for the store: more bytes than the tiles, and as many sweeps may
+  /// be missing after a restart
+  std::uint32_t voxels_every = 20;
+  /// live: the store's map is taken back when the sensor was away for less; an older one may be of
+  /// another place
+  double take_back_s = 60.0;
 };
 
 void bind(runtime::Parameters& parameters, MappingConfig& config, OutputConfig& output);

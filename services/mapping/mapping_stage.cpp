@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "common/runtime/recall.hpp"
 #include "mapping/key_match.hpp"
 #include "mapping/map_writer.hpp"
 
@@ -44,11 +45,14 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
+  // The odometry's commits, should it be killed.
+  options.keep = static_cast<std::size_t>(stage.shared().recovery.keep_messages);
   stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
-                                     [this](const Sweep& sweep) { take(sweep); });
+                                     [this](const Sweep& sweep) { return take(sweep); });
+  started_ns_ = stage.now_ns();
   declare_answers();
   declare_commands();
-  stage.on_new_run([this](const msg::Header&) { new_run(); });
+  stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) { write_files(); });
   stage.on_stop([this] {
     if (unsaved_) write_files();
@@ -56,7 +60,6 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
 }
 
 void MappingStage::declare_answers() {
-  stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
   stage_.answer(stage_.keys().of(Key::kMapSurround),
                 [this](runtime::Answer& a) { answer_cloud(a, Key::kMapSurround, false); });
   stage_.answer(stage_.keys().of(Key::kMapCloud),
@@ -72,13 +75,26 @@ void MappingStage::declare_commands() {
                  [this](const std::string&) { return reset(); });
 }
 
-void MappingStage::new_run() {
-  if (unsaved_) write_files();
-  mapper_ = Mapper(config_);
+void MappingStage::new_run(const msg::Header& first) {
+  const bool was_in_run = std::exchange(in_run_, true);
   covariance_since_.setZero();
   T_odom_base_before_.reset();
   mapped_ = 0;
+  next_sweep_ = 0;
+  if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
+    mapper_.expect_break();
+    runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
+    return;
+  }
+  if (unsaved_) write_files();
+  mapper_ = Mapper(config_);
   unpublished_.clear();
+  // The map is named after the run that founded it.
+  map_id_ = first.run();
+  if (was_in_run) return;
+  if (!(first.replay() && first.sweep() == 0)) restart(first);
+  // Not before: while it asks for its own tiles it can't answer.
+  stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }
 
 MappingInput MappingStage::input_of(const Sweep& sweep) {
@@ -99,7 +115,13 @@ MappingInput MappingStage::input_of(const Sweep& sweep) {
   return input;
 }
 
-void MappingStage::take(const Sweep& sweep) {
+runtime::Outcome MappingStage::take(const Sweep& sweep) {
+  if (sweep.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
+  process(sweep);
+  return runtime::Outcome::kProcessed;
+}
+
+void MappingStage::process(const Sweep& sweep) {
   MappingInput input = input_of(sweep);
   const Pose back =
       T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
@@ -165,6 +187,7 @@ void MappingStage::publish_views(const Sweep& sweep, const MappingResult& result
       surround_.publish(header, cloud_message(header, mapper_.surround()));
     }
   }
+  if ((mapped_ % output_.voxels_every == 0 || last) && tile_.matching()) publish_voxels(sweep);
   if ((mapped_ % output_.cloud_every == 0 || last) && cloud_.matching()) {
     HeaderFields header = cloud_.header(sweep);
     header.frame = "map";
@@ -218,6 +241,7 @@ Buffer MappingStage::tile_message(const HeaderFields& header, const Tile& tile) 
   fields.edge_m = tile.edge_m;
   fields.version = tile.version;
   fields.points = tile.points;
+  fields.counts = tile.counts;
   return build(header, fields);
 }
 

@@ -19,12 +19,19 @@ class MappingStage {
 
   void declare_answers();
   void declare_commands();
-  void new_run();
-  void take(const Sweep& sweep);
+  void new_run(const msg::Header& first);
+  /// Takes up what an instance before this one left; restart_stage.cpp.
+  void restart(const msg::Header& first);
+  /// With the map and the pose that the store keeps; false: it has none that holds now.
+  bool take_back(const msg::Header& first, SavedMap& saved);
+  bool take_pose(const msg::Header& first, SavedMap& saved);
+  runtime::Outcome take(const Sweep& sweep);
+  void process(const Sweep& sweep);
   MappingInput input_of(const Sweep& sweep);
   void publish_pose(const Sweep& sweep, const MappingResult& result);
   void publish_views(const Sweep& sweep, const MappingResult& result);
   void publish_tiles(const Sweep& sweep);
+  void publish_voxels(const Sweep& sweep);
   void publish_registered(const Sweep& sweep, const MappingResult& result);
   void note_figures(const MappingResult& result);
   Buffer tile_message(const HeaderFields& header, const Tile& tile) const;
@@ -53,7 +60,11 @@ class MappingStage {
   std::optional<Pose> T_odom_base_before_;
   std::uint64_t prev_mapped_ = 0;
   std::uint64_t mapped_ = 0;
-  std::uint64_t map_id_ = 1;
+  std::uint64_t map_id_ = 0;
+  /// of this run: what is below was done by the instance before
+  std::uint64_t next_sweep_ = 0;
+  bool in_run_ = false;
+  std::int64_t started_ns_ = 0;
   std::set<TileId> unpublished_;
   bool unsaved_ = false;
   // Of the last mapped sweep, for replies.

@@ -50,6 +50,12 @@ class MappingMethod {
   /// clouds into the tile map. Spans stay valid until the next call.
   virtual InsertClouds insert(const MappingInput& input, const Match& match) = 0;
   virtual void reset() = 0;
+
+  /// What it has counted by itself, of the cubes of that edge that changed since the last call;
+  /// ascending. A method that matches against the tiles' points has nothing.
+  virtual std::vector<VoxelTile> take_changed(double /*tile_edge_m*/) { return {}; }
+  /// Takes that back into an empty map, before the first match.
+  virtual void restore(const std::vector<VoxelTile>& /*tiles*/) {}
 };
 
 /// What mapping.method may be.

@@ -17,6 +17,14 @@ std::vector<MapPoint> map_points(const std::vector<CountedPoint>& counted) {
   return points;
 }
 
+Tile tile_of(const TileId& id, double edge_m, std::uint64_t version,
+             const std::vector<CountedPoint>& counted) {
+  Tile tile{id, edge_m, version, map_points(counted), {}};
+  tile.counts.reserve(counted.size());
+  for (const CountedPoint& p : counted) tile.counts.push_back(p.count);
+  return tile;
+}
+
 }  // namespace
 
 TileMap::TileMap(const MappingConfig& config)
@@ -48,7 +56,7 @@ std::vector<Tile> TileMap::follow(const Eigen::Vector3d& sensor_map) {
       const TileId id{index, which};
       const std::uint64_t version = layer(which).tile_version(index);
       std::vector<CountedPoint> points = layer(which).remove_tile(index);
-      evicted.push_back({id, tile_edge_m_, version, map_points(points)});
+      evicted.push_back(tile_of(id, tile_edge_m_, version, points));
       if (auto earlier = archive_.take(id)) {
         points.insert(points.begin(), earlier->points.begin(), earlier->points.end());
       }
@@ -74,6 +82,21 @@ void TileMap::insert(Layer which, PointSpan points_base, const Pose& T_map_base)
   }
 }
 
+void TileMap::restore(const Tile& tile) {
+  std::vector<CountedPoint> points;
+  points.reserve(tile.points.size());
+  for (std::size_t i = 0; i < tile.points.size(); ++i) {
+    const MapPoint& p = tile.points[i];
+    const std::uint32_t count = i < tile.counts.size() ? std::max(tile.counts[i], 1U) : 1U;
+    points.push_back({Eigen::Vector3d(p.x, p.y, p.z), count, p.intensity});
+  }
+  if (within(tile.id.index, window_)) {
+    layer(tile.id.layer).restore_tile(tile.id.index, tile.version, points);
+  } else {
+    archive_.put(tile.id, {tile.version, std::move(points)});
+  }
+}
+
 std::vector<TileId> TileMap::take_changed() {
   std::vector<TileId> changed;
   for (const Layer which : kLayers) {
@@ -86,11 +109,11 @@ std::vector<TileId> TileMap::take_changed() {
 std::optional<Tile> TileMap::tile(const TileId& id) const {
   std::vector<CountedPoint> points = layer(id.layer).tile_points(id.index);
   if (!points.empty()) {
-    return Tile{id, tile_edge_m_, layer(id.layer).tile_version(id.index), map_points(points)};
+    return tile_of(id, tile_edge_m_, layer(id.layer).tile_version(id.index), points);
   }
   const auto archived = archive_.get(id);
   if (!archived) return std::nullopt;
-  return Tile{id, tile_edge_m_, archived->version, map_points(archived->points)};
+  return tile_of(id, tile_edge_m_, archived->version, archived->points);
 }
 
 std::vector<TileId> TileMap::tiles() const {

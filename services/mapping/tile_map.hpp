@@ -25,6 +25,9 @@ class TileMap {
   /// Tiles changed since the last call, ascending; their versions grow by one.
   std::vector<TileId> take_changed();
 
+  /// Puts back a tile that another instance handed out; does not count as a change.
+  void restore(const Tile& tile);
+
   std::optional<Tile> tile(const TileId& id) const;
   /// Ascending, with the archived ones.
   std::vector<TileId> tiles() const;

@@ -5,6 +5,7 @@
 
 #include "common/geometry/deskew.hpp"
 #include "common/plane_map/plane_registration.hpp"
+#include "mapping/voxel_tiles.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -20,6 +21,8 @@ class VoxelPlanesMethod : public MappingMethod {
               const TileMap& tiles) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
   void reset() override { *this = VoxelPlanesMethod(config_); }
+  std::vector<VoxelTile> take_changed(double tile_edge_m) override;
+  void restore(const std::vector<VoxelTile>& tiles) override;
 
  private:
   explicit VoxelPlanesMethod(const VoxelPlanesConfig& config) : config_(config) {}
@@ -54,6 +57,7 @@ class VoxelPlanesMethod : public MappingMethod {
   std::optional<Founding> founding_;
   std::uint32_t odom_epoch_ = 0;
   PointVector tile_edges_, tile_planes_;
+  VoxelTiles tiles_;
 };
 
 plane_map::SweepInput VoxelPlanesMethod::sweep_of(const MappingInput& input,
@@ -115,6 +119,7 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
     plane_map::PlaneMapConfig map = config_.map;
     map.range_noise_m = std::max(input.range_noise_m, kLeastNoise_m);
     registration_.emplace(map, config_.matcher, prediction.T_map_base);
+    tiles_.load_into(registration_->map());
     odom_epoch_ = input.odom_epoch;
   } else if (open_ && tried_.size() == 1) {
     // It was matched and not inserted.
@@ -132,7 +137,8 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
 
 Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction,
                                const TileMap& /*tiles*/) {
-  if (!open_ || open_->sweep != input.sweep) begin(input, prediction);
+  const bool same = open_ && open_->sweep == input.sweep && open_->stamp_ns == input.stamp_ns;
+  if (!same) begin(input, prediction);
   const auto result = registration_->match(sweep_of(input, points_), advice(input, prediction));
   Match match;
   match.T_map_base = prediction.T_map_base;
@@ -172,6 +178,15 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
   open_.reset();
   return {thinned(input.edges, input, result.twist_per_s, tile_edges_),
           thinned(input.planes, input, result.twist_per_s, tile_planes_)};
+}
+
+std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double tile_edge_m) {
+  if (!registration_) return {};
+  return tiles_.take_changed(registration_->map(), tile_edge_m);
+}
+
+void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {
+  tiles_.keep_for_loading(tiles);
 }
 
 // Every tile_stride-th point, deskewed with the sweep's own motion.

@@ -19,8 +19,12 @@ Generations::Generations(TileStore& store) : store_(store) {
   number_ = found->rank.map_id;
 }
 
+bool Generations::is_current(std::uint64_t run, std::uint64_t map_id) const {
+  return number_ > 0 && map_id == map_id_ && (map_id != 0 || run == run_);
+}
+
 std::uint64_t Generations::of(std::uint64_t run, std::uint64_t map_id) {
-  if (number_ > 0 && run == run_ && map_id == map_id_) return number_;
+  if (is_current(run, map_id)) return number_;
   StoredMessage record{kKey, "", {number_ + 1, 0, 0}, std::vector<std::uint8_t>(kSize)};
   std::memcpy(record.payload.data(), &run, sizeof run);
   std::memcpy(record.payload.data() + sizeof run, &map_id, sizeof map_id);

@@ -1,7 +1,7 @@
 #pragma once
-// Which map a message belongs to, as a number that only grows. A map is named by run and map_id;
-// runs of replays are hashes and have no order, so the order is that in which the store first met
-// them.
+// Which map a message belongs to, as a number that only grows. A map is named by its map_id, which
+// outlives the run that founded it; without one (0) by the run. Runs of replays are hashes and have
+// no order, so the order is that in which the store first met them.
 
 #include <cstdint>
 
@@ -17,7 +17,7 @@ class Generations {
   /// away.
   std::uint64_t of(std::uint64_t run, std::uint64_t map_id);
   std::uint64_t current() const { return number_; }
-  std::uint64_t run() const { return run_; }
+  bool is_current(std::uint64_t run, std::uint64_t map_id) const;
 
  private:
   TileStore& store_;

@@ -85,7 +85,9 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
 
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
-  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), pose.sweep() + 1};
+  // Sweeps begin anew with each run of a map, the sensor's time does not.
+  const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
+  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), version};
   put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
 }
 
@@ -138,7 +140,8 @@ void StoreStage::take_fetched() {
     if (!verify<msg::MapTile>(bytes.data(), sample.encoding).ok()) continue;
     const auto& tile = message_of<msg::MapTile>(bytes.data());
     // An answer of a map that is gone must not bring it back.
-    if (tile.header()->run() == generations_.run()) take(tile, bytes.data());
+    const msg::Header& header = *tile.header();
+    if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes.data());
   }
 }
 

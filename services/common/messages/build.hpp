@@ -122,6 +122,11 @@ struct MapTileFields {
   double edge_m = 0.0;
   std::uint64_t version = 0;
   std::span<const MapPoint> points{};
+  std::span<const std::uint32_t> counts{};
+  std::span<const msg::MapVoxel> voxels{};
+  double root_voxel_m = 0.0;
+  std::uint8_t levels = 0;
+  double range_noise_m = 0.0;
 };
 
 struct CloudFields {

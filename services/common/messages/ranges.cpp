@@ -92,6 +92,21 @@ class Checker {
     return n == m ? *this : require(false, std::string(name) + ": not as many as points");
   }
 
+  template <class P, class Q>
+  Checker& parallel_if_there(const flatbuffers::Vector<P>* points,
+                             const flatbuffers::Vector<Q>* values, std::string_view name) {
+    return values == nullptr ? *this : parallel(points, values, name);
+  }
+
+  Checker& finite_voxels(const flatbuffers::Vector<const msg::MapVoxel*>* voxels) {
+    bool ok = true;
+    for (const msg::MapVoxel& v : structs_of(voxels)) {
+      for (const float value : *v.sum()) ok = ok && std::isfinite(value);
+      for (const float value : *v.squares()) ok = ok && std::isfinite(value);
+    }
+    return ok ? *this : require(false, "a voxel is not finite");
+  }
+
   Checker& imu(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
     for (const msg::ImuSample& s : structs_of(samples)) {
       vec(&s.linear_acceleration(), "imu").vec(&s.angular_velocity(), "imu");
@@ -194,6 +209,8 @@ std::string range_error(const msg::MapTile& m) {
       .require(m.layer() != nullptr && m.layer()->size() > 0, "layer is missing")
       .require(std::isfinite(m.edge_m()) && m.edge_m() > 0.0, "edge_m is not positive")
       .finite_points(m.points(), "points")
+      .parallel_if_there(m.points(), m.counts(), "counts")
+      .finite_voxels(m.voxels())
       .take();
 }
 

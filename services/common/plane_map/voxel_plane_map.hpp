@@ -23,6 +23,7 @@
 #include "common/plane_map/config.hpp"
 #include "common/plane_map/moments.hpp"
 #include "common/plane_map/pool.hpp"
+#include "common/plane_map/saved_voxel.hpp"
 
 namespace zloam::plane_map {
 
@@ -85,6 +86,14 @@ class VoxelPlaneMap {
 
   MapStatistics statistics() const;
 
+  /// The coarsest voxels in order of creation, and all that is counted in the one at a place of it.
+  std::vector<RootSummary> roots() const;
+  Eigen::Vector3d root_centre_map(const std::array<std::int32_t, 3>& index) const;
+  void save_root(std::size_t place, std::vector<SavedVoxel>& out) const;
+  /// Puts back what save_root() gave, voxel by voxel in its order, into a map of the same voxel
+  /// sizes and grid. False: such a voxel can't be.
+  bool load(const SavedVoxel& voxel);
+
  private:
   enum class Kind : std::uint8_t { kNone, kPlane, kDistribution };
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
@@ -141,6 +150,7 @@ class VoxelPlaneMap {
   void set_plane(Fit& fit, const PrincipalAxes& axes, double count, const Eigen::Vector3d& offset);
   Match match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const;
   void release_children(Node& node, int level);
+  void save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const;
 
   PlaneMapConfig config_;
   PlaneGates own_gates_;

@@ -1,0 +1,30 @@
+#pragma once
+// A voxel of the plane map as it is stored: what was counted in it, and where it lies.
+
+#include <array>
+#include <cstdint>
+
+namespace zloam::plane_map {
+
+struct SavedVoxel {
+  /// the voxel spans [x, x + 1) * edge on x, likewise y and z, grid frame; edge = root >> level
+  std::int32_t x = 0, y = 0, z = 0;
+  std::uint32_t count = 0;
+  /// 0: coarsest
+  std::uint8_t level = 0;
+  /// finest voxels: points of more than one ring fell in; else `ring` is theirs
+  bool several_rings = true;
+  std::uint16_t ring = 0;
+  /// of the points relative to the voxel's centre, m
+  std::array<float, 3> sum{};
+  /// xx xy xz yy yz zz, m^2
+  std::array<float, 6> squares{};
+};
+
+/// One of the coarsest voxels. It has changed when its count has.
+struct RootSummary {
+  std::array<std::int32_t, 3> index{};
+  std::uint32_t count = 0;
+};
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,111 @@
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+namespace {
+
+using Eigen::Vector3d;
+
+// Floor and two walls of a room around (0, 0, 0) with normal noise, seen by two rings.
+std::vector<Vector3d> room(int count, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> place(-6.0, 6.0);
+  std::normal_distribution<double> noise(0.0, 0.01);
+  std::vector<Vector3d> points;
+  for (int i = 0; i < count; ++i) {
+    const double u = place(random);
+    const double v = place(random);
+    points.emplace_back(u, v, -1.5 + noise(random));
+    points.emplace_back(-6.0 + noise(random), u, 0.2 * v);
+    points.emplace_back(u, 6.0 + noise(random), 0.2 * v);
+  }
+  return points;
+}
+
+PlaneMapConfig config() {
+  PlaneMapConfig c;
+  c.settled_points = 200;
+  return c;
+}
+
+std::vector<SavedVoxel> saved(const VoxelPlaneMap& map) {
+  std::vector<SavedVoxel> voxels;
+  for (std::size_t i = 0; i < map.roots().size(); ++i) map.save_root(i, voxels);
+  return voxels;
+}
+
+void expect_same_planes(VoxelPlaneMap& a, VoxelPlaneMap& b) {
+  int planes = 0;
+  for (const Vector3d& at : room(300, 9)) {
+    const auto in_a = a.plane_at(at);
+    const auto in_b = b.plane_at(at);
+    ASSERT_EQ(in_a.has_value(), in_b.has_value()) << at.transpose();
+    if (!in_a) continue;
+    ++planes;
+    EXPECT_NEAR(std::abs(in_a->normal.dot(in_b->normal)), 1.0, 1e-6);
+    EXPECT_NEAR((in_a->centre - in_b->centre).norm(), 0.0, 1e-4);
+  }
+  EXPECT_GT(planes, 500);
+}
+
+TEST(VoxelPlaneMapState, WhatWasSavedGivesTheSamePlanes) {
+  VoxelPlaneMap map(config());
+  map.insert_points(room(20'000, 1));
+  VoxelPlaneMap copy(config());
+  for (const SavedVoxel& voxel : saved(map)) ASSERT_TRUE(copy.load(voxel));
+  expect_same_planes(map, copy);
+  EXPECT_EQ(copy.statistics().voxels, map.statistics().voxels);
+}
+
+TEST(VoxelPlaneMapState, CountingGoesOnWhereItWas) {
+  // When a plane is fitted anew depends on when it was looked up: here always.
+  PlaneMapConfig always = config();
+  always.refit_growth = 1.0;
+  always.settled_points = 1'000'000;
+  VoxelPlaneMap whole(always);
+  whole.insert_points(room(2'000, 1));
+  VoxelPlaneMap copy(always);
+  for (const SavedVoxel& voxel : saved(whole)) ASSERT_TRUE(copy.load(voxel));
+  whole.insert_points(room(2'000, 2));
+  copy.insert_points(room(2'000, 2));
+  const auto sums = [](const VoxelPlaneMap& map) {
+    std::uint64_t points = 0;
+    for (const RootSummary& root : map.roots()) points += root.count;
+    return points;
+  };
+  EXPECT_EQ(sums(whole), 12'000U);
+  EXPECT_EQ(sums(copy), 12'000U);
+  expect_same_planes(whole, copy);
+}
+
+TEST(VoxelPlaneMapState, TheRootsSayWhereTheyLie) {
+  VoxelPlaneMap map(config());
+  const std::vector<Vector3d> one = {{31.3, -17.2, 4.4}};
+  map.insert_points(one);
+  const auto roots = map.roots();
+  ASSERT_EQ(roots.size(), 1U);
+  EXPECT_EQ(roots[0].count, 1U);
+  const double half_diagonal_m = 0.5 * std::sqrt(3.0) * map.config().root_voxel_m;
+  EXPECT_LE((map.root_centre_map(roots[0].index) - one[0]).norm(), half_diagonal_m);
+}
+
+TEST(VoxelPlaneMapState, VoxelsThatCannotBeAreRefused) {
+  VoxelPlaneMap map(config());
+  SavedVoxel voxel;
+  voxel.count = 1;
+  voxel.level = 6;
+  EXPECT_FALSE(map.load(voxel));
+  voxel.level = 0;
+  voxel.x = 1 << 20;
+  EXPECT_FALSE(map.load(voxel));
+  voxel.x = 0;
+  voxel.count = 0;
+  EXPECT_FALSE(map.load(voxel));
+  EXPECT_TRUE(map.empty());
+}
+
+}  // namespace
+}  // namespace zloam::plane_map

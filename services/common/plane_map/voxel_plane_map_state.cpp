@@ -1,0 +1,127 @@
+// What is counted in the map, out of it and back.
+
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+namespace {
+
+constexpr int kKeyBits = 21;
+constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
+constexpr std::int32_t kMaxRoot = 1 << (kKeyBits - 2);
+
+std::array<std::int32_t, 3> index_of(std::uint64_t key) {
+  const std::uint64_t mask = (std::uint64_t{1} << kKeyBits) - 1;
+  const auto part = [&](int i) {
+    return static_cast<std::int32_t>(static_cast<std::int64_t>(key >> (i * kKeyBits) & mask) -
+                                     kKeyOffset);
+  };
+  return {part(2), part(1), part(0)};
+}
+
+std::uint64_t key_of(const Eigen::Vector3i& index) {
+  const auto part = [&](int i) { return static_cast<std::uint64_t>(index[i] + kKeyOffset); };
+  return part(0) << (2 * kKeyBits) | part(1) << kKeyBits | part(2);
+}
+
+template <typename Sums>
+void put_sums(const Sums& sums, SavedVoxel& out) {
+  for (std::size_t i = 0; i < 3; ++i) out.sum[i] = static_cast<float>(sums.sum[i]);
+  for (std::size_t i = 0; i < 6; ++i) out.squares[i] = static_cast<float>(sums.squares[i]);
+}
+
+template <typename Sums>
+void take_sums(const SavedVoxel& in, Sums& sums) {
+  for (std::size_t i = 0; i < 3; ++i) sums.sum[i] = in.sum[i];
+  for (std::size_t i = 0; i < 6; ++i) sums.squares[i] = in.squares[i];
+}
+
+}  // namespace
+
+std::vector<RootSummary> VoxelPlaneMap::roots() const {
+  std::vector<RootSummary> out;
+  out.reserve(roots_.size());
+  for (const Root& root : roots_) {
+    out.push_back({index_of(root.key), nodes_[root.node].fit.count});
+  }
+  return out;
+}
+
+Eigen::Vector3d VoxelPlaneMap::root_centre_map(const std::array<std::int32_t, 3>& index) const {
+  const Eigen::Vector3d cell(index[0], index[1], index[2]);
+  return T_grid_map_.inverse() * ((cell.array() + 0.5).matrix() * config_.root_voxel_m);
+}
+
+void VoxelPlaneMap::save_root(std::size_t place, std::vector<SavedVoxel>& out) const {
+  const Root& root = roots_.at(place);
+  const auto index = index_of(root.key);
+  SavedVoxel voxel;
+  voxel.x = index[0];
+  voxel.y = index[1];
+  voxel.z = index[2];
+  save_node(nodes_[root.node], voxel, out);
+}
+
+void VoxelPlaneMap::save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const {
+  at.count = node.fit.count;
+  put_sums(node.sums, at);
+  out.push_back(at);
+  SavedVoxel child;
+  child.level = static_cast<std::uint8_t>(at.level + 1);
+  for (unsigned o = 0; o < node.children.size(); ++o) {
+    const std::uint32_t i = node.children[o];
+    if (i == kNoChild) continue;
+    child.x = 2 * at.x + static_cast<std::int32_t>(o & 1U);
+    child.y = 2 * at.y + static_cast<std::int32_t>(o >> 1U & 1U);
+    child.z = 2 * at.z + static_cast<std::int32_t>(o >> 2U & 1U);
+    if (child.level < shift_) {
+      save_node(nodes_[i], child, out);
+      continue;
+    }
+    SavedVoxel leaf = child;
+    leaf.count = leaves_[i].fit.count;
+    leaf.several_rings = leaves_[i].several_rings;
+    leaf.ring = leaves_[i].ring;
+    put_sums(leaves_[i].sums, leaf);
+    out.push_back(leaf);
+  }
+}
+
+bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
+  if (voxel.level > shift_ || voxel.count == 0) return false;
+  // Arithmetic shifts round down, for negative indices too.
+  const Eigen::Vector3i root(voxel.x >> voxel.level, voxel.y >> voxel.level,
+                             voxel.z >> voxel.level);
+  if (root.cwiseAbs().maxCoeff() >= kMaxRoot) return false;
+  const int bits = shift_ - voxel.level;
+  const int mask = (1 << voxel.level) - 1;
+  const Cell cell{(voxel.x & mask) << bits, (voxel.y & mask) << bits, (voxel.z & mask) << bits};
+  std::uint32_t i = take_root(key_of(root));
+  for (int level = 1; level <= voxel.level; ++level) {
+    const int bit = shift_ - level;
+    const unsigned o = static_cast<unsigned>((cell.x >> bit & 1) | (cell.y >> bit & 1) << 1 |
+                                             (cell.z >> bit & 1) << 2);
+    if (nodes_[i].children[o] == kNoChild) {
+      // Taken first: it may move what nodes_[i] is found by.
+      const std::uint32_t taken = level == shift_ ? leaves_.take() : nodes_.take();
+      nodes_[i].children[o] = taken;
+    }
+    i = nodes_[i].children[o];
+  }
+  if (voxel.level == shift_) {
+    Leaf& leaf = leaves_[i];
+    leaf.fit.count = voxel.count;
+    leaf.fit.refit_at = 0;
+    leaf.several_rings = voxel.several_rings;
+    leaf.ring = voxel.ring;
+    take_sums(voxel, leaf.sums);
+    return true;
+  }
+  Node& node = nodes_[i];
+  node.fit.count = voxel.count;
+  take_sums(voxel, node.sums);
+  // A plane that takes no finer points must be known as one before the next point comes.
+  fit_node(node, cell, voxel.level);
+  return true;
+}
+
+}  // namespace zloam::plane_map

@@ -1,0 +1,177 @@
+// A mapping that was killed and started again (protocols.md, section 7): the store has its map and
+// its last pose, integration its last corrections.
+
+#include <algorithm>
+#include <span>
+
+#include "common/runtime/recall.hpp"
+#include "mapping/mapping_stage.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+constexpr const char* kVoxels = "voxels";
+// The store's link may come up after the others': it connects to mapping, within a second.
+constexpr std::int64_t kStoreLink_ns = 2'000'000'000;
+constexpr std::int64_t kTry_ns = 200'000'000;
+constexpr int kTries = kStoreLink_ns / kTry_ns;
+
+msg::MapVoxel to_message(const plane_map::SavedVoxel& v) {
+  return {v.x,
+          v.y,
+          v.z,
+          v.count,
+          v.level,
+          v.several_rings,
+          v.ring,
+          flatbuffers::span<const float, 3>(v.sum),
+          flatbuffers::span<const float, 6>(v.squares)};
+}
+
+plane_map::SavedVoxel voxel_of(const msg::MapVoxel& m) {
+  plane_map::SavedVoxel v;
+  v.x = m.x();
+  v.y = m.y();
+  v.z = m.z();
+  v.count = m.count();
+  v.level = m.level();
+  v.several_rings = m.several_rings();
+  v.ring = m.ring();
+  for (std::size_t i = 0; i < v.sum.size(); ++i) {
+    v.sum[i] = m.sum()->Get(static_cast<flatbuffers::uoffset_t>(i));
+  }
+  for (std::size_t i = 0; i < v.squares.size(); ++i) {
+    v.squares[i] = m.squares()->Get(static_cast<flatbuffers::uoffset_t>(i));
+  }
+  return v;
+}
+
+VoxelTile voxel_tile_of(const msg::MapTile& m) {
+  VoxelTile tile{{m.i(), m.j(), m.k()}, m.version(), m.root_voxel_m(), m.levels(),
+                 m.range_noise_m(),     {}};
+  for (const msg::MapVoxel& v : structs_of(m.voxels())) tile.voxels.push_back(voxel_of(v));
+  return tile;
+}
+
+void add_tile(const msg::MapTile& m, SavedMap& saved) {
+  const std::string name = m.layer()->str();
+  if (name == kVoxels) {
+    saved.voxels.push_back(voxel_tile_of(m));
+    return;
+  }
+  const auto layer = layer_from_name(name);
+  if (!layer) return;
+  Tile tile{{{m.i(), m.j(), m.k()}, *layer}, m.edge_m(), m.version(), {}, {}};
+  const std::span<const MapPoint> points = map_points_of(m.points());
+  tile.points.assign(points.begin(), points.end());
+  if (m.counts() != nullptr) tile.counts.assign(m.counts()->begin(), m.counts()->end());
+  saved.tiles.push_back(std::move(tile));
+}
+
+}  // namespace
+
+void MappingStage::publish_voxels(const Sweep& sweep) {
+  std::vector<msg::MapVoxel> voxels;
+  for (const VoxelTile& tile : mapper_.take_changed_voxels()) {
+    voxels.clear();
+    for (const plane_map::SavedVoxel& v : tile.voxels) voxels.push_back(to_message(v));
+    MapTileFields fields;
+    fields.layer = kVoxels;
+    fields.i = tile.index.i;
+    fields.j = tile.index.j;
+    fields.k = tile.index.k;
+    fields.edge_m = config_.tile_edge_m;
+    fields.version = tile.version;
+    fields.voxels = voxels;
+    fields.root_voxel_m = tile.root_voxel_m;
+    fields.levels = static_cast<std::uint8_t>(tile.levels);
+    fields.range_noise_m = tile.range_noise_m;
+    HeaderFields header = tile_.header(sweep);
+    header.frame = "map";
+    header.map_id = map_id_;
+    tile_.publish_at(stage_.keys().tile(kVoxels, fields.i, fields.j, fields.k), header,
+                     build(header, fields));
+  }
+}
+
+bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
+  // Who founds a map puts the one in the store away: in the middle of a run not before it had its
+  // time to answer. A run that only begins waits for nobody.
+  const std::int64_t left_ns = started_ns_ + kStoreLink_ns - stage_.now_ns();
+  const bool waits = first.sweep() > 0 && left_ns > 0;
+  const int tries = waits ? static_cast<int>(left_ns / kTry_ns) + 1 : 1;
+  const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, tries);
+  if (poses.empty()) return false;
+  const runtime::Received<msg::MapPose>& pose = poses.back();
+  const std::int64_t away_ns = first.stamp_ns() - pose->instant_ns();
+  const bool same_run = pose.run() == first.run();
+  const bool recent = static_cast<double>(away_ns) * 1e-9 < output_.take_back_s;
+  if (first.replay() ? !same_run : !recent || away_ns < -1'000'000'000) {
+    runtime::log_info("the store's map is of another time or run: a new one is founded");
+    return false;
+  }
+  saved.instant_ns = pose->instant_ns();
+  saved.odom_epoch = pose.header().odom_epoch();
+  saved.T_map_base = pose_of(pose->pose_map_base());
+  saved.twist_per_s = twist_of(pose->twist());
+  map_id_ = pose.header().map_id();
+  for (const auto& tile :
+       runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
+    if (tile.header().map_id() == map_id_) add_tile(*tile, saved);
+  }
+  last_instant_ns_ = saved.instant_ns;
+  if (same_run) next_sweep_ = pose.sweep() + 1;
+  return true;
+}
+
+// Without a store the map is gone, but not where it was: integration knows the last pose in it.
+bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
+  const auto poses =
+      runtime::recall<msg::MapPose>(stage_, Key::kPose, runtime::sweeps_from(first.run(), 0), 1);
+  // Nobody mapped in this run: it only begins.
+  if (next_sweep_ == 0 || (poses.empty() && !saved.T_map_odom)) return false;
+  if (poses.empty()) {
+    saved.T_map_base = *saved.T_map_odom;
+    return true;
+  }
+  saved.T_map_base = pose_of(poses.back()->pose_map_base());
+  saved.twist_per_s = twist_of(poses.back()->twist());
+  last_instant_ns_ = saved.instant_ns = poses.back()->instant_ns();
+  return true;
+}
+
+void MappingStage::restart(const msg::Header& first) {
+  SavedMap saved;
+  const auto corrections =
+      runtime::recall<msg::MapCorrection>(stage_, Key::kMapCorrection, runtime::kKept, 1);
+  const bool has_map = take_back(first, saved);
+  for (const auto& correction : corrections) {
+    if (correction.run() != first.run()) continue;
+    next_sweep_ = std::max(next_sweep_, correction.sweep() + 1);
+    if (correction.header().odom_epoch() != first.odom_epoch()) continue;
+    saved.odom_epoch = first.odom_epoch();
+    saved.T_map_odom = pose_of(correction->pose_map_odom());
+  }
+  if (!has_map && !take_pose(first, saved)) return;
+  if (!has_map) {
+    stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
+                               " is lost: no store has it; a new one is founded in its frame");
+  }
+  mapper_.restore(saved);
+  if (first.replay()) ack_.done_below(first.run(), next_sweep_);
+  const std::size_t points = mapper_.point_count();
+  stage_.figure("map_points_taken_back", static_cast<double>(points));
+  runtime::log_warning("the map of the instance before goes on",
+                       {{"points", points},
+                        {"voxel_cubes", saved.voxels.size()},
+                        {"map_id", map_id_},
+                        {"frame_known", saved.T_map_odom.has_value()}});
+  runtime::Gap gap{1, 0, first.stamp_ns() - last_instant_ns_};
+  if (!first.replay() && next_sweep_ > 0 && first.sweep() > next_sweep_) {
+    gap.first = next_sweep_;
+    gap.last = first.sweep() - 1;
+  }
+  runtime::report(stage_, gap);
+}
+
+}  // namespace zloam::mapping

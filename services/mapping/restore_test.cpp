@@ -1,0 +1,166 @@
+#include <gtest/gtest.h>
+
+#include "mapping/mapping.hpp"
+#include "mapping/test_room.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+constexpr std::uint32_t kPeriod_ns = 100'000'000;
+constexpr int kBefore = 12;
+
+// A slow drive through the room; the scans are taken at rest, so that they need no deskewing.
+Pose truth(int sweep) {
+  Vector6 step;
+  step << 0.1, 0.01, 0.0, 0.0, 0.0, 0.02;
+  return exp_se3(sweep * step);
+}
+
+class Restored : public ::testing::TestWithParam<std::string> {
+ protected:
+  MappingConfig config() const {
+    MappingConfig c;
+    c.method = GetParam();
+    // several cubes, on both sides of the origin
+    c.tile_edge_m = 5.0;
+    return c;
+  }
+
+  MappingResult feed(Mapper& mapper, const test::Room& room, int sweep, const Pose& T_map_odom,
+                     std::uint32_t epoch) const {
+    const test::Scan scan = test::scan(room, truth(sweep), 0.01, 40U + sweep);
+    MappingInput input;
+    input.sweep = static_cast<std::uint64_t>(sweep);
+    input.stamp_ns = static_cast<std::int64_t>(sweep) * kPeriod_ns;
+    input.instant_ns = kPeriod_ns;
+    input.period_ns = kPeriod_ns;
+    input.odom_epoch = epoch;
+    input.T_odom_base = T_map_odom.inverse() * truth(sweep);
+    input.edges = scan.edges;
+    input.planes = scan.planes;
+    return mapper.process(input);
+  }
+
+  // What the store has of a mapper that was killed.
+  SavedMap killed(const test::Room& room) const {
+    Mapper mapper{config()};
+    MappingResult last;
+    for (int i = 0; i < kBefore; ++i) last = feed(mapper, room, i, Pose::Identity(), 0);
+    SavedMap saved;
+    for (const TileId& id : mapper.tiles()) saved.tiles.push_back(*mapper.tile(id));
+    saved.voxels = mapper.take_changed_voxels();
+    saved.instant_ns = static_cast<std::int64_t>(kBefore) * kPeriod_ns;
+    saved.T_map_base = last.T_map_base;
+    saved.T_map_odom = last.T_map_odom;
+    return saved;
+  }
+
+  static double error_m(const MappingResult& result, int sweep) {
+    return (truth(sweep).inverse() * result.T_map_base).translation().norm();
+  }
+};
+
+TEST_P(Restored, GoesOnInTheSameFrameOfTheOdometry) {
+  const test::Room room = test::furnished_room();
+  const SavedMap saved = killed(room);
+  std::size_t points = 0;
+  for (const Tile& tile : saved.tiles) points += tile.points.size();
+  Mapper mapper{config()};
+  mapper.restore(saved);
+  EXPECT_EQ(mapper.point_count(), points);
+  for (int i = kBefore + 5; i < kBefore + 15; ++i) {
+    const MappingResult result = feed(mapper, room, i, Pose::Identity(), 0);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_TRUE(result.inserted) << result.reason;
+    EXPECT_LT(error_m(result, i), 0.03) << i;
+  }
+}
+
+TEST_P(Restored, FindsItselfInANewFrameOfTheOdometry) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper{config()};
+  mapper.restore(killed(room));
+  // The odometry began anew where the robot was after five more sweeps.
+  const Pose T_map_odom = truth(kBefore + 5);
+  for (int i = kBefore + 5; i < kBefore + 15; ++i) {
+    const MappingResult result = feed(mapper, room, i, T_map_odom, 1);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_LT(error_m(result, i), 0.03) << i;
+    EXPECT_LT((T_map_odom.inverse() * result.T_map_odom).translation().norm(), 0.03);
+  }
+}
+
+TEST_P(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
+  const test::Room room = test::furnished_room();
+  SavedMap saved = killed(room);
+  saved.T_map_odom.reset();
+  Mapper mapper{config()};
+  mapper.restore(saved);
+  const Pose T_map_odom = truth(kBefore + 5);
+  for (int i = kBefore + 5; i < kBefore + 10; ++i) {
+    const MappingResult result = feed(mapper, room, i, T_map_odom, 0);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_LT(error_m(result, i), 0.03) << i;
+  }
+}
+
+TEST_P(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
+  MappingConfig c = config();
+  c.bridge_sweeps = 3;
+  Mapper mapper{c};
+  mapper.restore(killed(test::furnished_room()));
+  const std::size_t points = mapper.point_count();
+  // Walls, floor and ceiling all elsewhere, and farther away than is searched for.
+  const test::Room elsewhere = {{{-40.0, -31.0, -5.3}, {37.0, 29.0, 9.7}},
+                                {{{12.0, -9.0, -5.3}, {19.0, -2.0, 9.7}}}};
+  for (int i = kBefore + 5; i < kBefore + 12; ++i) {
+    const MappingResult result = feed(mapper, elsewhere, i, Pose::Identity(), 0);
+    EXPECT_FALSE(result.inserted);
+    EXPECT_EQ(result.health, i < kBefore + 8 ? Health::kBridging : Health::kLost) << i;
+  }
+  EXPECT_EQ(mapper.point_count(), points);
+  EXPECT_TRUE(mapper.take_changed_voxels().empty());
+}
+
+TEST_P(Restored, WithoutAMapANewOneIsFoundedInTheSameFrame) {
+  SavedMap saved;
+  saved.T_map_base = truth(kBefore);
+  saved.T_map_odom = truth(3);
+  saved.instant_ns = static_cast<std::int64_t>(kBefore) * kPeriod_ns;
+  Mapper mapper{config()};
+  mapper.restore(saved);
+  const test::Room room = test::furnished_room();
+  for (int i = kBefore + 5; i < kBefore + 12; ++i) {
+    const MappingResult result = feed(mapper, room, i, truth(3), 0);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_LT(error_m(result, i), 0.03) << i;
+  }
+}
+
+TEST_P(Restored, TheVersionsOfTheCubesGoOn) {
+  const test::Room room = test::furnished_room();
+  const SavedMap saved = killed(room);
+  Mapper mapper{config()};
+  mapper.restore(saved);
+  const MappingResult result = feed(mapper, room, kBefore, Pose::Identity(), 0);
+  ASSERT_TRUE(result.inserted) << result.reason;
+  ASSERT_FALSE(result.changed.empty());
+  for (const TileId& id : result.changed) {
+    std::uint64_t before = 0;
+    for (const Tile& tile : saved.tiles) before = tile.id == id ? tile.version : before;
+    EXPECT_GT(mapper.tile(id)->version, before);
+  }
+  for (const VoxelTile& tile : mapper.take_changed_voxels()) {
+    for (const VoxelTile& old : saved.voxels) {
+      if (old.index == tile.index) {
+        EXPECT_GT(tile.version, old.version);
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, Restored, ::testing::Values("voxel_planes", "loam"),
+                         [](const auto& tested) { return tested.param; });
+
+}  // namespace
+}  // namespace zloam::mapping

@@ -1,0 +1,72 @@
+#include "mapping/voxel_tiles.hpp"
+
+#include <cmath>
+
+namespace zloam::mapping {
+namespace {
+
+struct Roots {
+  std::uint64_t points = 0;
+  /// in VoxelPlaneMap::roots()
+  std::vector<std::size_t> places;
+};
+
+TileIndex cube_of(const Eigen::Vector3d& p, double edge_m) {
+  const auto part = [edge_m](double x) {
+    return static_cast<std::int32_t>(std::floor(x / edge_m));
+  };
+  return {part(p.x()), part(p.y()), part(p.z())};
+}
+
+// The order of creation, so that a map that was saved and loaded is the same map again.
+std::map<TileIndex, Roots> roots_by_cube(const plane_map::VoxelPlaneMap& map, double edge_m) {
+  std::map<TileIndex, Roots> cubes;
+  const std::vector<plane_map::RootSummary> roots = map.roots();
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    Roots& cube = cubes[cube_of(map.root_centre_map(roots[i].index), edge_m)];
+    cube.points += roots[i].count;
+    cube.places.push_back(i);
+  }
+  return cubes;
+}
+
+bool fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config) {
+  return tile.root_voxel_m == config.root_voxel_m && tile.levels == config.levels &&
+         tile.range_noise_m == config.range_noise_m;
+}
+
+}  // namespace
+
+std::vector<VoxelTile> VoxelTiles::take_changed(const plane_map::VoxelPlaneMap& map,
+                                                double tile_edge_m) {
+  std::vector<VoxelTile> changed;
+  for (const auto& [index, roots] : roots_by_cube(map, tile_edge_m)) {
+    Cube& cube = cubes_[index];
+    if (roots.points == cube.points) continue;
+    // Fewer: voxels far from the sensor were dropped; what was handed out before is the better one.
+    const bool grown = roots.points > cube.points;
+    cube.points = roots.points;
+    if (!grown) continue;
+    const plane_map::PlaneMapConfig& config = map.config();
+    VoxelTile tile{index,         ++cube.version,       config.root_voxel_m,
+                   config.levels, config.range_noise_m, {}};
+    for (const std::size_t place : roots.places) map.save_root(place, tile.voxels);
+    changed.push_back(std::move(tile));
+  }
+  return changed;
+}
+
+void VoxelTiles::load_into(plane_map::VoxelPlaneMap& map) {
+  for (const VoxelTile& tile : kept_) {
+    Cube& cube = cubes_[tile.index];
+    cube.version = tile.version;
+    if (!fits(tile, map.config())) continue;
+    for (const plane_map::SavedVoxel& voxel : tile.voxels) {
+      if (map.load(voxel) && voxel.level == 0) cube.points += voxel.count;
+    }
+  }
+  kept_.clear();
+  kept_.shrink_to_fit();
+}
+
+}  // namespace zloam::mapping
