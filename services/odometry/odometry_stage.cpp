@@ -4,6 +4,9 @@
 #include <chrono>
 #include <string>
 #include <string_view>
+#include <utility>
+
+#include "common/runtime/recall.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -44,34 +47,50 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
       progress_(stage.outlet(Key::kProgress)) {
   runtime::InletOptions options;
   options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
-    next_sweep_ = sweep + 1;
+    // What was caught up with after a restart may be given up here once more.
+    next_sweep_ = std::max(next_sweep_, sweep + 1);
   };
   // Any number of replicas; the first copy of a sweep is taken.
   options.replicas = true;
   inlet_ = &stage.inlet<msg::Features>(Key::kFeatures, options,
-                                       [this](const Features& features) { take(features); });
+                                       [this](const Features& features) { return take(features); });
   stage.answer(stage.keys().of(Key::kPathOdometry),
                [this](runtime::Answer& answer) { answer_path(answer); });
   stage.command("reset", "forgets the motion; the next sweep begins a new odom frame",
                 [this](const std::string&) { return reset(); });
-  stage.on_new_run([this](const msg::Header&) { new_run(); });
+  stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.every(kProgressPeriod, [this] {
     if (!path_.empty()) publish_progress(progress_.header(stage_.now_ns(), stage_.now_ns()));
   });
 }
 
-void OdometryStage::new_run() {
+void OdometryStage::new_run(const msg::Header& first) {
+  const bool was_in_run = std::exchange(in_run_, true);
+  next_sweep_ = 0;
+  if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
+    runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
+    return;
+  }
   odometry_.reset();
   path_.clear();
-  next_sweep_ = 0;
-  odom_epoch_ = 0;
+  // In a replay everything, the epoch too, is a function of the capture.
+  odom_epoch_ = was_in_run && !first.replay() ? odom_epoch_ + 1 : 0;
+  if (!was_in_run && !(first.replay() && first.sweep() == 0)) restart(first);
 }
 
-void OdometryStage::take(const Features& features) {
+runtime::Outcome OdometryStage::take(const Features& features) {
+  // Done by the instance before, or caught up with.
+  if (features.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
+  process(features);
+  return runtime::Outcome::kProcessed;
+}
+
+void OdometryStage::process(const Features& features) {
   next_sweep_ = features.sweep() + 1;
   // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
   if (health_of(features->health()) == Health::kDropped) return;
   const OdometryResult result = odometry_.process(input_of(features));
+  last_instant_ns_ = result.instant_ns;
   publish_pose(features, result);
   publish_features(features, result);
   if (sweep_.matching()) publish_sweep(features, result);

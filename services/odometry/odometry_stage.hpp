@@ -16,14 +16,20 @@ class OdometryStage {
  private:
   using Features = runtime::Received<msg::Features>;
 
-  void take(const Features& features);
+  runtime::Outcome take(const Features& features);
+  void process(const Features& features);
   void publish_pose(const Features& features, const OdometryResult& result);
   void publish_features(const Features& features, const OdometryResult& result);
   void publish_sweep(const Features& features, const OdometryResult& result);
   void publish_progress(HeaderFields header);
   void note_figures(const OdometryResult& result);
   void answer_path(runtime::Answer& answer) const;
-  void new_run();
+  void new_run(const msg::Header& first);
+  /// Takes up what an instance before this one left in the middle of a run; restart_stage.cpp.
+  void restart(const msg::Header& first);
+  bool continue_frame(const msg::Header& first,
+                      const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  void catch_up(const msg::Header& first);
   runtime::CommandReply reset();
 
   runtime::Stage& stage_;
@@ -38,6 +44,8 @@ class OdometryStage {
   HeaderFields last_header_;
   std::uint64_t next_sweep_ = 0;
   std::uint32_t odom_epoch_ = 0;
+  std::int64_t last_instant_ns_ = 0;
+  bool in_run_ = false;
 };
 
 }  // namespace zloam::odometry

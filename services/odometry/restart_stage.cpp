@@ -1,0 +1,115 @@
+// An odometry that was killed and started again (protocols.md, section 7): its last commits are
+// what mapping keeps of odometry/features, its inputs since then what registration keeps.
+
+#include <algorithm>
+#include <optional>
+
+#include "common/runtime/recall.hpp"
+#include "odometry/odometry_stage.hpp"
+
+namespace zloam::odometry {
+namespace {
+
+using Commit = runtime::Received<msg::OdometryFeatures>;
+
+constexpr int kTries = 5;
+
+// What the odometry itself said: where it had nothing to say, the message has the source's word.
+Health own_health(Health published) {
+  const bool own = published == Health::kEmpty || published == Health::kPredicted ||
+                   published == Health::kDegenerate;
+  return own ? published : Health::kOk;
+}
+
+CommittedSweep committed(const Commit& commit) {
+  CommittedSweep sweep;
+  sweep.sweep = commit.sweep();
+  sweep.prev_sweep = commit->prev_sweep();
+  sweep.instant_ns = commit->instant_ns();
+  sweep.period_ns = commit->period_ns();
+  sweep.T_odom_base = pose_of(commit->pose_odom_base());
+  sweep.twist_per_s = twist_of(commit->twist());
+  sweep.health = own_health(health_of(commit->health()));
+  sweep.degenerate = commit->degenerate();
+  sweep.edges = points_of(commit->edges());
+  sweep.planes = points_of(commit->planes());
+  return sweep;
+}
+
+template <class Messages>
+void note_epochs(const Messages& messages, std::optional<std::uint32_t>& greatest) {
+  for (const auto& message : messages) {
+    greatest = std::max(greatest.value_or(0), message.header().odom_epoch());
+  }
+}
+
+}  // namespace
+
+void OdometryStage::restart(const msg::Header& first) {
+  // At the first sweep of a live run there may be nobody to wait for.
+  const int tries = first.sweep() > 0 ? kTries : 1;
+  const auto commits =
+      runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
+  if (continue_frame(first, commits)) {
+    catch_up(first);
+    return;
+  }
+  if (first.replay()) return;
+  // An epoch that was used must not come again: mapping would take its correction for this frame's.
+  std::optional<std::uint32_t> used;
+  note_epochs(commits, used);
+  note_epochs(runtime::recall<msg::Odometry>(stage_, Key::kOdometry, runtime::kKept, 1), used);
+  note_epochs(runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1), used);
+  if (!used) return;
+  odom_epoch_ = *used + 1;
+  runtime::log_warning("a new odom frame begins: the one before could not be continued",
+                       {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
+}
+
+bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<Commit>& commits) {
+  std::vector<CommittedSweep> sweeps;
+  const Commit* last = nullptr;
+  for (const Commit& commit : commits) {
+    if (commit.run() != first.run()) continue;
+    sweeps.push_back(committed(commit));
+    last = &commit;
+  }
+  if (sweeps.empty()) return false;
+  if (!first.replay() && !runtime::goes_on(first, sweeps.back().instant_ns)) return false;
+  const std::size_t depth = std::min(sweeps.size(), odometry_.restore_depth());
+  odometry_.restore({sweeps.end() - static_cast<std::ptrdiff_t>(depth), sweeps.end()});
+  for (const CommittedSweep& s : sweeps) {
+    path_.emplace_back(s.instant_ns, s.sweep, to_message(s.T_odom_base));
+  }
+  next_sweep_ = sweeps.back().sweep + 1;
+  last_instant_ns_ = sweeps.back().instant_ns;
+  odom_epoch_ = last->header().odom_epoch();
+  last_header_ = header_fields(last->header());
+  runtime::log_warning("the odometry goes on where the instance before this one was killed",
+                       {{"sweep", next_sweep_}, {"commits", depth}});
+  return true;
+}
+
+// What came while nobody was here, as far as it can still be had. In a replay the rest comes by
+// itself: nothing is given up.
+void OdometryStage::catch_up(const msg::Header& first) {
+  const std::int64_t killed_ns = last_instant_ns_;
+  runtime::Gap gap{1, 0, 0};
+  const auto missed = [&](std::uint64_t until) {
+    if (until <= next_sweep_) return false;
+    if (gap.last < gap.first) gap.first = next_sweep_;
+    gap.last = until - 1;
+    return true;
+  };
+  for (const Features& features : runtime::recall<msg::Features>(
+           stage_, Key::kFeatures, runtime::sweeps_from(first.run(), next_sweep_), 1)) {
+    if (missed(features.sweep()) && first.replay()) return;
+    process(features);
+  }
+  if (first.replay()) return;
+  missed(first.sweep());
+  gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
+  runtime::report(stage_, gap);
+}
+
+}  // namespace zloam::odometry
