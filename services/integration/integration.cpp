@@ -31,6 +31,23 @@ Integrator::Integrator(const IntegrationConfig& config) : config_(config) {}
 
 void Integrator::reset() { *this = Integrator(config_); }
 
+void Integrator::new_run() {
+  newest_pose_.reset();
+  waiting_.clear();
+  corrections_.clear();
+  recent_.clear();
+}
+
+void Integrator::restore(const OdometryPose& pose, const Pose& T_map_base) {
+  reset();
+  newest_pose_ = pose.sweep;
+  first_epoch_ = pose.odom_epoch;
+  last_odometry_ = pose;
+  last_fused_ = FusedPose{};
+  last_fused_->T_map_base = T_map_base;
+  last_T_map_odom_ = normalised(T_map_base * pose.T_odom_base.inverse());
+}
+
 std::vector<FusedPose> Integrator::add(const OdometryPose& pose) {
   if (newest_pose_ && pose.sweep <= *newest_pose_) return {};
   newest_pose_ = pose.sweep;

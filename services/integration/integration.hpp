@@ -81,6 +81,11 @@ class Integrator {
   std::optional<std::uint64_t> awaited() const;
   void reset();
 
+  /// A new run's sweeps begin at 0 again, in the same odometry frame.
+  void new_run();
+  /// Goes on behind a pose that another instance gave out.
+  void restore(const OdometryPose& pose, const Pose& T_map_base);
+
  private:
   std::vector<FusedPose> release();
   bool can_leave(const OdometryPose& pose) const;

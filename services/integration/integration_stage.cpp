@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/geometry/atomic_file.hpp"
+#include "common/runtime/recall.hpp"
 
 namespace zloam::integration {
 
@@ -25,17 +26,20 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
       config_(config),
       integrator_(config),
       pose_(stage.outlet(Key::kPose)),
-      ack_(stage.flow_ack("integration")) {
+      ack_(stage.flow_ack("integration")),
+      journal_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.journal") {
   runtime::InletOptions odometry;
   odometry.sweeps = runtime::SweepSet::kPublisherDecides;
   odometry.lossless = true;
+  odometry.keep = static_cast<std::size_t>(stage.shared().recovery.keep_messages);
   // The run ends with the last pose, which may still wait for its correction.
   odometry.ends_run = false;
   stage.inlet<msg::Odometry>(Key::kOdometry, odometry,
-                             [this](const OdometryMessage& message) { take(message); });
+                             [this](const OdometryMessage& message) { return take(message); });
   runtime::InletOptions corrections;
   corrections.sweeps = runtime::SweepSet::kPublisherDecides;
   corrections.lossless = true;
+  corrections.keep = odometry.keep;
   corrections.ends_run = false;
   stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,
                                   [this](const CorrectionMessage& message) { take(message); });
@@ -43,22 +47,48 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
                 "writes the trajectories; {\"path\": \"...\"} for another folder than "
                 "integration.output_dir",
                 [this](const std::string& arguments) { return save(arguments); });
-  stage.on_new_run([this](const msg::Header&) { new_run(); });
-  stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.on_new_run([this](const msg::Header& first) { new_run(first); });
+  stage.on_end_of_run([this](std::uint64_t) {
+    if (write_files().empty()) journal_.remove();
+  });
   stage.on_stop([this] {
     if (unsaved_) write_files();
   });
 }
 
-void IntegrationStage::new_run() {
+void IntegrationStage::new_run(const msg::Header& first) {
+  const bool was_in_run = std::exchange(in_run_, true);
+  next_sweep_ = 0;
+  waiting_.clear();
+  if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
+    integrator_.new_run();
+    runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
+    return;
+  }
   if (unsaved_) write_files();
   integrator_.reset();
-  waiting_.clear();
   trajectory_.clear();
   odometry_.clear();
+  if (was_in_run) {
+    note_journal(journal_.begin({}));
+  } else {
+    restart(first);
+  }
 }
 
-void IntegrationStage::take(const OdometryMessage& message) {
+void IntegrationStage::note_journal(const std::string& error) {
+  if (!error.empty()) stage_.degraded("journal", error);
+}
+
+runtime::Outcome IntegrationStage::take(const OdometryMessage& message) {
+  // Given out by the instance before, or caught up with.
+  if (message.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
+  process(message);
+  return runtime::Outcome::kProcessed;
+}
+
+void IntegrationStage::process(const OdometryMessage& message) {
+  next_sweep_ = message.sweep() + 1;
   OdometryPose pose;
   pose.sweep = message.sweep();
   pose.instant_ns = message->instant_ns();
@@ -113,7 +143,13 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   header.frame = "map";
   pose_.publish(header, build(header, fields));
   trajectory_.push_back({fused.instant_ns, fused.T_map_base});
+  last_instant_ns_ = fused.instant_ns;
   unsaved_ = true;
+  // After the pose: killed in between, the next instance gives it out once more, and readers drop
+  // the second copy. Before the acknowledgement: what is acknowledged is not asked for again.
+  note_journal(journal_.append({header.run, fused.sweep, fused.instant_ns, header.odom_epoch,
+                                fused.T_map_base,
+                                pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base())}));
   if (header.last_packet_ns > 0) {
     stage_.latency("end_to_end",
                    1e-6 * static_cast<double>(stage_.now_ns() - header.last_packet_ns));

@@ -6,6 +6,7 @@
 
 #include "common/runtime/stage.hpp"
 #include "integration/integration.hpp"
+#include "integration/journal.hpp"
 #include "integration/trajectory.hpp"
 
 namespace zloam::integration {
@@ -20,8 +21,14 @@ class IntegrationStage {
   using OdometryMessage = runtime::Received<msg::Odometry>;
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
 
-  void new_run();
-  void take(const OdometryMessage& message);
+  void new_run(const msg::Header& first);
+  /// Goes on with the trajectory of an instance that was killed; restart_stage.cpp.
+  void restart(const msg::Header& first);
+  void take_up(const std::vector<JournalPose>& poses, bool same_run);
+  void catch_up(const msg::Header& first);
+  void note_journal(const std::string& error);
+  runtime::Outcome take(const OdometryMessage& message);
+  void process(const OdometryMessage& message);
   void take(const CorrectionMessage& message);
   /// poses that can leave now, by work that began at the host's time
   void publish(const std::vector<FusedPose>& poses, std::int64_t started_ns);
@@ -39,6 +46,11 @@ class IntegrationStage {
   std::map<std::uint64_t, runtime::Message> waiting_;
   std::vector<TrajectoryPose> trajectory_;
   std::vector<TrajectoryPose> odometry_;
+  Journal journal_;
+  std::int64_t last_instant_ns_ = 0;
+  /// of this run: what is below was given out, by this instance or the one before
+  std::uint64_t next_sweep_ = 0;
+  bool in_run_ = false;
   bool unsaved_ = false;
 };
 

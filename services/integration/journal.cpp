@@ -1,0 +1,105 @@
+#include "integration/journal.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+namespace zloam::integration {
+namespace {
+
+// Of one machine, from one start of the program to the next: its own byte order will do.
+constexpr std::size_t kNumbers = 4 + 2 * 12;
+using Record = std::array<std::uint64_t, kNumbers>;
+
+std::uint64_t* put(std::uint64_t* out, const Pose& pose) {
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      *out++ = std::bit_cast<std::uint64_t>(pose(row, column));
+    }
+  }
+  return out;
+}
+
+const std::uint64_t* take(const std::uint64_t* in, Pose& pose) {
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) pose(row, column) = std::bit_cast<double>(*in++);
+  }
+  return in;
+}
+
+Record record_of(const JournalPose& pose) {
+  Record record{pose.run, pose.sweep, std::bit_cast<std::uint64_t>(pose.instant_ns),
+                pose.odom_epoch};
+  put(put(record.data() + 4, pose.T_map_base), pose.T_odom_base);
+  return record;
+}
+
+JournalPose pose_of(const Record& record) {
+  JournalPose pose;
+  pose.run = record[0];
+  pose.sweep = record[1];
+  pose.instant_ns = std::bit_cast<std::int64_t>(record[2]);
+  pose.odom_epoch = static_cast<std::uint32_t>(record[3]);
+  take(take(record.data() + 4, pose.T_map_base), pose.T_odom_base);
+  return pose;
+}
+
+}  // namespace
+
+std::vector<JournalPose> Journal::read() const {
+  std::vector<JournalPose> poses;
+  std::ifstream file(path_, std::ios::binary);
+  Record record;
+  while (!path_.empty() && file.read(reinterpret_cast<char*>(record.data()), sizeof record)) {
+    poses.push_back(pose_of(record));
+  }
+  return poses;
+}
+
+std::string Journal::begin(const std::vector<JournalPose>& poses) {
+  close();
+  if (path_.empty()) return {};
+  std::error_code ignored;
+  const std::filesystem::path folder = std::filesystem::path(path_).parent_path();
+  if (!folder.empty()) std::filesystem::create_directories(folder, ignored);
+  // What is there stays until the new one stands: this process may be killed too.
+  const std::string fresh = path_ + ".new";
+  descriptor_ = ::open(fresh.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
+  if (descriptor_ < 0) return path_ + ": " + std::strerror(errno);
+  std::string error;
+  for (const JournalPose& pose : poses) {
+    if (error.empty()) error = append(pose);
+  }
+  if (error.empty() && ::rename(fresh.c_str(), path_.c_str()) != 0) {
+    error = path_ + ": " + std::strerror(errno);
+  }
+  return error;
+}
+
+std::string Journal::append(const JournalPose& pose) {
+  if (descriptor_ < 0) return {};
+  const Record record = record_of(pose);
+  if (::write(descriptor_, record.data(), sizeof record) == ssize_t{sizeof record}) return {};
+  const std::string error = path_ + ": " + std::strerror(errno);
+  // A record cut short would shift all behind it.
+  close();
+  return error;
+}
+
+void Journal::remove() {
+  close();
+  if (!path_.empty()) ::unlink(path_.c_str());
+}
+
+void Journal::close() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+  descriptor_ = -1;
+}
+
+}  // namespace zloam::integration

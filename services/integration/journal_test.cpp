@@ -1,0 +1,97 @@
+#include "integration/journal.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+namespace zloam::integration {
+namespace {
+
+class JournalTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::temp_directory_path() / ("journal" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder_);
+    path_ = (folder_ / "sub" / "run.journal").string();
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  std::filesystem::path folder_;
+  std::string path_;
+};
+
+JournalPose pose(std::uint64_t sweep) {
+  JournalPose p;
+  p.run = 0xfedcba9876543210U;
+  p.sweep = sweep;
+  p.odom_epoch = 3;
+  p.instant_ns = 1'700'000'000'123'456'789 + static_cast<std::int64_t>(sweep);
+  Vector6 motion;
+  motion << 0.1, -0.2, 0.3, 0.4, 0.5, -0.6;
+  p.T_map_base = exp_se3(static_cast<double>(sweep + 1) / 3.0 * motion);
+  p.T_odom_base = p.T_map_base.inverse();
+  return p;
+}
+
+void expect_equal(const JournalPose& a, const JournalPose& b) {
+  EXPECT_EQ(a.run, b.run);
+  EXPECT_EQ(a.sweep, b.sweep);
+  EXPECT_EQ(a.instant_ns, b.instant_ns);
+  EXPECT_EQ(a.odom_epoch, b.odom_epoch);
+  EXPECT_EQ(a.T_map_base.matrix(), b.T_map_base.matrix());
+  EXPECT_EQ(a.T_odom_base.matrix(), b.T_odom_base.matrix());
+}
+
+TEST_F(JournalTest, GivesBackToTheBitWhatAProcessBeforeWrote) {
+  {
+    Journal journal(path_);
+    ASSERT_EQ(journal.begin({pose(0)}), "");
+    for (std::uint64_t i = 1; i < 5; ++i) ASSERT_EQ(journal.append(pose(i)), "");
+  }
+  const auto poses = Journal(path_).read();
+  ASSERT_EQ(poses.size(), 5U);
+  for (std::uint64_t i = 0; i < 5; ++i) expect_equal(poses[i], pose(i));
+}
+
+TEST_F(JournalTest, CutAtAnyByteItHoldsTheRecordsBefore) {
+  {
+    Journal journal(path_);
+    ASSERT_EQ(journal.begin({pose(0), pose(1), pose(2)}), "");
+  }
+  const auto size = std::filesystem::file_size(path_);
+  const auto record = size / 3;
+  for (auto cut = size; cut-- > 0;) {
+    std::filesystem::resize_file(path_, cut);
+    const auto poses = Journal(path_).read();
+    ASSERT_EQ(poses.size(), cut / record) << cut;
+    for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], pose(i));
+  }
+}
+
+TEST_F(JournalTest, BeginningAnewForgetsAndRemovingLeavesNothing) {
+  Journal journal(path_);
+  ASSERT_EQ(journal.begin({pose(0), pose(1)}), "");
+  ASSERT_EQ(journal.begin({pose(7)}), "");
+  ASSERT_EQ(journal.append(pose(8)), "");
+  ASSERT_EQ(journal.read().size(), 2U);
+  expect_equal(journal.read()[0], pose(7));
+  journal.remove();
+  EXPECT_TRUE(journal.read().empty());
+  EXPECT_TRUE(std::filesystem::is_empty(folder_ / "sub"));
+}
+
+TEST_F(JournalTest, WithoutAPathNothingIsKept) {
+  Journal journal("");
+  EXPECT_EQ(journal.begin({pose(0)}), "");
+  EXPECT_EQ(journal.append(pose(1)), "");
+  EXPECT_TRUE(journal.read().empty());
+}
+
+TEST_F(JournalTest, AFolderThatCannotBeMadeIsSaid) {
+  Journal journal("/proc/nowhere/run.journal");
+  EXPECT_NE(journal.begin({}), "");
+}
+
+}  // namespace
+}  // namespace zloam::integration

@@ -1,0 +1,82 @@
+// An integration that was killed and started again: the trajectory so far is in the journal, the
+// poses since then are made of what odometry and mapping still have (protocols.md, section 7).
+
+#include <algorithm>
+
+#include "common/runtime/recall.hpp"
+#include "integration/integration_stage.hpp"
+
+namespace zloam::integration {
+namespace {
+
+constexpr int kTries = 5;
+
+}  // namespace
+
+void IntegrationStage::restart(const msg::Header& first) {
+  const std::vector<JournalPose> poses = journal_.read();
+  const bool same_run = !poses.empty() && poses.back().run == first.run();
+  // A replay that begins at its first sweep is done anew, or from the start once more.
+  const bool goes_on =
+      first.replay()
+          ? same_run && first.sweep() > 0
+          : same_run || (!poses.empty() && runtime::goes_on(first, poses.back().instant_ns));
+  if (!goes_on) {
+    note_journal(journal_.begin({}));
+    return;
+  }
+  note_journal(journal_.begin(poses));
+  take_up(poses, same_run);
+  if (same_run) {
+    catch_up(first);
+  } else {
+    runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
+  }
+}
+
+void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_run) {
+  for (const JournalPose& pose : poses) {
+    trajectory_.push_back({pose.instant_ns, pose.T_map_base});
+    odometry_.push_back({pose.instant_ns, pose.T_odom_base});
+  }
+  const JournalPose& last = poses.back();
+  OdometryPose pose;
+  pose.sweep = last.sweep;
+  pose.instant_ns = last.instant_ns;
+  // Whether the odometry went on over the runs is not known: the next pose hangs on this one.
+  pose.odom_epoch = same_run ? last.odom_epoch : ~last.odom_epoch;
+  pose.T_odom_base = last.T_odom_base;
+  integrator_.restore(pose, last.T_map_base);
+  if (!same_run) integrator_.new_run();
+  next_sweep_ = same_run ? last.sweep + 1 : 0;
+  last_instant_ns_ = last.instant_ns;
+  unsaved_ = true;
+  runtime::log_warning("the trajectory of the instance before goes on",
+                       {{"poses", poses.size()}, {"sweep", next_sweep_}});
+}
+
+void IntegrationStage::catch_up(const msg::Header& first) {
+  const std::int64_t killed_ns = last_instant_ns_;
+  if (first.replay()) ack_.done_below(first.run(), next_sweep_);
+  // All corrections that a pose from here on may ask for.
+  for (const CorrectionMessage& correction : runtime::recall<msg::MapCorrection>(
+           stage_, Key::kMapCorrection, runtime::sweeps_from(first.run(), 0), kTries)) {
+    take(correction);
+  }
+  runtime::Gap gap{1, 0, 0};
+  for (const OdometryMessage& pose : runtime::recall<msg::Odometry>(
+           stage_, Key::kOdometry, runtime::sweeps_from(first.run(), next_sweep_), kTries)) {
+    if (pose.sweep() > next_sweep_) {
+      // A replay gives nothing up: the rest comes in order by itself.
+      if (first.replay()) return;
+      if (gap.last < gap.first) gap.first = next_sweep_;
+      gap.last = pose.sweep() - 1;
+    }
+    process(pose);
+  }
+  if (first.replay()) return;
+  gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
+  runtime::report(stage_, gap);
+}
+
+}  // namespace zloam::integration
