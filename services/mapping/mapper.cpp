@@ -127,10 +127,13 @@ Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
 
 void Mapper::State::judge(const MappingInput& input, const Match& match, MappingResult& result) {
   const bool founding = !match.ok && !bridging && tiles.point_count() < config.founding_points;
-  if (match.ok) {
+  if (match.ok && settling > 0) {
+    // Its pose is as distorted as the sweep.
+    result.health = Health::kBridging;
+    result.reason = "a new odometry frame is still settling";
+  } else if (match.ok) {
     result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
-    result.reason = settling > 0 ? "a new odometry frame is still settling"
-                                 : policy.judge(match.T_map_base, match.residual_m);
+    result.reason = policy.judge(match.T_map_base, match.residual_m);
   } else if (input.edges.empty() && input.planes.empty()) {
     result.health = Health::kEmpty;
     result.reason = "no point came";

@@ -353,7 +353,9 @@ TEST(Mapper, BridgesANewOdometryFrame) {
   MappingInput input = input_of(15, s, Pose::Identity());
   input.odom_epoch = 1;
   const auto result = mapper.process(input);
-  EXPECT_EQ(result.health, Health::kOk) << result.reason;
+  // Found; bridged still, because the frame's first sweeps may be distorted.
+  EXPECT_EQ(result.health, Health::kBridging) << result.reason;
+  EXPECT_FALSE(result.inserted);
   EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03);
   EXPECT_TRUE(result.T_map_odom.isApprox(result.T_map_base, 1e-9));
 }

@@ -163,6 +163,10 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
       "mapping.take_back_s", &output.take_back_s, {0.0, 1e9}, "s",
       "live, when started: the store's map is gone on with when its last pose is younger",
       Effect::kNone);
+  parameters.add("mapping.store_link_s", &output.store_link_s, {0.0, 60.0}, "s",
+                 "so long after its start no map is founded before the store is there; 0: there is "
+                 "none",
+                 Effect::kNone);
 }
 
 }  // namespace zloam::mapping

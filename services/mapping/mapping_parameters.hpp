@@ -23,6 +23,9 @@ struct OutputConfig {
   /// live: the store's map is taken back when the sensor was away for less; an older one may be of
   /// another place
   double take_back_s = 60.0;
+  /// so long after its start a mapping waits at the first sweep for the store to be there before it
+  /// founds a map; 0: no store is part of the deployment
+  double store_link_s = 0.0;
 };
 
 void bind(runtime::Parameters& parameters, MappingConfig& config, OutputConfig& output);

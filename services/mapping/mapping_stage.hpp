@@ -22,6 +22,7 @@ class MappingStage {
   void new_run(const msg::Header& first);
   /// Takes up what an instance before this one left; restart_stage.cpp.
   void restart(const msg::Header& first);
+  void wait_for_store(bool known_run) const;
   /// With the map and the pose that the store keeps; false: it has none that holds now.
   bool take_back(const msg::Header& first, SavedMap& saved);
   bool take_pose(const msg::Header& first, SavedMap& saved);

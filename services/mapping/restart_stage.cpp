@@ -12,9 +12,11 @@ namespace {
 
 constexpr const char* kVoxels = "voxels";
 // The store's link may come up after the others': it connects to mapping, within a second.
-constexpr std::int64_t kStoreLink_ns = 2'000'000'000;
-constexpr std::int64_t kTry_ns = 200'000'000;
-constexpr int kTries = kStoreLink_ns / kTry_ns;
+constexpr double kStoreLink_s = 2.0;
+// Live, no longer than the queue holds what comes meanwhile.
+constexpr std::chrono::milliseconds kReplayLinks{1000}, kLiveLinks{300};
+// The store is there: its disk may be slow.
+constexpr int kTries = 10;
 
 msg::MapVoxel to_message(const plane_map::SavedVoxel& v) {
   return {v.x,
@@ -94,13 +96,19 @@ void MappingStage::publish_voxels(const Sweep& sweep) {
   }
 }
 
+// Who founds a map puts the one in the store away: not before the store had its time to answer. A
+// run of which nobody knows waits for a store only where one is said to be.
+void MappingStage::wait_for_store(bool known_run) const {
+  const double wait_s =
+      known_run ? std::max(kStoreLink_s, output_.store_link_s) : output_.store_link_s;
+  const double up_s = 1e-9 * static_cast<double>(stage_.now_ns() - started_ns_);
+  const std::chrono::duration<double> left(std::max(0.0, wait_s - up_s));
+  runtime::wait_for_links([this] { return runtime::is_there(stage_, "store"); },
+                          std::chrono::duration_cast<std::chrono::milliseconds>(left));
+}
+
 bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
-  // Who founds a map puts the one in the store away: in the middle of a run not before it had its
-  // time to answer. A run that only begins waits for nobody.
-  const std::int64_t left_ns = started_ns_ + kStoreLink_ns - stage_.now_ns();
-  const bool waits = first.sweep() > 0 && left_ns > 0;
-  const int tries = waits ? static_cast<int>(left_ns / kTry_ns) + 1 : 1;
-  const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, tries);
+  const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1);
   if (poses.empty()) return false;
   const runtime::Received<msg::MapPose>& pose = poses.back();
   const std::int64_t away_ns = first.stamp_ns() - pose->instant_ns();
@@ -142,8 +150,14 @@ bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
 
 void MappingStage::restart(const msg::Header& first) {
   SavedMap saved;
+  if (first.sweep() > 0) {
+    runtime::wait_for_links([this] { return correction_.matching(); },
+                            first.replay() ? kReplayLinks : kLiveLinks);
+  }
   const auto corrections =
       runtime::recall<msg::MapCorrection>(stage_, Key::kMapCorrection, runtime::kKept, 1);
+  const auto of_this_run = [&](const auto& c) { return c.run() == first.run(); };
+  wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
   const bool has_map = take_back(first, saved);
   for (const auto& correction : corrections) {
     if (correction.run() != first.run()) continue;

@@ -29,6 +29,9 @@ class OdometryStage {
   void restart(const msg::Header& first);
   bool continue_frame(const msg::Header& first,
                       const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  void begin_frame(const msg::Header& first,
+                   const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  void do_again(std::uint64_t run, std::uint64_t from);
   void catch_up(const msg::Header& first);
   runtime::CommandReply reset();
 

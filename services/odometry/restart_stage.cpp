@@ -12,7 +12,9 @@ namespace {
 
 using Commit = runtime::Received<msg::OdometryFeatures>;
 
-constexpr int kTries = 5;
+// A replay waits for whoever asks; live, as long as the queue holds what comes.
+constexpr int kReplayTries = 5;
+constexpr std::chrono::milliseconds kLinks{500};
 
 // What the odometry itself said: where it had nothing to say, the message has the source's word.
 Health own_health(Health published) {
@@ -46,8 +48,12 @@ void note_epochs(const Messages& messages, std::optional<std::uint32_t>& greates
 }  // namespace
 
 void OdometryStage::restart(const msg::Header& first) {
-  // At the first sweep of a live run there may be nobody to wait for.
-  const int tries = first.sweep() > 0 ? kTries : 1;
+  // Once their readers are there, who keeps nothing answers at once; at the first sweep of a run
+  // nobody can keep anything of it.
+  const auto linked = [this] { return pose_.matching() && features_.matching(); };
+  const bool waited = first.sweep() > 0 && !linked();
+  if (waited) runtime::wait_for_links(linked, kLinks);
+  const int tries = first.replay() ? kReplayTries : 1;
   const auto commits =
       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
   if (continue_frame(first, commits)) {
@@ -55,6 +61,12 @@ void OdometryStage::restart(const msg::Header& first) {
     return;
   }
   if (first.replay()) return;
+  begin_frame(first, commits);
+  // The queue may have given up meanwhile what registration still has.
+  if (waited) do_again(first.run(), first.sweep());
+}
+
+void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Commit>& commits) {
   // An epoch that was used must not come again: mapping would take its correction for this frame's.
   std::optional<std::uint32_t> used;
   note_epochs(commits, used);
@@ -88,6 +100,13 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
   runtime::log_warning("the odometry goes on where the instance before this one was killed",
                        {{"sweep", next_sweep_}, {"commits", depth}});
   return true;
+}
+
+void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
+  for (const Features& features :
+       runtime::recall<msg::Features>(stage_, Key::kFeatures, runtime::sweeps_from(run, from), 1)) {
+    process(features);
+  }
 }
 
 // What came while nobody was here, as far as it can still be had. In a replay the rest comes by

@@ -15,7 +15,9 @@ namespace {
 
 constexpr std::chrono::milliseconds kTimeout{2000};
 constexpr std::chrono::milliseconds kBetween{200};
-constexpr std::int64_t kLongestGap_ns = 2000 * kMs;
+constexpr std::chrono::milliseconds kLook{20};
+// At a car's speed a constant motion tells no more: after 1.9 s at 6 m/s the pose was metres off.
+constexpr std::int64_t kLongestGap_ns = 1000 * kMs;
 // The first sweep after a gap may begin before the last pose's instant.
 constexpr std::int64_t kOverlap_ns = 200 * kMs;
 
@@ -30,6 +32,20 @@ std::vector<zenoh::Sample> answers(zenoh::Session& session, const std::string& s
 }
 
 }  // namespace
+
+bool wait_for_links(const std::function<bool()>& there, std::chrono::milliseconds at_most) {
+  const auto until = std::chrono::steady_clock::now() + at_most;
+  while (!there()) {
+    if (std::chrono::steady_clock::now() >= until) return false;
+    std::this_thread::sleep_for(kLook);
+  }
+  return true;
+}
+
+bool is_there(Stage& stage, std::string_view other_stage) {
+  // Its token is the last that a stage declares, so that its answers are there too.
+  return !stage.session().liveliness_get(stage.keys().alive(other_stage, "*"), kTimeout).empty();
+}
 
 std::string sweeps_from(std::uint64_t run, std::uint64_t first) {
   constexpr std::uint64_t kLast = std::uint64_t{1} << 62;

@@ -4,6 +4,7 @@
 // section 7).
 
 #include <chrono>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,6 +20,13 @@ std::string sweeps_from(std::uint64_t run, std::uint64_t first);
 /// The newest run goes on in this one, which the driver began anew: the sensor was not away for
 /// longer than its motion can be told over. `instant_ns`: of the last pose before.
 bool goes_on(const msg::Header& first, std::int64_t instant_ns);
+
+/// Waits, for the worker only, until the links are there over which a question reaches whoever may
+/// keep something: then one asking is enough, and where nothing is kept nothing is lost. False:
+/// they did not come.
+bool wait_for_links(const std::function<bool()>& there, std::chrono::milliseconds at_most);
+/// Whether an instance of the stage can be asked now.
+bool is_there(Stage& stage, std::string_view other_stage);
 
 /// What this stage did not do while it was away, as figures of its status and in the log.
 struct Gap {
