@@ -13,6 +13,8 @@ Matrix6 finite_or_zero(const Matrix6& covariance) {
   return 0.5 * (covariance + covariance.transpose());
 }
 
+double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+
 Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
   const Matrix6 Ad = adjoint(T_to_from);
   return Ad * covariance * Ad.transpose();
@@ -95,26 +97,86 @@ const Correction* Integrator::correction_for(const OdometryPose& pose) const {
   return nullptr;
 }
 
+// Learns from each correction used, once, how both predictions of its pose did.
+void Integrator::follow_map(const Correction& correction) {
+  if (mapped_ && mapped_->sweep == correction.sweep) return;
+  for (const OdometryPose& p : recent_) {
+    if (p.sweep != correction.sweep || p.odom_epoch != correction.odom_epoch) continue;
+    const MappedPose now{p.sweep, p.odom_epoch, p.instant_ns,
+                         normalised(correction.T_map_odom * p.T_odom_base), p.T_odom_base};
+    const bool sound = correction.health == Health::kOk || correction.health == Health::kDegenerate;
+    if (sound && mapped_ && mapped_->odom_epoch == now.odom_epoch && mapped_->sweep < now.sweep) {
+      steps_.observe(mapped_->T_map_base.inverse() * now.T_map_base,
+                     mapped_->T_odom_base.inverse() * now.T_odom_base,
+                     seconds(now.instant_ns - mapped_->instant_ns),
+                     static_cast<int>(now.sweep - mapped_->sweep));
+    } else {
+      steps_.forget_motion();
+    }
+    mapped_ = now;
+    return;
+  }
+}
+
+Pose Integrator::step_between(const OdometryPose& from, const OdometryPose& to) const {
+  const Pose step = from.T_odom_base.inverse() * to.T_odom_base;
+  if (!mapped_ || mapped_->odom_epoch != to.odom_epoch) return step;
+  return steps_.step(step, to.weak, seconds(to.instant_ns - from.instant_ns),
+                     seconds(to.instant_ns - mapped_->instant_ns));
+}
+
+std::optional<Pose> Integrator::carried_on(const OdometryPose& pose,
+                                           const Correction& correction) const {
+  std::optional<Pose> T_map_base;
+  const OdometryPose* from = nullptr;
+  for (const OdometryPose& p : recent_) {
+    if (p.sweep > pose.sweep) break;
+    if (p.sweep == correction.sweep) T_map_base = correction.T_map_odom * p.T_odom_base;
+    if (p.sweep > correction.sweep && T_map_base)
+      *T_map_base = *T_map_base * step_between(*from, p);
+    from = &p;
+  }
+  return T_map_base;
+}
+
 void Integrator::place(const OdometryPose& pose, const Correction* correction, FusedPose& fused) {
   const bool broken_off = last_odometry_ && last_odometry_->odom_epoch != pose.odom_epoch;
   Pose T_map_odom = last_T_map_odom_.value_or(Pose::Identity());
+  std::optional<Pose> T_map_base;
   if (correction != nullptr) {
+    follow_map(*correction);
     T_map_odom = correction->T_map_odom;
+    T_map_base = carried_on(pose, *correction);
   } else if (broken_off) {
     // The new frame is hung on where the last pose should have moved to.
     const double gap_s = 1e-9 * static_cast<double>(pose.instant_ns - last_odometry_->instant_ns);
-    const Pose T_map_base = last_fused_->T_map_base * exp_se3(last_odometry_->twist_per_s * gap_s);
-    T_map_odom = normalised(T_map_base * pose.T_odom_base.inverse());
+    const Pose T_map_end = last_fused_->T_map_base * exp_se3(last_odometry_->twist_per_s * gap_s);
+    T_map_odom = normalised(T_map_end * pose.T_odom_base.inverse());
   }
-  fused.T_map_base = normalised(T_map_odom * pose.T_odom_base);
-  if (last_T_map_odom_ && !broken_off) {
-    const Pose moved = (*last_T_map_odom_ * pose.T_odom_base).inverse() * fused.T_map_base;
-    const Vector6 step = log_se3(moved);
+  fused.T_map_base = normalised(T_map_base.value_or(T_map_odom * pose.T_odom_base));
+  if (last_fused_ && !broken_off) {
+    const Pose expected = last_fused_->T_map_base * step_between(*last_odometry_, pose);
+    const Vector6 step = log_se3(expected.inverse() * fused.T_map_base);
     fused.jump = step.head<3>().norm() > config_.jump_m || step.tail<3>().norm() > config_.jump_rad;
   } else if (broken_off) {
     fused.jump = true;
   }
   last_T_map_odom_ = T_map_odom;
+}
+
+// What the map does not see stays open in every pose that hangs on it; what only the odometry does
+// not see is open until the next correction.
+Weak Integrator::weak_of(const OdometryPose& pose, const Correction* correction) const {
+  if (correction == nullptr || !correction->weak.degenerate) return pose.weak;
+  Weak weak = correction->weak;
+  for (const OdometryPose& p : recent_) {
+    if (p.sweep != correction->sweep || p.odom_epoch != pose.odom_epoch) continue;
+    const Eigen::Matrix3d R_now_then =
+        pose.T_odom_base.linear().transpose() * p.T_odom_base.linear();
+    weak.translation = R_now_then * weak.translation;
+    weak.rotation = R_now_then * weak.rotation;
+  }
+  return weak;
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
@@ -151,12 +213,12 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.health = pose.health;
-  fused.degenerate = pose.degenerate;
+  fused.weak = weak_of(pose, correction);
   if (correction != nullptr) {
-    fused.degenerate |= correction->degenerate;
     const bool lasting =
         correction->health == Health::kBridging || correction->health == Health::kLost;
     if (lasting) fused.health = correction->health;
+    if (fused.health == Health::kOk && fused.weak.degenerate) fused.health = Health::kDegenerate;
   } else if (pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch)) {
     fused.health = Health::kBridging;
   }

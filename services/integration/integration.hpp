@@ -8,6 +8,9 @@
 // epoch; nothing waits. While an epoch has no correction yet, the pose is predicted from the last
 // one with the odometry's own motion and says so (Health::kBridging).
 //
+// The odometry's steps since that correction are fused with the motion between the last mapped
+// poses (step_fusion.hpp): where the odometry does not see, the map's motion leads.
+//
 // Nothing is smoothed: what the correction moves by is in the pose, and marked as a jump when
 // large.
 
@@ -20,6 +23,7 @@
 #include "common/geometry/health.hpp"
 #include "common/geometry/se3.hpp"
 #include "integration/config.hpp"
+#include "integration/step_fusion.hpp"
 
 namespace zloam::integration {
 
@@ -34,7 +38,7 @@ struct OdometryPose {
   /// of the step from the pose before, tangent at base_link
   Matrix6 step_covariance = Matrix6::Zero();
   Health health = Health::kOk;
-  bool degenerate = false;
+  Weak weak{};
   /// the source is paced: the pose waits for its correction
   bool replay = false;
 };
@@ -46,7 +50,7 @@ struct Correction {
   /// of T_map_base at that sweep, tangent at base_link
   Matrix6 covariance = Matrix6::Zero();
   Health health = Health::kOk;
-  bool degenerate = false;
+  Weak weak{};
 };
 
 struct FusedPose {
@@ -59,7 +63,7 @@ struct FusedPose {
   bool has_correction = false;
   bool jump = false;
   Health health = Health::kOk;
-  bool degenerate = false;
+  Weak weak{};
 };
 
 /// The correction that pose n waits for in replay; none before the first.
@@ -93,6 +97,12 @@ class Integrator {
   const Correction* correction_for(const OdometryPose& pose) const;
   FusedPose fuse(const OdometryPose& pose);
   void place(const OdometryPose& pose, const Correction* correction, FusedPose& fused);
+  void follow_map(const Correction& correction);
+  Pose step_between(const OdometryPose& from, const OdometryPose& to) const;
+  /// T_map_base of the pose, by the steps from the correction's sweep; nothing when that sweep's
+  /// odometry is not at hand
+  std::optional<Pose> carried_on(const OdometryPose& pose, const Correction& correction) const;
+  Weak weak_of(const OdometryPose& pose, const Correction* correction) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   void forget();
 
@@ -101,6 +111,16 @@ class Integrator {
   std::map<std::uint64_t, Correction> corrections_;
   std::deque<OdometryPose> recent_;  // to carry a correction's covariance forward
   std::optional<std::uint64_t> newest_pose_;
+  // The last correction that was used, as a pose.
+  struct MappedPose {
+    std::uint64_t sweep = 0;
+    std::uint32_t odom_epoch = 0;
+    std::int64_t instant_ns = 0;
+    Pose T_map_base = Pose::Identity();
+    Pose T_odom_base = Pose::Identity();
+  };
+  std::optional<MappedPose> mapped_;
+  StepFusion steps_;
   std::optional<OdometryPose> last_odometry_;
   std::optional<FusedPose> last_fused_;
   std::optional<Pose> last_T_map_odom_;

@@ -6,6 +6,16 @@
 #include "common/runtime/recall.hpp"
 
 namespace zloam::integration {
+namespace {
+
+// Odometry and MapCorrection name these fields alike.
+template <typename Table>
+Weak weak_of(const Table& table) {
+  return {table.degenerate(), vector_of(table.weak_translation()), vector_of(table.weak_rotation()),
+          table.weak_sigma_measured(), table.weak_sigma_predicted()};
+}
+
+}  // namespace
 
 void bind(runtime::Parameters& p, IntegrationConfig& c) {
   // Mapping's own key: the two must never disagree, or a replay would wait for ever.
@@ -97,7 +107,7 @@ void IntegrationStage::process(const OdometryMessage& message) {
   pose.twist_per_s = twist_of(message->twist());
   pose.step_covariance = covariance_of(message->covariance());
   pose.health = health_of(message->health());
-  pose.degenerate = message->degenerate();
+  pose.weak = weak_of(*message);
   pose.replay = message.replay();
   odometry_.push_back({pose.instant_ns, pose.T_odom_base});
   waiting_.emplace(pose.sweep, message.raw());
@@ -111,7 +121,7 @@ void IntegrationStage::take(const CorrectionMessage& message) {
   correction.T_map_odom = pose_of(message->pose_map_odom());
   correction.covariance = covariance_of(message->covariance());
   correction.health = health_of(message->health());
-  correction.degenerate = message->degenerate();
+  correction.weak = weak_of(*message);
   publish(integrator_.add(correction), message.raw().started_ns);
 }
 
@@ -138,7 +148,8 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   fields.has_correction = fused.has_correction;
   fields.jump = fused.jump;
   fields.health = fused.health;
-  fields.degenerate = fused.degenerate;
+  fields.weak = {fused.weak.degenerate, fused.weak.translation, fused.weak.rotation,
+                 fused.weak.sigma_measured, fused.weak.sigma_predicted};
   HeaderFields header = pose_.header(cause);
   header.frame = "map";
   pose_.publish(header, build(header, fields));

@@ -204,14 +204,118 @@ TEST(Integration, CarriesHealth) {
   Integrator integrator{IntegrationConfig{}};
   OdometryPose pose = odometry(0, false);
   pose.health = Health::kPredicted;
-  pose.degenerate = true;
+  pose.weak.degenerate = true;
   const auto fused = integrator.add(pose).at(0);
   EXPECT_EQ(fused.health, Health::kPredicted);
-  EXPECT_TRUE(fused.degenerate);
+  EXPECT_TRUE(fused.weak.degenerate);
   Correction lost = correction(0, Pose::Identity());
   lost.health = Health::kLost;
   integrator.add(lost);
   EXPECT_EQ(integrator.add(odometry(1, false)).at(0).health, Health::kLost);
+}
+
+// A drive along x whose odometry errs by so much in each sweep, and whose mapping knows the truth.
+struct Drive {
+  double slip_m = 0.0;
+  double acceleration_m = 0.0;  // change of the step from sweep to sweep
+  Eigen::Vector3d weak = Eigen::Vector3d::Zero();
+  bool replay = true;
+
+  double truth(std::uint64_t n) const {
+    const auto t = static_cast<double>(n);
+    return 0.5 * t + 0.5 * acceleration_m * t * t;
+  }
+  OdometryPose odometry_of(std::uint64_t n) const {
+    OdometryPose pose = odometry(n, replay);
+    pose.T_odom_base = along(truth(n) - slip_m * static_cast<double>(n));
+    pose.weak.degenerate = !weak.isZero();
+    pose.weak.translation = weak;
+    pose.weak.sigma_measured = 0.3;
+    return pose;
+  }
+  Correction correction_of(std::uint64_t n) const {
+    return correction(n, along(slip_m * static_cast<double>(n)));
+  }
+  /// Errors of the fused pose from one sweep to another.
+  std::vector<double> errors_m(std::uint64_t sweeps) const {
+    Integrator integrator{IntegrationConfig{}};
+    std::vector<double> out;
+    for (std::uint64_t n = 0; n < sweeps; ++n) {
+      for (const FusedPose& fused : integrator.add(odometry_of(n))) {
+        out.push_back(std::abs(fused.T_map_base.translation().x() - truth(fused.sweep)));
+      }
+      integrator.add(correction_of(n));
+    }
+    return out;
+  }
+};
+
+TEST(Integration, AlongAWeakDirectionTheMapsMotionLeadsAtOnce) {
+  const Drive drive{.slip_m = 0.1, .weak = Eigen::Vector3d::UnitX()};
+  const auto errors = drive.errors_m(8);
+  ASSERT_THAT(errors, SizeIs(8));
+  // The first two mapped poses tell the speed.
+  for (std::size_t n = 2; n < errors.size(); ++n) EXPECT_LT(errors[n], 0.015) << n;
+}
+
+TEST(Integration, OdometryThatErrsWithoutSayingSoIsFoundOut) {
+  const auto errors = Drive{.slip_m = 0.1}.errors_m(60);
+  EXPECT_GT(errors[2], 0.05);
+  for (std::size_t n = 30; n < errors.size(); ++n) EXPECT_LT(errors[n], 0.01) << n;
+}
+
+TEST(Integration, OdometryThatSeesLeadsThroughAChangeOfSpeed) {
+  // The map's last motion is wrong by 4 cm in each sweep.
+  const auto errors = Drive{.acceleration_m = 0.04}.errors_m(40);
+  for (const double error : errors) EXPECT_LT(error, 1e-3);
+}
+
+TEST(Integration, AcrossAWeakDirectionTheOdometryLeads) {
+  const Drive drive{.slip_m = 0.1, .weak = Eigen::Vector3d::UnitX()};
+  Integrator integrator{IntegrationConfig{}};
+  for (std::uint64_t n = 0; n < 20; ++n) {
+    integrator.add(drive.odometry_of(n));
+    integrator.add(drive.correction_of(n));
+  }
+  OdometryPose pose = drive.odometry_of(20);
+  pose.T_odom_base.translation().y() = 0.07;
+  const auto fused = integrator.add(pose).at(0);
+  EXPECT_NEAR(fused.T_map_base.translation().x(), 10.0, 0.01);
+  EXPECT_NEAR(fused.T_map_base.translation().y(), 0.07, 0.01);
+}
+
+TEST(Integration, MotionOfTheMapGrowsOld) {
+  const Drive drive{.slip_m = 0.1, .weak = Eigen::Vector3d::UnitX(), .replay = false};
+  Integrator integrator{IntegrationConfig{}};
+  for (std::uint64_t n = 0; n < 3; ++n) {
+    integrator.add(drive.odometry_of(n));
+    integrator.add(drive.correction_of(n));
+  }
+  // No correction for a second: the odometry's steps are all there is.
+  double last = 0.0;
+  for (std::uint64_t n = 3; n < 12; ++n) {
+    const auto fused = integrator.add(drive.odometry_of(n)).at(0);
+    const double x = fused.T_map_base.translation().x();
+    if (n > 10) {
+      EXPECT_NEAR(x - last, 0.4, 1e-9);
+    }
+    last = x;
+  }
+}
+
+TEST(Integration, WeakDirectionOfTheMapIsSaidInThePosesOwnAxes) {
+  Integrator integrator{IntegrationConfig{}};
+  integrator.add(odometry(0, false));
+  Correction c = correction(0, Pose::Identity());
+  c.weak.degenerate = true;
+  c.weak.translation = Eigen::Vector3d::UnitX();
+  integrator.add(c);
+  OdometryPose turned = odometry(1, false);
+  turned.T_odom_base = along(0.5, 90.0);
+  const auto fused = integrator.add(turned).at(0);
+  EXPECT_TRUE(fused.weak.degenerate);
+  EXPECT_EQ(fused.health, Health::kDegenerate);
+  EXPECT_TRUE(fused.weak.translation.isApprox(-Eigen::Vector3d::UnitY(), 1e-12));
 }
 
 TEST(Integration, NotFiniteValuesDoNoHarm) {
@@ -224,6 +328,13 @@ TEST(Integration, NotFiniteValuesDoNoHarm) {
   bad.T_map_odom.translation().x() = nan;
   integrator.add(bad);
   EXPECT_TRUE(integrator.add(odometry(1, false)).at(0).T_map_base.matrix().allFinite());
+  for (std::uint64_t n = 2; n < 5; ++n) {
+    OdometryPose weak = odometry(n, false);
+    weak.weak.degenerate = true;
+    weak.weak.translation.setConstant(nan);
+    EXPECT_TRUE(integrator.add(weak).at(0).T_map_base.matrix().allFinite());
+    integrator.add(correction(n, Pose::Identity()));
+  }
 }
 
 TEST(Integration, ResetForgetsTheRun) {

@@ -86,6 +86,10 @@ struct MappingConfig {
   double prior_sigma_rad = 0.005;
   /// the odometry's covariance counts this many times (variance)
   double prior_scale = 1.0;
+  /// published sigmas of the pose: the solver's times these, from comparison with ground truth
+  /// (EXPERIMENTS.md). The solver takes the map as exact and its residuals as nearly independent.
+  double covariance_scale_m = 3.0;
+  double covariance_scale_rad = 1.5;
   WeakDirections weak_directions = WeakDirections::kPrior;
   /// a direction is flagged when measured sigma > on * predicted sigma, until below off * predicted
   double degenerate_on = 1.0;

@@ -31,6 +31,14 @@ Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covari
   return covariance;
 }
 
+// What is published of the solver's covariance.
+Matrix6 scaled(const Matrix6& covariance, const MappingConfig& config) {
+  Vector6 scale;
+  scale.head<3>().setConstant(config.covariance_scale_m);
+  scale.tail<3>().setConstant(config.covariance_scale_rad);
+  return scale.asDiagonal() * covariance * scale.asDiagonal();
+}
+
 std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId>& ids) {
   std::vector<LayeredPoint> points;
   for (const TileId& id : ids) {
@@ -192,7 +200,8 @@ MappingResult Mapper::process(const MappingInput& input) {
   result.evicted = s.tiles.follow(prediction.T_map_base.translation());
   const Match match = s.align(input, prediction);
   result.T_map_base = match.ok ? match.T_map_base : prediction.T_map_base;
-  result.covariance = match.ok ? match.covariance : s.predicted_covariance(input, prediction);
+  result.covariance =
+      match.ok ? scaled(match.covariance, s.config) : s.predicted_covariance(input, prediction);
   result.degeneracy = match.degeneracy;
   result.iterations = match.iterations;
   result.correspondences = match.correspondences;

@@ -40,6 +40,10 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
         "least sigma of the predicted rotation");
   p.add("mapping.prior_scale", &c.prior_scale, {0.0, 1e4}, "",
         "the odometry's covariance counts this many times");
+  p.add("mapping.covariance_scale_m", &c.covariance_scale_m, {0.01, 1e3}, "",
+        "published sigmas of the position: the solver's, times this");
+  p.add("mapping.covariance_scale_rad", &c.covariance_scale_rad, {0.01, 1e3}, "",
+        "and of the rotation");
   p.add("mapping.weak_directions", &c.weak_directions,
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
         "weak directions: weighed against the prediction, or cut from each step");
@@ -111,6 +115,8 @@ void bind_voxel_map(Parameters& p, plane_map::PlaneMapConfig& c) {
         "a plane is thinner than this many sigmas of the range noise");
   p.add("mapping.voxel_planes.settled_points", &c.settled_points, {8, 1e6}, "",
         "a plane of so many points drops its finer voxels");
+  p.add("mapping.voxel_planes.planes_several_rings", &c.planes_several_rings,
+        "a plane needs points of several rings");
   p.add("mapping.voxel_planes.distributions", &c.distributions,
         "finest voxels without a plane count as lines and blobs");
   p.add("mapping.voxel_planes.keep_radius_m", &c.keep_radius_m, {10.0, 4000.0}, "m",

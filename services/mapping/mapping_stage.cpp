@@ -166,7 +166,7 @@ void MappingStage::publish_pose(const Sweep& sweep, const MappingResult& result)
   pose.correction_sweep = result.sweep;
   pose.has_correction = true;
   pose.health = result.health;
-  pose.degenerate = result.degeneracy.degenerate;
+  pose.weak = correction.weak;
   header = pose_.header(sweep);
   header.frame = "map";
   header.map_id = map_id_;

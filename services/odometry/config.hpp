@@ -36,7 +36,7 @@ struct OdometryConfig {
   double acceleration_sigma_mps2 = 3.0;
   double angular_acceleration_sigma_radps2 = 2.0;
   /// Twist of the first sweep, one sigma about rest.
-  double initial_speed_sigma_mps = 20.0;
+  double initial_speed_sigma_mps = 2.0;
   double initial_rate_sigma_radps = 2.0;
 
   // --- matching against recent sweeps -------------------------------------------------------
@@ -71,8 +71,8 @@ struct OdometryConfig {
   // --- what is said about the result --------------------------------------------------------
   /// A direction is flagged when its measured sigma exceeds weak_on times the predicted one, until
   /// it falls below weak_off times it.
-  double weak_on = 1.0;
-  double weak_off = 0.7;
+  double weak_on = 1.2;
+  double weak_off = 0.9;
   /// Published covariance: the solver's, times this (from comparison with ground truth).
   double covariance_scale = 1.0;
   /// Restart the target after so many sweeps in a row with points and without a match.

@@ -12,6 +12,7 @@ import sys
 from tests.acceptance import (
     accuracy,
     benches,
+    consistency,
     decoded,
     faults,
     live,
@@ -38,6 +39,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_synth(setting),
         *accuracy.checks(setting),
         *worlds.checks(setting),
+        *consistency.checks(setting),
         *_decoding(setting),
         *faults.checks(setting),
         *udp_rate.checks(setting),

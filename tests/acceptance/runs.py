@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tests.acceptance.framework import Skip
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -135,3 +138,8 @@ class Setting:
 
     def synth(self) -> Demo:
         return self.demo("synth", "--scans", self.synth_folder())
+
+
+def said_of_poses(demo: Demo) -> NDArray[Any]:
+    """poses.csv of a run by column name."""
+    return np.genfromtxt(demo.out / "poses.csv", delimiter=",", names=True)

@@ -164,7 +164,9 @@ def test_a_slow_reader_is_nobody_elses_trouble(
     assert poses == sweeps
     for stage in POSE_PATH:
         for account in statuses[stage].inputs:
-            assert account.processed == account.received == sweeps, (stage, account)
+            # live, mapping keeps the newest: what it skips costs no pose
+            wanted = account.received if account.key.endswith("map/correction") else sweeps
+            assert account.processed == account.received == wanted, (stage, account)
             assert account.lost == 0, (stage, account)
         assert queued[stage] <= 2, stage
     published = sum(sum(s.published.values()) for s in statuses.values())

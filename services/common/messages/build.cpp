@@ -26,10 +26,9 @@ Int saturated(std::uint32_t value) {
   return static_cast<Int>(std::min<std::uint32_t>(value, std::numeric_limits<Int>::max()));
 }
 
-/// What odometry and mapping both say of a pose they solved for. Structs of a table are copied at
-/// once, so they may end with this call.
+/// Structs of a table are copied at once, so they may end with this call.
 template <class TableBuilder>
-void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& solve) {
+void add_weak(TableBuilder* m, const WeakFields& weak) {
   const msg::Vec3 translation = vec(weak.weak_translation);
   const msg::Vec3 rotation = vec(weak.weak_rotation);
   m->add_degenerate(weak.degenerate);
@@ -37,6 +36,12 @@ void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& so
   m->add_weak_rotation(&rotation);
   m->add_weak_sigma_measured(weak.sigma_measured);
   m->add_weak_sigma_predicted(weak.sigma_predicted);
+}
+
+/// What odometry and mapping both say of a pose they solved for.
+template <class TableBuilder>
+void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& solve) {
+  add_weak(m, weak);
   m->add_iterations(saturated<std::uint16_t>(solve.iterations));
   m->add_correspondences(solve.correspondences);
   m->add_residual_m(solve.residual_m);
@@ -175,7 +180,7 @@ Buffer build(const HeaderFields& header, const MapPoseFields& f) {
   m.add_has_correction(f.has_correction);
   m.add_jump(f.jump);
   m.add_health(to_message(f.health));
-  m.add_degenerate(f.degenerate);
+  add_weak(&m, f.weak);
   return finish(b, m.Finish());
 }
 

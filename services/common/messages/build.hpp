@@ -72,7 +72,7 @@ struct OdometryFields {
   Pose T_odom_base = Pose::Identity();
   Vector6 twist_per_s = Vector6::Zero();
   Matrix6 covariance = Matrix6::Zero();
-  WeakFields weak;
+  WeakFields weak{};
   SolveFields solve;
   Health health = Health::kOk;
   std::uint64_t prev_sweep = 0;
@@ -99,7 +99,7 @@ struct MapCorrectionFields {
   Matrix6 covariance = Matrix6::Zero();
   Health health = Health::kOk;
   bool inserted = false;
-  WeakFields weak;
+  WeakFields weak{};
   SolveFields solve;
   std::uint64_t prev_sweep = 0;
 };
@@ -113,7 +113,7 @@ struct MapPoseFields {
   bool has_correction = false;
   bool jump = false;
   Health health = Health::kOk;
-  bool degenerate = false;
+  WeakFields weak{};
 };
 
 struct MapTileFields {

@@ -31,6 +31,11 @@ struct PlaneMapConfig {
   double merged_thickness_sigmas = 1.2;
   double merged_width_sigmas = 2.1;
 
+  /// A voxel is a plane only when it holds points of several rings. Where one ring bends around an
+  /// edge it spans a plane that is no surface, goes with the sensor and holds it back; a sensor
+  /// that stands still makes many of them.
+  bool planes_several_rings = true;
+
   /// The grid is turned and shifted against the map's axes: floors and walls at a multiple of the
   /// voxel size would be split into two half-noise planes that agree with any small shift.
   Eigen::Vector3d grid_rotation_rad{0.1, 0.15, 0.5};

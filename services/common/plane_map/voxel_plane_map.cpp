@@ -138,6 +138,21 @@ Eigen::Vector3d VoxelPlaneMap::voxel_offset(const Cell& c, int level) const {
   return {offset(c.x), offset(c.y), offset(c.z)};
 }
 
+inline void VoxelPlaneMap::Rings::add(std::uint16_t of_point, bool is_first) {
+  if (is_first) {
+    ring = of_point;
+  }
+  several_rings = several_rings || of_point == kUnknownRing || of_point != ring;
+}
+
+void VoxelPlaneMap::Rings::add(const Rings& other) {
+  several_rings = several_rings || other.several_rings || other.ring != ring;
+}
+
+bool VoxelPlaneMap::enough(const Rings& rings) const {
+  return rings.several_rings || !config_.planes_several_rings;
+}
+
 std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
   const double grown = std::ceil(count * config_.refit_growth);
   return std::max(count + 1, static_cast<std::uint32_t>(std::min(grown, 4e9)));
@@ -156,7 +171,7 @@ void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
 void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
   node.fit.refit_at = next_fit(node.fit.count);
   node.fit.kind = Kind::kNone;
-  if (node.fit.count < config_.min_points) {
+  if (node.fit.count < config_.min_points || !enough(node)) {
     return;
   }
   const PrincipalAxes axes = principal_axes(Moments(node.fit.count, node.sums));
@@ -173,7 +188,7 @@ inline const VoxelPlaneMap::Leaf* VoxelPlaneMap::leaf_at(const Cell& cell) const
   return i == kNoChild ? nullptr : &leaves_[i];
 }
 
-Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell) const {
+Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
   Moments all(leaf.fit.count, leaf.sums);
   const Eigen::Vector3d mean = all.mean();
   const double reach = config_.merge_radius_voxels * leaf_m_;
@@ -188,6 +203,7 @@ Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell) const 
     const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
     if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
       all.add(moments, offset);
+      rings.add(*other);
     }
   }
   return all;
@@ -200,14 +216,15 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
   PrincipalAxes own;
   if (leaf.fit.count >= config_.min_points) {
     own = principal_axes(Moments(leaf.fit.count, leaf.sums));
-    if (is_plane(own, leaf.fit.count, own_gates_)) {
+    if (enough(leaf) && is_plane(own, leaf.fit.count, own_gates_)) {
       set_plane(leaf.fit, own, leaf.fit.count, offset);
       return;
     }
   }
   if (config_.merge_radius_voxels > 0.0) {
-    const Moments moments = merged_moments(leaf, cell);
-    if (moments.count >= config_.min_points) {
+    Rings rings = leaf;
+    const Moments moments = merged_moments(leaf, cell, rings);
+    if (moments.count >= config_.min_points && enough(rings)) {
       const PrincipalAxes merged = principal_axes(moments);
       if (is_plane(merged, moments.count, merged_gates_)) {
         set_plane(leaf.fit, merged, moments.count, offset);
@@ -292,6 +309,7 @@ void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
   for (int bit = shift_ - 1; bit >= 0; --bit) {
     Node& node = nodes_[i];
     node.sums.add(dx, dy, dz);
+    node.add(ring, node.fit.count == 0);
     ++node.fit.count;
     if (node.fit.kind == Kind::kPlane && node.fit.count >= config_.settled_points) {
       if (!node.fit.settled) {
@@ -312,10 +330,7 @@ void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
     quarter *= 0.5f;
   }
   Leaf& leaf = leaves_[i];
-  if (leaf.fit.count == 0) {
-    leaf.ring = ring;
-  }
-  leaf.several_rings = leaf.several_rings || ring == kUnknownRing || leaf.ring != ring;
+  leaf.add(ring, leaf.fit.count == 0);
   leaf.sums.add(dx, dy, dz);
   ++leaf.fit.count;
 }

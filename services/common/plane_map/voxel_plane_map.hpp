@@ -112,7 +112,16 @@ class VoxelPlaneMap {
     std::uint8_t row_count = 0;
   };
 
-  struct Node {
+  // Whether the points came from one ring only: the first one's, and whether there are others.
+  struct Rings {
+    std::uint16_t ring = kUnknownRing;
+    bool several_rings = false;
+
+    void add(std::uint16_t of_point, bool is_first);
+    void add(const Rings& other);
+  };
+
+  struct Node : Rings {
     Fit fit;
     std::array<std::uint32_t, 8> children;
     MomentSums<double> sums;
@@ -121,12 +130,10 @@ class VoxelPlaneMap {
 
   // Sums of the finest voxels in single precision: offsets are below 0.1 m there, and these voxels
   // are most of the memory.
-  struct Leaf {
+  struct Leaf : Rings {
     Fit fit;
     std::uint32_t rows = kNoChild;
     MomentSums<float> sums;
-    std::uint16_t ring = 0;  // of its first point
-    bool several_rings = false;
   };
 
   struct Root {
@@ -145,7 +152,8 @@ class VoxelPlaneMap {
   std::uint32_t next_fit(std::uint32_t count) const;
   void fit_node(Node& node, const Cell& cell, int level);
   void fit_leaf(Leaf& leaf, const Cell& cell);
-  Moments merged_moments(const Leaf& leaf, const Cell& cell) const;
+  Moments merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const;
+  bool enough(const Rings& rings) const;
   void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
   void set_plane(Fit& fit, const PrincipalAxes& axes, double count, const Eigen::Vector3d& offset);
   Match match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const;

@@ -64,6 +64,8 @@ void VoxelPlaneMap::save_root(std::size_t place, std::vector<SavedVoxel>& out) c
 void VoxelPlaneMap::save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const {
   at.count = node.fit.count;
   put_sums(node.sums, at);
+  at.several_rings = node.several_rings;
+  at.ring = node.ring;
   out.push_back(at);
   SavedVoxel child;
   child.level = static_cast<std::uint8_t>(at.level + 1);
@@ -118,6 +120,8 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
   }
   Node& node = nodes_[i];
   node.fit.count = voxel.count;
+  node.several_rings = voxel.several_rings;
+  node.ring = voxel.ring;
   take_sums(voxel, node.sums);
   // A plane that takes no finer points must be known as one before the next point comes.
   fit_node(node, cell, voxel.level);

@@ -140,7 +140,7 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   // Multiplied by the group's time: what the motor should have turned.
   const double expected = advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
   const bool missed_turn =
-      expected > (forward_cdeg + kTurnCdeg / 2) * decoder_.group_ns() && !backwards;
+      expected > (forward_cdeg + kHalfTurnCdeg) * decoder_.group_ns() && !backwards;
   const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
   if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
     close(at_seam);

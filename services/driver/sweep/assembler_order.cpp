@@ -185,7 +185,7 @@ void SweepAssembler::restart(const Packet& packet) {
 std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
   const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
   const std::int64_t beyond_ns = ahead_ns - expected_ahead_ns_ + period_ns / 2;
-  if (beyond_ns < period_ns || across_view_gap(packet.payload)) return 0;
+  if (period_ns <= 0 || beyond_ns < period_ns || across_view_gap(packet.payload)) return 0;
   return beyond_ns / period_ns;
 }
 

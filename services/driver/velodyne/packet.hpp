@@ -15,6 +15,7 @@ inline constexpr int kBlocksPerPacket = 12;
 inline constexpr std::size_t kBlockBytes = 100;
 inline constexpr int kCellsPerBlock = 32;
 inline constexpr int kTurnCdeg = 36000;
+inline constexpr int kHalfTurnCdeg = kTurnCdeg / 2;
 /// Cells of a packet, and so the most points it can give.
 inline constexpr std::size_t kMaxPointsPerPacket = 384;
 

@@ -1,11 +1,12 @@
-// zloam-offline FOLDER OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
-// yaw]
+// zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
+// yaw] [--seam DEG] [--counter-clockwise] [[--elevation-offset DEG] [--range-offset M]
 //
-// Registration, odometry and, when it is built in, mapping over a folder of scans, in one process
-// and without any messages. Writes odom.tum and est.tum (poses of base_link stamped with the
-// instant they hold for; est is the mapped one), fused.tum (as integration forms it in a replay),
-// sweeps.csv and covariance.csv (sweep, then the mapped pose's 6x6 row by row), and prints the CPU
-// time of each stage per sweep.
+// Registration, odometry and, when it is built in, mapping over a capture or a folder of scans
+// (scan_reader.hpp), in one process and without any messages. Writes odom.tum and est.tum (poses of
+// base_link stamped with the instant they hold for; est is the mapped one), fused.tum (as
+// integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says of itself),
+// covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row), and prints the
+// CPU time of each stage per sweep. The options from --seam on are for scans in KITTI's layout.
 
 #include <time.h>
 
@@ -37,13 +38,33 @@ double cpu_ms() {
 }
 
 struct Options {
-  std::string folder, out;
+  std::string input, out;
   std::size_t first = 0;
   std::size_t count = SIZE_MAX;
   Pose T_base_lidar = Pose::Identity();
   bool with_mapping = true;
   Settings settings;
+  ReadOptions reading;
 };
+
+// Options of KITTI's layout; false: none of them.
+template <typename Value>
+bool parse_reading(const std::string& name, const Value& value, ReadOptions& reading) {
+  if (name == "--seam") {
+    reading.timing.seam_deg = std::stod(value());
+  } else if (name == "--counter-clockwise") {
+    reading.timing.model = driver::TimeModel::kCounterClockwise;
+  } else if (name == "--deskewed") {
+    reading.timing.model = driver::TimeModel::kDeskewed;
+  } else if (name == "--elevation-offset") {
+    reading.elevation_offset_deg = std::stod(value());
+  } else if (name == "--range-offset") {
+    reading.range_offset_m = std::stod(value());
+  } else {
+    return false;
+  }
+  return true;
+}
 
 Options parse_options(const std::vector<std::string>& args) {
   Options o;
@@ -67,14 +88,14 @@ Options parse_options(const std::vector<std::string>& args) {
         x = std::stod(value());
       }
       o.T_base_lidar = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
-    } else {
+    } else if (!parse_reading(args[i], value, o.reading)) {
       positional.push_back(args[i]);
     }
   }
   if (positional.size() != 2) {
-    throw std::invalid_argument("usage: zloam-offline FOLDER OUT [--set key=value]...");
+    throw std::invalid_argument("usage: zloam-offline INPUT OUT [--set key=value]...");
   }
-  o.folder = positional[0];
+  o.input = positional[0];
   o.out = positional[1];
   return o;
 }
@@ -97,7 +118,7 @@ class Run {
 #ifdef ZLOAM_WITH_MAPPING
         ,
         mapper_(options.settings.mapping),
-        integrator_({})
+        integrator_(options.settings.integration)
 #endif
   {
     std::filesystem::create_directories(o_.out);
@@ -107,9 +128,13 @@ class Run {
     csv_ << "sweep,health,iterations,planes,lines,residual_m,prediction_error_m,"
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
-            "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted\n";
+            "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
+            "odom_axis_z\n";
     fused_file_.open(o_.out + "/fused.tum");
     covariance_file_.open(o_.out + "/covariance.csv");
+    fused_csv_.open(o_.out + "/fused.csv");
+    fused_csv_ << "sweep,health,degenerate,axis_x,axis_y,axis_z,jump\n";
+    fused_covariance_file_.open(o_.out + "/fused_covariance.csv");
   }
 
   void sweep(std::uint64_t number, const Scan& scan) {
@@ -179,7 +204,7 @@ class Run {
       m.range_noise_m = input.range_noise_m;
       const mapping::MappingResult r = mapper_.process(m);
       write_tum(est_file_, odom.instant_ns, r.T_map_base);
-      write_map_row(r);
+      write_map_row(r, odom);
       fuse(odom, r);
       return;
     }
@@ -188,19 +213,30 @@ class Run {
     (void)input;
 #endif
     write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
-    csv_ << ",,,,,,,,,\n";
+    csv_ << ",,,,,,,,,,,,,\n";
   }
 
 #ifdef ZLOAM_WITH_MAPPING
-  void write_map_row(const mapping::MappingResult& r) {
+  static void write_covariance(std::ofstream& file, std::uint64_t sweep, const Matrix6& c) {
+    file << sweep;
+    for (int i = 0; i < 36; ++i) file << ',' << c(i / 6, i % 6);
+    file << '\n';
+  }
+
+  void write_map_row(const mapping::MappingResult& r, const odometry::OdometryResult& odom) {
     const mapping::Degeneracy& d = r.degeneracy;
     csv_ << ',' << int(r.health) << ',' << r.residual_m << ',' << d.degenerate << ','
          << d.sigma_measured << ',' << d.sigma_predicted << ',' << d.share << ','
          << d.weak_translation.x() << ',' << d.weak_translation.y() << ',' << d.weak_translation.z()
-         << ',' << r.inserted << '\n';
-    covariance_file_ << r.sweep;
-    for (int i = 0; i < 36; ++i) covariance_file_ << ',' << r.covariance(i / 6, i % 6);
-    covariance_file_ << '\n';
+         << ',' << r.inserted;
+    for (int i = 0; i < 3; ++i) csv_ << ',' << odom.degeneracy.weak_translation[i];
+    csv_ << '\n';
+    write_covariance(covariance_file_, r.sweep, r.covariance);
+  }
+
+  template <typename Degeneracy>
+  static integration::Weak weak(const Degeneracy& d) {
+    return {d.degenerate, d.weak_translation, d.weak_rotation, d.sigma_measured, d.sigma_predicted};
   }
 
   void fuse(const odometry::OdometryResult& odom, const mapping::MappingResult& r) {
@@ -211,16 +247,26 @@ class Run {
     pose.twist_per_s = odom.twist_per_s;
     pose.step_covariance = odom.covariance;
     pose.health = odom.health;
+    pose.weak = weak(odom.degeneracy);
     pose.replay = true;
     integration::Correction correction;
     correction.sweep = r.sweep;
     correction.T_map_odom = r.T_map_odom;
     correction.covariance = r.covariance;
     correction.health = r.health;
+    correction.weak = weak(r.degeneracy);
     auto leaving = integrator_.add(pose);
     const auto later = integrator_.add(correction);
     leaving.insert(leaving.end(), later.begin(), later.end());
-    for (const auto& f : leaving) write_tum(fused_file_, f.instant_ns, f.T_map_base);
+    for (const auto& f : leaving) write_fused(f);
+  }
+
+  void write_fused(const integration::FusedPose& f) {
+    write_tum(fused_file_, f.instant_ns, f.T_map_base);
+    fused_csv_ << f.sweep << ',' << int(f.health) << ',' << f.weak.degenerate;
+    for (int i = 0; i < 3; ++i) fused_csv_ << ',' << f.weak.translation[i];
+    fused_csv_ << ',' << f.jump << '\n';
+    write_covariance(fused_covariance_file_, f.sweep, f.covariance);
   }
 #endif
 
@@ -230,7 +276,8 @@ class Run {
   mapping::Mapper mapper_;
   integration::Integrator integrator_;
 #endif
-  std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_;
+  std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
+      fused_covariance_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;
   double mapping_ms_ = 0.0;
@@ -241,10 +288,13 @@ class Run {
 
 int run(const std::vector<std::string>& args) {
   const Options options = parse_options(args);
-  const ScanFolder folder(options.folder);
+  ScanReader reader(options.input, options.reading);
   Run run(options);
-  for (std::size_t i = options.first; i < folder.size() && i - options.first < options.count; ++i) {
-    run.sweep(i, folder.read(i));
+  Scan scan;
+  for (std::size_t i = 0; reader.next(scan); ++i) {
+    if (i < options.first) continue;
+    if (i - options.first >= options.count) break;
+    run.sweep(i, scan);
   }
   run.summary();
   return 0;

@@ -1,113 +1,62 @@
 #include "scan_reader.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <numbers>
-#include <stdexcept>
 
 namespace zloam::offline {
 namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<char> bytes_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::vector<char> bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  return bytes;
+std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOptions& options) {
+  if (fs::is_directory(path)) {
+    if (fs::exists(path / "stamps.txt")) {
+      return driver::sweeps_of_scans(driver::open_synth(path.string()));
+    }
+    return driver::sweeps_of_scans(driver::open_kitti(path.string(), options.timing));
+  }
+  const bool bare = path.extension() == ".bin";
+  driver::PacketStreamConfig stream;
+  stream.assembler.clock_mode =
+      bare ? driver::ClockMode::kFreeRunning : driver::ClockMode::kReceive;
+  return driver::sweeps_of_packets(
+      bare ? driver::open_payload_file(path.string()) : driver::open_pcap(path.string()), stream,
+      0);
 }
 
-std::vector<fs::path> scans_in(const fs::path& folder) {
-  std::vector<fs::path> files;
-  if (fs::is_directory(folder)) {
-    for (const auto& entry : fs::directory_iterator(folder)) {
-      if (entry.path().extension() == ".bin") {
-        files.push_back(entry.path());
-      }
-    }
+// Every return as a sensor would see it whose elevations and ranges are off by so much.
+void bend(PointVector& points, const ReadOptions& options) {
+  if (options.elevation_offset_deg == 0.0 && options.range_offset_m == 0.0) return;
+  const double turn = options.elevation_offset_deg * std::numbers::pi / 180.0;
+  for (Point& p : points) {
+    const double flat = std::hypot(p.x, p.y);
+    const double range = std::hypot(flat, double(p.z));
+    if (flat <= 0.0) continue;
+    const double elevation = std::atan2(double(p.z), flat) + turn;
+    const double wanted = range + options.range_offset_m;
+    const double scale = wanted * std::cos(elevation) / flat;
+    p.x = static_cast<float>(p.x * scale);
+    p.y = static_cast<float>(p.y * scale);
+    p.z = static_cast<float>(wanted * std::sin(elevation));
   }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-PointVector synthetic_points(const std::vector<char>& bytes) {
-  struct Record {
-    float x, y, z;
-    std::uint8_t intensity, ring;
-    std::uint16_t time_2us;
-  };
-  static_assert(sizeof(Record) == 16);
-  PointVector points;
-  for (std::size_t i = 0; i + sizeof(Record) <= bytes.size(); i += sizeof(Record)) {
-    Record r;
-    std::memcpy(&r, bytes.data() + i, sizeof r);
-    points.push_back(
-        {r.x, r.y, r.z, float(r.intensity), r.time_2us * 2000U, r.ring, ReturnType::kStrongest, 0});
-  }
-  return points;
-}
-
-PointVector kitti_points(const std::vector<char>& bytes, std::uint32_t period_ns,
-                         std::uint16_t rings) {
-  PointVector points;
-  int ring = rings - 1;
-  double last_turn = 0.0;
-  for (std::size_t i = 0; i + 16 <= bytes.size(); i += 16) {
-    float v[4];
-    std::memcpy(v, bytes.data() + i, sizeof v);
-    if (v[0] == 0.0F && v[1] == 0.0F && v[2] == 0.0F) {
-      continue;
-    }
-    const double azimuth = std::atan2(v[1], v[0]);
-    const double turn = azimuth < 0.0 ? azimuth + 2.0 * std::numbers::pi : azimuth;
-    if (turn < last_turn - std::numbers::pi && ring > 0) {
-      --ring;
-    }
-    last_turn = turn;
-    const double fraction = (std::numbers::pi - azimuth) / (2.0 * std::numbers::pi);
-    points.push_back({v[0], v[1], v[2], v[3] * 255.0F,
-                      static_cast<std::uint32_t>(fraction * period_ns),
-                      static_cast<std::uint16_t>(ring), ReturnType::kStrongest, 0});
-  }
-  std::stable_sort(points.begin(), points.end(),
-                   [](const Point& a, const Point& b) { return a.time_ns < b.time_ns; });
-  return points;
 }
 
 }  // namespace
 
-ScanFolder::ScanFolder(const fs::path& folder) {
-  std::ifstream stamps(folder / "stamps.txt");
-  synthetic_ = stamps.is_open();
-  files_ = scans_in(synthetic_ ? folder / "scans" : folder);
-  if (files_.empty()) {
-    throw std::runtime_error("no scans in " + folder.string());
-  }
-  double begin = 0.0;
-  double end = 0.0;
-  while (synthetic_ && stamps >> begin >> end) {
-    begin_ns_.push_back(std::llround(begin * 1e9));
-    end_ns_.push_back(std::llround(end * 1e9));
-  }
-  if (synthetic_ && begin_ns_.size() < files_.size()) {
-    throw std::runtime_error("stamps.txt is shorter than the scans of " + folder.string());
-  }
-}
+ScanReader::ScanReader(const fs::path& path, const ReadOptions& options)
+    : options_(options), source_(open(path, options)) {}
 
-Scan ScanFolder::read(std::size_t index) const {
-  Scan scan;
-  const std::vector<char> bytes = bytes_of(files_.at(index));
-  if (synthetic_) {
-    scan.stamp_ns = begin_ns_[index];
-    scan.period_ns = static_cast<std::uint32_t>(end_ns_[index] - begin_ns_[index]);
-    scan.points = synthetic_points(bytes);
-  } else {
-    scan.stamp_ns = static_cast<std::int64_t>(index) * scan.period_ns;
-    scan.rings = 64;
-    scan.points = kitti_points(bytes, scan.period_ns, scan.rings);
-  }
-  return scan;
+bool ScanReader::next(Scan& scan) {
+  driver::DecodedSweep sweep;
+  driver::Pull pulled = source_->pull(sweep);
+  while (pulled == driver::Pull::kNothing) pulled = source_->pull(sweep);
+  if (pulled != driver::Pull::kSweep) return false;
+  scan.stamp_ns = sweep.stamp_ns;
+  scan.period_ns = sweep.period_ns;
+  scan.rings = sweep.rings;
+  scan.points = std::move(sweep.points);
+  bend(scan.points, options_);
+  return true;
 }
 
 }  // namespace zloam::offline

@@ -1,17 +1,15 @@
 #pragma once
-// Scans from a folder, in two layouts:
-//  - synthetic: scans/NNNNNN.bin of 16-byte records (float x y z, u8 intensity, u8 ring, u16 time
-//  in
-//    2 us), stamps.txt with begin and end of each scan in seconds;
-//  - KITTI raw: NNNNNN.bin of float x y z reflectance, stored ring by ring, top ring first, without
-//    times: a clockwise turn of 0.1 s with its seam at the rear is assumed.
+// Sweeps for the offline chain, read and decoded as the driver does it:
+//  - a capture (.pcap) or a file of bare payloads (.bin);
+//  - a folder of the synthetic layout (it has a stamps.txt);
+//  - a folder in KITTI's layout, with times after ScanTiming.
 
 #include <cstdint>
 #include <filesystem>
-#include <string>
-#include <vector>
+#include <memory>
 
 #include "common/geometry/point.hpp"
+#include "driver/io/sweep_source.hpp"
 
 namespace zloam::offline {
 
@@ -22,18 +20,25 @@ struct Scan {
   PointVector points;  ///< frame lidar, in time order
 };
 
-class ScanFolder {
+struct ReadOptions {
+  /// of KITTI's layout
+  driver::ScanTiming timing{driver::TimeModel::kClockwise, 0.1, 180.0};
+  /// added to each point's elevation, degrees
+  double elevation_offset_deg = 0.0;
+  /// added to each range, m
+  double range_offset_m = 0.0;
+};
+
+class ScanReader {
  public:
-  /// Throws std::runtime_error when the folder holds neither layout.
-  explicit ScanFolder(const std::filesystem::path& folder);
-  std::size_t size() const { return files_.size(); }
-  Scan read(std::size_t index) const;
+  /// Throws driver::SourceError or std::runtime_error when nothing can be read there.
+  ScanReader(const std::filesystem::path& path, const ReadOptions& options);
+  /// The next sweep; false at the end. Incomplete sweeps come too, as in a replay.
+  bool next(Scan& scan);
 
  private:
-  bool synthetic_ = false;
-  std::vector<std::filesystem::path> files_;
-  std::vector<std::int64_t> begin_ns_;
-  std::vector<std::int64_t> end_ns_;
+  ReadOptions options_;
+  std::unique_ptr<driver::SweepSource> source_;
 };
 
 }  // namespace zloam::offline

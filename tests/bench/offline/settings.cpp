@@ -88,6 +88,7 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, merge_radius_voxels);
   ZLOAM_FIELD("mapping.voxel_planes.", c, refit_growth);
   ZLOAM_FIELD("mapping.voxel_planes.", c, settled_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, planes_several_rings);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions_several_rings);
   ZLOAM_FIELD("mapping.voxel_planes.", c, keep_radius_m);
@@ -121,6 +122,8 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, prior_sigma_m);
   ZLOAM_FIELD("mapping.", c, prior_sigma_rad);
   ZLOAM_FIELD("mapping.", c, prior_scale);
+  ZLOAM_FIELD("mapping.", c, covariance_scale_m);
+  ZLOAM_FIELD("mapping.", c, covariance_scale_rad);
   ZLOAM_FIELD("mapping.", c, insert_distance_m);
   ZLOAM_FIELD("mapping.", c, insert_rotation_rad);
   ZLOAM_FIELD("mapping.", c, insert_residual_factor);
@@ -136,6 +139,10 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   add_plane_map(c.voxel_planes.map, fields);
   add_plane_matcher(c.voxel_planes.matcher, fields);
 }
+
+void add_integration(integration::IntegrationConfig& c, Fields& fields) {
+  ZLOAM_FIELD("integration.", c, correction_delay);
+}
 #endif
 
 #undef ZLOAM_FIELD
@@ -146,6 +153,7 @@ Fields fields_of(Settings& settings) {
   add_odometry(settings.odometry, fields);
 #ifdef ZLOAM_WITH_MAPPING
   add_mapping(settings.mapping, fields);
+  add_integration(settings.integration, fields);
 #endif
   return fields;
 }

@@ -6,6 +6,7 @@
 #include "odometry/config.hpp"
 #include "registration/config.hpp"
 #ifdef ZLOAM_WITH_MAPPING
+#include "integration/config.hpp"
 #include "mapping/config.hpp"
 #endif
 
@@ -16,6 +17,7 @@ struct Settings {
   odometry::OdometryConfig odometry;
 #ifdef ZLOAM_WITH_MAPPING
   mapping::MappingConfig mapping;
+  integration::IntegrationConfig integration;
 #endif
 };
 

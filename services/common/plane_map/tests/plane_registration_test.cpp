@@ -117,7 +117,8 @@ TEST_P(KnownMotion, IsFollowedWithoutNoise) {
   EXPECT_LT(distance_m(last.T_map_base_mid, d.truth_mid.back()), 1.5e-3);
   EXPECT_LT(angle_rad(last.T_map_base_mid, d.truth_mid.back()), 1.5e-3);
   EXPECT_LT((last.twist_per_s - v).norm(), 0.1);
-  EXPECT_GT(last.matched_fraction, 0.8);
+  // Voxels that one ring alone has seen are no planes: their points stay unmatched.
+  EXPECT_GT(last.matched_fraction, 2.0 / 3.0);
 }
 
 TEST_P(KnownMotion, IsRecoveredUnderNoise) {

@@ -116,6 +116,21 @@ TEST(VoxelPlaneMap, ASingleNoisyRingIsNoPlane) {
   }
 }
 
+// Without noise even: a bent trace lies in a plane of its own, which is no surface.
+TEST(VoxelPlaneMap, AnEdgeBentAroundByOneRingIsNoPlane) {
+  for (const int rings : {1, 2}) {
+    VoxelPlaneMap map(upright_grid());
+    map.set_anchor(Vector3d::Zero());
+    for (int i = 0; i < 60; ++i) {
+      const float along = 0.5f + 0.004f * static_cast<float>(i);
+      const auto ring = static_cast<std::uint16_t>(i % rings);
+      map.insert(along, 0.55f, 0.7f, ring);
+      map.insert(0.5f, along, 0.7f, ring);
+    }
+    EXPECT_EQ(map.find(0.55f, 0.55f, 0.7f).is_plane, rings > 1);
+  }
+}
+
 TEST(VoxelPlaneMap, SmallFacesAreFoundBesideABigWall) {
   VoxelPlaneMap map{PlaneMapConfig{}};
   map.insert_points(patch({0, 0, 0}, Vector3d::UnitY(), 2.0, 0.01, 20000, 2));

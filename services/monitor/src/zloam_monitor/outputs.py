@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from zloam_monitor import clouds, evaluation, picture, report, se3, trajectory
+from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
 from zloam_monitor.trajectory import Trajectory
@@ -30,6 +31,7 @@ class Files:
             "map": "map.pcd",
             "picture": "picture.png",
             "report": "report.json",
+            "poses": "poses.csv",
             "logs": "logs",
         }
         if name not in known:
@@ -80,6 +82,7 @@ def forget(folder: Path) -> None:
         files.ground_truth,
         files.picture,
         files.report,
+        files.poses,
     ):
         path.unlink(missing_ok=True)
     shutil.rmtree(files.logs, ignore_errors=True)
@@ -135,6 +138,19 @@ def write_picture(folder: Path, title: str, run: Run) -> None:
     picture.draw(Files(folder).picture, scene)
 
 
+def write_poses(path: Path, run: Run) -> None:
+    """What each fused pose says of itself: health, weak direction, covariance."""
+    cells = [f"c{i}{j}" for i in range(6) for j in range(6)]
+    with written_whole(path) as out:
+        columns = ["sweep", "instant_ns", "health", "degenerate", "weak_x", "weak_y", "weak_z"]
+        out.write(",".join([*columns, *cells]) + "\n")
+        for sweep, pose in sorted(run.poses.items()):
+            covariance = pose.covariance if len(pose.covariance) == 36 else (0.0,) * 36
+            said = (sweep, pose.instant_ns, pose.health, int(pose.degenerate))
+            numbers = [f"{v:.9g}" for v in (*pose.weak_translation, *covariance)]
+            out.write(",".join([*map(str, said), *numbers]) + "\n")
+
+
 def write_all(folder: Path, title: str, run: Run) -> dict[str, Any]:
     """What the stages do not write themselves; returns the report."""
     run = collected(folder, run)
@@ -143,6 +159,7 @@ def write_all(folder: Path, title: str, run: Run) -> dict[str, Any]:
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:
             trajectory.write_tum(files.ground_truth, stamped)
+    write_poses(files.poses, run)
     found = report.build(run)
     report.write(files.report, found)
     write_picture(folder, title, run)

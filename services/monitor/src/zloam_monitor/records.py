@@ -54,6 +54,10 @@ class PoseRecord:
     end_of_run: bool
     trace: tuple[TraceStep, ...]
     degenerate: bool = False
+    #: the weakest translation in base_link, zero when none is weak
+    weak_translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    #: 6x6 row by row, translation before rotation, tangent at base_link; empty when not said
+    covariance: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,10 @@ def _trace(header: Any) -> tuple[TraceStep, ...]:
     )
 
 
+def _vector(vec3: Any) -> tuple[float, float, float]:
+    return (0.0, 0.0, 0.0) if vec3 is None else (vec3.X(), vec3.Y(), vec3.Z())
+
+
 def _pose(table: Any, pose: Any) -> PoseRecord:
     header = table.Header()
     if header is None or pose is None:
@@ -123,6 +131,8 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
         end_of_run=bool(header.EndOfRun()),
         trace=_trace(header),
         degenerate=bool(table.Degenerate()),
+        weak_translation=_vector(table.WeakTranslation()),
+        covariance=tuple(table.Covariance(i) for i in range(table.CovarianceLength())),
     )
 
 

@@ -1,0 +1,84 @@
+#include "integration/step_fusion.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+
+namespace zloam::integration {
+namespace {
+
+// A motion that was taken over more time, or is older, predicts nothing.
+constexpr double kFreshMotion_s = 0.5;
+// Part of a record that stays when a new error comes in.
+constexpr double kMemory = 0.9;
+// More than this in one sweep is a break, not an error to learn from.
+constexpr double kBreak_m = 2.0;
+constexpr double kBreak_rad = 0.5;
+// Fewer mapped poses than this judge nobody: the odometry leads but for what it says it cannot see.
+constexpr int kFewest = 5;
+// Below this both predictions are as good as the mapped poses that judge them.
+constexpr double kFloor_m = 0.001;
+constexpr double kFloor_rad = 0.0002;
+
+bool is_break(const Vector6& error) {
+  // Written so that NaN is one.
+  return !(error.head<3>().norm() < kBreak_m && error.tail<3>().norm() < kBreak_rad);
+}
+
+// Part of the way from the odometry's step to the map's, by the two mean squares.
+Eigen::Vector3d weighed(const Eigen::Vector3d& ahead, const Eigen::Matrix3d& odometry,
+                        const Eigen::Matrix3d& map, double floor) {
+  const Eigen::Matrix3d least = floor * floor * Eigen::Matrix3d::Identity();
+  return (odometry + least) * (odometry + map + 2.0 * least).inverse() * ahead;
+}
+
+}  // namespace
+
+StepFusion::Record::Record(double sigma_m, double sigma_rad)
+    : translation(sigma_m * sigma_m * Eigen::Matrix3d::Identity()),
+      rotation(sigma_rad * sigma_rad * Eigen::Matrix3d::Identity()) {}
+
+void StepFusion::Record::add(const Vector6& error) {
+  const Eigen::Vector3d t = error.head<3>();
+  const Eigen::Vector3d r = error.tail<3>();
+  translation = kMemory * translation + (1.0 - kMemory) * t * t.transpose();
+  rotation = kMemory * rotation + (1.0 - kMemory) * r * r.transpose();
+}
+
+void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, double over_s,
+                         int sweeps) {
+  if (!(over_s > 0.0) || over_s > kFreshMotion_s || sweeps < 1) {
+    forget_motion();
+    return;
+  }
+  const Vector6 odometry_error = log_se3(odometry_step.inverse() * mapped_step) / sweeps;
+  if (is_break(odometry_error)) {
+    forget_motion();
+    return;
+  }
+  odometry_.add(odometry_error);
+  ++observed_;
+  if (twist_per_s_) {
+    const Vector6 error = log_se3(exp_se3(-*twist_per_s_ * over_s) * mapped_step) / sweeps;
+    if (!is_break(error)) map_.add(error);
+  }
+  twist_per_s_ = log_se3(mapped_step) / over_s;
+}
+
+Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s,
+                      double age_s) const {
+  if (!twist_per_s_ || age_s > kFreshMotion_s) return odometry_step;
+  if (observed_ < kFewest && !weak.degenerate) return odometry_step;
+  const Vector6 ahead = log_se3(odometry_step.inverse() * exp_se3(*twist_per_s_ * over_s));
+  if (is_break(ahead)) return odometry_step;
+  Eigen::Matrix3d unseen = Eigen::Matrix3d::Zero();
+  if (weak.degenerate && weak.translation.allFinite()) {
+    const double sigma_m = std::clamp(weak.sigma_measured, 0.0, kBreak_m);
+    unseen = sigma_m * sigma_m * weak.translation * weak.translation.transpose();
+  }
+  Vector6 change;
+  change << weighed(ahead.head<3>(), odometry_.translation + unseen, map_.translation, kFloor_m),
+      weighed(ahead.tail<3>(), odometry_.rotation, map_.rotation, kFloor_rad);
+  return change.allFinite() ? odometry_step * exp_se3(change) : odometry_step;
+}
+
+}  // namespace zloam::integration

@@ -1,0 +1,52 @@
+#pragma once
+// The motion since the last mapped pose, from two predictions of it: the odometry's step, and the
+// motion between the last two mapped poses, carried on. Each counts by how far off it was lately,
+// in each direction: a matrix of mean squares over the last ten mapped poses or so. The odometry
+// leads where it sees; where it does not (a tunnel, an open yard: there it errs by decimetres a
+// sweep, and not always knows), the map does.
+
+#include <Eigen/Core>
+#include <optional>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::integration {
+
+/// Directions that the data leave open, unit vectors in base_link; zero when none is weak.
+struct Weak {
+  bool degenerate = false;
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();
+  /// one sigma along the weakest direction, m (rad when only a rotation is weak)
+  double sigma_measured = 0.0;
+  double sigma_predicted = 0.0;
+};
+
+class StepFusion {
+ public:
+  /// A mapped pose followed the one before by mapped_step, where the odometry had odometry_step,
+  /// over so many sweeps.
+  void observe(const Pose& mapped_step, const Pose& odometry_step, double over_s, int sweeps);
+  /// The next mapped pose does not follow the last one.
+  void forget_motion() { twist_per_s_.reset(); }
+
+  /// One sweep's step: over_s long, ending age_s after the last mapped pose.
+  Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
+
+ private:
+  // Mean squares of what a prediction was off by in one sweep.
+  struct Record {
+    Eigen::Matrix3d translation;
+    Eigen::Matrix3d rotation;
+
+    Record(double sigma_m, double sigma_rad);
+    void add(const Vector6& error);
+  };
+
+  Record odometry_{0.003, 0.001};
+  Record map_{0.1, 0.03};
+  std::optional<Vector6> twist_per_s_;
+  int observed_ = 0;
+};
+
+}  // namespace zloam::integration
