@@ -391,7 +391,7 @@ def test_a_replay_has_the_same_bytes(
 def test_a_replay_keeps_the_trajectory_of_a_killed_integration(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
-    """What was written stays, to the bit; how far either prediction was off lately is learnt anew."""
+    """What was written stays, to the bit; how far each prediction was off is learnt anew."""
     replayed(build, robot_file, drive, tmp_path, "integration")
     odometry = "odometry.tum"
     assert (tmp_path / odometry).read_bytes() == (undisturbed / odometry).read_bytes()
