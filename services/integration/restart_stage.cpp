@@ -30,7 +30,7 @@ void IntegrationStage::restart(const msg::Header& first) {
   if (same_run) {
     catch_up(first);
   } else {
-    runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
+    runtime::report(stage_, {.ns = first.stamp_ns() - last_instant_ns_});
   }
 }
 
@@ -63,15 +63,11 @@ void IntegrationStage::catch_up(const msg::Header& first) {
            stage_, Key::kMapCorrection, runtime::sweeps_from(first.run(), 0), kTries)) {
     take(correction);
   }
-  runtime::Gap gap{1, 0, 0};
+  runtime::Gap gap;
   for (const OdometryMessage& pose : runtime::recall<msg::Odometry>(
            stage_, Key::kOdometry, runtime::sweeps_from(first.run(), next_sweep_), kTries)) {
-    if (pose.sweep() > next_sweep_) {
-      // A replay gives nothing up: the rest comes in order by itself.
-      if (first.replay()) return;
-      if (gap.last < gap.first) gap.first = next_sweep_;
-      gap.last = pose.sweep() - 1;
-    }
+    // A replay gives nothing up: the rest comes in order by itself.
+    if (gap.add(next_sweep_, pose.sweep()) && first.replay()) return;
     process(pose);
   }
   if (first.replay()) return;

@@ -180,11 +180,8 @@ void MappingStage::restart(const msg::Header& first) {
                         {"voxel_cubes", saved.voxels.size()},
                         {"map_id", map_id_},
                         {"frame_known", saved.T_map_odom.has_value()}});
-  runtime::Gap gap{1, 0, first.stamp_ns() - last_instant_ns_};
-  if (!first.replay() && next_sweep_ > 0 && first.sweep() > next_sweep_) {
-    gap.first = next_sweep_;
-    gap.last = first.sweep() - 1;
-  }
+  runtime::Gap gap{.ns = first.stamp_ns() - last_instant_ns_};
+  if (!first.replay() && next_sweep_ > 0) gap.add(next_sweep_, first.sweep());
   runtime::report(stage_, gap);
 }
 

@@ -113,20 +113,14 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
 // itself: nothing is given up.
 void OdometryStage::catch_up(const msg::Header& first) {
   const std::int64_t killed_ns = last_instant_ns_;
-  runtime::Gap gap{1, 0, 0};
-  const auto missed = [&](std::uint64_t until) {
-    if (until <= next_sweep_) return false;
-    if (gap.last < gap.first) gap.first = next_sweep_;
-    gap.last = until - 1;
-    return true;
-  };
+  runtime::Gap gap;
   for (const Features& features : runtime::recall<msg::Features>(
            stage_, Key::kFeatures, runtime::sweeps_from(first.run(), next_sweep_), 1)) {
-    if (missed(features.sweep()) && first.replay()) return;
+    if (gap.add(next_sweep_, features.sweep()) && first.replay()) return;
     process(features);
   }
   if (first.replay()) return;
-  missed(first.sweep());
+  gap.add(next_sweep_, first.sweep());
   gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
   runtime::report(stage_, gap);
 }

@@ -1,7 +1,6 @@
 #include "registration/registration_stage.hpp"
 
 #include <charconv>
-#include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
@@ -9,17 +8,13 @@
 #include <string_view>
 #include <vector>
 
+#include "common/runtime/shared.hpp"
+
 namespace zloam::registration {
 namespace {
 
 using runtime::Message;
 using runtime::Outcome;
-
-std::int64_t steady_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 std::optional<std::uint64_t> kill_at() {
   const char* text = std::getenv("ZLOAM_FAULT_KILL_AT");
@@ -96,7 +91,7 @@ void RegistrationStage::hear_colleagues() {
 Outcome RegistrationStage::take(const Sweep& sweep) {
   hear_colleagues();
   const SweepToShare key{sweep.run(), sweep.sweep(), sweep.replay(), sweep.raw().bytes.size()};
-  switch (sharing_.take(key, steady_ns())) {
+  switch (sharing_.take(key, runtime::steady_ns())) {
     case Sharing::Share::kNotMine:
       return Outcome::kNotMine;
     case Sharing::Share::kHold:
@@ -112,7 +107,7 @@ Outcome RegistrationStage::take(const Sweep& sweep) {
 runtime::Turn RegistrationStage::settle_held() {
   if (held_.empty()) return runtime::Turn::kWait;
   hear_colleagues();
-  for (const Sharing::Due& due : sharing_.due(steady_ns())) {
+  for (const Sharing::Due& due : sharing_.due(runtime::steady_ns())) {
     auto node = held_.extract(std::pair(due.run, due.sweep));
     sweeps_->settle(std::move(node.mapped()), [this, &due](const Message& message) {
       if (!due.compute) return Outcome::kNotMine;

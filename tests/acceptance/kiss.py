@@ -21,25 +21,10 @@ from kiss_icp.config.parser import load_config
 from kiss_icp.kiss_icp import KissICP
 from numpy.typing import NDArray
 
+from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT, SYNTH_TICK_NS
 from zloam_monitor import trajectory
 from zloam_monitor.trajectory import Trajectory
 
-#: 16-byte records of the reference generator; t in units of 2 us since the scan's start
-RECORD = np.dtype([("xyz", "<f4", 3), ("intensity", "u1"), ("ring", "u1"), ("t", "<u2")])
-TICK_NS = 2000
-#: records of zloam-decode --out
-DECODED = np.dtype(
-    [
-        ("xyz", "<f4", 3),
-        ("intensity", "<f4"),
-        ("time_ns", "<i8"),
-        ("ring", "<u2"),
-        ("return_type", "u1"),
-        ("zero", "u1"),
-        ("column", "<u2"),
-        ("sweep", "<u2"),
-    ]
-)
 MIN_RANGE_M = 0.5
 #: (points, time of each in ns)
 Sweep = tuple[NDArray[Any], NDArray[np.int64]]
@@ -49,13 +34,13 @@ def of_folder(folder: Path) -> Iterator[Sweep]:
     """Scans of the reference generator."""
     begins = np.loadtxt(folder / "stamps.txt", ndmin=2)[:, 0]
     for path, begin in zip(sorted((folder / "scans").glob("*.bin")), begins, strict=False):
-        scan = np.fromfile(path, RECORD)
-        yield scan["xyz"], round(begin * 1e9) + scan["t"].astype(np.int64) * TICK_NS
+        scan = np.fromfile(path, SYNTH_POINT)
+        yield scan["xyz"], round(begin * 1e9) + scan["t"].astype(np.int64) * SYNTH_TICK_NS
 
 
 def of_decoded(path: Path) -> Iterator[Sweep]:
     """The driver's sweeps."""
-    points = np.fromfile(path, DECODED)
+    points = np.fromfile(path, DECODED_POINT)
     cuts = np.flatnonzero(np.diff(points["sweep"])) + 1
     for sweep in np.split(points, cuts):
         yield sweep["xyz"], sweep["time_ns"]

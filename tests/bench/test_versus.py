@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.acceptance.point_files import DECODED_POINT
 from tests.bench import framework
 from tests.bench.versus import aloam, data, peer, score, summary, table
 from zloam_monitor.trajectory import Trajectory
@@ -198,7 +199,7 @@ def test_scenes_take_the_median_over_their_seeds_and_a_lost_seed_stays_visible()
 
 def test_written_scans_are_read_back_by_the_peers(tmp_path: Path) -> None:
     """Decoded points of four turns, the outer two partial: positions and times survive."""
-    points = np.zeros(40, data.DECODED)
+    points = np.zeros(40, DECODED_POINT)
     points["xyz"] = np.arange(120).reshape(40, 3)
     points["sweep"] = np.repeat([0, 1, 2, 3], 10)
     points["time_ns"] = START_NS + np.arange(40) * 10_000_000

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from zloam_monitor.chain import Chain
 from zloam_monitor.keys import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,6 +79,19 @@ def capture(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
 @pytest.fixture(scope="session")
 def robot_file() -> Path:
     return ROOT / "deploy" / "robots" / "vlp16-outdoor.yaml"
+
+
+def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
+
+
+def kill(chain: Chain, *stages: str) -> None:
+    """With -9, all at once."""
+    killed = [chain.processes.running.pop(stage) for stage in stages]
+    for process in killed:
+        process.send(signal.SIGKILL)
+    for process in killed:
+        process.wait(10.0)
 
 
 @dataclass(frozen=True)

@@ -12,22 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.acceptance.point_files import DECODED_POINT
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKET_BYTES = 1206
-POINTS = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("intensity", "<f4"),
-        ("time_ns", "<i8"),
-        ("ring", "<u2"),
-        ("return_type", "u1"),
-        ("zero", "u1"),
-        ("column", "<u2"),
-        ("sweep", "<u2"),
-    ]
-)
 #: the other decoder's return types: 1 strongest, 2 last, 3 both
 RETURN_TYPES = {1: 0, 2: 1, 3: 2}
 
@@ -47,7 +35,7 @@ def decoded(tool: Path, tmp_path: Path, *arguments: object) -> tuple[np.ndarray,
     out = tmp_path / "points.bin"
     command = [str(a) for a in (tool, *arguments, "--out", out)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return np.fromfile(out, POINTS), json.loads(done.stdout)
+    return np.fromfile(out, DECODED_POINT), json.loads(done.stdout)
 
 
 def pcap_payloads(path: Path) -> bytes:
@@ -109,7 +97,7 @@ def compare(own: np.ndarray, peer: dict[str, np.ndarray], raw: bytes) -> None:
     assert np.array_equal(own["return_type"], peer_type)
     assert np.array_equal(own["intensity"], peer["intensity"])
     expect_times(own_ns, peer_ns, raw, start_ns)
-    ours = np.stack([own[a] for a in "xyz"], axis=1).astype(float)
+    ours = own["xyz"].astype(float)
     theirs = np.stack([peer[a] for a in "xyz"], axis=1).astype(float)
     distance = np.linalg.norm(ours - theirs, axis=1)
     # The other decoder rounds the azimuth to 0.01 degrees.
@@ -200,7 +188,7 @@ def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
     peer = peer_points(raw, "VLS128")
     assert len(own) == len(peer["x"]) == 765_932
     start_ns = int.from_bytes(raw[1200:1204], "little") * 1e3
-    ours = by_ring_and_time(own["ring"], own["time_ns"] - start_ns, [own[a] for a in "xyz"])
+    ours = by_ring_and_time(own["ring"], own["time_ns"] - start_ns, list(own["xyz"].T))
     theirs = by_ring_and_time(peer["ring"], peer["time_ns"] - start_ns, [peer[a] for a in "xyz"])
     assert np.array_equal(np.sort(own["ring"]), np.sort(peer["ring"].astype(int)))
 
@@ -274,11 +262,12 @@ def test_rings_of_a_real_drive(decode: Path, shared: Path, tmp_path: Path) -> No
     for sweep in np.unique(own["sweep"]):
         scan = own[own["sweep"] == sweep]
         assert np.array_equal(np.unique(scan["ring"]), np.arange(64))
-        elevation = np.degrees(np.arctan2(scan["z"], np.hypot(scan["x"], scan["y"])))
+        x, y, z = scan["xyz"].T
+        elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
         mean = np.array([np.median(elevation[scan["ring"] == r]) for r in range(64)])
         assert (np.diff(mean) > 0).all()
         assert (np.diff(scan["time_ns"]) >= 0).all()
         assert scan["time_ns"][-1] - scan["time_ns"][0] < 100_000_000
         # clockwise from the rear: the left side comes before the right one
         early = scan["time_ns"] < scan["time_ns"][0] + 45_000_000
-        assert (scan["y"][early] > 0).mean() > 0.95
+        assert (y[early] > 0).mean() > 0.95

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -17,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.acceptance import live
-from tests.integration.conftest import ROOT, Capture, monitor
+from tests.integration.conftest import ROOT, Capture, digests, kill, monitor
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.keys import STAGES
@@ -32,10 +30,6 @@ LIVE_SECONDS = 4.0
 LIVE_SLOWER = 2.0
 #: a slow reader needs so long for each message; a sweep causes a dozen of them
 SLOW_SECONDS = 0.1
-
-
-def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
 
 
 def replay(
@@ -204,10 +198,7 @@ def test_shared_memory_of_the_killed_is_reclaimed(
     """kill -9 leaves segments behind; they go when a stage is started the next time."""
     with replaying(build, robot_file, capture, tmp_path / "a") as chain:
         until_poses(chain)
-        for process in chain.processes.running.values():
-            process.send(signal.SIGKILL)
-            process.wait(10.0)
-        chain.processes.running.clear()
+        kill(chain, *chain.processes.running)
     left = orphans()
     assert left, "nothing was shared: the test shows nothing"
     with replaying(build, robot_file, capture, tmp_path / "b") as chain:
@@ -221,9 +212,7 @@ def test_registration_is_killed_and_started_again(
     """It has no state: what was under way is published again, and computed by the new one."""
     with replaying(build, robot_file, capture, tmp_path) as chain:
         until_poses(chain)
-        old = chain.processes.running.pop("registration")
-        old.send(signal.SIGKILL)
-        old.wait(10.0)
+        kill(chain, "registration")
         chain.start("registration", "registration-again")
         while not chain.finished():
             chain.link.poll(0.2)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.conftest import Capture
-from tests.integration.test_faults import digests
+from tests.integration.conftest import Capture, digests
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import StatusRecord

@@ -3,8 +3,6 @@ same map, and what is missing is counted. Truth is the simulator's."""
 
 from __future__ import annotations
 
-import hashlib
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance import live
-from tests.integration.conftest import Capture, monitor, simulate
+from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from zloam_monitor import se3, sources
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
@@ -56,10 +54,6 @@ def undisturbed(build: Path, drive: Capture, tmp_path_factory: pytest.TempPathFa
     return out
 
 
-def digests(folder: Path) -> dict[str, str]:
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in FILES}
-
-
 def rmse_m(found: Trajectory, drive: Capture, from_ns: int) -> float:
     """Of the positions from an instant on, in the frame of the map: nothing is aligned, so that a
     frame that has moved is an error."""
@@ -79,14 +73,6 @@ def assert_as_good(found: Trajectory, undisturbed: Path, drive: Capture, from_ns
     reference = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
     allowed = WORSE * rmse_m(reference, drive, from_ns) + FLOOR_M
     assert rmse_m(found, drive, from_ns) <= allowed
-
-
-def kill(chain: Chain, *stages: str) -> None:
-    killed = [chain.processes.running.pop(stage) for stage in stages]
-    for process in killed:
-        process.send(signal.SIGKILL)
-    for process in killed:
-        process.wait(10.0)
 
 
 class LiveRun:
@@ -173,6 +159,13 @@ class LiveRun:
             self.chain.start(stage, f"{stage}-again")
         return last
 
+    def killed(self, *stages: str) -> tuple[PoseRecord, dict[str, StatusRecord]]:
+        """Once in a whole run: the last pose before, and what the stages say at the end."""
+        with self:
+            self.until_poses(KILL_AT)
+            last = self.restart(*stages)
+            return last, self.end()
+
     def end(self) -> dict[str, StatusRecord]:
         """After the last packet: statuses, and exit codes that are all 0."""
         while self._sender.is_alive():
@@ -244,6 +237,12 @@ def missing(poses: dict[tuple[int, int], PoseRecord], run: int) -> list[int]:
     return sorted(set(range(max(have) + 1)) - have)
 
 
+def given_up(statuses: dict[str, StatusRecord]) -> int:
+    """Sweeps on the way to the pose, by those who had to."""
+    inputs = (i for s in STAGES if s != "mapping" for i in statuses[s].inputs)
+    return sum(i.lost + sum(i.dropped.values()) - i.dropped.get("duplicate", 0) for i in inputs)
+
+
 def assert_bridged(poses: dict[tuple[int, int], PoseRecord], last: PoseRecord) -> None:
     """After the kill the map was searched for, and found soon."""
     after = [p for p in poses.values() if p.instant_ns > last.instant_ns]
@@ -260,10 +259,8 @@ def gap_of(status: StatusRecord) -> list[int]:
 def test_mapping_takes_its_map_back(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
-    with LiveRun(build, robot_file, drive, tmp_path) as run:
-        run.until_poses(KILL_AT)
-        last = run.restart("mapping")
-        statuses = run.end()
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    last, statuses = run.killed("mapping")
     found, stamps = run.trajectory(undisturbed)
     mapping = statuses["mapping"]
     assert mapping.figures["map_points_taken_back"] > 0
@@ -282,10 +279,8 @@ def test_mapping_takes_its_map_back(
 def test_odometry_goes_on_in_its_frame(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
-    with LiveRun(build, robot_file, drive, tmp_path) as run:
-        run.until_poses(KILL_AT)
-        last = run.restart("odometry")
-        statuses = run.end()
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    last, statuses = run.killed("odometry")
     found, stamps = run.trajectory(undisturbed)
     account = next(i for i in statuses["odometry"].inputs)
     lost = without_pose(tmp_path, statuses) - len(gap_of(statuses["odometry"]))
@@ -301,10 +296,8 @@ def test_a_new_odometry_frame_is_bridged(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
     """Who kept the odometry's commits is gone too."""
-    with LiveRun(build, robot_file, drive, tmp_path) as run:
-        run.until_poses(KILL_AT)
-        last = run.restart("odometry", "mapping")
-        statuses = run.end()
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    last, statuses = run.killed("odometry", "mapping")
     found, stamps = run.trajectory(undisturbed)
     assert "a new odom frame begins" in (tmp_path / "odometry-again.log").read_text()
     assert statuses["mapping"].figures["map_points_taken_back"] > 0
@@ -315,12 +308,13 @@ def test_a_new_odometry_frame_is_bridged(
 def test_integration_goes_on_with_the_trajectory(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
-    with LiveRun(build, robot_file, drive, tmp_path) as run:
-        run.until_poses(KILL_AT)
-        last = run.restart("integration")
-        statuses = run.end()
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    last, statuses = run.killed("integration")
     found, stamps = run.trajectory(undisturbed)
-    assert without_pose(tmp_path, statuses) == len(gap_of(statuses["integration"]))
+    lost = without_pose(tmp_path, statuses) - len(gap_of(statuses["integration"]))
+    # nothing is, unless the machine is too busy for a sensor: then somebody says so
+    before = [s for s in missing(run.poses, last.run) if s < last.sweep]
+    assert 0 <= lost <= len(before) + given_up(statuses)
     assert_as_good(found, undisturbed, drive, stamps[last.sweep])
     assert_books(statuses, STAGES)
 
@@ -328,10 +322,8 @@ def test_integration_goes_on_with_the_trajectory(
 def test_all_are_killed_and_the_store_has_the_map(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
-    with LiveRun(build, robot_file, drive, tmp_path, slower=1.0) as run:
-        run.until_poses(KILL_AT)
-        last = run.restart("integration", "mapping", "odometry", "registration", "driver")
-        statuses = run.end()
+    run = LiveRun(build, robot_file, drive, tmp_path, slower=1.0)
+    last, statuses = run.killed("integration", "mapping", "odometry", "registration", "driver")
     found, stamps = run.trajectory(undisturbed)
     assert statuses["mapping"].figures["map_points_taken_back"] > 0
     second = [p for p in run.poses.values() if p.run != last.run]
@@ -385,7 +377,7 @@ def test_a_replay_has_the_same_bytes(
 ) -> None:
     """What the killed one held can all be had from others."""
     replayed(build, robot_file, drive, tmp_path, stage)
-    assert digests(tmp_path) == digests(undisturbed)
+    assert digests(tmp_path, FILES) == digests(undisturbed, FILES)
 
 
 def test_a_replay_keeps_the_trajectory_of_a_killed_integration(

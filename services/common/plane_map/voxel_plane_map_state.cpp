@@ -23,16 +23,23 @@ std::uint64_t key_of(const Eigen::Vector3i& index) {
   return part(0) << (2 * kKeyBits) | part(1) << kKeyBits | part(2);
 }
 
-template <typename Sums>
-void put_sums(const Sums& sums, SavedVoxel& out) {
-  for (std::size_t i = 0; i < 3; ++i) out.sum[i] = static_cast<float>(sums.sum[i]);
-  for (std::size_t i = 0; i < 6; ++i) out.squares[i] = static_cast<float>(sums.squares[i]);
+// Of a node or a leaf.
+template <typename Counted>
+void put(const Counted& counted, SavedVoxel& out) {
+  out.count = counted.fit.count;
+  out.several_rings = counted.several_rings;
+  out.ring = counted.ring;
+  for (std::size_t i = 0; i < 3; ++i) out.sum[i] = static_cast<float>(counted.sums.sum[i]);
+  for (std::size_t i = 0; i < 6; ++i) out.squares[i] = static_cast<float>(counted.sums.squares[i]);
 }
 
-template <typename Sums>
-void take_sums(const SavedVoxel& in, Sums& sums) {
-  for (std::size_t i = 0; i < 3; ++i) sums.sum[i] = in.sum[i];
-  for (std::size_t i = 0; i < 6; ++i) sums.squares[i] = in.squares[i];
+template <typename Counted>
+void take(const SavedVoxel& in, Counted& counted) {
+  counted.fit.count = in.count;
+  counted.several_rings = in.several_rings;
+  counted.ring = in.ring;
+  for (std::size_t i = 0; i < 3; ++i) counted.sums.sum[i] = in.sum[i];
+  for (std::size_t i = 0; i < 6; ++i) counted.sums.squares[i] = in.squares[i];
 }
 
 }  // namespace
@@ -62,10 +69,7 @@ void VoxelPlaneMap::save_root(std::size_t place, std::vector<SavedVoxel>& out) c
 }
 
 void VoxelPlaneMap::save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const {
-  at.count = node.fit.count;
-  put_sums(node.sums, at);
-  at.several_rings = node.several_rings;
-  at.ring = node.ring;
+  put(node, at);
   out.push_back(at);
   SavedVoxel child;
   child.level = static_cast<std::uint8_t>(at.level + 1);
@@ -80,10 +84,7 @@ void VoxelPlaneMap::save_node(const Node& node, SavedVoxel at, std::vector<Saved
       continue;
     }
     SavedVoxel leaf = child;
-    leaf.count = leaves_[i].fit.count;
-    leaf.several_rings = leaves_[i].several_rings;
-    leaf.ring = leaves_[i].ring;
-    put_sums(leaves_[i].sums, leaf);
+    put(leaves_[i], leaf);
     out.push_back(leaf);
   }
 }
@@ -110,19 +111,12 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
     i = nodes_[i].children[o];
   }
   if (voxel.level == shift_) {
-    Leaf& leaf = leaves_[i];
-    leaf.fit.count = voxel.count;
-    leaf.fit.refit_at = 0;
-    leaf.several_rings = voxel.several_rings;
-    leaf.ring = voxel.ring;
-    take_sums(voxel, leaf.sums);
+    take(voxel, leaves_[i]);
+    leaves_[i].fit.refit_at = 0;
     return true;
   }
   Node& node = nodes_[i];
-  node.fit.count = voxel.count;
-  node.several_rings = voxel.several_rings;
-  node.ring = voxel.ring;
-  take_sums(voxel, node.sums);
+  take(voxel, node);
   // A plane that takes no finer points must be known as one before the next point comes.
   fit_node(node, cell, voxel.level);
   return true;

@@ -90,9 +90,16 @@ bool goes_on(const msg::Header& first, std::int64_t instant_ns) {
   return !first.replay() && gap_ns > -kOverlap_ns && gap_ns < kLongestGap_ns;
 }
 
+bool Gap::add(std::uint64_t from, std::uint64_t until) {
+  if (until <= from) return false;
+  if (empty()) first = from;
+  last = until - 1;
+  return true;
+}
+
 void report(Stage& stage, const Gap& gap) {
   const double gap_ms = 1e-6 * static_cast<double>(gap.ns);
-  const bool any = gap.last >= gap.first;
+  const bool any = !gap.empty();
   log_warning("went on after a gap", {{"first_sweep", any ? std::to_string(gap.first) : "none"},
                                       {"last_sweep", any ? std::to_string(gap.last) : "none"},
                                       {"ns", gap.ns}});

@@ -31,8 +31,12 @@ bool is_there(Stage& stage, std::string_view other_stage);
 /// What this stage did not do while it was away, as figures of its status and in the log.
 struct Gap {
   /// sweeps of this run; last < first: none
-  std::uint64_t first = 0, last = 0;
+  std::uint64_t first = 1, last = 0;
   std::int64_t ns = 0;
+
+  bool empty() const { return last < first; }
+  /// Sweeps from one on, up to the one before another; false: there are none between them.
+  bool add(std::uint64_t from, std::uint64_t until);
 };
 void report(Stage& stage, const Gap& gap);
 

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance.framework import Skip
+from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT, SYNTH_TICK_NS
 from tests.acceptance.runs import CACHE
 from tests.bench.setting import BenchSetting
-from tests.bench.versus.peer import RECORD, TICK_S
 from zloam_monitor import sources, trajectory
 from zloam_monitor.trajectory import Trajectory
 
@@ -35,14 +35,6 @@ WORLD_SEED = 1
 #: nothing but this much is measured by `make bench`
 SMALL = ("fastrot-7",)
 PERIOD_S = 0.1
-
-#: zloam-decode --out
-DECODED = np.dtype(
-    [
-        *(("xyz", "<f4", 3), ("intensity", "<f4"), ("time_ns", "<i8"), ("ring", "<u2")),
-        *(("return_type", "u1"), ("zero", "u1"), ("column", "<u2"), ("sweep", "<u2")),
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -153,7 +145,7 @@ def _simulated(setting: BenchSetting, world: str) -> Scans:
         files = ("--out", capture, "--truth", out / "gt_dense.tum")
         _ran(simulator, "--world", world, "--seed", WORLD_SEED, "--quiet", *files)
         _ran(decode, "--pcap", capture, "--seam", 0, "--out", points)
-        write_scans(out, np.fromfile(points, DECODED))
+        write_scans(out, np.fromfile(points, DECODED_POINT))
         capture.unlink()
         points.unlink()
 
@@ -177,11 +169,11 @@ def write_scans(out: Path, points: NDArray[np.void]) -> None:
     for number, sweep in enumerate(sweeps):
         of_sweep = points[points["sweep"] == sweep]
         start_ns = int(of_sweep["time_ns"].min())
-        scan = np.zeros(len(of_sweep), RECORD)
+        scan = np.zeros(len(of_sweep), SYNTH_POINT)
         scan["xyz"] = of_sweep["xyz"]
         scan["intensity"] = np.clip(np.round(of_sweep["intensity"]), 0, 255)
         scan["ring"] = of_sweep["ring"]
-        scan["t"] = np.round((of_sweep["time_ns"] - start_ns) * (1e-9 / TICK_S))
+        scan["t"] = np.round((of_sweep["time_ns"] - start_ns) / SYNTH_TICK_NS)
         scan[np.argsort(scan["t"], kind="stable")].tofile(out / "scans" / f"{number:06d}.bin")
         end_ns = start_ns + round(PERIOD_S * 1e9)
         stamps.append(f"{trajectory.stamp_text(start_ns)} {trajectory.stamp_text(end_ns)}")

@@ -25,11 +25,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.acceptance.point_files import SYNTH_POINT, SYNTH_TICK_NS
+
 Array = NDArray[np.float64]
 
-#: 16-byte records of the reference generator; t in units of 2 us since the scan's start
-RECORD = np.dtype([("xyz", "<f4", 3), ("intensity", "u1"), ("ring", "u1"), ("t", "<u2")])
-TICK_S = 2e-6
 #: m; nearer is the sensor's own vehicle: a VLP-16 begins at 0.5, a car with an HDL-64E ends at 3
 LEAST_RANGE_M = {16: 0.5, 64: 3.0}
 MOST_RANGE_M = 120.0
@@ -60,9 +59,9 @@ class Data:
         """(points, times in parts of the period), one scan after the other."""
         for file in self.files:
             if self.timed:
-                scan = np.fromfile(file, RECORD)
+                scan = np.fromfile(file, SYNTH_POINT)
                 points = np.ascontiguousarray(scan["xyz"], np.float64)
-                yield points, scan["t"] * (TICK_S / self.period_s)
+                yield points, scan["t"] * (1e-9 * SYNTH_TICK_NS / self.period_s)
             else:
                 rows = np.fromfile(file, "<f4").reshape(-1, 4)[:, :3]
                 rows = rows[np.any(rows != 0.0, axis=1)]
