@@ -44,6 +44,9 @@ void add_world_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--speed-factor", o.scene.speed_factor, "Multiplies the greatest speed")
       ->check(CLI::Range(0.05, 3.0))
       ->capture_default_str();
+  app.add_option("--laps", o.scene.laps, "Rounds of a closed path, without a stop")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
   app.add_option("--heading-deg", o.scene.heading_deg,
                  "Turns the platform against its path, so that walls stand oblique to its axes")
       ->capture_default_str();

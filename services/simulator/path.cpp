@@ -232,6 +232,21 @@ std::vector<double> Path::headings() const {
   return out;
 }
 
+Path Path::repeated(int laps) const {
+  Path out = *this;
+  if (laps == 1) {
+    return out;
+  }
+  if (laps < 1 || (points.back() - points.front()).norm() > spacing_m) {
+    throw std::invalid_argument(std::to_string(laps) +
+                                " laps: only a path that ends where it began has several");
+  }
+  for (int lap = 1; lap < laps; ++lap) {
+    out.points.insert(out.points.end(), points.begin() + 1, points.end());
+  }
+  return out;
+}
+
 Path smooth_path(const Polyline& way_points, double corner_radius_m, double smoothing_m,
                  bool closed) {
   constexpr double kSpacingM = 0.01;
@@ -247,7 +262,8 @@ Path smooth_path(const Polyline& way_points, double corner_radius_m, double smoo
   return resampled(path.points, kSpacingM);
 }
 
-Trajectory drive(const Path& path, const Drive& options, std::uint64_t seed) {
+Trajectory drive(const Path& once, const Drive& options, std::uint64_t seed) {
+  const Path path = once.repeated(options.laps);
   Random random(seed, Stream::kTrajectory);
   const std::vector<double> s =
       smoothed(distance_over_time(path, options, random, kKnotStepS), 12, false);

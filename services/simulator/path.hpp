@@ -20,6 +20,8 @@ struct Path {
   Eigen::Vector2d at(double s_m) const;
   /// Direction of travel, rad, continuous along the path (not wrapped).
   std::vector<double> headings() const;
+  /// So many times around. Throws std::invalid_argument when it does not end where it began.
+  Path repeated(int laps) const;
 };
 
 /// Rounds the corners of the way points with the given radius and smooths the curvature over
@@ -42,6 +44,7 @@ struct Drive {
   double sway_hz = 0.9;
   double yaw_swing_deg = 0.0;  ///< amplitude of turning the platform to and fro while moving
   double yaw_swing_hz = 0.0;
+  int laps = 1;                                  ///< rounds of a closed path, without a stop
   double heading_deg = 0.0;                      ///< constant turn of the platform against the path
   std::function<double(double, double)> ground;  ///< height at x, y; absent: 0
 };

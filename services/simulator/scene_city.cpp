@@ -161,6 +161,7 @@ Scene city_scene(const SceneOptions& options) {
   }
   Drive ride;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   ride.max_speed_m_s *= options.speed_factor;
   scene.lift_onto(ground);
   ride.ground = [&](double x, double y) { return ground.height(x, y); };

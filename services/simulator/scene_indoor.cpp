@@ -126,6 +126,7 @@ Scene indoor_scene(const SceneOptions& options) {
   walk.bob_m = 0.02;
   walk.sway_hz = 1.2;
   walk.heading_deg = options.heading_deg;
+  walk.laps = options.laps;
   return {World(scene.take(), floor), drive(path, walk, options.seed)};
 }
 
@@ -152,6 +153,7 @@ Scene handheld_scene(const SceneOptions& options) {
   walk.yaw_swing_deg = 55.0;
   walk.yaw_swing_hz = 0.45;
   walk.heading_deg = options.heading_deg;
+  walk.laps = options.laps;
   return {World(scene.take(), floor), drive(path, walk, options.seed)};
 }
 

@@ -54,6 +54,7 @@ Scene tunnel_scene(const SceneOptions& options, bool with_faces) {
   ride.roll_deg = ride.pitch_deg = 0.4;
   ride.bob_m = 0.01;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   return {World(scene.take(), std::nullopt), drive(path, ride, options.seed)};
 }
 
@@ -77,6 +78,7 @@ Scene flat_scene(const SceneOptions& options) {
   ride.height_m = 1.6;
   ride.roll_deg = ride.pitch_deg = ride.bob_m = 0.0;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   return {World(scene.take(), ground), drive(path, ride, options.seed)};
 }
 
@@ -102,6 +104,7 @@ Scene field_scene(const SceneOptions& options) {
   ride.height_m = 1.6;
   ride.roll_deg = ride.pitch_deg = 1.0;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   scene.lift_onto(ground);
   ride.ground = [&](double x, double y) { return ground.height(x, y); };
   const Trajectory trajectory = drive(path, ride, options.seed);
@@ -148,6 +151,7 @@ Scene park_scene(const SceneOptions& options) {
   ride.roll_deg = ride.pitch_deg = 1.2;
   ride.sway_hz = 1.1;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   scene.lift_onto(ground);
   ride.ground = [&](double x, double y) { return ground.height(x, y); };
   const Trajectory trajectory = drive(path, ride, options.seed);

@@ -15,6 +15,7 @@ struct SceneOptions {
   double heading_deg = 0.0;  ///< turns the platform against its path, and so the walls against the
                              ///< axes of its first pose
   double speed_factor = 1.0;
+  int laps = 1;  ///< rounds of a closed path
 };
 
 struct SceneInfo {

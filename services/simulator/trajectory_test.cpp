@@ -157,6 +157,28 @@ TEST(Path, RoundsCornersWithTheRadiusAskedFor) {
   EXPECT_NEAR(1.0 / sharpest, 5.0, 0.15);
 }
 
+TEST(Path, GoesAroundSeveralTimesWithoutAStop) {
+  const Path path = smooth_path({{0, 0}, {20, 0}, {20, 20}, {-20, 20}, {-20, 0}}, 5.0, 0.5, true);
+  const Path twice = path.repeated(2);
+  EXPECT_NEAR(twice.length_m(), 2.0 * path.length_m(), 1e-9);
+  EXPECT_LT((twice.at(path.length_m() + 3.0) - path.at(3.0)).norm(), 1e-9);
+  EXPECT_NEAR(twice.headings().back() - twice.headings().front(), 4.0 * pi, 1e-6);
+  Drive drive_twice;
+  drive_twice.laps = 2;
+  const Trajectory trajectory = drive(path, drive_twice, 1);
+  int stood = 0;
+  for (double t = 4.0; t < trajectory.duration_s() - 2.0; t += 0.1) {
+    stood += trajectory.at(t).velocity_world.norm() < 0.5 ? 1 : 0;
+  }
+  EXPECT_EQ(stood, 0);
+}
+
+TEST(Path, RefusesLapsWhereItDoesNotClose) {
+  const Path path = smooth_path({{0, 0}, {20, 0}, {20, 20}}, 5.0, 0.5, false);
+  EXPECT_THROW(path.repeated(2), std::invalid_argument);
+  EXPECT_NO_THROW(path.repeated(1));
+}
+
 TEST(Path, RefusesCornersWithoutRoom) {
   const Polyline way = {{0, 0}, {20, 0}, {20, 1.3}, {0, 10}};
   EXPECT_THROW(smooth_path(way, 1.0, 0.5, false), std::invalid_argument);

@@ -208,6 +208,7 @@ Scene scene_from(const YAML::Node& root, const SceneOptions& options) {
   Drive ride = read_drive(root["drive"]);
   ride.max_speed_m_s *= options.speed_factor;
   ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
   if (ground) {
     ride.ground = [&](double x, double y) { return ground->height(x, y); };
   }

@@ -1,0 +1,101 @@
+"""Lines on what is said of weak directions: where they are, and where there are none."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.acceptance.framework import Check, Measured
+from tests.acceptance.runs import Setting, said_of_poses
+from zloam_monitor import se3, trajectory
+from zloam_monitor.records import HEALTH
+
+Array = NDArray[np.float64]
+
+SEEDS = (1, 2, 3)
+#: share of the sweeps of a tunnel without faces, and how near its axis the weak direction must be
+TUNNEL_SHARE, AXIS_DEG = 0.95, 10.0
+#: share of the sweeps of worlds that leave nothing open
+CLEAR_SHARE = 0.01
+CLEAR_WORLDS = ("city", "indoor")
+#: of the field's poses: how many at its end are looked at, and how far their steps may be off
+END_POSES, END_STEP_M = 50, 0.05
+SEEN = ("ok", "incomplete")
+
+
+def checks(setting: Setting) -> list[Check]:
+    lines: list[tuple[str, str, str, Callable[[Setting, str, int], Measured]]] = [
+        (
+            "tunnel",
+            "flagged, with the weak axis along the tunnel",
+            f"≥ {TUNNEL_SHARE:.0%} of the sweeps, within {AXIS_DEG:.0f}°",
+            _along_the_tunnel,
+        ),
+        *(
+            (world, "flagged", f"≤ {CLEAR_SHARE:.0%} of the sweeps", _flagged)
+            for world in CLEAR_WORLDS
+        ),
+        ("field", "predicted or flagged in the open, and found again", "both", _field),
+    ]
+    return [
+        Check(
+            f"flags-{world}-{seed}",
+            f"simulated {world}, seed {seed}: {text}",
+            limit,
+            f"make accept ONLY=flags-{world}-{seed}",
+            functools.partial(measure, setting, world, seed),
+        )
+        for world, text, limit, measure in lines
+        for seed in SEEDS
+    ]
+
+
+def _truth_at_poses(s: Setting, world: str, seed: int) -> tuple[NDArray[Any], Array]:
+    """Rows of poses.csv with the truth at their instants, as (N, 4, 4)."""
+    said = said_of_poses(s.world(world, seed))
+    truth, inside = trajectory.interpolate(
+        trajectory.read(s.simulated(world, seed)[1]), said["instant_ns"].astype(np.int64)
+    )
+    return said[inside], truth.transforms
+
+
+def _along_the_tunnel(s: Setting, world: str, seed: int) -> Measured:
+    said, truth = _truth_at_poses(s, world, seed)
+    axis = truth[-1, :3, 3] - truth[0, :3, 3]
+    axis_base = np.einsum("nji,j->ni", truth[:, :3, :3], axis / np.linalg.norm(axis))
+    weak = np.stack([said["weak_x"], said["weak_y"], said["weak_z"]], axis=1)
+    flagged = (said["degenerate"] > 0) & (np.linalg.norm(weak, axis=1) > 0)
+    cosine = np.clip(np.abs((weak * axis_base).sum(axis=1)), 0.0, 1.0)
+    near = flagged & (np.degrees(np.arccos(cosine)) <= AXIS_DEG)
+    return Measured(
+        f"{flagged.mean():.1%} flagged, {near.mean():.1%} within {AXIS_DEG:.0f}° of {len(said)}",
+        bool(near.mean() >= TUNNEL_SHARE),
+    )
+
+
+def _flagged(s: Setting, world: str, seed: int) -> Measured:
+    said = said_of_poses(s.world(world, seed))
+    share = float((said["degenerate"] > 0).mean())
+    return Measured(f"{share:.2%} of {len(said)}", share <= CLEAR_SHARE)
+
+
+def _field(s: Setting, world: str, seed: int) -> Measured:
+    """In the open something is said of the pose; at the end nothing is, and the steps are right."""
+    said, truth = _truth_at_poses(s, world, seed)
+    names = np.array(HEALTH)[said["health"].astype(int)]
+    told = (said["degenerate"] > 0) | ~np.isin(names, SEEN)
+    poses = trajectory.read(s.world(world, seed).out / "trajectory.tum").transforms[-END_POSES:]
+    true = truth[-END_POSES:]
+    ours = se3.inverse(poses[:-1]) @ poses[1:]
+    steps = se3.inverse(true[:-1]) @ true[1:]
+    off_m = float(np.linalg.norm(ours[:, :3, 3] - steps[:, :3, 3], axis=1).max())
+    found_again = not told[-END_POSES:].any() and off_m <= END_STEP_M
+    return Measured(
+        f"{told.mean():.0%} told of, {told[-END_POSES:].mean():.0%} of the last {END_POSES}, "
+        f"whose steps are off by {off_m:.3f} m at most",
+        bool(told.any()) and found_again,
+    )

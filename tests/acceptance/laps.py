@@ -1,0 +1,136 @@
+"""Ten laps of the city loop: neither memory nor cost may follow the length of the run."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import ROOT, Setting
+from zloam_monitor import sources, trajectory
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.robot_file import names
+
+LAPS, SEED = 10, 1
+GROWTH = 1.1
+SWEEPS_PER_S = 10
+#: of the run; it is several times faster than real time
+LONGEST_S = 1800.0
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What a stage has taken when its newest sweep was done."""
+
+    sweep: int
+    cpu_ms: float
+    rss_mib: float
+
+
+History = dict[str, list[Spent]]
+
+
+def checks(setting: Setting) -> list[Check]:
+    return [
+        Check(
+            "laps-memory",
+            f"{LAPS} laps of the city: RSS of each stage at the end beside that after lap 2",
+            f"≤ {GROWTH} ×",
+            "make accept ONLY=laps",
+            functools.partial(_memory, setting),
+        ),
+        Check(
+            "laps-cost",
+            f"{LAPS} laps of the city: CPU per sweep of each stage, lap {LAPS} beside lap 2",
+            f"≤ {GROWTH} ×",
+            "make accept ONLY=laps",
+            functools.partial(_cost, setting),
+        ),
+    ]
+
+
+def _capture(s: Setting) -> tuple[Path, int]:
+    """The packets of all laps, and the sweeps of one (which stands and stops besides)."""
+    capture = s.out / "accept" / "worlds" / f"city-{SEED}-laps.pcap"
+    if not capture.exists():
+        command = [str(s.build / "bin" / "zloam-simulator"), "--world", "city", "--seed", str(SEED)]
+        options = ["--laps", str(LAPS), "--out", str(capture), "--quiet"]
+        done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RuntimeError(f"the simulator ended with {done.returncode}: {done.stderr[-200:]}")
+    stamps = trajectory.read(s.simulated("city", SEED)[1]).stamps_ns
+    assert stamps is not None
+    return capture, round(float(stamps[-1] - stamps[0]) * 1e-9 * SWEEPS_PER_S)
+
+
+def _note(status: StatusRecord | None, history: list[Spent]) -> None:
+    if status is None or status.last_sweep is None:
+        return
+    if not history or history[-1].sweep != status.last_sweep:
+        history.append(Spent(status.last_sweep, status.cpu_ms, status.rss_mib["end"]))
+
+
+@functools.cache
+def _history(build: Path, capture: Path, out: Path) -> History:
+    config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
+    robot = names(config, [])
+    settings = [
+        *sources.from_pcap(capture).driver_settings("max"),
+        f"integration.output_dir={out}",
+        f"mapping.map_path={out / 'map.pcd'}",
+    ]
+    found: History = {stage: [] for stage in STAGES}
+    ends = time.monotonic() + LONGEST_S
+    with Chain(build, config, robot.robot, settings, out / "logs", robot.sensor) as chain:
+        while not chain.finished():
+            chain.link.poll(0.2)
+            chain.check()
+            for stage in STAGES:
+                _note(chain.link.stage(stage), found[stage])
+            if time.monotonic() > ends:
+                raise RuntimeError(f"not done after {LONGEST_S:.0f} s")
+        chain.stop()
+    return found
+
+
+def _laps(s: Setting) -> tuple[History, int]:
+    if not (s.build / "bin" / "zloam-simulator").exists():
+        raise Skip("zloam-simulator is not built")
+    capture, sweeps = _capture(s)
+    return _history(s.build, capture, s.out / "accept" / "laps"), sweeps
+
+
+def _after(history: list[Spent], sweep: int) -> Spent:
+    """The first that was said at or after a sweep, or else the last."""
+    return next((spent for spent in history if spent.sweep >= sweep), history[-1])
+
+
+def _memory(s: Setting) -> Measured:
+    history, lap = _laps(s)
+    ratios = {
+        stage: spent[-1].rss_mib / _after(spent, 2 * lap).rss_mib
+        for stage, spent in history.items()
+    }
+    figure = ", ".join(f"{stage} {ratio:.2f}" for stage, ratio in ratios.items())
+    return Measured(figure, all(ratio <= GROWTH for ratio in ratios.values()))
+
+
+def _cost_ms(history: list[Spent], first: int, last: int) -> float:
+    begin, end = _after(history, first), _after(history, last)
+    return (end.cpu_ms - begin.cpu_ms) / (end.sweep - begin.sweep)
+
+
+def _cost(s: Setting) -> Measured:
+    history, lap = _laps(s)
+    parts, held = [], True
+    for stage, spent in history.items():
+        second = _cost_ms(spent, lap, 2 * lap)
+        last = _cost_ms(spent, (LAPS - 1) * lap, LAPS * lap)
+        held = held and last <= GROWTH * second
+        parts.append(f"{stage} {second:.2f} → {last:.2f} ms")
+    return Measured(", ".join(parts), held)
