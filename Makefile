@@ -54,11 +54,11 @@ test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "integration tests" $(PY) -m pytest -q
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 
-test-full: test lint sanitize ## everything: tests, lint, sanitizers, acceptance, benchmarks, a longer fuzz
-	@$(MAKE) fuzz FUZZ_SECONDS=60
-	@$(MAKE) system
-	@$(MAKE) accept
-	@$(MAKE) bench
+FULL := test lint sanitize fuzz system accept bench
+test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, acceptance, benchmarks
+	@failed=""; for part in $(FULL); do \
+	  $(STEP) "make $$part" $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
+	done; echo "test-full: of $(FULL) failed:$${failed:- none}"; [ -z "$$failed" ]
 
 system: build venv ## the deployment in containers; skipped with the reason where Docker is not there
 	@$(STEP) "system tests" $(PY) -m pytest -q tests/system
