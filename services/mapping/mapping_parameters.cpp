@@ -139,6 +139,8 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
         "flagged when measured sigma exceeds this many predicted ones");
   p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
         "until below this many");
+  p.add("mapping.voxel_planes.weak_least_sigmas", &m.weak_least_sigmas, {0.0, 1e3}, "",
+        "along a weak direction planes count that face it by so many errors of their normals");
   p.add(
       "mapping.voxel_planes.use_prediction", &c.use_prediction,
       "the odometry's pose is start and prior of every sweep, or only where the motion is unknown");

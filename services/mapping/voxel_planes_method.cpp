@@ -1,5 +1,6 @@
 #include "mapping/voxel_planes_method.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <optional>
 
@@ -12,6 +13,18 @@ namespace {
 
 // Below this a given range noise counts as unknown.
 constexpr double kLeastNoise_m = 1e-3;
+// 95 % of the steps of a sensor at rest are below: chi-squared with six degrees of freedom.
+constexpr double kRestChiSquared = 12.59;
+
+// Whether the odometry saw motion, more than it would make of noise. Where it sees little (a flat
+// yard) it drifts at rest by centimetres a sweep: a first motion that the map would go on with.
+bool is_moving(const MappingInput& input) {
+  const Vector6 step = 1e-9 * input.period_ns * input.twist_per_s;
+  const Eigen::LDLT<Matrix6> covariance(input.step_covariance);
+  const bool known = input.step_covariance.allFinite() && covariance.isPositive() &&
+                     covariance.vectorD().minCoeff() > 0.0;
+  return !known || step.dot(covariance.solve(step)) > kRestChiSquared;
+}
 
 class VoxelPlanesMethod : public MappingMethod {
  public:
@@ -104,7 +117,6 @@ plane_map::RegistrationResult VoxelPlanesMethod::placed_at(const MappingInput& i
 // at 5 m/s. With the second sweep's motion it is counted anew, in a map that holds nothing else.
 void VoxelPlanesMethod::found_anew(const MappingInput& input) {
   const Founding founding = std::move(*founding_);
-  founding_.reset();
   plane_map::PlaneMapConfig map = registration_->map().config();
   registration_.emplace(map, config_.matcher, founding.T_map_base);
   MappingInput first = founding.info;
@@ -125,7 +137,10 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
     // It was matched and not inserted.
     registration_->commit(sweep_of(*open_, points_), tried_.front().result, false);
   }
-  if (founding_ && !input.twist_per_s.isZero(0.0)) found_anew(input);
+  if (founding_ && !input.twist_per_s.isZero(0.0)) {
+    if (is_moving(input)) found_anew(input);
+    founding_.reset();
+  }
   const bool bridged = open_ && tried_.size() > 1;
   if (bridged || input.odom_epoch != odom_epoch_) registration_->forget_motion();
   odom_epoch_ = input.odom_epoch;

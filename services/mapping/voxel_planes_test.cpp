@@ -114,6 +114,33 @@ TEST(VoxelPlanes, BridgesANewOdometryFrame) {
   EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03);
 }
 
+// How far the map's pose has gone after ten sweeps over bare ground, which tells nothing of motion
+// along it, when odometry believes in one that it knows to 0.15 m a sweep.
+double gone_over_bare_ground_m(const Vector6& believed_twist_per_s) {
+  Mapper mapper{voxel_planes()};
+  const test::Room yard{{{-300.0, -300.0, -1.5}, {300.0, 300.0, 50.0}}, {}};
+  Pose T_map_base = Pose::Identity();
+  for (int i = 0; i < 10; ++i) {
+    const Vector6 believed = i == 0 ? Vector6(Vector6::Zero()) : believed_twist_per_s;
+    PointVector points = swept(yard, Pose::Identity(), Vector6::Zero(), Vector6::Zero(), 0.01,
+                               7U + static_cast<unsigned>(i));
+    std::erase_if(points, [](const Point& p) { return p.position().norm() > 60.0F; });
+    MappingInput input = input_of(static_cast<std::uint64_t>(i), points,
+                                  exp_se3(0.1 * i * believed_twist_per_s), believed);
+    input.step_covariance.diagonal().setConstant(0.15 * 0.15);
+    T_map_base = mapper.process(input).T_map_base;
+  }
+  return T_map_base.translation().norm();
+}
+
+TEST(VoxelPlanes, AFirstMotionWithinItsOwnErrorIsNone) {
+  EXPECT_LT(gone_over_bare_ground_m(twist(0.7, 0.7, 0, 0, 0, 0)), 0.1);
+}
+
+TEST(VoxelPlanes, AFirstMotionBeyondItsOwnErrorIsTakenUp) {
+  EXPECT_NEAR(gone_over_bare_ground_m(twist(7.0, 0.0, 0, 0, 0, 0)), 6.3, 0.7);
+}
+
 TEST(VoxelPlanes, OddSweepsArePredictedAndNotInserted) {
   Mapper mapper{voxel_planes()};
   const test::Room room = test::furnished_room();

@@ -61,7 +61,7 @@ struct PlaneMapConfig {
 
 struct MatcherConfig {
   /// Every stride-th point is matched, more sparsely above max_points.
-  unsigned stride = 2;
+  unsigned stride = 3;
   std::size_t max_points = 20000;
   double min_range_m = 0.5;
 
@@ -97,6 +97,9 @@ struct MatcherConfig {
   double weak_ratio = 0.7;
   double strong_ratio = 0.5;
   double normal_error_rad = 0.035;
+  /// Along a weak direction only planes count whose normal's cosine with it is at least so many
+  /// times the normal's own error: what the others say of it is that error. 0: all count.
+  double weak_least_sigmas = 3.0;
 };
 
 }  // namespace zloam::plane_map

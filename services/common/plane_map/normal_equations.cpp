@@ -62,9 +62,10 @@ void fill_row(const PlaneRow& n, const std::array<float, 3>& q, float residual, 
 // Points of one kind of match.
 class Accumulator {
  public:
-  Accumulator(double gate_m, double kernel_m)
+  Accumulator(double gate_m, double kernel_m, const WeakAxis& weak)
       : gate2_(static_cast<float>(gate_m * gate_m)),
-        kernel2_(static_cast<float>(kernel_m * kernel_m)) {}
+        kernel2_(static_cast<float>(kernel_m * kernel_m)),
+        weak_(weak) {}
 
   // q: lever arm; p: the point relative to the root voxel's centre.
   void add(const Match& match, const std::array<float, 3>& q, const std::array<float, 3>& p) {
@@ -83,6 +84,7 @@ class Accumulator {
     for (int i = 0; i < match.count; ++i) {
       alignas(16) float j[8];
       fill_row(match.rows[i], q, residuals[i], j);
+      leave_open(j, match.normal_variance);
       slot_.add(j, weight);
     }
     ++sums_.matches;
@@ -101,8 +103,21 @@ class Accumulator {
   }
 
  private:
+  // Takes the weak axis out of the row of a plane that lies along it.
+  void leave_open(float (&j)[8], float normal_variance) const {
+    const Eigen::Vector3f& a = weak_.axis_grid;
+    const float along = j[0] * a[0] + j[1] * a[1] + j[2] * a[2];
+    if (along * along >= weak_.least_sigmas2 * normal_variance) {
+      return;
+    }
+    for (int i = 0; i < 3; ++i) {
+      j[i] -= along * a[i];
+    }
+  }
+
   float gate2_;
   float kernel2_;
+  WeakAxis weak_;
   SlotSums slot_;
   NormalSums sums_;
 };
@@ -122,13 +137,13 @@ Vector12 NormalSums::gradient() const {
 }
 
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                     const std::vector<SlotPoint>& points, const SweepMotion& motion,
-                     double gate_m) {
+                     const std::vector<SlotPoint>& points, const SweepMotion& motion, double gate_m,
+                     const WeakAxis& weak) {
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
   const double noise = map.config().range_noise_m;
-  Accumulator planes(gate_m, gate_m / 3.0);
-  Accumulator blobs(10.0 * noise, 3.0 * noise);
+  Accumulator planes(gate_m, gate_m / 3.0, weak);
+  Accumulator blobs(10.0 * noise, 3.0 * noise, {});
   const bool with_blobs = map.config().distributions;
   std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {

@@ -48,10 +48,18 @@ struct SweepSums {
   NormalSums blobs;
 };
 
+/// A direction of the grid in which too little holds. The walls along it say nothing of it, but the
+/// errors of their normals add up to a stiffness and a force along it that are no information.
+struct WeakAxis {
+  Eigen::Vector3f axis_grid = Eigen::Vector3f::Zero();  // unit; zero: there is none
+  float least_sigmas2 =
+      0.0f;  // a normal's squared cosine with it that says something, in variances
+};
+
 /// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
 /// residuals above the gate are rejected. The motion is in the map's grid frame.
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                     const std::vector<SlotPoint>& points, const SweepMotion& motion,
-                     double gate_m);
+                     const std::vector<SlotPoint>& points, const SweepMotion& motion, double gate_m,
+                     const WeakAxis& weak = {});
 
 }  // namespace zloam::plane_map

@@ -88,6 +88,9 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
         cross, cross, squared(rate) * (old + change);
     prior.information = covariance.ldlt().solve(Matrix12::Identity());
   }
+  if (weak_) {
+    prior.weak_axis_grid = prior.predicted.T_mid.linear() * weak_axis_base_;
+  }
   prior.start = prior.predicted;
   if (prediction) {
     add_prediction(sweep, *prediction, prior);
@@ -201,6 +204,7 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
   if (result.outcome == Outcome::kRegistered) {
     follow_gate(result);
     weak_ = result.degeneracy.weak;
+    weak_axis_base_ = result.degeneracy.axis;
   }
   if (insert) {
     this->insert(points_of(sweep), motion);

@@ -104,6 +104,7 @@ class PlaneRegistration {
   std::int64_t points_stamp_ns_ = 0;
   double gate_m_;
   bool weak_ = false;
+  Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();
   std::uint64_t sweeps_ = 0;
 };
 

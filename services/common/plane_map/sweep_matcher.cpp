@@ -60,8 +60,10 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   SweepSums sums;
   Matrix12 h;
   SweepMotion motion = prior.start;
+  const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
+                      static_cast<float>(config_.weak_least_sigmas * config_.weak_least_sigmas)};
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    sums = accumulate(map, sweep, points, motion, gate_m);
+    sums = accumulate(map, sweep, points, motion, gate_m, weak);
     h = scale * (sums.planes.hessian() + sums.blobs.hessian());
     Vector12 g = scale * (sums.planes.gradient() + sums.blobs.gradient());
     add_priors(prior, motion, h, g);

@@ -26,6 +26,9 @@ struct MotionPrior {
   /// The same from another estimator (odometry).
   SweepMotion advised;
   Matrix12 advice_information = Matrix12::Zero();
+
+  /// Of the sweep before, in the grid; zero: none was weak.
+  Eigen::Vector3d weak_axis_grid = Eigen::Vector3d::Zero();
 };
 
 /// The weakest translation direction as the data see it, without the priors.

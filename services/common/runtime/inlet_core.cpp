@@ -134,7 +134,7 @@ void InletCore::answer_kept(zenoh::Query& query) const {
     const std::lock_guard lock(shared_->mutex);
     encoding = encoding_;
   }
-  for (auto& entry : kept_.all()) query.reply(setup_.key, std::move(entry.payload), encoding);
+  for (auto& entry : kept_.all()) query.reply(setup_.key, entry.payload, encoding);
 }
 
 void InletCore::note_seen(bool recovered) {

@@ -14,7 +14,7 @@ inline constexpr int kMostBanks = 4;
 inline constexpr int kChannelsPerColumn = 16;
 
 struct BeamTables {
-  static constexpr std::size_t kChannels = static_cast<std::size_t>(kMostBanks * kCellsPerBlock);
+  static constexpr std::size_t kChannels = std::size_t{kMostBanks} * kCellsPerBlock;
   template <typename T>
   using ByChannel = std::array<T, kChannels>;
 

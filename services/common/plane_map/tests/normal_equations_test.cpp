@@ -49,11 +49,11 @@ struct Problem {
     return same;
   }
 
-  SweepSums sums(const SweepMotion& at) {
+  SweepSums sums(const SweepMotion& at, const WeakAxis& weak = {}) {
     SweepInput sweep;
     sweep.points = cloud;
     const SweepPoints points(sweep, 0.5);
-    return accumulate(map, points, points.points(), at, 0.3);
+    return accumulate(map, points, points.points(), at, 0.3, weak);
   }
 };
 
@@ -122,6 +122,24 @@ TEST(NormalEquations, PriorGradientMatchesNumericDifferences) {
     // To first order in the error.
     EXPECT_NEAR(g[i], (cost(plus) - cost(minus)) / 2e-5, 0.02 * g.norm()) << i;
   }
+}
+
+TEST(NormalEquations, AlongAWeakAxisOnlyPlanesThatFaceItCount) {
+  Problem problem;
+  const Eigen::Vector3d axis_grid = problem.map.T_grid_map().linear() * Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d axis = problem.motion.T_mid.linear().transpose() * axis_grid;
+  const Eigen::Vector3d across = axis.cross(Eigen::Vector3d::UnitZ()).normalized();
+  const auto along = [&](const Eigen::Vector3d& direction, float sigmas2) {
+    const WeakAxis weak{axis_grid.cast<float>(), sigmas2};
+    const Matrix6 h = problem.sums(problem.motion, weak).planes.a0;
+    return direction.dot(h.topLeftCorner<3, 3>() * direction);
+  };
+  const double all = along(axis, 0.0F);
+  ASSERT_GT(all, 100.0);
+  EXPECT_GT(along(axis, 9.0F), 0.95 * all);
+  // None faces it by so many of its own errors: nothing is left along the axis, all across it.
+  EXPECT_LT(along(axis, 1e12F), 1e-3 * all);
+  EXPECT_NEAR(along(across, 1e12F), along(across, 0.0F), 0.01 * along(across, 0.0F));
 }
 
 TEST(NormalEquations, NoPointsGiveNoInformation) {
