@@ -119,7 +119,7 @@ void Integrator::follow_map(const Correction& correction) {
 }
 
 Pose Integrator::step_between(const OdometryPose& from, const OdometryPose& to) const {
-  const Pose step = from.T_odom_base.inverse() * to.T_odom_base;
+  Pose step = from.T_odom_base.inverse() * to.T_odom_base;
   if (!mapped_ || mapped_->odom_epoch != to.odom_epoch) return step;
   return steps_.step(step, to.weak, seconds(to.instant_ns - from.instant_ns),
                      seconds(to.instant_ns - mapped_->instant_ns));

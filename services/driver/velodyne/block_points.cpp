@@ -22,6 +22,12 @@ using Columns = std::uint16_t __attribute__((vector_size(2 * kChannelsPerColumn)
 constexpr int kLanes = 4;
 constexpr std::size_t kFlagAndAzimuthBytes = 4;
 constexpr std::size_t kCellBytes = 3;
+
+std::size_t channel_of(int bank, int cell) {
+  const int channel = bank * kCellsPerBlock + cell;
+  return static_cast<std::size_t>(channel);
+}
+
 /// Read where a pair has one good block only: no returns.
 constexpr std::array<std::uint8_t, kBlockBytes + 1> kEmptyBlock{};
 
@@ -107,7 +113,7 @@ struct Writer {
     const Columns filled = column - Columns{};
     std::uint16_t* to = columns + count();
     for (int i = 0; i < returns; ++i) {
-      std::memcpy(to + kChannelsPerColumn * i, &filled, sizeof filled);
+      std::memcpy(to + std::ptrdiff_t{kChannelsPerColumn} * i, &filled, sizeof filled);
     }
   }
 };
@@ -200,7 +206,7 @@ __attribute__((target("avx2"))) void put_single_wide(const std::uint8_t* block,
       _mm256_set1_epi64x(static_cast<long long>(frame.time_ns | type_bits(type)));
   Writer writer(sink);
   for (int c = 0; c < kCellsPerBlock; c += 2 * kLanes) {
-    const std::size_t channel = static_cast<std::size_t>(bank * kCellsPerBlock + c);
+    const std::size_t channel = channel_of(bank, c);
     if (c % kChannelsPerColumn == 0) writer.fill_columns(column_of(frame, beams, channel), 1);
     const std::uint8_t* cells =
         block + kFlagAndAzimuthBytes + kCellBytes * static_cast<std::size_t>(c);
@@ -247,7 +253,7 @@ void put_single_portable(const std::uint8_t* block, const BeamTables& beams, int
   const std::uint64_t common = frame.time_ns | type_bits(type);
   Writer writer(sink);
   for (int c = 0; c < kCellsPerBlock; c += kLanes) {
-    const std::size_t channel = static_cast<std::size_t>(bank * kCellsPerBlock + c);
+    const std::size_t channel = channel_of(bank, c);
     if (c % kChannelsPerColumn == 0) writer.fill_columns(column_of(frame, beams, channel), 1);
     const Quad quad = read_quad(block, c, beams, channel, frame);
     for (std::size_t i = 0; i < kLanes; ++i) {
@@ -265,7 +271,7 @@ void put_dual(const std::uint8_t* last_block, const std::uint8_t* strongest_bloc
   if (!strongest_block) strongest_block = kEmptyBlock.data();
   Writer writer(sink);
   for (int c = 0; c < kCellsPerBlock; c += kLanes) {
-    const std::size_t channel = static_cast<std::size_t>(bank * kCellsPerBlock + c);
+    const std::size_t channel = channel_of(bank, c);
     if (c % kChannelsPerColumn == 0) writer.fill_columns(column_of(frame, beams, channel), 2);
     const Quad last = read_quad(last_block, c, beams, channel, frame);
     const Quad strongest = read_quad(strongest_block, c, beams, channel, frame);

@@ -75,7 +75,8 @@ RawLimits Decoder::limits() const {
 }
 
 std::int64_t Decoder::period_of(int returns) const {
-  return std::llround(group_ns_ * (kBlocksPerPacket / (returns * table_->banks)));
+  const int groups = kBlocksPerPacket / (returns * table_->banks);
+  return std::llround(group_ns_ * groups);
 }
 
 void Decoder::note_contradiction(bool& noted, std::string text) {
@@ -88,7 +89,7 @@ Reject Decoder::check_model(std::uint8_t product_id) {
     return Reject::kNone;
   }
   const std::optional<Model> model = model_by_product_id(product_id);
-  if (config_.model) {
+  if (config_.model && table_) {
     if (model && *model != *config_.model) {
       note_contradiction(model_noted_, "the configuration says " + std::string(table_->label) +
                                            ", the packets say " +
