@@ -271,6 +271,15 @@ Buffer build(const FlowAckFields& f) {
   return finish(b, msg::CreateFlowAck(b, f.run, sink, instance, f.done_below, f.seq));
 }
 
+Buffer build(const ConfigRevisionFields& f) {
+  Builder b;
+  const auto stage = b.CreateString(f.stage);
+  const auto values = b.CreateString(f.values_json);
+  const auto by = b.CreateString(f.by);
+  return finish(
+      b, msg::CreateConfigRevision(b, stage, f.rev, f.run, f.from_sweep, values, by, f.at_ns));
+}
+
 Buffer build_command(const std::string& arguments_json) {
   Builder b;
   return finish(b, msg::CreateCommand(b, b.CreateString(arguments_json)));

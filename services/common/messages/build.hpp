@@ -180,6 +180,18 @@ struct CommandReplyFields {
   std::string results_json = "{}";
 };
 
+/// One change of a stage's configuration while it runs (schemas/config_revision.fbs).
+struct ConfigRevisionFields {
+  std::string stage{};
+  std::uint32_t rev = 0;
+  /// 0: the run under way, or else the next
+  std::uint64_t run = 0;
+  std::uint64_t from_sweep = 0;
+  std::string values_json = "{}";
+  std::string by{};
+  std::int64_t at_ns = 0;
+};
+
 Buffer build(const HeaderFields& header, const SweepFields& fields);
 Buffer build(const HeaderFields& header, const FeaturesFields& fields);
 Buffer build(const HeaderFields& header, const OdometryFields& fields);
@@ -196,6 +208,7 @@ Buffer build_gnss(const HeaderFields& header, std::span<const GnssFixFields> fix
 Buffer build_path(const HeaderFields& header, std::span<const msg::StampedPose> poses);
 Buffer build(const ProgressFields& fields);
 Buffer build(const FlowAckFields& fields);
+Buffer build(const ConfigRevisionFields& fields);
 /// Request and reply of a command share the file identifier; the root differs.
 Buffer build_command(const std::string& arguments_json);
 Buffer build(const CommandReplyFields& fields);

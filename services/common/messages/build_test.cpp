@@ -176,6 +176,9 @@ TEST(Build, EveryOtherKindPassesItsOwnVerifier) {
                 ->Get(0),
             4U);
   EXPECT_EQ(checked<msg::FlowAck>(build(FlowAckFields{1, "mapping", "a", 9, 0})).done_below(), 9U);
+  const Buffer revision = build(
+      ConfigRevisionFields{.stage = "odometry", .rev = 2, .run = 1, .from_sweep = 30, .by = "a"});
+  EXPECT_EQ(checked<msg::ConfigRevision>(revision).from_sweep(), 30U);
   EXPECT_EQ(checked<msg::Command>(build_command("{}")).arguments_json()->str(), "{}");
 }
 

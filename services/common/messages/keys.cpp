@@ -60,12 +60,19 @@ constexpr std::array kTable = {
            N::kNone, "liveliness token"},
     KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
            N::kNone, "query"},
+    KeyRow{Key::kConfigRevision, "config/<stage>", "config_revision",
+           "registration, odometry, mapping", C::kDrop, "data_high", N::kNone, "all"},
 };
 
 std::string chunk(std::string_view text) {
   const std::string error = Keys::chunk_error(text);
   if (!error.empty()) throw std::invalid_argument(error);
   return std::string(text);
+}
+
+/// '*' asks all.
+std::string chunk_or_all(std::string_view text) {
+  return text == "*" ? std::string(text) : chunk(text);
 }
 
 }  // namespace
@@ -122,8 +129,11 @@ std::string Keys::of(Key key) const {
 }
 
 std::string Keys::flow_ack(std::string_view sink) const {
-  // "*" asks all sinks.
-  return below("flow/" + (sink == "*" ? std::string(sink) : chunk(sink)) + "/ack");
+  return below("flow/" + chunk_or_all(sink) + "/ack");
+}
+
+std::string Keys::config_revision(std::string_view stage) const {
+  return below("config/" + chunk_or_all(stage));
 }
 
 std::string Keys::tile(std::string_view layer, int i, int j, int k) const {
@@ -135,9 +145,7 @@ std::string Keys::all_tiles() const { return below("map/tile/**"); }
 
 namespace {
 std::string service(std::string_view stage, std::string_view instance, std::string_view leaf) {
-  // '*' asks all instances.
-  const auto part = [](std::string_view t) { return t == "*" ? std::string(t) : chunk(t); };
-  return "service/" + part(stage) + "/" + part(instance) + "/" + std::string(leaf);
+  return "service/" + chunk_or_all(stage) + "/" + chunk_or_all(instance) + "/" + std::string(leaf);
 }
 }  // namespace
 

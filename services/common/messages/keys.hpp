@@ -35,6 +35,7 @@ enum class Key : std::uint8_t {
   kConfig,
   kAlive,
   kCommand,
+  kConfigRevision,
 };
 
 /// What a publisher does when a reader is slow. kLiveDrop: drop from a live sensor, block in
@@ -84,6 +85,8 @@ class Keys {
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string alive(std::string_view stage, std::string_view instance) const;
   std::string command(std::string_view stage, std::string_view verb) const;
+  /// "*" asks for all stages'
+  std::string config_revision(std::string_view stage) const;
 
   const std::string& robot() const { return robot_; }
   const std::string& sensor() const { return sensor_; }

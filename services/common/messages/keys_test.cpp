@@ -24,6 +24,8 @@ TEST(Keys, AreFullAndNameRobotAndSensor) {
   EXPECT_EQ(keys.tile("edge", -1, 0, 12), "loam/r1/map/tile/edge/-1/0/12");
   EXPECT_EQ(keys.status("driver", "a"), "loam/r1/service/driver/a/status");
   EXPECT_EQ(keys.alive("registration", "*"), "loam/r1/service/registration/*/alive");
+  EXPECT_EQ(keys.config_revision("odometry"), "loam/r1/config/odometry");
+  EXPECT_EQ(keys.config_revision("*"), "loam/r1/config/*");
   EXPECT_EQ(keys.command("mapping", "save"), "loam/r1/command/mapping/save");
 }
 

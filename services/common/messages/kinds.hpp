@@ -4,6 +4,7 @@
 #include "schemas/cloud_generated.h"
 #include "schemas/command_generated.h"
 #include "schemas/config_generated.h"
+#include "schemas/config_revision_generated.h"
 #include "schemas/features_generated.h"
 #include "schemas/flow_ack_generated.h"
 #include "schemas/gnss_generated.h"
@@ -37,6 +38,7 @@ struct Kind;
 ZLOAM_KIND(Cloud, "cloud", "ZLCL");
 ZLOAM_KIND(Command, "command", "ZLCM");
 ZLOAM_KIND(EffectiveConfig, "config", "ZLCF");
+ZLOAM_KIND(ConfigRevision, "config_revision", "ZLCR");
 ZLOAM_KIND(Features, "features", "ZLFE");
 ZLOAM_KIND(FlowAck, "flow_ack", "ZLAK");
 ZLOAM_KIND(GnssBatch, "gnss", "ZLGN");

@@ -145,6 +145,15 @@ std::string range_error(const msg::Cloud& m) {
 
 std::string range_error(const msg::Command&) { return {}; }
 
+std::string range_error(const msg::ConfigRevision& m) {
+  return Checker()
+      .require(m.stage() != nullptr && m.stage()->size() > 0, "stage is missing")
+      .require(m.by() != nullptr, "by is missing")
+      .require(m.rev() > 0, "rev is 0")
+      .require(m.values_json() != nullptr, "values_json is missing")
+      .take();
+}
+
 std::string range_error(const msg::EffectiveConfig& m) {
   return Checker()
       .require(m.stage() != nullptr && m.instance() != nullptr, "stage or instance is missing")

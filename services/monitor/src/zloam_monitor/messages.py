@@ -67,6 +67,7 @@ KINDS = {
     "Cloud": Kind("cloud", b"ZLCL"),
     "Command": Kind("command", b"ZLCM"),
     "CommandReply": Kind("command", b"ZLCM"),
+    "ConfigRevision": Kind("config_revision", b"ZLCR"),
     "EffectiveConfig": Kind("config", b"ZLCF"),
     "Features": Kind("features", b"ZLFE"),
     "FlowAck": Kind("flow_ack", b"ZLAK"),
