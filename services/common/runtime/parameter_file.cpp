@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
 
@@ -29,6 +30,20 @@ RawValue raw_value(const YAML::Node& node) {
     }
   } else if (node.IsMap()) {
     value.shape = RawValue::Shape::kMap;
+  }
+  return value;
+}
+
+RawValue raw_value(const nlohmann::json& json) {
+  const auto text = [](const nlohmann::json& item) {
+    return item.is_string() ? item.get<std::string>() : item.dump();
+  };
+  RawValue value;
+  value.shape = json.is_array() ? RawValue::Shape::kList : RawValue::Shape::kScalar;
+  if (json.is_array()) {
+    for (const auto& item : json) value.items.push_back(text(item));
+  } else {
+    value.items = {text(json)};
   }
   return value;
 }
@@ -118,23 +133,53 @@ struct Parameters::Loader {
     }
   }
 
-  void setting(const std::string& text) {
+  struct Setting {
+    std::string key;
+    RawValue value;
+  };
+
+  /// Nothing: complained about, or not for this program.
+  std::optional<Setting> read(const std::string& text, const std::string& place) {
     const auto equals = text.find('=');
     const std::string key = text.substr(0, equals);
-    const std::string place = "--set " + key;
     if (equals == std::string::npos || key.empty()) {
-      errors.push_back("--set " + text + ": key=value is expected");
-      return;
+      errors.push_back(place + ": '" + text + "': key=value is expected");
+      return std::nullopt;
     }
-    if (is_foreign(key)) return;
-    RawValue value;
+    if (is_foreign(key)) return std::nullopt;
     try {
-      value = raw_value(YAML::Load(text.substr(equals + 1)));
+      return Setting{key, raw_value(YAML::Load(text.substr(equals + 1)))};
     } catch (const YAML::Exception& e) {
       complain(place, key, "not a YAML value: " + e.msg);
+      return std::nullopt;
+    }
+  }
+
+  void setting(const std::string& text) {
+    if (const auto s = read(text, "--set")) set_at("--set " + s->key, s->key, s->value);
+  }
+
+  void live_setting(const std::string& text, const std::string& place) {
+    const auto s = read(text, place);
+    if (!s) return;
+    const Entry* entry = parameters.find(s->key);
+    if (entry != nullptr && entry->live) {
+      set_at(place, s->key, s->value);
       return;
     }
-    set_at(place, key, value);
+    const std::string why = entry == nullptr
+                                ? parameters.set(s->key, s->value)
+                                : "it can't change while running, start the stage again with it";
+    complain(place, s->key,
+             "value " + shown(s->value) + " is refused: " + why + "; allowed: " + live_keys());
+  }
+
+  std::string live_keys() const {
+    std::vector<std::string> live;
+    for (const Entry& e : parameters.entries_) {
+      if (e.live) live.push_back(e.key);
+    }
+    return live.empty() ? "nothing" : join(live);
   }
 
   void conditions() {
@@ -179,6 +224,31 @@ void Parameters::load_text(const std::string& text, const std::string& name,
   // Conditions over several fields only make sense when each field is right.
   if (loader.errors.empty()) loader.conditions();
   loader.finish();
+}
+
+void Parameters::set_live(const std::string& values_json) {
+  const nlohmann::json values = nlohmann::json::parse(values_json, nullptr, false);
+  if (!values.is_object()) throw ConfigError("a JSON object is expected, not " + values_json);
+  for (const auto& [key, value] : values.items()) {
+    const Entry* entry = find(key);
+    if (entry == nullptr || !entry->live) throw ConfigError(key + ": can't change while running");
+    const std::string error = set(key, raw_value(value));
+    if (!error.empty()) throw ConfigError(key + ": " + error);
+  }
+}
+
+std::string Parameters::check_live(const std::vector<std::string>& settings,
+                                   const std::string& place) {
+  const std::string before = live_values_json();
+  const std::vector<std::string> foreign;
+  Loader loader{*this, place, foreign};
+  for (const std::string& setting : settings) loader.live_setting(setting, place);
+  if (settings.empty()) loader.errors.push_back(place + ": key=value is expected");
+  if (loader.errors.empty()) loader.conditions();
+  std::string values = json_object([&](const Entry& e) { return loader.places.contains(e.key); });
+  set_live(before);
+  loader.finish();
+  return values;
 }
 
 }  // namespace zloam::runtime

@@ -30,29 +30,30 @@ std::string set_triple(const RawValue& value, std::array<T, N>* out,
 
 }  // namespace
 
-void Parameters::add(const std::string& key, bool* field, const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, bool* field, const std::string& doc,
+                                  Effect effect) {
   const auto set = [field](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
     if (value.items[0] != "true" && value.items[0] != "false") return "true or false is expected";
     *field = value.items[0] == "true";
     return {};
   };
-  add_entry(key, "bool", "", "true or false", doc, effect, set,
-            [field] { return std::string(*field ? "true" : "false"); });
+  return add_entry(key, "bool", "", "true or false", doc, effect, set,
+                   [field] { return std::string(*field ? "true" : "false"); });
 }
 
-void Parameters::add(const std::string& key, double* field, Range range, const std::string& unit,
-                     const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, double* field, Range range,
+                                  const std::string& unit, const std::string& doc, Effect effect) {
   const auto set = [field, range](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
     return set_double(value.items[0], range, field);
   };
-  add_entry(key, "number", unit, range_text(range), doc, effect, set,
-            [field] { return Json(*field).dump(); });
+  return add_entry(key, "number", unit, range_text(range), doc, effect, set,
+                   [field] { return Json(*field).dump(); });
 }
 
-void Parameters::add(const std::string& key, float* field, Range range, const std::string& unit,
-                     const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, float* field, Range range,
+                                  const std::string& unit, const std::string& doc, Effect effect) {
   const auto set = [field, range](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
     double parsed = 0.0;
@@ -60,17 +61,18 @@ void Parameters::add(const std::string& key, float* field, Range range, const st
     if (error.empty()) *field = static_cast<float>(parsed);
     return error;
   };
-  add_entry(key, "number", unit, range_text(range), doc, effect, set, [field] {
+  return add_entry(key, "number", unit, range_text(range), doc, effect, set, [field] {
     // The shortest text of the float, not the double's long tail.
     char buffer[32];
     return std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, *field).ptr);
   });
 }
 
-void Parameters::add_integer(const std::string& key, Range range, double lowest, double highest,
-                             const std::string& unit, const std::string& doc, Effect effect,
-                             const std::function<void(std::int64_t)>& assign,
-                             const std::function<std::int64_t()>& get) {
+Parameters::Added Parameters::add_integer(const std::string& key, Range range, double lowest,
+                                          double highest, const std::string& unit,
+                                          const std::string& doc, Effect effect,
+                                          const std::function<void(std::int64_t)>& assign,
+                                          const std::function<std::int64_t()>& get) {
   const Range whole{std::max(range.min, lowest), std::min(range.max, highest)};
   const auto set = [whole, assign](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
@@ -79,12 +81,12 @@ void Parameters::add_integer(const std::string& key, Range range, double lowest,
     if (error.empty()) assign(parsed);
     return error;
   };
-  add_entry(key, "integer", unit, range_text(whole), doc, effect, set,
-            [get] { return std::to_string(get()); });
+  return add_entry(key, "integer", unit, range_text(whole), doc, effect, set,
+                   [get] { return std::to_string(get()); });
 }
 
-void Parameters::add(const std::string& key, std::string* field, const std::string& doc,
-                     Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, std::string* field,
+                                  const std::string& doc, Effect effect) {
   const auto set = [field](const RawValue& value) -> std::string {
     // An empty value in YAML is the empty text.
     if (value.shape == RawValue::Shape::kNull) {
@@ -95,13 +97,15 @@ void Parameters::add(const std::string& key, std::string* field, const std::stri
     *field = value.items[0];
     return {};
   };
-  add_entry(key, "text", "", "any text", doc, effect, set, [field] { return Json(*field).dump(); });
+  return add_entry(key, "text", "", "any text", doc, effect, set,
+                   [field] { return Json(*field).dump(); });
 }
 
-void Parameters::add_choice(const std::string& key, const std::vector<std::string>& allowed,
-                            const std::string& doc, Effect effect,
-                            const std::function<void(std::size_t)>& assign,
-                            const std::function<std::size_t()>& get) {
+Parameters::Added Parameters::add_choice(const std::string& key,
+                                         const std::vector<std::string>& allowed,
+                                         const std::string& doc, Effect effect,
+                                         const std::function<void(std::size_t)>& assign,
+                                         const std::function<std::size_t()>& get) {
   const std::string text = "one of " + join(allowed);
   const auto set = [allowed, assign](const RawValue& value) -> std::string {
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
@@ -110,16 +114,17 @@ void Parameters::add_choice(const std::string& key, const std::vector<std::strin
     assign(static_cast<std::size_t>(it - allowed.begin()));
     return {};
   };
-  add_entry(key, "choice", "", text, doc, effect, set,
-            [allowed, get] { return Json(allowed.at(get())).dump(); });
+  return add_entry(key, "choice", "", text, doc, effect, set,
+                   [allowed, get] { return Json(allowed.at(get())).dump(); });
 }
 
-void Parameters::add(const std::string& key, std::string* field, std::vector<std::string> allowed,
-                     const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, std::string* field,
+                                  std::vector<std::string> allowed, const std::string& doc,
+                                  Effect effect) {
   if (std::find(allowed.begin(), allowed.end(), *field) == allowed.end()) {
     throw std::logic_error("the default of " + key + " is not among its choices");
   }
-  add_choice(
+  return add_choice(
       key, allowed, doc, effect, [field, allowed](std::size_t i) { *field = allowed[i]; },
       [field, allowed] {
         return static_cast<std::size_t>(std::find(allowed.begin(), allowed.end(), *field) -
@@ -127,8 +132,8 @@ void Parameters::add(const std::string& key, std::string* field, std::vector<std
       });
 }
 
-void Parameters::add(const std::string& key, Eigen::Vector3d* field, Range range,
-                     const std::string& unit, const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, Eigen::Vector3d* field, Range range,
+                                  const std::string& unit, const std::string& doc, Effect effect) {
   const auto set = [field, range](const RawValue& value) -> std::string {
     std::array<double, 3> parsed{};
     std::string error = set_triple<double, 3>(
@@ -137,14 +142,14 @@ void Parameters::add(const std::string& key, Eigen::Vector3d* field, Range range
     if (error.empty()) *field = Eigen::Vector3d(parsed[0], parsed[1], parsed[2]);
     return error;
   };
-  add_entry(key, "[x, y, z]", unit, "3 numbers, each " + range_text(range), doc, effect, set,
-            [field] {
-              return Json{field->x(), field->y(), field->z()}.dump();
-            });
+  return add_entry(key, "[x, y, z]", unit, "3 numbers, each " + range_text(range), doc, effect, set,
+                   [field] {
+                     return Json{field->x(), field->y(), field->z()}.dump();
+                   });
 }
 
-void Parameters::add(const std::string& key, std::array<int, 3>* field, Range range,
-                     const std::string& unit, const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, std::array<int, 3>* field, Range range,
+                                  const std::string& unit, const std::string& doc, Effect effect) {
   const Range whole{std::max(range.min, -2147483648.0), std::min(range.max, 2147483647.0)};
   const auto set = [field, whole](const RawValue& value) -> std::string {
     return set_triple<int, 3>(value, field, [whole](const std::string& text, int* v) {
@@ -154,12 +159,12 @@ void Parameters::add(const std::string& key, std::array<int, 3>* field, Range ra
       return error;
     });
   };
-  add_entry(key, "[x, y, z]", unit, "3 whole numbers, each " + range_text(whole), doc, effect, set,
-            [field] { return Json(*field).dump(); });
+  return add_entry(key, "[x, y, z]", unit, "3 whole numbers, each " + range_text(whole), doc,
+                   effect, set, [field] { return Json(*field).dump(); });
 }
 
-void Parameters::add(const std::string& key, std::vector<std::string>* field,
-                     const std::string& doc, Effect effect) {
+Parameters::Added Parameters::add(const std::string& key, std::vector<std::string>* field,
+                                  const std::string& doc, Effect effect) {
   const auto set = [field](const RawValue& value) -> std::string {
     if (value.shape == RawValue::Shape::kNull) {
       field->clear();
@@ -169,8 +174,8 @@ void Parameters::add(const std::string& key, std::vector<std::string>* field,
     *field = value.items;
     return {};
   };
-  add_entry(key, "list", "", "a list of texts", doc, effect, set,
-            [field] { return Json(*field).dump(); });
+  return add_entry(key, "list", "", "a list of texts", doc, effect, set,
+                   [field] { return Json(*field).dump(); });
 }
 
 }  // namespace zloam::runtime

@@ -29,14 +29,15 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 
 }  // namespace
 
-void Parameters::add_entry(const std::string& key, std::string type, std::string unit,
-                           std::string allowed, std::string doc, Effect effect,
-                           std::function<std::string(const RawValue&)> set,
-                           std::function<std::string()> get_json) {
+Parameters::Added Parameters::add_entry(const std::string& key, std::string type, std::string unit,
+                                        std::string allowed, std::string doc, Effect effect,
+                                        std::function<std::string(const RawValue&)> set,
+                                        std::function<std::string()> get_json) {
   if (find(key) != nullptr) throw std::logic_error("parameter " + key + " is bound twice");
   std::string default_json = get_json();
   entries_.push_back({key, std::move(type), std::move(unit), std::move(allowed), std::move(doc),
                       effect, std::move(set), std::move(get_json), std::move(default_json)});
+  return Added(*this);
 }
 
 void Parameters::check(const std::string& key, std::function<std::string()> condition) {
@@ -85,15 +86,16 @@ std::string Parameters::describe_json() const {
                     {"allowed", e.allowed},
                     {"default", Json::parse(e.default_json)},
                     {"changes_result", e.effect == Effect::kResult},
+                    {"live", e.live},
                     {"doc", e.doc}});
   }
   return list.dump(2);
 }
 
-std::string Parameters::json_object(bool only_result) const {
+std::string Parameters::json_object(const std::function<bool(const Entry&)>& wanted) const {
   std::map<std::string, std::string> sorted;
   for (const Entry& e : entries_) {
-    if (!only_result || e.effect == Effect::kResult) sorted[e.key] = e.get_json();
+    if (wanted(e)) sorted[e.key] = e.get_json();
   }
   std::string text = "{";
   for (const auto& [key, json] : sorted) {
@@ -102,8 +104,17 @@ std::string Parameters::json_object(bool only_result) const {
   return text + "}";
 }
 
-std::string Parameters::values_json() const { return json_object(false); }
-std::string Parameters::result_values_json() const { return json_object(true); }
+std::string Parameters::values_json() const {
+  return json_object([](const Entry&) { return true; });
+}
+
+std::string Parameters::result_values_json() const {
+  return json_object([](const Entry& e) { return e.effect == Effect::kResult; });
+}
+
+std::string Parameters::live_values_json() const {
+  return json_object([](const Entry& e) { return e.live; });
+}
 
 std::vector<std::string> Parameters::keys() const {
   std::vector<std::string> keys;

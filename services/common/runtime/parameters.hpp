@@ -61,40 +61,51 @@ struct RawValue {
 
 class Parameters {
  public:
+  /// A parameter just declared.
+  class Added {
+   public:
+    explicit Added(Parameters& parameters) : parameters_(parameters) {}
+    /// It may change while running, from one sweep to the next (protocols.md, section 13): whoever
+    /// reads it does so anew for each sweep, and keeps nothing that was made with it.
+    void live() { parameters_.entries_.back().live = true; }
+
+   private:
+    Parameters& parameters_;
+  };
+
   Parameters() = default;
   ~Parameters() = default;
   Parameters(const Parameters&) = delete;
   Parameters& operator=(const Parameters&) = delete;
 
-  void add(const std::string& key, bool* field, const std::string& doc,
-           Effect effect = Effect::kResult);
-  void add(const std::string& key, double* field, Range range, const std::string& unit,
-           const std::string& doc, Effect effect = Effect::kResult);
-  void add(const std::string& key, float* field, Range range, const std::string& unit,
-           const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, bool* field, const std::string& doc,
+            Effect effect = Effect::kResult);
+  Added add(const std::string& key, double* field, Range range, const std::string& unit,
+            const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, float* field, Range range, const std::string& unit,
+            const std::string& doc, Effect effect = Effect::kResult);
   template <class Int>
-  requires(std::is_integral_v<Int> &&
-           !std::is_same_v<Int, bool>) void add(const std::string& key, Int* field, Range range,
-                                                const std::string& unit, const std::string& doc,
-                                                Effect effect = Effect::kResult);
-  void add(const std::string& key, std::string* field, const std::string& doc,
-           Effect effect = Effect::kResult);
+  requires(std::is_integral_v<Int> && !std::is_same_v<Int, bool>) Added
+      add(const std::string& key, Int* field, Range range, const std::string& unit,
+          const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, std::string* field, const std::string& doc,
+            Effect effect = Effect::kResult);
   /// One of the named texts.
-  void add(const std::string& key, std::string* field, std::vector<std::string> allowed,
-           const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, std::string* field, std::vector<std::string> allowed,
+            const std::string& doc, Effect effect = Effect::kResult);
   /// One of the named values.
   template <class Enum>
-  requires std::is_enum_v<Enum>
-  void add(const std::string& key, Enum* field,
-           std::vector<std::pair<std::string, std::type_identity_t<Enum>>> allowed,
-           const std::string& doc, Effect effect = Effect::kResult);
+  requires std::is_enum_v<Enum> Added
+  add(const std::string& key, Enum* field,
+      std::vector<std::pair<std::string, std::type_identity_t<Enum>>> allowed,
+      const std::string& doc, Effect effect = Effect::kResult);
   /// [x, y, z], each within the range.
-  void add(const std::string& key, Eigen::Vector3d* field, Range range, const std::string& unit,
-           const std::string& doc, Effect effect = Effect::kResult);
-  void add(const std::string& key, std::array<int, 3>* field, Range range, const std::string& unit,
-           const std::string& doc, Effect effect = Effect::kResult);
-  void add(const std::string& key, std::vector<std::string>* field, const std::string& doc,
-           Effect effect = Effect::kResult);
+  Added add(const std::string& key, Eigen::Vector3d* field, Range range, const std::string& unit,
+            const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, std::array<int, 3>* field, Range range, const std::string& unit,
+            const std::string& doc, Effect effect = Effect::kResult);
+  Added add(const std::string& key, std::vector<std::string>* field, const std::string& doc,
+            Effect effect = Effect::kResult);
   /// A condition over several fields, checked after all values are set: returns what is wrong, or
   /// an empty text. key names the field to blame.
   void check(const std::string& key, std::function<std::string()> condition);
@@ -111,6 +122,16 @@ class Parameters {
 
   /// Checks and sets one value; returns the error, or an empty text.
   std::string set(const std::string& key, const RawValue& value);
+
+  /// What was changed while running becomes the value of every live parameter in the JSON object;
+  /// throws ConfigError for a value that load() would refuse.
+  void set_live(const std::string& values_json);
+  /// The settings "key=value" checked as load() does, only live keys allowed; the fields stay as
+  /// they are. Returns a JSON object of these keys with the values as they would be in force, or
+  /// throws ConfigError with all errors, one a line. place stands for the command in errors.
+  std::string check_live(const std::vector<std::string>& settings, const std::string& place);
+  /// A JSON object: the live parameters and their values in force.
+  std::string live_values_json() const;
 
   /// A JSON array: key, type, unit, range or allowed values, default, doc, and whether it can
   /// change a result.
@@ -134,26 +155,27 @@ class Parameters {
     /// the value in force as JSON text
     std::function<std::string()> get_json;
     std::string default_json;
+    bool live = false;
   };
   struct Check {
     std::string key;
     std::function<std::string()> condition;
   };
 
-  void add_entry(const std::string& key, std::string type, std::string unit, std::string allowed,
-                 std::string doc, Effect effect, std::function<std::string(const RawValue&)> set,
-                 std::function<std::string()> get_json);
-  void add_integer(const std::string& key, Range range, double lowest, double highest,
-                   const std::string& unit, const std::string& doc, Effect effect,
-                   const std::function<void(std::int64_t)>& set,
-                   const std::function<std::int64_t()>& get);
-  void add_choice(const std::string& key, const std::vector<std::string>& allowed,
-                  const std::string& doc, Effect effect,
-                  const std::function<void(std::size_t)>& set,
-                  const std::function<std::size_t()>& get);
+  Added add_entry(const std::string& key, std::string type, std::string unit, std::string allowed,
+                  std::string doc, Effect effect, std::function<std::string(const RawValue&)> set,
+                  std::function<std::string()> get_json);
+  Added add_integer(const std::string& key, Range range, double lowest, double highest,
+                    const std::string& unit, const std::string& doc, Effect effect,
+                    const std::function<void(std::int64_t)>& set,
+                    const std::function<std::int64_t()>& get);
+  Added add_choice(const std::string& key, const std::vector<std::string>& allowed,
+                   const std::string& doc, Effect effect,
+                   const std::function<void(std::size_t)>& set,
+                   const std::function<std::size_t()>& get);
   const Entry* find(const std::string& key) const;
   std::string nearest(const std::string& key) const;
-  std::string json_object(bool only_result) const;
+  std::string json_object(const std::function<bool(const Entry&)>& wanted) const;
   struct Loader;
 
   std::vector<Entry> entries_;
@@ -161,32 +183,31 @@ class Parameters {
 };
 
 template <class Int>
-requires(std::is_integral_v<Int> &&
-         !std::is_same_v<Int, bool>) void Parameters::add(const std::string& key, Int* field,
-                                                          Range range, const std::string& unit,
-                                                          const std::string& doc, Effect effect) {
+requires(std::is_integral_v<Int> && !std::is_same_v<Int, bool>) Parameters::Added Parameters::add(
+    const std::string& key, Int* field, Range range, const std::string& unit,
+    const std::string& doc, Effect effect) {
   // 2^53: whole numbers that a double, and so JSON, holds exactly.
   constexpr double kExact = 9007199254740992.0;
   const double lowest = std::max(static_cast<double>(std::numeric_limits<Int>::min()), -kExact);
   const double highest = std::min(static_cast<double>(std::numeric_limits<Int>::max()), kExact);
-  add_integer(
+  return add_integer(
       key, range, lowest, highest, unit, doc, effect,
       [field](std::int64_t v) { *field = static_cast<Int>(v); },
       [field] { return static_cast<std::int64_t>(*field); });
 }
 
 template <class Enum>
-requires std::is_enum_v<Enum>
-void Parameters::add(const std::string& key, Enum* field,
-                     std::vector<std::pair<std::string, std::type_identity_t<Enum>>> allowed,
-                     const std::string& doc, Effect effect) {
+requires std::is_enum_v<Enum> Parameters::Added Parameters::add(
+    const std::string& key, Enum* field,
+    std::vector<std::pair<std::string, std::type_identity_t<Enum>>> allowed, const std::string& doc,
+    Effect effect) {
   std::vector<std::string> names;
   std::vector<Enum> values;
   for (auto& [name, value] : allowed) {
     names.push_back(name);
     values.push_back(value);
   }
-  add_choice(
+  return add_choice(
       key, names, doc, effect, [field, values](std::size_t i) { *field = values[i]; },
       [field, values] {
         std::size_t i = 0;

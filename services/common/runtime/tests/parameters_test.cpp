@@ -176,6 +176,64 @@ TEST_F(ParameterFile, FileThatIsNotThereIsAnIoError) {
   EXPECT_THROW(p.load(std::filesystem::temp_directory_path().string(), {}), IoError);
 }
 
+struct LiveParameters : ParameterFile {
+  LiveParameters() {
+    p.add("live.m", &m, {0.0, 10.0}, "m", "far").live();
+    p.add("live.noise", &noise, {0.0, 1.0}, "m", "noise").live();
+    p.add("live.mode", &mode, {{"soft", Mode::kSoft}, {"hard", Mode::kHard}}, "mode").live();
+    p.add("live.xyz", &xyz, {-1.0, 1.0}, "m", "place").live();
+    p.check("live.m", [this] { return m > 9.0 && noise > 0.5F ? "too noisy for so far" : ""; });
+  }
+  std::string refusal(const std::vector<std::string>& settings) {
+    try {
+      p.check_live(settings, "set");
+    } catch (const ConfigError& e) {
+      return e.what();
+    }
+    return {};
+  }
+  double m = 0.1;
+  float noise = 0.02F;
+  Mode mode = Mode::kSoft;
+  Eigen::Vector3d xyz{0.1, -0.2, 1.0 / 3.0};
+};
+
+TEST_F(LiveParameters, AreCheckedWithoutBeingChanged) {
+  const std::string before = p.live_values_json();
+  EXPECT_EQ(p.check_live({"live.m=2", "live.mode=hard"}, "set"),
+            R"({"live.m":2.0,"live.mode":"hard"})");
+  EXPECT_EQ(p.live_values_json(), before);
+  EXPECT_EQ(m, 0.1);
+  EXPECT_EQ(noise, 0.02F);
+  EXPECT_EQ(xyz.z(), 1.0 / 3.0);
+}
+
+TEST_F(LiveParameters, TakeTheValuesOfARevision) {
+  p.set_live(R"({"live.m":2.5,"live.noise":0.03,"live.mode":"hard","live.xyz":[0.5,0,-1]})");
+  EXPECT_EQ(m, 2.5);
+  EXPECT_EQ(noise, 0.03F);
+  EXPECT_EQ(mode, Mode::kHard);
+  EXPECT_EQ(xyz, Eigen::Vector3d(0.5, 0.0, -1.0));
+  EXPECT_THROW(p.set_live(R"({"live.m":11})"), ConfigError);
+  EXPECT_THROW(p.set_live(R"({"stage.range_m":1})"), ConfigError);
+  EXPECT_THROW(p.set_live("[]"), ConfigError);
+}
+
+TEST_F(LiveParameters, WhatIsRefusedIsNamedWithWhatIsAllowed) {
+  EXPECT_EQ(refusal({"live.m=11"}),
+            "set: live.m: value '11' is refused: out of range; allowed: 0 to 10 m");
+  EXPECT_EQ(refusal({"stage.range_m=1"}),
+            "set: stage.range_m: value '1' is refused: it can't change while running, start the "
+            "stage again with it; allowed: live.m, live.noise, live.mode, live.xyz");
+  EXPECT_EQ(refusal({"live.mm=1"}),
+            "set: live.mm: value '1' is refused: unknown key (did you mean 'live.m'?); allowed: "
+            "live.m, live.noise, live.mode, live.xyz");
+  EXPECT_EQ(refusal({"live.m=9.5", "live.noise=0.6"}), "set: live.m: too noisy for so far");
+  EXPECT_THAT(refusal({"live.m=11", "live.mode=none"}), HasSubstr("live.mode: value 'none'"));
+  EXPECT_EQ(m, 0.1);
+  EXPECT_EQ(noise, 0.02F);
+}
+
 TEST_F(ParameterFile, DescriptionAndValuesAreJson) {
   EXPECT_EQ(error("stage:\n  range_m: 6\n"), "");
   const auto list = nlohmann::json::parse(p.describe_json());
