@@ -32,6 +32,8 @@ enum class Order : std::uint8_t {
 /// or every sweep must come, from whichever replica.
 enum class SweepSet : std::uint8_t { kEvery, kPublisherDecides };
 
+struct Message;
+
 struct InletOptions {
   Order order = Order::kBySweep;
   SweepSet sweeps = SweepSet::kEvery;
@@ -47,6 +49,9 @@ struct InletOptions {
   /// so many of the newest messages are kept and answered to get <key>?kept=1: for the publisher,
   /// should it be killed and started again (recall.hpp). Copies: they hold no shared memory.
   std::size_t keep = 0;
+  /// false: dropped as invalid before it counts for its sweep, which stays missing. Asked when the
+  /// message comes, and again for what waits when something has changed.
+  std::function<bool(const Message&)> admit;
   /// a sweep was given up here (queue_full, late or lost) and will not be handled: say so
   /// downstream. In order with the handler's calls. reason: a Drop's name or "lost".
   std::function<void(std::uint64_t run, std::uint64_t sweep, std::string_view reason)> on_given_up;

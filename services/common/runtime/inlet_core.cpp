@@ -103,6 +103,7 @@ void InletCore::accept(Raw raw) {
   message.header = setup_.header(message.bytes);
   message.received_ns = raw.received_ns;
   message.recovered = raw.recovered;
+  if (!admitted(message)) return;
   keep(message, raw.sample.encoding);
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
@@ -113,7 +114,20 @@ void InletCore::accept(Raw raw) {
     if (*drop == Drop::kDuplicate && echo) events_.second_copy(run, sweep);
     return;
   }
+  events_.saw(run, sweep);
   note_seen(raw.recovered);
+}
+
+bool InletCore::admitted(const Message& message) {
+  if (!setup_.options.admit || setup_.options.admit(message)) return true;
+  report_drop(Drop::kInvalid, "sweep " + std::to_string(message.header->sweep()) +
+                                  " with another revision of the configuration");
+  return false;
+}
+
+void InletCore::check_again() {
+  if (!setup_.options.admit) return;
+  sequencer_.remove_if([this](const Message& message) { return !admitted(message); }, steady_ns());
 }
 
 void InletCore::keep(const Message& message, const std::string& encoding) {

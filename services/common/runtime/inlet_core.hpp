@@ -19,6 +19,8 @@ namespace zloam::runtime {
 class InletEvents {
  public:
   virtual ~InletEvents() = default;
+  /// A sweep has come for the first time.
+  virtual void saw(std::uint64_t run, std::uint64_t sweep) = 0;
   /// False: the message belongs to a run that was left.
   virtual bool before_message(const Message& message) = 0;
   /// started_ns 0: nobody worked on it here.
@@ -64,6 +66,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void drain();
   /// Handles at most one message; whether there was one.
   bool work();
+  /// What waits is dropped where it is not admitted any more.
+  void check_again();
   /// Asks the publisher for what is missing.
   void recover(zenoh::Session& session);
   /// Monotonic ns at which there is something to do without a new message.
@@ -78,6 +82,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   static constexpr std::size_t kMaxQueued = 8192;
 
   void accept(Raw raw);
+  bool admitted(const Message& message);
   std::optional<Drop> file(Message message);
   std::optional<Message> next();
   void count_drop(Drop reason);

@@ -65,10 +65,9 @@ void MessageCache::put(Entry entry) {
 std::optional<MessageCache::Entry> MessageCache::find(std::uint64_t run,
                                                       std::uint64_t sweep) const {
   const std::lock_guard lock(mutex_);
-  for (const Entry& e : entries_) {
-    if (e.run == run && e.sweep == sweep) return e;
-  }
-  return std::nullopt;
+  const auto found = std::find_if(entries_.rbegin(), entries_.rend(),
+                                  [&](const Entry& e) { return e.run == run && e.sweep == sweep; });
+  return found == entries_.rend() ? std::nullopt : std::optional<Entry>(*found);
 }
 
 std::vector<MessageCache::Entry> MessageCache::select(std::string_view parameters) const {
@@ -145,6 +144,7 @@ HeaderFields OutletCore::header(const Message& cause) {
   HeaderFields h = header_fields(*cause.header);
   h.seq = seq_;
   h.instance = setup_.instance;
+  if (setup_.config_rev) h.config_rev = setup_.config_rev(h.run, h.sweep);
   h.trace.push_back(
       {setup_.stage, setup_.host, setup_.instance, cause.received_ns, cause.started_ns, wall_ns()});
   return h;

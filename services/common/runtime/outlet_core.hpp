@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -25,6 +26,8 @@ struct OutletSetup {
   std::size_t unshared_part = 3071;
   std::size_t keep_messages = 64;
   std::size_t keep_bytes = std::size_t{256} << 20;
+  /// revision of the configuration with which a sweep is worked on
+  std::function<std::uint32_t(std::uint64_t run, std::uint64_t sweep)> config_rev;
 };
 
 /// The last messages of one key, exactly as published. Any thread.
@@ -38,6 +41,7 @@ class MessageCache {
     bool replay;
   };
   void put(Entry entry);
+  /// The newest of that sweep.
   std::optional<Entry> find(std::uint64_t run, std::uint64_t sweep) const;
   /// What a selector's parameters ask for: run=R;sweep=a..b or seq=a..b (a single number too), in
   /// ascending order; nothing for text that is neither.

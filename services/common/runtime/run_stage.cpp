@@ -30,7 +30,7 @@ constexpr const char* kFooter =
 struct CommandLine {
   std::optional<std::string> config;
   std::string instance;
-  std::vector<std::string> settings;
+  std::vector<std::string> settings, settings_at;
   bool describe = false;
   bool check = false;
   bool health = false;
@@ -54,6 +54,11 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   app.add_option("--set", line->settings, "key=value; overrides the file; may be repeated")
       ->take_all()
       ->allow_extra_args(false);
+  app.add_option("--set-at", line->settings_at,
+                 "sweep:key=value; in force from that sweep of the first run on, as a change that "
+                 "was commanded while running; may be repeated")
+      ->take_all()
+      ->allow_extra_args(false);
   app.add_flag("--describe-config", line->describe, "print all parameters as JSON and end");
   app.add_flag("--check-config", line->check, "check the configuration and end");
   app.add_flag("--health", line->health,
@@ -68,17 +73,18 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   return std::nullopt;
 }
 
-std::uint64_t fault_every() {
-  const char* text = std::getenv("ZLOAM_FAULT_DROP_EVERY");
+/// 0 when it is not set.
+std::uint64_t fault(const std::string& name) {
+  const char* text = std::getenv(name.c_str());
   if (text == nullptr || *text == '\0') return 0;
   const std::string_view view(text);
-  std::uint64_t every = 0;
-  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), every);
+  std::uint64_t number = 0;
+  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), number);
   if (error != std::errc{} || end != view.data() + view.size()) {
-    throw ConfigError("ZLOAM_FAULT_DROP_EVERY: value '" + std::string(view) +
+    throw ConfigError(name + ": value '" + std::string(view) +
                       "' is refused: a whole number is expected");
   }
-  return every;
+  return number;
 }
 
 Identity identity_of(const StageSpec& spec, const CommandLine& line, const SharedConfig& shared) {
@@ -159,6 +165,7 @@ int run(const StageSpec& spec, const CommandLine& line) {
   std::vector<std::string> foreign(std::begin(kOwnedSections), std::end(kOwnedSections));
   std::erase(foreign, spec.name);
   parameters.load(line.config, line.settings, foreign);
+  std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);
   if (line.check) {
     std::printf("%s\n", parameters.values_json().c_str());
     return kExitOk;
@@ -171,10 +178,14 @@ int run(const StageSpec& spec, const CommandLine& line) {
   setup_log(spec.name, shared.log.level, shared.log.format == "json");
   StageSetup setup;
   setup.identity = identity_of(spec, line, shared);
-  setup.fault_every = fault_every();
+  setup.fault_every = fault("ZLOAM_FAULT_DROP_EVERY");
+  setup.fault_deaf_sweeps = fault("ZLOAM_FAULT_DEAF_SWEEPS");
   setup.values_json = parameters.values_json();
   setup.result_json = parameters.result_values_json();
-  setup.shared = std::move(shared);
+  setup.parameters = &parameters;
+  setup.presets = std::move(presets);
+  // A copy: the parameters go on pointing into the one here.
+  setup.shared = shared;
   return work(spec, std::move(setup));
 }
 

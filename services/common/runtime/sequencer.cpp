@@ -211,6 +211,12 @@ Arrivals Sequencer::arrivals() const {
   return a;
 }
 
+void Sequencer::remove_if(const std::function<bool(const Message&)>& unfit, std::int64_t now_ns) {
+  std::erase_if(held_, [&](const auto& entry) { return unfit(entry.second); });
+  std::erase_if(future_, unfit);
+  note_gap(now_ns);
+}
+
 void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   running_ = true;
   run_ = run;

@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -61,6 +62,9 @@ class Sequencer {
   std::optional<std::int64_t> deadline() const;
   /// Replay: the sweep that has been missing for longer than the limit.
   std::optional<std::uint64_t> overdue(std::int64_t now_ns) const;
+
+  /// Messages that wait and are not to be taken after all: their sweeps are missing again.
+  void remove_if(const std::function<bool(const Message&)>& unfit, std::int64_t now_ns);
 
   /// Sweeps below are taken for handled.
   void continue_at(std::uint64_t run, std::uint64_t sweep);

@@ -133,6 +133,21 @@ class Stage {
   /// Answers gets under the full key (e.g. path/map, map/tile/**).
   virtual void answer(const std::string& full_key, std::function<void(Answer&)> handler) = 0;
 
+  /// The live parameters take the values in force at the message's sweep (protocols.md, section
+  /// 13): what a handler does first. True: they are others than before. Headers made for an output
+  /// say which revision it was.
+  virtual bool configure_for(const Message& message) = 0;
+  /// That number, for headers made without a cause.
+  virtual std::uint32_t config_rev(std::uint64_t run, std::uint64_t sweep) const = 0;
+  /// Whether another stage's output was made with the revision in force at its sweep; when not, the
+  /// side that has not heard of it is told.
+  virtual bool revision_agrees(std::string_view other_stage, const msg::Header& header) = 0;
+  /// Of several instances this one answers command/<stage>/set only then.
+  virtual void answer_set_if(std::function<bool(std::uint64_t run)> mine) = 0;
+  /// A revision came when sweeps from its first one on were worked on already.
+  virtual void on_late_revision(
+      std::function<void(std::uint64_t run, std::uint64_t from_sweep)> task) = 0;
+
   /// Called again and again between messages: sources, files, pacing.
   virtual void on_turn(std::function<Turn()> turn) = 0;
   /// Called every period on the worker, late when it is busy.

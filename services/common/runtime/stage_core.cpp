@@ -22,6 +22,15 @@ StageCore::StageCore(StageSetup setup, zenoh::Session& session)
     log_warning("FAULT INJECTION: received messages are thrown away on purpose",
                 {{"every", setup_.fault_every}});
   }
+  LiveConfigSetup live{setup_.identity, setup_.shared.flow.window, setup_.parameters,
+                       setup_.presets, setup_.fault_deaf_sweeps};
+  live_ = std::make_unique<LiveConfig>(
+      std::move(live), EffectiveValues{0, setup_.values_json, setup_.result_json}, keys_, session_,
+      bell_, [this](std::function<void()> task) { post(std::move(task)); });
+  live_->on_revision([this](const Revision&) {
+    // What waits in the queues may be of another revision than the one now known.
+    for (const auto& inlet : inlets_) inlet->check_again();
+  });
 }
 
 StageCore::~StageCore() { close(); }
@@ -39,6 +48,14 @@ void StageCore::on_new_run(std::function<void(const msg::Header&)> task) {
   on_new_run_.push_back(std::move(task));
 }
 
+void StageCore::on_late_revision(std::function<void(std::uint64_t, std::uint64_t)> task) {
+  live_->on_late([task = std::move(task)](const Revision& r) { task(r.run, r.from_sweep); });
+}
+
+bool StageCore::configure_for(const Message& message) {
+  return live_->configure_for(message.header->run(), message.header->sweep());
+}
+
 bool StageCore::before_message(const Message& message) {
   const std::uint64_t run = message.header->run();
   if (in_run_ && run == run_) return true;
@@ -53,6 +70,7 @@ bool StageCore::before_message(const Message& message) {
   }
   output_at_.clear();
   log_info("new run", {{"run", run}, {"replay", message.header->replay()}});
+  live_->begin_run(run);
   for (const auto& task : on_new_run_) task(*message.header);
   return true;
 }
@@ -89,6 +107,7 @@ void StageCore::end_of_run(std::uint64_t run) {
     run_ended_ = true;
   }
   log_info("end of run", {{"run", run}});
+  live_->end_run();
   for (const auto& task : on_end_of_run_) task(run);
   publish_status();
 }
@@ -144,6 +163,7 @@ bool StageCore::work() {
   for (const auto& inlet : inlets_) inlet->drain();
   for (const auto& inlet : inlets_) busy = inlet->work() || busy;
   if (window_) window_->tick();
+  live_->tick();
   for (const auto& turn : turns_) busy = turn() == Turn::kAgain || busy;
   for (const auto& inlet : inlets_) inlet->recover(session_);
   run_timers();
@@ -221,6 +241,7 @@ void StageCore::close() {
   window_.reset();
   acks_.clear();
   outlets_.clear();
+  live_.reset();
   status_publisher_.reset();
 }
 

@@ -13,6 +13,7 @@
 
 #include "common/runtime/flow_core.hpp"
 #include "common/runtime/inlet_core.hpp"
+#include "common/runtime/live_config.hpp"
 #include "common/runtime/outlet_core.hpp"
 #include "common/runtime/stage.hpp"
 #include "common/runtime/statistics.hpp"
@@ -26,8 +27,14 @@ struct StageSetup {
   /// effective configuration as JSON, all of it and what can change a result
   std::string values_json = "{}";
   std::string result_json = "{}";
+  /// null: nothing can be changed while running
+  Parameters* parameters = nullptr;
+  /// --set-at
+  std::vector<Revision> presets;
   /// ZLOAM_FAULT_DROP_EVERY
   std::uint64_t fault_every = 0;
+  /// ZLOAM_FAULT_DEAF_SWEEPS
+  std::uint64_t fault_deaf_sweeps = 0;
 };
 
 class StageCore final : public Stage, private InletEvents {
@@ -50,6 +57,17 @@ class StageCore final : public Stage, private InletEvents {
   FlowAck& flow_ack(const std::string& sink) override;
   void command(const std::string& verb, const std::string& doc, CommandHandler handler) override;
   void answer(const std::string& full_key, std::function<void(Answer&)> handler) override;
+  bool configure_for(const Message& message) override;
+  std::uint32_t config_rev(std::uint64_t run, std::uint64_t sweep) const override {
+    return live_->rev_at(run, sweep);
+  }
+  bool revision_agrees(std::string_view other_stage, const msg::Header& header) override {
+    return live_->agrees(other_stage, header);
+  }
+  void answer_set_if(std::function<bool(std::uint64_t)> mine) override {
+    live_->answer_set_if(std::move(mine));
+  }
+  void on_late_revision(std::function<void(std::uint64_t, std::uint64_t)> task) override;
   void on_turn(std::function<Turn()> turn) override { turns_.push_back(std::move(turn)); }
   void every(std::chrono::milliseconds period, std::function<void()> task) override;
   void on_end_of_run(std::function<void(std::uint64_t)> task) override;
@@ -75,6 +93,7 @@ class StageCore final : public Stage, private InletEvents {
                    std::function<Outcome(const Message&)> handler) override;
 
  private:
+  void saw(std::uint64_t run, std::uint64_t sweep) override { live_->saw(run, sweep); }
   bool before_message(const Message& message) override;
   void after_message(const Message& message, bool ends_run) override;
   void second_copy(std::uint64_t run, std::uint64_t sweep) override;
@@ -110,6 +129,7 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<std::unique_ptr<OutletCore>> outlets_;
   std::vector<std::unique_ptr<FlowAckCore>> acks_;
   std::unique_ptr<FlowWindowCore> window_;
+  std::unique_ptr<LiveConfig> live_;
   /// what the window paces; one of outlets_
   std::atomic<const OutletCore*> source_{nullptr};
   std::vector<zenoh::Queryable> queryables_;

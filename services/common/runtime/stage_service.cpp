@@ -97,6 +97,7 @@ StatusFields StageCore::status() const {
   f.latencies = latencies_.summaries();
   f.usage = process_usage();
   f.rss_start_mib = rss_start_mib_;
+  f.config_rev = live_->effective().rev;
   f.transfer = {bell_->transfer.bytes_in_place.load(), bell_->transfer.bytes_copied.load(),
                 bell_->transfer.messages_shared_memory.load(),
                 bell_->transfer.messages_other.load()};
@@ -138,9 +139,10 @@ void StageCore::declare_service() {
   }));
   queryables_.push_back(
       session_.declare_queryable(config_key, [this, config_key](zenoh::Query&& query) {
+        const EffectiveValues now = live_->effective();
         query.reply(config_key,
-                    zenoh::Bytes::own(build_config(setup_.identity, setup_.values_json,
-                                                   sha256_hex(setup_.result_json))),
+                    zenoh::Bytes::own(build_config(setup_.identity, now.rev, now.values_json,
+                                                   sha256_hex(now.result_json))),
                     encoding_of(Key::kConfig));
       }));
   {

@@ -74,6 +74,7 @@ Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
   s.unshared_part = static_cast<std::size_t>(setup_.shared.zenoh.shared_memory_threshold - 1);
   s.keep_messages = static_cast<std::size_t>(setup_.shared.recovery.keep_messages);
   s.keep_bytes = static_cast<std::size_t>(setup_.shared.recovery.keep_mib) << 20;
+  s.config_rev = [this](std::uint64_t run, std::uint64_t sweep) { return config_rev(run, sweep); };
   outlets_.push_back(std::make_unique<OutletCore>(std::move(s), session_));
   return *outlets_.back();
 }

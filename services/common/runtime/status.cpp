@@ -89,18 +89,19 @@ Buffer build(const StatusFields& f) {
   m.add_bytes_copied(f.transfer.bytes_copied);
   m.add_messages_shm(f.transfer.messages_shm);
   m.add_messages_net(f.transfer.messages_net);
+  m.add_config_rev(f.config_rev);
   b.Finish(m.Finish(), Kind<msg::Status>::kIdentifier);
   return b.Release();
 }
 
-Buffer build_config(const Identity& identity, const std::string& values_json,
-                    const std::string& result_hash) {
+Buffer build_config(const Identity& identity, std::uint32_t config_rev,
+                    const std::string& values_json, const std::string& result_hash) {
   Builder b;
   const auto stage = b.CreateString(identity.stage);
   const auto instance = b.CreateString(identity.instance);
   const auto values = b.CreateString(values_json);
   const auto hash = b.CreateString(result_hash);
-  b.Finish(msg::CreateEffectiveConfig(b, stage, instance, 0, values, hash),
+  b.Finish(msg::CreateEffectiveConfig(b, stage, instance, config_rev, values, hash),
            Kind<msg::EffectiveConfig>::kIdentifier);
   return b.Release();
 }

@@ -36,10 +36,11 @@ struct StatusFields {
   ProcessUsage usage;
   double rss_start_mib = 0;
   TransferFields transfer;
+  std::uint32_t config_rev = 0;
 };
 
 Buffer build(const StatusFields& fields);
-Buffer build_config(const Identity& identity, const std::string& values_json,
-                    const std::string& result_hash);
+Buffer build_config(const Identity& identity, std::uint32_t config_rev,
+                    const std::string& values_json, const std::string& result_hash);
 
 }  // namespace zloam::runtime

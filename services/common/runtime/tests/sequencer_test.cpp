@@ -65,6 +65,17 @@ TEST(Sequencer, AscendingOrderWhateverTheOrderOfArrival) {
   EXPECT_EQ(b.out(), (Sweeps{0, 1, 2, 3}));
 }
 
+TEST(Sequencer, WhatIsTakenBackIsMissingAgain) {
+  Bench b({}, true);
+  for (const std::uint64_t sweep : {1U, 2U, 3U}) EXPECT_EQ(b.add(sweep), std::nullopt);
+  b.sequencer.remove_if([](const Message& m) { return m.header->sweep() == 2; }, b.now);
+  EXPECT_EQ(b.sequencer.arrivals().missing, (Sweeps{0, 2}));
+  EXPECT_EQ(b.add(0), std::nullopt);
+  EXPECT_EQ(b.out(), (Sweeps{0, 1}));
+  EXPECT_EQ(b.add(2), std::nullopt);
+  EXPECT_EQ(b.out(), (Sweeps{2, 3}));
+}
+
 TEST(Sequencer, IdentityIsAcceptedOnce) {
   Bench b({}, true);
   EXPECT_EQ(b.add(0), std::nullopt);

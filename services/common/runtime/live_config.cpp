@@ -1,0 +1,371 @@
+#include "common/runtime/live_config.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "common/runtime/config.hpp"
+#include "common/runtime/log.hpp"
+#include "common/zenoh/aligned.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr const char* kVerb = "set";
+constexpr const char* kPresetBy = "command line";
+// An answer comes at once or from nobody; a peer that hangs must not hold the sweeps.
+constexpr std::chrono::milliseconds kTimeout{500};
+constexpr std::int64_t kLook_ns = 100 * kMs;
+constexpr std::int64_t kRemindEvery_ns = 200 * kMs;
+// Of one stage; more is no person's doing.
+constexpr std::size_t kMostRevisions = 4096;
+
+zenoh::PublisherOptions publisher_options() {
+  zenoh::PublisherOptions o;
+  o.priority = zenoh::Priority::kDataHigh;
+  o.encoding = encoding_of(Key::kConfigRevision);
+  return o;
+}
+
+std::optional<Revision> read(const zenoh::Sample& sample) {
+  const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+  if (!verify<msg::ConfigRevision>(bytes.data(), sample.encoding).ok()) return std::nullopt;
+  const msg::ConfigRevision& m = message_of<msg::ConfigRevision>(bytes.data());
+  return Revision{m.stage()->str(),       m.rev(),       m.run(),  m.from_sweep(),
+                  m.values_json()->str(), m.by()->str(), m.at_ns()};
+}
+
+std::string merged(const std::string& values_json, const std::string& changed_json) {
+  nlohmann::json values = nlohmann::json::parse(values_json);
+  values.update(nlohmann::json::parse(changed_json));
+  return values.dump();
+}
+
+/// "30:key=value" as (30, "key=value").
+std::pair<std::uint64_t, std::string> preset(const std::string& text) {
+  std::uint64_t sweep = 0;
+  const auto colon = std::min(text.find(':'), text.size());
+  const auto [end, error] = std::from_chars(text.data(), text.data() + colon, sweep);
+  if (error != std::errc{} || end != text.data() + colon || colon == text.size()) {
+    throw ConfigError("--set-at " + text +
+                      ": SWEEP:key=value is expected, such as 30:odometry.x=1");
+  }
+  return {sweep, text.substr(colon + 1)};
+}
+
+/// A Command message or bare text; of either a JSON object, or a line "key=value" each.
+std::vector<std::string> settings_of(const zenoh::Query& query) {
+  std::string text = query.payload().to_string();
+  const zenoh::AlignedBytes bytes = zenoh::view_aligned(query.payload());
+  if (verify<msg::Command>(bytes.data(), encoding_of(Key::kCommand)).ok()) {
+    const auto* arguments = message_of<msg::Command>(bytes.data()).arguments_json();
+    text = arguments == nullptr ? "" : arguments->str();
+  }
+  std::vector<std::string> settings;
+  const nlohmann::json object = nlohmann::json::parse(text, nullptr, false);
+  if (object.is_object()) {
+    for (const auto& [key, value] : object.items()) {
+      settings.push_back(key + "=" + (value.is_string() ? value.get<std::string>() : value.dump()));
+    }
+    return settings;
+  }
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.empty()) settings.push_back(line);
+  }
+  return settings;
+}
+
+}  // namespace
+
+LiveConfig::LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Keys& keys,
+                       zenoh::Session& session, std::shared_ptr<Shared> bell,
+                       std::function<void(std::function<void()>)> post)
+    : setup_(std::move(setup)),
+      keys_(keys),
+      session_(session),
+      bell_(std::move(bell)),
+      post_(std::move(post)),
+      effective_(std::move(at_start)) {
+  for (const char* stage : kStageOrder) schedules_[stage];
+  schedules_[setup_.identity.stage];
+  if (setup_.parameters != nullptr) base_json_ = setup_.parameters->live_values_json();
+  for (const Revision& preset : setup_.presets) {
+    schedules_[preset.stage].add(preset);
+    keep(preset);
+    presets_text_ += std::to_string(preset.from_sweep) + ":" + preset.values_json;
+  }
+  declare();
+  refresh();
+}
+
+void LiveConfig::declare() {
+  const std::string all = keys_.config_revision("*");
+  queryables_.push_back(session_.declare_queryable(
+      all,
+      [this](zenoh::Query&& query) {
+        const std::lock_guard lock(mutex_);
+        for (const auto& [name, message] : kept_) {
+          query.reply(keys_.config_revision(name.first), message,
+                      encoding_of(Key::kConfigRevision));
+        }
+      },
+      false));
+  subscriber_ = session_.declare_subscriber(all, [this](zenoh::Sample&& sample) {
+    const auto shared = std::make_shared<zenoh::Sample>(std::move(sample));
+    post_([this, shared] { take(*shared); });
+  });
+  if (setup_.parameters == nullptr) return;
+  queryables_.push_back(session_.declare_queryable(
+      keys_.command(setup_.identity.stage, kVerb), [this](zenoh::Query&& query) {
+        const auto shared = std::make_shared<zenoh::Query>(std::move(query));
+        post_([this, shared] { answer_set(*shared); });
+      }));
+}
+
+void LiveConfig::answer_set(zenoh::Query& query) {
+  // Of several instances one answers (protocols.md, section 11).
+  if (mine_ && !mine_(run_)) return;
+  const CommandReply reply = set(settings_of(query));
+  log_info("command", {{"verb", kVerb}, {"ok", reply.ok}, {"message", reply.message}});
+  query.reply(keys_.command(setup_.identity.stage, kVerb), zenoh::Bytes::own(build(reply)),
+              encoding_of(Key::kCommand));
+}
+
+CommandReply LiveConfig::set(const std::vector<std::string>& settings) {
+  if (setup_.parameters == nullptr) return {false, "set: nothing can be changed here"};
+  std::string changed;
+  try {
+    with(own().newest(), [&] { changed = setup_.parameters->check_live(settings, kVerb); });
+  } catch (const ConfigError& e) {
+    return {false, e.what()};
+  }
+  if (!newest_seen_) {
+    return {false,
+            "set: no sweep has come yet, so there is none to change at; start the stage with "
+            "--set, or ask again when sweeps come"};
+  }
+  const Revision revision = next(changed);
+  accept(revision);
+  publish(revision);
+  const nlohmann::json results = {{"rev", revision.rev},
+                                  {"run", revision.run},
+                                  {"from_sweep", revision.from_sweep},
+                                  {"values", nlohmann::json::parse(revision.values_json)}};
+  return {true,
+          "revision " + std::to_string(revision.rev) + " from sweep " +
+              std::to_string(revision.from_sweep) + " on: " + changed,
+          results.dump()};
+}
+
+Revision LiveConfig::next(const std::string& changed_json) const {
+  const Revision* before = own().newest();
+  Revision r;
+  r.stage = setup_.identity.stage;
+  r.rev = before == nullptr ? 1 : before->rev + 1;
+  r.run = run_;
+  r.from_sweep = newest_seen_.value_or(0) + 2 * static_cast<std::uint64_t>(setup_.window);
+  if (before != nullptr && before->run == run_) {
+    r.from_sweep = std::max(r.from_sweep, before->from_sweep);
+  }
+  r.values_json = merged(before == nullptr ? "{}" : before->values_json, changed_json);
+  r.by = setup_.identity.instance;
+  r.at_ns = wall_ns();
+  return r;
+}
+
+void LiveConfig::take(const zenoh::Sample& sample) {
+  if (sample.kind != zenoh::SampleKind::kPut) return;
+  const auto revision = read(sample);
+  if (revision && !deaf_to(*revision)) accept(*revision);
+}
+
+bool LiveConfig::deaf_to(const Revision& revision) const {
+  return setup_.deaf_sweeps > 0 && revision.stage == setup_.identity.stage &&
+         newest_used_.value_or(0) < revision.from_sweep + setup_.deaf_sweeps;
+}
+
+bool LiveConfig::accept(const Revision& revision) {
+  const auto schedule = schedules_.find(revision.stage);
+  if (schedule == schedules_.end() || schedule->second.all().size() >= kMostRevisions) return false;
+  const bool is_own = revision.stage == setup_.identity.stage;
+  if (is_own && !usable(revision)) return false;
+  if (!schedule->second.add(revision)) return false;
+  keep(revision);
+  log_info("a revision of the configuration", {{"stage", revision.stage},
+                                               {"rev", revision.rev},
+                                               {"from_sweep", revision.from_sweep},
+                                               {"values", revision.values_json}});
+  if (on_revision_) on_revision_(revision);
+  if (!is_own) return true;
+  refresh();
+  const bool late = revision.run == run_ && newest_used_ && revision.from_sweep <= *newest_used_;
+  if (!late) return true;
+  log_warning("sweeps were worked on before their revision of the configuration was heard of",
+              {{"rev", revision.rev}, {"from_sweep", revision.from_sweep}});
+  if (on_late_) on_late_(revision);
+  return true;
+}
+
+bool LiveConfig::usable(const Revision& revision) {
+  if (setup_.parameters == nullptr) return false;
+  try {
+    with(&revision, [] {});
+    return true;
+  } catch (const ConfigError& e) {
+    log_error("a revision of the configuration can't be used",
+              {{"rev", revision.rev}, {"by", revision.by}, {"what", e.what()}});
+    return false;
+  }
+}
+
+void LiveConfig::with(const Revision* revision, const std::function<void()>& task) {
+  Parameters& parameters = *setup_.parameters;
+  const std::string before = parameters.live_values_json();
+  try {
+    parameters.set_live(base_json_);
+    if (revision != nullptr) parameters.set_live(revision->values_json);
+    task();
+  } catch (...) {
+    parameters.set_live(before);
+    throw;
+  }
+  parameters.set_live(before);
+}
+
+void LiveConfig::keep(const Revision& revision) {
+  const std::lock_guard lock(mutex_);
+  kept_.insert_or_assign({revision.stage, revision.rev}, zenoh::Bytes::own(build(revision)));
+}
+
+void LiveConfig::publish(const Revision& revision) {
+  session_.put(keys_.config_revision(revision.stage), zenoh::Bytes::own(build(revision)),
+               publisher_options());
+}
+
+void LiveConfig::begin_run(std::uint64_t run) {
+  const auto bell = std::make_shared<Shared>();
+  AsyncGet get;
+  get.start(session_, keys_.config_revision("*"), kTimeout, bell);
+  std::optional<std::vector<zenoh::Sample>> answers;
+  while (!(answers = get.take())) bell->wait_until(steady_ns() + kLook_ns);
+  for (const zenoh::Sample& sample : *answers) take(sample);
+  in_run_ = true;
+  run_ = run;
+  newest_seen_.reset();
+  newest_used_.reset();
+  for (auto& [stage, schedule] : schedules_) {
+    schedule.begin_run(run);
+    // Now known to be of this run, for those who ask in another.
+    for (const Revision& revision : schedule.all()) keep(revision);
+  }
+  refresh();
+}
+
+void LiveConfig::end_run() {
+  in_run_ = false;
+  refresh();
+}
+
+void LiveConfig::saw(std::uint64_t run, std::uint64_t sweep) {
+  if (run == run_) newest_seen_ = std::max(newest_seen_.value_or(0), sweep);
+}
+
+void LiveConfig::ask() {
+  if (!get_.started()) get_.start(session_, keys_.config_revision("*"), kTimeout, bell_);
+}
+
+void LiveConfig::tick() {
+  const auto answers = get_.take();
+  if (!answers) return;
+  for (const zenoh::Sample& sample : *answers) take(sample);
+}
+
+/// Whoever works with another revision has not heard of the one in force.
+void LiveConfig::remind(std::string_view stage) {
+  const std::int64_t now = steady_ns();
+  if (now - reminded_ns_ < kRemindEvery_ns) return;
+  reminded_ns_ = now;
+  const auto schedule = schedules_.find(stage);
+  for (const Revision& revision : schedule->second.all()) publish(revision);
+}
+
+bool LiveConfig::agrees(std::string_view stage, const msg::Header& header) {
+  const auto schedule = schedules_.find(stage);
+  if (schedule == schedules_.end()) return true;
+  if (header.config_rev() == schedule->second.rev_at(header.run(), header.sweep())) return true;
+  const Revision* newest = schedule->second.newest();
+  if (newest == nullptr || header.config_rev() > newest->rev) {
+    ask();
+  } else {
+    remind(stage);
+  }
+  return false;
+}
+
+std::uint32_t LiveConfig::rev_at(std::uint64_t run, std::uint64_t sweep) const {
+  return own().rev_at(run, sweep);
+}
+
+bool LiveConfig::configure_for(std::uint64_t run, std::uint64_t sweep) {
+  saw(run, sweep);
+  if (run == run_) newest_used_ = std::max(newest_used_.value_or(0), sweep);
+  const Revision* revision = own().in_force(run, sweep);
+  const std::uint32_t rev = revision == nullptr ? 0 : revision->rev;
+  if (rev == applied_) return false;
+  apply(revision);
+  applied_ = rev;
+  refresh();
+  return true;
+}
+
+void LiveConfig::apply(const Revision* revision) {
+  setup_.parameters->set_live(base_json_);
+  if (revision != nullptr) setup_.parameters->set_live(revision->values_json);
+}
+
+void LiveConfig::refresh() {
+  if (setup_.parameters == nullptr) return;
+  EffectiveValues now{applied_, setup_.parameters->values_json(), {}};
+  const Revision* first = in_run_ ? own().in_force(run_, 0) : own().newest();
+  with(first, [&] { now.result_json = setup_.parameters->result_values_json() + presets_text_; });
+  const std::lock_guard lock(mutex_);
+  effective_ = std::move(now);
+}
+
+EffectiveValues LiveConfig::effective() const {
+  const std::lock_guard lock(mutex_);
+  return effective_;
+}
+
+std::vector<Revision> presets_of(const std::vector<std::string>& texts, const std::string& stage,
+                                 const std::vector<std::string>& foreign, Parameters& parameters) {
+  std::map<std::uint64_t, std::vector<std::string>> by_sweep;
+  for (const std::string& text : texts) {
+    const auto [sweep, setting] = preset(text);
+    const std::string section = setting.substr(0, setting.find('.'));
+    if (std::find(foreign.begin(), foreign.end(), section) != foreign.end()) continue;
+    by_sweep[sweep].push_back(setting);
+  }
+  const std::string at_start = parameters.live_values_json();
+  std::vector<Revision> revisions;
+  std::string values = "{}";
+  for (const auto& [sweep, settings] : by_sweep) {
+    const std::string place = "--set-at " + std::to_string(sweep);
+    values = merged(values, parameters.check_live(settings, place));
+    parameters.set_live(values);
+    Revision r;
+    r.stage = stage;
+    r.rev = static_cast<std::uint32_t>(revisions.size() + 1);
+    r.from_sweep = sweep;
+    r.values_json = values;
+    r.by = kPresetBy;
+    revisions.push_back(std::move(r));
+  }
+  parameters.set_live(at_start);
+  return revisions;
+}
+
+}  // namespace zloam::runtime

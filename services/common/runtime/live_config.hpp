@@ -1,0 +1,129 @@
+#pragma once
+// Changes of configuration while running (protocols.md, section 13), the runtime's side: answers
+// command/<stage>/set, publishes config/<stage>, and knows of every stage which revision is in
+// force at which sweep. Every process keeps the revisions of all stages and answers gets of
+// config/*, so that a stage that was killed finds its own with any of the others.
+//
+// Everything from the worker, but for what says otherwise.
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "common/messages/keys.hpp"
+#include "common/runtime/async_get.hpp"
+#include "common/runtime/revisions.hpp"
+#include "common/runtime/shared.hpp"
+#include "common/runtime/stage.hpp"
+#include "common/zenoh/zenoh.hpp"
+
+namespace zloam::runtime {
+
+struct LiveConfigSetup {
+  Identity identity;
+  /// sweeps under way at most: twice as many ahead, every instance has heard of a change in time
+  int window = 8;
+  /// null: nothing can be changed
+  Parameters* parameters = nullptr;
+  /// of the first run, from the command line
+  std::vector<Revision> presets;
+  /// to test what happens where instances disagree: others' revisions of this stage are not heard
+  /// before so many sweeps after their first one
+  std::uint64_t deaf_sweeps = 0;
+};
+
+/// What the instance says of its configuration.
+struct EffectiveValues {
+  std::uint32_t rev = 0;
+  std::string values_json = "{}";
+  /// what names a replay: as it is at the run's first sweep, so that a driver that is restarted in
+  /// the middle finds the same name
+  std::string result_json = "{}";
+};
+
+class LiveConfig {
+ public:
+  /// post: has the worker do it.
+  LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Keys& keys,
+             zenoh::Session& session, std::shared_ptr<Shared> bell,
+             std::function<void(std::function<void()>)> post);
+
+  /// Asks the others what they know before it returns.
+  void begin_run(std::uint64_t run);
+  void end_run();
+  void saw(std::uint64_t run, std::uint64_t sweep);
+  /// Takes answers to what was asked in between.
+  void tick();
+
+  bool configure_for(std::uint64_t run, std::uint64_t sweep);
+  std::uint32_t rev_at(std::uint64_t run, std::uint64_t sweep) const;
+  bool agrees(std::string_view stage, const msg::Header& header);
+  /// The settings "key=value" as a revision to come.
+  CommandReply set(const std::vector<std::string>& settings);
+
+  void answer_set_if(std::function<bool(std::uint64_t run)> mine) { mine_ = std::move(mine); }
+  /// A revision has come, of any stage.
+  void on_revision(std::function<void(const Revision&)> task) { on_revision_ = std::move(task); }
+  /// One of this stage has come when sweeps from its first one on were worked on already.
+  void on_late(std::function<void(const Revision&)> task) { on_late_ = std::move(task); }
+
+  /// Any thread.
+  EffectiveValues effective() const;
+
+ private:
+  void declare();
+  void take(const zenoh::Sample& sample);
+  bool accept(const Revision& revision);
+  bool deaf_to(const Revision& revision) const;
+  bool usable(const Revision& revision);
+  void keep(const Revision& revision);
+  void publish(const Revision& revision);
+  void ask();
+  void remind(std::string_view stage);
+  void answer_set(zenoh::Query& query);
+  /// The fields hold the revision's values during the call.
+  void with(const Revision* revision, const std::function<void()>& task);
+  void apply(const Revision* revision);
+  void refresh();
+  Revision next(const std::string& changed_json) const;
+  const RevisionSchedule& own() const { return schedules_.at(setup_.identity.stage); }
+
+  LiveConfigSetup setup_;
+  Keys keys_;
+  zenoh::Session& session_;
+  std::shared_ptr<Shared> bell_;
+  std::function<void(std::function<void()>)> post_;
+  std::function<bool(std::uint64_t)> mine_;
+  std::function<void(const Revision&)> on_revision_, on_late_;
+  /// of the live parameters, as the stage was started
+  std::string base_json_ = "{}";
+  std::string presets_text_;
+  std::map<std::string, RevisionSchedule, std::less<>> schedules_;
+  std::uint32_t applied_ = 0;
+  bool in_run_ = false;
+  std::uint64_t run_ = 0;
+  std::optional<std::uint64_t> newest_seen_, newest_used_;
+  AsyncGet get_;
+  std::int64_t reminded_ns_ = 0;
+  mutable std::mutex mutex_;
+  EffectiveValues effective_;
+  /// (stage, rev) -> message
+  std::map<std::pair<std::string, std::uint32_t>, zenoh::Bytes> kept_;
+  // Last: their callbacks end before what they use goes.
+  std::optional<zenoh::Subscriber> subscriber_;
+  std::vector<zenoh::Queryable> queryables_;
+};
+
+/// "30:key=value" texts as revisions of the stage, from 1; keys in foreign sections are passed
+/// over. Throws ConfigError.
+std::vector<Revision> presets_of(const std::vector<std::string>& texts, const std::string& stage,
+                                 const std::vector<std::string>& foreign, Parameters& parameters);
+
+}  // namespace zloam::runtime

@@ -1,0 +1,54 @@
+#include "common/runtime/revisions.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace zloam::runtime {
+
+void RevisionSchedule::begin_run(std::uint64_t run) {
+  if (run == run_) return;
+  run_ = run;
+  for (Revision& r : revisions_) {
+    if (r.run == 0) r.run = run;
+  }
+  known_at_begin_ = revisions_.empty() ? 0 : revisions_.back().rev;
+}
+
+bool RevisionSchedule::add(Revision revision) {
+  // Said of no run by an instance that has not seen one.
+  if (revision.run == 0) revision.run = run_;
+  const auto at =
+      std::lower_bound(revisions_.begin(), revisions_.end(), revision.rev,
+                       [](const Revision& r, std::uint32_t rev) { return r.rev < rev; });
+  if (at == revisions_.end() || at->rev != revision.rev) {
+    revisions_.insert(at, std::move(revision));
+    return true;
+  }
+  if (at->by >= revision.by) return false;
+  *at = std::move(revision);
+  return true;
+}
+
+bool RevisionSchedule::applies(const Revision& revision, std::uint64_t run,
+                               std::uint64_t sweep) const {
+  if (revision.run == run || revision.run == 0) return sweep >= revision.from_sweep;
+  // Else it is of a run that is still to come here, or the question is about one that is.
+  return revision.rev <= known_at_begin_ || run != run_;
+}
+
+const Revision* RevisionSchedule::in_force(std::uint64_t run, std::uint64_t sweep) const {
+  const auto found = std::find_if(revisions_.rbegin(), revisions_.rend(),
+                                  [&](const Revision& r) { return applies(r, run, sweep); });
+  return found == revisions_.rend() ? nullptr : &*found;
+}
+
+std::uint32_t RevisionSchedule::rev_at(std::uint64_t run, std::uint64_t sweep) const {
+  const Revision* revision = in_force(run, sweep);
+  return revision == nullptr ? 0 : revision->rev;
+}
+
+const Revision* RevisionSchedule::newest() const {
+  return revisions_.empty() ? nullptr : &revisions_.back();
+}
+
+}  // namespace zloam::runtime

@@ -1,0 +1,248 @@
+// Changes while running, over Zenoh: commanded, in force at their sweep, refused with a reason,
+// found again by who was away.
+
+#include "common/runtime/live_config.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "common/runtime/parameters.hpp"
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::kPatience;
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::Watched;
+using testing::HasSubstr;
+
+const Keys kKeys("r", "top");
+constexpr std::uint64_t kRun = 3;
+constexpr int kWindow = 2;
+
+using Used = std::vector<std::pair<std::uint64_t, int>>;
+
+/// A stage of registration's place that notes the value it used for each sweep.
+struct Worker {
+  Worker(zenoh::Session session, const std::string& instance,
+         const std::vector<std::string>& presets = {}) {
+    parameters.add("registration.points", &points, {1, 100}, "points", "how many").live();
+    parameters.add("registration.rings", &rings, {1, 100}, "", "how built");
+    StageSetup s = setup("registration", instance);
+    s.shared.flow.window = kWindow;
+    s.presets = presets_of(presets, "registration", {"mapping"}, parameters);
+    s.parameters = &parameters;
+    stage = std::make_unique<RunningStage>(std::move(session), std::move(s), [this](Stage& core) {
+      Outlet& out = core.outlet(Key::kFeatures);
+      const auto work = [this, &core, &out](const Received<msg::Sweep>& sweep) {
+        core.configure_for(sweep);
+        used.change([&](Used& u) { u.emplace_back(sweep.sweep(), points); });
+        const HeaderFields header = out.header(sweep);
+        out.publish(header, build(header, FeaturesFields{}));
+      };
+      core.inlet<msg::Sweep>(Key::kSweep, {}, work);
+    });
+  }
+  bool wait_for(std::size_t count) {
+    return used.wait([count](const Used& u) { return u.size() >= count; });
+  }
+  int points = 10, rings = 16;
+  Parameters parameters;
+  Watched<Used> used;
+  std::unique_ptr<RunningStage> stage;
+};
+
+struct LiveConfiguration : testing::Test {
+  // A sweep at a time, so that what has come is known.
+  void sweep(std::uint64_t n) {
+    zenoh::PublisherOptions o;
+    o.congestion_control = zenoh::CongestionControl::kBlock;
+    o.encoding = encoding_of(Key::kSweep);
+    if (!sweeps) sweeps = source.declare_publisher(kKeys.of(Key::kSweep), o);
+    while (!sweeps->matching()) std::this_thread::yield();
+    sweeps->put(zenoh::Bytes::own(build(sweep_header(kRun, n, replay), SweepFields{})));
+  }
+  CommandReplyFields set(const std::string& payload) {
+    zenoh::GetOptions o;
+    o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+    o.payload = zenoh::Bytes::copy_of(std::string_view(payload));
+    const auto replies = source.get(kKeys.command("registration", "set"), o);
+    if (replies.size() != 1 || !replies[0].ok()) return {false, "not exactly one reply"};
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(replies[0].sample->payload);
+    const auto* reply = flatbuffers::GetRoot<msg::CommandReply>(bytes.data().data());
+    return {reply->ok(), reply->message()->str(), reply->results_json()->str()};
+  }
+
+  Network network{3};
+  zenoh::Session source = network.open(0);
+  std::optional<zenoh::Publisher> sweeps;
+  bool replay = true;
+};
+
+TEST_F(LiveConfiguration, IsInForceFromTwoWindowsAheadOn) {
+  Worker worker(network.open(1), "w");
+  for (std::uint64_t n = 0; n < 3; ++n) sweep(n);
+  ASSERT_TRUE(worker.wait_for(3));
+  const auto reply = set(R"({"registration.points": 20})");
+  ASSERT_TRUE(reply.ok) << reply.message;
+  const auto results = nlohmann::json::parse(reply.results_json);
+  EXPECT_EQ(results["rev"], 1);
+  EXPECT_EQ(results["from_sweep"], 2 + 2 * kWindow);
+  EXPECT_EQ(results["values"], nlohmann::json({{"registration.points", 20}}));
+  for (std::uint64_t n = 3; n < 8; ++n) sweep(n);
+  ASSERT_TRUE(worker.wait_for(8));
+  for (const auto& [n, points] : worker.used.get()) EXPECT_EQ(points, n < 6 ? 10 : 20) << n;
+  EXPECT_EQ((*worker.stage)->status().config_rev, 1U);
+  EXPECT_EQ((*worker.stage)->config_rev(kRun, 5), 0U);
+  EXPECT_EQ((*worker.stage)->config_rev(kRun, 6), 1U);
+}
+
+TEST_F(LiveConfiguration, IsRefusedWithKeyValueAndWhatIsAllowed) {
+  Worker worker(network.open(1), "w");
+  sweep(0);
+  ASSERT_TRUE(worker.wait_for(1));
+  const std::vector<std::pair<std::string, std::vector<std::string>>> cases = {
+      {"registration.points=many", {"registration.points", "'many'", "1 to 100 points"}},
+      {"registration.points=101", {"registration.points", "'101'", "1 to 100 points"}},
+      {"registration.pionts=5", {"registration.pionts", "'5'", "unknown", "registration.points"}},
+      {"registration.rings=5",
+       {"registration.rings", "'5'", "while running", "registration.points"}},
+      {"registration.points", {"key=value"}},
+      {"", {"key=value"}},
+  };
+  for (const auto& [payload, words] : cases) {
+    const auto reply = set(payload);
+    EXPECT_FALSE(reply.ok) << payload;
+    for (const std::string& word : words) EXPECT_THAT(reply.message, HasSubstr(word)) << payload;
+  }
+  sweep(1);
+  ASSERT_TRUE(worker.wait_for(2));
+  EXPECT_EQ(worker.used.get().back().second, 10);
+}
+
+TEST_F(LiveConfiguration, BeforeTheFirstSweepThereIsNoneToChangeAt) {
+  Worker worker(network.open(1), "w");
+  while (!(*worker.stage)->status().identity.stage.empty()) {
+    const auto reply = set("registration.points=5");
+    EXPECT_FALSE(reply.ok);
+    if (reply.message == "not exactly one reply") continue;  // the link is not up yet
+    EXPECT_THAT(reply.message, HasSubstr("no sweep"));
+    break;
+  }
+}
+
+TEST_F(LiveConfiguration, IsFoundByAnInstanceThatComesLater) {
+  replay = false;  // a replay would be asked for from its start
+  // Another stage keeps it when the one that issued it is gone.
+  RunningStage other(network.open(2), setup("mapping"), [](Stage& core) {
+    core.inlet<msg::Sweep>(Key::kSweep, {}, [](const Received<msg::Sweep>&) {});
+  });
+  auto worker = std::make_unique<Worker>(network.open(1), "w");
+  const auto until_read = [&](std::uint64_t n, const std::function<bool()>& read) {
+    // Again until both links are up; second copies are dropped.
+    for (; !read(); std::this_thread::sleep_for(std::chrono::milliseconds(10))) sweep(n);
+  };
+  until_read(0,
+             [&] { return other->accounts().at(0).processed > 0 && !worker->used.get().empty(); });
+  ASSERT_TRUE(set("registration.points=20").ok);
+  ASSERT_TRUE(set("registration.points=30").ok);
+  worker.reset();
+  worker = std::make_unique<Worker>(network.open(1), "again");
+  until_read(2 * kWindow, [&] { return !worker->used.get().empty(); });
+  EXPECT_EQ(worker->used.get().back().second, 30);
+}
+
+TEST_F(LiveConfiguration, TheSameFromTheCommandLineIsTheSame) {
+  Worker worker(network.open(1), "w",
+                {"2:registration.points=20", "4:registration.points=30", "2:mapping.x=1"});
+  for (std::uint64_t n = 0; n < 6; ++n) sweep(n);
+  ASSERT_TRUE(worker.wait_for(6));
+  EXPECT_EQ(worker.used.get(), (Used{{0, 10}, {1, 10}, {2, 20}, {3, 20}, {4, 30}, {5, 30}}));
+}
+
+TEST_F(LiveConfiguration, AChangeNamesAReplayOnlyFromTheNextRunOn) {
+  Worker worker(network.open(1), "w");
+  sweep(0);
+  ASSERT_TRUE(worker.wait_for(1));
+  const auto hash = [&] {
+    zenoh::GetOptions o;
+    o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+    const auto replies = source.get(kKeys.config("registration", "w"), o);
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(replies.at(0).sample->payload);
+    return message_of<msg::EffectiveConfig>(bytes.data()).result_hash()->str();
+  };
+  const std::string before = hash();
+  ASSERT_TRUE(set("registration.points=20").ok);
+  sweep(1);
+  ASSERT_TRUE(worker.wait_for(2));
+  EXPECT_EQ(hash(), before);
+  HeaderFields last = sweep_header(kRun, 2, true);
+  last.end_of_run = true;
+  sweeps->put(zenoh::Bytes::own(build(last, SweepFields{})));
+  while (!(*worker.stage)->status().end_of_run) std::this_thread::yield();
+  while (hash() == before) std::this_thread::yield();
+}
+
+TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing) {
+  std::vector<std::uint64_t> taken;
+  Watched<std::size_t> count;
+  Inlet* inlet = nullptr;
+  RunningStage reader(network.open(1), setup("odometry"), [&](Stage& core) {
+    InletOptions options;
+    options.replicas = true;
+    options.admit = [&core](const Message& m) {
+      return core.revision_agrees("registration", *m.header);
+    };
+    inlet = &core.inlet<msg::Features>(Key::kFeatures, options,
+                                       [&](const Received<msg::Features>& features) {
+                                         taken.push_back(features.sweep());
+                                         count.change([](std::size_t& n) { ++n; });
+                                       });
+  });
+  zenoh::PublisherOptions o;
+  o.congestion_control = zenoh::CongestionControl::kBlock;
+  o.encoding = encoding_of(Key::kFeatures);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kFeatures), o);
+  while (!out.matching()) std::this_thread::yield();
+  const auto features = [&](std::uint64_t n, std::uint32_t rev) {
+    HeaderFields h = sweep_header(kRun, n, true);
+    h.config_rev = rev;
+    out.put(zenoh::Bytes::own(build(h, FeaturesFields{})));
+  };
+  const auto invalid = [&] {
+    return reader->accounts().at(0).dropped[static_cast<std::size_t>(Drop::kInvalid)];
+  };
+  features(0, 0);
+  ASSERT_TRUE(count.wait([](std::size_t n) { return n == 1; }));
+  features(1, 1);  // of a revision nobody has heard of
+  while (invalid() < 1) std::this_thread::yield();
+  zenoh::PublisherOptions c;
+  c.encoding = encoding_of(Key::kConfigRevision);
+  const Buffer revision = build(ConfigRevisionFields{
+      .stage = "registration", .rev = 1, .run = kRun, .from_sweep = 1, .by = "x"});
+  source.put(kKeys.config_revision("registration"),
+             zenoh::Bytes::copy_of(std::span(revision.data(), revision.size())), c);
+  // In force as soon as it has come: the same sweep again is then no second copy.
+  for (std::uint64_t tries = 0; count.get() < 2; ++tries) {
+    features(1, 1);
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    ASSERT_LT(tries, 1000U);
+  }
+  const std::uint64_t before = invalid();
+  features(2, 0);  // of one that is not in force any more
+  while (invalid() == before) std::this_thread::yield();
+  features(2, 1);
+  ASSERT_TRUE(count.wait([](std::size_t n) { return n == 3; }));
+  reader.stop();
+  EXPECT_EQ(taken, (std::vector<std::uint64_t>{0, 1, 2}));
+  EXPECT_TRUE(reader->accounts().at(0).balanced());
+}
+
+}  // namespace
+}  // namespace zloam::runtime

@@ -1,0 +1,113 @@
+// Which revision is in force at which sweep: a function of what is known and of the runs, whatever
+// the order in which it was heard.
+
+#include "common/runtime/revisions.hpp"
+
+#include <gtest/gtest.h>
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::uint64_t kRun = 7, kNextRun = 8;
+
+Revision revision(std::uint32_t rev, std::uint64_t from, std::uint64_t run = kRun,
+                  const std::string& by = "a") {
+  Revision r;
+  r.stage = "odometry";
+  r.rev = rev;
+  r.run = run;
+  r.from_sweep = from;
+  r.by = by;
+  return r;
+}
+
+TEST(RevisionSchedule, NothingChangedIsRevisionZero) {
+  RevisionSchedule schedule;
+  EXPECT_EQ(schedule.rev_at(kRun, 0), 0U);
+  schedule.begin_run(kRun);
+  EXPECT_EQ(schedule.rev_at(kRun, 1000), 0U);
+  EXPECT_EQ(schedule.in_force(kRun, 1000), nullptr);
+}
+
+TEST(RevisionSchedule, IsInForceFromItsSweepOn) {
+  RevisionSchedule schedule;
+  schedule.begin_run(kRun);
+  EXPECT_TRUE(schedule.add(revision(1, 30)));
+  EXPECT_TRUE(schedule.add(revision(2, 50)));
+  EXPECT_EQ(schedule.rev_at(kRun, 29), 0U);
+  EXPECT_EQ(schedule.rev_at(kRun, 30), 1U);
+  EXPECT_EQ(schedule.rev_at(kRun, 49), 1U);
+  EXPECT_EQ(schedule.rev_at(kRun, 50), 2U);
+}
+
+TEST(RevisionSchedule, OfTwoFromOneSweepTheLaterCounts) {
+  RevisionSchedule schedule;
+  schedule.begin_run(kRun);
+  schedule.add(revision(1, 30));
+  schedule.add(revision(2, 30));
+  EXPECT_EQ(schedule.rev_at(kRun, 29), 0U);
+  EXPECT_EQ(schedule.rev_at(kRun, 30), 2U);
+}
+
+TEST(RevisionSchedule, TheOrderOfHearingDoesNotMatter) {
+  RevisionSchedule schedule;
+  EXPECT_TRUE(schedule.add(revision(2, 50)));
+  EXPECT_TRUE(schedule.add(revision(1, 30)));
+  EXPECT_FALSE(schedule.add(revision(2, 50)));
+  schedule.begin_run(kRun);
+  EXPECT_EQ(schedule.rev_at(kRun, 40), 1U);
+  EXPECT_EQ(schedule.rev_at(kRun, 60), 2U);
+  EXPECT_EQ(schedule.all().size(), 2U);
+}
+
+TEST(RevisionSchedule, ANewRunHasWhatWasChangedBeforeFromItsFirstSweepOn) {
+  RevisionSchedule schedule;
+  schedule.begin_run(kRun);
+  schedule.add(revision(1, 30));
+  EXPECT_EQ(schedule.rev_at(kNextRun, 0), 1U);
+  schedule.begin_run(kNextRun);
+  EXPECT_EQ(schedule.rev_at(kNextRun, 0), 1U);
+  schedule.add(revision(2, 16, kNextRun));
+  EXPECT_EQ(schedule.rev_at(kNextRun, 15), 1U);
+  EXPECT_EQ(schedule.rev_at(kNextRun, 16), 2U);
+}
+
+TEST(RevisionSchedule, WhatIsSaidOfARunToComeChangesNothingInThisOne) {
+  RevisionSchedule schedule;
+  schedule.begin_run(kRun);
+  schedule.add(revision(1, 16, kNextRun));
+  EXPECT_EQ(schedule.rev_at(kRun, 500), 0U);
+  schedule.begin_run(kNextRun);
+  EXPECT_EQ(schedule.rev_at(kNextRun, 15), 0U);
+  EXPECT_EQ(schedule.rev_at(kNextRun, 16), 1U);
+}
+
+TEST(RevisionSchedule, WithoutARunItIsOfTheOneUnderWayOrToCome) {
+  RevisionSchedule before;
+  before.add(revision(1, 30, 0));
+  EXPECT_EQ(before.rev_at(kRun, 29), 0U);
+  EXPECT_EQ(before.rev_at(kRun, 30), 1U);
+  before.begin_run(kRun);
+  RevisionSchedule within;
+  within.begin_run(kRun);
+  within.add(revision(1, 30, 0));
+  for (RevisionSchedule* schedule : {&before, &within}) {
+    EXPECT_EQ(schedule->rev_at(kRun, 29), 0U);
+    EXPECT_EQ(schedule->rev_at(kRun, 30), 1U);
+    schedule->begin_run(kNextRun);
+    EXPECT_EQ(schedule->rev_at(kNextRun, 0), 1U);
+  }
+}
+
+TEST(RevisionSchedule, OneNumberOfTwoInstancesIsTheGreatersEverywhere) {
+  RevisionSchedule one, other;
+  one.add(revision(1, 30, kRun, "a"));
+  EXPECT_TRUE(one.add(revision(1, 40, kRun, "b")));
+  other.add(revision(1, 40, kRun, "b"));
+  EXPECT_FALSE(other.add(revision(1, 30, kRun, "a")));
+  EXPECT_EQ(one.newest()->from_sweep, 40U);
+  EXPECT_EQ(other.newest()->from_sweep, 40U);
+}
+
+}  // namespace
+}  // namespace zloam::runtime
