@@ -14,6 +14,8 @@ class InsertionPolicy {
  public:
   explicit InsertionPolicy(const MappingConfig& config) : config_(config) {}
 
+  void configure(const MappingConfig& config) { config_ = config; }
+
   /// Empty: insert; else why not. To be asked once for each matched sweep. A residual is compared
   /// with the median of the sweeps matched before, inserted or not, so that a lasting change of the
   /// surroundings does not shut the map for ever.

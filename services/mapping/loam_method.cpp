@@ -33,6 +33,10 @@ class LoamMethod final : public MappingMethod {
     return {input.edges, input.planes};
   }
   void reset() override { was_degenerate_ = false; }
+  void configure(const MappingConfig& config) override {
+    config_ = config;
+    loam_ = config.loam;
+  }
 
  private:
   std::vector<Candidate> candidates(const MappingInput& input) const;

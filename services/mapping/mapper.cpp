@@ -214,6 +214,12 @@ MappingResult Mapper::process(const MappingInput& input) {
   return result;
 }
 
+void Mapper::configure(const MappingConfig& config) {
+  state_->config = config;
+  state_->policy.configure(config);
+  state_->method->configure(config);
+}
+
 void Mapper::reset() {
   State& s = *state_;
   s.method->reset();

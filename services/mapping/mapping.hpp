@@ -169,6 +169,10 @@ class Mapper {
   /// the result's health says what was wrong, and the pose is then the prediction.
   MappingResult process(const MappingInput& input);
 
+  /// From the next sweep on. What the map was built with (its cubes, leaves, voxels, the method)
+  /// stays.
+  void configure(const MappingConfig& config);
+
   /// Empties map and path; the next sweep founds a new map at its predicted pose.
   void reset();
 

@@ -20,7 +20,8 @@ void bind_map(Parameters& p, MappingConfig& c) {
   p.add("mapping.leaf_edge_m", &c.leaf_edge_m, {0.02, 5.0}, "m", "one edge point a voxel");
   p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m", "one plane point a voxel");
   p.add("mapping.founding_points", &c.founding_points, {1, 1e6}, "",
-        "a map of fewer points is founded with sweeps that matched nothing");
+        "a map of fewer points is founded with sweeps that matched nothing")
+      .live();
   p.add("mapping.archive_points", &c.archive_points, {0, 1e12}, "",
         "points of tiles outside the window that stay in memory; more go to a file", Effect::kNone);
   p.add("mapping.spill_directory", &c.spill_directory,
@@ -35,76 +36,107 @@ void bind_map(Parameters& p, MappingConfig& c) {
 
 void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.prior_sigma_m", &c.prior_sigma_m, {1e-4, 10.0}, "m",
-        "least sigma of the predicted position");
+        "least sigma of the predicted position")
+      .live();
   p.add("mapping.prior_sigma_rad", &c.prior_sigma_rad, {1e-5, 1.0}, "rad",
-        "least sigma of the predicted rotation");
+        "least sigma of the predicted rotation")
+      .live();
   p.add("mapping.prior_scale", &c.prior_scale, {0.0, 1e4}, "",
-        "the odometry's covariance counts this many times");
+        "the odometry's covariance counts this many times")
+      .live();
   p.add("mapping.covariance_scale_m", &c.covariance_scale_m, {0.01, 1e3}, "",
-        "published sigmas of the position: the solver's, times this");
+        "published sigmas of the position: the solver's, times this")
+      .live();
   p.add("mapping.covariance_scale_rad", &c.covariance_scale_rad, {0.01, 1e3}, "",
-        "and of the rotation");
+        "and of the rotation")
+      .live();
   p.add("mapping.weak_directions", &c.weak_directions,
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
-        "weak directions: weighed against the prediction, or cut from each step");
+        "weak directions: weighed against the prediction, or cut from each step")
+      .live();
   p.add("mapping.degenerate_on", &c.degenerate_on, {0.01, 100.0}, "",
-        "flagged when measured sigma exceeds this many predicted ones");
-  p.add("mapping.degenerate_off", &c.degenerate_off, {0.01, 100.0}, "", "until below this many");
+        "flagged when measured sigma exceeds this many predicted ones")
+      .live();
+  p.add("mapping.degenerate_off", &c.degenerate_off, {0.01, 100.0}, "", "until below this many")
+      .live();
   p.add("mapping.bridge_distance_m", &c.bridge_distance_m, {0.0, 50.0}, "m",
-        "how far around the last pose a new odometry frame is searched for");
+        "how far around the last pose a new odometry frame is searched for")
+      .live();
   p.add("mapping.bridge_rotation_rad", &c.bridge_rotation_rad, {0.0, 3.15}, "rad",
-        "and how far it may be turned");
+        "and how far it may be turned")
+      .live();
   p.add("mapping.bridge_inlier_ratio", &c.bridge_inlier_ratio, {0.0, 1.0}, "",
-        "share of features that must match before it is accepted");
+        "share of features that must match before it is accepted")
+      .live();
   p.add("mapping.bridge_sweeps", &c.bridge_sweeps, {1, 1e6}, "",
-        "sweeps without an accepted match before the stage says lost");
+        "sweeps without an accepted match before the stage says lost")
+      .live();
 }
 
 void bind_insertion(Parameters& p, MappingConfig& c) {
   p.add("mapping.insert_residual_factor", &c.insert_residual_factor, {1.0, 100.0}, "",
-        "not inserted above this many medians of the recent residuals");
+        "not inserted above this many medians of the recent residuals")
+      .live();
   p.add("mapping.insert_residual_window", &c.insert_residual_window, {1, 1000}, "",
         "sweeps of that median");
   p.add("mapping.insert_distance_m", &c.insert_distance_m, {0.0, 100.0}, "m",
-        "inserted when moved by more since the last one; 0: every sweep");
+        "inserted when moved by more since the last one; 0: every sweep")
+      .live();
   p.add("mapping.insert_rotation_rad", &c.insert_rotation_rad, {0.0, 3.15}, "rad",
-        "or turned by more; 0: every sweep");
+        "or turned by more; 0: every sweep")
+      .live();
 }
 
 void bind_loam(Parameters& p, LoamConfig& c) {
-  p.add("mapping.loam.neighbours", &c.neighbours, {3, 16}, "", "map points around a feature");
+  p.add("mapping.loam.neighbours", &c.neighbours, {3, 16}, "", "map points around a feature")
+      .live();
   p.add("mapping.loam.neighbour_radius_m", &c.neighbour_radius_m, {0.05, 10.0}, "m",
         "all of them must be nearer");
   p.add("mapping.loam.line_ratio", &c.line_ratio, {1.0, 1000.0}, "",
-        "line: largest eigenvalue over the middle one");
+        "line: largest eigenvalue over the middle one")
+      .live();
   p.add("mapping.loam.plane_distance_m", &c.plane_distance_m, {0.005, 2.0}, "m",
-        "plane: all neighbours lie within");
+        "plane: all neighbours lie within")
+      .live();
   p.add("mapping.loam.plane_spread_ratio", &c.plane_spread_ratio, {1.0, 1000.0}, "",
-        "plane: middle eigenvalue over the smallest");
+        "plane: middle eigenvalue over the smallest")
+      .live();
   p.add("mapping.loam.plane_spread_sigmas", &c.plane_spread_sigmas, {0.0, 100.0}, "",
-        "plane: root of the middle eigenvalue in sigmas of the range noise");
+        "plane: root of the middle eigenvalue in sigmas of the range noise")
+      .live();
   p.add("mapping.loam.plane_several_rings", &c.plane_several_rings,
-        "plane: its neighbours come from more than one ring");
+        "plane: its neighbours come from more than one ring")
+      .live();
   p.add("mapping.loam.match_leaf_edge_m", &c.match_leaf_edge_m, {0.0, 5.0}, "m",
-        "voxel filter of a sweep's edges before matching; 0: none");
+        "voxel filter of a sweep's edges before matching; 0: none")
+      .live();
   p.add("mapping.loam.match_leaf_plane_m", &c.match_leaf_plane_m, {0.0, 5.0}, "m",
-        "voxel filter of a sweep's planes before matching; 0: none");
-  p.add("mapping.loam.max_iterations", &c.max_iterations, {1, 100}, "", "at most");
+        "voxel filter of a sweep's planes before matching; 0: none")
+      .live();
+  p.add("mapping.loam.max_iterations", &c.max_iterations, {1, 100}, "", "at most").live();
   p.add("mapping.loam.stop_translation_m", &c.stop_translation_m, {0.0, 1.0}, "m",
-        "ends when the step is below");
+        "ends when the step is below")
+      .live();
   p.add("mapping.loam.stop_rotation_rad", &c.stop_rotation_rad, {0.0, 1.0}, "rad",
-        "and turns by less");
+        "and turns by less")
+      .live();
   p.add("mapping.loam.reassociate_m", &c.reassociate_m, {0.0, 1.0}, "m",
-        "neighbours are searched again after the feature moved by");
+        "neighbours are searched again after the feature moved by")
+      .live();
   p.add("mapping.loam.min_correspondences", &c.min_correspondences, {6, 1e6}, "",
-        "fewer: the pose is the prediction");
-  p.add("mapping.loam.kernel_m", &c.kernel_m, {0.001, 10.0}, "m", "width of the robust kernel");
+        "fewer: the pose is the prediction")
+      .live();
+  p.add("mapping.loam.kernel_m", &c.kernel_m, {0.001, 10.0}, "m", "width of the robust kernel")
+      .live();
   p.add("mapping.loam.kernel_start_m", &c.kernel_start_m, {0.001, 10.0}, "m",
-        "its width in the first iteration");
+        "its width in the first iteration")
+      .live();
   p.add("mapping.loam.correlation", &c.correlation, {1.0, 1e4}, "",
-        "information of the residuals is divided by this");
+        "information of the residuals is divided by this")
+      .live();
   p.add("mapping.loam.edge_weight", &c.edge_weight, {0.0, 100.0}, "",
-        "information of an edge's residual against a plane's");
+        "information of an edge's residual against a plane's")
+      .live();
 }
 
 void bind_voxel_map(Parameters& p, plane_map::PlaneMapConfig& c) {
@@ -127,25 +159,33 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   bind_voxel_map(p, c.map);
   plane_map::MatcherConfig& m = c.matcher;
   p.add("mapping.voxel_planes.stride", &m.stride, {1, 100}, "",
-        "every so many points of a sweep are matched; all are counted");
-  p.add("mapping.voxel_planes.max_iterations", &m.max_iterations, {1, 100}, "", "at most");
+        "every so many points of a sweep are matched; all are counted")
+      .live();
+  p.add("mapping.voxel_planes.max_iterations", &m.max_iterations, {1, 100}, "", "at most").live();
   p.add("mapping.voxel_planes.correlation", &m.correlation, {1.0, 1e4}, "",
-        "information of the residuals is divided by this");
+        "information of the residuals is divided by this")
+      .live();
   p.add("mapping.voxel_planes.change_sigma_m", &m.change_sigma_m, {1e-4, 10.0}, "m",
-        "random change of the motion from sweep to sweep");
+        "random change of the motion from sweep to sweep")
+      .live();
   p.add("mapping.voxel_planes.change_sigma_rad", &m.change_sigma_rad, {1e-5, 1.0}, "rad",
-        "and of the turn");
+        "and of the turn")
+      .live();
   p.add("mapping.voxel_planes.weak_ratio", &m.weak_ratio, {0.01, 100.0}, "",
-        "flagged when measured sigma exceeds this many predicted ones");
+        "flagged when measured sigma exceeds this many predicted ones")
+      .live();
   p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
-        "until below this many");
+        "until below this many")
+      .live();
   p.add("mapping.voxel_planes.weak_least_sigmas", &m.weak_least_sigmas, {0.0, 1e3}, "",
         "along a weak direction planes count that face it by so many errors of their normals");
   p.add(
-      "mapping.voxel_planes.use_prediction", &c.use_prediction,
-      "the odometry's pose is start and prior of every sweep, or only where the motion is unknown");
+       "mapping.voxel_planes.use_prediction", &c.use_prediction,
+       "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")
+      .live();
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
-        "every so many points of a sweep go into the tiles");
+        "every so many points of a sweep go into the tiles")
+      .live();
 }
 
 }  // namespace
@@ -158,15 +198,19 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
   bind_voxel_planes(parameters, config.voxel_planes);
   parameters.add("mapping.map_path", &output.map_path,
                  "PCD file of the map at the end of a run; empty: none", Effect::kNone);
-  parameters.add("mapping.publish_every", &output.publish_every, {1, 10000}, "",
-                 "changed tiles, surround and registered sweeps leave every n-th mapped sweep",
-                 Effect::kNone);
-  parameters.add("mapping.cloud_every", &output.cloud_every, {1, 100000}, "",
-                 "the whole map leaves every n-th mapped sweep while someone listens",
-                 Effect::kNone);
-  parameters.add("mapping.voxels_every", &output.voxels_every, {1, 100000}, "",
-                 "what the store keeps of the voxels leaves every n-th mapped sweep",
-                 Effect::kNone);
+  parameters
+      .add("mapping.publish_every", &output.publish_every, {1, 10000}, "",
+           "changed tiles, surround and registered sweeps leave every n-th mapped sweep",
+           Effect::kNone)
+      .live();
+  parameters
+      .add("mapping.cloud_every", &output.cloud_every, {1, 100000}, "",
+           "the whole map leaves every n-th mapped sweep while someone listens", Effect::kNone)
+      .live();
+  parameters
+      .add("mapping.voxels_every", &output.voxels_every, {1, 100000}, "",
+           "what the store keeps of the voxels leaves every n-th mapped sweep", Effect::kNone)
+      .live();
   parameters.add(
       "mapping.take_back_s", &output.take_back_s, {0.0, 1e9}, "s",
       "live, when started: the store's map is gone on with when its last pose is younger",

@@ -122,6 +122,7 @@ runtime::Outcome MappingStage::take(const Sweep& sweep) {
 }
 
 void MappingStage::process(const Sweep& sweep) {
+  if (stage_.configure_for(sweep)) mapper_.configure(config_);
   MappingInput input = input_of(sweep);
   const Pose back =
       T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();

@@ -46,8 +46,8 @@ class MappingStage {
   std::string write_files();
 
   runtime::Stage& stage_;
-  MappingConfig config_;
-  OutputConfig output_;
+  const MappingConfig& config_;
+  const OutputConfig& output_;
   Mapper mapper_;
   runtime::Outlet& correction_;
   runtime::Outlet& pose_;

@@ -50,6 +50,8 @@ class MappingMethod {
   /// clouds into the tile map. Spans stay valid until the next call.
   virtual InsertClouds insert(const MappingInput& input, const Match& match) = 0;
   virtual void reset() = 0;
+  /// From the next sweep on; what its structures were built with stays.
+  virtual void configure(const MappingConfig& config) = 0;
 
   /// What it has counted by itself, of the cubes of that edge that changed since the last call;
   /// ascending. A method that matches against the tiles' points has nothing.

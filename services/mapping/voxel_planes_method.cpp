@@ -34,6 +34,10 @@ class VoxelPlanesMethod : public MappingMethod {
               const TileMap& tiles) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
   void reset() override { *this = VoxelPlanesMethod(config_); }
+  void configure(const MappingConfig& config) override {
+    config_ = config.voxel_planes;
+    if (registration_) registration_->configure(config_.matcher);
+  }
   std::vector<VoxelTile> take_changed(double tile_edge_m) override;
   void restore(const std::vector<VoxelTile>& tiles) override;
 

@@ -290,6 +290,8 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   }
 }
 
+void Odometry::configure(const OdometryConfig& config) { state_->config = config; }
+
 void Odometry::reset() { state_ = std::make_unique<State>(state_->config, state_->T_base_lidar); }
 
 std::size_t Odometry::restore_depth() const {

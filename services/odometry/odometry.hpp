@@ -93,6 +93,9 @@ class Odometry {
   /// instance published them; config.window_sweeps + 1 of them give the very same continuation.
   void restore(std::span<const CommittedSweep> sweeps);
 
+  /// From the next sweep on. What the targets were built with (config.hpp says which) stays.
+  void configure(const OdometryConfig& config);
+
   /// Forgets everything: the next sweep is a first one.
   void reset();
 

@@ -9,34 +9,47 @@ void bind_solver(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.target", &c.target,
         {{"last_sweep", Target::kLastSweep}, {"recent_sweeps", Target::kRecentSweeps}},
         "what a sweep is matched against: the one before as in LOAM, or planes of the last few");
-  p.add("odometry.max_iterations", &c.max_iterations, {1, 100}, "", "of matching and solving");
+  p.add("odometry.max_iterations", &c.max_iterations, {1, 100}, "", "of matching and solving")
+      .live();
   p.add("odometry.stop_translation_m", &c.stop_translation_m, {0.0, 1.0}, "m",
-        "a step below this, and below stop_rotation_rad, ends the iteration");
+        "a step below this, and below stop_rotation_rad, ends the iteration")
+      .live();
   p.add("odometry.stop_rotation_rad", &c.stop_rotation_rad, {0.0, 1.0}, "rad",
-        "a step below this, and below stop_translation_m, ends the iteration");
+        "a step below this, and below stop_translation_m, ends the iteration")
+      .live();
   p.add("odometry.min_correspondences", &c.min_correspondences, {1, 1e6}, "points",
-        "with fewer matched points the pose is the prediction");
+        "with fewer matched points the pose is the prediction")
+      .live();
   p.add("odometry.kernel_m", &c.kernel_m, {0.001, 100.0}, "m",
-        "width of the robust kernel at the end of the iteration");
+        "width of the robust kernel at the end of the iteration")
+      .live();
   p.add("odometry.kernel_start_m", &c.kernel_start_m, {0.001, 100.0}, "m",
-        "width of the robust kernel at its start");
+        "width of the robust kernel at its start")
+      .live();
   p.add("odometry.correlation", &c.correlation, {1.0, 1e4}, "",
-        "information is divided by this, as residuals on one surface are correlated");
+        "information is divided by this, as residuals on one surface are correlated")
+      .live();
 }
 
 void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.begin_sigma_m", &c.begin_sigma_m, {1e-6, 10.0}, "m",
-        "tie of a sweep's begin to the end of the one before");
+        "tie of a sweep's begin to the end of the one before")
+      .live();
   p.add("odometry.begin_sigma_rad", &c.begin_sigma_rad, {1e-6, 10.0}, "rad",
-        "tie of a sweep's begin to the end of the one before");
+        "tie of a sweep's begin to the end of the one before")
+      .live();
   p.add("odometry.acceleration_sigma_mps2", &c.acceleration_sigma_mps2, {1e-3, 1e3}, "m/s^2",
-        "how fast the speed usually changes");
+        "how fast the speed usually changes")
+      .live();
   p.add("odometry.angular_acceleration_sigma_radps2", &c.angular_acceleration_sigma_radps2,
-        {1e-3, 1e3}, "rad/s^2", "how fast the rate of turn usually changes");
+        {1e-3, 1e3}, "rad/s^2", "how fast the rate of turn usually changes")
+      .live();
   p.add("odometry.initial_speed_sigma_mps", &c.initial_speed_sigma_mps, {1e-3, 1e3}, "m/s",
-        "speed of the first sweep, about rest");
+        "speed of the first sweep, about rest")
+      .live();
   p.add("odometry.initial_rate_sigma_radps", &c.initial_rate_sigma_radps, {1e-3, 1e3}, "rad/s",
-        "rate of turn of the first sweep, about rest");
+        "rate of turn of the first sweep, about rest")
+      .live();
 }
 
 void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
@@ -45,7 +58,8 @@ void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.voxel_m", &c.voxel_m, {0.05, 50.0}, "m", "edge of the coarsest voxels");
   p.add("odometry.voxel_levels", &c.voxel_levels, {1, 5}, "", "each halves the edge");
   p.add("odometry.max_matched_points", &c.max_matched_points, {10, 1e7}, "points",
-        "of a sweep, evenly chosen (recent_sweeps)");
+        "of a sweep, evenly chosen (recent_sweeps)")
+      .live();
   p.add("odometry.max_inserted_points", &c.max_inserted_points, {10, 1e7}, "points",
         "of a sweep, evenly chosen (recent_sweeps)");
   p.add("odometry.plane_min_points", &c.plane_min_points, {3, 1e6}, "points", "of a plane");
@@ -62,15 +76,19 @@ void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.target_leaf_m", &c.target_leaf_m, {0.0, 10.0}, "m",
         "successive points within this are averaged (last_sweep); 0: none");
   p.add("odometry.edge_weight", &c.edge_weight, {0.0, 1e3}, "",
-        "information of an edge point against a flat one (last_sweep)");
+        "information of an edge point against a flat one (last_sweep)")
+      .live();
 }
 
 void bind_result(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.weak_on", &c.weak_on, {0.0, 1e6}, "",
-        "a direction is flagged when its measured sigma exceeds this times the predicted one");
-  p.add("odometry.weak_off", &c.weak_off, {0.0, 1e6}, "", "and until it falls below this times it");
+        "a direction is flagged when its measured sigma exceeds this times the predicted one")
+      .live();
+  p.add("odometry.weak_off", &c.weak_off, {0.0, 1e6}, "", "and until it falls below this times it")
+      .live();
   p.add("odometry.covariance_scale", &c.covariance_scale, {1e-6, 1e6}, "",
-        "factor on the published covariance, from comparison with ground truth");
+        "factor on the published covariance, from comparison with ground truth")
+      .live();
   p.add("odometry.restart_after", &c.restart_after, {1, 1e6}, "sweeps",
         "with points and no match, after which the target is founded anew");
   p.check("odometry.weak_off",

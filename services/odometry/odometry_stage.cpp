@@ -13,6 +13,8 @@ namespace {
 
 // Replicas of registration learn from the progress what is still to be done.
 constexpr std::chrono::milliseconds kProgressPeriod{50};
+// Whose revisions the inputs are made with.
+constexpr std::string_view kInputStage = "registration";
 
 FeatureSweep input_of(const runtime::Received<msg::Features>& features) {
   FeatureSweep input;
@@ -39,6 +41,7 @@ void append(std::vector<MapPoint>& out, PointSpan points) {
 
 OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config)
     : stage_(stage),
+      config_(config),
       odometry_(config, stage.shared().mounting.T_base_lidar()),
       T_base_lidar_(stage.shared().mounting.T_base_lidar()),
       pose_(stage.outlet(Key::kOdometry)),
@@ -52,6 +55,9 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
   };
   // Any number of replicas; the first copy of a sweep is taken.
   options.replicas = true;
+  options.admit = [&stage](const runtime::Message& features) {
+    return stage.revision_agrees(kInputStage, *features.header);
+  };
   inlet_ = &stage.inlet<msg::Features>(Key::kFeatures, options,
                                        [this](const Features& features) { return take(features); });
   stage.answer(stage.keys().of(Key::kPathOdometry),
@@ -89,6 +95,7 @@ void OdometryStage::process(const Features& features) {
   next_sweep_ = features.sweep() + 1;
   // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
   if (health_of(features->health()) == Health::kDropped) return;
+  if (stage_.configure_for(features)) odometry_.configure(config_);
   const OdometryResult result = odometry_.process(input_of(features));
   last_instant_ns_ = result.instant_ns;
   publish_pose(features, result);

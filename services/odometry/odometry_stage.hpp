@@ -36,6 +36,7 @@ class OdometryStage {
   runtime::CommandReply reset();
 
   runtime::Stage& stage_;
+  const OdometryConfig& config_;
   Odometry odometry_;
   Pose T_base_lidar_;
   runtime::Outlet& pose_;

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/runtime/recall.hpp"
 #include "common/runtime/shared.hpp"
 
 namespace zloam::registration {
@@ -81,6 +82,11 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage, const RegistrationCo
   sweeps_ = &stage.inlet<msg::Sweep>(Key::kSweep, options,
                                      [this](const Sweep& sweep) { return take(sweep); });
   stage.on_turn([this] { return settle_held(); });
+  stage.answer_set_if([this](std::uint64_t run) {
+    hear_colleagues();
+    return sharing_.first(run, 0);
+  });
+  stage.on_late_revision([this](std::uint64_t run, std::uint64_t from) { do_again(run, from); });
 }
 
 void RegistrationStage::hear_colleagues() {
@@ -119,8 +125,20 @@ runtime::Turn RegistrationStage::settle_held() {
   return runtime::Turn::kWait;
 }
 
+// Odometry drops what was made with another revision and waits. The driver still has the sweeps.
+void RegistrationStage::do_again(std::uint64_t run, std::uint64_t from_sweep) {
+  if (run != last_.run || from_sweep > last_.sweep) return;
+  const std::string sweeps = "run=" + std::to_string(run) + ";sweep=" + std::to_string(from_sweep) +
+                             ".." + std::to_string(last_.sweep);
+  for (const Sweep& sweep : runtime::recall<msg::Sweep>(stage_, Key::kSweep, sweeps, 1)) {
+    process(sweep);
+    stage_.figure("done_again", static_cast<double>(++done_again_));
+  }
+}
+
 void RegistrationStage::process(const Sweep& sweep) {
   if (kill_at_ && sweep.sweep() >= *kill_at_) std::raise(SIGKILL);
+  stage_.configure_for(sweep);
   const SweepInfo info{.period_ns = sweep->period_ns(), .rings = sweep->rings()};
   const RegistrationResult result = extract_features(points_of(sweep->points()), info, config_);
   const HeaderFields header = features_.header(sweep);
@@ -148,6 +166,7 @@ void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) 
   header.sweep = sweep;
   header.frame = "lidar";
   header.stamp_ns = last_.stamp_ns;
+  header.config_rev = stage_.config_rev(run, sweep);
   features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
 }
 

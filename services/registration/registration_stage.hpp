@@ -27,6 +27,8 @@ class RegistrationStage {
   runtime::Turn settle_held();
   void hear_colleagues();
   void process(const Sweep& sweep);
+  /// Sweeps that were worked on before this replica heard of the revision in force at them.
+  void do_again(std::uint64_t run, std::uint64_t from_sweep);
   void publish_rejected(const Sweep& sweep, const RegistrationResult& result);
   void publish_dropped(std::uint64_t run, std::uint64_t sweep);
 
@@ -40,6 +42,8 @@ class RegistrationStage {
   /// (run, sweep) -> the message, in memory of this process
   std::map<std::pair<std::uint64_t, std::uint64_t>, runtime::Message> held_;
   std::uint64_t redone_ = 0;
+  /// since a revision came late
+  std::uint64_t done_again_ = 0;
   /// ZLOAM_FAULT_KILL_AT: this process kills itself between a sweep's receipt and its output
   std::optional<std::uint64_t> kill_at_;
   // Last: its callbacks end before what they use goes.

@@ -217,6 +217,11 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
   ++sweeps_;
 }
 
+void PlaneRegistration::configure(const MatcherConfig& matcher) {
+  config_ = matcher;
+  matcher_ = SweepMatcher(matcher);
+}
+
 RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
                                               const std::optional<MotionPrediction>& prediction) {
   RegistrationResult result = match(sweep, prediction);

@@ -73,6 +73,9 @@ class PlaneRegistration {
   void forget_motion() { previous_.reset(); }
   bool knows_motion() const { return previous_.has_value(); }
 
+  /// From the next sweep on.
+  void configure(const MatcherConfig& matcher);
+
   VoxelPlaneMap& map() { return map_; }
   const VoxelPlaneMap& map() const { return map_; }
 

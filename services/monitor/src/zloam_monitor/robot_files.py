@@ -23,7 +23,8 @@ WIDTH = 100
 HEAD = (
     "Above each key: [unit; what is allowed; default] meaning. A key behind # has its default; a"
     ' key that is set says why after "Here:". An unknown key, a wrong type or a value out of range'
-    " is refused with file and line. --set key=value overrides one value. The comments are made by"
+    " is refused with file and line. --set key=value overrides one value. What is `live` may change"
+    " while running (`python -m zloam_monitor set`). The comments are made by"
     " `python -m zloam_monitor robot-files`."
 )
 #: order of the sections, and what each is about
@@ -118,7 +119,12 @@ def _entry(key: str, said: dict[str, Any], robot: RobotFile) -> list[str]:
     depth = max(0, key.count("."))
     bounds = "; ".join(
         part
-        for part in (said["unit"], said["allowed"], f"default {_value(said['default'])}")
+        for part in (
+            said["unit"],
+            said["allowed"],
+            f"default {_value(said['default'])}",
+            "live" if said["live"] else "",
+        )
         if part
     )
     comment = f"[{bounds}] {said['doc']}"
@@ -167,17 +173,23 @@ def render(robot: RobotFile, said: dict[str, dict[str, Any]]) -> str:
 
 def reference(said: dict[str, dict[str, Any]]) -> str:
     """All keys as Markdown tables."""
-    lines = ["# Configuration reference", "", "Made by `python -m zloam_monitor robot-files`.", ""]
+    lines = ["# Configuration reference", "", "Made by `python -m zloam_monitor robot-files`."]
+    lines += ["Live: may change while running, `python -m zloam_monitor set STAGE key=value`.", ""]
     for name, about in SECTIONS.items():
         keys = [k for k in said if (k.split(".")[0] if "." in k else "") == name]
         if not keys:
             continue
         title = name or "general"
         lines += [f"## {title}", "", *([about, ""] if about else [])]
-        lines += ["| key | unit | allowed | default | meaning |", "|---|---|---|---|---|"]
+        lines += [
+            "| key | unit | allowed | default | live | meaning |",
+            "|---|---|---|---|---|---|",
+        ]
         for key in keys:
             s = said[key]
-            cells = (f"`{key}`", s["unit"], s["allowed"], f"`{_value(s['default'])}`", s["doc"])
+            live = "live" if s["live"] else ""
+            default = f"`{_value(s['default'])}`"
+            cells = (f"`{key}`", s["unit"], s["allowed"], default, live, s["doc"])
             lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
         lines.append("")
     return "\n".join(lines)
