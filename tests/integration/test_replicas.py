@@ -3,7 +3,7 @@
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -27,7 +27,13 @@ class SharedChain(Chain):
     """The chain with replicas of registration in place of the one, there before the driver."""
 
     def __init__(
-        self, build: Path, robot_file: Path, capture: Capture, logs: Path, rate: str = "max"
+        self,
+        build: Path,
+        robot_file: Path,
+        capture: Capture,
+        logs: Path,
+        rate: str = "max",
+        set_at: Sequence[str] = (),
     ) -> None:
         robot = names(robot_file, [])
         settings = [
@@ -35,7 +41,7 @@ class SharedChain(Chain):
             f"integration.output_dir={logs}",
             f"mapping.map_path={logs / 'map.pcd'}",
         ]
-        super().__init__(build, robot_file, robot.robot, settings, logs, robot.sensor)
+        super().__init__(build, robot_file, robot.robot, settings, logs, robot.sensor, set_at)
         #: instance -> environment
         self.replicas: dict[str, dict[str, str]] = {REPLICAS[0]: {}}
         self.logs = logs

@@ -47,12 +47,13 @@ class Chain:
         settings: Sequence[str],
         logs: Path,
         sensor: str = "lidar",
+        set_at: Sequence[str] = (),
     ) -> None:
         self.processes = Processes()
         self.base_port = free_base_port()
         self.exit_codes: dict[str, int] = {}
         self._commands = {
-            stage: self._command(binary(build, stage), config, settings) for stage in STAGES
+            stage: self._command(binary(build, stage), config, settings, set_at) for stage in STAGES
         }
         self._logs = logs
         self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))
@@ -61,11 +62,15 @@ class Chain:
         """The stages find this process when they start, so that it misses none of a run."""
         return f"tcp/127.0.0.1:{self.base_port + len(PORT_ORDER)}"
 
-    def _command(self, program: Path, config: Path, settings: Sequence[str]) -> list[str]:
+    def _command(
+        self, program: Path, config: Path, settings: Sequence[str], set_at: Sequence[str]
+    ) -> list[str]:
         command = [str(program), "--config", str(config)]
         own = (f"zenoh.base_port={self.base_port}", f"zenoh.connect=[{self._own_endpoint()}]")
         for setting in (*settings, *own):
             command += ["--set", setting]
+        for change in set_at:
+            command += ["--set-at", change]
         return command
 
     def __enter__(self) -> Self:

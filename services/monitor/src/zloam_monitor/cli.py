@@ -1,4 +1,4 @@
-"""The commands: demo, run, follow, watch, evaluate."""
+"""The commands: demo, run, follow, watch, set, evaluate."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from zloam_monitor import (
     report,
     robot_files,
     se3,
+    settings,
     sources,
     trajectory,
     watch,
@@ -27,6 +28,9 @@ from zloam_monitor.processes import StageDied
 from zloam_monitor.robot_file import RobotFileError, names
 from zloam_monitor.sources import Source, SourceError
 from zloam_monitor.trajectory import TrajectoryError
+
+#: integration at the default ports
+ANY_STAGE = "tcp/127.0.0.1:7464"
 
 #: refused for a reason that the text names; not worth a trace
 EXPECTED = (
@@ -86,6 +90,13 @@ def _demo_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--rate", default="max", help="max (as fast as acknowledged), realtime, or a factor"
     )
+    parser.add_argument(
+        "--set-at",
+        action="append",
+        default=[],
+        metavar="SWEEP:KEY=VALUE",
+        help="in force from that sweep on, as commanded by `set` while running; may be repeated",
+    )
     parser.set_defaults(run=_demo)
 
 
@@ -117,6 +128,7 @@ def _demo(args: argparse.Namespace) -> int:
         rate=args.rate,
         settings=args.settings,
         truth=source.truth if args.truth is None else args.truth,
+        set_at=args.set_at,
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -144,6 +156,21 @@ def _run(args: argparse.Namespace) -> int:
 
 def _watch(args: argparse.Namespace) -> int:
     return watch.watch(Keys(args.robot), args.connect, args.seconds, args.every)
+
+
+def _set(args: argparse.Namespace) -> int:
+    return settings.set_values(Keys(args.robot), args.connect, args.stage, args.values)
+
+
+def _set_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser("set", help="change a stage's configuration while it runs")
+    parser.add_argument("stage")
+    parser.add_argument("values", nargs="+", metavar="KEY=VALUE")
+    parser.add_argument("--robot", default="robot")
+    parser.add_argument(
+        "--connect", nargs="+", default=[ANY_STAGE], metavar="ENDPOINT", help="default: %(default)s"
+    )
+    parser.set_defaults(run=_set)
 
 
 def _follow(args: argparse.Namespace) -> int:
@@ -199,10 +226,11 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(run=_run)
     look = commands.add_parser("watch", help="statuses and pose of a robot, as any third party")
     look.add_argument("--robot", default="robot")
-    look.add_argument("--connect", nargs="+", default=["tcp/127.0.0.1:7464"], metavar="ENDPOINT")
+    look.add_argument("--connect", nargs="+", default=[ANY_STAGE], metavar="ENDPOINT")
     look.add_argument("--seconds", type=float)
     look.add_argument("--every", type=float, default=2.0, help="s between two looks")
     look.set_defaults(run=_watch)
+    _set_parser(commands)
     _follow_parser(commands)
     score = commands.add_parser("evaluate", help="a trajectory file against a truth file")
     score.add_argument("trajectory", type=Path)

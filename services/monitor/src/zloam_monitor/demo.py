@@ -31,6 +31,8 @@ class DemoOptions:
     settings: list[str] = field(default_factory=list)
     truth: list[Path] = field(default_factory=list)
     picture: bool = True
+    #: SWEEP:KEY=VALUE, in force from that sweep on
+    set_at: list[str] = field(default_factory=list)
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -84,7 +86,13 @@ def run(options: DemoOptions) -> dict[str, Any]:
     ]
     line = ProgressLine()
     chain = Chain(
-        options.build, options.config, options.robot, settings, files.logs, options.sensor
+        options.build,
+        options.config,
+        options.robot,
+        settings,
+        files.logs,
+        options.sensor,
+        options.set_at,
     )
     with chain:
         chain.wait_ready()
@@ -94,6 +102,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         finally:
             line.end()
         chain.link.query_statuses()
+        chain.link.query_revisions()
         codes = chain.stop()
         truths = outputs.truths_of_base(options.truth, outputs.mounting(configs))
         seen = Run.heard(chain.link, wall_s, codes, truths)

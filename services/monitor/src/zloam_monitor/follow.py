@@ -69,6 +69,7 @@ def follow(options: FollowOptions) -> dict[str, Any]:
         while time.monotonic() < settled:
             link.poll(0.2)
         link.query_statuses()
+        link.query_revisions()
         link.poll()
         configs = link.query_configs()
         known = [path for path in options.truth if path.exists()]

@@ -71,6 +71,16 @@ class Keys:
     def every_alive(self) -> str:
         return self.below("service/*/*/alive")
 
+    @property
+    def every_revision(self) -> str:
+        return self.below("config/*")
+
+    def revision(self, stage: str) -> str:
+        return self.below(f"config/{stage}")
+
+    def command(self, stage: str, verb: str) -> str:
+        return self.below(f"command/{stage}/{verb}")
+
     def ack(self, sink: str) -> str:
         return self.below(f"flow/{sink}/ack")
 

@@ -18,7 +18,7 @@ from zloam_monitor import records
 from zloam_monitor.clouds import Tile
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.messages import DECODE_ERRORS
-from zloam_monitor.records import PoseRecord, StatusRecord
+from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
@@ -59,6 +59,8 @@ class Link:
         #: messages that could not be read
         self.garbage = 0
         self.run: int | None = None
+        #: as last asked for
+        self.revisions: list[RevisionRecord] = []
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
             queue.SimpleQueue()
         )
@@ -136,10 +138,13 @@ class Link:
         """The newest of each stage of the chain that was heard."""
         return {s: status for s in STAGES if (status := self.stage(s)) is not None}
 
-    def get(self, selector: str, seconds: float = QUERY_SECONDS) -> Iterator[bytes]:
+    def get(
+        self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
+    ) -> Iterator[bytes]:
         """Payloads of all good answers to a query."""
         replies = self.session.get(
             selector,
+            payload=payload,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=seconds,
@@ -156,6 +161,18 @@ class Link:
     def query_configs(self) -> dict[str, dict[str, Any]]:
         """Stage -> effective configuration."""
         return dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+
+    def query_revisions(self) -> list[RevisionRecord]:
+        """All changes while running that anybody knows of, each once, by stage and number."""
+        found = [records.config_revision(p) for p in self.get(self.keys.every_revision)]
+        self.revisions = [r for _, r in sorted({(r.stage, r.rev): r for r in found}.items())]
+        return self.revisions
+
+    def command(self, stage: str, verb: str, arguments: dict[str, Any]) -> ReplyRecord | None:
+        """Asks a stage to do something; None: nobody answered."""
+        payload = json.dumps(arguments).encode()
+        replies = self.get(self.keys.command(stage, verb), payload=payload)
+        return next((records.command_reply(each) for each in replies), None)
 
     def query_tiles(self) -> list[Tile]:
         """All cubes of the map; of one cube the greatest version."""

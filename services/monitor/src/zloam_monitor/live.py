@@ -133,6 +133,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
         wall_s = _watch(chain, options)
         print("writing trajectory and map")
         chain.link.query_statuses()
+        chain.link.query_revisions()
         codes = chain.stop()
         seen = Run.heard(chain.link, wall_s, codes)
     return outputs.write_all(options.out, "live run", seen)

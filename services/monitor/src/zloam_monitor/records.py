@@ -41,6 +41,29 @@ class TraceStep:
 
 
 @dataclass(frozen=True)
+class RevisionRecord:
+    """One change of a stage's configuration while it runs."""
+
+    stage: str
+    rev: int
+    run: int
+    from_sweep: int
+    #: full key -> value, of all that was changed since the start
+    values: dict[str, Any]
+    by: str
+    at_ns: int
+
+
+@dataclass(frozen=True)
+class ReplyRecord:
+    """What a command said."""
+
+    ok: bool
+    message: str
+    results: dict[str, Any]
+
+
+@dataclass(frozen=True)
 class PoseRecord:
     """One pose message."""
 
@@ -58,6 +81,8 @@ class PoseRecord:
     weak_translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: 6x6 row by row, translation before rotation, tangent at base_link; empty when not said
     covariance: tuple[float, ...] = ()
+    #: revision of the publisher's configuration
+    config_rev: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,6 +124,7 @@ class StatusRecord:
     rss_mib: dict[str, float]
     version: str = ""
     memory: dict[str, int] = field(default_factory=dict)
+    config_rev: int = 0
 
     def input(self, key: str) -> Input | None:
         return next((i for i in self.inputs if i.key == key), None)
@@ -133,6 +159,7 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
         degenerate=bool(table.Degenerate()),
         weak_translation=_vector(table.WeakTranslation()),
         covariance=tuple(table.Covariance(i) for i in range(table.CovarianceLength())),
+        config_rev=header.ConfigRev(),
     )
 
 
@@ -194,6 +221,7 @@ def status(payload: bytes) -> StatusRecord:
             "messages_shm": s.MessagesShm(),
             "messages_net": s.MessagesNet(),
         },
+        config_rev=s.ConfigRev(),
     )
 
 
@@ -216,3 +244,23 @@ def effective_config(payload: bytes) -> tuple[str, dict[str, Any]]:
     """(stage, full key -> value)."""
     table = messages.decode("EffectiveConfig", payload)
     return text(table.Stage()), dict(json.loads(text(table.ValuesJson())))
+
+
+def config_revision(payload: bytes) -> RevisionRecord:
+    """Of key config/<stage>."""
+    r = messages.decode("ConfigRevision", payload)
+    return RevisionRecord(
+        stage=text(r.Stage()),
+        rev=r.Rev(),
+        run=r.Run(),
+        from_sweep=r.FromSweep(),
+        values=dict(json.loads(text(r.ValuesJson()))),
+        by=text(r.By()),
+        at_ns=r.AtNs(),
+    )
+
+
+def command_reply(payload: bytes) -> ReplyRecord:
+    """Of key command/<stage>/<verb>."""
+    r = messages.decode("CommandReply", payload)
+    return ReplyRecord(bool(r.Ok()), text(r.Message()), dict(json.loads(text(r.ResultsJson()))))

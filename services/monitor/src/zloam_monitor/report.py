@@ -14,6 +14,7 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
+from zloam_monitor.settings import as_set_at
 from zloam_monitor.trajectory import Trajectory
 
 #: name in the report -> name in Scores
@@ -34,6 +35,8 @@ class Run:
     #: name of the reference -> truth of base_link
     truths: dict[str, Trajectory] = field(default_factory=dict)
     exit_codes: dict[str, int] = field(default_factory=dict)
+    #: what was changed while it ran, as texts for --set-at
+    set_at: list[str] = field(default_factory=list)
 
     @classmethod
     def heard(
@@ -54,6 +57,7 @@ class Run:
             wall_s=wall_s,
             truths=truths or {},
             exit_codes=exit_codes or {},
+            set_at=as_set_at(link.revisions, link.run),
         )
 
 
@@ -119,6 +123,7 @@ def build(run: Run) -> dict[str, Any]:
         "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
         "path_m": run.trajectory.path_length_m(),
         "exit_codes": run.exit_codes,
+        "set_at": run.set_at,
         "references": {
             name: {kind: scores[kind][name].as_dict() for kind in scores} for name in run.truths
         },
