@@ -24,7 +24,10 @@ bool Generations::is_current(std::uint64_t run, std::uint64_t map_id) const {
 }
 
 std::uint64_t Generations::of(std::uint64_t run, std::uint64_t map_id) {
-  if (is_current(run, map_id)) return number_;
+  return is_current(run, map_id) ? number_ : begin(run, map_id);
+}
+
+std::uint64_t Generations::begin(std::uint64_t run, std::uint64_t map_id) {
   StoredMessage record{kKey, "", {number_ + 1, 0, 0}, std::vector<std::uint8_t>(kSize)};
   std::memcpy(record.payload.data(), &run, sizeof run);
   std::memcpy(record.payload.data() + sizeof run, &map_id, sizeof map_id);

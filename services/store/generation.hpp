@@ -16,6 +16,9 @@ class Generations {
   /// The number of that map; a new one is written to the store at once, which puts the old map
   /// away.
   std::uint64_t of(std::uint64_t run, std::uint64_t map_id);
+  /// Another map than the one before, though it may bear the same name: a capture that is replayed
+  /// again has the same run.
+  std::uint64_t begin(std::uint64_t run, std::uint64_t map_id);
   std::uint64_t current() const { return number_; }
   bool is_current(std::uint64_t run, std::uint64_t map_id) const;
 

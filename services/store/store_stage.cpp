@@ -87,6 +87,13 @@ void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
   // Sweeps begin anew with each run of a map, the sensor's time does not.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
+  // The capture is replayed again: what is left of the last time would be the newer one, and a
+  // mapping that is killed would go on where that run ended.
+  const auto known = store_.rank(stage_.keys().of(Key::kMapOdometry));
+  const bool again = header.replay() && pose.sweep() == 0 && known && known->version > version;
+  if (again && generations_.is_current(header.run(), header.map_id())) {
+    generations_.begin(header.run(), header.map_id());
+  }
   const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), version};
   put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
 }

@@ -75,6 +75,13 @@ def assert_as_good(found: Trajectory, undisturbed: Path, drive: Capture, from_ns
     assert rmse_m(found, drive, from_ns) <= allowed
 
 
+def store_command(build: Path, robot_file: Path, chain: Chain, path: Path) -> list[str]:
+    own = [f"zenoh.base_port={chain.base_port}", f"store.path={path}"]
+    own.append(f"zenoh.connect=[{chain._own_endpoint()}]")
+    command = [str(binary(build, "store")), "--config", str(robot_file)]
+    return [*command, *(word for setting in own for word in ("--set", setting))]
+
+
 class LiveRun:
     """The chain on a sensor's packets; keeps the poses of all runs."""
 
@@ -102,10 +109,7 @@ class LiveRun:
         self.chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
         self._store: list[str] = []
         if store:
-            own = [f"zenoh.base_port={self.chain.base_port}", f"store.path={out / 'tiles'}"]
-            own.append(f"zenoh.connect=[{self.chain._own_endpoint()}]")
-            command = [str(binary(build, "store")), "--config", str(robot_file)]
-            self._store = [*command, *(w for setting in own for w in ("--set", setting))]
+            self._store = store_command(build, robot_file, self.chain, out / "tiles")
         self._sender = threading.Thread(
             target=live.send, args=(drive.pcap, self.port, SECONDS, slower)
         )
@@ -336,22 +340,29 @@ def test_all_are_killed_and_the_store_has_the_map(
 
 
 def replayed(
-    build: Path, robot_file: Path, drive: Capture, out: Path, stage: str
+    build: Path,
+    robot_file: Path,
+    drive: Capture,
+    out: Path,
+    stage: str | None,
+    tiles: Path | None = None,
 ) -> dict[str, StatusRecord]:
-    """The folder and the statuses of a replay in which the stage is killed once."""
+    """The statuses of a replay in which the stage is killed once; with a store where tiles are."""
     robot = names(robot_file, [])
     settings = [
         *sources.from_pcap(drive.pcap).driver_settings("realtime"),
         f"integration.output_dir={out}",
         f"mapping.map_path={out / 'map.pcd'}",
+        f"mapping.store_link_s={STORE_LINK_S if tiles else 0}",
     ]
-    with Chain(build, robot_file, robot.robot, settings, out, robot.sensor) as chain:
+    chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
+    if tiles is not None:
+        command = store_command(build, robot_file, chain, tiles)
+        chain.processes.start("store", command, out / "store.log")
+    with chain:
+        if stage is not None:
+            kill_under_way(chain, stage)
         deadline = time.monotonic() + 3 * PATIENCE_S
-        while len(chain.link.poses) < KILL_AT:
-            chain.link.poll(0.1)
-            chain.check()
-        kill(chain, stage)
-        chain.start(stage, f"{stage}-again")
         while not chain.finished():
             chain.link.poll(0.2)
             chain.check()
@@ -364,6 +375,14 @@ def replayed(
     assert sorted(poses) == list(range(statuses["driver"].last_sweep + 1))
     assert_books(statuses, STAGES)
     return statuses
+
+
+def kill_under_way(chain: Chain, stage: str) -> None:
+    while len(chain.link.poses) < KILL_AT:
+        chain.link.poll(0.1)
+        chain.check()
+    kill(chain, stage)
+    chain.start(stage, f"{stage}-again")
 
 
 @pytest.mark.parametrize("stage", ["driver", "odometry"])
@@ -408,3 +427,17 @@ def test_a_replay_goes_on_without_its_map(
     found = Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
     assert written.stamps_ns is not None
     assert rmse_m(found, drive, int(written.stamps_ns[KILL_AT])) < 0.2
+
+
+def test_a_capture_that_is_replayed_again_has_a_map_of_its_own(
+    build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
+) -> None:
+    """The same capture has the same run: what the store has of the first time is of another map."""
+    tiles = tmp_path / "tiles"
+    replayed(build, robot_file, drive, tmp_path / "first", None, tiles)
+    statuses = replayed(build, robot_file, drive, tmp_path / "second", "mapping", tiles)
+    assert statuses["mapping"].figures["map_points_taken_back"] > 0
+    written = read(tmp_path / "second" / "trajectory.tum")
+    assert written.stamps_ns is not None
+    found = Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
+    assert_as_good(found, undisturbed, drive, int(written.stamps_ns[KILL_AT]))
