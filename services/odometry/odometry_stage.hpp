@@ -27,6 +27,7 @@ class OdometryStage {
   void new_run(const msg::Header& first);
   /// Takes up what an instance before this one left in the middle of a run; restart_stage.cpp.
   void restart(const msg::Header& first);
+  bool reaches(const msg::Header& first, const CommittedSweep& last) const;
   bool continue_frame(const msg::Header& first,
                       const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void begin_frame(const msg::Header& first,

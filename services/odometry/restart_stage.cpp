@@ -78,6 +78,15 @@ void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Comm
                        {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
 }
 
+// Registration keeps what came while nobody was here: a container takes its seconds to start. Only
+// what is gone there too has to be told by a constant motion.
+bool OdometryStage::reaches(const msg::Header& first, const CommittedSweep& last) const {
+  if (runtime::goes_on(first, last.instant_ns)) return true;
+  const auto kept = runtime::recall<msg::Features>(
+      stage_, Key::kFeatures, runtime::sweeps_from(first.run(), last.sweep + 1), 1);
+  return !kept.empty() && runtime::goes_on(kept.front().header(), last.instant_ns);
+}
+
 bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<Commit>& commits) {
   std::vector<CommittedSweep> sweeps;
   const Commit* last = nullptr;
@@ -87,7 +96,7 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
     last = &commit;
   }
   if (sweeps.empty()) return false;
-  if (!first.replay() && !runtime::goes_on(first, sweeps.back().instant_ns)) return false;
+  if (!first.replay() && !reaches(first, sweeps.back())) return false;
   const std::size_t depth = std::min(sweeps.size(), odometry_.restore_depth());
   odometry_.restore({sweeps.end() - static_cast<std::ptrdiff_t>(depth), sweeps.end()});
   for (const CommittedSweep& s : sweeps) {

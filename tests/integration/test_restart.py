@@ -31,6 +31,8 @@ WORSE, FLOOR_M = 1.2, 0.01
 BRIDGING, LOST = HEALTH.index("bridging"), HEALTH.index("lost")
 FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
 PATIENCE_S = 60.0
+#: longer than a gap that a constant motion tells over
+AWAY_SWEEPS = 15
 STAGES = ("registration", "odometry", "mapping", "integration")
 #: mapping founds no map before the store is there; more than its link ever takes
 STORE_LINK_S = 10
@@ -155,19 +157,20 @@ class LiveRun:
         newest = VOXELS_EVERY * (count // VOXELS_EVERY)
         self._until(lambda: len(self.poses) >= count and len(self.mapped) > newest)
 
-    def restart(self, *stages: str) -> PoseRecord:
-        """Kills and starts again; the last pose before."""
+    def restart(self, *stages: str, away: int = 0) -> PoseRecord:
+        """Kills and starts again, so many sweeps later; the last pose before."""
         last = list(self.poses.values())[-1]
         kill(self.chain, *stages)
+        self._until(lambda: self.chain.link.stage("driver").last_sweep >= last.sweep + away)
         for stage in stages:
             self.chain.start(stage, f"{stage}-again")
         return last
 
-    def killed(self, *stages: str) -> tuple[PoseRecord, dict[str, StatusRecord]]:
+    def killed(self, *stages: str, away: int = 0) -> tuple[PoseRecord, dict[str, StatusRecord]]:
         """Once in a whole run: the last pose before, and what the stages say at the end."""
         with self:
             self.until_poses(KILL_AT)
-            last = self.restart(*stages)
+            last = self.restart(*stages, away=away)
             return last, self.end()
 
     def end(self) -> dict[str, StatusRecord]:
@@ -294,6 +297,18 @@ def test_odometry_goes_on_in_its_frame(
     assert 0 <= lost <= account.lost + account.dropped.get("queue_full", 0) + unheard
     assert_as_good(found, undisturbed, drive, stamps[last.sweep])
     assert_books(statuses, STAGES)
+
+
+def test_odometry_that_was_away_for_longer_goes_on_too(
+    build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
+) -> None:
+    """As a container that is started again; registration keeps what came meanwhile."""
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    last, statuses = run.killed("odometry", away=AWAY_SWEEPS)
+    found, stamps = run.trajectory(undisturbed)
+    assert "a new odom frame begins" not in (tmp_path / "odometry-again.log").read_text()
+    assert without_pose(tmp_path, statuses) < AWAY_SWEEPS
+    assert_as_good(found, undisturbed, drive, stamps[last.sweep])
 
 
 def test_a_new_odometry_frame_is_bridged(
