@@ -27,7 +27,9 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def send(capture: Path, port: int, seconds: float, slower: float = 1.0) -> None:
+def send(
+    capture: Path, port: int, seconds: float, slower: float = 1.0, host: str = "127.0.0.1"
+) -> None:
     """Each datagram of so many seconds at its own time after the first."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         began, first = time.monotonic(), None
@@ -40,7 +42,7 @@ def send(capture: Path, port: int, seconds: float, slower: float = 1.0) -> None:
                 time.sleep(wait)
             # position packets go to another port on a sensor; only data is sent here
             if len(payload) == 1206:
-                sender.sendto(payload, ("127.0.0.1", port))
+                sender.sendto(payload, (host, port))
 
 
 def run(setting: Setting, name: str = "live") -> dict[str, Any]:

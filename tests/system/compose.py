@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import time
@@ -23,6 +24,31 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+@dataclass(frozen=True)
+class Container:
+    """A container as the engine knows it; pid is that of its main process on this host, 0: none."""
+
+    name: str
+    pid: int
+    restarts: int
+    health: str
+    address: str
+
+
+def inspect(name: str) -> Container:
+    asked = ["docker", "inspect", name]
+    (found,) = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)
+    state = found["State"]
+    networks = found["NetworkSettings"]["Networks"].values()
+    return Container(
+        name,
+        int(state["Pid"]),
+        int(found["RestartCount"]),
+        state.get("Health", {}).get("Status", ""),
+        next((n["IPAddress"] for n in networks), ""),
+    )
 
 
 @dataclass
@@ -84,8 +110,40 @@ class Deployment:
                 raise NotInTime(f"not {what} within {seconds:.0f} s: {states}\n{logs}")
             time.sleep(0.5)
 
+    def replicas(self, service: str) -> list[Container]:
+        """All containers of a service, in the order of their numbers."""
+        listed = self.run("ps", "--all", "--format", "json", service).splitlines()
+        names = sorted(json.loads(line)["Name"] for line in listed if line.startswith("{"))
+        return [inspect(name) for name in names]
+
+    def kill(self, service: str) -> Container:
+        """SIGKILL from the host for the main process of its first container, which is returned as
+        it was: `docker kill` would keep it from being started again."""
+        killed = self.replicas(service)[0]
+        assert killed.pid > 0, f"{service} does not run"
+        os.kill(killed.pid, signal.SIGKILL)
+        return killed
+
+    def wait_back(self, service: str, killed: Container, seconds: float) -> Container:
+        """The container when it is healthy under another process."""
+        found: list[Container] = []
+
+        def back(_: object) -> bool:
+            found[:] = self.replicas(service)[:1]
+            return found[0].pid not in (0, killed.pid) and found[0].health == "healthy"
+
+        self.wait(f"{service} back", seconds, back)
+        return found[0]
+
+    def shared_bytes(self) -> int:
+        """What is in the /dev/shm that the containers share."""
+        said = self.run("exec", "-T", "store", "stat", "-f", "-c", "%b %f %S", "/dev/shm")
+        blocks, free, size = map(int, said.split())
+        return (blocks - free) * size
+
     def leftovers(self) -> dict[str, list[str]]:
-        """Containers and networks of this project that are still there."""
+        """What of this project is still there. Of volumes only what is mounted: the data of the
+        others stay on purpose."""
         label = f"label=com.docker.compose.project={self.project}"
 
         def names(*command: str) -> list[str]:
@@ -97,4 +155,9 @@ class Deployment:
             )
             return listed.stdout.split()
 
-        return {"containers": names("ps", "--all"), "networks": names("network", "ls")}
+        mounts = Path("/proc/mounts").read_text().splitlines()
+        return {
+            "containers": names("ps", "--all"),
+            "networks": names("network", "ls"),
+            "mounts": [line for line in mounts if f"/{self.project}_" in line],
+        }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -16,9 +17,12 @@ import pytest
 from tests.system.compose import ROOT, Deployment
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_client
+from zloam_monitor.records import StatusRecord
 
 #: seconds of the simulated drive: long enough to turn a corner, short enough for every day
 DRIVE_SECONDS = 20
+#: seconds of the drive that several runs are compared over
+LONG_DRIVE_SECONDS = 60
 SERVICES = ("router", "store", "integration", "mapping", "odometry", "registration", "monitor")
 
 
@@ -44,6 +48,78 @@ def images() -> None:
         check=False,
     )
     assert built.returncode == 0, built.stdout[-3000:] + built.stderr[-6000:]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A simulated drive outside the containers, and its exact truth."""
+
+    pcap: Path
+    truth_base: Path
+
+
+@pytest.fixture(scope="session")
+def drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """By the image's simulator: nothing needs to be built here."""
+    folder = tmp_path_factory.mktemp("drive")
+    subprocess.run(
+        ["docker", "run", "--rm", "--user", f"{os.getuid()}:{os.getgid()}", "--network", "none",
+         "--volume", f"{folder}:/drive", "zenoh-loam", "simulator", "--quiet", "--world", "city",
+         "--seed", "3", "--duration", str(LONG_DRIVE_SECONDS), "--out", "/drive/capture.pcap",
+         "--truth", "/drive/lidar.tum", "--truth-base", "/drive/base.tum"],
+        check=True,
+    )  # fmt: skip
+    return Drive(folder / "capture.pcap", folder / "base.tum")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a replay of the drive left, and the last statuses of all stages."""
+
+    out: Path
+    report: dict[str, Any]
+    statuses: dict[tuple[str, str], StatusRecord]
+
+
+def replay(drive: Drive, out: Path, registrations: int) -> Replayed:
+    """The capture through so many replicas of registration, by the layer for captures."""
+    deployment = Deployment(
+        f"zloam-replay-{os.getpid()}",
+        out,
+        ["deploy/compose/replay.yml"],
+        {"ZLOAM_PCAP": str(drive.pcap)},
+    )
+    with up(deployment, "--scale", f"registration={registrations}"):
+        deployment.wait("finished", 300, _ended)
+        assert deployment.containers()["monitor"]["ExitCode"] == 0
+        statuses = ask_statuses(deployment.router_port)
+    return Replayed(out, json.loads((out / "report.json").read_text()), statuses)
+
+
+@pytest.fixture(scope="session")
+def undisturbed(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    """The drive through one instance of each stage, to which nothing is done."""
+    return replay(drive, tmp_path_factory.mktemp("undisturbed"), 1)
+
+
+@contextlib.contextmanager
+def up(deployment: Deployment, *options: str) -> Iterator[Deployment]:
+    """`docker compose up` until all are healthy; what is there goes at the end, volumes too."""
+    try:
+        deployment.run("up", "--no-build", "--detach", *options)
+        yield deployment
+    finally:
+        deployment.run("down", "--volumes", "--timeout", "20", check=False)
+
+
+def ask_statuses(port: int) -> dict[tuple[str, str], StatusRecord]:
+    """(stage, instance) -> status, of all that anybody knows of: also of killed ones."""
+    session = open_client([f"tcp/127.0.0.1:{port}"])
+    link = Link(session, Keys("robot"))
+    link.query_statuses()
+    link.close()
+    session.close()
+    return link.statuses
 
 
 @dataclass

@@ -41,7 +41,7 @@ def test_files_are_left(run: Finished) -> None:
 def test_down_leaves_nothing_and_the_map_comes_back(run: Finished) -> None:
     assert run.tiles_live
     run.deployment.run("down", "--timeout", "20")
-    assert run.deployment.leftovers() == {"containers": [], "networks": []}
+    assert run.deployment.leftovers() == {"containers": [], "networks": [], "mounts": []}
     # The store alone: nobody else has the map.
     run.deployment.run("up", "--no-build", "--detach", "--wait", "store")
     assert versions(run.deployment.router_port) == run.tiles_live
