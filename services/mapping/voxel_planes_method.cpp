@@ -15,6 +15,8 @@ namespace {
 constexpr double kLeastNoise_m = 1e-3;
 // 95 % of the steps of a sensor at rest are below: chi-squared with six degrees of freedom.
 constexpr double kRestChiSquared = 12.59;
+// Over one missing sweep the map's own motion still goes on; over several it is metres off.
+constexpr double kLongestStep = 2.5;
 
 // Whether the odometry saw motion, more than it would make of noise. Where it sees little (a flat
 // yard) it drifts at rest by centimetres a sweep: a first motion that the map would go on with.
@@ -73,6 +75,7 @@ class VoxelPlanesMethod : public MappingMethod {
   std::vector<Tried> tried_;
   std::optional<Founding> founding_;
   std::uint32_t odom_epoch_ = 0;
+  std::optional<std::int64_t> last_stamp_ns_;
   PointVector tile_edges_, tile_planes_;
   VoxelTiles tiles_;
 };
@@ -146,8 +149,12 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
     founding_.reset();
   }
   const bool bridged = open_ && tried_.size() > 1;
-  if (bridged || input.odom_epoch != odom_epoch_) registration_->forget_motion();
+  // The odometry had the sweeps that are missing here.
+  const bool gap = last_stamp_ns_ && static_cast<double>(input.stamp_ns - *last_stamp_ns_) >
+                                         kLongestStep * input.period_ns;
+  if (bridged || gap || input.odom_epoch != odom_epoch_) registration_->forget_motion();
   odom_epoch_ = input.odom_epoch;
+  last_stamp_ns_ = input.stamp_ns;
   tried_.clear();
   open_ = input;
   points_.assign(input.edges.begin(), input.edges.end());

@@ -95,6 +95,28 @@ TEST(VoxelPlanes, TakesOutWhatOdometrysDeskewingLeft) {
   EXPECT_LT(worst_error_m(0.01, pose_error, twist_error), 0.02);
 }
 
+// Ten sweeps did not reach mapping, in which the sensor turned the other way.
+TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
+  Mapper mapper{voxel_planes()};
+  const test::Room room = test::furnished_room();
+  std::uint64_t sweep = 0;
+  for (; sweep < 8; ++sweep) {
+    const int i = static_cast<int>(sweep);
+    const PointVector points = swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + sweep);
+    mapper.process(input_of(sweep, points, end_of(i), kMotion));
+  }
+  const Vector6 other = twist(0.5, 0.0, 0.0, 0.0, 0.0, -0.8);
+  for (sweep = 18; sweep < 22; ++sweep) {
+    const Pose truth = end_of(7) * exp_se3(0.1 * static_cast<double>(sweep - 7) * other);
+    const PointVector points = swept(room, truth, other, other, 0.01, 7U + sweep);
+    MappingInput input = input_of(sweep, points, truth, other);
+    input.step_covariance = 1e-4 * Matrix6::Identity();
+    const auto result = mapper.process(input);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03) << sweep;
+  }
+}
+
 TEST(VoxelPlanes, BridgesANewOdometryFrame) {
   Mapper mapper{voxel_planes()};
   const test::Room room = test::furnished_room();

@@ -47,7 +47,7 @@ struct OdometryConfig {
   int voxel_levels = 4;
   /// At most about so many points of a sweep are matched (evenly spread), and inserted.
   int max_matched_points = 4000;
-  int max_inserted_points = 12000;
+  int max_inserted_points = 30000;
   /// A voxel is a plane when it has this many points, its thickness (square root of the smallest
   /// eigenvalue) is below thickness_sigmas range noises, its width (of the middle one) above
   /// width_sigmas, and the normal's error below normal_error_rad. A ring thickened by noise is no

@@ -1,5 +1,6 @@
 // zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
-// yaw] [--seam DEG] [--counter-clockwise] [[--elevation-offset DEG] [--range-offset M]
+// yaw] [--map-gaps EVERY SWEEPS] [--seam DEG] [--counter-clockwise] [[--elevation-offset DEG]
+// [--range-offset M]
 //
 // Registration, odometry and, when it is built in, mapping over a capture or a folder of scans
 // (scan_reader.hpp), in one process and without any messages. Writes odom.tum and est.tum (poses of
@@ -43,6 +44,8 @@ struct Options {
   std::size_t count = SIZE_MAX;
   Pose T_base_lidar = Pose::Identity();
   bool with_mapping = true;
+  // of every so many sweeps the last ones do not reach mapping, as when it is away
+  std::uint64_t gap_every = 0, gap_sweeps = 0;
   Settings settings;
   ReadOptions reading;
 };
@@ -73,6 +76,9 @@ Options parse_options(const std::vector<std::string>& args) {
     const auto value = [&] { return args.at(++i); };
     if (args[i] == "--set") {
       assign_setting(value(), o.settings);
+    } else if (args[i] == "--map-gaps") {
+      o.gap_every = std::stoull(value());
+      o.gap_sweeps = std::stoull(value());
     } else if (args[i] == "--first") {
       o.first = std::stoul(value());
     } else if (args[i] == "--count") {
@@ -187,6 +193,10 @@ class Run {
   void map(const Scan& scan, const odometry::FeatureSweep& input,
            const odometry::OdometryResult& odom) {
 #ifdef ZLOAM_WITH_MAPPING
+    if (o_.gap_every > 0 && odom.sweep % o_.gap_every >= o_.gap_every - o_.gap_sweeps) {
+      csv_ << ",,,,,,,,,,,,,\n";
+      return;
+    }
     if (o_.with_mapping) {
       mapping::MappingInput m;
       m.sweep = odom.sweep;
