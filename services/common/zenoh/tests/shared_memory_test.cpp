@@ -51,7 +51,9 @@ class Peer {
 
 Config shared_memory_config(Config config) {
   config.insert_json5("transport/shared_memory/enabled", "true");
-  config.insert_json5("transport/shared_memory/transport_optimization/pool_size", "4194304");
+  // Pools are locked in memory, own ones and those of others: together they must stay below the
+  // 8 MiB that a user without privileges may lock.
+  config.insert_json5("transport/shared_memory/transport_optimization/pool_size", "1048576");
   return config;
 }
 
