@@ -12,7 +12,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build unit-tests demo run test test-full accept bench bench-peers reference sanitize system fuzz fmt lint clean
+.PHONY: help deps tools venv build unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -52,14 +52,17 @@ run: build venv ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
 test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
-	@$(STEP) "integration tests" $(PY) -m pytest -q
+	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow"
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 
-FULL := test lint sanitize fuzz system accept bench
+FULL := test slow-tests lint sanitize fuzz system accept bench
 test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, acceptance, benchmarks
 	@failed=""; for part in $(FULL); do \
 	  $(STEP) "make $$part" $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
 	done; echo "test-full: of $(FULL) failed:$${failed:- none}"; [ -z "$$failed" ]
+
+slow-tests: build venv # the integration tests that make test leaves out
+	@$(STEP) "slow integration tests" $(PY) -m pytest -q -m slow
 
 system: build venv ## the deployment in containers; skipped with the reason where Docker is not there
 	@$(STEP) "system tests" $(PY) -m pytest -q tests/system

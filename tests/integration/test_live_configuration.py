@@ -197,7 +197,14 @@ def test_a_second_change_keeps_the_first(
     assert {n: set(revs) for n, revs in chain.revs["odometry"].items()} == wanted
 
 
-@pytest.mark.parametrize("stage", ["registration", "odometry", "mapping"])
+@pytest.mark.parametrize(
+    "stage",
+    [
+        pytest.param("registration", marks=pytest.mark.slow),
+        "odometry",
+        pytest.param("mapping", marks=pytest.mark.slow),
+    ],
+)
 def test_a_stage_that_was_killed_goes_on_with_the_revision(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path, stage: str
 ) -> None:

@@ -161,10 +161,15 @@ class LiveRun:
         """Kills and starts again, so many sweeps later; the last pose before."""
         last = list(self.poses.values())[-1]
         kill(self.chain, *stages)
-        self._until(lambda: self.chain.link.stage("driver").last_sweep >= last.sweep + away)
+        if away:
+            self._until(lambda: self._driver_sweep() >= last.sweep + away)
         for stage in stages:
             self.chain.start(stage, f"{stage}-again")
         return last
+
+    def _driver_sweep(self) -> int:
+        status = self.chain.link.stage("driver")
+        return -1 if status is None or status.last_sweep is None else status.last_sweep
 
     def killed(self, *stages: str, away: int = 0) -> tuple[PoseRecord, dict[str, StatusRecord]]:
         """Once in a whole run: the last pose before, and what the stages say at the end."""
@@ -299,6 +304,7 @@ def test_odometry_goes_on_in_its_frame(
     assert_books(statuses, STAGES)
 
 
+@pytest.mark.slow
 def test_odometry_that_was_away_for_longer_goes_on_too(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -444,6 +450,7 @@ def test_a_replay_goes_on_without_its_map(
     assert rmse_m(found, drive, int(written.stamps_ns[KILL_AT])) < 0.2
 
 
+@pytest.mark.slow
 def test_a_capture_that_is_replayed_again_has_a_map_of_its_own(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
