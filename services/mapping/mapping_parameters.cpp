@@ -179,6 +179,8 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
       .live();
   p.add("mapping.voxel_planes.weak_least_sigmas", &m.weak_least_sigmas, {0.0, 1e3}, "",
         "along a weak direction planes count that face it by so many errors of their normals");
+  p.add("mapping.voxel_planes.weak_least_cosine", &m.weak_least_cosine, {0.0, 1.0}, "",
+        "and at least by this cosine");
   p.add(
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")

@@ -61,7 +61,7 @@ struct PlaneMapConfig {
 
 struct MatcherConfig {
   /// Every stride-th point is matched, more sparsely above max_points.
-  unsigned stride = 3;
+  unsigned stride = 2;
   std::size_t max_points = 20000;
   double min_range_m = 0.5;
 
@@ -98,8 +98,10 @@ struct MatcherConfig {
   double strong_ratio = 0.5;
   double normal_error_rad = 0.035;
   /// Along a weak direction only planes count whose normal's cosine with it is at least so many
-  /// times the normal's own error: what the others say of it is that error. 0: all count.
+  /// times the normal's own error, and at least so much: what the others say of it is that error,
+  /// and that of voxels with more than one surface. 0: all count.
   double weak_least_sigmas = 3.0;
+  double weak_least_cosine = 0.03;
 };
 
 }  // namespace zloam::plane_map

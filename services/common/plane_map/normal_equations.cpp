@@ -1,5 +1,6 @@
 #include "common/plane_map/normal_equations.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace zloam::plane_map {
@@ -107,7 +108,7 @@ class Accumulator {
   void leave_open(float (&j)[8], float normal_variance) const {
     const Eigen::Vector3f& a = weak_.axis_grid;
     const float along = j[0] * a[0] + j[1] * a[1] + j[2] * a[2];
-    if (along * along >= weak_.least_sigmas2 * normal_variance) {
+    if (along * along >= std::max(weak_.least_sigmas2 * normal_variance, weak_.least_cosine2)) {
       return;
     }
     for (int i = 0; i < 3; ++i) {

@@ -60,8 +60,9 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   SweepSums sums;
   Matrix12 h;
   SweepMotion motion = prior.start;
-  const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
-                      static_cast<float>(config_.weak_least_sigmas * config_.weak_least_sigmas)};
+  const auto squared = [](double x) { return static_cast<float>(x * x); };
+  const WeakAxis weak{prior.weak_axis_grid.cast<float>(), squared(config_.weak_least_sigmas),
+                      squared(config_.weak_least_cosine)};
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
     sums = accumulate(map, sweep, points, motion, gate_m, weak);
     h = scale * (sums.planes.hessian() + sums.blobs.hessian());
