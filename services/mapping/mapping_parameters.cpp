@@ -177,10 +177,8 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
         "until below this many")
       .live();
-  p.add("mapping.voxel_planes.weak_least_sigmas", &m.weak_least_sigmas, {0.0, 1e3}, "",
-        "along a weak direction planes count that face it by so many errors of their normals");
   p.add("mapping.voxel_planes.weak_least_cosine", &m.weak_least_cosine, {0.0, 1.0}, "",
-        "and at least by this cosine");
+        "between walls, planes count along a weak direction that face it by at least this cosine");
   p.add(
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")

@@ -97,11 +97,12 @@ struct MatcherConfig {
   double weak_ratio = 0.7;
   double strong_ratio = 0.5;
   double normal_error_rad = 0.035;
-  /// Along a weak direction only planes count whose normal's cosine with it is at least so many
-  /// times the normal's own error, and at least so much: what the others say of it is that error,
-  /// and that of voxels with more than one surface. 0: all count.
-  double weak_least_sigmas = 3.0;
-  double weak_least_cosine = 0.03;
+  /// Between walls (the next weakest direction has at least this mean squared share of the normals)
+  /// only planes count along a weak direction whose normal's cosine with it is at least so much:
+  /// what the others say of it is the error of their normals. In open ground its slopes are all
+  /// there is.
+  double walls_least_share = 0.05;
+  double weak_least_cosine = 0.1;
 };
 
 }  // namespace zloam::plane_map

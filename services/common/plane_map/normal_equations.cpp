@@ -1,6 +1,5 @@
 #include "common/plane_map/normal_equations.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 namespace zloam::plane_map {
@@ -85,7 +84,7 @@ class Accumulator {
     for (int i = 0; i < match.count; ++i) {
       alignas(16) float j[8];
       fill_row(match.rows[i], q, residuals[i], j);
-      leave_open(j, match.normal_variance);
+      leave_open(j);
       slot_.add(j, weight);
     }
     ++sums_.matches;
@@ -105,10 +104,10 @@ class Accumulator {
 
  private:
   // Takes the weak axis out of the row of a plane that lies along it.
-  void leave_open(float (&j)[8], float normal_variance) const {
+  void leave_open(float (&j)[8]) const {
     const Eigen::Vector3f& a = weak_.axis_grid;
     const float along = j[0] * a[0] + j[1] * a[1] + j[2] * a[2];
-    if (along * along >= std::max(weak_.least_sigmas2 * normal_variance, weak_.least_cosine2)) {
+    if (std::abs(along) >= weak_.least_cosine) {
       return;
     }
     for (int i = 0; i < 3; ++i) {

@@ -52,10 +52,7 @@ struct SweepSums {
 /// errors of their normals add up to a stiffness and a force along it that are no information.
 struct WeakAxis {
   Eigen::Vector3f axis_grid = Eigen::Vector3f::Zero();  // unit; zero: there is none
-  // A normal's squared cosine with it that says something: in variances of the normal, and at
-  // least.
-  float least_sigmas2 = 0.0f;
-  float least_cosine2 = 0.0f;
+  float least_cosine = 0.0f;  // normals nearer to perpendicular than this say nothing along it
 };
 
 /// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;

@@ -204,7 +204,10 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
   if (result.outcome == Outcome::kRegistered) {
     follow_gate(result);
     weak_ = result.degeneracy.weak;
-    weak_axis_base_ = result.degeneracy.axis;
+    weak_axis_base_.setZero();
+    if (result.degeneracy.second_share >= config_.walls_least_share) {
+      weak_axis_base_ = result.degeneracy.axis;
+    }
   }
   if (insert) {
     this->insert(points_of(sweep), motion);

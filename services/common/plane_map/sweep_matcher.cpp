@@ -60,9 +60,8 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   SweepSums sums;
   Matrix12 h;
   SweepMotion motion = prior.start;
-  const auto squared = [](double x) { return static_cast<float>(x * x); };
-  const WeakAxis weak{prior.weak_axis_grid.cast<float>(), squared(config_.weak_least_sigmas),
-                      squared(config_.weak_least_cosine)};
+  const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
+                      static_cast<float>(config_.weak_least_cosine)};
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
     sums = accumulate(map, sweep, points, motion, gate_m, weak);
     h = scale * (sums.planes.hessian() + sums.blobs.hessian());
@@ -105,6 +104,7 @@ Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> translation(schur(sums.a0, 0, 3));
   out.axis = translation.eigenvectors().col(0);
   out.share = translation.eigenvalues()[0] / weight;
+  out.second_share = translation.eigenvalues()[1] / weight;
   out.measured_sigma_m = sigma(translation.eigenvalues()[0]);
   out.predicted_sigma_m = sigma_along(predicted.block<3, 3>(0, 0), out.axis);
 

@@ -37,7 +37,8 @@ struct Degeneracy {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // frame base_link at mid-sweep, unit
   double measured_sigma_m = 0.0;                   // what the data give along the axis
   double predicted_sigma_m = 0.0;                  // what the priors give along it
-  double share = 0.0;  // mean squared share of the normals along the axis, [0, 1]
+  double share = 0.0;         // mean squared share of the normals along the axis, [0, 1]
+  double second_share = 0.0;  // the same along the next weakest direction
   /// The weakest rotation, with lever arm (m) = rms distance of the matched points.
   bool weak_rotation = false;
   Eigen::Vector3d rotation_axis = Eigen::Vector3d::Zero();

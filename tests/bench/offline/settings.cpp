@@ -110,7 +110,7 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, twist_memory);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, weak_least_sigmas);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, walls_least_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_least_cosine);
   fields["mapping.voxel_planes.weak_normal_error_rad"] = &c.normal_error_rad;
 }
