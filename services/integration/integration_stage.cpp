@@ -53,10 +53,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   corrections.ends_run = false;
   stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,
                                   [this](const CorrectionMessage& message) { take(message); });
-  stage.command("save",
-                "writes the trajectories; {\"path\": \"...\"} for another folder than "
-                "integration.output_dir",
-                [this](const std::string& arguments) { return save(arguments); });
+  // {"path": "..."} for another folder than integration.output_dir.
+  stage.command("save", [this](const std::string& arguments) { return save(arguments); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
     if (write_files().empty()) journal_.remove();

@@ -86,7 +86,7 @@ std::string Journal::append(const JournalPose& pose) {
   if (descriptor_ < 0) return {};
   const Record record = record_of(pose);
   if (::write(descriptor_, record.data(), sizeof record) == ssize_t{sizeof record}) return {};
-  const std::string error = path_ + ": " + std::strerror(errno);
+  std::string error = path_ + ": " + std::strerror(errno);
   // A record cut short would shift all behind it.
   close();
   return error;

@@ -68,11 +68,10 @@ void MappingStage::declare_answers() {
 }
 
 void MappingStage::declare_commands() {
-  stage_.command("save",
-                 "writes the map; {\"path\": \"...\"} for another file than mapping.map_path",
-                 [this](const std::string& arguments) { return save(arguments); });
-  stage_.command("reset", "empties the map; the next sweep founds a new one where it is",
-                 [this](const std::string&) { return reset(); });
+  // {"path": "..."} for another file than mapping.map_path.
+  stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
+  // Empties the map; the next sweep founds a new one where it is.
+  stage_.command("reset", [this](const std::string&) { return reset(); });
 }
 
 void MappingStage::new_run(const msg::Header& first) {

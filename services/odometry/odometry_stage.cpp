@@ -62,8 +62,8 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
                                        [this](const Features& features) { return take(features); });
   stage.answer(stage.keys().of(Key::kPathOdometry),
                [this](runtime::Answer& answer) { answer_path(answer); });
-  stage.command("reset", "forgets the motion; the next sweep begins a new odom frame",
-                [this](const std::string&) { return reset(); });
+  // Forgets the motion; the next sweep begins a new odom frame.
+  stage.command("reset", [this](const std::string&) { return reset(); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.every(kProgressPeriod, [this] {
     if (!path_.empty()) publish_progress(progress_.header(stage_.now_ns(), stage_.now_ns()));

@@ -11,6 +11,7 @@ namespace zloam::odometry {
 namespace {
 
 using Commit = runtime::Received<msg::OdometryFeatures>;
+using Features = runtime::Received<msg::Features>;
 
 // A replay waits for whoever asks; live, as long as the queue holds what comes.
 constexpr int kReplayTries = 5;
@@ -36,6 +37,11 @@ CommittedSweep committed(const Commit& commit) {
   sweep.edges = points_of(commit->edges());
   sweep.planes = points_of(commit->planes());
   return sweep;
+}
+
+/// Of a sweep and all after it, as far as registration still has them.
+std::vector<Features> kept_features(runtime::Stage& stage, std::uint64_t run, std::uint64_t first) {
+  return runtime::recall<msg::Features>(stage, Key::kFeatures, runtime::sweeps_from(run, first), 1);
 }
 
 template <class Messages>
@@ -82,8 +88,7 @@ void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Comm
 // what is gone there too has to be told by a constant motion.
 bool OdometryStage::reaches(const msg::Header& first, const CommittedSweep& last) const {
   if (runtime::goes_on(first, last.instant_ns)) return true;
-  const auto kept = runtime::recall<msg::Features>(
-      stage_, Key::kFeatures, runtime::sweeps_from(first.run(), last.sweep + 1), 1);
+  const auto kept = kept_features(stage_, first.run(), last.sweep + 1);
   return !kept.empty() && runtime::goes_on(kept.front().header(), last.instant_ns);
 }
 
@@ -112,8 +117,7 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
 }
 
 void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
-  for (const Features& features :
-       runtime::recall<msg::Features>(stage_, Key::kFeatures, runtime::sweeps_from(run, from), 1)) {
+  for (const Features& features : kept_features(stage_, run, from)) {
     process(features);
   }
 }
@@ -123,8 +127,7 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
 void OdometryStage::catch_up(const msg::Header& first) {
   const std::int64_t killed_ns = last_instant_ns_;
   runtime::Gap gap;
-  for (const Features& features : runtime::recall<msg::Features>(
-           stage_, Key::kFeatures, runtime::sweeps_from(first.run(), next_sweep_), 1)) {
+  for (const Features& features : kept_features(stage_, first.run(), next_sweep_)) {
     if (gap.add(next_sweep_, features.sweep()) && first.replay()) return;
     process(features);
   }

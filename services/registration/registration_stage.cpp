@@ -1,13 +1,12 @@
 #include "registration/registration_stage.hpp"
 
-#include <charconv>
 #include <csignal>
-#include <cstdlib>
 #include <cstring>
 #include <numeric>
 #include <string_view>
 #include <vector>
 
+#include "common/runtime/fault.hpp"
 #include "common/runtime/recall.hpp"
 #include "common/runtime/shared.hpp"
 
@@ -18,16 +17,10 @@ using runtime::Message;
 using runtime::Outcome;
 
 std::optional<std::uint64_t> kill_at() {
-  const char* text = std::getenv("ZLOAM_FAULT_KILL_AT");
-  if (text == nullptr) return std::nullopt;
-  const std::string_view view(text);
-  std::uint64_t sweep = 0;
-  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), sweep);
-  if (error != std::errc{} || end != view.data() + view.size()) {
-    throw runtime::ConfigError("ZLOAM_FAULT_KILL_AT: value '" + std::string(view) +
-                               "' is refused: a whole number is expected");
+  const std::optional<std::uint64_t> sweep = runtime::fault("ZLOAM_FAULT_KILL_AT");
+  if (sweep) {
+    runtime::log_warning("FAULT INJECTION: this process will kill itself", {{"sweep", *sweep}});
   }
-  runtime::log_warning("FAULT INJECTION: this process will kill itself", {{"sweep", sweep}});
   return sweep;
 }
 
@@ -128,8 +121,7 @@ runtime::Turn RegistrationStage::settle_held() {
 // Odometry drops what was made with another revision and waits. The driver still has the sweeps.
 void RegistrationStage::do_again(std::uint64_t run, std::uint64_t from_sweep) {
   if (run != last_.run || from_sweep > last_.sweep) return;
-  const std::string sweeps = "run=" + std::to_string(run) + ";sweep=" + std::to_string(from_sweep) +
-                             ".." + std::to_string(last_.sweep);
+  const std::string sweeps = runtime::sweeps_from(run, from_sweep, last_.sweep);
   for (const Sweep& sweep : runtime::recall<msg::Sweep>(stage_, Key::kSweep, sweeps, 1)) {
     process(sweep);
     stage_.figure("done_again", static_cast<double>(++done_again_));

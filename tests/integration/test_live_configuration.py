@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import signal
 from collections import defaultdict
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,16 +36,8 @@ LATER = {"odometry.kernel_m": "0.2"}
 class Watching(SharedChain):
     """Notes with which revision each sweep left each instance."""
 
-    def __init__(
-        self,
-        build: Path,
-        robot_file: Path,
-        capture: Capture,
-        logs: Path,
-        rate: str = "max",
-        set_at: Sequence[str] = (),
-    ) -> None:
-        super().__init__(build, robot_file, capture, logs, rate, set_at)
+    def __init__(self, *args: Any, **named: Any) -> None:
+        super().__init__(*args, **named)
         #: stage -> sweep -> revisions
         self.revs: dict[str, dict[int, set[int]]] = defaultdict(lambda: defaultdict(set))
         #: instance of registration -> sweep -> revision

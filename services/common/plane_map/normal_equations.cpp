@@ -65,7 +65,8 @@ class Accumulator {
   Accumulator(double gate_m, double kernel_m, const WeakAxis& weak)
       : gate2_(static_cast<float>(gate_m * gate_m)),
         kernel2_(static_cast<float>(kernel_m * kernel_m)),
-        weak_(weak) {}
+        weak_axis_(weak.axis_grid),
+        least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
   // q: lever arm; p: the point relative to the root voxel's centre.
   void add(const Match& match, const std::array<float, 3>& q, const std::array<float, 3>& p) {
@@ -84,7 +85,7 @@ class Accumulator {
     for (int i = 0; i < match.count; ++i) {
       alignas(16) float j[8];
       fill_row(match.rows[i], q, residuals[i], j);
-      leave_open(j);
+      if (least_cosine_ > 0.0f) leave_open(j);
       slot_.add(j, weight);
     }
     ++sums_.matches;
@@ -105,9 +106,9 @@ class Accumulator {
  private:
   // Takes the weak axis out of the row of a plane that lies along it.
   void leave_open(float (&j)[8]) const {
-    const Eigen::Vector3f& a = weak_.axis_grid;
+    const Eigen::Vector3f& a = weak_axis_;
     const float along = j[0] * a[0] + j[1] * a[1] + j[2] * a[2];
-    if (std::abs(along) >= weak_.least_cosine) {
+    if (std::abs(along) >= least_cosine_) {
       return;
     }
     for (int i = 0; i < 3; ++i) {
@@ -117,7 +118,8 @@ class Accumulator {
 
   float gate2_;
   float kernel2_;
-  WeakAxis weak_;
+  Eigen::Vector3f weak_axis_;
+  float least_cosine_;
   SlotSums slot_;
   NormalSums sums_;
 };

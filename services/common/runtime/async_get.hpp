@@ -1,5 +1,5 @@
 #pragma once
-// A get whose answers are collected in the background.
+// A get whose answers are collected, in the background or while the caller waits.
 
 #include <chrono>
 #include <memory>
@@ -59,5 +59,18 @@ class AsyncGet {
   };
   std::shared_ptr<State> state_;
 };
+
+/// The same, waiting until all have come.
+inline std::vector<zenoh::Sample> get_and_wait(zenoh::Session& session, const std::string& selector,
+                                               std::chrono::milliseconds timeout) {
+  constexpr std::int64_t kLook_ns = 100 * kMs;
+  const auto bell = std::make_shared<Shared>();
+  AsyncGet get;
+  get.start(session, selector, timeout, bell);
+  while (true) {
+    if (auto samples = get.take()) return std::move(*samples);
+    bell->wait_until(steady_ns() + kLook_ns);
+  }
+}
 
 }  // namespace zloam::runtime

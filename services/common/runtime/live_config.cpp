@@ -17,7 +17,6 @@ constexpr const char* kVerb = "set";
 constexpr const char* kPresetBy = "command line";
 // An answer comes at once or from nobody; a peer that hangs must not hold the sweeps.
 constexpr std::chrono::milliseconds kTimeout{500};
-constexpr std::int64_t kLook_ns = 100 * kMs;
 constexpr std::int64_t kRemindEvery_ns = 200 * kMs;
 // Of one stage; more is no person's doing.
 constexpr std::size_t kMostRevisions = 4096;
@@ -225,8 +224,7 @@ void LiveConfig::with(const Revision* revision, const std::function<void()>& tas
   Parameters& parameters = *setup_.parameters;
   const std::string before = parameters.live_values_json();
   try {
-    parameters.set_live(base_json_);
-    if (revision != nullptr) parameters.set_live(revision->values_json);
+    apply(revision);
     task();
   } catch (...) {
     parameters.set_live(before);
@@ -246,12 +244,9 @@ void LiveConfig::publish(const Revision& revision) {
 }
 
 void LiveConfig::begin_run(std::uint64_t run) {
-  const auto bell = std::make_shared<Shared>();
-  AsyncGet get;
-  get.start(session_, keys_.config_revision("*"), kTimeout, bell);
-  std::optional<std::vector<zenoh::Sample>> answers;
-  while (!(answers = get.take())) bell->wait_until(steady_ns() + kLook_ns);
-  for (const zenoh::Sample& sample : *answers) take(sample);
+  for (const zenoh::Sample& sample : get_and_wait(session_, keys_.config_revision("*"), kTimeout)) {
+    take(sample);
+  }
   in_run_ = true;
   run_ = run;
   newest_seen_.reset();

@@ -231,9 +231,9 @@ void Parameters::set_live(const std::string& values_json) {
   if (!values.is_object()) throw ConfigError("a JSON object is expected, not " + values_json);
   for (const auto& [key, value] : values.items()) {
     const Entry* entry = find(key);
-    if (entry == nullptr || !entry->live) throw ConfigError(key + ": can't change while running");
-    const std::string error = set(key, raw_value(value));
-    if (!error.empty()) throw ConfigError(key + ": " + error);
+    std::string error = "can't change while running";
+    if (entry != nullptr && entry->live) error = set(key, raw_value(value));
+    if (!error.empty()) throw ConfigError(error.insert(0, key + ": "));
   }
 }
 

@@ -6,7 +6,6 @@
 
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/log.hpp"
-#include "common/runtime/shared.hpp"
 #include "common/zenoh/aligned.hpp"
 #include "common/zenoh/zenoh.hpp"
 
@@ -20,16 +19,6 @@ constexpr std::chrono::milliseconds kLook{20};
 constexpr std::int64_t kLongestGap_ns = 1000 * kMs;
 // The first sweep after a gap may begin before the last pose's instant.
 constexpr std::int64_t kOverlap_ns = 200 * kMs;
-
-std::vector<zenoh::Sample> answers(zenoh::Session& session, const std::string& selector) {
-  const auto bell = std::make_shared<Shared>();
-  AsyncGet get;
-  get.start(session, selector, kTimeout, bell);
-  while (true) {
-    if (auto samples = get.take()) return std::move(*samples);
-    bell->wait_until(steady_ns() + 100'000'000);
-  }
-}
 
 }  // namespace
 
@@ -47,10 +36,9 @@ bool is_there(Stage& stage, std::string_view other_stage) {
   return !stage.session().liveliness_get(stage.keys().alive(other_stage, "*"), kTimeout).empty();
 }
 
-std::string sweeps_from(std::uint64_t run, std::uint64_t first) {
-  constexpr std::uint64_t kLast = std::uint64_t{1} << 62;
+std::string sweeps_from(std::uint64_t run, std::uint64_t first, std::uint64_t last) {
   return "run=" + std::to_string(run) + ";sweep=" + std::to_string(first) + ".." +
-         std::to_string(kLast);
+         std::to_string(last);
 }
 
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
@@ -58,7 +46,7 @@ std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
   std::vector<zenoh::Sample> samples;
   for (int i = 0; i < tries && samples.empty(); ++i) {
     if (i > 0) std::this_thread::sleep_for(kBetween);
-    samples = answers(stage.session(), selector);
+    samples = get_and_wait(stage.session(), selector, kTimeout);
   }
   std::vector<Message> found;
   for (zenoh::Sample& sample : samples) {

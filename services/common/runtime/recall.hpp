@@ -15,7 +15,9 @@ namespace zloam::runtime {
 
 /// Of a selector's parameters: all that is kept by readers of the key (InletOptions::keep).
 inline constexpr std::string_view kKept = "kept=1";
-std::string sweeps_from(std::uint64_t run, std::uint64_t first);
+/// `last` of default: to the end.
+std::string sweeps_from(std::uint64_t run, std::uint64_t first,
+                        std::uint64_t last = std::uint64_t{1} << 62);
 
 /// The newest run goes on in this one, which the driver began anew: the sensor was not away for
 /// longer than its motion can be told over. `instant_ns`: of the last pose before.
@@ -57,6 +59,7 @@ std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, in
       [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries);
   if (by_sweep) sort_by_sweep(messages);
   std::vector<Received<T>> found;
+  found.reserve(messages.size());
   for (Message& m : messages) found.emplace_back(std::move(m));
   return found;
 }

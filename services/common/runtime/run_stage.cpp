@@ -1,11 +1,11 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <charconv>
 #include <cstdio>
 #include <cstdlib>
 #include <iterator>
 
+#include "common/runtime/fault.hpp"
 #include "common/runtime/health_query.hpp"
 #include "common/runtime/log_setup.hpp"
 #include "common/runtime/memory_lock.hpp"
@@ -71,20 +71,6 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   }
   if (!config.empty()) line->config = config;
   return std::nullopt;
-}
-
-/// 0 when it is not set.
-std::uint64_t fault(const std::string& name) {
-  const char* text = std::getenv(name.c_str());
-  if (text == nullptr || *text == '\0') return 0;
-  const std::string_view view(text);
-  std::uint64_t number = 0;
-  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), number);
-  if (error != std::errc{} || end != view.data() + view.size()) {
-    throw ConfigError(name + ": value '" + std::string(view) +
-                      "' is refused: a whole number is expected");
-  }
-  return number;
 }
 
 Identity identity_of(const StageSpec& spec, const CommandLine& line, const SharedConfig& shared) {
@@ -178,8 +164,8 @@ int run(const StageSpec& spec, const CommandLine& line) {
   setup_log(spec.name, shared.log.level, shared.log.format == "json");
   StageSetup setup;
   setup.identity = identity_of(spec, line, shared);
-  setup.fault_every = fault("ZLOAM_FAULT_DROP_EVERY");
-  setup.fault_deaf_sweeps = fault("ZLOAM_FAULT_DEAF_SWEEPS");
+  setup.fault_every = fault("ZLOAM_FAULT_DROP_EVERY").value_or(0);
+  setup.fault_deaf_sweeps = fault("ZLOAM_FAULT_DEAF_SWEEPS").value_or(0);
   setup.values_json = parameters.values_json();
   setup.result_json = parameters.result_values_json();
   setup.parameters = &parameters;

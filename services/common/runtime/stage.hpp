@@ -129,7 +129,7 @@ class Stage {
   virtual FlowAck& flow_ack(const std::string& sink) = 0;
 
   /// command/<stage>/<verb>. Exactly one reply; an exception becomes a refusal with its text.
-  virtual void command(const std::string& verb, const std::string& doc, CommandHandler handler) = 0;
+  virtual void command(const std::string& verb, CommandHandler handler) = 0;
   /// Answers gets under the full key (e.g. path/map, map/tile/**).
   virtual void answer(const std::string& full_key, std::function<void(Answer&)> handler) = 0;
 

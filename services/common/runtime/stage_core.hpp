@@ -55,7 +55,7 @@ class StageCore final : public Stage, private InletEvents {
   Outlet& outlet_at(Key key, const std::string& full_key) override;
   FlowWindow& flow_window(Outlet& sweeps) override;
   FlowAck& flow_ack(const std::string& sink) override;
-  void command(const std::string& verb, const std::string& doc, CommandHandler handler) override;
+  void command(const std::string& verb, CommandHandler handler) override;
   void answer(const std::string& full_key, std::function<void(Answer&)> handler) override;
   bool configure_for(const Message& message) override;
   std::uint32_t config_rev(std::uint64_t run, std::uint64_t sweep) const override {
@@ -133,7 +133,6 @@ class StageCore final : public Stage, private InletEvents {
   /// what the window paces; one of outlets_
   std::atomic<const OutletCore*> source_{nullptr};
   std::vector<zenoh::Queryable> queryables_;
-  std::map<std::string, std::pair<std::string, CommandHandler>> commands_;
   std::vector<std::function<Turn()>> turns_;
   struct Timer {
     std::int64_t period_ns, next_ns;

@@ -124,8 +124,7 @@ FlowAck& StageCore::flow_ack(const std::string& sink) {
   return *acks_.back();
 }
 
-void StageCore::command(const std::string& verb, const std::string& doc, CommandHandler handler) {
-  commands_[verb] = {doc, handler};
+void StageCore::command(const std::string& verb, CommandHandler handler) {
   queryables_.push_back(session_.declare_queryable(
       keys_.command(setup_.identity.stage, verb), [this, verb, handler](zenoh::Query&& query) {
         const auto shared_query = std::make_shared<zenoh::Query>(std::move(query));

@@ -14,6 +14,7 @@
 namespace zloam::runtime {
 namespace {
 
+using test::kKeys;
 using test::kPatience;
 using test::Network;
 using test::RunningStage;
@@ -22,7 +23,6 @@ using test::sweep_header;
 using test::Watched;
 using testing::HasSubstr;
 
-const Keys kKeys("r", "top");
 constexpr std::uint64_t kRun = 3;
 constexpr int kWindow = 2;
 

@@ -12,14 +12,13 @@
 namespace zloam::runtime {
 namespace {
 
+using test::kKeys;
 using test::kPatience;
 using test::Network;
 using test::RunningStage;
 using test::setup;
 using test::sweep_header;
 using test::Watched;
-
-const Keys kKeys("r", "top");
 
 zenoh::PublisherOptions sweep_options() {
   zenoh::PublisherOptions o;
@@ -223,12 +222,12 @@ struct Service : testing::Test {
     s.result_json = R"({"mapping.every":1})";
     stage = std::make_unique<RunningStage>(network.open(0), std::move(s), [](Stage& core) {
       core.figure("map_points", 12.0);
-      core.command("save", "writes the map", [](const std::string& arguments) {
+      core.command("save", [](const std::string& arguments) {
         const auto json = nlohmann::json::parse(arguments);
         if (!json.contains("path")) return CommandReply{false, "path is missing"};
         return CommandReply{true, "saved to " + json["path"].get<std::string>(), R"({"n":1})"};
       });
-      core.command("break", "throws",
+      core.command("break",
                    [](const std::string&) -> CommandReply { throw std::runtime_error("broken"); });
     });
     client = std::make_unique<zenoh::Session>(network.open(1));

@@ -17,6 +17,9 @@ using zenoh::test::free_port;
 using zenoh::test::kPatience;
 using zenoh::test::Watched;
 
+/// Of the robot and sensor that setup() names.
+inline const Keys kKeys("r", "top");
+
 /// Peers that all know each other's ports, one for each place.
 class Network {
  public:
