@@ -183,6 +183,13 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")
       .live();
+  p.add("mapping.voxel_planes.lost_step_m", &c.lost_step_m, {0.01, 100.0}, "m",
+        "a step that differs from the odometry's by more is matched again from the odometry's, and "
+        "the better is taken; the odometry's where it saw well")
+      .live();
+  p.add("mapping.voxel_planes.lost_step_rad", &c.lost_step_rad, {0.001, 3.2}, "rad",
+        "and of the turn")
+      .live();
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
         "every so many points of a sweep go into the tiles")
       .live();

@@ -62,8 +62,10 @@ class VoxelPlanesMethod : public MappingMethod {
   void begin(const MappingInput& input, const Prediction& prediction);
   void found_anew(const MappingInput& input);
   plane_map::SweepInput sweep_of(const MappingInput& input, PointSpan points) const;
-  std::optional<plane_map::MotionPrediction> advice(const MappingInput& input,
-                                                    const Prediction& prediction) const;
+  plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
+  plane_map::RegistrationResult registered(const MappingInput& input, const Prediction& prediction);
+  bool disagrees(const plane_map::RegistrationResult& result, const MappingInput& input,
+                 const Prediction& prediction) const;
   plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
   PointSpan thinned(PointSpan points, const MappingInput& input, const Vector6& twist_per_s,
                     PointVector& out) const;
@@ -90,13 +92,8 @@ plane_map::SweepInput VoxelPlanesMethod::sweep_of(const MappingInput& input,
   return sweep;
 }
 
-// Once moving, the map's own last motion predicts better than the odometry: in a direction that the
-// odometry does not see it drifts by centimetres a sweep, always the same way, and a map that once
-// followed it stays wrong.
-std::optional<plane_map::MotionPrediction> VoxelPlanesMethod::advice(
-    const MappingInput& input, const Prediction& prediction) const {
-  const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
-  if (own) return std::nullopt;
+plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
+                                                      const Prediction& prediction) const {
   plane_map::MotionPrediction out;
   out.T_map_base = prediction.T_map_base;
   out.instant_ns = input.instant_ns;
@@ -108,6 +105,38 @@ std::optional<plane_map::MotionPrediction> VoxelPlanesMethod::advice(
     out.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
   }
   return out;
+}
+
+bool VoxelPlanesMethod::disagrees(const plane_map::RegistrationResult& result,
+                                  const MappingInput& input, const Prediction& prediction) const {
+  if (result.outcome != plane_map::Outcome::kRegistered) return false;
+  const Pose T_map_base = result.at(input.instant_ns, input.period_ns);
+  const Vector6 difference = log_se3(prediction.T_map_base.inverse() * T_map_base);
+  return difference.head<3>().norm() > config_.lost_step_m ||
+         difference.tail<3>().norm() > config_.lost_step_rad;
+}
+
+// Once moving, the map's own last motion predicts better than the odometry: in a direction that the
+// odometry does not see it drifts by centimetres a sweep, always the same way, and a map that once
+// followed it stays wrong. But where neither ground nor walls hold the map's motion, each sweep's
+// error is the next one's prediction. Steps that differ by more than an odometry is ever wrong by
+// say that it is lost: then it begins again with the odometry's.
+plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& input,
+                                                            const Prediction& prediction) {
+  const plane_map::SweepInput sweep = sweep_of(input, points_);
+  plane_map::MotionPrediction odometry = advice(input, prediction);
+  const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
+  if (!own) return registration_->match(sweep, odometry);
+  auto result = registration_->match(sweep);
+  if (!disagrees(result, input, prediction)) return result;
+  odometry.instead = true;
+  const double per_s = 1e9 / std::max<double>(input.period_ns, 1.0);
+  const double v = per_s * config_.matcher.change_sigma_m;
+  const double w = per_s * config_.matcher.change_sigma_rad;
+  odometry.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
+  auto again = registration_->match(sweep, odometry);
+  if (again.outcome != plane_map::Outcome::kRegistered) return result;
+  return !input.degenerate || again.matched_weight > result.matched_weight ? again : result;
 }
 
 // What registration would say of a sweep whose pose and twist are as predicted.
@@ -165,7 +194,7 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
                                const TileMap& /*tiles*/) {
   const bool same = open_ && open_->sweep == input.sweep && open_->stamp_ns == input.stamp_ns;
   if (!same) begin(input, prediction);
-  const auto result = registration_->match(sweep_of(input, points_), advice(input, prediction));
+  const auto result = registered(input, prediction);
   Match match;
   match.T_map_base = prediction.T_map_base;
   match.candidates = static_cast<std::uint32_t>(result.tried);

@@ -117,6 +117,33 @@ TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
   }
 }
 
+// From one sweep to the next the sensor turns by a radian, as it seems to a map whose own motion
+// was lost; the error of its poses afterwards, m.
+double error_after_a_jolt_m(double lost_step_rad) {
+  MappingConfig config = voxel_planes();
+  config.voxel_planes.lost_step_rad = lost_step_rad;
+  config.voxel_planes.lost_step_m = 100.0;
+  Mapper mapper{config};
+  const test::Room room = test::furnished_room();
+  const Pose jolt = exp_se3(twist(0.3, 0.2, 0.0, 0.0, 0.0, 1.0));
+  double worst = 0.0;
+  for (int i = 0; i < 12; ++i) {
+    const Pose truth = i < 6 ? end_of(i) : Pose(end_of(i) * jolt);
+    const PointVector points =
+        swept(room, truth, kMotion, kMotion, 0.01, 7U + static_cast<unsigned>(i));
+    MappingInput input = input_of(static_cast<std::uint64_t>(i), points, truth, kMotion);
+    input.step_covariance = 1e-4 * Matrix6::Identity();
+    const Pose T_map_base = mapper.process(input).T_map_base;
+    if (i >= 6) worst = std::max(worst, (T_map_base.translation() - truth.translation()).norm());
+  }
+  return worst;
+}
+
+TEST(VoxelPlanes, AStepFarFromTheOdometrysIsFoundFromTheOdometrys) {
+  EXPECT_LT(error_after_a_jolt_m(MappingConfig().voxel_planes.lost_step_rad), 0.05);
+  EXPECT_GT(error_after_a_jolt_m(3.0), 0.3);
+}
+
 TEST(VoxelPlanes, BridgesANewOdometryFrame) {
   Mapper mapper{voxel_planes()};
   const test::Room room = test::furnished_room();

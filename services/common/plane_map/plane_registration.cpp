@@ -70,7 +70,7 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
                                           const std::optional<MotionPrediction>& prediction) const {
   MotionPrior prior;
   prior.predicted.T_mid = T_grid_base_start_;
-  if (previous_) {
+  if (previous_ && !(prediction && prediction->instead)) {
     const double last_s = seconds(previous_->period_ns);
     const double now_s = seconds(sweep.period_ns);
     const double since_s =
@@ -155,6 +155,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
   out.matched_fraction = match.matched_fraction;
+  out.matched_weight = match.matched_weight;
   out.gate_m = gate_m_;
   out.iterations = match.iterations;
   out.converged = match.converged;

@@ -19,6 +19,7 @@ struct MotionPrediction {
   Vector6 twist_per_s = Vector6::Zero();
   Matrix6 pose_covariance = Matrix6::Zero();   // right perturbation, m and rad
   Matrix6 twist_covariance = Matrix6::Zero();  // per second
+  bool instead = false;  // of what the sweep before says of this one's motion, not beside it
 };
 
 enum class Outcome {
@@ -39,6 +40,7 @@ struct RegistrationResult {
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;
   double matched_fraction = 0.0;
+  double matched_weight = 0.0;  // sum of the robust weights of the matches
   double gate_m = 0.0;
   double prediction_error_m = 0.0;  // at the gate's range
   int iterations = 0;

@@ -87,6 +87,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.covariance = h.ldlt().solve(Matrix12::Identity());
   result.degeneracy = judge(sums.planes, predicted_covariance(prior), scale);
   result.residual_rms_m = std::sqrt(sums.planes.squared / std::max(sums.planes.weight, 1e-12));
+  result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(points.size());
   return result;
 }

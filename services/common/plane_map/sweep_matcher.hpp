@@ -53,6 +53,7 @@ struct MatchResult {
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;
   double matched_fraction = 0.0;
+  double matched_weight = 0.0;  // sum of the robust weights
   std::size_t tried = 0;
   std::size_t matches = 0;
   int iterations = 0;

@@ -135,6 +135,8 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, loam.kernel_m);
   ZLOAM_FIELD("mapping.", c, loam.edge_weight);
   ZLOAM_FIELD("mapping.", c, voxel_planes.use_prediction);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_m);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_rad);
   ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_mps);
   ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_radps);
   ZLOAM_FIELD("mapping.", c, voxel_planes.tile_stride);
