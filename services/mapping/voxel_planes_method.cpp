@@ -67,6 +67,10 @@ class VoxelPlanesMethod : public MappingMethod {
   bool disagrees(const plane_map::RegistrationResult& result, const MappingInput& input,
                  const Prediction& prediction) const;
   plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
+  plane_map::RegistrationResult as_predicted(const plane_map::RegistrationResult& matched,
+                                             const MappingInput& input,
+                                             const Prediction& prediction,
+                                             const plane_map::MotionPrediction& odometry) const;
   PointSpan thinned(PointSpan points, const MappingInput& input, const Vector6& twist_per_s,
                     PointVector& out) const;
 
@@ -136,7 +140,26 @@ plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& 
   odometry.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
   auto again = registration_->match(sweep, odometry);
   if (again.outcome != plane_map::Outcome::kRegistered) return result;
-  return !input.degenerate || again.matched_weight > result.matched_weight ? again : result;
+  if (input.degenerate) return again.matched_weight > result.matched_weight ? again : result;
+  return disagrees(again, input, prediction) ? as_predicted(again, input, prediction, odometry)
+                                             : again;
+}
+
+// What was drawn while the motion was lost leads astray even from there: then the sweep is put
+// where the odometry says, so that something right grows beside it.
+plane_map::RegistrationResult VoxelPlanesMethod::as_predicted(
+    const plane_map::RegistrationResult& matched, const MappingInput& input,
+    const Prediction& prediction, const plane_map::MotionPrediction& odometry) const {
+  plane_map::RegistrationResult result = matched;
+  const plane_map::RegistrationResult placed = placed_at(input, prediction.T_map_base);
+  result.T_map_base_mid = placed.T_map_base_mid;
+  result.twist_per_s = placed.twist_per_s;
+  result.twist_change_per_s.setZero();
+  result.covariance.setZero();
+  result.covariance.topLeftCorner<6, 6>() = odometry.pose_covariance;
+  result.covariance.bottomRightCorner<6, 6>() = odometry.twist_covariance;
+  result.degeneracy.weak = true;
+  return result;
 }
 
 // What registration would say of a sweep whose pose and twist are as predicted.

@@ -144,6 +144,29 @@ TEST(VoxelPlanes, AStepFarFromTheOdometrysIsFoundFromTheOdometrys) {
   EXPECT_GT(error_after_a_jolt_m(3.0), 0.3);
 }
 
+// A map that pulls a sweep away from the odometry's step even from there, as what was drawn while
+// the motion was lost does: here it is right, and the odometry's step is off by more than is
+// allowed.
+TEST(VoxelPlanes, WhereTheMapPullsAwayTheSweepIsPutWhereTheOdometrySays) {
+  MappingConfig config = voxel_planes();
+  config.voxel_planes.lost_step_m = 0.05;
+  Mapper mapper{config};
+  const test::Room room = test::furnished_room();
+  const Pose off = exp_se3(twist(0.0, 0.2, 0.0, 0.0, 0.0, 0.0));
+  MappingResult result;
+  for (int i = 0; i < 7; ++i) {
+    const PointVector points =
+        swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + static_cast<unsigned>(i));
+    const Pose T_odom_base = i < 6 ? end_of(i) : Pose(end_of(i) * off);
+    MappingInput input = input_of(static_cast<std::uint64_t>(i), points, T_odom_base, kMotion);
+    input.step_covariance = 1e-2 * Matrix6::Identity();
+    result = mapper.process(input);
+  }
+  EXPECT_EQ(result.health, Health::kDegenerate);
+  EXPECT_TRUE(result.inserted);
+  EXPECT_LT(log_se3((end_of(6) * off).inverse() * result.T_map_base).norm(), 0.03);
+}
+
 TEST(VoxelPlanes, BridgesANewOdometryFrame) {
   Mapper mapper{voxel_planes()};
   const test::Room room = test::furnished_room();

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tests.acceptance.framework import Check, Measured
 from tests.acceptance.runs import Setting, said_of_poses
+from tests.acceptance.worlds import STEP_M
 from zloam_monitor import se3, trajectory
 from zloam_monitor.records import HEALTH
 
@@ -28,8 +29,8 @@ FIELD, OPEN_FROM_X_M = "tests/acceptance/worlds/farm_and_field.yaml", 115.0
 #: share of the sweeps out there that must say so
 OPEN_SHARE = 0.95
 #: back at the farm: how many of the last whole sweeps are looked at,
-#: and how far their steps may be off
-END_POSES, END_STEP_M = 50, 0.05
+#: and how far their steps may be off, as in the tunnel
+END_POSES, END_STEP_M = 50, STEP_M
 SEEN = ("ok", "incomplete")
 
 

@@ -84,13 +84,16 @@ def run(benchmark: Benchmark) -> Result:
 
 
 def chosen(benchmarks: list[Benchmark], pattern: str | None) -> list[Benchmark]:
-    """All, the one of that name, or those whose name contains or matches the pattern."""
+    """All, or those that one of the comma-separated parts names: the one of just that name, or all
+    whose name contains or matches it."""
     if not pattern:
         return benchmarks
-    exact = [b for b in benchmarks if b.name == pattern]
-    if exact:
-        return exact
-    return [b for b in benchmarks if pattern in b.name or fnmatch.fnmatch(b.name, pattern)]
+    names = {b.name for b in benchmarks}
+    found: set[str] = set()
+    for part in (text.strip() for text in pattern.split(",")):
+        wide = {n for n in names if part in n or fnmatch.fnmatch(n, part)}
+        found |= {part} if part in names else wide
+    return [b for b in benchmarks if b.name in found]
 
 
 def machine() -> dict[str, Any]:

@@ -279,3 +279,20 @@ def test_a_limit_is_judged_only_where_it_can_be(
 ) -> None:
     row = framework.Benchmark("a", "", lambda: framework.Outcome("", {}, held), limit)
     assert framework.run(row).verdict == verdict
+
+
+def test_only_names_benchmarks_by_parts() -> None:
+    def unused() -> framework.Outcome:
+        raise AssertionError
+
+    names = ["live-cpu", "slow-reader-shm", "transport-shm", "transport-shm-faults"]
+    benchmarks = [framework.Benchmark(name, "", unused) for name in names]
+
+    def chosen(pattern: str | None) -> list[str]:
+        return [b.name for b in framework.chosen(benchmarks, pattern)]
+
+    assert chosen(None) == names
+    assert chosen("transport-shm") == ["transport-shm"]
+    assert chosen("live-*, transport-*") == [names[0], *names[2:]]
+    assert chosen("shm") == names[1:]
+    assert chosen("city-*") == []
