@@ -38,6 +38,9 @@ struct OdometryConfig {
   /// Twist of the first sweep, one sigma about rest.
   double initial_speed_sigma_mps = 2.0;
   double initial_rate_sigma_radps = 2.0;
+  /// No platform turns faster: a solution that does is none, and the next sweep is looked for from
+  /// rest. On bare ground, which looks the same after any turn, one wrong turn predicts the next.
+  double max_turn_radps = 8.0;
 
   // --- matching against recent sweeps -------------------------------------------------------
   /// Sweeps kept in the target.

@@ -226,6 +226,11 @@ OdometryResult Odometry::process(const FeatureSweep& sweep) {
   if (!founding) {
     solution = s.solve(sweep, source, predicted);
   }
+  const double turn_rad = solution.state.twist.tail<3>().norm();
+  if (sweep.period_ns > 0 && turn_rad > s.config.max_turn_radps * period_s) {
+    solution = {};
+    solution.state.T_odom_mid = s.T_odom_base;
+  }
   NormalEquations prior_only;
   if (!solution.solved) {
     add_prior(solution.state, predicted.prior, prior_only);

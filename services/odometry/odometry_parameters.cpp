@@ -44,6 +44,9 @@ void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.angular_acceleration_sigma_radps2", &c.angular_acceleration_sigma_radps2,
         {1e-3, 1e3}, "rad/s^2", "how fast the rate of turn usually changes")
       .live();
+  p.add("odometry.max_turn_radps", &c.max_turn_radps, {0.1, 1e3}, "rad/s",
+        "no platform turns faster: what was found so is not believed")
+      .live();
   p.add("odometry.initial_speed_sigma_mps", &c.initial_speed_sigma_mps, {1e-3, 1e3}, "m/s",
         "speed of the first sweep, about rest")
       .live();

@@ -294,5 +294,34 @@ TEST(Odometry, AnotherInstanceTakesOverFromTheResultsWithTheSameBytes) {
   }
 }
 
+// Sweeps of a sensor at rest after one that was believed to turn by a radian and more, as bare
+// ground can make one believe; how far the last one's pose is from the first one's, rad.
+double turned_after_a_wrong_turn_rad(double max_turn_radps) {
+  OdometryConfig config = config_for(Target::kRecentSweeps);
+  config.max_turn_radps = max_turn_radps;
+  Odometry odometry(config, Pose::Identity());
+  FeatureSweep sweep;
+  const auto sweep_at_rest = [&](int k) {
+    const PointVector points = sweep_of({}, {.columns = 300, .noise_m = 0.01}, Pose::Identity(),
+                                        Vector6::Zero(), unsigned(k));
+    sweep.sweep = std::uint64_t(k);
+    sweep.stamp_ns = k * 100000000LL;
+    sweep.flat = sweep.less_flat = points;
+    return odometry.process(sweep);
+  };
+  std::vector<CommittedSweep> commits;
+  for (int k = 0; k < 5; ++k) commits.push_back(committed(sweep_at_rest(k), sweep.period_ns));
+  commits.back().twist_per_s << 0.0, 0.0, 0.0, 0.0, 0.0, 15.0;
+  odometry.restore(commits);
+  OdometryResult last;
+  for (int k = 5; k < 10; ++k) last = sweep_at_rest(k);
+  return log_so3(last.T_odom_base.linear()).norm();
+}
+
+TEST(Odometry, AnImpossibleTurnIsNotBelieved) {
+  EXPECT_LT(turned_after_a_wrong_turn_rad(OdometryConfig{}.max_turn_radps), 0.01);
+  EXPECT_GT(turned_after_a_wrong_turn_rad(1000.0), 0.5);
+}
+
 }  // namespace
 }  // namespace zloam::odometry
