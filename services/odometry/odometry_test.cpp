@@ -309,8 +309,11 @@ double turned_after_a_wrong_turn_rad(double max_turn_radps) {
     sweep.flat = sweep.less_flat = points;
     return odometry.process(sweep);
   };
+  // What is committed points into them.
+  std::vector<OdometryResult> results;
+  for (int k = 0; k < 5; ++k) results.push_back(sweep_at_rest(k));
   std::vector<CommittedSweep> commits;
-  for (int k = 0; k < 5; ++k) commits.push_back(committed(sweep_at_rest(k), sweep.period_ns));
+  for (const OdometryResult& r : results) commits.push_back(committed(r, sweep.period_ns));
   commits.back().twist_per_s << 0.0, 0.0, 0.0, 0.0, 0.0, 15.0;
   odometry.restore(commits);
   OdometryResult last;
