@@ -7,9 +7,11 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <concepts>
 #include <condition_variable>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
@@ -22,19 +24,23 @@ namespace zloam::zenoh::test {
 /// Long enough for a machine that has other things to do; nobody waits for it to pass.
 inline constexpr std::chrono::seconds kPatience{90};
 
-/// A TCP port of the loopback that is free now.
+/// A TCP port of the loopback that is free now. None of those that the system gives to outgoing
+/// connections (32768 and above, as a rule): another test's may take it before it is listened on.
 inline int free_port() {
-  const int fd = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  if (bind(fd, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
-      getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) {
-    throw std::runtime_error("no free port");
+  constexpr int kFirst = 10'000, kCount = 20'000, kTries = 1000;
+  static std::atomic<int> next{static_cast<int>(getpid()) * 37};
+  for (int i = 0; i < kTries; ++i) {
+    const int port = kFirst + next++ % kCount;
+    const int fd = socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    const bool is_free = bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
+    close(fd);
+    if (is_free) return port;
   }
-  close(fd);
-  return ntohs(address.sin_port);
+  throw std::runtime_error("no free port");
 }
 
 inline std::string endpoint(int port) { return "tcp/127.0.0.1:" + std::to_string(port); }
