@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ def checks(setting: Setting) -> list[Check]:
             for world in CLEAR_WORLDS
         ),
         (
-            "field",
+            FIELD,
             "predicted or flagged in the open; found again",
             f"≥ {OPEN_SHARE:.0%} of the sweeps; the last {END_POSES} unflagged, "
             f"steps within {END_STEP_M} m",
@@ -56,10 +57,10 @@ def checks(setting: Setting) -> list[Check]:
     ]
     return [
         Check(
-            f"flags-{world}-{seed}",
-            f"simulated {world}, seed {seed}: {text}",
+            f"flags-{Path(world).stem}-{seed}",
+            f"simulated {Path(world).stem}, seed {seed}: {text}",
             limit,
-            f"make accept ONLY=flags-{world}-{seed}",
+            f"make accept ONLY=flags-{Path(world).stem}-{seed}",
             functools.partial(measure, setting, world, seed),
         )
         for world, text, limit, measure in lines
@@ -96,15 +97,15 @@ def _flagged(s: Setting, world: str, seed: int) -> Measured:
     return Measured(f"{share:.2%} of {len(said)}", share <= CLEAR_SHARE)
 
 
-def _field(s: Setting, _world: str, seed: int) -> Measured:
+def _field(s: Setting, world: str, seed: int) -> Measured:
     """Something is said of the pose in the open; back again nothing, and the steps are right."""
-    said, truth = _truth_at_poses(s, FIELD, seed)
+    said, truth = _truth_at_poses(s, world, seed)
     names = np.array(HEALTH)[said["health"].astype(int)]
     told = (said["degenerate"] > 0) | ~np.isin(names, SEEN)
     outside = told[truth[:, 0, 3] > OPEN_FROM_X_M]
     # The capture ends in the middle of a turn.
     last = slice(-END_POSES - 1, -1)
-    poses = trajectory.read(s.world(FIELD, seed).out / "trajectory.tum").transforms[last]
+    poses = trajectory.read(s.world(world, seed).out / "trajectory.tum").transforms[last]
     true = truth[last]
     ours = se3.inverse(poses[:-1]) @ poses[1:]
     steps = se3.inverse(true[:-1]) @ true[1:]
