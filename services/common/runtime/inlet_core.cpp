@@ -91,6 +91,10 @@ void InletCore::report_drop(Drop reason, const std::string& why) {
 void InletCore::accept(Raw raw) {
   const zenoh::AlignedBytes bytes =
       zenoh::view_aligned(std::move(raw.sample.payload), &shared_->transfer);
+  if (bytes.torn()) {
+    report_drop(Drop::kInvalid, "its shared memory was written again before it was read");
+    return;
+  }
   const VerifyResult result = setup_.verify(bytes.data(), raw.sample.encoding);
   if (!result.ok()) {
     report_drop(result.status == VerifyStatus::kGarbage ? Drop::kGarbage : Drop::kInvalid,

@@ -27,7 +27,7 @@ AlignedBytes view_aligned(Bytes payload, TransferCounters* counters) {
   AlignedBytes view;
   const std::size_t size = payload.size();
   const auto bytes = payload.contiguous();
-  const bool in_place = bytes && is_aligned(bytes->data());
+  const bool in_place = bytes && is_aligned(bytes->data()) && !payload.is_shared_memory();
   if (counters != nullptr) count(*counters, payload.is_shared_memory(), in_place, size);
   if (in_place) {
     view.data_ = *bytes;
@@ -36,6 +36,8 @@ AlignedBytes view_aligned(Bytes payload, TransferCounters* counters) {
   }
   const auto copy = allocate(size);
   payload.copy_to(copy.get());
+  view.torn_ = !payload.is_intact();
+  if (view.torn_) return view;
   view.data_ = std::span<const std::uint8_t>(copy.get(), size);
   view.copy_ = copy;
   return view;

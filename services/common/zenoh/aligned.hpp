@@ -1,7 +1,8 @@
 #pragma once
 // Payloads where FlatBuffers can read them: in place when they lie in one piece at an address
-// divisible by 8 (shared memory does), else copied once to memory aligned to 64 bytes (what comes
-// over TCP does not).
+// divisible by 8, else copied once to memory aligned to 64 bytes (what comes over TCP is). Shared
+// memory is copied too: its publisher may write there again while it is read (Bytes::is_intact),
+// and what a verifier has passed must not change afterwards.
 
 #include <atomic>
 #include <cstdint>
@@ -29,12 +30,15 @@ class AlignedBytes {
   std::size_t size() const { return data_.size(); }
   /// Whether these are the payload's own bytes.
   bool in_place() const { return copy_ == nullptr; }
+  /// The shared memory was written again before it was read: there are no bytes.
+  bool torn() const { return torn_; }
 
  private:
   friend AlignedBytes view_aligned(Bytes payload, TransferCounters* counters);
   std::span<const std::uint8_t> data_;
   Bytes payload_;  // while in place
   std::shared_ptr<const std::uint8_t> copy_;
+  bool torn_ = false;
 };
 
 inline constexpr std::size_t kInPlaceAlignment = 8;

@@ -77,6 +77,8 @@ bool Bytes::is_shared_memory() const {
   return impl_ && zloam_bytes_is_shared_memory(impl_->handle.get());
 }
 
+bool Bytes::is_intact() const { return !impl_ || zloam_bytes_is_intact(impl_->handle.get()); }
+
 std::optional<std::span<const std::uint8_t>> Bytes::contiguous() const {
   if (!impl_) return std::span<const std::uint8_t>();
   zloam_slice slice{};

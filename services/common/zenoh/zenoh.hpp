@@ -47,6 +47,10 @@ class Bytes {
 
   std::size_t size() const;
   bool is_shared_memory() const;
+  /// False once shared memory may have been written again: its publisher's pool takes back what no
+  /// holder confirmed for 100 ms (a process that stood still, or got no time), references or not.
+  /// True after the last byte was read: so were they all.
+  bool is_intact() const;
   /// The bytes where they lie, or nothing when they came in several fragments.
   std::optional<std::span<const std::uint8_t>> contiguous() const;
   /// Copies all fragments to dst, which must hold size() bytes.

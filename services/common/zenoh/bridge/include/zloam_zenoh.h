@@ -91,6 +91,8 @@ zloam_status zloam_bytes_in_parts(const zloam_bytes* bytes, size_t part, zloam_b
 void zloam_bytes_drop(zloam_bytes* bytes);
 size_t zloam_bytes_size(const zloam_bytes* bytes);
 bool zloam_bytes_is_shared_memory(const zloam_bytes* bytes);
+/* False once shared memory may have been written again: what was read before is not to be believed. */
+bool zloam_bytes_is_intact(const zloam_bytes* bytes);
 /* The bytes where they lie; false when they are in several fragments. */
 bool zloam_bytes_view(const zloam_bytes* bytes, zloam_slice* out);
 /* All fragments, one after the other, to size bytes at destination. */

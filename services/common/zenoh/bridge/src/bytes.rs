@@ -3,6 +3,7 @@ use crate::abi::{hand_out, take_back, Context, DropFn, Slice};
 use crate::error::{guard, Status};
 use std::ffi::c_void;
 use zenoh::bytes::ZBytes;
+use zenoh::shm::ShmBuf;
 
 pub struct Bytes(pub ZBytes);
 
@@ -99,6 +100,13 @@ pub unsafe extern "C" fn zloam_bytes_size(bytes: *const Bytes) -> usize {
 #[no_mangle]
 pub unsafe extern "C" fn zloam_bytes_is_shared_memory(bytes: *const Bytes) -> bool {
     (*bytes).0.as_shm().is_some()
+}
+
+/// False once the publisher may have written there again: its pool takes back what no holder confirmed
+/// for 100 ms, references or not.
+#[no_mangle]
+pub unsafe extern "C" fn zloam_bytes_is_intact(bytes: *const Bytes) -> bool {
+    (*bytes).0.as_shm().is_none_or(|memory| memory.is_valid())
 }
 
 #[no_mangle]
