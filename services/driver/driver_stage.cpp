@@ -40,6 +40,9 @@ SweepFields fields_of(const DecodedSweep& sweep) {
   fields.packets = sweep.packets;
   fields.packets_lost = sweep.packets_lost;
   fields.deskewed = sweep.deskewed;
+  fields.first_packet_toh_us = sweep.first_packet_toh_us;
+  fields.last_packet_toh_us = sweep.last_packet_toh_us;
+  fields.packet_period_ns = sweep.packet_period_ns;
   fields.health = health_of(sweep);
   return fields;
 }

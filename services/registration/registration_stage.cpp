@@ -1,7 +1,6 @@
 #include "registration/registration_stage.hpp"
 
 #include <csignal>
-#include <cstring>
 #include <numeric>
 #include <string_view>
 #include <vector>
@@ -22,19 +21,6 @@ std::optional<std::uint64_t> kill_at() {
     runtime::log_warning("FAULT INJECTION: this process will kill itself", {{"sweep", *sweep}});
   }
   return sweep;
-}
-
-/// The message in memory of its own: what is held for long must not fill the driver's shared
-/// memory.
-Message own_copy(const Message& message) {
-  const std::size_t size = message.bytes.size();
-  const auto words = std::make_shared<std::vector<std::uint64_t>>((size + 7) / 8);
-  std::memcpy(words->data(), message.bytes.data(), size);
-  Message copy = message;
-  copy.bytes = {reinterpret_cast<const std::uint8_t*>(words->data()), size};
-  copy.header = message_of<msg::Sweep>(copy.bytes).header();
-  copy.owner = words;
-  return copy;
 }
 
 FeaturesFields fields_of(const msg::Sweep& sweep, const RegistrationResult& result,
@@ -89,18 +75,36 @@ void RegistrationStage::hear_colleagues() {
 
 Outcome RegistrationStage::take(const Sweep& sweep) {
   hear_colleagues();
+  watch_runs(sweep);
   const SweepToShare key{sweep.run(), sweep.sweep(), sweep.replay(), sweep.raw().bytes.size()};
   switch (sharing_.take(key, runtime::steady_ns())) {
     case Sharing::Share::kNotMine:
       return Outcome::kNotMine;
     case Sharing::Share::kHold:
-      held_.emplace(std::pair(sweep.run(), sweep.sweep()), own_copy(sweep.raw()));
+      held_.emplace(std::pair(sweep.run(), sweep.sweep()), sweep.raw());
       return Outcome::kHeld;
     case Sharing::Share::kCompute:
       break;
   }
   process(sweep);
   return Outcome::kProcessed;
+}
+
+void RegistrationStage::watch_runs(const Sweep& sweep) {
+  if (sweep.replay()) return;
+  const PacketSpan span{sweep->first_packet_toh_us(), sweep->last_packet_toh_us(),
+                        sweep->packet_period_ns(), sweep.header().last_packet_ns()};
+  const bool other_run = sweep.run() != newest_run_;
+  if (other_run && newest_run_ != 0) {
+    const std::int64_t missing = packets_between(newest_, span);
+    packets_between_ += missing;
+    stage_.figure("packets_between_runs", static_cast<double>(packets_between_));
+    runtime::log_warning("the driver was started again", {{"packets_missed", missing}});
+  }
+  // A sweep that was recovered comes after later ones.
+  if (!other_run && span.last_received_ns < newest_.last_received_ns) return;
+  newest_run_ = sweep.run();
+  newest_ = span;
 }
 
 runtime::Turn RegistrationStage::settle_held() {

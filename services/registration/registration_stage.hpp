@@ -9,6 +9,7 @@
 
 #include "common/runtime/stage.hpp"
 #include "registration/io/colleagues.hpp"
+#include "registration/packet_gap.hpp"
 #include "registration/registration.hpp"
 #include "registration/sharing.hpp"
 
@@ -31,6 +32,8 @@ class RegistrationStage {
   void do_again(std::uint64_t run, std::uint64_t from_sweep);
   void publish_rejected(const Sweep& sweep, const RegistrationResult& result);
   void publish_dropped(std::uint64_t run, std::uint64_t sweep);
+  /// Counts what the sensor sent between two runs of a live driver.
+  void watch_runs(const Sweep& sweep);
 
   runtime::Stage& stage_;
   const RegistrationConfig& config_;
@@ -38,6 +41,10 @@ class RegistrationStage {
   runtime::Outlet& rejected_;
   runtime::Inlet* sweeps_ = nullptr;
   HeaderFields last_;
+  /// newest of the sensor's, whoever works on it
+  std::uint64_t newest_run_ = 0;
+  PacketSpan newest_;
+  std::int64_t packets_between_ = 0;
   Sharing sharing_;
   /// (run, sweep) -> the message, in memory of this process
   std::map<std::pair<std::uint64_t, std::uint64_t>, runtime::Message> held_;

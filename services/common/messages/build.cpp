@@ -72,6 +72,9 @@ Buffer build(const HeaderFields& header, const SweepFields& f) {
   m.add_imu_incomplete(f.imu_incomplete);
   m.add_deskewed(f.deskewed);
   m.add_health(to_message(f.health));
+  m.add_first_packet_toh_us(f.first_packet_toh_us);
+  m.add_last_packet_toh_us(f.last_packet_toh_us);
+  m.add_packet_period_ns(f.packet_period_ns);
   return finish(b, m.Finish());
 }
 

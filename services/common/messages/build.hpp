@@ -34,6 +34,9 @@ struct SweepFields {
   bool imu_incomplete = false;
   bool deskewed = false;
   Health health = Health::kOk;
+  std::uint32_t first_packet_toh_us = 0;
+  std::uint32_t last_packet_toh_us = 0;
+  std::uint32_t packet_period_ns = 0;
 };
 
 struct FeaturesFields {

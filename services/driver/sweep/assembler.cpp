@@ -118,14 +118,22 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
       view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;
     }
     advance_to(plan.group[g].azimuth_cdeg, time_ns, plan.advance_cdeg);
-    if (!packet_counted_) ++sweep_.packets;
-    packet_counted_ = true;
+    count_packet(plan);
     sweep_.return_mode = plan.mode;
     sweep_.last_packet_ns = received_ns;
     append_group(plan, g, time_ns);
     last_azimuth_cdeg_ = plan.group[g].azimuth_cdeg;
   }
   last_advance_cdeg_ = plan.advance_cdeg;
+}
+
+/// Once in each sweep that the packet has groups in.
+void SweepAssembler::count_packet(const PacketPlan& plan) {
+  if (packet_counted_) return;
+  packet_counted_ = true;
+  if (sweep_.packets++ == 0) sweep_.first_packet_toh_us = plan.toh_us;
+  sweep_.last_packet_toh_us = plan.toh_us;
+  sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_.packet_period_ns(plan.mode));
 }
 
 /// Cuts before this group when it has passed the seam, or when no cut came for too long.

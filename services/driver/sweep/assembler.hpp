@@ -107,6 +107,7 @@ class SweepAssembler {
   std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
   bool across_view_gap(std::span<const std::uint8_t> payload) const;
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
+  void count_packet(const PacketPlan& plan);
   void advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg);
   void make_room(const PacketPlan& plan);
   void append_group(const PacketPlan& plan, int group, std::int64_t time_ns);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <random>
 
 #include "driver/sweep/test_sweeps.hpp"
@@ -62,6 +63,30 @@ TEST(Assembler, EveryPointIsInExactlyOneSweep) {
   EXPECT_EQ(points, 300U * 384U);
   EXPECT_GE(packets, 300U);
   EXPECT_LE(packets, 300U + sweeps.size());
+}
+
+TEST(Assembler, SaysWhichPacketsASweepIsOf) {
+  TurningSensor sensor;
+  const std::vector<Payload> packets = packets_of(sensor, 300);
+  const auto stamp_us = [&](std::size_t packet) {
+    std::uint32_t toh_us = 0;
+    std::memcpy(&toh_us, packets[packet].data() + 1200, sizeof(toh_us));
+    return toh_us;
+  };
+  std::size_t last = 0;
+  for (const DecodedSweep& sweep : assemble(packets)) {
+    SCOPED_TRACE(last);
+    // The packet in which the turn ended is of both sweeps.
+    const bool shared = sweep.first_packet_toh_us == stamp_us(last);
+    const std::size_t first = shared ? last : last + 1;
+    ASSERT_LT(first + sweep.packets - 1, packets.size());
+    EXPECT_EQ(sweep.first_packet_toh_us, stamp_us(first));
+    last = first + sweep.packets - 1;
+    EXPECT_EQ(sweep.last_packet_toh_us, stamp_us(last));
+    // Manual 63-9243, section 9.5: 24 firings of 55.296 us.
+    EXPECT_EQ(sweep.packet_period_ns, 1'327'104U);
+  }
+  EXPECT_EQ(last, packets.size() - 1);
 }
 
 TEST(Assembler, ColumnsAreTheFirings) {

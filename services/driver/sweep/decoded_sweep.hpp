@@ -38,6 +38,11 @@ struct DecodedSweep {
   bool complete = false;
   std::uint32_t packets = 0;
   std::uint32_t packets_lost = 0;
+  /// sensor's own time of the first and the last packet, us since the top of its hour
+  std::uint32_t first_packet_toh_us = 0;
+  std::uint32_t last_packet_toh_us = 0;
+  /// from one packet's stamp to the next one's; 0: the source has no packets
+  std::uint32_t packet_period_ns = 0;
   /// receive time of the last packet, ns since the Unix epoch; 0 when unknown
   std::int64_t last_packet_ns = 0;
   /// true when the source moved the points to one instant already
