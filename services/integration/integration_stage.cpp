@@ -68,7 +68,7 @@ void IntegrationStage::new_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
   next_sweep_ = 0;
   waiting_.clear();
-  if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
+  if (was_in_run && runtime::goes_on(first, last_instant_ns_, runtime::kLongestSearch_ns)) {
     integrator_.new_run();
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;

@@ -20,7 +20,8 @@ void IntegrationStage::restart(const msg::Header& first) {
   const bool goes_on =
       first.replay()
           ? same_run && first.sweep() > 0
-          : same_run || (!poses.empty() && runtime::goes_on(first, poses.back().instant_ns));
+          : same_run || (!poses.empty() && runtime::goes_on(first, poses.back().instant_ns,
+                                                            runtime::kLongestSearch_ns));
   if (!goes_on) {
     note_journal(journal_.begin({}));
     return;

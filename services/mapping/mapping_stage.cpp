@@ -80,7 +80,7 @@ void MappingStage::new_run(const msg::Header& first) {
   T_odom_base_before_.reset();
   mapped_ = 0;
   next_sweep_ = 0;
-  if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
+  if (was_in_run && runtime::goes_on(first, last_instant_ns_, runtime::kLongestSearch_ns)) {
     mapper_.expect_break();
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;

@@ -73,6 +73,7 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
 void OdometryStage::new_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
   next_sweep_ = 0;
+  done_below_ = 0;
   if (was_in_run && runtime::goes_on(first, last_instant_ns_)) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
@@ -85,6 +86,7 @@ void OdometryStage::new_run(const msg::Header& first) {
 }
 
 runtime::Outcome OdometryStage::take(const Features& features) {
+  if (stood_still_before(features)) catch_up(features.header());
   // Done by the instance before, or caught up with.
   if (features.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
   process(features);
@@ -92,10 +94,12 @@ runtime::Outcome OdometryStage::take(const Features& features) {
 }
 
 void OdometryStage::process(const Features& features) {
-  next_sweep_ = features.sweep() + 1;
+  done_below_ = features.sweep() + 1;
+  next_sweep_ = std::max(next_sweep_, done_below_);
   // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
   if (health_of(features->health()) == Health::kDropped) return;
   if (stage_.configure_for(features)) odometry_.configure(config_);
+  if (is_too_far(features)) break_frame(features.sweep());
   const OdometryResult result = odometry_.process(input_of(features));
   last_instant_ns_ = result.instant_ns;
   publish_pose(features, result);

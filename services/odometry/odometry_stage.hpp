@@ -34,6 +34,11 @@ class OdometryStage {
                    const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void do_again(std::uint64_t run, std::uint64_t from);
   void catch_up(const msg::Header& first);
+  /// This process or its link stood still for a while, and queues gave up what came meanwhile.
+  bool stood_still_before(const Features& features) const;
+  /// Nothing came for so long before it that a constant motion would lead astray.
+  bool is_too_far(const Features& features) const;
+  void break_frame(std::uint64_t sweep);
   runtime::CommandReply reset();
 
   runtime::Stage& stage_;
@@ -48,6 +53,8 @@ class OdometryStage {
   std::vector<msg::StampedPose> path_;
   HeaderFields last_header_;
   std::uint64_t next_sweep_ = 0;
+  /// one past the newest sweep that was worked on; those between are given up
+  std::uint64_t done_below_ = 0;
   std::uint32_t odom_epoch_ = 0;
   std::int64_t last_instant_ns_ = 0;
   bool in_run_ = false;

@@ -16,6 +16,8 @@ using Features = runtime::Received<msg::Features>;
 // A replay waits for whoever asks; live, as long as the queue holds what comes.
 constexpr int kReplayTries = 5;
 constexpr std::chrono::milliseconds kLinks{500};
+// More than the sweeps that a queue may hold and drop while everybody works.
+constexpr std::int64_t kStandstill_ns = 700'000'000;
 
 // What the odometry itself said: where it had nothing to say, the message has the source's word.
 Health own_health(Health published) {
@@ -107,7 +109,7 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
   for (const CommittedSweep& s : sweeps) {
     path_.emplace_back(s.instant_ns, s.sweep, to_message(s.T_odom_base));
   }
-  next_sweep_ = sweeps.back().sweep + 1;
+  done_below_ = next_sweep_ = sweeps.back().sweep + 1;
   last_instant_ns_ = sweeps.back().instant_ns;
   odom_epoch_ = last->header().odom_epoch();
   last_header_ = header_fields(last->header());
@@ -127,14 +129,33 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
 void OdometryStage::catch_up(const msg::Header& first) {
   const std::int64_t killed_ns = last_instant_ns_;
   runtime::Gap gap;
-  for (const Features& features : kept_features(stage_, first.run(), next_sweep_)) {
-    if (gap.add(next_sweep_, features.sweep()) && first.replay()) return;
+  for (const Features& features : kept_features(stage_, first.run(), done_below_)) {
+    if (gap.add(done_below_, features.sweep()) && first.replay()) return;
     process(features);
   }
   if (first.replay()) return;
-  gap.add(next_sweep_, first.sweep());
+  gap.add(done_below_, first.sweep());
   gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
   runtime::report(stage_, gap);
+}
+
+bool OdometryStage::stood_still_before(const Features& features) const {
+  if (features.replay() || path_.empty() || features.sweep() <= done_below_) return false;
+  return features.header().stamp_ns() - last_instant_ns_ > kStandstill_ns;
+}
+
+bool OdometryStage::is_too_far(const Features& features) const {
+  return !path_.empty() &&
+         features.header().stamp_ns() - last_instant_ns_ >= runtime::kLongestGap_ns;
+}
+
+// Mapping then searches for the new frame in its map; what a constant motion makes of seconds is
+// tens of metres astray, and a map that is left so is never found again.
+void OdometryStage::break_frame(std::uint64_t sweep) {
+  odometry_.reset();
+  ++odom_epoch_;
+  runtime::log_warning("a new odom frame begins: nothing came for too long before this sweep",
+                       {{"odom_epoch", odom_epoch_}, {"sweep", sweep}});
 }
 
 }  // namespace zloam::odometry

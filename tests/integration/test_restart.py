@@ -3,6 +3,7 @@ same map, and what is missing is counted. Truth is the simulator's."""
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -38,6 +39,11 @@ STAGES = ("registration", "odometry", "mapping", "integration")
 STORE_LINK_S = 10
 #: poses that may be predicted over a gap until the map is found again
 BRIDGED_SWEEPS = 15
+#: more than the second over which a constant motion is believed
+STANDSTILL_S = 3.0
+SILENCE_S = 1.5
+#: of a drive of seconds in the city, unaligned
+SILENCE_RMSE_M = 0.10
 
 
 @pytest.fixture(scope="module")
@@ -463,3 +469,38 @@ def test_a_capture_that_is_replayed_again_has_a_map_of_its_own(
     assert written.stamps_ns is not None
     found = Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
     assert_as_good(found, undisturbed, drive, int(written.stamps_ns[KILL_AT]))
+
+
+def test_an_odometry_that_stood_still_goes_on_in_its_map(
+    build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
+) -> None:
+    """For longer than a constant motion tells over, as in a container that was suspended."""
+    run = LiveRun(build, robot_file, drive, tmp_path)
+    with run:
+        run.until_poses(KILL_AT)
+        last = list(run.poses.values())[-1]
+        process = run.chain.processes.running["odometry"]
+        process.send(signal.SIGSTOP)
+        time.sleep(STANDSTILL_S)
+        process.send(signal.SIGCONT)
+        statuses = run.end()
+    found, stamps = run.trajectory(undisturbed)
+    assert_as_good(found, undisturbed, drive, stamps[last.sweep])
+    assert_books(statuses, STAGES)
+
+
+def test_after_a_silence_of_the_sensor_the_map_is_found_again(build: Path, tmp_path: Path) -> None:
+    """A cable that was out for a moment, in the middle of a drive."""
+    options = ["--gap-start", "5", "--gap", str(SILENCE_S), "--duration", str(SECONDS + 3)]
+    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", *options)
+    out = tmp_path / "out"
+    done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", out)
+    assert done.code == 0, done.said
+    whole = read(out / "trajectory.tum")
+    assert whole.stamps_ns is not None
+    found = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
+    gap = int(np.argmax(np.diff(whole.stamps_ns)))
+    assert whole.stamps_ns[gap + 1] - whole.stamps_ns[gap] > 1e9 * SILENCE_S
+    # The first poses after it are predictions, and say so.
+    after = int(whole.stamps_ns[gap + 1]) + BRIDGED_SWEEPS * 100_000_000
+    assert rmse_m(found, drive, after) <= SILENCE_RMSE_M

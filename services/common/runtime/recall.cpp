@@ -15,8 +15,6 @@ namespace {
 constexpr std::chrono::milliseconds kTimeout{2000};
 constexpr std::chrono::milliseconds kBetween{200};
 constexpr std::chrono::milliseconds kLook{20};
-// At a car's speed a constant motion tells no more: after 1.9 s at 6 m/s the pose was metres off.
-constexpr std::int64_t kLongestGap_ns = 1000 * kMs;
 // The first sweep after a gap may begin before the last pose's instant.
 constexpr std::int64_t kOverlap_ns = 200 * kMs;
 
@@ -73,9 +71,9 @@ void sort_by_sweep(std::vector<Message>& messages) {
   messages.erase(std::unique(messages.begin(), messages.end(), same), messages.end());
 }
 
-bool goes_on(const msg::Header& first, std::int64_t instant_ns) {
+bool goes_on(const msg::Header& first, std::int64_t instant_ns, std::int64_t longest_ns) {
   const std::int64_t gap_ns = first.stamp_ns() - instant_ns;
-  return !first.replay() && gap_ns > -kOverlap_ns && gap_ns < kLongestGap_ns;
+  return !first.replay() && gap_ns > -kOverlap_ns && gap_ns < longest_ns;
 }
 
 bool Gap::add(std::uint64_t from, std::uint64_t until) {

@@ -19,9 +19,16 @@ inline constexpr std::string_view kKept = "kept=1";
 std::string sweeps_from(std::uint64_t run, std::uint64_t first,
                         std::uint64_t last = std::uint64_t{1} << 62);
 
+/// At a car's speed a constant motion tells no more: after 1.9 s at 6 m/s the pose was metres off.
+inline constexpr std::int64_t kLongestGap_ns = 1'000'000'000;
+/// So long after it is the place in the map still searched for near where the motion leads; a
+/// container that is started again takes a second or two.
+inline constexpr std::int64_t kLongestSearch_ns = 3'000'000'000;
+
 /// The newest run goes on in this one, which the driver began anew: the sensor was not away for
-/// longer than its motion can be told over. `instant_ns`: of the last pose before.
-bool goes_on(const msg::Header& first, std::int64_t instant_ns);
+/// longer than its motion can be told over, or `longest_ns`. `instant_ns`: of the last pose before.
+bool goes_on(const msg::Header& first, std::int64_t instant_ns,
+             std::int64_t longest_ns = kLongestGap_ns);
 
 /// Waits, for the worker only, until the links are there over which a question reaches whoever may
 /// keep something: then one asking is enough, and where nothing is kept nothing is lost. False:
