@@ -139,7 +139,9 @@ plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& 
   const double w = per_s * config_.matcher.change_sigma_rad;
   odometry.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
   auto again = registration_->match(sweep, odometry);
-  if (again.outcome != plane_map::Outcome::kRegistered) return result;
+  if (again.outcome != plane_map::Outcome::kRegistered) {
+    return input.degenerate ? result : as_predicted(result, input, prediction, odometry);
+  }
   if (input.degenerate) return again.matched_weight > result.matched_weight ? again : result;
   return disagrees(again, input, prediction) ? as_predicted(again, input, prediction, odometry)
                                              : again;

@@ -95,6 +95,40 @@ TEST(VoxelPlanes, TakesOutWhatOdometrysDeskewingLeft) {
   EXPECT_LT(worst_error_m(0.01, pose_error, twist_error), 0.02);
 }
 
+// What may be made of a sweep on its way: places, times, or both are another's.
+PointVector damaged(PointVector points, double spread_m, bool times, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<float> place(static_cast<float>(-spread_m),
+                                              static_cast<float>(spread_m));
+  std::uniform_int_distribution<std::uint32_t> time(0, std::numeric_limits<std::uint32_t>::max());
+  for (Point& p : points) {
+    if (spread_m > 0.0) p.x += place(generator), p.y += place(generator), p.z += place(generator);
+    if (times) p.time_ns = time(generator);
+  }
+  return points;
+}
+
+// Whatever one sweep says, the pose stays where the odometry has it, and the next ones are found.
+TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
+  const test::Room room = test::furnished_room();
+  for (const double spread_m : {0.0, 1.0, 30.0, 1e3, 1e6}) {
+    for (const bool times : {false, true}) {
+      SCOPED_TRACE(testing::Message() << spread_m << " m, times " << times);
+      Mapper mapper{voxel_planes()};
+      for (int i = 0; i < 14; ++i) {
+        PointVector points = swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + i);
+        const bool bad = i == 10;
+        if (bad) points = damaged(std::move(points), spread_m, times, 5U);
+        const auto result =
+            mapper.process(input_of(static_cast<std::uint64_t>(i), points, end_of(i), kMotion));
+        const Vector6 error = log_se3(end_of(i).inverse() * result.T_map_base);
+        EXPECT_LT(error.head<3>().norm(), bad ? 0.5 : 0.03) << "sweep " << i;
+        EXPECT_LT(error.tail<3>().norm(), bad ? 0.1 : 0.01) << "sweep " << i;
+      }
+    }
+  }
+}
+
 // Ten sweeps did not reach mapping, in which the sensor turned the other way.
 TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
   Mapper mapper{voxel_planes()};
