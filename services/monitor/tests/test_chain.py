@@ -17,8 +17,10 @@ import pytest
 
 from fake_stage import SWEEPS, loop
 from zloam_monitor import cli, clouds, messages, trajectory
-from zloam_monitor.keys import STAGES
+from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.link import Link, open_session
 from zloam_monitor.processes import PORT_ORDER, endpoints, free_base_port
+from zloam_monitor.watch import STALE_SECONDS, view
 
 HERE = Path(__file__).parent
 
@@ -218,6 +220,20 @@ def test_watch_shows_a_robot(integration: str, capsys: pytest.CaptureFixture[str
     assert "integration  ready" in shown
     assert "poses/s" in shown
     assert "mapping      nothing heard" in shown
+
+
+def test_a_silent_stage_is_stale_whatever_its_clock_says(integration: str) -> None:
+    session = open_session([integration])
+    link = Link(session, Keys("robot"))
+    deadline = time.monotonic() + 10.0
+    while link.stage("integration") is None and time.monotonic() < deadline:
+        link.poll(0.1)
+    now = time.monotonic()
+    assert not any("STALE" in line for line in view(link, now, now))
+    (stale,) = (line for line in view(link, now, now + STALE_SECONDS + 1.0) if "STALE" in line)
+    assert stale.startswith("integration")
+    link.close()
+    session.close()
 
 
 def test_the_example_for_third_parties(integration: str) -> None:

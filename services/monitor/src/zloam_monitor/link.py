@@ -56,6 +56,9 @@ class Link:
         self.odometry: dict[int, PoseRecord] = {}
         self.mapped: dict[int, PoseRecord] = {}
         self.statuses: dict[tuple[str, str], StatusRecord] = {}
+        #: (stage, instance) -> when its newest status came here, by this host's monotonic clock:
+        #: the robot's may be set otherwise
+        self.heard: dict[tuple[str, str], float] = {}
         #: messages that could not be read
         self.garbage = 0
         self.run: int | None = None
@@ -125,14 +128,20 @@ class Link:
         self._keep_status(records.status(payload))
 
     def _keep_status(self, status: StatusRecord) -> None:
-        kept = self.statuses.get((status.stage, status.instance))
+        who = (status.stage, status.instance)
+        kept = self.statuses.get(who)
         if kept is None or status.stamp_ns >= kept.stamp_ns:
-            self.statuses[(status.stage, status.instance)] = status
+            self.statuses[who] = status
+            self.heard[who] = time.monotonic()
 
     def stage(self, stage: str) -> StatusRecord | None:
         """The newest status of a stage."""
         found = [s for (name, _), s in self.statuses.items() if name == stage]
         return max(found, key=lambda s: s.stamp_ns, default=None)
+
+    def silent_s(self, status: StatusRecord, now: float) -> float:
+        """How long ago it came; now is the monotonic clock's."""
+        return max(0.0, now - self.heard[(status.stage, status.instance)])
 
     def newest_statuses(self) -> dict[str, StatusRecord]:
         """The newest of each stage of the chain that was heard."""

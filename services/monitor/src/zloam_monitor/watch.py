@@ -10,8 +10,11 @@ from zloam_monitor.link import Link, open_session
 from zloam_monitor.live import state_line
 from zloam_monitor.records import StatusRecord
 
+#: stages say how they are once a second: more than a few of these lost is no chance
+STALE_SECONDS = 5.0
 
-def _stage_line(status: StatusRecord, age_s: float) -> str:
+
+def _stage_line(status: StatusRecord, silent_s: float) -> str:
     received = sum(each.received for each in status.inputs)
     queued = sum(each.queued for each in status.inputs)
     drops = {
@@ -26,8 +29,8 @@ def _stage_line(status: StatusRecord, age_s: float) -> str:
         words.append("dropped " + ", ".join(f"{n} {reason}" for reason, n in drops.items()))
     if status.reason:
         words.append(status.reason)
-    if age_s > 5.0:
-        words.append(f"silent for {age_s:.0f} s")
+    if silent_s > STALE_SECONDS:
+        words.append(f"STALE: nothing heard for {silent_s:.0f} s")
     return "  ".join(words)
 
 
@@ -39,7 +42,7 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
         if status is None:
             yield f"{stage:<13}nothing heard"
         else:
-            yield _stage_line(status, max(0.0, time.time() - status.stamp_ns * 1e-9))
+            yield _stage_line(status, link.silent_s(status, now))
     if link.garbage:
         yield f"{link.garbage} messages could not be read"
 
