@@ -2,14 +2,16 @@
 # Installs what building and running needs from the distribution (Debian 12 or 13), and nothing that is
 # there already. Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
 #   deps.sh            build and run
-#   deps.sh --tools    also formatting, linting, fuzzing, and base images without a registry
+#   deps.sh --tools    also formatting, linting and fuzzing
+# Where a Docker Engine answers, also what makes base images without a registry.
 set -euo pipefail
 
 packages=(build-essential cmake ninja-build ccache pkg-config git ca-certificates
   libeigen3-dev libceres-dev libpcl-dev libflatbuffers-dev flatbuffers-compiler libyaml-cpp-dev
   libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev libgtest-dev
   libgmock-dev python3 python3-venv)
-[ "${1:-}" = --tools ] && packages+=(clang libclang-rt-dev clang-format clang-tidy mmdebstrap)
+[ "${1:-}" = --tools ] && packages+=(clang libclang-rt-dev clang-format clang-tidy)
+docker info >/dev/null 2>&1 && packages+=(mmdebstrap)
 
 # Zenoh's crates need a recent compiler; one that is in PATH (rustup) is used as it is.
 rust_minimum=1.85

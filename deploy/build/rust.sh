@@ -24,6 +24,7 @@ done
 hash=$(cd "$crate" && {
   find Cargo.toml Cargo.lock build.rs src -type f -print0 2>/dev/null | LC_ALL=C sort -z | xargs -0 sha256sum
   rustc -vV
+  printf '%s' "${CARGO_BUILD_TARGET:-}"
   printf '%s\n' "${RUSTFLAGS:-}" "${CARGO_ENCODED_RUSTFLAGS:-}"
 } | sha256sum | cut -c1-16)
 built=$cache/rust/$hash/$name
@@ -32,10 +33,11 @@ build() {
   echo "rust.sh: building $name ($hash); later builds take it from $cache/rust"
   local target=$cache/cargo-target
   # Other checkouts build to the same file, and cargo would take theirs for ours.
-  rm -f "$target/release/$name" "$target/release/deps/$name"
+  local made=$target/${CARGO_BUILD_TARGET:+$CARGO_BUILD_TARGET/}release
+  rm -f "$made/$name" "$made/deps/$name"
   (cd "$crate" && CARGO_TARGET_DIR=$target cargo build --release --locked)
   mkdir -p "$(dirname "$built")"
-  cp "$target/release/$name" "$built.$$"
+  cp "$made/$name" "$built.$$"
   mv "$built.$$" "$built"
 }
 

@@ -4,14 +4,12 @@
 #   images.sh               Rust compiled in the image's build
 #   images.sh --prebuilt    Rust taken from this machine's cache (deploy/build/rust.sh), for machines that
 #                           have compiled it anyway; their C library must not be newer than the image's
+# Ends with 3 where there is neither a base image nor a way to make one.
 # Knobs: those of .env for building (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-base=${ZLOAM_BASE:-debian:trixie-slim}
-if ! docker image inspect "$base" >/dev/null 2>&1 && ! docker pull -q "$base" >/dev/null 2>&1; then
-  suite=${base#debian:}
-  deploy/docker/base-image.sh "${suite%-slim}"
-fi
+# shellcheck source=deploy/docker/base.sh
+source deploy/docker/base.sh
 if [ "${1:-}" = --prebuilt ]; then
   export ZLOAM_RUST=prebuilt
   deploy/build/rust.sh deploy/docker/prebuilt/libzloam_zenoh.so
