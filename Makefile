@@ -54,6 +54,7 @@ test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
 	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow"
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
+	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
 
 FULL := test slow-tests lint sanitize fuzz system accept bench
 test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, acceptance, benchmarks
@@ -83,9 +84,15 @@ bench-peers: build venv ## ours and the peers of PyPI on the same scans: out/ben
 reference: build venv ## deploy/robots: reference and comments from what the programs say
 	@$(PY) -m zloam_monitor robot-files --preset-dir $(BUILD)
 
-sanitize: ## the unit tests under AddressSanitizer and UBSan
+# What has threads of its own.
+THREADED := zenoh_test runtime_unit_test runtime_stage_test runtime_program_test simulator_zenoh_test
+sanitize: ## the unit tests under AddressSanitizer and UBSan, those with threads under ThreadSanitizer
 	@$(MAKE) PRESET=asan-ubsan unit-tests
 	@$(STEP) "unit tests (asan-ubsan)" ctest --test-dir build/asan-ubsan --output-on-failure -j $(JOBS) --no-tests=error
+	@$(STEP) "configure tsan" cmake --preset tsan
+	@$(STEP) "build tests with threads, tsan" cmake --build build/tsan -j $(JOBS) --target $(THREADED)
+	@export TSAN_OPTIONS=halt_on_error=1:ignore_noninstrumented_modules=1:suppressions=$(CURDIR)/tests/tsan.supp; \
+	  for t in $(THREADED); do $(STEP) "$$t (tsan)" build/tsan/tests/$$t --gtest_brief=1 || exit 1; done
 
 FUZZ_SECONDS ?= 60
 fuzz: tools ## libFuzzer on packets, position packets, NMEA and pcap (FUZZ_SECONDS= each)

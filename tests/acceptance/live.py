@@ -28,14 +28,19 @@ def free_udp_port() -> int:
 
 
 def send(
-    capture: Path, port: int, seconds: float, slower: float = 1.0, host: str = "127.0.0.1"
+    capture: Path,
+    port: int,
+    seconds: float,
+    slower: float = 1.0,
+    host: str = "127.0.0.1",
+    enough: threading.Event | None = None,
 ) -> None:
-    """Each datagram of so many seconds at its own time after the first."""
+    """Each datagram of so many seconds at its own time after the first, or until it is enough."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         began, first = time.monotonic(), None
         for stamp, payload in udp_payloads(capture):
             first = stamp if first is None else first
-            if stamp - first > seconds:
+            if stamp - first > seconds or (enough and enough.is_set()):
                 return
             wait = began + slower * (stamp - first) - time.monotonic()
             if wait > 0:

@@ -116,10 +116,10 @@ class Deployment:
         names = sorted(json.loads(line)["Name"] for line in listed if line.startswith("{"))
         return [inspect(name) for name in names]
 
-    def kill(self, service: str) -> Container:
-        """SIGKILL from the host for the main process of its first container, which is returned as
-        it was: `docker kill` would keep it from being started again."""
-        killed = self.replicas(service)[0]
+    def kill(self, service: str, replica: int = 0) -> Container:
+        """SIGKILL from the host for the main process of one of its containers, which is returned
+        as it was: `docker kill` would keep it from being started again."""
+        killed = self.replicas(service)[replica]
         assert killed.pid > 0, f"{service} does not run"
         os.kill(killed.pid, signal.SIGKILL)
         return killed
@@ -129,7 +129,7 @@ class Deployment:
         found: list[Container] = []
 
         def back(_: object) -> bool:
-            found[:] = self.replicas(service)[:1]
+            found[:] = [inspect(killed.name)]
             return found[0].pid not in (0, killed.pid) and found[0].health == "healthy"
 
         self.wait(f"{service} back", seconds, back)

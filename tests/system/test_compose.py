@@ -8,7 +8,7 @@ import pytest
 
 from tests.system.conftest import Finished, versions
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.smoke]
 
 
 def test_all_are_healthy_within_a_minute(run: Finished) -> None:

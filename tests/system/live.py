@@ -1,0 +1,160 @@
+"""The deployment on a live sensor: packets of a capture, sent to the driver's container."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from evo.core.geometry import umeyama_alignment
+from numpy.typing import NDArray
+
+from tests.acceptance import live
+from tests.system.compose import Deployment
+from tests.system.conftest import ask_statuses, up
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.trajectory import Trajectory, interpolate, read
+
+SENSOR_PORT = 2368
+STAGES = ("registration", "odometry", "mapping", "integration")
+#: the last sweeps are under way after the last packet
+AFTER_SECONDS = 3.0
+#: a disturbance begins with the sweep that was in work then
+IN_WORK_NS = 500_000_000
+
+
+@dataclass
+class LiveDeployment:
+    """Containers that run, and the sender of the packets."""
+
+    deployment: Deployment
+    sender: threading.Thread
+    enough: threading.Event
+
+    def statuses(self) -> dict[tuple[str, str], StatusRecord]:
+        """Of all instances, also of those that were killed."""
+        return ask_statuses(self.deployment.router_port)
+
+    def newest(self, stage: str) -> StatusRecord:
+        """What the instance of a stage that runs now says."""
+        return max(
+            (s for (name, _), s in self.statuses().items() if name == stage),
+            key=lambda s: s.stamp_ns,
+        )
+
+    def until_sweep(self, sweep: int, seconds: float = 60.0) -> None:
+        """Integration has given the pose of this sweep."""
+        deadline = time.monotonic() + seconds
+        while (self.newest("integration").last_sweep or 0) < sweep:
+            assert time.monotonic() < deadline, f"no pose of sweep {sweep} within {seconds:.0f} s"
+            time.sleep(0.5)
+
+    def stop_sending(self) -> None:
+        self.enough.set()
+        self.sender.join()
+
+    def end(self) -> tuple[Trajectory, dict[tuple[str, str], StatusRecord]]:
+        """After the last packet: what integration leaves when it is stopped, and all statuses."""
+        self.sender.join()
+        time.sleep(AFTER_SECONDS)
+        statuses = self.statuses()
+        self.deployment.run("stop", "--timeout", "20")
+        return read(self.deployment.out / "trajectory.tum"), statuses
+
+
+@contextlib.contextmanager
+def running(
+    capture: Path, out: Path, *options: str, shared_memory: bool = False
+) -> Iterator[LiveDeployment]:
+    """`docker compose up` on a sensor that starts when all stages are ready."""
+    deployment = Deployment(
+        f"zloam-live-{os.getpid()}",
+        out,
+        ["tests/system/live.yml"],
+        {"ZLOAM_SHARED_MEMORY": str(shared_memory).lower()},
+    )
+    with up(deployment, *options):
+        address = deployment.replicas("driver")[0].address
+        enough = threading.Event()
+        sender = threading.Thread(
+            target=live.send,
+            args=(capture, SENSOR_PORT, float("inf")),
+            kwargs={"host": address, "enough": enough},
+        )
+        sender.start()
+        try:
+            yield LiveDeployment(deployment, sender, enough)
+        finally:
+            enough.set()
+
+
+def numbers(found: Trajectory) -> NDArray[np.int64]:
+    """Sweep of each pose by its stamp: the first is that of sweep 0, the sensor turns evenly. Step
+    by step, as a turn is known to a firing only."""
+    assert found.stamps_ns is not None
+    steps_ns = np.diff(found.stamps_ns)
+    steps = np.rint(steps_ns / float(np.median(steps_ns))).astype(np.int64)
+    return np.concatenate(([0], np.cumsum(steps)))
+
+
+@dataclass(frozen=True)
+class Window:
+    """What one disturbance did: from it to the next one."""
+
+    #: the poses of the trajectory in it
+    poses: NDArray[np.bool_]
+    #: sweeps without a pose
+    absent: list[int]
+
+
+def windows(found: Trajectory, sweeps: int, begins_ns: list[int]) -> list[Window]:
+    """For each of the disturbances that began at these instants of the host's clock, which is that
+    of a live pose's stamp."""
+    assert found.stamps_ns is not None
+    numbered = numbers(found)
+    begins = np.searchsorted(found.stamps_ns, [b - IN_WORK_NS for b in begins_ns])
+    edges = [*numbered[begins].tolist(), sweeps]
+    absent = np.setdiff1d(np.arange(sweeps), numbered)
+    return [
+        Window(
+            (numbered >= first) & (numbered < last),
+            absent[(absent >= first) & (absent < last)].tolist(),
+        )
+        for first, last in itertools.pairwise(edges)
+    ]
+
+
+def gap_of(status: StatusRecord) -> int:
+    """Sweeps that a stage says it missed: when it was away, and since."""
+    inputs = [i for i in status.inputs if not i.key.endswith("/correction")]
+    dropped = sum(sum(i.dropped.values()) - i.dropped.get("duplicate", 0) for i in inputs)
+    return int(status.figures.get("gap_sweeps", 0)) + dropped + sum(i.lost for i in inputs)
+
+
+def errors_m(
+    found: Trajectory, undisturbed: Trajectory, truth: Trajectory, aligned_sweeps: int
+) -> NDArray[np.float64]:
+    """Of the positions, aligned with the truth by the first sweeps only, so that a frame that moves
+    afterwards is an error. The undisturbed replay of the capture says at which instant of the truth
+    a sweep's pose lies. NaN behind the truth's end."""
+    assert undisturbed.stamps_ns is not None
+    sweeps = numbers(found)
+    wanted, inside = interpolate(truth, undisturbed.stamps_ns[sweeps])
+    first = sweeps[inside] < aligned_sweeps
+    positions = found.positions[inside]
+    rotation, shift, _ = umeyama_alignment(positions[first].T, wanted.positions[first].T)
+    errors = np.full(len(found), np.nan)
+    moved = positions @ rotation.T + shift
+    errors[inside] = np.linalg.norm(moved - wanted.positions, axis=1)
+    return errors
+
+
+def rmse_m(errors: NDArray[np.float64]) -> float:
+    """Of those that are known."""
+    return float(np.sqrt(np.nanmean(errors**2)))

@@ -1,0 +1,149 @@
+"""The live driver is killed with -9, and all containers at once: what the sensor sent meanwhile is
+counted to the packet, and the map is there again."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.acceptance.decoded import udp_payloads
+from tests.system.compose import Container
+from tests.system.conftest import Drive, drive_of
+from tests.system.live import LiveDeployment, running
+from zloam_monitor import messages
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import open_client
+from zloam_monitor.records import StatusRecord
+
+pytestmark = pytest.mark.system
+#: a person who works on this wants fewer
+ROUNDS = int(os.environ.get("ZLOAM_KILL_ROUNDS", "10"))
+APART_S = 12.0
+REPLICAS = 2
+BACK_S = 40.0
+BEFORE_SWEEPS = 100
+#: all at once: until every container is healthy again
+ALL_BACK_S = 90.0
+ALL = ("router", "store", "registration", "odometry", "mapping", "integration", "driver")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One driver process: stamps of the first and last packet of its sweeps."""
+
+    first_toh_us: int
+    last_toh_us: int
+
+
+class Sweeps:
+    """The driver's sweeps as anybody hears them, by run in the order of their coming."""
+
+    def __init__(self, port: int) -> None:
+        self._session = open_client([f"tcp/127.0.0.1:{port}"])
+        self.runs: dict[int, Run] = {}
+        key = Keys("robot").sweep
+        self._subscriber = self._session.declare_subscriber(key, self._heard)
+
+    def _heard(self, sample: Any) -> None:
+        sweep = messages.decode("Sweep", sample.payload.to_bytes())
+        run = sweep.Header().Run()
+        before = self.runs.get(run)
+        first = before.first_toh_us if before else sweep.FirstPacketTohUs()
+        self.runs[run] = Run(first, sweep.LastPacketTohUs())
+
+    def close(self) -> list[Run]:
+        self._subscriber.undeclare()
+        self._session.close()
+        return list(self.runs.values())
+
+
+def stamps_us(capture: Path) -> list[int]:
+    """Of all data packets that are sent, in order."""
+    return [
+        struct.unpack_from("<I", payload, 1200)[0]
+        for _, payload in udp_payloads(capture)
+        if len(payload) == 1206
+    ]
+
+
+@dataclass(frozen=True)
+class Killed:
+    """What a live drive left in which the driver was killed in rounds."""
+
+    runs: list[Run]
+    registrations: list[StatusRecord]
+
+
+@pytest.fixture(scope="module")
+def driver_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    seconds = round(1.4 * APART_S * ROUNDS) + 60
+    return drive_of(tmp_path_factory.mktemp("driver"), seconds, "--laps", "4")
+
+
+@pytest.fixture(scope="module")
+def killed(driver_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Killed:
+    out = tmp_path_factory.mktemp("driver-killed")
+    with running(driver_drive.pcap, out, "--scale", f"registration={REPLICAS}") as live:
+        sweeps = Sweeps(live.deployment.router_port)
+        for _ in range(ROUNDS):
+            began = time.monotonic()
+            live.deployment.wait_back("driver", live.deployment.kill("driver"), BACK_S)
+            time.sleep(max(0.0, began + APART_S - time.monotonic()))
+        assert live.sender.is_alive(), "the drive was too short for all rounds"
+        live.stop_sending()
+        time.sleep(2.0)
+        found = live.statuses()
+    registrations = [s for (stage, _), s in found.items() if stage == "registration"]
+    return Killed(sweeps.close(), registrations)
+
+
+def test_each_kill_begins_a_run(killed: Killed) -> None:
+    assert len(killed.runs) == ROUNDS + 1
+
+
+def test_the_packets_of_its_down_time_are_counted_exactly(
+    killed: Killed, driver_drive: Drive
+) -> None:
+    place = {stamp: number for number, stamp in enumerate(stamps_us(driver_drive.pcap))}
+    missed = sum(
+        place[after.first_toh_us] - place[before.last_toh_us] - 1
+        for before, after in zip(killed.runs, killed.runs[1:], strict=False)
+    )
+    assert missed > 0
+    assert len(killed.registrations) == REPLICAS
+    for status in killed.registrations:
+        assert status.figures["packets_between_runs"] == missed, status.instance
+
+
+def kill_all(live: LiveDeployment) -> list[tuple[str, Container]]:
+    counts = {service: len(live.deployment.replicas(service)) for service in ALL}
+    return [
+        (service, live.deployment.kill(service, replica))
+        for service, count in counts.items()
+        for replica in range(count)
+    ]
+
+
+def test_all_killed_at_once_the_map_is_there(
+    driver_drive: Drive, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    out = tmp_path_factory.mktemp("all-killed")
+    with running(driver_drive.pcap, out, "--scale", f"registration={REPLICAS}") as live:
+        live.until_sweep(2 * BEFORE_SWEEPS)
+        before = live.newest("mapping").figures["map_points"]
+        killed = kill_all(live)
+        for service, container in killed:
+            live.deployment.wait_back(service, container, ALL_BACK_S)
+        live.until_sweep(BEFORE_SWEEPS)
+        mapping = live.newest("mapping")
+        live.stop_sending()
+    assert before > 0
+    # The store writes once a second: what came after its last write is not in the map.
+    assert mapping.figures["map_points_taken_back"] > 0.8 * before
+    assert mapping.figures["map_points"] >= mapping.figures["map_points_taken_back"]

@@ -1,0 +1,141 @@
+"""The main process of each container is killed with -9 from the host, in rounds, while a live drive
+goes on: each comes back by itself, it goes on in its map, and what is missing is counted."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from tests.system.conftest import Drive, Replayed, drive_of, replay
+from tests.system.live import (
+    STAGES,
+    LiveDeployment,
+    Window,
+    errors_m,
+    gap_of,
+    numbers,
+    rmse_m,
+    running,
+    windows,
+)
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.trajectory import Trajectory, read
+
+pytestmark = pytest.mark.system
+#: a person who works on this wants fewer
+ROUNDS = int(os.environ.get("ZLOAM_KILL_ROUNDS", "10"))
+APART_S = 12.0
+KILLED = ("registration", "router", "mapping", "odometry", "integration")
+REPLICAS = 2
+#: until a container is healthy again: the health check asks every 2 s
+BACK_S = 40.0
+#: sweeps before the first kill: a lap, so that the whole map is there and the errors are those of
+#: its use, not those of its making, which go other ways after the least change
+BEFORE_SWEEPS = 780
+#: of the undisturbed run's, and metres on top for errors of a few millimetres
+WORSE, FLOOR_M = 1.2, 0.01
+#: /dev/shm of the last round beside the first's, and bytes on top
+FLAT, FLOOR_BYTES = 1.1, 1 << 20
+
+
+@dataclass(frozen=True)
+class Kill:
+    """One container's end, and what its next process says shortly before the next kill."""
+
+    round: int
+    service: str
+    at_ns: int
+    status: StatusRecord | None
+    shared_bytes: int
+
+
+@dataclass(frozen=True)
+class Killed:
+    """The drive after all rounds."""
+
+    kills: list[Kill]
+    trajectory: Trajectory
+    sweeps: int
+    statuses: dict[tuple[str, str], StatusRecord]
+
+    def of(self, *services: str) -> list[tuple[Kill, Window]]:
+        """The kills of these services, each with what came of it."""
+        found = windows(self.trajectory, self.sweeps, [k.at_ns for k in self.kills])
+        return [(k, w) for k, w in zip(self.kills, found, strict=True) if k.service in services]
+
+
+def kill_and_wait(running: LiveDeployment, turn: int, service: str) -> Kill:
+    deployment = running.deployment
+    replica = turn % len(deployment.replicas(service))
+    began, at_ns = time.monotonic(), time.time_ns()
+    killed = deployment.kill(service, replica)
+    deployment.wait_back(service, killed, BACK_S)
+    time.sleep(max(0.0, began + APART_S - time.monotonic()))
+    status = running.newest(service) if service in STAGES else None
+    return Kill(turn, service, at_ns, status, deployment.shared_bytes())
+
+
+@pytest.fixture(scope="module")
+def long_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """Laps of the city, longer than all rounds take."""
+    seconds = round(1.4 * APART_S * ROUNDS * len(KILLED) + 0.1 * BEFORE_SWEEPS) + 30
+    return drive_of(tmp_path_factory.mktemp("laps"), seconds, "--laps", "20")
+
+
+@pytest.fixture(scope="module")
+def calm(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    return replay(long_drive, tmp_path_factory.mktemp("calm"), 1, seconds=1200)
+
+
+@pytest.fixture(scope="module")
+def killed(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Killed:
+    out = tmp_path_factory.mktemp("killed")
+    options = ("--scale", f"registration={REPLICAS}")
+    with running(long_drive.pcap, out, *options, shared_memory=True) as live:
+        live.until_sweep(BEFORE_SWEEPS, seconds=200.0)
+        kills = [kill_and_wait(live, t, service) for t in range(ROUNDS) for service in KILLED]
+        assert live.sender.is_alive(), "the drive was too short for all rounds"
+        live.stop_sending()
+        trajectory, statuses = live.end()
+    last = max(s.last_sweep or 0 for (stage, _), s in statuses.items() if stage == "driver")
+    return Killed(kills, trajectory, last + 1, statuses)
+
+
+@pytest.mark.parametrize("service", ["registration", "router", "mapping", "integration"])
+def test_no_sweep_is_missing(killed: Killed, service: str) -> None:
+    missing = {kill.round: window.absent for kill, window in killed.of(service)}
+    assert missing == {turn: [] for turn in range(ROUNDS)}
+
+
+def test_the_odometrys_gap_is_counted(killed: Killed) -> None:
+    for kill, window in killed.of("odometry"):
+        assert kill.status is not None
+        assert len(window.absent) <= gap_of(kill.status), (kill.round, window.absent)
+
+
+@pytest.mark.parametrize("service", KILLED)
+def test_the_trajectory_goes_on_in_its_map(
+    killed: Killed, calm: Replayed, long_drive: Drive, service: str
+) -> None:
+    undisturbed, truth = read(calm.out / "trajectory.tum"), read(long_drive.truth_base)
+    errors = errors_m(killed.trajectory, undisturbed, truth, BEFORE_SWEEPS)
+    reference = errors_m(undisturbed, undisturbed, truth, BEFORE_SWEEPS)
+    sweeps = numbers(killed.trajectory)
+    for kill, window in killed.of(service):
+        ours = rmse_m(errors[window.poses])
+        theirs = rmse_m(reference[sweeps[window.poses]])
+        assert ours <= WORSE * theirs + FLOOR_M, (kill.round, ours, theirs)
+
+
+def test_shared_memory_is_flat(killed: Killed) -> None:
+    rounds = [max(k.shared_bytes for k in killed.kills if k.round == t) for t in range(ROUNDS)]
+    assert rounds[-1] <= FLAT * rounds[0] + FLOOR_BYTES, rounds
+
+
+def test_accounts_balance(killed: Killed) -> None:
+    for (stage, instance), status in killed.statuses.items():
+        for account in status.inputs:
+            assert account.balanced(), (stage, instance, account)
