@@ -45,7 +45,7 @@ set(CMAKE_LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/lib)
 # synchronisation, and would report whatever it hands from one thread to another.
 set(ZLOAM_TEST_ENVIRONMENT UBSAN_OPTIONS=print_stacktrace=1)
 if(ZLOAM_SANITIZE MATCHES "thread")
-  set(ZLOAM_TEST_ENVIRONMENT TSAN_OPTIONS=ignore_noninstrumented_modules=1)
+  set(ZLOAM_TEST_ENVIRONMENT TSAN_OPTIONS=ignore_noninstrumented_modules=1:suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp)
 endif()
 # All unit tests and what they need, without the programs (make sanitize).
 add_custom_target(unit_tests)
