@@ -3,14 +3,21 @@
 namespace zloam::mapping {
 namespace {
 
-std::vector<Pose> starts(const MappingConfig& config) {
+// Sweeps that are searched for before the search widens, and how wide it gets before it begins
+// again.
+constexpr std::uint32_t kSweepsOfAWidth = 3;
+constexpr std::uint32_t kWidths = 4;
+
+std::vector<Pose> starts(const MappingConfig& config, std::uint32_t attempt) {
+  const double width = 1.0 + static_cast<double>(attempt / kSweepsOfAWidth % kWidths);
   std::vector<Pose> offsets = {Pose::Identity()};
   for (const int yaw : {0, -1, 1}) {
     for (int i = -2; i <= 2; ++i) {
       for (int j = -2; j <= 2; ++j) {
         Pose offset = Pose::Identity();
-        offset.translation() = 0.5 * config.bridge_distance_m * Eigen::Vector3d(i, j, 0);
-        offset.linear() = exp_so3(Eigen::Vector3d(0.0, 0.0, yaw * config.bridge_rotation_rad));
+        offset.translation() = 0.5 * width * config.bridge_distance_m * Eigen::Vector3d(i, j, 0);
+        offset.linear() =
+            exp_so3(Eigen::Vector3d(0.0, 0.0, yaw * width * config.bridge_rotation_rad));
         if (yaw != 0 || i != 0 || j != 0) offsets.push_back(offset);
       }
     }
@@ -37,10 +44,11 @@ Matrix6 bridge_covariance(const MappingConfig& config) {
 }
 
 Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const TileMap& tiles, const MappingConfig& config, double median_residual_m) {
+             const TileMap& tiles, const MappingConfig& config, double median_residual_m,
+             std::uint32_t attempt) {
   Match best;
   bool best_accepted = false;
-  for (const Pose& offset : starts(config)) {
+  for (const Pose& offset : starts(config, attempt)) {
     Prediction start = guess;
     start.T_map_base = guess.T_map_base * offset;
     const Match match = method.match(input, start, tiles);

@@ -10,8 +10,11 @@ Matrix6 bridge_covariance(const MappingConfig& config);
 
 /// Matches from several starts around the guess (the guess itself first; it ends when that is
 /// accepted) and returns the one with most inliers. ok only when the share of inliers reaches
-/// bridge_inlier_ratio and the residual is below twice the median of before (0: unknown).
+/// bridge_inlier_ratio and the residual is below twice the median of before (0: unknown). The
+/// starts lie further out with each few of the sweeps that were searched for before (attempt), up
+/// to four times as far.
 Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const TileMap& tiles, const MappingConfig& config, double median_residual_m);
+             const TileMap& tiles, const MappingConfig& config, double median_residual_m,
+             std::uint32_t attempt);
 
 }  // namespace zloam::mapping

@@ -119,7 +119,8 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging && settling == 0) return method->match(input, prediction, tiles);
-  Match match = bridge(*method, input, prediction, tiles, config, policy.median_residual_m());
+  Match match =
+      bridge(*method, input, prediction, tiles, config, policy.median_residual_m(), bridged_sweeps);
   ++bridged_sweeps;
   bridging = !match.ok;
   settling = match.ok ? settling - std::min(settling, 1U) : settling;

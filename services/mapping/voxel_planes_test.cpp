@@ -129,6 +129,31 @@ TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
   }
 }
 
+// A new odometry frame whose place is further off than the first search reaches: it widens.
+TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
+  Mapper mapper{voxel_planes()};
+  const test::Room room = test::furnished_room();
+  const Vector6 rest = Vector6::Zero();
+  for (int i = 0; i < 10; ++i) {
+    const PointVector points = swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + i);
+    mapper.process(input_of(static_cast<std::uint64_t>(i), points, end_of(i), kMotion));
+  }
+  const Pose truth = end_of(9) * exp_se3(twist(3.5, -2.0, 0.0, 0.0, 0.0, 0.5));
+  bool found = false;
+  for (std::uint64_t sweep = 10; sweep < 30; ++sweep) {
+    const PointVector points = swept(room, truth, rest, rest, 0.01, 7U + sweep);
+    MappingInput input = input_of(sweep, points, Pose::Identity(), rest);
+    input.odom_epoch = 1;
+    const auto result = mapper.process(input);
+    found = found || result.health == Health::kOk;
+    // Until then nothing goes into the map, and from then on the pose is right.
+    EXPECT_TRUE(found || !result.inserted) << sweep;
+    const double off_m = (result.T_map_base.translation() - truth.translation()).norm();
+    EXPECT_TRUE(!found || off_m < 0.05) << sweep << ": " << off_m;
+  }
+  EXPECT_TRUE(found);
+}
+
 // Ten sweeps did not reach mapping, in which the sensor turned the other way.
 TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
   Mapper mapper{voxel_planes()};

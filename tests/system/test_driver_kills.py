@@ -91,6 +91,7 @@ def killed(driver_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Kil
     out = tmp_path_factory.mktemp("driver-killed")
     with running(driver_drive.pcap, out, "--scale", f"registration={REPLICAS}") as live:
         sweeps = Sweeps(live.deployment.router_port)
+        live.until_sweep(BEFORE_SWEEPS)
         for _ in range(ROUNDS):
             began = time.monotonic()
             live.deployment.wait_back("driver", live.deployment.kill("driver"), BACK_S)
