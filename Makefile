@@ -53,6 +53,7 @@ test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
 	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow"
+	@$(STEP) "system packages for fuzzing" deploy/build/deps.sh --tests
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
 

@@ -2,7 +2,8 @@
 # Installs what building and running needs from the distribution (Debian 12 or 13), and nothing that is
 # there already. Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
 #   deps.sh            build and run
-#   deps.sh --tools    also formatting, linting and fuzzing
+#   deps.sh --tests    also fuzzing
+#   deps.sh --tools    also formatting and linting
 # Where a Docker Engine answers, also what makes base images without a registry.
 set -euo pipefail
 
@@ -10,7 +11,10 @@ packages=(build-essential cmake ninja-build ccache pkg-config git ca-certificate
   libeigen3-dev libceres-dev libpcl-dev libflatbuffers-dev flatbuffers-compiler libyaml-cpp-dev
   libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev libgtest-dev
   libgmock-dev python3 python3-venv)
-[ "${1:-}" = --tools ] && packages+=(clang libclang-rt-dev clang-format clang-tidy)
+case "${1:-}" in
+  --tests) packages+=(clang libclang-rt-dev) ;;
+  --tools) packages+=(clang libclang-rt-dev clang-format clang-tidy) ;;
+esac
 docker info >/dev/null 2>&1 && packages+=(mmdebstrap)
 
 # Zenoh's crates need a recent compiler; one that is in PATH (rustup) is used as it is.
