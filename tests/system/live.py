@@ -25,6 +25,8 @@ SENSOR_PORT = 2368
 STAGES = ("registration", "odometry", "mapping", "integration")
 #: the last sweeps are under way after the last packet
 AFTER_SECONDS = 3.0
+#: until the driver's process is there
+LISTENS_S = 60.0
 #: a disturbance begins with the sweep that was in work then
 IN_WORK_NS = 500_000_000
 
@@ -80,6 +82,10 @@ def running(
         {"ZLOAM_SHARED_MEMORY": str(shared_memory).lower()},
     )
     with up(deployment, *options):
+        # Who sends before somebody listens has lost the first sweep, and all are numbered from it.
+        deadline = time.monotonic() + LISTENS_S
+        while not any(stage == "driver" for stage, _ in ask_statuses(deployment.router_port)):
+            assert time.monotonic() < deadline, "no driver"
         address = deployment.replicas("driver")[0].address
         enough = threading.Event()
         sender = threading.Thread(

@@ -111,6 +111,7 @@ class StageCore final : public Stage, private InletEvents {
   void wait();
   void post(std::function<void()> task);
   void status_loop();
+  void watch_overload();
   void publish_status();
   ServiceHealth health(std::string* reason) const;
   void note_source(StatusFields* f) const;
@@ -165,6 +166,10 @@ class StageCore final : public Stage, private InletEvents {
   std::map<std::string, std::string> degraded_;
   std::map<std::string, double> figures_;
   Latencies latencies_;
+
+  // Of the status thread.
+  std::uint64_t overload_dropped_ = 0;
+  int looks_without_drop_ = 0;
 
   std::optional<zenoh::LivelinessToken> alive_;
   std::optional<zenoh::Publisher> status_publisher_;

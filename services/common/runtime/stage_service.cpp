@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/run_id.hpp"
@@ -11,6 +12,8 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
+// Statuses without a drop before an overload is over.
+constexpr int kLooksUntilCalm = 5;
 
 /// Which stage reads a key inside the robot: readiness waits for it when it is part of the
 /// deployment.
@@ -158,9 +161,27 @@ void StageCore::status_loop() {
   std::unique_lock lock(status_mutex_);
   while (!status_end_) {
     lock.unlock();
+    watch_overload();
     publish_status();
     lock.lock();
     status_bell_.wait_for(lock, kStatusPeriod, [this] { return status_end_; });
+  }
+}
+
+/// Who drops for want of time says so for a while, whatever else is well.
+void StageCore::watch_overload() {
+  std::uint64_t dropped = 0;
+  for (const Account& account : accounts()) {
+    dropped += account.dropped[static_cast<std::size_t>(Drop::kQueueFull)];
+  }
+  const std::uint64_t more = dropped - std::exchange(overload_dropped_, dropped);
+  looks_without_drop_ = more > 0 ? 0 : looks_without_drop_ + 1;
+  if (more > 0) {
+    degraded("overload", std::to_string(more) +
+                             " sweeps dropped in a second, as the queue was full: "
+                             "there is not the time that the sensor's pace needs");
+  } else if (looks_without_drop_ == kLooksUntilCalm) {
+    degraded("overload", "");
   }
 }
 

@@ -60,6 +60,9 @@ CommandReply call(const CommandHandler& handler, const std::string& arguments) {
 
 }  // namespace
 
+// An odometry that stood still does what it missed: 5 s, and the sweeps that come while it does.
+constexpr std::size_t kFeaturesKeptTimes = 2;
+
 Outlet& StageCore::outlet(Key key) { return outlet_at(key, keys_.of(key)); }
 
 Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
@@ -73,6 +76,7 @@ Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
   s.host = setup_.identity.host;
   s.unshared_part = static_cast<std::size_t>(setup_.shared.zenoh.shared_memory_threshold - 1);
   s.keep_messages = static_cast<std::size_t>(setup_.shared.recovery.keep_messages);
+  if (key == Key::kFeatures) s.keep_messages *= kFeaturesKeptTimes;
   s.keep_bytes = static_cast<std::size_t>(setup_.shared.recovery.keep_mib) << 20;
   s.config_rev = [this](std::uint64_t run, std::uint64_t sweep) { return config_rev(run, sweep); };
   outlets_.push_back(std::make_unique<OutletCore>(std::move(s), session_));
