@@ -27,6 +27,8 @@ STAGES = ("registration", "odometry", "mapping", "integration")
 AFTER_SECONDS = 3.0
 #: until the driver's process is there
 LISTENS_S = 60.0
+#: of the undisturbed run's error, and metres on top for errors of a few millimetres
+WORSE, FLOOR_M = 1.2, 0.01
 #: a disturbance begins with the sweep that was in work then
 IN_WORK_NS = 500_000_000
 
@@ -58,16 +60,19 @@ class LiveDeployment:
             time.sleep(0.5)
 
     def stop_sending(self) -> None:
+        """Before the capture's end: what was to be seen in it took place in it."""
+        assert self.sender.is_alive(), "the drive was too short"
         self.enough.set()
         self.sender.join()
-
-    def end(self) -> tuple[Trajectory, dict[tuple[str, str], StatusRecord]]:
-        """After the last packet: what integration leaves when it is stopped, and all statuses."""
-        self.sender.join()
         time.sleep(AFTER_SECONDS)
+
+    def end(self) -> Driven:
+        """What integration leaves when it is stopped after the last packet, and all statuses."""
+        self.stop_sending()
         statuses = self.statuses()
+        driver = (s.last_sweep or 0 for (stage, _), s in statuses.items() if stage == "driver")
         self.deployment.run("stop", "--timeout", "20")
-        return read(self.deployment.out / "trajectory.tum"), statuses
+        return Driven(read(self.deployment.out / "trajectory.tum"), max(driver) + 1, statuses)
 
 
 @contextlib.contextmanager
@@ -119,21 +124,48 @@ class Window:
     absent: list[int]
 
 
-def windows(found: Trajectory, sweeps: int, begins_ns: list[int]) -> list[Window]:
-    """For each of the disturbances that began at these instants of the host's clock, which is that
-    of a live pose's stamp."""
-    assert found.stamps_ns is not None
-    numbered = numbers(found)
-    begins = np.searchsorted(found.stamps_ns, [b - IN_WORK_NS for b in begins_ns])
-    edges = [*numbered[begins].tolist(), sweeps]
-    absent = np.setdiff1d(np.arange(sweeps), numbered)
-    return [
-        Window(
-            (numbered >= first) & (numbered < last),
-            absent[(absent >= first) & (absent < last)].tolist(),
-        )
-        for first, last in itertools.pairwise(edges)
-    ]
+@dataclass(frozen=True)
+class Driven:
+    """A drive after its end."""
+
+    trajectory: Trajectory
+    #: of the driver
+    sweeps: int
+    statuses: dict[tuple[str, str], StatusRecord]
+
+    def windows(self, begins_ns: list[int]) -> list[Window]:
+        """For each of the disturbances that began at these instants of the host's clock, which is
+        that of a live pose's stamp."""
+        assert self.trajectory.stamps_ns is not None
+        numbered = numbers(self.trajectory)
+        begins = np.searchsorted(self.trajectory.stamps_ns, [b - IN_WORK_NS for b in begins_ns])
+        edges = [*numbered[begins].tolist(), self.sweeps]
+        absent = np.setdiff1d(np.arange(self.sweeps), numbered)
+        return [
+            Window(
+                (numbered >= first) & (numbered < last),
+                absent[(absent >= first) & (absent < last)].tolist(),
+            )
+            for first, last in itertools.pairwise(edges)
+        ]
+
+    def assert_accounts_balance(self) -> None:
+        for (stage, instance), status in self.statuses.items():
+            for account in status.inputs:
+                assert account.balanced(), (stage, instance, account)
+
+    def assert_as_good(
+        self,
+        undisturbed: Trajectory,
+        truth: Trajectory,
+        poses: NDArray[np.bool_] | NDArray[np.int64],
+        aligned_sweeps: int,
+    ) -> None:
+        """These poses, beside those of the same sweeps of the undisturbed run."""
+        errors = errors_m(self.trajectory, undisturbed, truth, aligned_sweeps)
+        reference = errors_m(undisturbed, undisturbed, truth, aligned_sweeps)
+        ours, theirs = rmse_m(errors[poses]), rmse_m(reference[numbers(self.trajectory)[poses]])
+        assert ours <= WORSE * theirs + FLOOR_M, (ours, theirs)
 
 
 def gap_of(status: StatusRecord) -> int:

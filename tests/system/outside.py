@@ -1,13 +1,12 @@
 """A subscriber on another host, for tests: a container of its own on the deployment's network,
-whose link is made as bad as wished. Loss and rate are the kernel's doing, delay that of a relay."""
+whose link is made as bad as wished. Loss and rate are the kernel's doing, delay that of a relay in
+a container of its own."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import subprocess
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,24 +14,55 @@ from tests.system.compose import Deployment, inspect
 
 #: hears every key of the robot and counts; says so at the end
 LISTENER = """
-import json, signal, sys, time, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"client"')
-config.insert_json5("connect/endpoints", json.dumps(sys.argv[1:]))
-config.insert_json5("connect/timeout_ms", "-1")
-config.insert_json5("connect/exit_on_failure", "false")
-config.insert_json5("scouting/multicast/enabled", "false")
-heard = {"all": 0, "pose": 0, "newest": 0.0}
+import json, sys, time
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import open_client
+robot = Keys("robot")
+heard = {"all": 0, "pose": 0}
 def hear(sample):
     heard["all"] += 1
-    if str(sample.key_expr) == "loam/robot/pose":
-        heard["pose"] += 1
-        heard["newest"] = time.time()
-session = zenoh.open(config)
+    heard["pose"] += str(sample.key_expr) == robot.pose
+session = open_client(sys.argv[1:])
 subscriber = session.declare_subscriber("loam/**", hear)
 while True:
     time.sleep(1.0)
     print(json.dumps(heard), flush=True)
+"""
+
+#: hands on what comes to port 7447, in order, so many seconds later; either end may go on sending
+#: meanwhile
+RELAY = """
+import asyncio, contextlib, sys
+delay_s = float(sys.argv[1])
+
+async def late(reader, writer):
+    clock = asyncio.get_running_loop()
+    waiting = asyncio.Queue()
+    async def hand_on():
+        while True:
+            due, chunk = await waiting.get()
+            await asyncio.sleep(max(0.0, due - clock.time()))
+            if not chunk:
+                return writer.close()
+            writer.write(chunk)
+            await writer.drain()
+    sender = asyncio.create_task(hand_on())
+    with contextlib.suppress(ConnectionError):
+        while chunk := await reader.read(65536):
+            waiting.put_nowait((clock.time() + delay_s, chunk))
+    waiting.put_nowait((clock.time() + delay_s, b""))
+    with contextlib.suppress(ConnectionError):
+        await sender
+
+async def accept(reader, writer):
+    there = await asyncio.open_connection("router", 7447)
+    await asyncio.gather(late(reader, there[1]), late(there[0], writer))
+
+async def main():
+    async with await asyncio.start_server(accept, "0.0.0.0", 7447) as server:
+        await server.serve_forever()
+
+asyncio.run(main())
 """
 
 
@@ -55,25 +85,15 @@ class Outside:
     @contextlib.contextmanager
     def losing(self, share: float) -> Iterator[None]:
         """Of the packets in each direction."""
-        rules = [
-            (
-                chain,
-                "-m",
-                "statistic",
-                "--mode",
-                "random",
-                "--probability",
-                str(share),
-                "-j",
-                "DROP",
-            )
-            for chain in ("INPUT", "OUTPUT")
-        ]
+        chance = ("-m", "statistic", "--mode", "random", "--probability", str(share))
+        rules = [(chain, *chance, "-j", "DROP") for chain in ("INPUT", "OUTPUT")]
         for rule in rules:
             self._in_network("iptables", "-A", *rule)
-        yield
-        for rule in rules:
-            self._in_network("iptables", "-D", *rule)
+        try:
+            yield
+        finally:
+            for rule in rules:
+                self._in_network("iptables", "-D", *rule)
 
     @contextlib.contextmanager
     def cut(self) -> Iterator[None]:
@@ -108,68 +128,28 @@ def slow(container: str, bits_per_s: int) -> Iterator[None]:
         _run("tc", "qdisc", "del", "dev", card, "root")
 
 
-async def _late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, delay_s: float) -> None:
-    """Hands on what comes, in order, so much later; the other end may go on sending meanwhile."""
-    clock = asyncio.get_running_loop()
-    waiting: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
-
-    async def hand_on() -> None:
-        while True:
-            due, chunk = await waiting.get()
-            await asyncio.sleep(max(0.0, due - clock.time()))
-            if not chunk:
-                writer.close()
-                return
-            writer.write(chunk)
-            await writer.drain()
-
-    sender = asyncio.create_task(hand_on())
-    with contextlib.suppress(ConnectionError):
-        while chunk := await reader.read(65536):
-            waiting.put_nowait((clock.time() + delay_s, chunk))
-    waiting.put_nowait((clock.time() + delay_s, b""))
-    with contextlib.suppress(ConnectionError):
-        await sender
-
-
 @contextlib.contextmanager
-def relay(address: str, port: int, delay_s: float) -> Iterator[str]:
-    """The endpoint of a relay to the router's port on this host: both ways so much later."""
-    loop = asyncio.new_event_loop()
-
-    async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(ConnectionError, asyncio.CancelledError):
-            there = await asyncio.open_connection("127.0.0.1", port)
-            await asyncio.gather(_late(reader, there[1], delay_s), _late(there[0], writer, delay_s))
-
-    server = loop.run_until_complete(asyncio.start_server(accept, address, 0))
-    thread = threading.Thread(target=loop.run_forever)
-    thread.start()
-    try:
-        yield f"tcp/{address}:{server.sockets[0].getsockname()[1]}"
-    finally:
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join()
-        for task in asyncio.all_tasks(loop):
-            task.cancel()
-        loop.run_until_complete(asyncio.sleep(0.1))
-        loop.close()
-
-
-def gateway(deployment: Deployment) -> str:
-    """The host's own address on the deployment's network."""
-    (found,) = json.loads(_run("docker", "network", "inspect", f"{deployment.project}_default"))
-    return str(found["IPAM"]["Config"][0]["Gateway"])
+def relay(deployment: Deployment, delay_s: float) -> Iterator[str]:
+    """The endpoint of a relay to the router: both ways so much later."""
+    with _elsewhere(deployment, "relay", RELAY, str(delay_s)) as name:
+        yield f"tcp/{name}:7447"
 
 
 @contextlib.contextmanager
 def outside(deployment: Deployment, endpoint: str = "tcp/router:7447") -> Iterator[Outside]:
     """It runs, and connects to the router or to a relay before it."""
-    name = f"{deployment.project}-outside"
-    _run("docker", "run", "--detach", "--rm", "--name", name, "--network",
-         f"{deployment.project}_default", "--entrypoint", "python3", "zenoh-loam-monitor", "-c",
-         LISTENER, endpoint)  # fmt: skip
-    try:
+    with _elsewhere(deployment, "outside", LISTENER, endpoint) as name:
         yield Outside(name)
+
+
+@contextlib.contextmanager
+def _elsewhere(deployment: Deployment, name: str, program: str, *arguments: str) -> Iterator[str]:
+    """Python that stands for another machine: it gets the time that the robot leaves over."""
+    container = f"{deployment.project}-{name}"
+    _run("docker", "run", "--detach", "--rm", "--name", container, "--cpu-shares", "2", "--network",
+         f"{deployment.project}_default", "--entrypoint", "python3", "zenoh-loam-monitor", "-c",
+         program, *arguments)  # fmt: skip
+    try:
+        yield container
     finally:
-        subprocess.run(["docker", "kill", name], capture_output=True, check=False)
+        subprocess.run(["docker", "kill", container], capture_output=True, check=False)

@@ -96,9 +96,7 @@ def killed(driver_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Kil
             began = time.monotonic()
             live.deployment.wait_back("driver", live.deployment.kill("driver"), BACK_S)
             time.sleep(max(0.0, began + APART_S - time.monotonic()))
-        assert live.sender.is_alive(), "the drive was too short for all rounds"
         live.stop_sending()
-        time.sleep(2.0)
         found = live.statuses()
     registrations = [s for (stage, _), s in found.items() if stage == "registration"]
     return Killed(sweeps.close(), registrations)

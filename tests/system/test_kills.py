@@ -10,19 +10,9 @@ from dataclasses import dataclass
 import pytest
 
 from tests.system.conftest import Drive, Replayed, drive_of, replay
-from tests.system.live import (
-    STAGES,
-    LiveDeployment,
-    Window,
-    errors_m,
-    gap_of,
-    numbers,
-    rmse_m,
-    running,
-    windows,
-)
+from tests.system.live import STAGES, Driven, LiveDeployment, Window, gap_of, running
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.trajectory import Trajectory, read
+from zloam_monitor.trajectory import read
 
 pytestmark = pytest.mark.system
 #: a person who works on this wants fewer
@@ -35,8 +25,6 @@ BACK_S = 40.0
 #: sweeps before the first kill: a lap, so that the whole map is there and the errors are those of
 #: its use, not those of its making, which go other ways after the least change
 BEFORE_SWEEPS = 780
-#: of the undisturbed run's, and metres on top for errors of a few millimetres
-WORSE, FLOOR_M = 1.2, 0.01
 #: /dev/shm of the last round beside the first's, and bytes on top
 FLAT, FLOOR_BYTES = 1.1, 1 << 20
 
@@ -57,13 +45,11 @@ class Killed:
     """The drive after all rounds."""
 
     kills: list[Kill]
-    trajectory: Trajectory
-    sweeps: int
-    statuses: dict[tuple[str, str], StatusRecord]
+    driven: Driven
 
     def of(self, *services: str) -> list[tuple[Kill, Window]]:
         """The kills of these services, each with what came of it."""
-        found = windows(self.trajectory, self.sweeps, [k.at_ns for k in self.kills])
+        found = self.driven.windows([k.at_ns for k in self.kills])
         return [(k, w) for k, w in zip(self.kills, found, strict=True) if k.service in services]
 
 
@@ -97,11 +83,7 @@ def killed(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Kille
     with running(long_drive.pcap, out, *options, shared_memory=True) as live:
         live.until_sweep(BEFORE_SWEEPS, seconds=200.0)
         kills = [kill_and_wait(live, t, service) for t in range(ROUNDS) for service in KILLED]
-        assert live.sender.is_alive(), "the drive was too short for all rounds"
-        live.stop_sending()
-        trajectory, statuses = live.end()
-    last = max(s.last_sweep or 0 for (stage, _), s in statuses.items() if stage == "driver")
-    return Killed(kills, trajectory, last + 1, statuses)
+        return Killed(kills, live.end())
 
 
 @pytest.mark.parametrize("service", ["registration", "router", "mapping", "integration"])
@@ -121,13 +103,8 @@ def test_the_trajectory_goes_on_in_its_map(
     killed: Killed, calm: Replayed, long_drive: Drive, service: str
 ) -> None:
     undisturbed, truth = read(calm.out / "trajectory.tum"), read(long_drive.truth_base)
-    errors = errors_m(killed.trajectory, undisturbed, truth, BEFORE_SWEEPS)
-    reference = errors_m(undisturbed, undisturbed, truth, BEFORE_SWEEPS)
-    sweeps = numbers(killed.trajectory)
-    for kill, window in killed.of(service):
-        ours = rmse_m(errors[window.poses])
-        theirs = rmse_m(reference[sweeps[window.poses]])
-        assert ours <= WORSE * theirs + FLOOR_M, (kill.round, ours, theirs)
+    for _, window in killed.of(service):
+        killed.driven.assert_as_good(undisturbed, truth, window.poses, BEFORE_SWEEPS)
 
 
 def test_shared_memory_is_flat(killed: Killed) -> None:
@@ -136,6 +113,4 @@ def test_shared_memory_is_flat(killed: Killed) -> None:
 
 
 def test_accounts_balance(killed: Killed) -> None:
-    for (stage, instance), status in killed.statuses.items():
-        for account in status.inputs:
-            assert account.balanced(), (stage, instance, account)
+    killed.driven.assert_accounts_balance()

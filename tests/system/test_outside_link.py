@@ -14,11 +14,10 @@ import pytest
 
 from tests.system.compose import ROOT
 from tests.system.conftest import Drive, drive_of
-from tests.system.live import LiveDeployment, Window, running, windows
-from tests.system.outside import Outside, gateway, outside, relay, slow
+from tests.system.live import Driven, LiveDeployment, running
+from tests.system.outside import Outside, outside, relay, slow
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
-from zloam_monitor.records import StatusRecord
 
 pytestmark = pytest.mark.system
 BEFORE_SWEEPS = 50
@@ -47,8 +46,7 @@ class Observed:
     """The drive with all phases."""
 
     phases: list[Phase]
-    windows: list[Window]
-    statuses: dict[tuple[str, str], StatusRecord]
+    driven: Driven
     poses_after_cut: float
 
 
@@ -102,9 +100,8 @@ def phases(live: LiveDeployment, inside: Inside) -> Iterator[Phase | float]:
         with who.cut():
             yield inside.during("cut", who)
         yield hears_again(who)
-    address = gateway(live.deployment)
     with (
-        relay(address, live.deployment.router_port, DELAY_S) as endpoint,
+        relay(live.deployment, DELAY_S) as endpoint,
         outside(live.deployment, endpoint) as who,
     ):
         yield inside.during("200 ms", who)
@@ -117,27 +114,23 @@ def observed(link_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Obs
         live.until_sweep(BEFORE_SWEEPS)
         with contextlib.closing(Inside(live)) as inside:
             found = list(phases(live, inside))
-        assert live.sender.is_alive(), "the drive was too short"
-        live.stop_sending()
-        trajectory, statuses = live.end()
-    last = max(s.last_sweep or 0 for (stage, _), s in statuses.items() if stage == "driver")
+        driven = live.end()
     seen = [phase for phase in found if isinstance(phase, Phase)]
     (after_cut,) = [count for count in found if isinstance(count, float)]
     REPORT.parent.mkdir(parents=True, exist_ok=True)
     percentiles = {p.name: np.percentile(p.latencies_ms, (50, 95)).round(2).tolist() for p in seen}
     REPORT.write_text(json.dumps({"latency_ms.p50_p95": percentiles}, indent=1) + "\n")
-    return Observed(
-        seen, windows(trajectory, last + 1, [p.at_ns for p in seen]), statuses, after_cut
-    )
+    return Observed(seen, driven, after_cut)
 
 
 def test_the_robot_misses_nothing(observed: Observed) -> None:
-    absent = {p.name: w.absent for p, w in zip(observed.phases, observed.windows, strict=True)}
+    windows = observed.driven.windows([phase.at_ns for phase in observed.phases])
+    absent = {p.name: w.absent for p, w in zip(observed.phases, windows, strict=True)}
     assert absent == {phase.name: [] for phase in observed.phases}
 
 
 def test_the_robot_drops_nothing_on_the_way_of_the_pose(observed: Observed) -> None:
-    for (stage, _), status in observed.statuses.items():
+    for (stage, _), status in observed.driven.statuses.items():
         if stage in ("registration", "odometry", "integration"):
             for account in status.inputs:
                 assert not any(account.dropped.values()), (stage, account)

@@ -85,18 +85,24 @@ void expect_whole(const Sample& sample, std::size_t size) {
   EXPECT_TRUE(std::all_of(view.data().begin(), view.data().end(), all_equal));
 }
 
-TEST(SharedMemory, BetweenTwoProcesses) {
-  constexpr std::size_t kSize = 300'000;
-  const int port = free_port();
+/// A message that the other process has published, which goes on publishing.
+struct FromPeer {
+  static constexpr std::size_t kSize = 300'000;
+  int port = free_port();
   Session session = Session::open(shared_memory_config(listening_config(port)));
-  auto channel = session.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
-  Peer peer(port, kSize);
+  ChannelSubscriber channel = session.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Peer peer{port, kSize};
   TransferCounters counters;
-  const auto sample = first_by_shared_memory(channel, counters);
-  ASSERT_TRUE(sample.has_value()) << counters.messages_other << " messages went another way";
-  expect_whole(*sample, kSize);
-  EXPECT_EQ(counters.messages_shared_memory, 1u);
-  EXPECT_EQ(peer.join(), 0);
+  std::optional<Sample> sample = first_by_shared_memory(channel, counters);
+};
+
+TEST(SharedMemory, BetweenTwoProcesses) {
+  FromPeer from;
+  ASSERT_TRUE(from.sample.has_value())
+      << from.counters.messages_other << " messages went another way";
+  expect_whole(*from.sample, FromPeer::kSize);
+  EXPECT_EQ(from.counters.messages_shared_memory, 1u);
+  EXPECT_EQ(from.peer.join(), 0);
 }
 
 /// As a machine that swaps, or a container that is suspended.
@@ -113,25 +119,19 @@ void stand_still(std::chrono::milliseconds time) {
 }
 
 TEST(SharedMemory, WhatWasWrittenAgainWhileAReaderStoodStillIsTorn) {
-  constexpr std::size_t kSize = 300'000;
-  const int port = free_port();
-  Session session = Session::open(shared_memory_config(listening_config(port)));
-  auto channel = session.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
-  Peer peer(port, kSize);
-  TransferCounters counters;
-  const auto sample = first_by_shared_memory(channel, counters);
-  ASSERT_TRUE(sample.has_value());
-  const AlignedBytes before = view_aligned(sample->payload);
+  FromPeer from;
+  ASSERT_TRUE(from.sample.has_value());
+  const AlignedBytes before = view_aligned(from.sample->payload);
   ASSERT_FALSE(before.torn());
   // The publisher goes on, with a pool for some 13 messages.
   stand_still(std::chrono::milliseconds(800));
-  const AlignedBytes after = view_aligned(sample->payload);
+  const AlignedBytes after = view_aligned(from.sample->payload);
   EXPECT_TRUE(after.torn());
   EXPECT_EQ(after.size(), 0u);
   // What was copied in time is what it was.
   const auto same = [&](std::uint8_t byte) { return byte == before.data()[0]; };
   EXPECT_TRUE(std::all_of(before.data().begin(), before.data().end(), same));
-  EXPECT_EQ(peer.join(), 0);
+  EXPECT_EQ(from.peer.join(), 0);
 }
 
 constexpr std::chrono::milliseconds kBetween{500};
