@@ -64,9 +64,11 @@ struct VoxelPlanesConfig {
   /// sigmas of the odometry's twist as a prior; 0: none
   double twist_sigma_mps = 0.0;
   double twist_sigma_radps = 0.0;
-  /// steps that differ from the odometry's by more than this say that the map's motion is lost
-  double lost_step_m = 0.3;
-  double lost_step_rad = 0.05;
+  /// steps that differ from the odometry's by more than this say that the map's motion is lost:
+  /// more than an odometry that slips between smooth walls is off by (0.4 m), which the map must
+  /// not follow
+  double lost_step_m = 3.0;
+  double lost_step_rad = 0.3;
   /// every so many points of a sweep are put into the tiles, which hold the points to look at
   std::uint32_t tile_stride = 4;
 };
