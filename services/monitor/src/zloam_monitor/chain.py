@@ -52,6 +52,8 @@ class Chain:
         self.processes = Processes()
         self.base_port = free_base_port()
         self.exit_codes: dict[str, int] = {}
+        #: stage -> variables of its environment, beside this process' own
+        self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
             stage: self._command(binary(build, stage), config, settings, set_at) for stage in STAGES
         }
@@ -94,7 +96,8 @@ class Chain:
 
     def start(self, stage: str, log: str | None = None) -> None:
         """Starts a stage, also one that was ended before; `log`: name of its file without .log."""
-        self.processes.start(stage, self._commands[stage], self._logs / f"{log or stage}.log")
+        path = self._logs / f"{log or stage}.log"
+        self.processes.start(stage, self._commands[stage], path, self.environments.get(stage))
 
     def start_replica(
         self, stage: str, instance: str, environment: dict[str, str] | None = None

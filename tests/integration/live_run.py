@@ -1,0 +1,182 @@
+"""The chain live on a sensor's packets, for tests that do something to it meanwhile."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.acceptance import live
+from tests.integration.conftest import Capture, kill
+from zloam_monitor.chain import Chain, binary
+from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.robot_file import names
+from zloam_monitor.trajectory import Trajectory, from_records, read
+
+SECONDS = 9.0
+#: the live capture is sent slower than it was recorded, so that a busy machine is no fault
+SLOWER = 1.5
+#: killed when so many poses have come
+KILL_AT = 45
+VOXELS_EVERY = 20
+BRIDGING = HEALTH.index("bridging")
+PATIENCE_S = 60.0
+STAGES = ("registration", "odometry", "mapping", "integration")
+#: mapping founds no map before the store is there; more than its link ever takes
+STORE_LINK_S = 10
+
+
+def store_command(build: Path, robot_file: Path, chain: Chain, path: Path) -> list[str]:
+    own = [f"zenoh.base_port={chain.base_port}", f"store.path={path}"]
+    own.append(f"zenoh.connect=[{chain._own_endpoint()}]")
+    command = [str(binary(build, "store")), "--config", str(robot_file)]
+    return [*command, *(word for setting in own for word in ("--set", setting))]
+
+
+class LiveRun:
+    """The chain on a sensor's packets; keeps the poses of all runs."""
+
+    def __init__(
+        self,
+        build: Path,
+        robot_file: Path,
+        drive: Capture,
+        out: Path,
+        *,
+        store: bool = True,
+        slower: float = SLOWER,
+    ) -> None:
+        self.out, self.port = out, live.free_udp_port()
+        robot = names(robot_file, [])
+        settings = [
+            "driver.source=udp",
+            f"driver.port={self.port}",
+            "driver.position_port=0",
+            f"integration.output_dir={out}",
+            f"mapping.map_path={out / 'map.pcd'}",
+            f"mapping.voxels_every={VOXELS_EVERY}",
+            f"mapping.store_link_s={STORE_LINK_S if store else 0}",
+        ]
+        self.chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
+        self._store: list[str] = []
+        if store:
+            self._store = store_command(build, robot_file, self.chain, out / "tiles")
+        self._sender = threading.Thread(
+            target=live.send, args=(drive.pcap, self.port, SECONDS, slower)
+        )
+        #: (run, sweep) -> pose, in the order of their coming
+        self.poses: dict[tuple[int, int], PoseRecord] = {}
+        self.mapped: dict[tuple[int, int], PoseRecord] = {}
+
+    def __enter__(self) -> LiveRun:
+        self.chain.__enter__()
+        if self._store:
+            self.chain.processes.start("store", self._store, self.out / "store.log")
+            self._until(lambda: self.chain.link.stage("store") is not None)
+        # every stage has its readers: the first packet's sweep reaches them all
+        ready = ("ready", "degraded")
+        self._until(lambda: all(self._health(s) in ready for s in (*STAGES, "driver")))
+        self._sender.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.chain.close()
+        self._sender.join()
+
+    def _poll(self) -> None:
+        link = self.chain.link
+        link.poll(0.1)
+        for kept, found in ((self.poses, link.poses), (self.mapped, link.mapped)):
+            for pose in found.values():
+                kept.setdefault((pose.run, pose.sweep), pose)
+        self.chain.processes.check()
+
+    def _health(self, stage: str) -> str:
+        status = self.chain.link.stage(stage)
+        return status.health if status is not None else ""
+
+    def _until(self, done: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not done():
+            self._poll()
+            assert time.monotonic() < deadline, "it never happened"
+
+    def until_poses(self, count: int) -> None:
+        """And until mapping is past the sweep at which it last gave its voxels to the store."""
+        newest = VOXELS_EVERY * (count // VOXELS_EVERY)
+        self._until(lambda: len(self.poses) >= count and len(self.mapped) > newest)
+
+    def restart(self, *stages: str, away: int = 0) -> PoseRecord:
+        """Kills and starts again, so many sweeps later; the last pose before."""
+        last = list(self.poses.values())[-1]
+        kill(self.chain, *stages)
+        if away:
+            self._until(lambda: self._driver_sweep() >= last.sweep + away)
+        for stage in stages:
+            self.chain.start(stage, f"{stage}-again")
+        return last
+
+    def _driver_sweep(self) -> int:
+        status = self.chain.link.stage("driver")
+        return -1 if status is None or status.last_sweep is None else status.last_sweep
+
+    def killed(self, *stages: str, away: int = 0) -> tuple[PoseRecord, dict[str, StatusRecord]]:
+        """Once in a whole run: the last pose before, and what the stages say at the end."""
+        with self:
+            self.until_poses(KILL_AT)
+            last = self.restart(*stages, away=away)
+            return last, self.end()
+
+    def end(self) -> dict[str, StatusRecord]:
+        """After the last packet: statuses, and exit codes that are all 0."""
+        while self._sender.is_alive():
+            self._poll()
+        ends = time.monotonic() + live.AFTER_SECONDS
+        while time.monotonic() < ends:
+            self._poll()
+        self.chain.link.query_statuses()
+        statuses = self.chain.statuses()
+        codes = self.chain.stop()
+        assert set(codes.values()) == {0}, codes
+        return {**statuses, **self.chain.statuses()}
+
+    def trajectory(self, undisturbed: Path) -> tuple[Trajectory, NDArray[np.int64]]:
+        """Of the poses, at the instants that the capture gives the sweeps. Without those that say
+        of themselves that they only bridge a gap (`bridging`; protocols.md, section 7)."""
+        whole = read(undisturbed / "trajectory.tum")
+        stamps = whole.stamps_ns
+        assert stamps is not None
+        first_run = next(iter(self.poses))[0]
+        rows = {}
+        for count, pose in enumerate(self.poses.values()):
+            if pose.health == BRIDGING:
+                continue
+            own = pose.run == first_run
+            sweep = pose.sweep if own else pose.sweep + self._skipped(pose.run, whole)
+            rows[count] = (int(stamps[sweep]), pose.translation, pose.quaternion)
+        return from_records(rows), stamps
+
+    def _skipped(self, run: int, whole: Trajectory) -> int:
+        """How many of the capture's sweeps came before a later run's first. Sweeps of all runs end
+        at the same turn of the sensor, but a run's clock is set as its first packet comes, which
+        may be late by more than a sweep: the number at which the poses lie best."""
+        assert whole.stamps_ns is not None
+        begin = next(iter(self.poses.values())).instant_ns
+        poses = [p for p in self.poses.values() if p.run == run]
+        at = int(whole.stamps_ns[0]) + poses[0].instant_ns - begin
+        near = int(np.argmin(np.abs(whole.stamps_ns - at))) - poses[0].sweep
+        off = {
+            skip: np.mean(
+                [
+                    np.linalg.norm(whole.transforms[p.sweep + skip, :3, 3] - p.translation)
+                    for p in poses
+                    if p.health != BRIDGING
+                ]
+            )
+            for skip in (near - 1, near, near + 1)
+        }
+        return min(off, key=lambda skip: float(off[skip]))
