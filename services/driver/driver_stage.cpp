@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "common/runtime/fault.hpp"
 #include "driver/io/scan_folder.hpp"
 #include "schemas/packets_generated.h"
 #include "schemas/sweep_generated.h"
@@ -95,6 +96,7 @@ void DriverStage::open_udp_source() {
   const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
   UdpOptions udp = config_.udp;
   udp.sender = stream.sender;
+  udp.clock_ahead_ns = runtime::clock_fault_ns();
   source_ = sweeps_of_packets(open_udp(udp), stream, kSocketWaitMs);
   window_.start_live();
 }

@@ -56,6 +56,8 @@ constexpr std::array kTable = {
            "background", N::kNone, "newest 1"},
     KeyRow{Key::kConfig, "service/<stage>/<instance>/config", "config", "every stage", C::kQuery,
            "data_low", N::kNone, "query"},
+    KeyRow{Key::kTime, "service/<stage>/<instance>/time", "host_time", "every stage", C::kQuery,
+           "data_low", N::kNone, "query"},
     KeyRow{Key::kAlive, "service/<stage>/<instance>/alive", "", "every stage", C::kQuery, "data",
            N::kNone, "liveliness token"},
     KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
@@ -154,6 +156,9 @@ std::string Keys::status(std::string_view stage, std::string_view instance) cons
 }
 std::string Keys::config(std::string_view stage, std::string_view instance) const {
   return below(service(stage, instance, "config"));
+}
+std::string Keys::time(std::string_view stage, std::string_view instance) const {
+  return below(service(stage, instance, "time"));
 }
 std::string Keys::alive(std::string_view stage, std::string_view instance) const {
   return below(service(stage, instance, "alive"));

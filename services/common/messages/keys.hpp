@@ -33,6 +33,7 @@ enum class Key : std::uint8_t {
   kPoseImuRate,
   kStatus,
   kConfig,
+  kTime,
   kAlive,
   kCommand,
   kConfigRevision,
@@ -83,6 +84,7 @@ class Keys {
   std::string all_tiles() const;
   std::string status(std::string_view stage, std::string_view instance) const;
   std::string config(std::string_view stage, std::string_view instance) const;
+  std::string time(std::string_view stage, std::string_view instance) const;
   std::string alive(std::string_view stage, std::string_view instance) const;
   std::string command(std::string_view stage, std::string_view verb) const;
   /// "*" asks for all stages'

@@ -8,6 +8,7 @@
 #include "schemas/features_generated.h"
 #include "schemas/flow_ack_generated.h"
 #include "schemas/gnss_generated.h"
+#include "schemas/host_time_generated.h"
 #include "schemas/imu_generated.h"
 #include "schemas/map_correction_generated.h"
 #include "schemas/map_pose_generated.h"
@@ -42,6 +43,7 @@ ZLOAM_KIND(ConfigRevision, "config_revision", "ZLCR");
 ZLOAM_KIND(Features, "features", "ZLFE");
 ZLOAM_KIND(FlowAck, "flow_ack", "ZLAK");
 ZLOAM_KIND(GnssBatch, "gnss", "ZLGN");
+ZLOAM_KIND(HostTime, "host_time", "ZLHT");
 ZLOAM_KIND(ImuBatch, "imu", "ZLIM");
 ZLOAM_KIND(MapCorrection, "map_correction", "ZLMC");
 ZLOAM_KIND(MapPose, "map_pose", "ZLMP");

@@ -192,6 +192,11 @@ std::string range_error(const msg::GnssBatch& m) {
   return c.take();
 }
 
+std::string range_error(const msg::HostTime& m) {
+  if (m.sent_ns() < m.received_ns()) return "it was sent before the question came";
+  return {};
+}
+
 std::string range_error(const msg::ImuBatch& m) {
   return Checker().header(m.header()).imu(m.samples()).take();
 }

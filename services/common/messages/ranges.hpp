@@ -15,6 +15,7 @@ std::string range_error(const msg::ConfigRevision& m);
 std::string range_error(const msg::Features& m);
 std::string range_error(const msg::FlowAck& m);
 std::string range_error(const msg::GnssBatch& m);
+std::string range_error(const msg::HostTime& m);
 std::string range_error(const msg::ImuBatch& m);
 std::string range_error(const msg::MapCorrection& m);
 std::string range_error(const msg::MapPose& m);

@@ -49,6 +49,7 @@ template VerifyResult verify<msg::ConfigRevision>(std::span<const std::uint8_t>,
 template VerifyResult verify<msg::Features>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::FlowAck>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::GnssBatch>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::HostTime>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::ImuBatch>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapCorrection>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapPose>(std::span<const std::uint8_t>, std::string_view);

@@ -21,4 +21,11 @@ std::optional<std::uint64_t> fault(const std::string& variable) {
   return number;
 }
 
+std::int64_t clock_fault_ns() {
+  constexpr std::int64_t kNsPerMs = 1'000'000;
+  static const auto ahead_ns = static_cast<std::int64_t>(
+      fault("ZLOAM_FAULT_CLOCK_AHEAD_MS").value_or(0) * static_cast<std::uint64_t>(kNsPerMs));
+  return ahead_ns;
+}
+
 }  // namespace zloam::runtime

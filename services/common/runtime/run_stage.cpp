@@ -22,7 +22,8 @@ constexpr const char* kFooter =
     "stage's "
     "own; --describe-config lists every key with unit, range, default and meaning.\n"
     "Environment: ZLOAM_FAULT_DROP_EVERY=<k> throws every k-th received message of each input away "
-    "(to test recovery); RUST_LOG sets Zenoh's own log.\n"
+    "(to test recovery), ZLOAM_FAULT_CLOCK_AHEAD_MS=<ms> makes it stand for another host with such "
+    "a clock; RUST_LOG sets Zenoh's own log.\n"
     "Exit codes: 0 ended as asked; 2 wrong command line or configuration; 3 a file can't be read "
     "or "
     "written, or a port is taken; 1 anything else.";
@@ -39,7 +40,7 @@ struct CommandLine {
 std::string host_name() {
   char name[256] = {};
   if (gethostname(name, sizeof name - 1) != 0 || name[0] == '\0') return "host";
-  return name;
+  return clock_fault_ns() == 0 ? name : std::string(name) + "-ahead";
 }
 
 /// Empty: go on; else the process ends with the code.

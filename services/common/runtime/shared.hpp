@@ -8,6 +8,7 @@
 #include <mutex>
 #include <optional>
 
+#include "common/runtime/fault.hpp"
 #include "common/zenoh/aligned.hpp"
 
 namespace zloam::runtime {
@@ -16,7 +17,8 @@ namespace zloam::runtime {
 inline std::int64_t wall_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
              std::chrono::system_clock::now().time_since_epoch())
-      .count();
+             .count() +
+         clock_fault_ns();
 }
 
 /// Monotonic, ns since an arbitrary instant.

@@ -91,11 +91,11 @@ void StageCore::after_message(const Message& message, bool ends_run) {
 
 void StageCore::note_latencies(const Message& message) {
   const std::int64_t now = wall_ns();
-  const std::int64_t last_packet_ns = message.header->last_packet_ns();
   latencies_.add("queue", static_cast<double>(message.started_ns - message.received_ns) * 1e-6);
   latencies_.add("work", static_cast<double>(now - message.started_ns) * 1e-6);
-  if (last_packet_ns > 0) {
-    latencies_.add("since_last_packet", static_cast<double>(now - last_packet_ns) * 1e-6);
+  host_times_->hear(*message.header);
+  if (const auto since_ms = host_times_->since_last_packet_ms(*message.header, now)) {
+    latencies_.add("since_last_packet", *since_ms);
   }
 }
 
@@ -237,6 +237,7 @@ void StageCore::close() {
   alive_.reset();
   subscribers_.clear();
   queryables_.clear();
+  host_times_.reset();
   source_ = nullptr;
   window_.reset();
   acks_.clear();

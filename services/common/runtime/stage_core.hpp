@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/runtime/flow_core.hpp"
+#include "common/runtime/host_times.hpp"
 #include "common/runtime/inlet_core.hpp"
 #include "common/runtime/live_config.hpp"
 #include "common/runtime/outlet_core.hpp"
@@ -112,6 +113,8 @@ class StageCore final : public Stage, private InletEvents {
   void post(std::function<void()> task);
   void status_loop();
   void watch_overload();
+  /// Asks other hosts for their time, and says how far off they are.
+  void watch_clocks();
   void publish_status();
   ServiceHealth health(std::string* reason) const;
   void note_source(StatusFields* f) const;
@@ -134,6 +137,8 @@ class StageCore final : public Stage, private InletEvents {
   /// what the window paces; one of outlets_
   std::atomic<const OutletCore*> source_{nullptr};
   std::vector<zenoh::Queryable> queryables_;
+  /// from declare_service() to close()
+  std::optional<HostTimes> host_times_;
   std::vector<std::function<Turn()>> turns_;
   struct Timer {
     std::int64_t period_ns, next_ns;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include "common/runtime/log.hpp"
@@ -12,6 +13,8 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
+// What is more is a fault of the hosts' time keeping (protocols.md section 10).
+constexpr std::int64_t kClocksApart_ns = 50 * kMs;
 // Statuses without a drop before an overload is over.
 constexpr int kLooksUntilCalm = 5;
 
@@ -79,10 +82,14 @@ ServiceHealth StageCore::health(std::string* reason) const {
   if (stopping_.load()) return because("stopping", ServiceHealth::kStopping);
   if (!declared_) return because("starting", ServiceHealth::kStarting);
   if (!own_ready_) return because(own_reason_, ServiceHealth::kStarting);
-  if (!lonely.empty()) return because("nobody listens to " + lonely, ServiceHealth::kStarting);
   if (!degraded_.empty()) {
     return because(degraded_.begin()->first + ": " + degraded_.begin()->second,
                    ServiceHealth::kDegraded);
+  }
+  if (!lonely.empty()) {
+    // Whom it had and lost is not who is yet to come.
+    return because("nobody listens to " + lonely,
+                   has_sweep_ ? ServiceHealth::kDegraded : ServiceHealth::kStarting);
   }
   return because("", ServiceHealth::kReady);
 }
@@ -148,6 +155,7 @@ void StageCore::declare_service() {
                                                    sha256_hex(now.result_json))),
                     encoding_of(Key::kConfig));
       }));
+  host_times_.emplace(id, keys_, session_);
   {
     const std::lock_guard lock(mutex_);
     declared_ = true;
@@ -162,6 +170,7 @@ void StageCore::status_loop() {
   while (!status_end_) {
     lock.unlock();
     watch_overload();
+    watch_clocks();
     publish_status();
     lock.lock();
     status_bell_.wait_for(lock, kStatusPeriod, [this] { return status_end_; });
@@ -183,6 +192,21 @@ void StageCore::watch_overload() {
   } else if (looks_without_drop_ == kLooksUntilCalm) {
     degraded("overload", "");
   }
+}
+
+void StageCore::watch_clocks() {
+  host_times_->ask();
+  std::string apart;
+  for (const auto& [host, clock] : host_times_->offsets()) {
+    const double offset_ms = 1e-6 * static_cast<double>(clock.offset_ns);
+    figure("clock_offset_ms/" + host, offset_ms);
+    figure("clock_uncertainty_ms/" + host, 1e-6 * static_cast<double>(clock.uncertainty_ns));
+    if (std::abs(clock.offset_ns) - clock.uncertainty_ns <= kClocksApart_ns) continue;
+    const auto whole_ms = static_cast<long>(std::lround(std::abs(offset_ms)));
+    apart = "the clock of " + host + " is " + std::to_string(whole_ms) + " ms " +
+            (offset_ms > 0 ? "ahead of" : "behind") + " this host's: both need NTP or PTP";
+  }
+  degraded("clock", apart);
 }
 
 void StageCore::publish_status() {

@@ -55,6 +55,8 @@ struct UdpOptions {
   /// only packets of this IPv4 address; 0: any. With it several programs, each for a sensor of its
   /// own, can listen on one port.
   std::uint32_t sender = 0;
+  /// this process' clock beside the kernel's: not 0 where it stands for another host, ns
+  std::int64_t clock_ahead_ns = 0;
 };
 
 class UdpSource : public PacketSource {

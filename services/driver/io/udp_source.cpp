@@ -140,7 +140,8 @@ class Socket {
 class Port {
  public:
   Port(const UdpOptions& options, std::uint16_t port, int buffer_bytes)
-      : open_(options.bind_address, port, buffer_bytes, options.sender != 0) {
+      : open_(options.bind_address, port, buffer_bytes, options.sender != 0),
+        clock_ahead_ns_(options.clock_ahead_ns) {
     if (!options.multicast_group.empty()) open_.join(options.multicast_group);
     if (options.sender == 0) return;
     tied_.emplace(options.bind_address, open_.port(), buffer_bytes, true);
@@ -148,7 +149,10 @@ class Port {
   }
 
   bool receive(std::vector<std::uint8_t>& buffer, Datagram& datagram) {
-    return (tied_ && tied_->receive(buffer, datagram)) || open_.receive(buffer, datagram);
+    const bool received =
+        (tied_ && tied_->receive(buffer, datagram)) || open_.receive(buffer, datagram);
+    if (received && datagram.received_ns != 0) datagram.received_ns += clock_ahead_ns_;
+    return received;
   }
   void wait_on(std::vector<pollfd>& ready) const {
     ready.push_back({open_.fd(), POLLIN, 0});
@@ -161,6 +165,7 @@ class Port {
  private:
   Socket open_;
   std::optional<Socket> tied_;
+  std::int64_t clock_ahead_ns_;
 };
 
 class UdpSourceImpl : public UdpSource {

@@ -1,0 +1,137 @@
+#include "common/runtime/host_times.hpp"
+
+#include <chrono>
+#include <fstream>
+#include <utility>
+#include <vector>
+
+#include "common/messages/verify.hpp"
+#include "common/runtime/log.hpp"
+#include "common/runtime/shared.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::chrono::milliseconds kAnswersWithin{900};
+/// Above it a latency between hosts is not told.
+constexpr std::int64_t kTooUncertain_ns = 5 * kMs;
+
+/// Of the kernel, so that all containers of one machine say the same. A clock that is shifted on
+/// purpose is not shared.
+std::string boot_id() {
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::string id;
+  file >> id;
+  return clock_fault_ns() == 0 ? id : id + "+fault";
+}
+
+Buffer build_time(const std::string& host, const std::string& boot, std::int64_t received_ns) {
+  flatbuffers::FlatBufferBuilder b;
+  const auto host_text = b.CreateString(host);
+  const auto boot_text = b.CreateString(boot);
+  b.Finish(msg::CreateHostTime(b, host_text, boot_text, received_ns, wall_ns()),
+           Kind<msg::HostTime>::kIdentifier);
+  return b.Release();
+}
+
+/// The trace begins with who took the packets.
+const msg::TracePoint* source_of(const msg::Header& header) {
+  const auto* trace = header.trace();
+  if (trace == nullptr || trace->size() == 0) return nullptr;
+  const msg::TracePoint* point = trace->Get(0);
+  const bool named = point->host() != nullptr && point->stage() != nullptr &&
+                     point->instance() != nullptr &&
+                     Keys::chunk_error(point->stage()->string_view()).empty() &&
+                     Keys::chunk_error(point->instance()->string_view()).empty();
+  return named ? point : nullptr;
+}
+
+}  // namespace
+
+HostTimes::HostTimes(const Identity& identity, const Keys& keys, zenoh::Session& session)
+    : host_(identity.host), keys_(keys), session_(session) {
+  const std::string key = keys.time(identity.stage, identity.instance);
+  queryable_ =
+      session.declare_queryable(key, [key, host = host_, boot = boot_id()](zenoh::Query&& query) {
+        const std::int64_t received_ns = wall_ns();
+        query.reply(key, zenoh::Bytes::own(build_time(host, boot, received_ns)),
+                    encoding_of(Key::kTime));
+      });
+}
+
+void HostTimes::hear(const msg::Header& header) {
+  const msg::TracePoint* source = source_of(header);
+  if (source == nullptr || source->host()->string_view() == host_) return;
+  const std::lock_guard lock(known_->mutex);
+  Other& other = known_->hosts[source->host()->str()];
+  other.stage = source->stage()->str();
+  other.instance = source->instance()->str();
+}
+
+void HostTimes::ask() {
+  std::vector<std::pair<std::string, std::string>> questions;
+  {
+    const std::lock_guard lock(known_->mutex);
+    for (const auto& [host, other] : known_->hosts) {
+      if (!other.same_clock) questions.emplace_back(host, keys_.time(other.stage, other.instance));
+    }
+  }
+  for (const auto& [host, key] : questions) ask(host, key);
+}
+
+void HostTimes::ask(const std::string& host, const std::string& key) {
+  zenoh::GetOptions options;
+  options.timeout = kAnswersWithin;
+  const std::int64_t asked_ns = wall_ns();
+  const auto on_reply = [known = known_, host, boot = boot_id(), asked_ns](zenoh::Reply&& reply) {
+    const std::int64_t answered_ns = wall_ns();
+    if (!reply.ok()) return;
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(reply.sample->payload));
+    if (!verify<msg::HostTime>(bytes.data(), reply.sample->encoding).ok()) return;
+    const auto& time = message_of<msg::HostTime>(bytes.data());
+    const std::lock_guard lock(known->mutex);
+    Other& other = known->hosts[host];
+    other.same_clock = time.boot() != nullptr && time.boot()->string_view() == boot;
+    other.clock.add({asked_ns, time.received_ns(), time.sent_ns(), answered_ns});
+  };
+  try {
+    session_.get(
+        key, on_reply, [] {}, options);
+  } catch (const zenoh::ZenohError& e) {
+    log(Level::kDebug, "a host was not asked for its time", {{"key", key}, {"what", e.what()}});
+  }
+}
+
+std::optional<ClockOffset> HostTimes::offset(const std::string& host) const {
+  const std::lock_guard lock(known_->mutex);
+  const auto found = known_->hosts.find(host);
+  if (found == known_->hosts.end()) return std::nullopt;
+  if (found->second.same_clock) return ClockOffset{};
+  return found->second.clock.offset();
+}
+
+std::optional<double> HostTimes::since_last_packet_ms(const msg::Header& header,
+                                                      std::int64_t now_ns) const {
+  const msg::TracePoint* source = source_of(header);
+  if (source == nullptr || header.last_packet_ns() <= 0) return std::nullopt;
+  ClockOffset between;
+  if (source->host()->string_view() != host_) {
+    const auto known = offset(source->host()->str());
+    if (!known || known->uncertainty_ns > kTooUncertain_ns) return std::nullopt;
+    between = *known;
+  }
+  const std::int64_t packet_here_ns = header.last_packet_ns() - between.offset_ns;
+  return 1e-6 * static_cast<double>(now_ns - packet_here_ns);
+}
+
+std::map<std::string, ClockOffset> HostTimes::offsets() const {
+  const std::lock_guard lock(known_->mutex);
+  std::map<std::string, ClockOffset> all;
+  for (const auto& [host, other] : known_->hosts) {
+    const auto found = other.clock.offset();
+    if (found && !other.same_clock) all.emplace(host, *found);
+  }
+  return all;
+}
+
+}  // namespace zloam::runtime
