@@ -28,6 +28,10 @@ PointVector in_base(PointSpan points, const Pose& T_base_lidar) {
   return out;
 }
 
+bool any_usable(PointSpan points) {
+  return std::any_of(points.begin(), points.end(), [](const Point& p) { return is_usable(p); });
+}
+
 Vector6 sigmas(double translation, double rotation) {
   Vector6 s;
   s << translation, translation, translation, rotation, rotation, rotation;
@@ -177,6 +181,8 @@ struct Odometry::State {
     return match(sweep, source, predicted.state, predicted.prior);
   }
 
+  /// Where there is nothing to match with, or no platform moves as the match says: the prediction.
+  Solution solve_within_bounds(const FeatureSweep& sweep, const Prediction& predicted);
   void commit(const OdometryResult& result, std::uint32_t period_ns);
 
   Pose founding_pose = Pose::Identity();
@@ -211,6 +217,32 @@ void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_
 }
 
 OdometryResult Odometry::process(const FeatureSweep& sweep) {
+  OdometryResult result = locate(sweep);
+  complete(sweep, result);
+  return result;
+}
+
+Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
+                                              const Prediction& predicted) {
+  Solution solution;
+  solution.state = predicted.state;
+  if (!target_empty()) {
+    solution = solve(sweep, choose_source(sweep, T_base_lidar, config), predicted);
+  }
+  const double turn_rad = solution.state.twist.tail<3>().norm();
+  if (sweep.period_ns > 0 && turn_rad > config.max_turn_radps * 1e-9 * sweep.period_ns) {
+    solution = {};
+    solution.state.T_odom_mid = T_odom_base;
+  }
+  NormalEquations prior_only;
+  if (!solution.solved) {
+    add_prior(solution.state, predicted.prior, prior_only);
+    solution.covariance = prior_only.H.inverse();
+  }
+  return solution;
+}
+
+OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   State& s = *state_;
   const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
   OdometryResult result;
@@ -219,23 +251,8 @@ OdometryResult Odometry::process(const FeatureSweep& sweep) {
   result.instant_ns = sweep.stamp_ns + sweep.period_ns;
 
   const Prediction predicted = s.predict(sweep);
-  const Source source = choose_source(sweep, s.T_base_lidar, s.config);
-  Solution solution;
-  solution.state = predicted.state;
   const bool founding = s.target_empty();
-  if (!founding) {
-    solution = s.solve(sweep, source, predicted);
-  }
-  const double turn_rad = solution.state.twist.tail<3>().norm();
-  if (sweep.period_ns > 0 && turn_rad > s.config.max_turn_radps * period_s) {
-    solution = {};
-    solution.state.T_odom_mid = s.T_odom_base;
-  }
-  NormalEquations prior_only;
-  if (!solution.solved) {
-    add_prior(solution.state, predicted.prior, prior_only);
-    solution.covariance = prior_only.H.inverse();
-  }
+  const Solution solution = s.solve_within_bounds(sweep, predicted);
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
   result.covariance =
@@ -249,15 +266,7 @@ OdometryResult Odometry::process(const FeatureSweep& sweep) {
                         solution.residual_m,
                         error.translation().norm(),
                         log_so3(error.linear()).norm()};
-  result.edges = in_base(sweep.less_sharp, s.T_base_lidar);
-  result.planes = in_base(sweep.less_flat, s.T_base_lidar);
-  if (!sweep.deskewed) {
-    const DeskewTable table(result.twist_per_s, sweep.period_ns, sweep.period_ns);
-    result.edges = deskewed(result.edges, table);
-    result.planes = deskewed(result.planes, table);
-  }
-  const bool has_points = !result.edges.empty() || !result.planes.empty();
-  if (!has_points) {
+  if (!any_usable(sweep.less_sharp) && !any_usable(sweep.less_flat)) {
     result.health = Health::kEmpty;
   } else if (founding) {
     result.health = Health::kOk;
@@ -267,8 +276,19 @@ OdometryResult Odometry::process(const FeatureSweep& sweep) {
   } else if (result.degeneracy.degenerate) {
     result.health = Health::kDegenerate;
   }
-  s.commit(result, sweep.period_ns);
   return result;
+}
+
+void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
+  State& s = *state_;
+  result.edges = in_base(sweep.less_sharp, s.T_base_lidar);
+  result.planes = in_base(sweep.less_flat, s.T_base_lidar);
+  if (!sweep.deskewed) {
+    const DeskewTable table(result.twist_per_s, sweep.period_ns, sweep.period_ns);
+    result.edges = deskewed(result.edges, table);
+    result.planes = deskewed(result.planes, table);
+  }
+  s.commit(result, sweep.period_ns);
 }
 
 void Odometry::restore(std::span<const CommittedSweep> sweeps) {

@@ -89,6 +89,13 @@ class Odometry {
   /// and the health says why.
   OdometryResult process(const FeatureSweep& sweep);
 
+  /// The first half of process(): all but the clouds. The pose can be used while complete() works,
+  /// which takes about as long.
+  OdometryResult locate(const FeatureSweep& sweep);
+  /// The second half, with the sweep and the result of locate(): fills in the clouds, and the next
+  /// sweep will be matched with them. Must follow before the next sweep.
+  void complete(const FeatureSweep& sweep, OdometryResult& result);
+
   /// Takes up the state from the results of the last sweeps, in ascending order, as another
   /// instance published them; config.window_sweeps + 1 of them give the very same continuation.
   void restore(std::span<const CommittedSweep> sweeps);

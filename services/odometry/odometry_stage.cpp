@@ -100,9 +100,11 @@ void OdometryStage::process(const Features& features) {
   if (health_of(features->health()) == Health::kDropped) return;
   if (stage_.configure_for(features)) odometry_.configure(config_);
   if (is_too_far(features)) break_frame(features.sweep());
-  const OdometryResult result = odometry_.process(input_of(features));
+  const FeatureSweep input = input_of(features);
+  OdometryResult result = odometry_.locate(input);
   last_instant_ns_ = result.instant_ns;
   publish_pose(features, result);
+  odometry_.complete(input, result);
   publish_features(features, result);
   if (sweep_.matching()) publish_sweep(features, result);
   path_.emplace_back(result.instant_ns, result.sweep, to_message(result.T_odom_base));
