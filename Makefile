@@ -12,10 +12,10 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system fuzz fmt lint clean
+.PHONY: help deps tools venv build unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 deps: ## install what is missing from the distribution (prints the list first)
 	@$(STEP) "system packages" deploy/build/deps.sh
@@ -57,7 +57,7 @@ test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
 
-FULL := test slow-tests lint sanitize fuzz system accept bench
+FULL := test slow-tests lint sanitize fuzz system arm64 accept bench
 test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, acceptance, benchmarks
 	@failed=""; for part in $(FULL); do \
 	  $(STEP) "make $$part" $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
@@ -67,7 +67,10 @@ slow-tests: build venv # the integration tests that make test leaves out
 	@$(STEP) "slow integration tests" $(PY) -m pytest -q -m slow
 
 system: build venv ## the deployment in containers; skipped with the reason where Docker is not there
-	@$(STEP) "system tests" $(PY) -m pytest -q tests/system
+	@$(STEP) "system tests" $(PY) -m pytest -q -m "not arm64" tests/system
+
+arm64: build venv ## the images for arm64, by cross compilers (minutes: Rust once more, for that processor)
+	@$(STEP) "arm64" $(PY) -m pytest -q -rs -m arm64 tests/system
 
 accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")

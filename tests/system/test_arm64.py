@@ -9,7 +9,7 @@ import pytest
 
 from tests.system.compose import ROOT
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.arm64]
 IMAGES = ("zenoh-loam", "zenoh-loam-router", "zenoh-loam-monitor")
 
 
