@@ -1,18 +1,9 @@
 // Decodes a capture outside of the chain: points as binary for comparisons, or the speed.
-//
-//   zloam-decode [--pcap|--bin|--kitti|--scans] PATH [--model NAME] [--seam DEG] [--no-offsets]
-//                [--out POINTS] [--repeat N] [--in-memory]
-//
-// --in-memory: payloads (--bin) are read before the clock starts, and the CPU time that the summary
-// says (cpu_seconds) is decoding and cutting alone.
-//
 // KITTI scans get the times of a clockwise turn of 0.1 s with its seam at the rear.
-//
-// POINTS: 32-byte little-endian records {float x, y, z, intensity; int64 time_ns; uint16 ring;
-// uint8 return type; uint8 0; uint16 column; uint16 sweep}. The summary is one JSON line.
 
 #include <malloc.h>
 
+#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -50,44 +41,52 @@ struct Record {
 };
 static_assert(sizeof(Record) == 32);
 
-[[noreturn]] void usage(const std::string& why) {
-  std::cerr << "zloam-decode: " << why
-            << "\nusage: zloam-decode [--pcap|--bin|--kitti|--scans] PATH [--model NAME] "
-               "[--seam DEG] [--no-offsets] [--out POINTS] [--repeat N] [--in-memory]\n";
-  std::exit(2);
-}
+const char* const kFooter =
+    "The summary is one JSON line. POINTS: 32-byte little-endian records {float x, y, z, "
+    "intensity; "
+    "int64 time_ns; uint16 ring; uint8 return type; uint8 0; uint16 column; uint16 sweep}.\n"
+    "Exit codes: 0 done; 2 wrong command line; 3 a file can't be read or written.";
 
+/// Ends the process where the command line is wrong, or only asks for help or version.
 Options parse(int argc, char** argv) {
   Options options;
-  for (int i = 1; i < argc; ++i) {
-    const std::string argument = argv[i];
-    const auto value = [&]() -> std::string {
-      if (i + 1 >= argc) usage(argument + " needs a value");
-      return argv[++i];
+  CLI::App app("decodes a capture outside of the chain: points for comparisons, or the speed",
+               "zloam-decode");
+  app.footer(kFooter);
+  auto* source = app.add_option_group("source")->require_option(1);
+  const auto add_source = [&](const char* kind, const char* what) {
+    const auto take = [&options, kind](const std::string& path) {
+      options.path = path;
+      options.kind = kind;
     };
-    if (argument == "--bin" || argument == "--pcap" || argument == "--kitti" ||
-        argument == "--scans") {
-      options.kind = argument;
-    } else if (argument == "--model") {
-      const std::string name = value();
-      options.decoder.model = model_by_name(name);
-      if (!options.decoder.model) usage(name + " is none of " + std::string(known_model_names()));
-    } else if (argument == "--seam") {
-      options.assembler.seam_azimuth_deg = std::stod(value());
-    } else if (argument == "--no-offsets") {
-      options.decoder.vertical_offsets = false;
-    } else if (argument == "--out") {
-      options.out = value();
-    } else if (argument == "--repeat") {
-      options.repeat = std::stoi(value());
-    } else if (argument == "--in-memory") {
-      options.in_memory = true;
-    } else {
-      options.path = argument;
+    source->add_option_function<std::string>(kind, take, what);
+  };
+  add_source("--pcap", "a capture");
+  add_source("--bin", "payloads of 1206 bytes, one after the other");
+  add_source("--kitti", "a folder of scans in KITTI's layout");
+  add_source("--scans", "a folder of scans with times");
+  const auto take_model = [&options](const std::string& name) {
+    options.decoder.model = model_by_name(name);
+    if (options.decoder.model) return;
+    throw CLI::ValidationError("--model", name + " is none of " + std::string(known_model_names()));
+  };
+  app.add_option_function<std::string>("--model", take_model, "as the packets say by default");
+  app.add_option("--seam", options.assembler.seam_azimuth_deg, "azimuth of the cut, degrees");
+  app.add_flag("!--no-offsets", options.decoder.vertical_offsets, "lasers without vertical offset");
+  app.add_option("--out", options.out, "POINTS, a file for the points");
+  app.add_option("--repeat", options.repeat, "so many times")->check(CLI::PositiveNumber);
+  app.add_flag("--in-memory", options.in_memory,
+               "payloads (--bin) are read before the clock starts; cpu_seconds is decoding and "
+               "cutting alone");
+  app.set_version_flag("--version", "zloam-decode " ZLOAM_VERSION);
+  try {
+    app.parse(argc, argv);
+    if (options.in_memory && options.kind != "--bin") {
+      throw CLI::ValidationError("--in-memory", "is for --bin");
     }
+  } catch (const CLI::ParseError& error) {
+    std::exit(app.exit(error) == 0 ? 0 : 2);
   }
-  if (options.path.empty()) usage("no file");
-  if (options.in_memory && options.kind != "--bin") usage("--in-memory is for --bin");
   options.assembler.clock_mode =
       options.kind == "--bin" ? ClockMode::kFreeRunning : ClockMode::kReceive;
   return options;
