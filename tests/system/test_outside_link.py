@@ -80,18 +80,19 @@ def link_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
     return drive_of(tmp_path_factory.mktemp("link-drive"), DRIVE_SECONDS, "--laps", "4")
 
 
-def hears_again(who: Outside) -> float:
-    """Poses that came outside after a cut, as soon as there are some."""
-    before = who.heard()["pose"]
+def hears(who: Outside) -> float:
+    """Poses that came outside from now on, as soon as there are some."""
+    before = who.heard().get("pose", 0.0)
     deadline = time.monotonic() + HEARS_AGAIN_S
-    while who.heard()["pose"] <= before + 10 and time.monotonic() < deadline:
+    while who.heard().get("pose", 0.0) <= before + 10 and time.monotonic() < deadline:
         time.sleep(1.0)
-    return float(who.heard()["pose"] - before)
+    return float(who.heard().get("pose", 0.0) - before)
 
 
 def phases(live: LiveDeployment, inside: Inside) -> Iterator[Phase | float]:
     yield inside.during("nobody outside", None)
     with outside(live.deployment) as who:
+        hears(who)
         yield inside.during("good link", who)
         with slow(who.name, RATE_BIT_PER_S):
             yield inside.during("1 Mbit/s", who)
@@ -99,7 +100,7 @@ def phases(live: LiveDeployment, inside: Inside) -> Iterator[Phase | float]:
             yield inside.during("20 % loss", who)
         with who.cut():
             yield inside.during("cut", who)
-        yield hears_again(who)
+        yield hears(who)
     with (
         relay(live.deployment, DELAY_S) as endpoint,
         outside(live.deployment, endpoint) as who,
