@@ -103,6 +103,19 @@ TEST_F(LiveConfiguration, IsInForceFromTwoWindowsAheadOn) {
   EXPECT_EQ((*worker.stage)->config_rev(kRun, 6), 1U);
 }
 
+// Two instances that do not know of each other yet are both asked.
+TEST_F(LiveConfiguration, WhatIsSoAlreadyIsNoNewRevision) {
+  Worker worker(network.open(1), "w");
+  sweep(0);
+  ASSERT_TRUE(worker.wait_for(1));
+  const auto first = set("registration.points=20");
+  ASSERT_TRUE(first.ok) << first.message;
+  sweep(1);
+  ASSERT_TRUE(worker.wait_for(2));
+  EXPECT_EQ(set("registration.points=20").results_json, first.results_json);
+  EXPECT_EQ(nlohmann::json::parse(set("registration.points=30").results_json)["rev"], 2);
+}
+
 TEST_F(LiveConfiguration, IsRefusedWithKeyValueAndWhatIsAllowed) {
   Worker worker(network.open(1), "w");
   sweep(0);

@@ -72,6 +72,7 @@ KINDS = {
     "Features": Kind("features", b"ZLFE"),
     "FlowAck": Kind("flow_ack", b"ZLAK"),
     "GnssBatch": Kind("gnss", b"ZLGN"),
+    "HostTime": Kind("host_time", b"ZLHT"),
     "ImuBatch": Kind("imu", b"ZLIM"),
     "MapCorrection": Kind("map_correction", b"ZLMC"),
     "MapPose": Kind("map_pose", b"ZLMP"),
