@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.conftest import simulate
-from tests.integration.live_run import SECONDS, LiveRun
+from tests.integration.live_run import SECONDS, STAGES, LiveRun
 from zloam_monitor.records import StatusRecord
 
 AHEAD_MS = 400
@@ -15,7 +15,6 @@ AHEAD_MS = 400
 KNOWN_AFTER_POSES = 60
 #: of a latency: what a sweep takes on a busy machine, far less than the clocks are apart
 WITHIN_MS = 200.0
-STAGES = ("registration", "odometry", "mapping", "integration")
 
 
 @pytest.fixture(scope="module")

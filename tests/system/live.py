@@ -75,6 +75,10 @@ class LiveDeployment:
         return Driven(read(self.deployment.out / "trajectory.tum"), max(driver) + 1, statuses)
 
 
+def driver_says_something(deployment: Deployment) -> bool:
+    return any(stage == "driver" for stage, _ in ask_statuses(deployment.router_port))
+
+
 @contextlib.contextmanager
 def running(
     capture: Path, out: Path, *options: str, shared_memory: bool = False
@@ -88,9 +92,7 @@ def running(
     )
     with up(deployment, *options):
         # Who sends before somebody listens has lost the first sweep, and all are numbered from it.
-        deadline = time.monotonic() + LISTENS_S
-        while not any(stage == "driver" for stage, _ in ask_statuses(deployment.router_port)):
-            assert time.monotonic() < deadline, "no driver"
+        deployment.wait("a driver", LISTENS_S, lambda _: driver_says_something(deployment))
         address = deployment.replicas("driver")[0].address
         enough = threading.Event()
         sender = threading.Thread(

@@ -49,23 +49,14 @@ const msg::TracePoint* source_of(const msg::Header& header) {
 }  // namespace
 
 HostTimes::HostTimes(const Identity& identity, const Keys& keys, zenoh::Session& session)
-    : host_(identity.host), keys_(keys), session_(session) {
+    : host_(identity.host), boot_(boot_id()), keys_(keys), session_(session) {
   const std::string key = keys.time(identity.stage, identity.instance);
   queryable_ =
-      session.declare_queryable(key, [key, host = host_, boot = boot_id()](zenoh::Query&& query) {
+      session.declare_queryable(key, [key, host = host_, boot = boot_](zenoh::Query&& query) {
         const std::int64_t received_ns = wall_ns();
         query.reply(key, zenoh::Bytes::own(build_time(host, boot, received_ns)),
                     encoding_of(Key::kTime));
       });
-}
-
-void HostTimes::hear(const msg::Header& header) {
-  const msg::TracePoint* source = source_of(header);
-  if (source == nullptr || source->host()->string_view() == host_) return;
-  const std::lock_guard lock(known_->mutex);
-  Other& other = known_->hosts[source->host()->str()];
-  other.stage = source->stage()->str();
-  other.instance = source->instance()->str();
 }
 
 void HostTimes::ask() {
@@ -83,7 +74,7 @@ void HostTimes::ask(const std::string& host, const std::string& key) {
   zenoh::GetOptions options;
   options.timeout = kAnswersWithin;
   const std::int64_t asked_ns = wall_ns();
-  const auto on_reply = [known = known_, host, boot = boot_id(), asked_ns](zenoh::Reply&& reply) {
+  const auto on_reply = [known = known_, host, boot = boot_, asked_ns](zenoh::Reply&& reply) {
     const std::int64_t answered_ns = wall_ns();
     if (!reply.ok()) return;
     const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(reply.sample->payload));
@@ -102,25 +93,23 @@ void HostTimes::ask(const std::string& host, const std::string& key) {
   }
 }
 
-std::optional<ClockOffset> HostTimes::offset(const std::string& host) const {
+std::optional<ClockOffset> HostTimes::offset_of(const msg::TracePoint& stage) {
+  if (stage.host()->string_view() == host_) return ClockOffset{};
   const std::lock_guard lock(known_->mutex);
-  const auto found = known_->hosts.find(host);
-  if (found == known_->hosts.end()) return std::nullopt;
-  if (found->second.same_clock) return ClockOffset{};
-  return found->second.clock.offset();
+  Other& other = known_->hosts[stage.host()->str()];
+  other.stage = stage.stage()->str();
+  other.instance = stage.instance()->str();
+  return other.same_clock ? ClockOffset{} : other.clock.offset();
 }
 
 std::optional<double> HostTimes::since_last_packet_ms(const msg::Header& header,
-                                                      std::int64_t now_ns) const {
+                                                      std::int64_t now_ns) {
   const msg::TracePoint* source = source_of(header);
-  if (source == nullptr || header.last_packet_ns() <= 0) return std::nullopt;
-  ClockOffset between;
-  if (source->host()->string_view() != host_) {
-    const auto known = offset(source->host()->str());
-    if (!known || known->uncertainty_ns > kTooUncertain_ns) return std::nullopt;
-    between = *known;
-  }
-  const std::int64_t packet_here_ns = header.last_packet_ns() - between.offset_ns;
+  if (source == nullptr) return std::nullopt;
+  const auto between = offset_of(*source);
+  const bool known = between && between->uncertainty_ns <= kTooUncertain_ns;
+  if (!known || header.last_packet_ns() <= 0) return std::nullopt;
+  const std::int64_t packet_here_ns = header.last_packet_ns() - between->offset_ns;
   return 1e-6 * static_cast<double>(now_ns - packet_here_ns);
 }
 

@@ -22,13 +22,11 @@ class HostTimes {
  public:
   HostTimes(const Identity& identity, const Keys& keys, zenoh::Session& session);
 
-  /// The stage that took a sweep's last packet; from now on its host is asked.
-  void hear(const msg::Header& header);
+  /// From the last packet to now on this host, ms, corrected by the clocks' offset; none while that
+  /// is not known to 5 ms. The host that took the packet is asked from now on.
+  std::optional<double> since_last_packet_ms(const msg::Header& header, std::int64_t now_ns);
   /// Once a second; does not wait.
   void ask();
-  /// From the last packet to now on this host, ms, corrected by the clocks' offset; none while that
-  /// is not known to 5 ms.
-  std::optional<double> since_last_packet_ms(const msg::Header& header, std::int64_t now_ns) const;
   /// host -> its clock beside this one's, of those that have answered and don't share this clock
   std::map<std::string, ClockOffset> offsets() const;
 
@@ -44,9 +42,12 @@ class HostTimes {
     std::map<std::string, Other> hosts;
   };
   void ask(const std::string& host, const std::string& key);
-  std::optional<ClockOffset> offset(const std::string& host) const;
+  /// Of the clock of a stage's host beside this one's, as far as it is known.
+  std::optional<ClockOffset> offset_of(const msg::TracePoint& stage);
 
   std::string host_;
+  /// what processes say that share this clock
+  std::string boot_;
   Keys keys_;
   zenoh::Session& session_;
   /// shared with answers under way

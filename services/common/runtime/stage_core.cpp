@@ -93,7 +93,6 @@ void StageCore::note_latencies(const Message& message) {
   const std::int64_t now = wall_ns();
   latencies_.add("queue", static_cast<double>(message.started_ns - message.received_ns) * 1e-6);
   latencies_.add("work", static_cast<double>(now - message.started_ns) * 1e-6);
-  host_times_->hear(*message.header);
   if (const auto since_ms = host_times_->since_last_packet_ms(*message.header, now)) {
     latencies_.add("since_last_packet", *since_ms);
   }

@@ -43,8 +43,8 @@ static_assert(sizeof(Record) == 32);
 
 const char* const kFooter =
     "The summary is one JSON line. POINTS: 32-byte little-endian records {float x, y, z, "
-    "intensity; "
-    "int64 time_ns; uint16 ring; uint8 return type; uint8 0; uint16 column; uint16 sweep}.\n"
+    "intensity; int64 time_ns; uint16 ring; uint8 return type; uint8 0; uint16 column; "
+    "uint16 sweep}.\n"
     "Exit codes: 0 done; 2 wrong command line; 3 a file can't be read or written.";
 
 /// Ends the process where the command line is wrong, or only asks for help or version.
