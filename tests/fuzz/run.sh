@@ -23,31 +23,34 @@ if ! command -v "$compiler" >/dev/null ||
   exit "$missing"
 fi
 driver=services/driver
-algorithms=("$driver"/velodyne/{model,beams,block_points,motor,decoder,mask,position}.cpp
-  "$driver"/sweep/{clock,assembler,assembler_order}.cpp)
-build() { # target, sources and libraries
-  local target=$1
-  shift
-  if [ -x "$out/$target" ] &&
-    [ -z "$(find services/driver services/common/geometry tests/fuzz -newer "$out/$target" -name '*.[ch]pp' -print -quit)" ]; then
-    return
-  fi
-  "$compiler" "${flags[@]}" tests/fuzz/"$target"_fuzz.cpp "$@" -o "$out/$target"
+sources=("$driver"/velodyne/{model,beams,block_points,motor,decoder,mask,position}.cpp
+  "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,pcap_source}.cpp)
+targets=(packets position nmea pcap)
+each() { # function, arguments: as many at a time as there are processors
+  printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"
 }
-build packets "${algorithms[@]}"
-build position "${algorithms[@]}"
-build nmea "${algorithms[@]}"
-build pcap "$driver"/io/{link_layer,pcap_source}.cpp -lpcap
-python3 tests/fuzz/seeds.py "$out/seeds"
-for target in packets position nmea pcap; do
-  mkdir -p "$out/corpus/$target" "$out/found"
-  echo "fuzz: $target for $seconds s"
-  if ! "$out/$target" -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=2048 \
-    -print_final_stats=1 -artifact_prefix="$out/found/$target-" "$out/corpus/$target" \
-    "$out/seeds/$target" >"$out/$target.log" 2>&1; then
-    tail -n 40 "$out/$target.log" >&2
-    echo "fuzz: $target failed; the input is in $out/found, the log is $out/$target.log" >&2
-    exit 1
+
+command="$(command -v ccache || true) $compiler ${flags[*]}"
+compile() { $command -c "$1" -o "$out/objects/${1//\//_}.o"; }
+link() { $command "$out/objects/tests_fuzz_$1_fuzz.cpp.o" "$out"/objects/services_*.o -lpcap -o "$out/$1"; }
+fuzz() {
+  mkdir -p "$out/corpus/$1" "$out/found"
+  echo "fuzz: $1 for $seconds s"
+  if ! "$out/$1" -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=2048 \
+    -print_final_stats=1 -artifact_prefix="$out/found/$1-" "$out/corpus/$1" \
+    "$out/seeds/$1" >"$out/$1.log" 2>&1; then
+    tail -n 40 "$out/$1.log" >&2
+    echo "fuzz: $1 failed; the input is in $out/found, the log is $out/$1.log" >&2
+    return 1
   fi
-  grep -E '^(stat::number_of_executed_units|Done)' "$out/$target.log" || true
-done
+  grep -E '^(stat::number_of_executed_units|Done)' "$out/$1.log" | sed "s/^/fuzz: $1: /"
+}
+export -f compile link fuzz
+export command out seconds
+
+rm -rf "$out/objects"
+mkdir -p "$out/objects"
+each compile "${sources[@]}" tests/fuzz/{packets,position,nmea,pcap}_fuzz.cpp
+each link "${targets[@]}"
+python3 tests/fuzz/seeds.py "$out/seeds"
+each fuzz "${targets[@]}"
