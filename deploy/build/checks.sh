@@ -11,7 +11,7 @@ complain() { printf 'checks: %s\n' "$1" >&2; fail=1; }
 # What a library of algorithms may not see. Shells (main.cpp, *_stage.*, *_parameters.*, io/) may.
 forbidden='(common/zenoh|common/runtime|common/messages|flatbuffers|_generated\.h|spdlog|<chrono>|<thread>|<mutex>|<atomic>|<condition_variable>|<future>|<ctime>|<sys/time\.h>)'
 stages="driver registration odometry mapping integration simulator store"
-for stage in $stages common/geometry common/plane_map; do
+for stage in $stages common/containers common/geometry common/plane_map; do
   [ -d "services/$stage" ] || continue
   while IFS= read -r file; do
     hits=$(grep -nE "^\s*#\s*include.*$forbidden" "$file" || true)

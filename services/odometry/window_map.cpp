@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
 constexpr std::size_t kInitialTable = 1U << 16;
+constexpr std::size_t kFetchAhead = 8;
 
 std::uint64_t key_of(const std::array<std::int32_t, 3>& cell, int level) {
   constexpr std::uint64_t kMask = (1U << 20) - 1;
@@ -42,15 +43,14 @@ void WindowMap::set_range_noise(double range_noise_m) {
     return;
   }
   range_noise_m_ = range_noise_m;
-  for (Voxel& voxel : voxels_) {
-    voxel.fit = Fit::kStale;
+  for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
+    voxels_[i].fit = Fit::kStale;
   }
 }
 
 void WindowMap::clear() {
   sweeps_.clear();
-  voxels_.clear();
-  free_.clear();
+  voxels_ = {};
   table_.assign(kInitialTable, Slot{});
   used_slots_ = 0;
 }
@@ -72,8 +72,7 @@ WindowMap::Cell WindowMap::cell_of(const Grid& position, int level) const {
   return {position[0] >> shift, position[1] >> shift, position[2] >> shift};
 }
 
-std::uint32_t WindowMap::find_voxel(const Cell& cell, int level) const {
-  const std::uint64_t key = key_of(cell, level);
+std::uint32_t WindowMap::find_voxel(std::uint64_t key) const {
   const std::size_t mask = table_.size() - 1;
   for (std::size_t slot = mix(key) & mask; table_[slot].key != 0; slot = (slot + 1) & mask) {
     if (table_[slot].key == key) {
@@ -83,39 +82,35 @@ std::uint32_t WindowMap::find_voxel(const Cell& cell, int level) const {
   return kNoVoxel;
 }
 
-std::uint32_t WindowMap::make_voxel(const Cell& cell, int level) {
-  const std::uint32_t found = find_voxel(cell, level);
+// There must be room.
+std::uint32_t WindowMap::make_voxel(std::uint64_t key) {
+  const std::uint32_t found = find_voxel(key);
   if (found != kNoVoxel) {
     return found;
   }
-  if (2 * (used_slots_ + 1) > table_.size()) {
-    rebuild_table();
-  }
-  std::uint32_t index;
-  if (free_.empty()) {
-    index = static_cast<std::uint32_t>(voxels_.size());
-    voxels_.emplace_back();
-  } else {
-    index = free_.back();
-    free_.pop_back();
-  }
-  voxels_[index] = Voxel{};
-  voxels_[index].key = key_of(cell, level);
-  enter(voxels_[index].key, index);
+  const std::uint32_t index = voxels_.take();
+  voxels_[index].key = key;
+  enter(key, index);
   return index;
 }
 
+void WindowMap::make_room(std::size_t voxels) {
+  if (2 * (used_slots_ + voxels + 1) > table_.size()) {
+    rebuild_table(voxels);
+  }
+}
+
 // Empty voxels stay in the table until it fills up; here they are given back.
-void WindowMap::rebuild_table() {
+void WindowMap::rebuild_table(std::size_t more_voxels) {
   for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
     if (voxels_[i].sums.count == 0 && voxels_[i].key != 0) {
       voxels_[i].key = 0;
-      free_.push_back(i);
+      voxels_.release(i);
     }
   }
-  const std::size_t living = voxels_.size() - free_.size();
+  const std::size_t living = voxels_.in_use();
   std::size_t capacity = kInitialTable;
-  while (capacity < 4 * living) {
+  while (capacity < std::max(4 * living, 3 * (living + more_voxels))) {
     capacity *= 2;
   }
   table_.assign(capacity, Slot{});
@@ -181,18 +176,22 @@ WindowMap::Sums WindowMap::Sums::shifted(const std::array<std::int64_t, 3>& o) c
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   while (!sweeps_.empty() &&
          sweeps_.size() >= static_cast<std::size_t>(std::max(1, config_.window_sweeps))) {
-    remove_oldest();
+    count(sweeps_.front(), -1);
+    sweeps_.pop_front();
   }
   const auto wanted = static_cast<std::size_t>(std::max(1, config_.max_inserted_points));
   const std::size_t stride = std::max<std::size_t>(1, (points.size() + wanted - 1) / wanted);
   std::vector<Run> runs;
   runs.reserve(points.size() / stride + 1);
+  run_keys_.clear();
   for (std::size_t i = 0; i < points.size(); i += stride) {
     add_point(to_grid(T_odom_base * points[i].position().cast<double>()), runs);
   }
   for (int level = levels_ - 1; level >= 0; --level) {
     close_run(level, runs);
   }
+  find_voxels(runs);
+  count(runs, 1);
   sweeps_.push_back(std::move(runs));
 }
 
@@ -212,16 +211,14 @@ void WindowMap::add_point(const Grid& position, std::vector<Run>& runs) {
                 (position[2] & mask) - half);
 }
 
-// Writes a level's run into its voxel and hands it on to the level above.
+// Keeps a level's run and hands it on to the level above.
 void WindowMap::close_run(int level, std::vector<Run>& runs) {
   OpenRun& open = open_[static_cast<std::size_t>(level)];
   if (open.sums.count == 0) {
     return;
   }
-  Run run{make_voxel(open.cell, level), open.sums};
-  voxels_[run.voxel].sums.add(run.sums, 1);
-  voxels_[run.voxel].fit = Fit::kStale;
-  runs.push_back(run);
+  runs.push_back({kNoVoxel, open.sums});
+  run_keys_.push_back(key_of(open.cell, level));
   if (level > 0) {
     OpenRun& parent = open_[static_cast<std::size_t>(level - 1)];
     const Cell cell = {open.cell[0] >> 1, open.cell[1] >> 1, open.cell[2] >> 1};
@@ -237,12 +234,30 @@ void WindowMap::close_run(int level, std::vector<Run>& runs) {
   open.sums = {};
 }
 
-void WindowMap::remove_oldest() {
-  for (const Run& run : sweeps_.front()) {
-    voxels_[run.voxel].sums.add(run.sums, -1);
-    voxels_[run.voxel].fit = Fit::kStale;
+// The voxels of successive runs lie anywhere in memory, so each is fetched some runs before it is
+// needed.
+void WindowMap::find_voxels(std::vector<Run>& runs) {
+  make_room(runs.size());
+  const std::size_t mask = table_.size() - 1;
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    if (i + kFetchAhead < runs.size()) {
+      __builtin_prefetch(&table_[mix(run_keys_[i + kFetchAhead]) & mask]);
+    }
+    runs[i].voxel = make_voxel(run_keys_[i]);
   }
-  sweeps_.pop_front();
+}
+
+void WindowMap::count(const std::vector<Run>& runs, int sign) {
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    if (i + kFetchAhead < runs.size()) {
+      const Voxel& later = voxels_[runs[i + kFetchAhead].voxel];
+      __builtin_prefetch(&later.sums, 1);
+      __builtin_prefetch(&later.fit, 1);
+    }
+    Voxel& voxel = voxels_[runs[i].voxel];
+    voxel.sums.add(runs[i].sums, sign);
+    voxel.fit = Fit::kStale;
+  }
 }
 
 const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom, Hint& hint) {
@@ -257,7 +272,7 @@ const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom, Hint& hint
 const FittedPlane* WindowMap::look_up(const Grid& position) {
   for (int level = 0; level < levels_; ++level) {
     const Cell cell = cell_of(position, level);
-    const std::uint32_t index = find_voxel(cell, level);
+    const std::uint32_t index = find_voxel(key_of(cell, level));
     if (index == kNoVoxel || voxels_[index].sums.count < config_.plane_min_points) {
       return nullptr;  // a finer voxel has no more points than a coarser one
     }

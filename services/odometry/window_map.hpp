@@ -17,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "common/containers/pool.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "odometry/config.hpp"
@@ -93,13 +94,15 @@ class WindowMap {
   Grid to_grid(const Eigen::Vector3d& point_odom) const;
   int shift_of(int level) const { return kRootBits - level; }
   Cell cell_of(const Grid& position, int level) const;
-  std::uint32_t find_voxel(const Cell& cell, int level) const;
-  std::uint32_t make_voxel(const Cell& cell, int level);
+  std::uint32_t find_voxel(std::uint64_t key) const;
+  std::uint32_t make_voxel(std::uint64_t key);
+  void make_room(std::size_t voxels);
   void add_point(const Grid& position, std::vector<Run>& runs);
   void close_run(int level, std::vector<Run>& runs);
-  void remove_oldest();
+  void find_voxels(std::vector<Run>& runs);
+  void count(const std::vector<Run>& runs, int sign);
   const FittedPlane* look_up(const Grid& position);
-  void rebuild_table();
+  void rebuild_table(std::size_t more_voxels);
   void enter(std::uint64_t key, std::uint32_t voxel);
   void fit(Voxel& voxel, const Cell& cell, int level);
   bool covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const;
@@ -110,11 +113,11 @@ class WindowMap {
   int levels_;
   Eigen::Matrix3d R_grid_odom_;
   Eigen::Vector3d t_grid_odom_;
-  std::vector<Voxel> voxels_;
-  std::vector<std::uint32_t> free_;
+  Pool<Voxel> voxels_;
   std::vector<Slot> table_;  // open addressing, power of two
   std::size_t used_slots_ = 0;
   std::array<OpenRun, kMaxLevels> open_;
+  std::vector<std::uint64_t> run_keys_;  // of the sweep that is being added
   std::deque<std::vector<Run>> sweeps_;
 };
 

@@ -89,14 +89,12 @@ class Replayed:
     statuses: dict[tuple[str, str], StatusRecord]
 
 
-def replay(
-    drive: Drive, out: Path, registrations: int, *more_layers: str, seconds: float = 300
-) -> Replayed:
+def replay(drive: Drive, out: Path, registrations: int, seconds: float = 300) -> Replayed:
     """The capture through so many replicas of registration, by the layer for captures."""
     deployment = Deployment(
         f"zloam-replay-{os.getpid()}",
         out,
-        ["deploy/compose/replay.yml", *more_layers],
+        ["deploy/compose/replay.yml"],
         {"ZLOAM_PCAP": str(drive.pcap)},
     )
     with up(deployment, "--scale", f"registration={registrations}"):

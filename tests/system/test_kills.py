@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import pytest
@@ -74,25 +72,12 @@ def long_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
 
 
 @pytest.fixture(scope="module")
-def calm_beside(
-    long_drive: Drive, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Future[Replayed]]:
-    """The undisturbed run. It goes on beside the disturbed one: the load that the acceptance wants,
-    and minutes less."""
-    out = tmp_path_factory.mktemp("calm")
-    with ThreadPoolExecutor(1) as worker:
-        yield worker.submit(replay, long_drive, out, 1, "tests/system/light.yml", seconds=2400)
+def calm(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    return replay(long_drive, tmp_path_factory.mktemp("calm"), 1, seconds=1200)
 
 
 @pytest.fixture(scope="module")
-def calm(killed: Killed, calm_beside: Future[Replayed]) -> Replayed:
-    return calm_beside.result()
-
-
-@pytest.fixture(scope="module")
-def killed(
-    long_drive: Drive, calm_beside: Future[Replayed], tmp_path_factory: pytest.TempPathFactory
-) -> Killed:
+def killed(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Killed:
     out = tmp_path_factory.mktemp("killed")
     options = ("--scale", f"registration={REPLICAS}")
     with running(long_drive.pcap, out, *options, shared_memory=True) as live:

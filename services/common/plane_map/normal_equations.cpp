@@ -138,9 +138,9 @@ Vector12 NormalSums::gradient() const {
   return g;
 }
 
-SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                     const std::vector<SlotPoint>& points, const SweepMotion& motion, double gate_m,
-                     const WeakAxis& weak) {
+SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
+                     const SweepMotion& motion, double gate_m, const WeakAxis& weak) {
+  const std::vector<SlotPoint>& points = matched.points;
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
   const double noise = map.config().range_noise_m;
@@ -154,7 +154,8 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
       blobs.end_slot(slot);
     }
   };
-  for (const SlotPoint& point : points) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const SlotPoint& point = points[i];
     if (point.slot != slot) {
       end_slot();
       slot = point.slot;
@@ -163,7 +164,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
     const float x = q[0] + shift.x();
     const float y = q[1] + shift.y();
     const float z = q[2] + shift.z();
-    const Match match = map.find(x, y, z);
+    const Match& match = map.find(x, y, z, matched.hints[i]);
     if (match.count > 0) {
       const std::array<float, 3>& c = match.root_centre;
       (match.is_plane ? planes : blobs).add(match, q, {x - c[0], y - c[1], z - c[2]});

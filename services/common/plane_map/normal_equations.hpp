@@ -55,10 +55,18 @@ struct WeakAxis {
   float least_cosine = 0.0f;  // normals nearer to perpendicular than this say nothing along it
 };
 
+/// Points of a sweep, and for each what the map said of it in the iteration before: most of them
+/// stay in their voxel.
+struct MatchedPoints {
+  explicit MatchedPoints(const std::vector<SlotPoint>& of_sweep)
+      : points(of_sweep), hints(of_sweep.size()) {}
+  const std::vector<SlotPoint>& points;
+  std::vector<VoxelPlaneMap::Hint> hints;
+};
+
 /// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
 /// residuals above the gate are rejected. The motion is in the map's grid frame.
-SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep,
-                     const std::vector<SlotPoint>& points, const SweepMotion& motion, double gate_m,
-                     const WeakAxis& weak = {});
+SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
+                     const SweepMotion& motion, double gate_m, const WeakAxis& weak = {});
 
 }  // namespace zloam::plane_map

@@ -62,8 +62,9 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   SweepMotion motion = prior.start;
   const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
                       static_cast<float>(config_.weak_least_cosine)};
+  MatchedPoints matched(points);
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    sums = accumulate(map, sweep, points, motion, gate_m, weak);
+    sums = accumulate(map, sweep, matched, motion, gate_m, weak);
     h = scale * (sums.planes.hessian() + sums.blobs.hessian());
     Vector12 g = scale * (sums.planes.gradient() + sums.blobs.gradient());
     add_priors(prior, motion, h, g);

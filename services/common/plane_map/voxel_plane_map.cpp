@@ -180,30 +180,42 @@ void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
   }
 }
 
-inline const VoxelPlaneMap::Leaf* VoxelPlaneMap::leaf_at(const Cell& cell) const {
-  std::uint32_t i = find_root(root_key(cell));
-  for (int bit = shift_ - 1; i != kNoChild && bit >= 0; --bit) {
-    i = nodes_[i].children[octant(cell, bit)];
+// The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis.
+std::array<std::uint32_t, 8> VoxelPlaneMap::parents_around(const Cell& cell) const {
+  std::array<std::uint32_t, 8> parents{};
+  for (unsigned p = 0; p < 8; ++p) {
+    const auto step = [p](unsigned axis) { return (p >> axis & 1U) != 0 ? 1 : -1; };
+    const Cell corner{cell.x + step(0), cell.y + step(1), cell.z + step(2)};
+    std::uint32_t i = find_root(root_key(corner));
+    for (int bit = shift_ - 1; i != kNoChild && bit > 0; --bit) {
+      i = nodes_[i].children[octant(corner, bit)];
+    }
+    parents[p] = i;
   }
-  return i == kNoChild ? nullptr : &leaves_[i];
+  return parents;
 }
 
 Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
   Moments all(leaf.fit.count, leaf.sums);
   const Eigen::Vector3d mean = all.mean();
   const double reach = config_.merge_radius_voxels * leaf_m_;
+  const std::array<std::uint32_t, 8> parents = parents_around(cell);
+  const auto upper = [](int at, int step) { return (at + step) >> 1 != (at - 1) >> 1 ? 1U : 0U; };
   for (int i = 0; i < 27; ++i) {
+    if (i == 13) continue;
     const Eigen::Vector3i step(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1);
-    const Leaf* other =
-        i == 13 ? nullptr : leaf_at({cell.x + step.x(), cell.y + step.y(), cell.z + step.z()});
-    if (other == nullptr) {
-      continue;
-    }
-    const Moments moments(other->fit.count, other->sums);
+    const std::uint32_t parent = parents[upper(cell.x, step.x()) | upper(cell.y, step.y()) << 1 |
+                                         upper(cell.z, step.z()) << 2];
+    if (parent == kNoChild) continue;
+    const Cell neighbour{cell.x + step.x(), cell.y + step.y(), cell.z + step.z()};
+    const std::uint32_t child = nodes_[parent].children[octant(neighbour, 0)];
+    if (child == kNoChild) continue;
+    const Leaf& other = leaves_[child];
+    const Moments moments(other.fit.count, other.sums);
     const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
     if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
       all.add(moments, offset);
-      rings.add(*other);
+      rings.add(other);
     }
   }
   return all;
@@ -265,29 +277,41 @@ inline Match VoxelPlaneMap::match_of(const Fit& fit, const PlaneRow* rows, const
 
 Match VoxelPlaneMap::find(float x, float y, float z) {
   const auto cell = cell_of(x, y, z);
-  std::uint32_t i = cell ? find_root(root_key(*cell)) : kNoChild;
+  return cell ? look_up(*cell) : Match();
+}
+
+const Match& VoxelPlaneMap::find(float x, float y, float z, Hint& hint) {
+  const auto cell = cell_of(x, y, z);
+  if (!cell || cell != hint.cell) {
+    hint = {cell, cell ? look_up(*cell) : Match()};
+  }
+  return hint.match;
+}
+
+Match VoxelPlaneMap::look_up(const Cell& cell) {
+  std::uint32_t i = find_root(root_key(cell));
   for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
     Node& node = nodes_[i];
     if (node.fit.count >= node.fit.refit_at) {
-      fit_node(node, *cell, shift_ - 1 - bit);
+      fit_node(node, cell, shift_ - 1 - bit);
     }
     if (node.fit.kind == Kind::kPlane) {
-      return match_of(node.fit, &node.fit.plane, *cell);
+      return match_of(node.fit, &node.fit.plane, cell);
     }
-    i = node.children[octant(*cell, bit)];
+    i = node.children[octant(cell, bit)];
   }
   if (i == kNoChild) {
     return {};
   }
   Leaf& leaf = leaves_[i];
   if (leaf.fit.count >= leaf.fit.refit_at) {
-    fit_leaf(leaf, *cell);
+    fit_leaf(leaf, cell);
   }
   switch (leaf.fit.kind) {
     case Kind::kPlane:
-      return match_of(leaf.fit, &leaf.fit.plane, *cell);
+      return match_of(leaf.fit, &leaf.fit.plane, cell);
     case Kind::kDistribution:
-      return match_of(leaf.fit, rows_[leaf.rows].data(), *cell);
+      return match_of(leaf.fit, rows_[leaf.rows].data(), cell);
     case Kind::kNone:
       break;
   }

@@ -19,10 +19,10 @@
 #include <span>
 #include <vector>
 
+#include "common/containers/pool.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/config.hpp"
 #include "common/plane_map/moments.hpp"
-#include "common/plane_map/pool.hpp"
 #include "common/plane_map/saved_voxel.hpp"
 
 namespace zloam::plane_map {
@@ -67,9 +67,23 @@ class VoxelPlaneMap {
   void set_anchor(const Eigen::Vector3d& position_grid);
   Eigen::Vector3d anchor_grid() const;
 
+  /// Finest voxels from the anchor.
+  struct Cell {
+    int x, y, z;
+    bool operator==(const Cell&) const = default;
+  };
+  /// What find() gave last for a point that moves little between two calls. Holds until the next
+  /// insertion or change of the anchor.
+  struct Hint {
+    std::optional<Cell> cell;
+    Match match;
+  };
+
   /// Coarse to fine, the first plane wins; none: count == 0. Local coordinates. Fits voxels that
-  /// have changed, so it is not const. Rows stay valid until the next insertion or look-up.
+  /// have changed, so it is not const. Rows stay valid until the next insertion.
   Match find(float x, float y, float z);
+  /// The same, looked up only when the point has left the hint's cell.
+  const Match& find(float x, float y, float z, Hint& hint);
 
   /// Counts a point, local coordinates. Points that are not finite or farther than 4 km from the
   /// anchor are ignored. The ring is only used to see whether a voxel holds several.
@@ -97,10 +111,6 @@ class VoxelPlaneMap {
  private:
   enum class Kind : std::uint8_t { kNone, kPlane, kDistribution };
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
-
-  struct Cell {
-    int x, y, z;  // finest voxels from the anchor
-  };
 
   struct Fit {
     PlaneRow plane;
@@ -146,7 +156,8 @@ class VoxelPlaneMap {
   std::uint32_t find_root(std::uint64_t key) const;
   std::uint32_t take_root(std::uint64_t key);
   void rebuild_table(std::size_t slots);
-  const Leaf* leaf_at(const Cell& cell) const;
+  Match look_up(const Cell& cell);
+  std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
   Eigen::Vector3d voxel_offset(const Cell& cell, int level) const;
   std::uint32_t next_fit(std::uint32_t count) const;

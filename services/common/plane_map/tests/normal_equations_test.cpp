@@ -53,7 +53,8 @@ struct Problem {
     SweepInput sweep;
     sweep.points = cloud;
     const SweepPoints points(sweep, 0.5);
-    return accumulate(map, points, points.points(), at, 0.3, weak);
+    MatchedPoints matched(points.points());
+    return accumulate(map, points, matched, at, 0.3, weak);
   }
 };
 

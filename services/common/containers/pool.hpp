@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-namespace zloam::plane_map {
+namespace zloam {
 
 template <typename T>
 class Pool {
@@ -30,6 +30,8 @@ class Pool {
   }
 
   void release(std::uint32_t i) { free_.push_back(i); }
+  /// In use or released: the bound of all indices.
+  std::uint32_t size() const { return size_; }
   std::size_t in_use() const { return size_ - free_.size(); }
   std::size_t bytes() const {
     return chunks_.size() * (kMask + 1) * sizeof(T) + free_.capacity() * sizeof(std::uint32_t);
@@ -43,4 +45,4 @@ class Pool {
   std::uint32_t size_ = 0;
 };
 
-}  // namespace zloam::plane_map
+}  // namespace zloam
