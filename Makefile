@@ -3,6 +3,8 @@ SHELL := /bin/bash
 PRESET ?= release
 BUILD := build/$(PRESET)
 JOBS ?= $(shell nproc)
+# Integration tests at a time: most of each is waiting, for a sensor's pace or a stage's deadline.
+TEST_JOBS ?= 2
 STEP := deploy/build/step.sh
 PY := .venv/bin/python
 export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
@@ -52,7 +54,7 @@ run: build venv ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
 test: build venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
-	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow"
+	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow" -n $(TEST_JOBS) --dist loadscope
 	@$(STEP) "system packages for fuzzing" deploy/build/deps.sh --tests
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
