@@ -212,21 +212,30 @@ def run(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fini
         deployment.run("down", "--volumes", "--timeout", "20", check=False)
 
 
-@pytest.fixture(scope="session")
-def demo_report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The same drive by the same stages as plain processes."""
+def demo_command(out: Path, *options: str | Path) -> list[str]:
+    """`make demo` without building: the stages as plain processes. Skipped when not built."""
     build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
     if not (build / "bin" / "zloam-mapping").is_file():
         pytest.skip(f"not built in {build}: nothing to compare with")
+    python = [ROOT / ".venv/bin/python", "-m", "zloam_monitor"]
+    return [str(a) for a in (*python, "demo", "--preset-dir", build, "--out", out, *options)]
+
+
+def demo_environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src")}
+
+
+@pytest.fixture(scope="session")
+def demo_report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The same drive by the same stages as plain processes."""
     out = tmp_path_factory.mktemp("demo")
     done = subprocess.run(
-        [ROOT / ".venv/bin/python", "-m", "zloam_monitor", "demo", "--preset-dir", build,
-         "--out", out, "--simulate=--duration", f"--simulate={DRIVE_SECONDS}"],
+        demo_command(out, "--simulate=--duration", f"--simulate={DRIVE_SECONDS}"),
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src")},
+        env=demo_environment(),
         capture_output=True,
         text=True,
         check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads((out / "report.json").read_text())
