@@ -73,9 +73,12 @@ struct VoxelPlanesConfig {
   std::uint32_t tile_stride = 4;
 };
 
+inline constexpr const char* kVoxelPlanes = "voxel_planes";
+/// its own form: the only one that matches against the points of the tiles
+inline constexpr const char* kLoam = "loam";
+
 struct MappingConfig {
-  /// voxel_planes, or loam (its own form)
-  std::string method = "voxel_planes";
+  std::string method = kVoxelPlanes;
   /// every n-th sweep by number is mapped
   std::uint32_t every = 1;
   /// edge of a cube, m

@@ -8,15 +8,6 @@
 
 namespace zloam::mapping {
 
-/// Grid index of three signed 21-bit numbers, packed.
-inline std::uint64_t pack_key(std::int64_t i, std::int64_t j, std::int64_t k) {
-  constexpr std::int64_t kOffset = std::int64_t{1} << 20;
-  constexpr std::uint64_t kMask = (std::uint64_t{1} << 21) - 1;
-  return (static_cast<std::uint64_t>(i + kOffset) & kMask) << 42 |
-         (static_cast<std::uint64_t>(j + kOffset) & kMask) << 21 |
-         (static_cast<std::uint64_t>(k + kOffset) & kMask);
-}
-
 class FlatIndex {
  public:
   static constexpr std::uint32_t kNone = 0xffffffffU;

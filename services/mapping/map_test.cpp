@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "mapping/flat_index.hpp"
+#include "mapping/grid_index.hpp"
 #include "mapping/key_match.hpp"
 #include "mapping/layer_map.hpp"
 #include "mapping/map_writer.hpp"
@@ -114,6 +115,14 @@ TEST(FlatIndex, BehavesLikeAMap) {
   }
 }
 
+TEST(GridIndex, KeysComeBack) {
+  const std::int64_t last = (1 << 20) - 1;
+  for (const GridIndex& index : {GridIndex(0, 0, 0), GridIndex(-1, 2, -3),
+                                 GridIndex(last, -last - 1, last), GridIndex(-last - 1, last, 7)}) {
+    EXPECT_EQ(unpack_key(pack_key(index)), index);
+  }
+}
+
 TEST(LayerMap, NearestAgreesWithLookingAtAll) {
   LayerMap map(0.4, 50.0, 1.0);
   std::uint64_t state = 7;
@@ -157,6 +166,26 @@ TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
   EXPECT_LT((points[0].mean - sum / 1000.0).norm(), 1e-9);
   EXPECT_EQ(points[0].count, 1000U);
   EXPECT_FLOAT_EQ(points[0].intensity, 2.0F);
+}
+
+TEST(LayerMap, CountsAllPointsOfATileAlsoOfVoxelsThatMoveToTheNext) {
+  LayerMap map(0.4, 50.0, 0.0);
+  // Around the border of two tiles, so that means of voxels cross it.
+  std::uint64_t state = 3;
+  for (int i = 0; i < 4000; ++i) {
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    const double x = 50.0 + 0.5 * (static_cast<double>(state >> 11) / 9007199254740992.0 - 0.5);
+    map.insert({x, 3.0 + 0.3 * (i % 5), 1.0}, 1.0F);
+  }
+  std::uint64_t all = 0;
+  for (const TileIndex& tile : map.tiles()) {
+    std::uint64_t counted = 0;
+    for (const CountedPoint& p : map.tile_points(tile)) counted += p.count;
+    EXPECT_EQ(map.tile_count(tile), counted);
+    all += counted;
+  }
+  EXPECT_EQ(all, 4000U);
+  EXPECT_EQ(map.tiles().size(), 2U);
 }
 
 TEST(KeyMatch, ChunksAndWildcards) {

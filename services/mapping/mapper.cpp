@@ -246,13 +246,14 @@ void Mapper::restore(const SavedMap& saved) {
 
 void Mapper::expect_break() { state_->break_expected = true; }
 
-std::vector<VoxelTile> Mapper::take_changed_voxels() {
-  return state_->method->take_changed(state_->config.tile_edge_m);
+std::vector<VoxelTile> Mapper::take_changed_voxels(double growth) {
+  return state_->method->take_changed(growth);
 }
 
 const Pose& Mapper::T_map_odom() const { return state_->T_map_odom; }
 const std::vector<PathPose>& Mapper::path() const { return state_->path; }
 std::optional<Tile> Mapper::tile(const TileId& id) const { return state_->tiles.tile(id); }
+std::uint64_t Mapper::tile_count(const TileId& id) const { return state_->tiles.count(id); }
 std::vector<TileId> Mapper::tiles() const { return state_->tiles.tiles(); }
 std::size_t Mapper::point_count() const { return state_->tiles.point_count(); }
 

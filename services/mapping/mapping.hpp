@@ -84,7 +84,9 @@ struct Tile {
 
 /// What a method has counted in one cube, to go on with after a restart.
 struct VoxelTile {
+  /// of a grid of its own
   TileIndex index;
+  double edge_m = 0.0;
   /// grows each time that it is handed out
   std::uint64_t version = 0;
   double root_voxel_m = 0.0;
@@ -182,13 +184,16 @@ class Mapper {
   /// The odometry may not have gone on where it was: the next sweep is searched for as after a new
   /// epoch, around where the odometry says.
   void expect_break();
-  /// What the method has counted, of the cubes that changed since the last call, ascending.
-  std::vector<VoxelTile> take_changed_voxels();
+  /// What the method has counted, of the cubes in which that has grown by more than this share
+  /// since they were handed out (0: those that changed at all), ascending.
+  std::vector<VoxelTile> take_changed_voxels(double growth);
 
   const Pose& T_map_odom() const;
   const std::vector<PathPose>& path() const;
   /// The points of one tile, also of one that left the window; empty when there is none.
   std::optional<Tile> tile(const TileId& id) const;
+  /// All points ever counted in a tile at hand; 0: it is none.
+  std::uint64_t tile_count(const TileId& id) const;
   /// All tiles that hold points, ascending (i, j, k, layer).
   std::vector<TileId> tiles() const;
   /// The local map around the last pose, in the order of cloud().

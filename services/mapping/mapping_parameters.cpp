@@ -211,12 +211,22 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
            Effect::kNone)
       .live();
   parameters
+      .add("mapping.publish_growth", &output.publish_growth, {0.0, 10.0}, "",
+           "a tile leaves when so much more was counted in it than when it left last",
+           Effect::kNone)
+      .live();
+  parameters
       .add("mapping.cloud_every", &output.cloud_every, {1, 100000}, "",
            "the whole map leaves every n-th mapped sweep while someone listens", Effect::kNone)
       .live();
   parameters
       .add("mapping.voxels_every", &output.voxels_every, {1, 100000}, "",
            "what the store keeps of the voxels leaves every n-th mapped sweep", Effect::kNone)
+      .live();
+  parameters
+      .add("mapping.voxels_growth", &output.voxels_growth, {0.0, 10.0}, "",
+           "the same for the voxels of a place, and what may be missing there after a restart",
+           Effect::kNone)
       .live();
   parameters.add(
       "mapping.take_back_s", &output.take_back_s, {0.0, 1e9}, "s",

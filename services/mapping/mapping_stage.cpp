@@ -55,6 +55,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) { write_files(); });
   stage.on_stop([this] {
+    if (last_mapped_) publish_map(*last_mapped_, true);
     if (unsaved_) write_files();
   });
 }
@@ -87,7 +88,7 @@ void MappingStage::new_run(const msg::Header& first) {
   }
   if (unsaved_) write_files();
   mapper_ = Mapper(config_);
-  unpublished_.clear();
+  forget_published();
   // The map is named after the run that founded it.
   map_id_ = first.run();
   if (was_in_run) return;
@@ -138,6 +139,7 @@ void MappingStage::process(const Sweep& sweep) {
     unpublished_.insert(result.changed.begin(), result.changed.end());
     publish_views(sweep, result);
     prev_mapped_ = input.sweep;
+    last_mapped_ = sweep;
     ++mapped_;
   }
   ack_.done_below(sweep.run(), sweep.sweep() + 1);
@@ -178,16 +180,15 @@ void MappingStage::publish_pose(const Sweep& sweep, const MappingResult& result)
 
 void MappingStage::publish_views(const Sweep& sweep, const MappingResult& result) {
   const bool last = sweep.end_of_run();
+  publish_map(sweep, last);
   if (registered_.matching()) publish_registered(sweep, result);
   if (mapped_ % output_.publish_every == 0 || last) {
-    if (tile_.matching()) publish_tiles(sweep);
     if (surround_.matching()) {
       HeaderFields header = surround_.header(sweep);
       header.frame = "map";
       surround_.publish(header, cloud_message(header, mapper_.surround()));
     }
   }
-  if ((mapped_ % output_.voxels_every == 0 || last) && tile_.matching()) publish_voxels(sweep);
   if ((mapped_ % output_.cloud_every == 0 || last) && cloud_.matching()) {
     HeaderFields header = cloud_.header(sweep);
     header.frame = "map";
@@ -195,8 +196,29 @@ void MappingStage::publish_views(const Sweep& sweep, const MappingResult& result
   }
 }
 
-void MappingStage::publish_tiles(const Sweep& sweep) {
-  for (const TileId& id : unpublished_) {
+void MappingStage::publish_map(const Sweep& sweep, bool all) {
+  if (!tile_.matching()) return;
+  if (mapped_ % output_.publish_every == 0 || all) {
+    publish_tiles(sweep, all ? 0.0 : output_.publish_growth);
+  }
+  if (mapped_ % output_.voxels_every == 0 || all) {
+    publish_voxels(sweep, all ? 0.0 : output_.voxels_growth);
+  }
+}
+
+void MappingStage::publish_tiles(const Sweep& sweep, double growth) {
+  for (auto next = unpublished_.begin(); next != unpublished_.end();) {
+    const TileId id = *next;
+    const std::uint64_t count = mapper_.tile_count(id);
+    std::uint64_t& published = published_[id];
+    const double enough = (1.0 + growth) * static_cast<double>(published);
+    // What has left the window does not grow any more.
+    if (count > 0 && static_cast<double>(count) <= enough) {
+      ++next;
+      continue;
+    }
+    next = unpublished_.erase(next);
+    published = count;
     const std::optional<Tile> tile = mapper_.tile(id);
     if (!tile) continue;
     HeaderFields header = tile_.header(sweep);
@@ -206,7 +228,12 @@ void MappingStage::publish_tiles(const Sweep& sweep) {
     tile_.publish_at(stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k), header,
                      tile_message(header, *tile));
   }
+}
+
+void MappingStage::forget_published() {
   unpublished_.clear();
+  published_.clear();
+  last_mapped_.reset();
 }
 
 void MappingStage::publish_registered(const Sweep& sweep, const MappingResult& result) {
@@ -295,7 +322,7 @@ runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
 
 runtime::CommandReply MappingStage::reset() {
   mapper_.reset();
-  unpublished_.clear();
+  forget_published();
   ++map_id_;
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};

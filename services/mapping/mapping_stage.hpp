@@ -2,6 +2,8 @@
 // Wires the mapper to the runtime: messages in, messages, answers and files out. Runs on the
 // stage's one worker thread.
 
+#include <map>
+#include <optional>
 #include <set>
 
 #include "common/runtime/stage.hpp"
@@ -31,8 +33,12 @@ class MappingStage {
   MappingInput input_of(const Sweep& sweep);
   void publish_pose(const Sweep& sweep, const MappingResult& result);
   void publish_views(const Sweep& sweep, const MappingResult& result);
-  void publish_tiles(const Sweep& sweep);
-  void publish_voxels(const Sweep& sweep);
+  /// Those that have grown by more than this share since they were published.
+  void publish_tiles(const Sweep& sweep, double growth);
+  void publish_voxels(const Sweep& sweep, double growth);
+  /// What others keep of the map: what has grown enough, or all that has changed.
+  void publish_map(const Sweep& sweep, bool all);
+  void forget_published();
   void publish_registered(const Sweep& sweep, const MappingResult& result);
   void note_figures(const MappingResult& result);
   Buffer tile_message(const HeaderFields& header, const Tile& tile) const;
@@ -67,6 +73,9 @@ class MappingStage {
   bool in_run_ = false;
   std::int64_t started_ns_ = 0;
   std::set<TileId> unpublished_;
+  // Points counted in a tile when it was published.
+  std::map<TileId, std::uint64_t> published_;
+  std::optional<Sweep> last_mapped_;
   bool unsaved_ = false;
   // Of the last mapped sweep, for replies.
   HeaderFields last_header_;

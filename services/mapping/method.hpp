@@ -53,9 +53,10 @@ class MappingMethod {
   /// From the next sweep on; what its structures were built with stays.
   virtual void configure(const MappingConfig& config) = 0;
 
-  /// What it has counted by itself, of the cubes of that edge that changed since the last call;
-  /// ascending. A method that matches against the tiles' points has nothing.
-  virtual std::vector<VoxelTile> take_changed(double /*tile_edge_m*/) { return {}; }
+  /// What it has counted by itself, of the cubes in which it has grown by more than this share
+  /// since it was handed out; ascending. A method that matches against the tiles' points has
+  /// nothing.
+  virtual std::vector<VoxelTile> take_changed(double /*growth*/) { return {}; }
   /// Takes that back into an empty map, before the first match.
   virtual void restore(const std::vector<VoxelTile>& /*tiles*/) {}
 };

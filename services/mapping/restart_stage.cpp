@@ -49,7 +49,7 @@ plane_map::SavedVoxel voxel_of(const msg::MapVoxel& m) {
 }
 
 VoxelTile voxel_tile_of(const msg::MapTile& m) {
-  VoxelTile tile{{m.i(), m.j(), m.k()}, m.version(), m.root_voxel_m(), m.levels(),
+  VoxelTile tile{{m.i(), m.j(), m.k()}, m.edge_m(), m.version(), m.root_voxel_m(), m.levels(),
                  m.range_noise_m(),     {}};
   for (const msg::MapVoxel& v : structs_of(m.voxels())) tile.voxels.push_back(voxel_of(v));
   return tile;
@@ -72,9 +72,9 @@ void add_tile(const msg::MapTile& m, SavedMap& saved) {
 
 }  // namespace
 
-void MappingStage::publish_voxels(const Sweep& sweep) {
+void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
   std::vector<msg::MapVoxel> voxels;
-  for (const VoxelTile& tile : mapper_.take_changed_voxels()) {
+  for (const VoxelTile& tile : mapper_.take_changed_voxels(growth)) {
     voxels.clear();
     for (const plane_map::SavedVoxel& v : tile.voxels) voxels.push_back(to_message(v));
     MapTileFields fields;
@@ -82,7 +82,7 @@ void MappingStage::publish_voxels(const Sweep& sweep) {
     fields.i = tile.index.i;
     fields.j = tile.index.j;
     fields.k = tile.index.k;
-    fields.edge_m = config_.tile_edge_m;
+    fields.edge_m = tile.edge_m;
     fields.version = tile.version;
     fields.voxels = voxels;
     fields.root_voxel_m = tile.root_voxel_m;

@@ -2,6 +2,7 @@
 
 #include "mapping/mapping.hpp"
 #include "mapping/test_room.hpp"
+#include "mapping/voxel_tiles.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -48,7 +49,7 @@ class Restored : public ::testing::TestWithParam<std::string> {
     for (int i = 0; i < kBefore; ++i) last = feed(mapper, room, i, Pose::Identity(), 0);
     SavedMap saved;
     for (const TileId& id : mapper.tiles()) saved.tiles.push_back(*mapper.tile(id));
-    saved.voxels = mapper.take_changed_voxels();
+    saved.voxels = mapper.take_changed_voxels(0.0);
     saved.instant_ns = static_cast<std::int64_t>(kBefore) * kPeriod_ns;
     saved.T_map_base = last.T_map_base;
     saved.T_map_odom = last.T_map_odom;
@@ -121,7 +122,7 @@ TEST_P(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
     EXPECT_EQ(result.health, i < kBefore + 8 ? Health::kBridging : Health::kLost) << i;
   }
   EXPECT_EQ(mapper.point_count(), points);
-  EXPECT_TRUE(mapper.take_changed_voxels().empty());
+  EXPECT_TRUE(mapper.take_changed_voxels(0.0).empty());
 }
 
 TEST_P(Restored, WithoutAMapANewOneIsFoundedInTheSameFrame) {
@@ -152,13 +153,41 @@ TEST_P(Restored, TheVersionsOfTheCubesGoOn) {
     for (const Tile& tile : saved.tiles) before = tile.id == id ? tile.version : before;
     EXPECT_GT(mapper.tile(id)->version, before);
   }
-  for (const VoxelTile& tile : mapper.take_changed_voxels()) {
+  for (const VoxelTile& tile : mapper.take_changed_voxels(0.0)) {
     for (const VoxelTile& old : saved.voxels) {
       if (old.index == tile.index) {
         EXPECT_GT(tile.version, old.version);
       }
     }
   }
+}
+
+TEST(VoxelTiles, ACubeIsHandedOutWhenItHasGrownEnough) {
+  plane_map::VoxelPlaneMap map{plane_map::PlaneMapConfig()};
+  const auto count = [&map](double x_m, int points) {
+    map.insert_points(std::vector<Eigen::Vector3d>(static_cast<std::size_t>(points),
+                                                   Eigen::Vector3d(x_m, 1.0, 1.0)));
+  };
+  const auto points_of = [](const VoxelTile& tile) {
+    std::uint32_t sum = 0;
+    for (const auto& voxel : tile.voxels) sum += voxel.level == 0 ? voxel.count : 0;
+    return sum;
+  };
+  VoxelTiles tiles;
+  count(1.0, 100);
+  count(31.0, 100);
+  ASSERT_EQ(tiles.take_changed(map, 0.25).size(), 2U);
+  count(1.0, 25);
+  EXPECT_TRUE(tiles.take_changed(map, 0.25).empty()) << "no more than the share";
+  count(1.0, 1);
+  const auto grown = tiles.take_changed(map, 0.25);
+  ASSERT_EQ(grown.size(), 1U);
+  EXPECT_EQ(grown[0].version, 2U);
+  EXPECT_EQ(points_of(grown[0]), 126U) << "whole, with what was held back";
+  count(31.0, 1);
+  const auto changed = tiles.take_changed(map, 0.0);
+  ASSERT_EQ(changed.size(), 1U);
+  EXPECT_EQ(points_of(changed[0]), 101U);
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, Restored, ::testing::Values("voxel_planes", "loam"),

@@ -25,14 +25,19 @@ Tile tile_of(const TileId& id, double edge_m, std::uint64_t version,
   return tile;
 }
 
+// How far a neighbour of a point is looked for among the tiles' points; 0: it is not.
+double searched_m(const MappingConfig& config) {
+  return config.method == kLoam ? config.loam.neighbour_radius_m : 0.0;
+}
+
 }  // namespace
 
 TileMap::TileMap(const MappingConfig& config)
     : tile_edge_m_(config.tile_edge_m),
       window_(config.window_tiles),
       local_(config.local_tiles),
-      layers_{LayerMap(config.leaf_edge_m, config.tile_edge_m, config.loam.neighbour_radius_m),
-              LayerMap(config.leaf_plane_m, config.tile_edge_m, config.loam.neighbour_radius_m)},
+      layers_{LayerMap(config.leaf_edge_m, config.tile_edge_m, searched_m(config)),
+              LayerMap(config.leaf_plane_m, config.tile_edge_m, searched_m(config))},
       archive_(config.archive_points, config.spill_directory) {}
 
 bool TileMap::within(const TileIndex& index, const std::array<int, 3>& extent) const {

@@ -29,6 +29,8 @@ class TileMap {
   void restore(const Tile& tile);
 
   std::optional<Tile> tile(const TileId& id) const;
+  /// All points ever counted in a tile of the window; 0: it is none.
+  std::uint64_t count(const TileId& id) const { return layer(id.layer).tile_count(id.index); }
   /// Ascending, with the archived ones.
   std::vector<TileId> tiles() const;
   std::vector<TileId> local_tiles() const;

@@ -1,8 +1,7 @@
 #include "mapping/voxel_filter.hpp"
 
-#include <cmath>
-
 #include "mapping/flat_index.hpp"
+#include "mapping/grid_index.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -10,10 +9,7 @@ namespace {
 constexpr float kFarthest_m = 1e5F;
 
 std::uint64_t voxel_key(const Eigen::Vector3f& p, double leaf_m) {
-  const Eigen::Vector3d scaled = p.cast<double>() / leaf_m;
-  return pack_key(static_cast<std::int64_t>(std::floor(scaled.x())),
-                  static_cast<std::int64_t>(std::floor(scaled.y())),
-                  static_cast<std::int64_t>(std::floor(scaled.z())));
+  return pack_key(grid_index(p.cast<double>(), leaf_m));
 }
 
 }  // namespace

@@ -40,7 +40,7 @@ class VoxelPlanesMethod : public MappingMethod {
     config_ = config.voxel_planes;
     if (registration_) registration_->configure(config_.matcher);
   }
-  std::vector<VoxelTile> take_changed(double tile_edge_m) override;
+  std::vector<VoxelTile> take_changed(double growth) override;
   void restore(const std::vector<VoxelTile>& tiles) override;
 
  private:
@@ -260,9 +260,9 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
           thinned(input.planes, input, result.twist_per_s, tile_planes_)};
 }
 
-std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double tile_edge_m) {
+std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double growth) {
   if (!registration_) return {};
-  return tiles_.take_changed(registration_->map(), tile_edge_m);
+  return tiles_.take_changed(registration_->map(), growth);
 }
 
 void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {

@@ -38,18 +38,19 @@ bool fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config) {
 }  // namespace
 
 std::vector<VoxelTile> VoxelTiles::take_changed(const plane_map::VoxelPlaneMap& map,
-                                                double tile_edge_m) {
+                                                double growth) {
   std::vector<VoxelTile> changed;
-  for (const auto& [index, roots] : roots_by_cube(map, tile_edge_m)) {
+  for (const auto& [index, roots] : roots_by_cube(map, kEdge_m)) {
     Cube& cube = cubes_[index];
-    if (roots.points == cube.points) continue;
     // Fewer: voxels far from the sensor were dropped; what was handed out before is the better one.
-    const bool grown = roots.points > cube.points;
+    if (roots.points < cube.points) cube.points = roots.points;
+    const auto handed_out = static_cast<double>(cube.points);
+    if (static_cast<double>(roots.points) <= (1.0 + growth) * handed_out) continue;
     cube.points = roots.points;
-    if (!grown) continue;
     const plane_map::PlaneMapConfig& config = map.config();
-    VoxelTile tile{index,         ++cube.version,       config.root_voxel_m,
-                   config.levels, config.range_noise_m, {}};
+    VoxelTile tile{
+        index, kEdge_m, ++cube.version, config.root_voxel_m, config.levels, config.range_noise_m,
+        {}};
     for (const std::size_t place : roots.places) map.save_root(place, tile.voxels);
     changed.push_back(std::move(tile));
   }

@@ -12,8 +12,12 @@ namespace zloam::mapping {
 
 class VoxelTiles {
  public:
-  /// The cubes in which something was counted since the last call, whole, ascending.
-  std::vector<VoxelTile> take_changed(const plane_map::VoxelPlaneMap& map, double tile_edge_m);
+  /// Small, so that what grows is handed out and not all that lies around it.
+  static constexpr double kEdge_m = 12.5;
+
+  /// The cubes in which more than this share of what was handed out has been counted since, whole,
+  /// ascending.
+  std::vector<VoxelTile> take_changed(const plane_map::VoxelPlaneMap& map, double growth);
 
   void keep_for_loading(const std::vector<VoxelTile>& tiles) { kept_ = tiles; }
   /// Loads what was kept into a map that is still empty. Cubes of other voxel sizes or of another
