@@ -110,7 +110,7 @@ void WindowMap::rebuild_table(std::size_t more_voxels) {
   }
   const std::size_t living = voxels_.in_use();
   std::size_t capacity = kInitialTable;
-  while (capacity < std::max(4 * living, 3 * (living + more_voxels))) {
+  while (capacity < std::max(4 * living, 2 * (living + more_voxels + 1))) {
     capacity *= 2;
   }
   table_.assign(capacity, Slot{});
