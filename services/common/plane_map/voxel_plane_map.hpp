@@ -151,6 +151,10 @@ class VoxelPlaneMap {
     std::uint32_t node;
   };
 
+  /// Which child of a voxel a cell lies in; bit: of the child's place in the root.
+  static unsigned octant(const Cell& c, int bit) {
+    return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
+  }
   std::optional<Cell> cell_of(float x, float y, float z) const;
   std::uint64_t root_key(const Cell& cell) const;
   std::uint32_t find_root(std::uint64_t key) const;

@@ -101,8 +101,7 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
   std::uint32_t i = take_root(key_of(root));
   for (int level = 1; level <= voxel.level; ++level) {
     const int bit = shift_ - level;
-    const unsigned o = static_cast<unsigned>((cell.x >> bit & 1) | (cell.y >> bit & 1) << 1 |
-                                             (cell.z >> bit & 1) << 2);
+    const unsigned o = octant(cell, bit);
     if (nodes_[i].children[o] == kNoChild) {
       // Taken first: it may move what nodes_[i] is found by.
       const std::uint32_t taken = level == shift_ ? leaves_.take() : nodes_.take();

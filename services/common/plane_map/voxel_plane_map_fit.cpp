@@ -1,0 +1,147 @@
+// The planes and distributions that are fitted to what is counted in the map.
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+
+// Centre of the cell's voxel at a level, relative to its root's centre.
+Eigen::Vector3d VoxelPlaneMap::voxel_offset(const Cell& c, int level) const {
+  const int bits = shift_ - level;
+  const int mask = (1 << shift_) - 1;
+  const double edge = leaf_m_ * (1 << bits);
+  const auto offset = [&](int cell) {
+    return (((cell & mask) >> bits) + 0.5) * edge - 0.5 * config_.root_voxel_m;
+  };
+  return {offset(c.x), offset(c.y), offset(c.z)};
+}
+
+void VoxelPlaneMap::Rings::add(const Rings& other) {
+  several_rings = several_rings || other.several_rings || other.ring != ring;
+}
+
+bool VoxelPlaneMap::enough(const Rings& rings) const {
+  return rings.several_rings || !config_.planes_several_rings;
+}
+
+std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
+  const double grown = std::ceil(count * config_.refit_growth);
+  return std::max(count + 1, static_cast<std::uint32_t>(std::min(grown, 4e9)));
+}
+
+void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
+                              const Eigen::Vector3d& offset) {
+  const Eigen::Vector3d n = axes.axes.col(0);
+  fit.kind = Kind::kPlane;
+  fit.row_count = 1;
+  fit.plane = {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
+               static_cast<float>(n.dot(axes.centre + offset))};
+  fit.normal_variance = static_cast<float>(axes.normal_variance(count));
+}
+
+void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
+  node.fit.refit_at = next_fit(node.fit.count);
+  node.fit.kind = Kind::kNone;
+  if (node.fit.count < config_.min_points || !enough(node)) {
+    return;
+  }
+  const PrincipalAxes axes = principal_axes(Moments(node.fit.count, node.sums));
+  if (is_plane(axes, node.fit.count, own_gates_)) {
+    set_plane(node.fit, axes, node.fit.count, voxel_offset(cell, level));
+  }
+}
+
+// The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis.
+std::array<std::uint32_t, 8> VoxelPlaneMap::parents_around(const Cell& cell) const {
+  std::array<std::uint32_t, 8> parents{};
+  for (unsigned p = 0; p < 8; ++p) {
+    const auto step = [p](unsigned axis) { return (p >> axis & 1U) != 0 ? 1 : -1; };
+    const Cell corner{cell.x + step(0), cell.y + step(1), cell.z + step(2)};
+    std::uint32_t i = find_root(root_key(corner));
+    for (int bit = shift_ - 1; i != kNoChild && bit > 0; --bit) {
+      i = nodes_[i].children[octant(corner, bit)];
+    }
+    parents[p] = i;
+  }
+  return parents;
+}
+
+Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
+  Moments all(leaf.fit.count, leaf.sums);
+  const Eigen::Vector3d mean = all.mean();
+  const double reach = config_.merge_radius_voxels * leaf_m_;
+  const std::array<std::uint32_t, 8> parents = parents_around(cell);
+  const auto upper = [](int at, int step) { return (at + step) >> 1 != (at - 1) >> 1 ? 1U : 0U; };
+  for (int i = 0; i < 27; ++i) {
+    if (i == 13) continue;
+    const Eigen::Vector3i step(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1);
+    const std::uint32_t parent = parents[upper(cell.x, step.x()) | upper(cell.y, step.y()) << 1 |
+                                         upper(cell.z, step.z()) << 2];
+    if (parent == kNoChild) continue;
+    const Cell neighbour{cell.x + step.x(), cell.y + step.y(), cell.z + step.z()};
+    const std::uint32_t child = nodes_[parent].children[octant(neighbour, 0)];
+    if (child == kNoChild) continue;
+    const Leaf& other = leaves_[child];
+    const Moments moments(other.fit.count, other.sums);
+    const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
+    if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
+      all.add(moments, offset);
+      rings.add(other);
+    }
+  }
+  return all;
+}
+
+void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
+  leaf.fit.refit_at = next_fit(leaf.fit.count);
+  leaf.fit.kind = Kind::kNone;
+  const Eigen::Vector3d offset = voxel_offset(cell, shift_);
+  PrincipalAxes own;
+  if (leaf.fit.count >= config_.min_points) {
+    own = principal_axes(Moments(leaf.fit.count, leaf.sums));
+    if (enough(leaf) && is_plane(own, leaf.fit.count, own_gates_)) {
+      set_plane(leaf.fit, own, leaf.fit.count, offset);
+      return;
+    }
+  }
+  if (config_.merge_radius_voxels > 0.0) {
+    Rings rings = leaf;
+    const Moments moments = merged_moments(leaf, cell, rings);
+    if (moments.count >= config_.min_points && enough(rings)) {
+      const PrincipalAxes merged = principal_axes(moments);
+      if (is_plane(merged, moments.count, merged_gates_)) {
+        set_plane(leaf.fit, merged, moments.count, offset);
+        return;
+      }
+    }
+  }
+  const bool seen = leaf.several_rings || !config_.distributions_several_rings;
+  if (config_.distributions && seen && leaf.fit.count >= config_.min_points) {
+    fit_distribution(leaf, own, offset);
+  }
+}
+
+// Rows of the square root of the inverse of (covariance + noise), times the noise: the axes of the
+// distribution. A line is free along its long axis.
+void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
+                                     const Eigen::Vector3d& offset) {
+  if (leaf.rows == kNoChild) {
+    leaf.rows = rows_.take();
+  }
+  const double noise = config_.range_noise_m;
+  const bool is_line =
+      axes.variances[1] < own_gates_.min_width2 && axes.variances[2] > 16.0 * axes.variances[1];
+  leaf.fit.kind = Kind::kDistribution;
+  leaf.fit.row_count = is_line ? 2 : 3;
+  for (int i = 0; i < leaf.fit.row_count; ++i) {
+    const Eigen::Vector3d n =
+        axes.axes.col(i) * (noise / std::sqrt(axes.variances[i] + noise * noise));
+    rows_[leaf.rows][static_cast<std::size_t>(i)] = {
+        static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
+        static_cast<float>(n.dot(axes.centre + offset))};
+  }
+}
+
+}  // namespace zloam::plane_map
