@@ -91,10 +91,15 @@ const Correction* Integrator::correction_for(const OdometryPose& pose) const {
     const bool fits = found != corrections_.end() && found->second.odom_epoch == pose.odom_epoch;
     return fits ? &found->second : nullptr;
   }
+  // Poses that are caught up with after a restart have newer corrections than theirs beside them:
+  // the odometry's frame has turned since, and the pose with it about a distant origin.
+  const Correction* newer = nullptr;
   for (auto it = corrections_.rbegin(); it != corrections_.rend(); ++it) {
-    if (it->second.odom_epoch == pose.odom_epoch) return &it->second;
+    if (it->second.odom_epoch != pose.odom_epoch) continue;
+    if (it->first <= pose.sweep) return &it->second;
+    newer = &it->second;
   }
-  return nullptr;
+  return newer;
 }
 
 // Learns from each correction used, once, how both predictions of its pose did.

@@ -5,8 +5,9 @@
 // Which k: in replay the greatest multiple of mapping_every at or below n - correction_delay, and
 // the pose waits for it, so that the result does not depend on who was faster (protocols.md,
 // section 8); before the first one the identity. Live: the newest correction of the same odometry
-// epoch; nothing waits. While an epoch has no correction yet, the pose is predicted from the last
-// one with the odometry's own motion and says so (Health::kBridging).
+// epoch that is not of a later sweep (such there are when old poses are caught up with), else the
+// next later one; nothing waits. While an epoch has no correction yet, the pose is predicted from
+// the last one with the odometry's own motion and says so (Health::kBridging).
 //
 // The odometry's steps since that correction are fused with the motion between the last mapped
 // poses (step_fusion.hpp): where the odometry does not see, the map's motion leads.

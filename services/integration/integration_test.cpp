@@ -138,6 +138,19 @@ TEST(Integration, LiveTakesTheNewestAndNeverWaits) {
   EXPECT_THAT(integrator.add(odometry(4, false)), IsEmpty()) << "late";
 }
 
+TEST(Integration, PosesThatAreCaughtUpWithTakeTheCorrectionsOfTheirTime) {
+  Integrator integrator{IntegrationConfig{}};
+  for (const std::uint64_t sweep : {4U, 6U, 8U}) {
+    integrator.add(correction(sweep, along(0.01 * static_cast<double>(sweep))));
+  }
+  const std::vector<std::uint64_t> used = {4, 4, 4, 6, 6, 8};
+  for (std::uint64_t sweep = 3; sweep < 9; ++sweep) {
+    const auto fused = integrator.add(odometry(sweep, false));
+    ASSERT_THAT(fused, SizeIs(1));
+    EXPECT_EQ(fused[0].correction_sweep, used[sweep - 3]) << sweep;
+  }
+}
+
 TEST(Integration, MarksJumps) {
   struct Step {
     Pose T_map_odom;
