@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "mapping/mapping.hpp"
+
 namespace zloam::mapping {
 
 /// Cube (i, j, k) spans [i, i + 1) * edge on x, likewise y and z.
@@ -11,6 +13,11 @@ using GridIndex = Eigen::Matrix<std::int64_t, 3, 1>;
 
 inline GridIndex grid_index(const Eigen::Vector3d& point, double edge_m) {
   return (point / edge_m).array().floor().cast<std::int64_t>().matrix();
+}
+
+inline TileIndex tile_index(const Eigen::Vector3d& point_map, double edge_m) {
+  const Eigen::Vector3i index = grid_index(point_map, edge_m).cast<std::int32_t>();
+  return {index.x(), index.y(), index.z()};
 }
 
 inline Eigen::Vector3d centre_of(const GridIndex& index, double edge_m) {

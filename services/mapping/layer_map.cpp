@@ -21,9 +21,7 @@ LayerMap::LayerMap(double leaf_m, double tile_edge_m, double radius_m)
 }
 
 TileIndex LayerMap::tile_of(const Eigen::Vector3d& point_map) const {
-  const auto index = grid_index(point_map, tile_edge_m_);
-  return {static_cast<std::int32_t>(index.x()), static_cast<std::int32_t>(index.y()),
-          static_cast<std::int32_t>(index.z())};
+  return tile_index(point_map, tile_edge_m_);
 }
 
 Eigen::Vector3d LayerMap::centre_map(const GridIndex& index) const {

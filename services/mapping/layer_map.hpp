@@ -31,7 +31,7 @@ struct CountedPoint {
 class LayerMap {
  public:
   /// leaf_m: edge of a voxel; radius_m: the farthest that nearest() will be asked for, 0: it will
-  /// not be, which saves half of the memory.
+  /// not be, and no index is kept for it.
   LayerMap(double leaf_m, double tile_edge_m, double radius_m);
 
   LayerMap(LayerMap&&) noexcept = default;

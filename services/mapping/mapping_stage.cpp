@@ -182,12 +182,10 @@ void MappingStage::publish_views(const Sweep& sweep, const MappingResult& result
   const bool last = sweep.end_of_run();
   publish_map(sweep, last);
   if (registered_.matching()) publish_registered(sweep, result);
-  if (mapped_ % output_.publish_every == 0 || last) {
-    if (surround_.matching()) {
-      HeaderFields header = surround_.header(sweep);
-      header.frame = "map";
-      surround_.publish(header, cloud_message(header, mapper_.surround()));
-    }
+  if ((mapped_ % output_.publish_every == 0 || last) && surround_.matching()) {
+    HeaderFields header = surround_.header(sweep);
+    header.frame = "map";
+    surround_.publish(header, cloud_message(header, mapper_.surround()));
   }
   if ((mapped_ % output_.cloud_every == 0 || last) && cloud_.matching()) {
     HeaderFields header = cloud_.header(sweep);

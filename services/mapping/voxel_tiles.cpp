@@ -1,6 +1,6 @@
 #include "mapping/voxel_tiles.hpp"
 
-#include <cmath>
+#include "mapping/grid_index.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -11,19 +11,12 @@ struct Roots {
   std::vector<std::size_t> places;
 };
 
-TileIndex cube_of(const Eigen::Vector3d& p, double edge_m) {
-  const auto part = [edge_m](double x) {
-    return static_cast<std::int32_t>(std::floor(x / edge_m));
-  };
-  return {part(p.x()), part(p.y()), part(p.z())};
-}
-
 // The order of creation, so that a map that was saved and loaded is the same map again.
 std::map<TileIndex, Roots> roots_by_cube(const plane_map::VoxelPlaneMap& map, double edge_m) {
   std::map<TileIndex, Roots> cubes;
   const std::vector<plane_map::RootSummary> roots = map.roots();
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    Roots& cube = cubes[cube_of(map.root_centre_map(roots[i].index), edge_m)];
+    Roots& cube = cubes[tile_index(map.root_centre_map(roots[i].index), edge_m)];
     cube.points += roots[i].count;
     cube.places.push_back(i);
   }

@@ -50,7 +50,7 @@ export command out seconds
 
 rm -rf "$out/objects"
 mkdir -p "$out/objects"
-each compile "${sources[@]}" tests/fuzz/{packets,position,nmea,pcap}_fuzz.cpp
+each compile "${sources[@]}" tests/fuzz/*_fuzz.cpp
 each link "${targets[@]}"
 python3 tests/fuzz/seeds.py "$out/seeds"
 each fuzz "${targets[@]}"
