@@ -29,9 +29,20 @@ struct OdometryConfig {
   double correlation = 10.0;
 
   // --- motion prior -------------------------------------------------------------------------
-  /// Soft tie of the sweep's begin to the end of the sweep before, one sigma.
+  /// How far the end of the sweep before is off where nothing else is known of it, one sigma; what
+  /// a measurement is compared with before a direction is called weak.
   double begin_sigma_m = 0.003;
   double begin_sigma_rad = 0.002;
+  /// A sweep's own covariance counts, of its pose in the middle up to this: however little holds
+  /// it, the window around it was drawn from it.
+  double pose_sigma_m = 0.003;
+  double pose_sigma_rad = 0.002;
+  /// What a sweep's begin may differ by from the end of the sweep before, one sigma: motions are
+  /// continuous, constant twists nearly are; less so the more the last two differ, by this share of
+  /// the difference.
+  double continuity_sigma_m = 0.0003;
+  double continuity_sigma_rad = 0.0002;
+  double continuity_share = 0.03;
   /// The twist changes from sweep to sweep by about this acceleration, one sigma.
   double acceleration_sigma_mps2 = 3.0;
   double angular_acceleration_sigma_radps2 = 2.0;

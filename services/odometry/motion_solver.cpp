@@ -144,23 +144,26 @@ void add_residuals(const MotionState& state, const Residuals& residuals, double 
   accumulator.fold();
 }
 
+Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma) {
+  Vector12 sigma;
+  sigma << begin_sigma, twist_sigma;
+  return Vector12(sigma.array().square().inverse()).asDiagonal();
+}
+
 void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations) {
   const Pose to_begin = exp_se3(-0.5 * state.twist);
-  const Vector6 e = log_se3(prior.T_odom_begin.inverse() * state.T_odom_mid * to_begin);
-  const Matrix6 inverse = inverse_right_jacobian(e);
-  Eigen::Matrix<double, 6, 12> jacobian;
-  jacobian.leftCols<6>() = inverse * adjoint(to_begin.inverse());
+  Vector12 e;
+  e << log_se3(prior.T_odom_begin.inverse() * state.T_odom_mid * to_begin),
+      state.twist - prior.twist;
+  const Matrix6 inverse = inverse_right_jacobian(e.head<6>());
+  Matrix12 jacobian = Matrix12::Identity();
+  jacobian.topLeftCorner<6, 6>() = inverse * adjoint(to_begin.inverse());
   // T Exp(-(v + dv) / 2) = T Exp(-v / 2) Exp(-J_left(v / 2) dv / 2)
-  jacobian.rightCols<6>() = -0.5 * inverse * LeftJacobian(state.twist).at(0.5);
-  const Vector6 begin_weight = prior.begin_sigma.array().square().inverse();
-  const Vector6 twist_weight = prior.twist_sigma.array().square().inverse();
-  const Vector6 dv = state.twist - prior.twist;
-  equations.H += jacobian.transpose() * begin_weight.asDiagonal() * jacobian;
-  equations.g += jacobian.transpose() * begin_weight.cwiseProduct(e);
-  equations.H.bottomRightCorner<6, 6>() += Matrix6(twist_weight.asDiagonal());
-  equations.g.tail<6>() += twist_weight.cwiseProduct(dv);
-  equations.cost +=
-      0.5 * (e.dot(begin_weight.cwiseProduct(e)) + dv.dot(twist_weight.cwiseProduct(dv)));
+  jacobian.topRightCorner<6, 6>() = -0.5 * inverse * LeftJacobian(state.twist).at(0.5);
+  const Matrix12 weighed = jacobian.transpose() * prior.information;
+  equations.H += weighed * jacobian;
+  equations.g += weighed * e;
+  equations.cost += 0.5 * e.dot(prior.information * e);
 }
 
 Vector12 solve_step(const NormalEquations& equations) {
@@ -171,11 +174,11 @@ MotionState moved(const MotionState& state, const Vector12& step) {
   return {state.T_odom_mid * exp_se3(step.head<6>()), state.twist + step.tail<6>()};
 }
 
-Matrix6 end_covariance(const MotionState& state, const Matrix12& covariance) {
+Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance) {
   const Pose to_end = exp_se3(0.5 * state.twist);
-  Eigen::Matrix<double, 6, 12> jacobian;
-  jacobian.leftCols<6>() = adjoint(to_end.inverse());
-  jacobian.rightCols<6>() = 0.5 * LeftJacobian(state.twist).at(-0.5);
+  Matrix12 jacobian = Matrix12::Identity();
+  jacobian.topLeftCorner<6, 6>() = adjoint(to_end.inverse());
+  jacobian.topRightCorner<6, 6>() = 0.5 * LeftJacobian(state.twist).at(-0.5);
   return jacobian * covariance * jacobian.transpose();
 }
 

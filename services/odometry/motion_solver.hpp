@@ -21,9 +21,6 @@
 
 namespace zloam::odometry {
 
-using Vector12 = Eigen::Matrix<double, 12, 1>;
-using Matrix12 = Eigen::Matrix<double, 12, 12>;
-
 struct MotionState {
   Pose T_odom_mid = Pose::Identity();
   Vector6 twist = Vector6::Zero();  ///< per sweep
@@ -58,12 +55,19 @@ struct Residuals {
   std::vector<LineResidual> lines;
 };
 
+/// What is known of a sweep's begin and twist before it is looked at.
 struct MotionPrior {
   Pose T_odom_begin = Pose::Identity();
-  Vector6 begin_sigma = Vector6::Ones();
   Vector6 twist = Vector6::Zero();
+  /// How sure each of them is by itself: what a measurement is compared with.
+  Vector6 begin_sigma = Vector6::Ones();
   Vector6 twist_sigma = Vector6::Ones();
+  /// How sure they are together, begin (tangent at the begin) before twist: what the solver uses.
+  Matrix12 information = Matrix12::Identity();
 };
+
+/// The information of a begin and a twist whose errors have nothing to do with each other.
+Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma);
 
 /// Exp(s v) of every time bin.
 class MotionTable {
@@ -108,7 +112,7 @@ void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquatio
 Vector12 solve_step(const NormalEquations& equations);
 MotionState moved(const MotionState& state, const Vector12& step);
 
-/// Covariance of T_odom_end given that of the unknowns, tangent at base_link at the end.
-Matrix6 end_covariance(const MotionState& state, const Matrix12& covariance);
+/// Covariance of (T_odom_end, twist) given that of the unknowns, tangent at base_link at the end.
+Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance);
 
 }  // namespace zloam::odometry

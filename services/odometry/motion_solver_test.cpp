@@ -111,13 +111,11 @@ struct PriorCost {
       term = Mat3<T>(term * w) / T(n + 1.0);
     }
     const Vec3<T> rho = V.inverse() * t;
-    for (int i = 0; i < 3; ++i) {
-      out[i] = rho[i] / T(problem->prior.begin_sigma[i]);
-      out[3 + i] = theta[i] / T(problem->prior.begin_sigma[3 + i]);
-    }
-    for (int i = 0; i < 6; ++i) {
-      out[6 + i] = (x[6 + i] - T(problem->prior.twist[i])) / T(problem->prior.twist_sigma[i]);
-    }
+    Eigen::Matrix<T, 12, 1> e;
+    e << rho, theta,
+        Eigen::Map<const Eigen::Matrix<T, 6, 1>>(x + 6) - problem->prior.twist.cast<T>();
+    const Matrix12 root = problem->prior.information.llt().matrixU();
+    Eigen::Map<Eigen::Matrix<T, 12, 1>>{out} = root.cast<T>() * e;
     return true;
   }
 };
@@ -173,6 +171,12 @@ Problem random_problem(unsigned seed, double rate) {
   p.prior.begin_sigma << 0.003, 0.003, 0.003, 0.002, 0.002, 0.002;
   p.prior.twist = truth.twist + 0.3 * offset;
   p.prior.twist_sigma << 0.03, 0.03, 0.03, 0.02, 0.02, 0.02;
+  // Begin and twist know of each other, as after a sweep.
+  Matrix12 hang_together = Matrix12::Identity();
+  hang_together.topRightCorner<6, 6>() =
+      0.3 * Matrix6::NullaryExpr([&](auto, auto) { return u(rng); });
+  p.prior.information = hang_together.transpose() *
+                        independent(p.prior.begin_sigma, p.prior.twist_sigma) * hang_together;
   return p;
 }
 
@@ -286,14 +290,16 @@ TEST(MotionSolver, EndCovarianceMatchesSampling) {
   const Eigen::LLT<Matrix12> root(covariance);
   std::mt19937 rng(9);
   std::normal_distribution<double> g(0.0, 1.0);
-  Matrix6 sampled = Matrix6::Zero();
+  Matrix12 sampled = Matrix12::Zero();
   const int samples = 20000;
   for (int i = 0; i < samples; ++i) {
     const Vector12 x = root.matrixL() * Vector12::NullaryExpr([&](auto) { return g(rng); });
-    const Vector6 e = log_se3(p.start.T_odom_end().inverse() * moved(p.start, x).T_odom_end());
+    const MotionState other = moved(p.start, x);
+    Vector12 e;
+    e << log_se3(p.start.T_odom_end().inverse() * other.T_odom_end()), other.twist - p.start.twist;
     sampled += e * e.transpose() / samples;
   }
-  const Matrix6 own = end_covariance(p.start, covariance);
+  const Matrix12 own = end_covariance(p.start, covariance);
   EXPECT_LT((own - sampled).norm(), 0.05 * sampled.norm());
 }
 

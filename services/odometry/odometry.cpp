@@ -1,9 +1,11 @@
 #include "odometry/odometry.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "common/geometry/deskew.hpp"
+#include "common/geometry/motion_covariance.hpp"
 #include "odometry/matcher.hpp"
 
 namespace zloam::odometry {
@@ -61,6 +63,8 @@ struct Odometry::State {
   Pose T_odom_base = Pose::Identity();
   Vector6 twist_per_s = Vector6::Zero();
   bool twist_known = false;
+  std::optional<Matrix12> state_covariance;  // of both
+  Vector6 twist_change_per_s = Vector6::Zero();
   bool degenerate = false;
   int predicted_in_row = 0;
   // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
@@ -79,18 +83,63 @@ struct Odometry::State {
     const double blind_s = std::max(0.0, gap_s) + predicted_in_row * period_s;
     const double a = config.acceleration_sigma_mps2;
     const double alpha = config.angular_acceleration_sigma_radps2;
+    const Vector6 strayed = sigmas(0.5 * a * blind_s * blind_s, 0.5 * alpha * blind_s * blind_s);
     Prediction p;
     p.prior.T_odom_begin = T_odom_base * exp_se3(twist_per_s * gap_s);
     p.prior.twist = twist_per_s * period_s;
-    p.prior.begin_sigma = sigmas(config.begin_sigma_m + 0.5 * a * blind_s * blind_s,
-                                 config.begin_sigma_rad + 0.5 * alpha * blind_s * blind_s);
+    p.prior.begin_sigma = sigmas(config.begin_sigma_m, config.begin_sigma_rad) + strayed;
     p.prior.twist_sigma = twist_known ? sigmas(a * period_s * (period_s + blind_s),
                                                alpha * period_s * (period_s + blind_s))
                                       : sigmas(config.initial_speed_sigma_mps * period_s,
                                                config.initial_rate_sigma_radps * period_s);
+    p.prior.information = independent(p.prior.begin_sigma, p.prior.twist_sigma);
+    if (twist_known && state_covariance) carry_on(gap_s, period_s, strayed, p.prior);
     p.state.twist = p.prior.twist;
     p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
     return p;
+  }
+
+  // The end of the sweep before and its twist err together: where most of what a sweep saw of a
+  // direction was seen in its first half, the end is the twist's error away from it. Tied to such
+  // an end as if it were sure, the next sweep's twist errs the other way round and by more, and so
+  // on: a zig-zag that grows until the window is torn.
+  void carry_on(double gap_s, double period_s, const Vector6& strayed, MotionPrior& prior) const {
+    Matrix12 F = Matrix12::Zero();
+    F.topLeftCorner<6, 6>() = adjoint(exp_se3(-gap_s * twist_per_s));
+    F.topRightCorner<6, 6>() = gap_s * Matrix6::Identity();
+    F.bottomRightCorner<6, 6>() = period_s * Matrix6::Identity();
+    const Vector6 bend =
+        config.continuity_share * period_s *
+        sigmas(twist_change_per_s.head<3>().norm(), twist_change_per_s.tail<3>().norm());
+    Vector12 change;
+    change << sigmas(config.continuity_sigma_m, config.continuity_sigma_rad) + bend + strayed,
+        prior.twist_sigma;
+    Matrix12 covariance = F * *state_covariance * F.transpose();
+    covariance.diagonal() += change.array().square().matrix();
+    const Eigen::LDLT<Matrix12> ldlt(covariance);
+    if (!covariance.allFinite() || !(ldlt.vectorD().minCoeff() > 0.0)) return;
+    const Matrix12 inverse = ldlt.solve(Matrix12::Identity());
+    prior.information = 0.5 * (inverse + inverse.transpose());
+  }
+
+  // Where nothing holds the sensor the pose is as sure as the window that was drawn from it, and
+  // the end is taken as if it were: what little the data say there drags it back.
+  Matrix12 state_covariance_of(const Solution& solution, const Degeneracy& weak,
+                               const FeatureSweep& sweep) const {
+    // Points that lie further off than their noise say less than the solver makes of them.
+    const double off = solution.residual_m / std::max(1e-3, sweep.range_noise_m);
+    const Vector6 bound = sigmas(config.pose_sigma_m, config.pose_sigma_rad).array().square();
+    const Matrix12 middle =
+        with_bounded_pose(std::max(1.0, off * off) * solution.covariance, bound.asDiagonal());
+    Matrix12 covariance = end_covariance(solution.state, middle);
+    Vector12 direction = Vector12::Zero();
+    direction.head<3>() = weak.weak_translation;
+    covariance = with_bounded(covariance, direction, config.begin_sigma_m);
+    direction << Eigen::Vector3d::Zero(), weak.weak_rotation, Vector6::Zero();
+    covariance = with_bounded(covariance, direction, config.begin_sigma_rad);
+    Vector12 units = Vector12::Ones();
+    units.tail<6>().setConstant(1e9 / std::max(1U, sweep.period_ns));
+    return units.asDiagonal() * covariance * units.asDiagonal();
   }
 
   void set_target(PointSpan edges, PointSpan planes, const Pose& T_odom) {
@@ -146,6 +195,7 @@ struct Odometry::State {
     }
     Prediction wide = predicted;
     wide.prior.begin_sigma = wide.prior.twist_sigma;
+    wide.prior.information = independent(wide.prior.begin_sigma, wide.prior.twist_sigma);
     Solution solution = match(sweep, rigid, wide.state, wide.prior);
     const double step_s = std::max(period_s, (sweep.stamp_ns - prev_instant_ns) * 1e-9 + period_s);
     Vector6 step = log_se3(founding_pose.inverse() * solution.state.T_odom_mid);
@@ -212,7 +262,9 @@ void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_
   prev_sweep = result.sweep;
   prev_instant_ns = result.instant_ns;
   T_odom_base = result.T_odom_base;
+  twist_change_per_s = result.twist_per_s - twist_per_s;
   twist_per_s = result.twist_per_s;
+  state_covariance = result.state_covariance;
   degenerate = result.degeneracy.degenerate;
 }
 
@@ -255,9 +307,12 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   const Solution solution = s.solve_within_bounds(sweep, predicted);
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
-  result.covariance =
-      s.config.covariance_scale * end_covariance(solution.state, solution.covariance);
+  const Matrix12 covariance = end_covariance(solution.state, solution.covariance);
+  result.covariance = s.config.covariance_scale * covariance.topLeftCorner<6, 6>();
   result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.degenerate, s.config);
+  if (solution.solved) {
+    result.state_covariance = s.state_covariance_of(solution, result.degeneracy, sweep);
+  }
 
   const Pose error = predicted.state.T_odom_end().inverse() * result.T_odom_base;
   result.diagnostics = {solution.iterations,
@@ -302,6 +357,7 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.twist_per_s = sweep.twist_per_s;
     result.health = sweep.health;
     result.degeneracy.degenerate = sweep.degenerate;
+    result.state_covariance = sweep.state_covariance;
     result.edges.assign(sweep.edges.begin(), sweep.edges.end());
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.

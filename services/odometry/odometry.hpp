@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "common/geometry/health.hpp"
@@ -56,6 +57,9 @@ struct OdometryResult {
   Vector6 twist_per_s = Vector6::Zero();
   /// of the step from prev_sweep's pose, tangent at base_link
   Matrix6 covariance = Matrix6::Zero();
+  /// of T_odom_base and twist_per_s together, which the next sweep begins with; none when the sweep
+  /// was not matched
+  std::optional<Matrix12> state_covariance;
   Degeneracy degeneracy;
   /// less_sharp and less_flat, frame base_link at the instant; time_ns is still each point's own
   PointVector edges;
@@ -74,6 +78,7 @@ struct CommittedSweep {
   Vector6 twist_per_s = Vector6::Zero();
   Health health = Health::kOk;
   bool degenerate = false;
+  std::optional<Matrix12> state_covariance;
   PointSpan edges, planes;
 };
 

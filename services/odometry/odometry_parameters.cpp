@@ -33,10 +33,25 @@ void bind_solver(runtime::Parameters& p, OdometryConfig& c) {
 
 void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.begin_sigma_m", &c.begin_sigma_m, {1e-6, 10.0}, "m",
-        "tie of a sweep's begin to the end of the one before")
+        "how far the end of the sweep before is off where nothing else is known")
       .live();
   p.add("odometry.begin_sigma_rad", &c.begin_sigma_rad, {1e-6, 10.0}, "rad",
-        "tie of a sweep's begin to the end of the one before")
+        "how far the end of the sweep before is off where nothing else is known")
+      .live();
+  p.add("odometry.pose_sigma_m", &c.pose_sigma_m, {1e-6, 10.0}, "m",
+        "how far the middle of a sweep is taken to be off at most")
+      .live();
+  p.add("odometry.pose_sigma_rad", &c.pose_sigma_rad, {1e-6, 10.0}, "rad",
+        "how far the middle of a sweep is taken to be off at most")
+      .live();
+  p.add("odometry.continuity_sigma_m", &c.continuity_sigma_m, {1e-6, 10.0}, "m",
+        "what a sweep's begin may differ by from the end of the one before")
+      .live();
+  p.add("odometry.continuity_sigma_rad", &c.continuity_sigma_rad, {1e-6, 10.0}, "rad",
+        "what a sweep's begin may differ by from the end of the one before")
+      .live();
+  p.add("odometry.continuity_share", &c.continuity_share, {0.0, 10.0}, "",
+        "and by this share of what the last two twists differ by")
       .live();
   p.add("odometry.acceleration_sigma_mps2", &c.acceleration_sigma_mps2, {1e-3, 1e3}, "m/s^2",
         "how fast the speed usually changes")

@@ -147,6 +147,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   fields.health = health_with(result.health, health_of(features->health()));
   fields.degenerate = result.degeneracy.degenerate;
   fields.range_noise_m = features->range_noise_m();
+  fields.state_covariance = result.state_covariance;
   HeaderFields header = features_.header(features);
   header.frame = "base_link";
   header.odom_epoch = odom_epoch_;

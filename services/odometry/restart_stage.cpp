@@ -36,6 +36,7 @@ CommittedSweep committed(const Commit& commit) {
   sweep.twist_per_s = twist_of(commit->twist());
   sweep.health = own_health(health_of(commit->health()));
   sweep.degenerate = commit->degenerate();
+  sweep.state_covariance = state_covariance_of(commit->state_covariance());
   sweep.edges = points_of(commit->edges());
   sweep.planes = points_of(commit->planes());
   return sweep;

@@ -6,7 +6,7 @@ import functools
 import json
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import CACHE, SYNTH_SEED, Demo, Setting
+from tests.acceptance.runs import CACHE, SYNTH_SEED, Demo, Setting, write_later_part
 
 #: position error of A-LOAM's better run on the same scans, m
 SYNTH_ATE_M = {"city": 0.176, "indoor": 0.249, "fastrot": 0.129, "tunnel": 1.0}
@@ -20,6 +20,8 @@ WORLDS: dict[str, tuple[float, float | None]] = {
     "handheld": (0.06, None),
     "tunnel_weak": (1.0, None),
 }
+#: when a recording is begun on the way, the platform drives at 7 m/s
+IN_MOTION_AFTER_S = 20.0
 #: real drive, against each reference, m
 KITTI_ATE_M = 0.10
 
@@ -29,6 +31,7 @@ def checks(setting: Setting) -> list[Check]:
     return [
         *(c for scene in SYNTH_ATE_M for c in _scene(setting, scene)),
         *(_world(setting, world, seed) for world in WORLDS for seed in SEEDS),
+        *(_begun_in_motion(setting, seed) for seed in SEEDS),
         *_drive(setting),
     ]
 
@@ -96,6 +99,28 @@ def _world(s: Setting, world: str, seed: int) -> Check:
         limit,
         f"make accept ONLY=world-{world}-{seed}",
         functools.partial(_world_errors, s, world, seed),
+    )
+
+
+def _in_motion_error(s: Setting, seed: int) -> Measured:
+    whole, truth = s.simulated("city", seed)
+    capture = whole.with_stem(f"{whole.stem}-in_motion")
+    if not capture.exists():
+        write_later_part(whole, capture, IN_MOTION_AFTER_S)
+    demo = s.demo(capture.stem, "--pcap", capture, "--truth", truth)
+    error = demo.report["ate_rmse_m"]["pose"]
+    limit, _ = WORLDS["city"]
+    return Measured(f"ATE {error:.4f} m", error <= limit)
+
+
+def _begun_in_motion(s: Setting, seed: int) -> Check:
+    name = f"in-motion-city-{seed}"
+    return Check(
+        name,
+        f"simulated city, seed {seed}, without its first {IN_MOTION_AFTER_S:.0f} s: fused pose",
+        f"ATE ≤ {WORLDS['city'][0]} m",
+        f"make accept ONLY={name}",
+        functools.partial(_in_motion_error, s, seed),
     )
 
 

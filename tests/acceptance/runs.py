@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import dpkt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -138,6 +139,18 @@ class Setting:
 
     def synth(self) -> Demo:
         return self.demo("synth", "--scans", self.synth_folder())
+
+
+def write_later_part(capture: Path, out: Path, after_s: float) -> None:
+    """The packets of a pcap capture from so many seconds after its first one on."""
+    with capture.open("rb") as source, out.open("wb") as sink:
+        packets = iter(dpkt.pcap.Reader(source))
+        later = dpkt.pcap.Writer(sink)
+        began_s = None
+        for stamp_s, packet in packets:
+            began_s = stamp_s if began_s is None else began_s
+            if stamp_s - began_s >= after_s:
+                later.writepkt(packet, stamp_s)
 
 
 def said_of_poses(demo: Demo) -> NDArray[Any]:

@@ -11,6 +11,8 @@ namespace zloam {
 using Pose = Eigen::Isometry3d;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Vector12 = Eigen::Matrix<double, 12, 1>;
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
 
 /// The matrix with hat(a) * b = a x b.
 Eigen::Matrix3d hat(const Eigen::Vector3d& a);

@@ -129,6 +129,7 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   const auto edges = put_points(b, f.edges);
   const auto planes = put_points(b, f.planes);
   const auto covariance = put_covariance(b, f.covariance);
+  const auto state = put_covariance(b, f.state_covariance);
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_odom_base);
   const msg::Twist twist = twist_message(f.twist_per_s);
@@ -147,6 +148,7 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   m.add_health(to_message(f.health));
   m.add_degenerate(f.degenerate);
   m.add_range_noise_m(f.range_noise_m);
+  m.add_state_covariance(state);
   return finish(b, m.Finish());
 }
 

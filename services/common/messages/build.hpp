@@ -5,6 +5,7 @@
 #include <flatbuffers/flatbuffers.h>
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -94,6 +95,8 @@ struct OdometryFeaturesFields {
   Health health = Health::kOk;
   bool degenerate = false;
   float range_noise_m = 0.0F;
+  /// of pose and twist; left out when there is none
+  std::optional<Matrix12> state_covariance{};
 };
 
 struct MapCorrectionFields {

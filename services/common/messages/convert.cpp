@@ -1,6 +1,28 @@
 #include "common/messages/convert.hpp"
 
 namespace zloam {
+namespace {
+
+template <int N>
+std::optional<Eigen::Matrix<double, N, N>> square_of(const flatbuffers::Vector<double>* values) {
+  if (values == nullptr || values->size() != N * N) return std::nullopt;
+  Eigen::Matrix<double, N, N> result;
+  for (int row = 0; row < N; ++row) {
+    for (int column = 0; column < N; ++column) {
+      result(row, column) = values->Get(static_cast<flatbuffers::uoffset_t>(row * N + column));
+    }
+  }
+  return result;
+}
+
+template <int N>
+flatbuffers::Offset<flatbuffers::Vector<double>> put_square(
+    flatbuffers::FlatBufferBuilder& builder, const Eigen::Matrix<double, N, N>& values) {
+  const Eigen::Matrix<double, N, N, Eigen::RowMajor> rows = values;
+  return builder.CreateVector(rows.data(), N * N);
+}
+
+}  // namespace
 
 // The structs have the same size, alignment and member offsets (asserted in the header), hold plain
 // numbers, and the verifier has checked that the vector lies within the message.
@@ -65,20 +87,22 @@ msg::Twist twist_message(const Vector6& twist) {
 }
 
 Matrix6 covariance_of(const flatbuffers::Vector<double>* values) {
-  Matrix6 result = Matrix6::Zero();
-  if (values == nullptr || values->size() != 36) return result;
-  for (int row = 0; row < 6; ++row) {
-    for (int column = 0; column < 6; ++column) {
-      result(row, column) = values->Get(static_cast<flatbuffers::uoffset_t>(row * 6 + column));
-    }
-  }
-  return result;
+  return square_of<6>(values).value_or(Matrix6::Zero());
 }
 
 flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
     flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance) {
-  const Eigen::Matrix<double, 6, 6, Eigen::RowMajor> rows = covariance;
-  return builder.CreateVector(rows.data(), 36);
+  return put_square<6>(builder, covariance);
+}
+
+std::optional<Matrix12> state_covariance_of(const flatbuffers::Vector<double>* values) {
+  return square_of<12>(values);
+}
+
+flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
+    flatbuffers::FlatBufferBuilder& builder, const std::optional<Matrix12>& covariance) {
+  if (!covariance) return 0;
+  return put_square<12>(builder, *covariance);
 }
 
 }  // namespace zloam

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstring>
+#include <optional>
 #include <span>
 
 #include "common/geometry/health.hpp"
@@ -58,6 +59,10 @@ msg::Twist twist_message(const Vector6& twist_per_s);
 Matrix6 covariance_of(const flatbuffers::Vector<double>* values);
 flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
     flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance);
+/// Row-major 12x12, of pose and twist; none when the field is absent.
+std::optional<Matrix12> state_covariance_of(const flatbuffers::Vector<double>* values);
+flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
+    flatbuffers::FlatBufferBuilder& builder, const std::optional<Matrix12>& covariance);
 
 inline Health health_of(msg::Health health) { return static_cast<Health>(health); }
 inline msg::Health to_message(Health health) { return static_cast<msg::Health>(health); }

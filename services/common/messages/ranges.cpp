@@ -54,10 +54,13 @@ class Checker {
     return t == nullptr ? *this : vec(&t->linear(), "twist").vec(&t->angular(), "twist");
   }
 
-  Checker& covariance(const flatbuffers::Vector<double>* c) {
+  Checker& covariance(const flatbuffers::Vector<double>* c, std::size_t values = 36,
+                      std::string_view name = "covariance") {
     if (c == nullptr || c->size() == 0) return *this;
-    require(c->size() == 36, "covariance has not 36 values");
-    for (const double value : *c) finite(value, "covariance");
+    if (c->size() != values) {
+      return require(false, std::string(name) + " has not " + std::to_string(values) + " values");
+    }
+    for (const double value : *c) finite(value, name);
     return *this;
   }
 
@@ -238,6 +241,7 @@ std::string range_error(const msg::OdometryFeatures& m) {
   Checker c;
   c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
   c.covariance(m.covariance()).pose(m.pose_base_lidar(), "pose_base_lidar");
+  c.covariance(m.state_covariance(), 144, "state_covariance");
   c.finite_points(m.edges(), "edges").finite_points(m.planes(), "planes").health(m.health());
   c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
             "range_noise_m is negative or not finite");

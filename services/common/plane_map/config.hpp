@@ -78,14 +78,18 @@ struct MatcherConfig {
   double max_gate_m = 1.0;
   double gate_range_m = 10.0;
 
-  /// Motion from sweep to sweep: random change of the motion over one sweep, what else the poses of
-  /// two middles may differ by from the mean of both motions, and how much of the last motion's own
-  /// covariance counts (0: it is taken as exact).
+  /// Motion from sweep to sweep: random change of the motion over one sweep, and what else the
+  /// poses of two middles may differ by from the mean of both motions: more, by this share, when
+  /// the last two motions differ.
   double change_sigma_m = 0.03;
   double change_sigma_rad = 0.02;
-  double begin_sigma_m = 0.003;
-  double begin_sigma_rad = 0.002;
-  double twist_memory = 1.0;
+  double continuity_sigma_m = 0.0003;
+  double continuity_sigma_rad = 0.0002;
+  double continuity_share = 0.03;
+  /// The last pose's own covariance counts up to this: however little holds it, the map around it
+  /// was drawn from it.
+  double pose_sigma_m = 0.010;
+  double pose_sigma_rad = 0.002;
 
   /// Fewer matched points than this leave the sweep predicted, and out of the map.
   std::size_t min_matches = 30;

@@ -11,9 +11,6 @@
 
 namespace zloam::plane_map {
 
-using Vector12 = Eigen::Matrix<double, 12, 1>;
-using Matrix12 = Eigen::Matrix<double, 12, 12>;
-
 /// Motion of base_link over one sweep: T_mid * Exp(s * twist), s in [-1/2, 1/2] of the sweep.
 struct SweepMotion {
   Pose T_mid = Pose::Identity();

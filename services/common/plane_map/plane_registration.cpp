@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/motion_covariance.hpp"
+
 namespace zloam::plane_map {
 namespace {
 
@@ -64,8 +66,26 @@ Vector6 PlaneRegistration::previous_twist_per_s() const {
 }
 
 // From middle to middle the body moves by the mean of both twists; the twist changes at random by
-// `change` (white acceleration), and the old twist is only known to its own covariance. To trust it
-// fully leaves an undamped zig-zag: an error of one sweep's twist comes back negated in the next.
+// `change` (white acceleration). The pose before and its twist are known to their common covariance
+// only, and err together: to trust either fully leaves a zig-zag, in which the error of one sweep's
+// twist comes back negated in the next.
+Matrix12 PlaneRegistration::carried_on(double steps, double rate) const {
+  const Matrix12 before = with_bounded_pose(previous_->covariance,
+                                            diagonal(config_.pose_sigma_m, config_.pose_sigma_rad));
+  Matrix12 F = Matrix12::Zero();
+  F.topLeftCorner<6, 6>() = adjoint(exp_se3(-steps * previous_->motion.twist));
+  F.topRightCorner<6, 6>() = steps * Matrix6::Identity();
+  F.bottomRightCorner<6, 6>() = rate * Matrix6::Identity();
+  const Matrix6 change = steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad);
+  const Matrix6 cross = 0.5 * rate * steps * change;
+  const Vector6 bend = config_.continuity_share * previous_->twist_change;
+  const Matrix6 continuity = diagonal(config_.continuity_sigma_m + bend.head<3>().norm(),
+                                      config_.continuity_sigma_rad + bend.tail<3>().norm());
+  Matrix12 grown;
+  grown << squared(steps) * (0.25 * change + continuity), cross, cross, squared(rate) * change;
+  return F * before * F.transpose() + grown;
+}
+
 MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
                                           const std::optional<MotionPrediction>& prediction) const {
   MotionPrior prior;
@@ -79,14 +99,7 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
     prior.predicted.T_mid = previous_->motion.at(steps);
     prior.predicted.twist = previous_->motion.twist * (now_s / last_s);
     const double rate = now_s / last_s;
-    const Matrix6 old = config_.twist_memory * previous_->twist_covariance;
-    const Matrix6 change = steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad);
-    const Matrix6 cross = rate * steps * (old + 0.5 * change);
-    Matrix12 covariance;
-    covariance << squared(steps) * (old + 0.25 * change) +
-                      squared(steps) * diagonal(config_.begin_sigma_m, config_.begin_sigma_rad),
-        cross, cross, squared(rate) * (old + change);
-    prior.information = covariance.ldlt().solve(Matrix12::Identity());
+    prior.information = carried_on(steps, rate).ldlt().solve(Matrix12::Identity());
   }
   if (weak_) {
     prior.weak_axis_grid = prior.predicted.T_mid.linear() * weak_axis_base_;
@@ -214,8 +227,15 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     this->insert(points_of(sweep), motion);
   }
   if (previous_ || !map_.empty()) {
-    const Matrix6 covariance = squared(period_s) * result.covariance.bottomRightCorner<6, 6>();
-    previous_ = Previous{motion, covariance, sweep.stamp_ns, sweep.period_ns};
+    Vector12 units = Vector12::Ones();
+    units.tail<6>().setConstant(period_s);
+    // Points that lie further off than their noise say less than the solver makes of them.
+    const double off = result.residual_rms_m / map_.config().range_noise_m;
+    const Matrix12 covariance =
+        std::max(1.0, squared(off)) * (units.asDiagonal() * result.covariance * units.asDiagonal());
+    Vector6 change = Vector6::Zero();
+    if (previous_) change = motion.twist - previous_->motion.twist;
+    previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
   }
   points_.reset();
   ++sweeps_;

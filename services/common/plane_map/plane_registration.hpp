@@ -83,13 +83,15 @@ class PlaneRegistration {
 
  private:
   struct Previous {
-    SweepMotion motion;                          // grid frame
-    Matrix6 twist_covariance = Matrix6::Zero();  // per sweep
+    SweepMotion motion;                      // grid frame
+    Matrix12 covariance = Matrix12::Zero();  // of both, per sweep
+    Vector6 twist_change = Vector6::Zero();  // against the sweep before, per sweep
     std::int64_t stamp_ns = 0;
     std::uint32_t period_ns = 0;
   };
 
   Vector6 previous_twist_per_s() const;
+  Matrix12 carried_on(double steps, double rate) const;
   MotionPrior make_prior(const SweepInput& sweep,
                          const std::optional<MotionPrediction>& prediction) const;
   void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,

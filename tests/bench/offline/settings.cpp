@@ -56,6 +56,11 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, correlation);
   ZLOAM_FIELD("odometry.", c, begin_sigma_m);
   ZLOAM_FIELD("odometry.", c, begin_sigma_rad);
+  ZLOAM_FIELD("odometry.", c, pose_sigma_m);
+  ZLOAM_FIELD("odometry.", c, pose_sigma_rad);
+  ZLOAM_FIELD("odometry.", c, continuity_sigma_m);
+  ZLOAM_FIELD("odometry.", c, continuity_sigma_rad);
+  ZLOAM_FIELD("odometry.", c, continuity_share);
   ZLOAM_FIELD("odometry.", c, acceleration_sigma_mps2);
   ZLOAM_FIELD("odometry.", c, angular_acceleration_sigma_radps2);
   ZLOAM_FIELD("odometry.", c, initial_speed_sigma_mps);
@@ -106,9 +111,11 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, max_gate_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_rad);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, begin_sigma_m);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, begin_sigma_rad);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, twist_memory);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, continuity_sigma_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, continuity_sigma_rad);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, continuity_share);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, pose_sigma_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, pose_sigma_rad);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, walls_least_share);

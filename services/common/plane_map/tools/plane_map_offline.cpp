@@ -130,9 +130,11 @@ const std::map<std::string, Setter>& setters() {
          o.matcher.stop_rotation_rad *= v;
          o.matcher.stop_translation_m *= v;
        }},
-      {"mem", [](Options& o, double v) { o.matcher.twist_memory = v; }},
-      {"bt", [](Options& o, double v) { o.matcher.begin_sigma_m = v; }},
-      {"br", [](Options& o, double v) { o.matcher.begin_sigma_rad = v; }},
+      {"pt", [](Options& o, double v) { o.matcher.pose_sigma_m = v; }},
+      {"pr", [](Options& o, double v) { o.matcher.pose_sigma_rad = v; }},
+      {"bt", [](Options& o, double v) { o.matcher.continuity_sigma_m = v; }},
+      {"bs", [](Options& o, double v) { o.matcher.continuity_share = v; }},
+      {"br", [](Options& o, double v) { o.matcher.continuity_sigma_rad = v; }},
       {"vt", [](Options& o, double v) { o.matcher.change_sigma_m = v; }},
       {"vr", [](Options& o, double v) { o.matcher.change_sigma_rad = v; }},
       {"corr", [](Options& o, double v) { o.matcher.correlation = v; }},

@@ -1,0 +1,26 @@
+#pragma once
+// Covariances of a pose and a twist together.
+
+#include <Eigen/Cholesky>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam {
+
+/// The covariance of (pose, twist) after the pose was also measured with another one, `bound`: what
+/// is known better stays nearly as it is, nothing of the pose is less sure than that. Singular
+/// covariances are allowed, a bound must be positive.
+inline Matrix12 with_bounded_pose(const Matrix12& covariance, const Matrix6& bound) {
+  const Eigen::Matrix<double, 12, 6> of_pose = covariance.leftCols<6>();
+  const Matrix6 sum = covariance.topLeftCorner<6, 6>() + bound;
+  const Matrix12 bounded = covariance - of_pose * sum.ldlt().solve(of_pose.transpose());
+  return 0.5 * (bounded + bounded.transpose());
+}
+
+/// The same in one direction, a unit vector; a zero one changes nothing.
+inline Matrix12 with_bounded(const Matrix12& covariance, const Vector12& direction, double sigma) {
+  const Vector12 along = covariance * direction;
+  return covariance - along * along.transpose() / (direction.dot(along) + sigma * sigma);
+}
+
+}  // namespace zloam
