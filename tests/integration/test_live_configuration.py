@@ -66,11 +66,22 @@ class Watching(SharedChain):
     def until_poses(self, count: int) -> None:
         self.until(lambda: len(self.link.poses) >= count)
 
+    def shared(self) -> bool:
+        """The replicas of registration know of each other: who does not does every sweep itself,
+        and answers every command."""
+        done = [set(sweeps) for sweeps in list(self.features.values())]
+        if len(done) < len(self.replicas):
+            return False
+        newest = max(map(max, done))
+        return all(sum(n in one for one in done) == 1 for n in range(newest - 6, newest - 1))
+
     def command(self, stage: str, values: dict[str, str]) -> ReplyRecord:
         return change(self.link, stage, values)
 
     def command_all(self) -> dict[str, RevisionRecord]:
         """All of CHANGES; what each stage then publishes of it."""
+        if len(self.replicas) > 1:
+            self.until(self.shared)
         replies = {stage: self.command(stage, values) for stage, values in CHANGES.items()}
         assert all(reply.ok for reply in replies.values()), replies
         revisions = {r.stage: r for r in self.link.query_revisions()}
