@@ -137,9 +137,7 @@ struct Odometry::State {
     covariance = with_bounded(covariance, direction, config.begin_sigma_m);
     direction << Eigen::Vector3d::Zero(), weak.weak_rotation, Vector6::Zero();
     covariance = with_bounded(covariance, direction, config.begin_sigma_rad);
-    Vector12 units = Vector12::Ones();
-    units.tail<6>().setConstant(1e9 / std::max(1U, sweep.period_ns));
-    return units.asDiagonal() * covariance * units.asDiagonal();
+    return with_twist_scaled(covariance, 1e9 / std::max(1U, sweep.period_ns));
   }
 
   void set_target(PointSpan edges, PointSpan planes, const Pose& T_odom) {

@@ -144,10 +144,9 @@ class Setting:
 def write_later_part(capture: Path, out: Path, after_s: float) -> None:
     """The packets of a pcap capture from so many seconds after its first one on."""
     with capture.open("rb") as source, out.open("wb") as sink:
-        packets = iter(dpkt.pcap.Reader(source))
         later = dpkt.pcap.Writer(sink)
         began_s = None
-        for stamp_s, packet in packets:
+        for stamp_s, packet in dpkt.pcap.Reader(source):
             began_s = stamp_s if began_s is None else began_s
             if stamp_s - began_s >= after_s:
                 later.writepkt(packet, stamp_s)

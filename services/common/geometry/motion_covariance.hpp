@@ -7,6 +7,14 @@
 
 namespace zloam {
 
+/// The covariance of (pose, twist) with the twist in another unit of time, `factor` times the
+/// number.
+inline Matrix12 with_twist_scaled(const Matrix12& covariance, double factor) {
+  Vector12 units = Vector12::Ones();
+  units.tail<6>().setConstant(factor);
+  return units.asDiagonal() * covariance * units.asDiagonal();
+}
+
 /// The covariance of (pose, twist) after the pose was also measured with another one, `bound`: what
 /// is known better stays nearly as it is, nothing of the pose is less sure than that. Singular
 /// covariances are allowed, a bound must be positive.

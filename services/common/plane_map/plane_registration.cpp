@@ -162,9 +162,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
     out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
   }
   out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);
-  Vector12 units = Vector12::Ones();
-  units.tail<6>().setConstant(1.0 / period_s);
-  out.covariance = units.asDiagonal() * match.covariance * units.asDiagonal();
+  out.covariance = with_twist_scaled(match.covariance, 1.0 / period_s);
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
   out.matched_fraction = match.matched_fraction;
@@ -227,12 +225,10 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     this->insert(points_of(sweep), motion);
   }
   if (previous_ || !map_.empty()) {
-    Vector12 units = Vector12::Ones();
-    units.tail<6>().setConstant(period_s);
     // Points that lie further off than their noise say less than the solver makes of them.
     const double off = result.residual_rms_m / map_.config().range_noise_m;
     const Matrix12 covariance =
-        std::max(1.0, squared(off)) * (units.asDiagonal() * result.covariance * units.asDiagonal());
+        std::max(1.0, squared(off)) * with_twist_scaled(result.covariance, period_s);
     Vector6 change = Vector6::Zero();
     if (previous_) change = motion.twist - previous_->motion.twist;
     previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
