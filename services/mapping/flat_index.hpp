@@ -16,25 +16,26 @@ class FlatIndex {
   /// Slot of the key, kNone when there is none.
   std::uint32_t find(std::uint64_t key) const {
     for (std::size_t at = home(key);; at = (at + 1) & mask_) {
-      if (slots_[at].value == kNone || slots_[at].key == key) return slots_[at].value;
+      if (keys_[at] == key) return values_[at];
+      if (keys_[at] == kFree) return kNone;
     }
   }
-  /// The key must not be in yet.
+  /// The key must not be in yet, and have its highest bit clear.
   void insert(std::uint64_t key, std::uint32_t value);
   void erase(std::uint64_t key);
   std::size_t size() const { return size_; }
 
  private:
-  struct Slot {
-    std::uint64_t key = 0;
-    std::uint32_t value = kNone;
-  };
+  static constexpr std::uint64_t kFree = ~std::uint64_t{0};
+
   std::size_t home(std::uint64_t key) const {
     return static_cast<std::size_t>((key * 0x9E3779B97F4A7C15ULL) >> shift_);
   }
   void grow();
 
-  std::vector<Slot> slots_;
+  // Apart, as together they would be padded by a third.
+  std::vector<std::uint64_t> keys_;
+  std::vector<std::uint32_t> values_;
   std::size_t mask_ = 0;
   std::size_t size_ = 0;
   unsigned shift_ = 0;

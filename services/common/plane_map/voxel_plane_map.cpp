@@ -118,15 +118,23 @@ inline std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
   return {centre(c.x), centre(c.y), centre(c.z)};
 }
 
-inline void VoxelPlaneMap::Rings::add(std::uint16_t of_point, bool is_first) {
-  if (is_first) {
+inline void VoxelPlaneMap::Counted::add_ring(std::uint16_t of_point) {
+  if (count == 0) {
     ring = of_point;
   }
   several_rings = several_rings || of_point == kUnknownRing || of_point != ring;
 }
 
-inline Match VoxelPlaneMap::match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const {
-  return {rows, fit.row_count, fit.kind == Kind::kPlane, fit.normal_variance, root_centre(cell)};
+inline Match VoxelPlaneMap::match_of(const Counted& voxel, const Cell& cell) const {
+  if (voxel.kind == Kind::kNone) {
+    return {};
+  }
+  if (voxel.is_plane()) {
+    const Plane& plane = planes_[voxel.fit];
+    return {&plane.row, 1, true, plane.normal_variance, root_centre(cell)};
+  }
+  const int count = voxel.kind == Kind::kLine ? 2 : 3;
+  return {rows_[voxel.fit].data(), count, false, 0.0f, root_centre(cell)};
 }
 
 Match VoxelPlaneMap::find(float x, float y, float z) {
@@ -146,11 +154,11 @@ Match VoxelPlaneMap::look_up(const Cell& cell) {
   std::uint32_t i = find_root(root_key(cell));
   for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
     Node& node = nodes_[i];
-    if (node.fit.count >= node.fit.refit_at) {
+    if (node.count >= node.refit_at) {
       fit_node(node, cell, shift_ - 1 - bit);
     }
-    if (node.fit.kind == Kind::kPlane) {
-      return match_of(node.fit, &node.fit.plane, cell);
+    if (node.is_plane()) {
+      return match_of(node, cell);
     }
     i = node.children[octant(cell, bit)];
   }
@@ -158,18 +166,10 @@ Match VoxelPlaneMap::look_up(const Cell& cell) {
     return {};
   }
   Leaf& leaf = leaves_[i];
-  if (leaf.fit.count >= leaf.fit.refit_at) {
+  if (leaf.count >= leaf.refit_at) {
     fit_leaf(leaf, cell);
   }
-  switch (leaf.fit.kind) {
-    case Kind::kPlane:
-      return match_of(leaf.fit, &leaf.fit.plane, cell);
-    case Kind::kDistribution:
-      return match_of(leaf.fit, rows_[leaf.rows].data(), cell);
-    case Kind::kNone:
-      break;
-  }
-  return {};
+  return match_of(leaf, cell);
 }
 
 void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
@@ -187,16 +187,15 @@ void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
   for (int bit = shift_ - 1; bit >= 0; --bit) {
     Node& node = nodes_[i];
     node.sums.add(dx, dy, dz);
-    node.add(ring, node.fit.count == 0);
-    ++node.fit.count;
-    if (node.fit.kind == Kind::kPlane && node.fit.count >= config_.settled_points) {
-      if (!node.fit.settled) {
+    node.add_ring(ring);
+    ++node.count;
+    if (node.is_plane() && node.count >= config_.settled_points) {
+      if (node.kind != Kind::kSettledPlane) {
         release_children(node, shift_ - 1 - bit);
-        node.fit.settled = true;
+        node.kind = Kind::kSettledPlane;
       }
       return;
     }
-    node.fit.settled = false;
     const unsigned o = octant(*cell, bit);
     if (node.children[o] == kNoChild) {
       node.children[o] = bit == 0 ? leaves_.take() : nodes_.take();
@@ -208,9 +207,9 @@ void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
     quarter *= 0.5f;
   }
   Leaf& leaf = leaves_[i];
-  leaf.add(ring, leaf.fit.count == 0);
+  leaf.add_ring(ring);
   leaf.sums.add(dx, dy, dz);
-  ++leaf.fit.count;
+  ++leaf.count;
 }
 
 void VoxelPlaneMap::release_children(Node& node, int level) {
@@ -219,12 +218,11 @@ void VoxelPlaneMap::release_children(Node& node, int level) {
       continue;
     }
     if (level + 1 == shift_) {
-      if (leaves_[child].rows != kNoChild) {
-        rows_.release(leaves_[child].rows);
-      }
+      set_kind(leaves_[child], Kind::kNone);
       leaves_.release(child);
     } else {
       release_children(nodes_[child], level + 1);
+      set_kind(nodes_[child], Kind::kNone);
       nodes_.release(child);
     }
     child = kNoChild;
@@ -253,6 +251,7 @@ void VoxelPlaneMap::evict_far(const Eigen::Vector3d& position_grid) {
       return false;
     }
     release_children(nodes_[root.node], 0);
+    set_kind(nodes_[root.node], Kind::kNone);
     nodes_.release(root.node);
     return true;
   });
@@ -293,8 +292,8 @@ void VoxelPlaneMap::insert_points(std::span<const Eigen::Vector3d> points_map) {
 
 MapStatistics VoxelPlaneMap::statistics() const {
   return {roots_.size(), nodes_.in_use() + leaves_.in_use(),
-          nodes_.bytes() + leaves_.bytes() + rows_.bytes() + roots_.capacity() * sizeof(Root) +
-              table_.capacity() * sizeof(std::uint32_t)};
+          nodes_.bytes() + leaves_.bytes() + planes_.bytes() + rows_.bytes() +
+              roots_.capacity() * sizeof(Root) + table_.capacity() * sizeof(std::uint32_t)};
 }
 
 }  // namespace zloam::plane_map

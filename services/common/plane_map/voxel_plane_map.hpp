@@ -109,17 +109,15 @@ class VoxelPlaneMap {
   bool load(const SavedVoxel& voxel);
 
  private:
-  enum class Kind : std::uint8_t { kNone, kPlane, kDistribution };
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
+  static constexpr std::uint32_t kNoFit = 0xffffffffu;
 
-  struct Fit {
-    PlaneRow plane;
+  // What the points in a voxel are. A settled plane takes no finer points.
+  enum class Kind : std::uint8_t { kNone, kPlane, kSettledPlane, kLine, kBlob };
+
+  struct Plane {
+    PlaneRow row;
     float normal_variance = 0;
-    std::uint32_t count = 0;
-    std::uint32_t refit_at = 0;  // count from which it is fitted again
-    Kind kind = Kind::kNone;
-    bool settled = false;
-    std::uint8_t row_count = 0;
   };
 
   // Whether the points came from one ring only: the first one's, and whether there are others.
@@ -127,22 +125,32 @@ class VoxelPlaneMap {
     std::uint16_t ring = kUnknownRing;
     bool several_rings = false;
 
-    void add(std::uint16_t of_point, bool is_first);
     void add(const Rings& other);
   };
 
-  struct Node : Rings {
-    Fit fit;
+  // What was fitted lies apart: most voxels hold nothing but counts, and they are the map's memory.
+  struct Counted {
+    std::uint32_t count = 0;
+    std::uint32_t refit_at = 0;  // count from which it is fitted again
+    std::uint32_t fit = kNoFit;  // place in planes_ or, of lines and blobs, in rows_
+    std::uint16_t ring = kUnknownRing;
+    bool several_rings = false;
+    Kind kind = Kind::kNone;
+
+    /// Of the next point.
+    void add_ring(std::uint16_t of_point);
+    Rings rings() const { return {ring, several_rings}; }
+    bool is_plane() const { return kind == Kind::kPlane || kind == Kind::kSettledPlane; }
+  };
+
+  struct Node : Counted {
     std::array<std::uint32_t, 8> children;
     MomentSums<double> sums;
     Node() { children.fill(kNoChild); }
   };
 
-  // Sums of the finest voxels in single precision: offsets are below 0.1 m there, and these voxels
-  // are most of the memory.
-  struct Leaf : Rings {
-    Fit fit;
-    std::uint32_t rows = kNoChild;
+  // Sums of the finest voxels in single precision: offsets are below 0.1 m there.
+  struct Leaf : Counted {
     MomentSums<float> sums;
   };
 
@@ -170,8 +178,10 @@ class VoxelPlaneMap {
   Moments merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const;
   bool enough(const Rings& rings) const;
   void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
-  void set_plane(Fit& fit, const PrincipalAxes& axes, double count, const Eigen::Vector3d& offset);
-  Match match_of(const Fit& fit, const PlaneRow* rows, const Cell& cell) const;
+  void set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
+                 const Eigen::Vector3d& offset);
+  void set_kind(Counted& voxel, Kind kind);
+  Match match_of(const Counted& voxel, const Cell& cell) const;
   void release_children(Node& node, int level);
   void save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const;
 
@@ -190,6 +200,7 @@ class VoxelPlaneMap {
   std::vector<std::uint32_t> table_;  // open addressing: index into roots_ + 1, 0 = free
   Pool<Node> nodes_;
   Pool<Leaf> leaves_;
+  Pool<Plane> planes_;
   Pool<std::array<PlaneRow, 3>> rows_;
 };
 

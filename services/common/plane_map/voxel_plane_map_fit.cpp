@@ -31,26 +31,38 @@ std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
   return std::max(count + 1, static_cast<std::uint32_t>(std::min(grown, 4e9)));
 }
 
-void VoxelPlaneMap::set_plane(Fit& fit, const PrincipalAxes& axes, double count,
+// Gives the voxel a place for what it is now, and back the one of what it was.
+void VoxelPlaneMap::set_kind(Counted& voxel, Kind kind) {
+  const auto in_planes = [](Kind k) { return k == Kind::kPlane || k == Kind::kSettledPlane; };
+  const auto in_rows = [](Kind k) { return k == Kind::kLine || k == Kind::kBlob; };
+  if (in_planes(voxel.kind) && !in_planes(kind)) planes_.release(voxel.fit);
+  if (in_rows(voxel.kind) && !in_rows(kind)) rows_.release(voxel.fit);
+  if (kind == Kind::kNone) voxel.fit = kNoFit;
+  if (in_planes(kind) && !in_planes(voxel.kind)) voxel.fit = planes_.take();
+  if (in_rows(kind) && !in_rows(voxel.kind)) voxel.fit = rows_.take();
+  voxel.kind = kind;
+}
+
+void VoxelPlaneMap::set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
                               const Eigen::Vector3d& offset) {
   const Eigen::Vector3d n = axes.axes.col(0);
-  fit.kind = Kind::kPlane;
-  fit.row_count = 1;
-  fit.plane = {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
-               static_cast<float>(n.dot(axes.centre + offset))};
-  fit.normal_variance = static_cast<float>(axes.normal_variance(count));
+  set_kind(voxel, Kind::kPlane);
+  planes_[voxel.fit] = {
+      {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
+       static_cast<float>(n.dot(axes.centre + offset))},
+      static_cast<float>(axes.normal_variance(count))};
 }
 
 void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
-  node.fit.refit_at = next_fit(node.fit.count);
-  node.fit.kind = Kind::kNone;
-  if (node.fit.count < config_.min_points || !enough(node)) {
-    return;
+  node.refit_at = next_fit(node.count);
+  if (node.count >= config_.min_points && enough(node.rings())) {
+    const PrincipalAxes axes = principal_axes(Moments(node.count, node.sums));
+    if (is_plane(axes, node.count, own_gates_)) {
+      set_plane(node, axes, node.count, voxel_offset(cell, level));
+      return;
+    }
   }
-  const PrincipalAxes axes = principal_axes(Moments(node.fit.count, node.sums));
-  if (is_plane(axes, node.fit.count, own_gates_)) {
-    set_plane(node.fit, axes, node.fit.count, voxel_offset(cell, level));
-  }
+  set_kind(node, Kind::kNone);
 }
 
 // The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis.
@@ -69,7 +81,7 @@ std::array<std::uint32_t, 8> VoxelPlaneMap::parents_around(const Cell& cell) con
 }
 
 Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
-  Moments all(leaf.fit.count, leaf.sums);
+  Moments all(leaf.count, leaf.sums);
   const Eigen::Vector3d mean = all.mean();
   const double reach = config_.merge_radius_voxels * leaf_m_;
   const std::array<std::uint32_t, 8> parents = parents_around(cell);
@@ -84,42 +96,43 @@ Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings&
     const std::uint32_t child = nodes_[parent].children[octant(neighbour, 0)];
     if (child == kNoChild) continue;
     const Leaf& other = leaves_[child];
-    const Moments moments(other.fit.count, other.sums);
+    const Moments moments(other.count, other.sums);
     const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
     if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
       all.add(moments, offset);
-      rings.add(other);
+      rings.add(other.rings());
     }
   }
   return all;
 }
 
 void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
-  leaf.fit.refit_at = next_fit(leaf.fit.count);
-  leaf.fit.kind = Kind::kNone;
+  leaf.refit_at = next_fit(leaf.count);
   const Eigen::Vector3d offset = voxel_offset(cell, shift_);
   PrincipalAxes own;
-  if (leaf.fit.count >= config_.min_points) {
-    own = principal_axes(Moments(leaf.fit.count, leaf.sums));
-    if (enough(leaf) && is_plane(own, leaf.fit.count, own_gates_)) {
-      set_plane(leaf.fit, own, leaf.fit.count, offset);
+  if (leaf.count >= config_.min_points) {
+    own = principal_axes(Moments(leaf.count, leaf.sums));
+    if (enough(leaf.rings()) && is_plane(own, leaf.count, own_gates_)) {
+      set_plane(leaf, own, leaf.count, offset);
       return;
     }
   }
   if (config_.merge_radius_voxels > 0.0) {
-    Rings rings = leaf;
+    Rings rings = leaf.rings();
     const Moments moments = merged_moments(leaf, cell, rings);
     if (moments.count >= config_.min_points && enough(rings)) {
       const PrincipalAxes merged = principal_axes(moments);
       if (is_plane(merged, moments.count, merged_gates_)) {
-        set_plane(leaf.fit, merged, moments.count, offset);
+        set_plane(leaf, merged, moments.count, offset);
         return;
       }
     }
   }
   const bool seen = leaf.several_rings || !config_.distributions_several_rings;
-  if (config_.distributions && seen && leaf.fit.count >= config_.min_points) {
+  if (config_.distributions && seen && leaf.count >= config_.min_points) {
     fit_distribution(leaf, own, offset);
+  } else {
+    set_kind(leaf, Kind::kNone);
   }
 }
 
@@ -127,18 +140,14 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
 // distribution. A line is free along its long axis.
 void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
                                      const Eigen::Vector3d& offset) {
-  if (leaf.rows == kNoChild) {
-    leaf.rows = rows_.take();
-  }
   const double noise = config_.range_noise_m;
   const bool is_line =
       axes.variances[1] < own_gates_.min_width2 && axes.variances[2] > 16.0 * axes.variances[1];
-  leaf.fit.kind = Kind::kDistribution;
-  leaf.fit.row_count = is_line ? 2 : 3;
-  for (int i = 0; i < leaf.fit.row_count; ++i) {
+  set_kind(leaf, is_line ? Kind::kLine : Kind::kBlob);
+  for (int i = 0; i < (is_line ? 2 : 3); ++i) {
     const Eigen::Vector3d n =
         axes.axes.col(i) * (noise / std::sqrt(axes.variances[i] + noise * noise));
-    rows_[leaf.rows][static_cast<std::size_t>(i)] = {
+    rows_[leaf.fit][static_cast<std::size_t>(i)] = {
         static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
         static_cast<float>(n.dot(axes.centre + offset))};
   }

@@ -26,7 +26,7 @@ std::uint64_t key_of(const Eigen::Vector3i& index) {
 // Of a node or a leaf.
 template <typename Counted>
 void put(const Counted& counted, SavedVoxel& out) {
-  out.count = counted.fit.count;
+  out.count = counted.count;
   out.several_rings = counted.several_rings;
   out.ring = counted.ring;
   for (std::size_t i = 0; i < 3; ++i) out.sum[i] = static_cast<float>(counted.sums.sum[i]);
@@ -35,7 +35,7 @@ void put(const Counted& counted, SavedVoxel& out) {
 
 template <typename Counted>
 void take(const SavedVoxel& in, Counted& counted) {
-  counted.fit.count = in.count;
+  counted.count = in.count;
   counted.several_rings = in.several_rings;
   counted.ring = in.ring;
   for (std::size_t i = 0; i < 3; ++i) counted.sums.sum[i] = in.sum[i];
@@ -48,7 +48,7 @@ std::vector<RootSummary> VoxelPlaneMap::roots() const {
   std::vector<RootSummary> out;
   out.reserve(roots_.size());
   for (const Root& root : roots_) {
-    out.push_back({index_of(root.key), nodes_[root.node].fit.count});
+    out.push_back({index_of(root.key), nodes_[root.node].count});
   }
   return out;
 }
@@ -111,7 +111,7 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
   }
   if (voxel.level == shift_) {
     take(voxel, leaves_[i]);
-    leaves_[i].fit.refit_at = 0;
+    leaves_[i].refit_at = 0;
     return true;
   }
   Node& node = nodes_[i];
