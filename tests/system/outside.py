@@ -12,16 +12,20 @@ from dataclasses import dataclass
 
 from tests.system.compose import Deployment, inspect
 
-#: hears every key of the robot and counts; says so at the end
+#: hears every key of the robot and counts; says so every second, with the age of the last pose
 LISTENER = """
 import json, sys, time
+from zloam_monitor import records
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import open_client
 robot = Keys("robot")
-heard = {"all": 0, "pose": 0}
+heard = {"all": 0, "pose": 0, "pose_age_s": 0.0}
 def hear(sample):
     heard["all"] += 1
-    heard["pose"] += str(sample.key_expr) == robot.pose
+    if str(sample.key_expr) == robot.pose:
+        heard["pose"] += 1
+        pose = records.map_pose(sample.payload.to_bytes())
+        heard["pose_age_s"] = 1e-9 * (time.time_ns() - pose.last_packet_ns)
 session = open_client(sys.argv[1:])
 subscriber = session.declare_subscriber("loam/**", hear)
 while True:

@@ -39,6 +39,8 @@ class Phase:
     #: last packet to pose, of the poses of this time
     latencies_ms: list[float]
     poses_outside: float
+    #: of the last pose that was heard outside, when it was
+    age_outside_s: float
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class Inside:
         new = [pose for sweep, pose in self.link.poses.items() if sweep not in known]
         latencies = [1e-6 * (p.trace[-1].published_ns - p.last_packet_ns) for p in new]
         heard = who.heard().get("pose", 0.0) - before if who else 0.0
-        return Phase(name, at_ns, latencies, heard)
+        age_s = who.heard().get("pose_age_s", 0.0) if who else 0.0
+        return Phase(name, at_ns, latencies, heard, age_s)
 
     def close(self) -> None:
         self.link.close()
@@ -120,7 +123,9 @@ def observed(link_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Obs
     (after_cut,) = [count for count in found if isinstance(count, float)]
     REPORT.parent.mkdir(parents=True, exist_ok=True)
     percentiles = {p.name: np.percentile(p.latencies_ms, (50, 95)).round(2).tolist() for p in seen}
-    REPORT.write_text(json.dumps({"latency_ms.p50_p95": percentiles}, indent=1) + "\n")
+    outside_s = {p.name: [p.poses_outside, round(p.age_outside_s, 3)] for p in seen}
+    found_all = {"latency_ms.p50_p95": percentiles, "outside.poses_and_last_age_s": outside_s}
+    REPORT.write_text(json.dumps(found_all, indent=1) + "\n")
     return Observed(seen, driven, after_cut)
 
 
@@ -145,9 +150,10 @@ def test_each_pose_was_heard_inside(observed: Observed) -> None:
 def test_outside_hears_over_a_bad_link(observed: Observed) -> None:
     heard = {phase.name: phase.poses_outside for phase in observed.phases}
     assert heard["good link"] >= 8 * PHASE_S
-    assert heard["1 Mbit/s"] > 0
-    assert heard["20 % loss"] > 0
-    assert heard["200 ms"] > 0
+    # A subscriber to every key wants fifty times what this link carries: poses go first.
+    assert heard["1 Mbit/s"] >= 3 * PHASE_S
+    assert heard["20 % loss"] >= PHASE_S
+    assert heard["200 ms"] >= 3 * PHASE_S
 
 
 def test_outside_hears_again_after_a_cut(observed: Observed) -> None:

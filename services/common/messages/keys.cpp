@@ -11,8 +11,9 @@ using C = Congestion;
 using N = Numbering;
 
 constexpr std::array kTable = {
+    // Not among the poses: over a slow link these would wait behind every sweep's 100 kB.
     KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver", C::kDrop,
-           "interactive_high", N::kSweep, "newest 8"},
+           "interactive_low", N::kSweep, "newest 8"},
     KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
            N::kSweep, "live newest 4, replay lossless"},
     KeyRow{Key::kImu, "imu/<sensor>", "imu", "driver", C::kLiveDrop, "interactive_high", N::kSeq,

@@ -56,7 +56,7 @@ struct KeyRow {
   std::string_view schema;
   std::string_view publisher;
   Congestion congestion;
-  /// Zenoh's name: interactive_high, data_high, data, data_low, background
+  /// Zenoh's name: interactive_high, interactive_low, data_high, data, data_low, background
   std::string_view priority;
   Numbering numbering;
   /// what a receiver's queue keeps

@@ -8,6 +8,7 @@ namespace {
 
 zenoh::Priority priority_of(std::string_view name) {
   if (name == "interactive_high") return zenoh::Priority::kInteractiveHigh;
+  if (name == "interactive_low") return zenoh::Priority::kInteractiveLow;
   if (name == "data_high") return zenoh::Priority::kDataHigh;
   if (name == "data_low") return zenoh::Priority::kDataLow;
   if (name == "background") return zenoh::Priority::kBackground;
@@ -122,7 +123,7 @@ zenoh::PublisherOptions OutletCore::options(bool block) const {
   o.congestion_control = block ? zenoh::CongestionControl::kBlock : zenoh::CongestionControl::kDrop;
   o.priority = priority_of(row.priority);
   // Small and urgent: not held back for a batch.
-  o.express = o.priority == zenoh::Priority::kInteractiveHigh && row.key != Key::kPackets;
+  o.express = o.priority == zenoh::Priority::kInteractiveHigh;
   o.encoding = encoding_;
   return o;
 }
