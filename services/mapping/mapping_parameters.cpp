@@ -147,6 +147,10 @@ void bind_voxel_map(Parameters& p, plane_map::PlaneMapConfig& c) {
         "a plane is thinner than this many sigmas of the range noise");
   p.add("mapping.voxel_planes.settled_points", &c.settled_points, {8, 1e6}, "",
         "a plane of so many points drops its finer voxels");
+  p.add("mapping.voxel_planes.settled_far_points", &c.settled_far_points, {8, 1e6}, "",
+        "so does one of so many points that the sensor has left behind");
+  p.add("mapping.voxel_planes.settled_radius_m", &c.settled_radius_m, {1.0, 4000.0}, "m",
+        "what is farther from the sensor is left behind");
   p.add("mapping.voxel_planes.planes_several_rings", &c.planes_several_rings,
         "a plane needs points of several rings");
   p.add("mapping.voxel_planes.distributions", &c.distributions,

@@ -48,6 +48,11 @@ struct PlaneMapConfig {
   /// goes from coarse to fine and stops at the first plane.
   unsigned settled_points = 1000;
 
+  /// So does one of this many points once the sensor is farther away than settled_radius_m: most
+  /// of the map lies behind the sensor, and its finer voxels are most of the memory.
+  unsigned settled_far_points = 100;
+  double settled_radius_m = 40.0;
+
   /// Finest voxels where no plane fits count as distributions (lines and blobs). They cost a little
   /// accuracy where planes abound, and keep the axis of a smooth tunnel.
   bool distributions = true;

@@ -140,7 +140,7 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
     const std::array<float, 3> q = motions[point.slot](point);
     map_.insert(q[0] + shift.x(), q[1] + shift.y(), q[2] + shift.z(), point.ring);
   }
-  map_.evict_far(motion.T_mid.translation());
+  map_.leave_behind(motion.T_mid.translation());
 }
 
 void PlaneRegistration::follow_gate(const RegistrationResult& result) {

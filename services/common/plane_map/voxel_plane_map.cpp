@@ -189,11 +189,10 @@ void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
     node.sums.add(dx, dy, dz);
     node.add_ring(ring);
     ++node.count;
-    if (node.is_plane() && node.count >= config_.settled_points) {
-      if (node.kind != Kind::kSettledPlane) {
-        release_children(node, shift_ - 1 - bit);
-        node.kind = Kind::kSettledPlane;
-      }
+    if (node.kind == Kind::kPlane && node.count >= config_.settled_points) {
+      settle(node, shift_ - 1 - bit);
+    }
+    if (node.kind == Kind::kSettledPlane) {
       return;
     }
     const unsigned o = octant(*cell, bit);
@@ -229,36 +228,62 @@ void VoxelPlaneMap::release_children(Node& node, int level) {
   }
 }
 
-void VoxelPlaneMap::evict_far(const Eigen::Vector3d& position_grid) {
-  const double radius = config_.keep_radius_m;
-  if (evicted_once_ && (position_grid - last_eviction_).norm() < radius / 20.0) {
+void VoxelPlaneMap::settle(Node& node, int level) {
+  release_children(node, level);
+  node.kind = Kind::kSettledPlane;
+}
+
+void VoxelPlaneMap::settle_far_planes(Node& node, int level) {
+  if (node.kind == Kind::kPlane && node.count >= config_.settled_far_points) {
+    settle(node, level);
+  }
+  if (node.kind == Kind::kSettledPlane || level + 1 == shift_) {
     return;
   }
-  evicted_once_ = true;
-  last_eviction_ = position_grid;
-  const auto index = [](std::uint64_t key, int part) {
+  for (const std::uint32_t child : node.children) {
+    if (child != kNoChild) {
+      settle_far_planes(nodes_[child], level + 1);
+    }
+  }
+}
+
+Eigen::Vector3d VoxelPlaneMap::root_centre_grid(std::uint64_t key) const {
+  const auto index = [key](int part) {
     const std::uint64_t mask = (std::uint64_t{1} << kKeyBits) - 1;
     return static_cast<double>(static_cast<std::int64_t>(key >> (part * kKeyBits) & mask) -
                                kKeyOffset);
   };
-  const auto is_far = [&](const Root& root) {
-    const Eigen::Vector3d cell(index(root.key, 2), index(root.key, 1), index(root.key, 0));
-    const Eigen::Vector3d centre = (cell.array() + 0.5).matrix() * config_.root_voxel_m;
-    return (centre - position_grid).norm() > radius;
-  };
-  const auto keep_end = std::remove_if(roots_.begin(), roots_.end(), [&](const Root& root) {
-    if (!is_far(root)) {
+  const Eigen::Vector3d cell(index(2), index(1), index(0));
+  return (cell.array() + 0.5).matrix() * config_.root_voxel_m;
+}
+
+void VoxelPlaneMap::leave_behind(const Eigen::Vector3d& position_grid) {
+  if (left_once_ && (position_grid - left_behind_from_).norm() < config_.keep_radius_m / 20.0) {
+    return;
+  }
+  const auto is_gone = [&](const Root& root) {
+    const Eigen::Vector3d centre = root_centre_grid(root.key);
+    const double distance_m = (centre - position_grid).norm();
+    // Once, as the sensor leaves: a settled plane stays one.
+    if (left_once_ && distance_m > config_.settled_radius_m &&
+        (centre - left_behind_from_).norm() <= config_.settled_radius_m) {
+      settle_far_planes(nodes_[root.node], 0);
+    }
+    if (distance_m <= config_.keep_radius_m) {
       return false;
     }
     release_children(nodes_[root.node], 0);
     set_kind(nodes_[root.node], Kind::kNone);
     nodes_.release(root.node);
     return true;
-  });
+  };
+  const auto keep_end = std::remove_if(roots_.begin(), roots_.end(), is_gone);
   if (keep_end != roots_.end()) {
     roots_.erase(keep_end, roots_.end());
     rebuild_table(table_.size());
   }
+  left_once_ = true;
+  left_behind_from_ = position_grid;
 }
 
 std::optional<MapPlane> VoxelPlaneMap::plane_at(const Eigen::Vector3d& point_map) {

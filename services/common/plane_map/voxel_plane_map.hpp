@@ -94,9 +94,10 @@ class VoxelPlaneMap {
   std::optional<MapPlane> plane_at(const Eigen::Vector3d& point_map);
   void insert_points(std::span<const Eigen::Vector3d> points_map);
 
-  /// Drops voxels farther than keep_radius_m from the position (grid frame); does nothing until it
-  /// has moved by a twentieth of that since the last time.
-  void evict_far(const Eigen::Vector3d& position_grid);
+  /// Drops voxels farther than keep_radius_m from the position (grid frame), and what is finer than
+  /// the planes that fell behind settled_radius_m; does nothing until the position has moved by a
+  /// twentieth of keep_radius_m since the last time.
+  void leave_behind(const Eigen::Vector3d& position_grid);
 
   MapStatistics statistics() const;
 
@@ -183,6 +184,9 @@ class VoxelPlaneMap {
   void set_kind(Counted& voxel, Kind kind);
   Match match_of(const Counted& voxel, const Cell& cell) const;
   void release_children(Node& node, int level);
+  void settle(Node& node, int level);
+  void settle_far_planes(Node& node, int level);
+  Eigen::Vector3d root_centre_grid(std::uint64_t key) const;
   void save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const;
 
   PlaneMapConfig config_;
@@ -193,8 +197,8 @@ class VoxelPlaneMap {
   float leaf_per_m_;
   double leaf_m_;
   Eigen::Vector3i anchor_ = Eigen::Vector3i::Zero();  // in roots
-  Eigen::Vector3d last_eviction_;
-  bool evicted_once_ = false;
+  Eigen::Vector3d left_behind_from_;
+  bool left_once_ = false;
 
   std::vector<Root> roots_;           // in order of creation
   std::vector<std::uint32_t> table_;  // open addressing: index into roots_ + 1, 0 = free

@@ -46,7 +46,7 @@ void VoxelPlaneMap::set_kind(Counted& voxel, Kind kind) {
 void VoxelPlaneMap::set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
                               const Eigen::Vector3d& offset) {
   const Eigen::Vector3d n = axes.axes.col(0);
-  set_kind(voxel, Kind::kPlane);
+  set_kind(voxel, voxel.kind == Kind::kSettledPlane ? Kind::kSettledPlane : Kind::kPlane);
   planes_[voxel.fit] = {
       {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
        static_cast<float>(n.dot(axes.centre + offset))},

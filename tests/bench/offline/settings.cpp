@@ -94,6 +94,8 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, merge_radius_voxels);
   ZLOAM_FIELD("mapping.voxel_planes.", c, refit_growth);
   ZLOAM_FIELD("mapping.voxel_planes.", c, settled_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, settled_far_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, settled_radius_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, planes_several_rings);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions_several_rings);

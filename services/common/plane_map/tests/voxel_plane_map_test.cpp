@@ -182,6 +182,36 @@ TEST(VoxelPlaneMap, SettledPlanesDropTheirFinerVoxels) {
   EXPECT_LT(10 * settled.statistics().voxels, kept.statistics().voxels);
 }
 
+TEST(VoxelPlaneMap, PlanesLeftBehindDropTheirFinerVoxels) {
+  PlaneMapConfig config;
+  config.settled_radius_m = 20.0;
+  VoxelPlaneMap map(config);
+  const auto add = [&map](unsigned seed) {
+    map.insert_points(patch({0, 0, 0}, Vector3d::UnitZ(), 3.0, 0.01, 20000, seed));
+  };
+  const auto planes = [&map] {
+    int found = 0;
+    for (double x = -2.5; x < 2.6; x += 0.5) {
+      for (double y = -2.5; y < 2.6; y += 0.5) found += map.plane_at({x, y, 0}).has_value();
+    }
+    return found;
+  };
+  map.leave_behind(map.T_grid_map() * Vector3d(0, 0, 0));
+  add(1);
+  ASSERT_EQ(planes(), 121);
+  const std::size_t near = map.statistics().voxels;
+  map.leave_behind(map.T_grid_map() * Vector3d(10, 0, 0));
+  EXPECT_EQ(map.statistics().voxels, near);
+  map.leave_behind(map.T_grid_map() * Vector3d(30, 0, 0));
+  const std::size_t far = map.statistics().voxels;
+  EXPECT_LT(2 * far, near);
+  EXPECT_EQ(planes(), 121);
+  // What is seen of it again is counted, and makes no finer voxels.
+  add(2);
+  EXPECT_EQ(planes(), 121);
+  EXPECT_LT(map.statistics().voxels, far + far / 10);
+}
+
 TEST(VoxelPlaneMap, FarVoxelsGoAndNearOnesStay) {
   PlaneMapConfig config;
   config.keep_radius_m = 30.0;
@@ -189,7 +219,7 @@ TEST(VoxelPlaneMap, FarVoxelsGoAndNearOnesStay) {
   map.insert_points(patch({0, 0, 0}, Vector3d::UnitZ(), 1.0, 0.01, 3000, 1));
   map.insert_points(patch({50, 0, 0}, Vector3d::UnitZ(), 1.0, 0.01, 3000, 1));
   const std::size_t before = map.statistics().voxels;
-  map.evict_far(map.T_grid_map() * Vector3d(50, 0, 0));
+  map.leave_behind(map.T_grid_map() * Vector3d(50, 0, 0));
   EXPECT_FALSE(map.plane_at({0, 0, 0}));
   EXPECT_TRUE(map.plane_at({50, 0, 0}));
   EXPECT_LT(map.statistics().voxels, before);
