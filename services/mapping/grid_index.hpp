@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "common/geometry/grid_key.hpp"
 #include "mapping/mapping.hpp"
 
 namespace zloam::mapping {
@@ -24,26 +25,13 @@ inline Eigen::Vector3d centre_of(const GridIndex& index, double edge_m) {
   return (index.cast<double>() + Eigen::Vector3d::Constant(0.5)) * edge_m;
 }
 
-constexpr int kKeyBits = 21;
-constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
-constexpr std::uint64_t kKeyMask = (std::uint64_t{1} << kKeyBits) - 1;
-
-/// Indices of -2^20 to 2^20 - 1 have keys of their own.
-inline std::uint64_t pack_key(std::int64_t i, std::int64_t j, std::int64_t k) {
-  const auto part = [](std::int64_t n) {
-    return static_cast<std::uint64_t>(n + kKeyOffset) & kKeyMask;
-  };
-  return part(i) << (2 * kKeyBits) | part(j) << kKeyBits | part(k);
-}
 inline std::uint64_t pack_key(const GridIndex& index) {
-  return pack_key(index.x(), index.y(), index.z());
+  return grid_key(index.x(), index.y(), index.z());
 }
 
 inline GridIndex unpack_key(std::uint64_t key) {
-  const auto part = [key](int n) {
-    return static_cast<std::int64_t>(key >> (n * kKeyBits) & kKeyMask) - kKeyOffset;
-  };
-  return {part(2), part(1), part(0)};
+  const auto [i, j, k] = grid_indices(key);
+  return {i, j, k};
 }
 
 }  // namespace zloam::mapping

@@ -93,7 +93,7 @@ TEST(FlatIndex, BehavesLikeAMap) {
   std::uint64_t state = 1;
   for (int i = 0; i < 20000; ++i) {
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
-    const std::uint64_t key = pack_key(static_cast<std::int64_t>(state >> 60) - 8, i % 7 - 3,
+    const std::uint64_t key = grid_key(static_cast<std::int64_t>(state >> 60) - 8, i % 7 - 3,
                                        static_cast<std::int64_t>(state >> 40 & 31) - 16);
     if (reference.contains(key) && (state >> 20 & 1) != 0) {
       index.erase(key);
@@ -107,8 +107,8 @@ TEST(FlatIndex, BehavesLikeAMap) {
   for (std::int64_t a = -8; a < 8; ++a) {
     for (std::int64_t b = -3; b < 4; ++b) {
       for (std::int64_t c = -16; c < 16; ++c) {
-        const auto found = reference.find(pack_key(a, b, c));
-        EXPECT_EQ(index.find(pack_key(a, b, c)),
+        const auto found = reference.find(grid_key(a, b, c));
+        EXPECT_EQ(index.find(grid_key(a, b, c)),
                   found == reference.end() ? FlatIndex::kNone : found->second);
       }
     }

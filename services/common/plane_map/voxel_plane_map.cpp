@@ -4,12 +4,12 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "common/geometry/grid_key.hpp"
+
 namespace zloam::plane_map {
 namespace {
 
 constexpr float kMaxLocal_m = 4096.0f;
-constexpr int kKeyBits = 21;
-constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
 
 inline int floor_to_int(float x) {
   const int i = static_cast<int>(x);
@@ -62,11 +62,8 @@ inline std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float 
 }
 
 std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
-  const auto part = [&](int cell, int anchor) {
-    return static_cast<std::uint64_t>((cell >> shift_) + anchor + kKeyOffset);
-  };
-  return part(c.x, anchor_.x()) << (2 * kKeyBits) | part(c.y, anchor_.y()) << kKeyBits |
-         part(c.z, anchor_.z());
+  return grid_key((c.x >> shift_) + anchor_.x(), (c.y >> shift_) + anchor_.y(),
+                  (c.z >> shift_) + anchor_.z());
 }
 
 std::uint32_t VoxelPlaneMap::find_root(std::uint64_t key) const {
@@ -248,12 +245,8 @@ void VoxelPlaneMap::settle_far_planes(Node& node, int level) {
 }
 
 Eigen::Vector3d VoxelPlaneMap::root_centre_grid(std::uint64_t key) const {
-  const auto index = [key](int part) {
-    const std::uint64_t mask = (std::uint64_t{1} << kKeyBits) - 1;
-    return static_cast<double>(static_cast<std::int64_t>(key >> (part * kKeyBits) & mask) -
-                               kKeyOffset);
-  };
-  const Eigen::Vector3d cell(index(2), index(1), index(0));
+  const auto [i, j, k] = grid_indices(key);
+  const Eigen::Vector3d cell(i, j, k);
   return (cell.array() + 0.5).matrix() * config_.root_voxel_m;
 }
 

@@ -1,27 +1,12 @@
 // What is counted in the map, out of it and back.
 
+#include "common/geometry/grid_key.hpp"
 #include "common/plane_map/voxel_plane_map.hpp"
 
 namespace zloam::plane_map {
 namespace {
 
-constexpr int kKeyBits = 21;
-constexpr std::int64_t kKeyOffset = std::int64_t{1} << (kKeyBits - 1);
-constexpr std::int32_t kMaxRoot = 1 << (kKeyBits - 2);
-
-std::array<std::int32_t, 3> index_of(std::uint64_t key) {
-  const std::uint64_t mask = (std::uint64_t{1} << kKeyBits) - 1;
-  const auto part = [&](int i) {
-    return static_cast<std::int32_t>(static_cast<std::int64_t>(key >> (i * kKeyBits) & mask) -
-                                     kKeyOffset);
-  };
-  return {part(2), part(1), part(0)};
-}
-
-std::uint64_t key_of(const Eigen::Vector3i& index) {
-  const auto part = [&](int i) { return static_cast<std::uint64_t>(index[i] + kKeyOffset); };
-  return part(0) << (2 * kKeyBits) | part(1) << kKeyBits | part(2);
-}
+constexpr std::int32_t kMaxRoot = 1 << (kGridKeyBits - 2);
 
 // Of a node or a leaf.
 template <typename Counted>
@@ -48,7 +33,7 @@ std::vector<RootSummary> VoxelPlaneMap::roots() const {
   std::vector<RootSummary> out;
   out.reserve(roots_.size());
   for (const Root& root : roots_) {
-    out.push_back({index_of(root.key), nodes_[root.node].count});
+    out.push_back({grid_indices(root.key), nodes_[root.node].count});
   }
   return out;
 }
@@ -60,7 +45,7 @@ Eigen::Vector3d VoxelPlaneMap::root_centre_map(const std::array<std::int32_t, 3>
 
 void VoxelPlaneMap::save_root(std::size_t place, std::vector<SavedVoxel>& out) const {
   const Root& root = roots_.at(place);
-  const auto index = index_of(root.key);
+  const auto index = grid_indices(root.key);
   SavedVoxel voxel;
   voxel.x = index[0];
   voxel.y = index[1];
@@ -98,7 +83,7 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
   const int bits = shift_ - voxel.level;
   const int mask = (1 << voxel.level) - 1;
   const Cell cell{(voxel.x & mask) << bits, (voxel.y & mask) << bits, (voxel.z & mask) << bits};
-  std::uint32_t i = take_root(key_of(root));
+  std::uint32_t i = take_root(grid_key(root.x(), root.y(), root.z()));
   for (int level = 1; level <= voxel.level; ++level) {
     const int bit = shift_ - level;
     const unsigned o = octant(cell, bit);
