@@ -1,6 +1,7 @@
 #include "driver/velodyne/position.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <vector>
 
@@ -35,20 +36,13 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
 
 /// Digits with at most one point; nothing for anything else.
 std::optional<double> number(std::string_view text) {
+  const auto is_part = [](char c) { return c == '.' || (c >= '0' && c <= '9'); };
+  if (!std::all_of(text.begin(), text.end(), is_part)) return std::nullopt;
   double value = 0.0;
-  double scale = 0.0;
-  if (text.empty()) return std::nullopt;
-  for (const char c : text) {
-    if (c == '.' && scale == 0.0) {
-      scale = 1.0;
-    } else if (c >= '0' && c <= '9') {
-      value = 10.0 * value + (c - '0');
-      scale *= 10.0;
-    } else {
-      return std::nullopt;
-    }
-  }
-  return scale > 0.0 ? value / scale : value;
+  const char* end = text.data() + text.size();
+  const auto read = std::from_chars(text.data(), end, value, std::chars_format::fixed);
+  if (read.ec != std::errc() || read.ptr != end) return std::nullopt;
+  return value;
 }
 
 /// ddmm.mmmm or dddmm.mmmm to degrees.

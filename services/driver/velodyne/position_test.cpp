@@ -85,6 +85,25 @@ TEST(Nmea, NumbersBeyondTheirRangeAreNoFix) {
   EXPECT_FALSE(fix->valid);
 }
 
+// Found by fuzzing: more digits than a double has room for were no number, and not nothing.
+TEST(Nmea, NumbersOfHundredsOfDigitsAreReadOrLeftOut) {
+  const std::string zeros(400, '0');
+  const auto sentence = [](const std::string& latitude) {
+    const std::string body = "GPRMC,213504,A," + latitude + ",N,12153.8450,W,000.0,000.0,230394,,";
+    int sum = 0;
+    for (const char c : body) sum ^= static_cast<unsigned char>(c);
+    constexpr const char* kDigits = "0123456789ABCDEF";
+    return "$" + body + "*" + kDigits[sum >> 4] + kDigits[sum & 15];
+  };
+  const auto precise = parse_rmc(sentence("3708.5" + zeros));
+  if (!precise) GTEST_FAIL() << "the checksum of this sentence is right";
+  EXPECT_NEAR(precise->latitude_deg, 37.0 + 8.5 / 60.0, 1e-12);
+  const auto huge = parse_rmc(sentence("9" + zeros));
+  if (!huge) GTEST_FAIL() << "the checksum of this sentence is right";
+  EXPECT_EQ(huge->latitude_deg, 0.0);
+  EXPECT_EQ(huge->longitude_deg, 0.0);
+}
+
 TEST(Nmea, AVoidFixHasATimeButIsNotValid) {
   const auto fix = parse_rmc("$GPRMC,120000.50,V,,,,,,,010100,,*19");
   if (!fix) GTEST_FAIL() << "the checksum of this sentence is right";
