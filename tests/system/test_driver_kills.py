@@ -3,10 +3,11 @@ counted to the packet, and the map is there again."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,35 +34,33 @@ ALL_BACK_S = 90.0
 ALL = ("router", "store", "registration", "odometry", "mapping", "integration", "driver")
 
 
-@dataclass
-class Run:
-    """What was heard of one driver process, in the order of its coming."""
+@dataclass(frozen=True)
+class Heard:
+    """A sweep's number, and the stamps of its first and last packet."""
 
-    numbers: list[int] = field(default_factory=list)
-    #: stamps of each sweep's first and last packet
-    first_toh_us: list[int] = field(default_factory=list)
-    last_toh_us: list[int] = field(default_factory=list)
+    number: int
+    first_toh_us: int
+    last_toh_us: int
 
 
 class Sweeps:
-    """The driver's sweeps as anybody hears them, by run."""
+    """The driver's sweeps as anybody hears them, in the order of their coming; a run is one driver
+    process."""
 
     def __init__(self, port: int) -> None:
         self._session = open_client([f"tcp/127.0.0.1:{port}"])
-        self.runs: dict[int, Run] = {}
+        self.runs: dict[int, list[Heard]] = {}
         key = Keys("robot").sweep
         self._subscriber = self._session.declare_subscriber(key, self._heard)
 
     def _heard(self, sample: Any) -> None:
         sweep = messages.decode("Sweep", sample.payload.to_bytes())
-        run = self.runs.setdefault(sweep.Header().Run(), Run())
-        if run.numbers and sweep.Header().Sweep() <= run.numbers[-1]:
-            return
-        run.numbers.append(sweep.Header().Sweep())
-        run.first_toh_us.append(sweep.FirstPacketTohUs())
-        run.last_toh_us.append(sweep.LastPacketTohUs())
+        number = sweep.Header().Sweep()
+        run = self.runs.setdefault(sweep.Header().Run(), [])
+        if not run or number > run[-1].number:
+            run.append(Heard(number, sweep.FirstPacketTohUs(), sweep.LastPacketTohUs()))
 
-    def close(self) -> list[Run]:
+    def close(self) -> list[list[Heard]]:
         self._subscriber.undeclare()
         self._session.close()
         return list(self.runs.values())
@@ -80,7 +79,7 @@ def stamps_us(capture: Path) -> list[int]:
 class Killed:
     """What a live drive left in which the driver was killed in rounds."""
 
-    runs: list[Run]
+    runs: list[list[Heard]]
     registrations: list[StatusRecord]
 
 
@@ -110,13 +109,13 @@ def test_each_kill_begins_a_run(killed: Killed) -> None:
     assert len(killed.runs) == ROUNDS + 1
 
 
-def packets_of_a_sweep(runs: list[Run], place: dict[int, int]) -> tuple[int, int]:
+def packets_of_a_sweep(runs: list[list[Heard]], place: dict[int, int]) -> tuple[int, int]:
     """The fewest and the most."""
     counts = [
-        place[run.last_toh_us[i + 1]] - place[run.last_toh_us[i]]
+        place[after.last_toh_us] - place[before.last_toh_us]
         for run in runs
-        for i in range(len(run.numbers) - 1)
-        if run.numbers[i + 1] == run.numbers[i] + 1
+        for before, after in itertools.pairwise(run)
+        if after.number == before.number + 1
     ]
     return min(counts), max(counts)
 
@@ -128,14 +127,14 @@ def test_the_packets_of_its_down_time_are_counted_exactly(
     not to another: who has one more has missed its packets less."""
     place = {stamp: number for number, stamp in enumerate(stamps_us(driver_drive.pcap))}
     missed = sum(
-        place[after.first_toh_us[0]] - place[before.last_toh_us[-1]] - 1
-        for before, after in zip(killed.runs, killed.runs[1:], strict=False)
+        place[after[0].first_toh_us] - place[before[-1].last_toh_us] - 1
+        for before, after in itertools.pairwise(killed.runs)
     )
     assert missed > 0
     # From the first to the last: what was not heard in between hides no packet. Nobody listened
     # here yet when the first ones of all were sent.
-    heard = killed.runs[0].numbers[0]
-    heard += sum(run.numbers[-1] - run.numbers[0] + 1 for run in killed.runs)
+    heard = killed.runs[0][0].number
+    heard += sum(run[-1].number - run[0].number + 1 for run in killed.runs)
     fewest, most = packets_of_a_sweep(killed.runs, place)
     assert len(killed.registrations) == REPLICAS
     for status in killed.registrations:

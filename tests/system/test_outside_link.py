@@ -69,9 +69,9 @@ class Inside:
             self.link.poll(0.2)
         new = [pose for sweep, pose in self.link.poses.items() if sweep not in known]
         latencies = [1e-6 * (p.trace[-1].published_ns - p.last_packet_ns) for p in new]
-        heard = who.heard().get("pose", 0.0) - before if who else 0.0
-        age_s = who.heard().get("pose_age_s", 0.0) if who else 0.0
-        return Phase(name, at_ns, latencies, heard, age_s)
+        said = who.heard() if who else {}
+        heard = said.get("pose", before) - before
+        return Phase(name, at_ns, latencies, heard, said.get("pose_age_s", 0.0))
 
     def close(self) -> None:
         self.link.close()
