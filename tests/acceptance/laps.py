@@ -54,18 +54,26 @@ def checks(setting: Setting) -> list[Check]:
     ]
 
 
-def _capture(s: Setting) -> tuple[Path, int]:
-    """The packets of all laps, and the sweeps of one (which stands and stops besides)."""
-    capture = s.out / "accept" / "worlds" / f"city-{SEED}-laps.pcap"
-    if not capture.exists():
+def capture(s: Setting) -> Path:
+    """The packets of all laps, without a stop between them; made once."""
+    packets = s.out / "accept" / "worlds" / f"city-{SEED}-laps.pcap"
+    if not packets.exists():
+        packets.parent.mkdir(parents=True, exist_ok=True)
+        part = packets.with_suffix(".part")
         command = [str(s.build / "bin" / "zloam-simulator"), "--world", "city", "--seed", str(SEED)]
-        options = ["--laps", str(LAPS), "--out", str(capture), "--quiet"]
+        options = ["--laps", str(LAPS), "--out", str(part), "--quiet"]
         done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise RuntimeError(f"the simulator ended with {done.returncode}: {done.stderr[-200:]}")
+        part.rename(packets)
+    return packets
+
+
+def _sweeps_of_a_lap(s: Setting) -> int:
+    """Of one alone, which stands and stops besides."""
     stamps = trajectory.read(s.simulated("city", SEED)[1]).stamps_ns
     assert stamps is not None
-    return capture, round(float(stamps[-1] - stamps[0]) * 1e-9 * SWEEPS_PER_S)
+    return round(float(stamps[-1] - stamps[0]) * 1e-9 * SWEEPS_PER_S)
 
 
 def _note(status: StatusRecord | None, history: list[Spent]) -> None:
@@ -76,11 +84,11 @@ def _note(status: StatusRecord | None, history: list[Spent]) -> None:
 
 
 @functools.cache
-def _history(build: Path, capture: Path, out: Path) -> History:
+def _history(build: Path, packets: Path, out: Path) -> History:
     config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
     robot = names(config, [])
     settings = [
-        *sources.from_pcap(capture).driver_settings("max"),
+        *sources.from_pcap(packets).driver_settings("max"),
         f"integration.output_dir={out}",
         f"mapping.map_path={out / 'map.pcd'}",
     ]
@@ -101,8 +109,7 @@ def _history(build: Path, capture: Path, out: Path) -> History:
 def _laps(s: Setting) -> tuple[History, int]:
     if not (s.build / "bin" / "zloam-simulator").exists():
         raise Skip("zloam-simulator is not built")
-    capture, sweeps = _capture(s)
-    return _history(s.build, capture, s.out / "accept" / "laps"), sweeps
+    return _history(s.build, capture(s), s.out / "accept" / "laps"), _sweeps_of_a_lap(s)
 
 
 def _after(history: list[Spent], sweep: int) -> Spent:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.acceptance.point_files import DECODED_POINT
 from tests.bench import framework
-from tests.bench.versus import aloam, data, peer, score, summary, table
+from tests.bench.versus import aloam, data, peer, score, summary, systems, table
 from zloam_monitor.trajectory import Trajectory
 
 PERIOD_NS = 100_000_000
@@ -195,6 +197,18 @@ def test_scenes_take_the_median_over_their_seeds_and_a_lost_seed_stays_visible()
     assert over["scene"]["city"]["ate_rmse_m_to_best_peer"] == 0.2
     assert over["scene"]["city"]["lost"] == ["city-11"]
     assert over["cpu_to_kiss_icp_geometric_mean"] == pytest.approx(2.0)
+
+
+def test_the_peers_program_starts_in_its_own_environment(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(systems.PEER)],
+        cwd=tmp_path,
+        env=systems.peers_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "usage:" in done.stdout + done.stderr
 
 
 def test_written_scans_are_read_back_by_the_peers(tmp_path: Path) -> None:

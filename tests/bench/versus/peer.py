@@ -3,8 +3,8 @@
 usage: PYTHON peer.py PEER FOLDER OUT.npz
 
 A program of its own for the peers' virtual environment (deploy/build/peers.sh): numpy and the peer,
-nothing of ours. Every peer has its own defaults; what is set here is what the data ask for: the
-least range, and whether points have times (without times nothing can be deskewed).
+of ours only the scans' layout. Every peer has its own defaults; what is set here is what the data
+ask for: the least range, and whether points have times (without times nothing can be deskewed).
 CPU time is user and system time of all threads while the peer works on a sweep, reading excluded.
 The process keeps to one core, and its threads wait asleep (OMP_WAIT_POLICY=passive, set by the
 caller): spinning ones take several times the CPU time on a busy machine.
@@ -205,6 +205,8 @@ def peak_rss_mib() -> float:
 
 
 def main() -> int:
+    if len(sys.argv) != 4:
+        raise SystemExit("usage: PYTHON peer.py PEER FOLDER OUT.npz")
     name, folder, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     data = Data.at(folder)

@@ -33,6 +33,7 @@ SYSTEMS = (OURS, *PEERS)
 #: configurations that the demo takes: for scans with times, and for KITTI's
 ROBOTS = ("vlp16-outdoor", "hdl64e")
 KEPT = CACHE / "peers" / "results"
+PEER = ROOT / "tests/bench/versus/peer.py"
 
 
 @dataclass(frozen=True)
@@ -74,19 +75,21 @@ def version_of(name: str) -> str:
     return done.stdout.strip()
 
 
+def peers_environment() -> dict[str, str]:
+    """Theirs is another Python: of ours it finds this tree, without what is installed beside it."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), "OMP_WAIT_POLICY": "passive"}
+
+
 def run_peer(name: str, scans: Scans, out: Path) -> Taken:
     """In a process of its own; its result is kept for days on which only errors are wanted."""
     version = version_of(name)
     result = out / f"{name}.npz"
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    environment["OMP_WAIT_POLICY"] = "passive"
-    program = ROOT / "tests/bench/versus/peer.py"
     with (out / f"{name}.log").open("w") as log:
         done = subprocess.run(
-            [str(peers_python()), str(program), name, str(scans.folder), str(result)],
+            [str(peers_python()), str(PEER), name, str(scans.folder), str(result)],
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=environment,
+            env=peers_environment(),
             check=False,
         )
     if done.returncode != 0:
@@ -110,7 +113,7 @@ def kept_peer(name: str, scans: Scans) -> Taken:
 
 def kept_file(name: str, version: str, scans: Scans) -> Path:
     """Named by all that decides a peer's trajectory."""
-    digest = hashlib.sha256((ROOT / "tests/bench/versus/peer.py").read_bytes())
+    digest = hashlib.sha256(PEER.read_bytes())
     digest.update(version.encode())
     meta = json.loads((scans.folder / "meta.json").read_text())
     digest.update(json.dumps(meta, sort_keys=True).encode())
