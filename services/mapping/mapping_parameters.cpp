@@ -183,6 +183,9 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
       .live();
   p.add("mapping.voxel_planes.weak_least_cosine", &m.weak_least_cosine, {0.0, 1.0}, "",
         "between walls, planes count along a weak direction that face it by at least this cosine");
+  p.add("mapping.voxel_planes.weak_share", &m.weak_share, {0.0, 1.0}, "",
+        "and what is said along it by a smaller mean squared share of the normals hardly counts")
+      .live();
   p.add(
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")

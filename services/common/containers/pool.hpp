@@ -29,6 +29,13 @@ class Pool {
     return size_++;
   }
 
+  /// Asks for the memory of a value that is needed soon.
+  void fetch(std::uint32_t i) const {
+    constexpr std::size_t kLine = 64;
+    const char* at = reinterpret_cast<const char*>(&(*this)[i]);
+    for (std::size_t b = 0; b < sizeof(T); b += kLine) __builtin_prefetch(at + b, 1);
+  }
+
   void release(std::uint32_t i) { free_.push_back(i); }
   /// In use or released: the bound of all indices.
   std::uint32_t size() const { return size_; }

@@ -112,6 +112,9 @@ struct MatcherConfig {
   /// there is.
   double walls_least_share = 0.05;
   double weak_least_cosine = 0.1;
+  /// ... and all that is said along it counts by s / (s + weak_share), s its mean squared share of
+  /// the normals: what less than that says cannot be told from errors. 0: counts fully.
+  double weak_share = 2e-4;
 };
 
 }  // namespace zloam::plane_map

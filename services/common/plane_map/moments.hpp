@@ -29,6 +29,26 @@ struct MomentSums {
     squares[4] += dy * dz;
     squares[5] += dz * dz;
   }
+
+  /// Sums relative to the same origin.
+  template <typename Other>
+  void add(const MomentSums<Other>& other) {
+    for (std::size_t i = 0; i < 3; ++i) sum[i] += static_cast<Scalar>(other.sum[i]);
+    for (std::size_t i = 0; i < 6; ++i) squares[i] += static_cast<Scalar>(other.squares[i]);
+  }
+
+  /// Sums of `count` points relative to an origin that lies at `offset` from this one's.
+  void add(const MomentSums& other, unsigned count, const std::array<float, 3>& offset) {
+    const Scalar n(count);
+    const std::array<Scalar, 3> d = {offset[0], offset[1], offset[2]};
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t j = i; j < 3; ++j, ++at) {
+        squares[at] += other.squares[at] + other.sum[i] * d[j] + d[i] * (other.sum[j] + n * d[j]);
+      }
+    }
+    for (std::size_t i = 0; i < 3; ++i) sum[i] += other.sum[i] + n * d[i];
+  }
 };
 
 /// The same in double with its count, for fitting.

@@ -1,6 +1,7 @@
 #include "common/plane_map/normal_equations.hpp"
 
 #include <cmath>
+#include <utility>
 
 namespace zloam::plane_map {
 namespace {
@@ -138,11 +139,27 @@ Vector12 NormalSums::gradient() const {
   return g;
 }
 
+void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
+              const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out) {
+  out.clear();
+  out.reserve(points.size());
+  for (const SlotPoint& point : points) {
+    const std::array<float, 3> q = motions[point.slot](point);
+    out.push_back(
+        {q[0] + shift_local.x(), q[1] + shift_local.y(), q[2] + shift_local.z(), point.ring});
+  }
+}
+
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, double gate_m, const WeakAxis& weak) {
   const std::vector<SlotPoint>& points = matched.points;
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
+  if (std::exchange(matched.are_new, false)) {
+    std::vector<LocalPoint> local;
+    to_local(points, motions, shift, local);
+    map.find_all(local, matched.hints);
+  }
   const double noise = map.config().range_noise_m;
   Accumulator planes(gate_m, gate_m / 3.0, weak);
   Accumulator blobs(10.0 * noise, 3.0 * noise, {});

@@ -59,7 +59,12 @@ struct MatchedPoints {
       : points(of_sweep), hints(of_sweep.size()) {}
   const std::vector<SlotPoint>& points;
   std::vector<VoxelPlaneMap::Hint> hints;
+  bool are_new = true;  // nothing was looked up for them yet
 };
+
+/// Points as given to the map's local coordinates; shift_local: of the motions' origin.
+void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
+              const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out);
 
 /// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
 /// residuals above the gate are rejected. The motion is in the map's grid frame.

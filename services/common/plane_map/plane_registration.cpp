@@ -136,10 +136,8 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
   map_.set_anchor(motion.T_mid.translation());
   const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
-  for (const SlotPoint& point : points.points()) {
-    const std::array<float, 3> q = motions[point.slot](point);
-    map_.insert(q[0] + shift.x(), q[1] + shift.y(), q[2] + shift.z(), point.ring);
-  }
+  to_local(points.points(), motions, shift, inserted_);
+  map_.insert(inserted_);
   map_.leave_behind(motion.T_mid.translation());
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "common/plane_map/config.hpp"
 #include "common/plane_map/sweep_matcher.hpp"
@@ -109,6 +110,7 @@ class PlaneRegistration {
   std::optional<Previous> previous_;
   std::optional<SweepPoints> points_;  // of the sweep that was matched last
   std::int64_t points_stamp_ns_ = 0;
+  std::vector<LocalPoint> inserted_;  // in the map's local coordinates
   double gate_m_;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();

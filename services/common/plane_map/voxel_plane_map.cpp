@@ -9,13 +9,6 @@
 namespace zloam::plane_map {
 namespace {
 
-constexpr float kMaxLocal_m = 4096.0f;
-
-inline int floor_to_int(float x) {
-  const int i = static_cast<int>(x);
-  return i - static_cast<int>(static_cast<float>(i) > x);
-}
-
 std::uint64_t hash(std::uint64_t x) {
   x ^= x >> 31;
   x *= 0x9E3779B97F4A7C15ull;
@@ -50,15 +43,6 @@ void VoxelPlaneMap::set_anchor(const Eigen::Vector3d& position_grid) {
 
 Eigen::Vector3d VoxelPlaneMap::anchor_grid() const {
   return anchor_.cast<double>() * config_.root_voxel_m;
-}
-
-inline std::optional<VoxelPlaneMap::Cell> VoxelPlaneMap::cell_of(float x, float y, float z) const {
-  // Written so that NaN fails too.
-  if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
-    return std::nullopt;
-  }
-  return Cell{floor_to_int(x * leaf_per_m_), floor_to_int(y * leaf_per_m_),
-              floor_to_int(z * leaf_per_m_)};
 }
 
 std::uint64_t VoxelPlaneMap::root_key(const Cell& c) const {
@@ -108,18 +92,11 @@ void VoxelPlaneMap::rebuild_table(std::size_t slots) {
   }
 }
 
-inline std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
+std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
   const auto centre = [&](int cell) {
     return (static_cast<float>(cell >> shift_) + 0.5f) * static_cast<float>(config_.root_voxel_m);
   };
   return {centre(c.x), centre(c.y), centre(c.z)};
-}
-
-inline void VoxelPlaneMap::Counted::add_ring(std::uint16_t of_point) {
-  if (count == 0) {
-    ring = of_point;
-  }
-  several_rings = several_rings || of_point == kUnknownRing || of_point != ring;
 }
 
 inline Match VoxelPlaneMap::match_of(const Counted& voxel, const Cell& cell) const {
@@ -147,65 +124,65 @@ const Match& VoxelPlaneMap::find(float x, float y, float z, Hint& hint) {
   return hint.match;
 }
 
-Match VoxelPlaneMap::look_up(const Cell& cell) {
-  std::uint32_t i = find_root(root_key(cell));
+VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) {
+  std::uint32_t i = root;
   for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
     Node& node = nodes_[i];
     if (node.count >= node.refit_at) {
       fit_node(node, cell, shift_ - 1 - bit);
     }
     if (node.is_plane()) {
-      return match_of(node, cell);
+      return {kNoChild, match_of(node, cell)};
     }
     i = node.children[octant(cell, bit)];
   }
-  if (i == kNoChild) {
-    return {};
-  }
-  Leaf& leaf = leaves_[i];
+  return {i, {}};
+}
+
+Match VoxelPlaneMap::match_of_leaf(std::uint32_t index, const Cell& cell) {
+  Leaf& leaf = leaves_[index];
   if (leaf.count >= leaf.refit_at) {
     fit_leaf(leaf, cell);
   }
   return match_of(leaf, cell);
 }
 
-void VoxelPlaneMap::insert(float x, float y, float z, std::uint16_t ring) {
-  const auto cell = cell_of(x, y, z);
-  if (!cell) {
-    return;
+Match VoxelPlaneMap::look_up(const Cell& cell) {
+  const Way way = go_down(find_root(root_key(cell)), cell);
+  return way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, cell);
+}
+
+// First all ways down, then what they end at: its memory is on the way meanwhile.
+void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<Hint> hints) {
+  ways_.clear();
+  for (const Placed& p : hit.points) {
+    Hint& hint = hints[p.point];
+    ways_.push_back(go_down(hit.node, *hint.cell));
+    if (ways_.back().leaf != kNoChild) leaves_.fetch(ways_.back().leaf);
   }
-  const std::array<float, 3> root = root_centre(*cell);
-  // Offset from the voxel's centre, kept while the voxel halves.
-  float dx = x - root[0];
-  float dy = y - root[1];
-  float dz = z - root[2];
-  float quarter = 0.25f * static_cast<float>(config_.root_voxel_m);
-  std::uint32_t i = take_root(root_key(*cell));
-  for (int bit = shift_ - 1; bit >= 0; --bit) {
-    Node& node = nodes_[i];
-    node.sums.add(dx, dy, dz);
-    node.add_ring(ring);
-    ++node.count;
-    if (node.kind == Kind::kPlane && node.count >= config_.settled_points) {
-      settle(node, shift_ - 1 - bit);
-    }
-    if (node.kind == Kind::kSettledPlane) {
-      return;
-    }
-    const unsigned o = octant(*cell, bit);
-    if (node.children[o] == kNoChild) {
-      node.children[o] = bit == 0 ? leaves_.take() : nodes_.take();
-    }
-    i = node.children[o];
-    dx += (o & 1) != 0 ? -quarter : quarter;
-    dy += (o & 2) != 0 ? -quarter : quarter;
-    dz += (o & 4) != 0 ? -quarter : quarter;
-    quarter *= 0.5f;
+  for (std::size_t i = 0; i < ways_.size(); ++i) {
+    Hint& hint = hints[hit.points[i].point];
+    const Way& way = ways_[i];
+    hint.match = way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, *hint.cell);
   }
-  Leaf& leaf = leaves_[i];
-  leaf.add_ring(ring);
-  leaf.sums.add(dx, dy, dz);
-  ++leaf.count;
+}
+
+void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint> hints) {
+  hit_roots(points, false);
+  for (const Placed& p : placed_) {
+    const LocalPoint& point = points[p.point];
+    hints[p.point].cell = cell_of(point.x, point.y, point.z);
+  }
+  for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
+    fetch_root(i + kAhead);
+    find_in_root(roots_hit_[i], hints);
+  }
+}
+
+void VoxelPlaneMap::fetch_root(std::size_t hit) const {
+  if (hit < roots_hit_.size() && roots_hit_[hit].node != kNoChild) {
+    nodes_.fetch(roots_hit_[hit].node);
+  }
 }
 
 void VoxelPlaneMap::release_children(Node& node, int level) {
@@ -217,12 +194,16 @@ void VoxelPlaneMap::release_children(Node& node, int level) {
       set_kind(leaves_[child], Kind::kNone);
       leaves_.release(child);
     } else {
-      release_children(nodes_[child], level + 1);
-      set_kind(nodes_[child], Kind::kNone);
-      nodes_.release(child);
+      release_node(child, level + 1);
     }
     child = kNoChild;
   }
+}
+
+void VoxelPlaneMap::release_node(std::uint32_t node, int level) {
+  release_children(nodes_[node], level);
+  set_kind(nodes_[node], Kind::kNone);
+  nodes_.release(node);
 }
 
 void VoxelPlaneMap::settle(Node& node, int level) {
@@ -244,39 +225,48 @@ void VoxelPlaneMap::settle_far_planes(Node& node, int level) {
   }
 }
 
-Eigen::Vector3d VoxelPlaneMap::root_centre_grid(std::uint64_t key) const {
-  const auto [i, j, k] = grid_indices(key);
-  const Eigen::Vector3d cell(i, j, k);
+Eigen::Vector3d VoxelPlaneMap::root_centre_grid(const std::array<std::int32_t, 3>& index) const {
+  const Eigen::Vector3d cell(index[0], index[1], index[2]);
   return (cell.array() + 0.5).matrix() * config_.root_voxel_m;
 }
 
 void VoxelPlaneMap::leave_behind(const Eigen::Vector3d& position_grid) {
-  if (left_once_ && (position_grid - left_behind_from_).norm() < config_.keep_radius_m / 20.0) {
-    return;
+  if (left_behind_from_grid_) {
+    const Eigen::Vector3d& from = *left_behind_from_grid_;
+    if ((position_grid - from).norm() < config_.keep_radius_m / 20.0) {
+      return;
+    }
+    settle_behind(from, position_grid);
   }
-  const auto is_gone = [&](const Root& root) {
-    const Eigen::Vector3d centre = root_centre_grid(root.key);
-    const double distance_m = (centre - position_grid).norm();
-    // Once, as the sensor leaves: a settled plane stays one.
-    if (left_once_ && distance_m > config_.settled_radius_m &&
-        (centre - left_behind_from_).norm() <= config_.settled_radius_m) {
+  drop_far(position_grid);
+  left_behind_from_grid_ = position_grid;
+}
+
+// Once for each root, as the sensor leaves it: a settled plane stays one.
+void VoxelPlaneMap::settle_behind(const Eigen::Vector3d& from_grid,
+                                  const Eigen::Vector3d& to_grid) {
+  for (const Root& root : roots_) {
+    const Eigen::Vector3d centre = root_centre_grid(grid_indices(root.key));
+    if ((centre - from_grid).norm() <= config_.settled_radius_m &&
+        (centre - to_grid).norm() > config_.settled_radius_m) {
       settle_far_planes(nodes_[root.node], 0);
     }
-    if (distance_m <= config_.keep_radius_m) {
+  }
+}
+
+void VoxelPlaneMap::drop_far(const Eigen::Vector3d& position_grid) {
+  const auto keep_end = std::remove_if(roots_.begin(), roots_.end(), [&](const Root& root) {
+    const Eigen::Vector3d centre = root_centre_grid(grid_indices(root.key));
+    if ((centre - position_grid).norm() <= config_.keep_radius_m) {
       return false;
     }
-    release_children(nodes_[root.node], 0);
-    set_kind(nodes_[root.node], Kind::kNone);
-    nodes_.release(root.node);
+    release_node(root.node, 0);
     return true;
-  };
-  const auto keep_end = std::remove_if(roots_.begin(), roots_.end(), is_gone);
+  });
   if (keep_end != roots_.end()) {
     roots_.erase(keep_end, roots_.end());
     rebuild_table(table_.size());
   }
-  left_once_ = true;
-  left_behind_from_ = position_grid;
 }
 
 std::optional<MapPlane> VoxelPlaneMap::plane_at(const Eigen::Vector3d& point_map) {
@@ -294,18 +284,6 @@ std::optional<MapPlane> VoxelPlaneMap::plane_at(const Eigen::Vector3d& point_map
       local.cast<double>() - normal * (normal.dot(local.cast<double>() - root) - row.d);
   const Pose T_map_grid = T_grid_map_.inverse();
   return MapPlane{T_map_grid.linear() * normal, T_map_grid * (foot + anchor_grid())};
-}
-
-void VoxelPlaneMap::insert_points(std::span<const Eigen::Vector3d> points_map) {
-  for (const Eigen::Vector3d& point : points_map) {
-    const Eigen::Vector3d grid = T_grid_map_ * point;
-    if (!grid.allFinite()) {
-      continue;
-    }
-    set_anchor(grid);
-    const Eigen::Vector3f local = (grid - anchor_grid()).cast<float>();
-    insert(local.x(), local.y(), local.z());
-  }
 }
 
 MapStatistics VoxelPlaneMap::statistics() const {

@@ -14,6 +14,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -40,6 +41,14 @@ struct Match {
   bool is_plane = false;
   float normal_variance = 0;  // rad^2, planes only
   std::array<float, 3> root_centre{};
+};
+
+constexpr std::uint16_t kUnknownRing = 0xffff;
+
+/// A point to be counted. The ring only says whether a voxel holds several.
+struct LocalPoint {
+  float x = 0, y = 0, z = 0;
+  std::uint16_t ring = kUnknownRing;
 };
 
 /// A plane in the map's frame.
@@ -85,10 +94,12 @@ class VoxelPlaneMap {
   /// The same, looked up only when the point has left the hint's cell.
   const Match& find(float x, float y, float z, Hint& hint);
 
-  /// Counts a point, local coordinates. Points that are not finite or farther than 4 km from the
-  /// anchor are ignored. The ring is only used to see whether a voxel holds several.
-  void insert(float x, float y, float z, std::uint16_t ring = kUnknownRing);
-  static constexpr std::uint16_t kUnknownRing = 0xffff;
+  /// The same for many points, in an order that suits the memory. hints: as many as points.
+  void find_all(std::span<const LocalPoint> points, std::span<Hint> hints);
+
+  /// Counts points, local coordinates. Those that are not finite or farther than 3 km from the
+  /// anchor are ignored.
+  void insert(std::span<const LocalPoint> points);
 
   /// The same in the map's frame, for callers outside the inner loops.
   std::optional<MapPlane> plane_at(const Eigen::Vector3d& point_map);
@@ -111,7 +122,9 @@ class VoxelPlaneMap {
 
  private:
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
-  static constexpr std::uint32_t kNoFit = 0xffffffffu;
+  static constexpr float kMaxLocal_m = 3000.0f;  // 2^21 of the smallest voxels apart
+  // How many roots before its turn the memory of one is asked for.
+  static constexpr std::size_t kAhead = 4;
 
   // What the points in a voxel are. A settled plane takes no finer points.
   enum class Kind : std::uint8_t { kNone, kPlane, kSettledPlane, kLine, kBlob };
@@ -127,30 +140,55 @@ class VoxelPlaneMap {
     bool several_rings = false;
 
     void add(const Rings& other);
+    /// `count` points of these rings and others.
+    static Rings joined(std::uint32_t count, Rings these, const Rings& others);
+  };
+
+  using Offset = std::array<float, 3>;
+
+  // What of an insertion falls into one voxel, relative to its centre.
+  struct Gathered {
+    std::uint32_t count = 0;
+    MomentSums<double> sums;
+    Rings rings;
+
+    /// Of a part of the voxel whose centre lies there.
+    void add(const Gathered& other, const Offset& offset);
+  };
+
+  // A point's place in the order of the octree: three bits a level, those of its root above.
+  struct Placed {
+    std::uint64_t code;
+    std::uint32_t point;
+  };
+  struct RootHit {
+    std::uint32_t node;  // kNoChild: there is none
+    Cell cell;           // of the first point
+    std::span<const Placed> points;
   };
 
   // What was fitted lies apart: most voxels hold nothing but counts, and they are the map's memory.
+  // Sums are in single precision: offsets are below the voxel's edge, and added once a sweep.
   struct Counted {
     std::uint32_t count = 0;
     std::uint32_t refit_at = 0;  // count from which it is fitted again
-    std::uint32_t fit = kNoFit;  // place in planes_ or, of lines and blobs, in rows_
+    std::uint32_t fit = 0;       // place in planes_ or, of lines and blobs, in rows_
     std::uint16_t ring = kUnknownRing;
     bool several_rings = false;
     Kind kind = Kind::kNone;
 
-    /// Of the next point.
-    void add_ring(std::uint16_t of_point);
+    void add(const Gathered& gathered);
     Rings rings() const { return {ring, several_rings}; }
     bool is_plane() const { return kind == Kind::kPlane || kind == Kind::kSettledPlane; }
+    bool is_distribution() const { return kind == Kind::kLine || kind == Kind::kBlob; }
   };
 
   struct Node : Counted {
     std::array<std::uint32_t, 8> children;
-    MomentSums<double> sums;
+    MomentSums<float> sums;
     Node() { children.fill(kNoChild); }
   };
 
-  // Sums of the finest voxels in single precision: offsets are below 0.1 m there.
   struct Leaf : Counted {
     MomentSums<float> sums;
   };
@@ -164,18 +202,57 @@ class VoxelPlaneMap {
   static unsigned octant(const Cell& c, int bit) {
     return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
   }
-  std::optional<Cell> cell_of(float x, float y, float z) const;
+  static int floor_to_int(float x) {
+    const int i = static_cast<int>(x);
+    return i - static_cast<int>(static_cast<float>(i) > x);
+  }
+  std::optional<Cell> cell_of(float x, float y, float z) const {
+    // Written so that NaN fails too.
+    if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
+      return std::nullopt;
+    }
+    return Cell{floor_to_int(x * leaf_per_m_), floor_to_int(y * leaf_per_m_),
+                floor_to_int(z * leaf_per_m_)};
+  }
   std::uint64_t root_key(const Cell& cell) const;
   std::uint32_t find_root(std::uint64_t key) const;
   std::uint32_t take_root(std::uint64_t key);
   void rebuild_table(std::size_t slots);
+  void place(std::span<const LocalPoint> points);
+  void hit_roots(std::span<const LocalPoint> points, bool take);
+  static std::span<const Placed> together(std::span<const Placed> placed, int bit);
+  static Gathered gather(std::span<const LocalPoint> points, std::span<const Placed> placed,
+                         const Offset& centre);
+  Gathered count_in_leaf(std::uint32_t index, std::span<const LocalPoint> points,
+                         std::span<const Placed> placed, const Offset& centre);
+  Gathered count_in_node(std::uint32_t index, int level, std::span<const LocalPoint> points,
+                         std::span<const Placed> placed, const Offset& centre);
+  static unsigned octant_of(const Placed& placed, int bit);
+  std::size_t take_children(Node& node, int bit, std::span<const Placed> placed,
+                            std::array<std::span<const Placed>, 8>& parts);
+  Gathered count_in_children(Node& node, int level, std::span<const LocalPoint> points,
+                             std::span<const Placed> placed, const Offset& centre);
   Match look_up(const Cell& cell);
+  // How far a look-up came: the finest voxel, or a match (of nothing or a coarser plane).
+  struct Way {
+    std::uint32_t leaf = kNoChild;
+    Match match;
+  };
+  Way go_down(std::uint32_t root, const Cell& cell);
+  Match match_of_leaf(std::uint32_t leaf, const Cell& cell);
+  void find_in_root(const RootHit& hit, std::span<Hint> hints);
+  void fetch_root(std::size_t hit) const;
   std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
   Eigen::Vector3d voxel_offset(const Cell& cell, int level) const;
   std::uint32_t next_fit(std::uint32_t count) const;
   void fit_node(Node& node, const Cell& cell, int level);
   void fit_leaf(Leaf& leaf, const Cell& cell);
+  struct Neighbour {
+    std::uint32_t leaf;
+    Eigen::Vector3i step;  // in finest voxels
+  };
+  std::size_t neighbours_of(const Cell& cell, std::array<Neighbour, 26>& found) const;
   Moments merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const;
   bool enough(const Rings& rings) const;
   void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
@@ -184,9 +261,12 @@ class VoxelPlaneMap {
   void set_kind(Counted& voxel, Kind kind);
   Match match_of(const Counted& voxel, const Cell& cell) const;
   void release_children(Node& node, int level);
+  void release_node(std::uint32_t node, int level);
   void settle(Node& node, int level);
   void settle_far_planes(Node& node, int level);
-  Eigen::Vector3d root_centre_grid(std::uint64_t key) const;
+  void settle_behind(const Eigen::Vector3d& from_grid, const Eigen::Vector3d& to_grid);
+  void drop_far(const Eigen::Vector3d& position_grid);
+  Eigen::Vector3d root_centre_grid(const std::array<std::int32_t, 3>& index) const;
   void save_node(const Node& node, SavedVoxel at, std::vector<SavedVoxel>& out) const;
 
   PlaneMapConfig config_;
@@ -197,8 +277,7 @@ class VoxelPlaneMap {
   float leaf_per_m_;
   double leaf_m_;
   Eigen::Vector3i anchor_ = Eigen::Vector3i::Zero();  // in roots
-  Eigen::Vector3d left_behind_from_;
-  bool left_once_ = false;
+  std::optional<Eigen::Vector3d> left_behind_from_grid_;
 
   std::vector<Root> roots_;           // in order of creation
   std::vector<std::uint32_t> table_;  // open addressing: index into roots_ + 1, 0 = free
@@ -206,6 +285,9 @@ class VoxelPlaneMap {
   Pool<Leaf> leaves_;
   Pool<Plane> planes_;
   Pool<std::array<PlaneRow, 3>> rows_;
+  std::vector<Placed> placed_, placed_spare_;  // of the insertion under way
+  std::vector<RootHit> roots_hit_;
+  std::vector<Way> ways_;
 };
 
 }  // namespace zloam::plane_map

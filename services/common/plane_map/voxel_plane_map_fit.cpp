@@ -33,14 +33,12 @@ std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
 
 // Gives the voxel a place for what it is now, and back the one of what it was.
 void VoxelPlaneMap::set_kind(Counted& voxel, Kind kind) {
-  const auto in_planes = [](Kind k) { return k == Kind::kPlane || k == Kind::kSettledPlane; };
-  const auto in_rows = [](Kind k) { return k == Kind::kLine || k == Kind::kBlob; };
-  if (in_planes(voxel.kind) && !in_planes(kind)) planes_.release(voxel.fit);
-  if (in_rows(voxel.kind) && !in_rows(kind)) rows_.release(voxel.fit);
-  if (kind == Kind::kNone) voxel.fit = kNoFit;
-  if (in_planes(kind) && !in_planes(voxel.kind)) voxel.fit = planes_.take();
-  if (in_rows(kind) && !in_rows(voxel.kind)) voxel.fit = rows_.take();
+  const Counted before = voxel;
   voxel.kind = kind;
+  if (before.is_plane() && !voxel.is_plane()) planes_.release(before.fit);
+  if (before.is_distribution() && !voxel.is_distribution()) rows_.release(before.fit);
+  if (!before.is_plane() && voxel.is_plane()) voxel.fit = planes_.take();
+  if (!before.is_distribution() && voxel.is_distribution()) voxel.fit = rows_.take();
 }
 
 void VoxelPlaneMap::set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
@@ -80,12 +78,11 @@ std::array<std::uint32_t, 8> VoxelPlaneMap::parents_around(const Cell& cell) con
   return parents;
 }
 
-Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
-  Moments all(leaf.count, leaf.sums);
-  const Eigen::Vector3d mean = all.mean();
-  const double reach = config_.merge_radius_voxels * leaf_m_;
+// Those of the 26 neighbours that hold points, their memory asked for.
+std::size_t VoxelPlaneMap::neighbours_of(const Cell& cell, std::array<Neighbour, 26>& found) const {
   const std::array<std::uint32_t, 8> parents = parents_around(cell);
   const auto upper = [](int at, int step) { return (at + step) >> 1 != (at - 1) >> 1 ? 1U : 0U; };
+  std::size_t count = 0;
   for (int i = 0; i < 27; ++i) {
     if (i == 13) continue;
     const Eigen::Vector3i step(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1);
@@ -95,9 +92,22 @@ Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings&
     const Cell neighbour{cell.x + step.x(), cell.y + step.y(), cell.z + step.z()};
     const std::uint32_t child = nodes_[parent].children[octant(neighbour, 0)];
     if (child == kNoChild) continue;
-    const Leaf& other = leaves_[child];
+    leaves_.fetch(child);
+    found[count++] = {child, step};
+  }
+  return count;
+}
+
+Moments VoxelPlaneMap::merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const {
+  Moments all(leaf.count, leaf.sums);
+  const Eigen::Vector3d mean = all.mean();
+  const double reach = config_.merge_radius_voxels * leaf_m_;
+  std::array<Neighbour, 26> found;
+  const std::size_t count = neighbours_of(cell, found);
+  for (const Neighbour& neighbour : std::span(found).first(count)) {
+    const Leaf& other = leaves_[neighbour.leaf];
     const Moments moments(other.count, other.sums);
-    const Eigen::Vector3d offset = step.cast<double>() * leaf_m_;
+    const Eigen::Vector3d offset = neighbour.step.cast<double>() * leaf_m_;
     if ((moments.mean() + offset - mean).squaredNorm() <= reach * reach) {
       all.add(moments, offset);
       rings.add(other.rings());

@@ -9,8 +9,8 @@ namespace {
 constexpr std::int32_t kMaxRoot = 1 << (kGridKeyBits - 2);
 
 // Of a node or a leaf.
-template <typename Counted>
-void put(const Counted& counted, SavedVoxel& out) {
+template <typename Voxel>
+void put(const Voxel& counted, SavedVoxel& out) {
   out.count = counted.count;
   out.several_rings = counted.several_rings;
   out.ring = counted.ring;
@@ -18,8 +18,8 @@ void put(const Counted& counted, SavedVoxel& out) {
   for (std::size_t i = 0; i < 6; ++i) out.squares[i] = static_cast<float>(counted.sums.squares[i]);
 }
 
-template <typename Counted>
-void take(const SavedVoxel& in, Counted& counted) {
+template <typename Voxel>
+void take(const SavedVoxel& in, Voxel& counted) {
   counted.count = in.count;
   counted.several_rings = in.several_rings;
   counted.ring = in.ring;
@@ -39,8 +39,7 @@ std::vector<RootSummary> VoxelPlaneMap::roots() const {
 }
 
 Eigen::Vector3d VoxelPlaneMap::root_centre_map(const std::array<std::int32_t, 3>& index) const {
-  const Eigen::Vector3d cell(index[0], index[1], index[2]);
-  return T_grid_map_.inverse() * ((cell.array() + 0.5).matrix() * config_.root_voxel_m);
+  return T_grid_map_.inverse() * root_centre_grid(index);
 }
 
 void VoxelPlaneMap::save_root(std::size_t place, std::vector<SavedVoxel>& out) const {

@@ -1,16 +1,19 @@
 // zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
-// yaw] [--map-gaps EVERY SWEEPS] [--seam DEG] [--counter-clockwise] [[--elevation-offset DEG]
-// [--range-offset M]
+// yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
+// [--elevation-offset DEG] [--range-offset M]
 //
 // Registration, odometry and, when it is built in, mapping over a capture or a folder of scans
 // (scan_reader.hpp), in one process and without any messages. Writes odom.tum and est.tum (poses of
 // base_link stamped with the instant they hold for; est is the mapped one), fused.tum (as
 // integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says of itself),
-// covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row), and prints the
-// CPU time of each stage per sweep. The options from --seam on are for scans in KITTI's layout.
+// covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row), cost.csv (points
+// and CPU time of each sweep, points in the map), and prints the CPU time of each stage per sweep.
+// --thin keeps the returns of every N-th part of the turn. The options from --seam on are for scans
+// in KITTI's layout.
 
 #include <time.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -46,6 +49,7 @@ struct Options {
   bool with_mapping = true;
   // of every so many sweeps the last ones do not reach mapping, as when it is away
   std::uint64_t gap_every = 0, gap_sweeps = 0;
+  std::uint64_t thin = 1;
   Settings settings;
   ReadOptions reading;
 };
@@ -79,6 +83,8 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--map-gaps") {
       o.gap_every = std::stoull(value());
       o.gap_sweeps = std::stoull(value());
+    } else if (args[i] == "--thin") {
+      o.thin = std::max<std::uint64_t>(1, std::stoull(value()));
     } else if (args[i] == "--first") {
       o.first = std::stoul(value());
     } else if (args[i] == "--count") {
@@ -116,6 +122,14 @@ void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
   file << line;
 }
 
+// As of a sensor that fires less often by this factor.
+void thin_out(Scan& scan, std::uint64_t factor) {
+  constexpr std::uint64_t kParts = 1800;  // firings of a VLP-16's turn at 10 Hz
+  std::erase_if(scan.points, [&](const Point& p) {
+    return std::uint64_t{p.time_ns} * kParts / scan.period_ns % factor != 0;
+  });
+}
+
 class Run {
  public:
   explicit Run(const Options& options)
@@ -141,6 +155,8 @@ class Run {
     fused_csv_.open(o_.out + "/fused.csv");
     fused_csv_ << "sweep,health,degenerate,axis_x,axis_y,axis_z,jump\n";
     fused_covariance_file_.open(o_.out + "/fused_covariance.csv");
+    cost_file_.open(o_.out + "/cost.csv");
+    cost_file_ << "sweep,points,registration_ms,odometry_ms,mapping_ms,map_points\n";
   }
 
   void sweep(std::uint64_t number, const Scan& scan) {
@@ -162,9 +178,12 @@ class Run {
     write_tum(odom_file_, odom.instant_ns, odom.T_odom_base);
     write_row(features, odom);
     map(scan, input, odom);
+    const double t3 = cpu_ms();
     registration_ms_ += t1 - t0;
     odometry_ms_ += t2 - t1;
-    mapping_ms_ += cpu_ms() - t2;
+    mapping_ms_ += t3 - t2;
+    cost_file_ << number << ',' << scan.points.size() << ',' << t1 - t0 << ',' << t2 - t1 << ','
+               << t3 - t2 << ',' << map_points() << '\n';
     iterations_ += odom.diagnostics.iterations;
     points_ += scan.points.size();
     ++sweeps_;
@@ -180,6 +199,14 @@ class Run {
   }
 
  private:
+  std::size_t map_points() const {
+#ifdef ZLOAM_WITH_MAPPING
+    return mapper_.point_count();
+#else
+    return 0;
+#endif
+  }
+
   void write_row(const registration::RegistrationResult& f, const odometry::OdometryResult& r) {
     const auto& d = r.diagnostics;
     csv_ << r.sweep << ',' << int(r.health) << ',' << d.iterations << ',' << d.planes << ','
@@ -287,7 +314,7 @@ class Run {
   integration::Integrator integrator_;
 #endif
   std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
-      fused_covariance_file_;
+      fused_covariance_file_, cost_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;
   double mapping_ms_ = 0.0;
@@ -304,6 +331,7 @@ int run(const std::vector<std::string>& args) {
   for (std::size_t i = 0; reader.next(scan); ++i) {
     if (i < options.first) continue;
     if (i - options.first >= options.count) break;
+    thin_out(scan, options.thin);
     run.sweep(i, scan);
   }
   run.summary();

@@ -122,6 +122,7 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, walls_least_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_least_cosine);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, weak_share);
   fields["mapping.voxel_planes.weak_normal_error_rad"] = &c.normal_error_rad;
 }
 

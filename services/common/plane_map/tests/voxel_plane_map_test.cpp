@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
+#include <span>
 
 #include "common/plane_map/moments.hpp"
 
@@ -35,6 +37,8 @@ PlaneMapConfig upright_grid() {
   config.grid_shift_m.setZero();
   return config;
 }
+
+void insert_one(VoxelPlaneMap& map, const LocalPoint& point) { map.insert(std::span(&point, 1)); }
 
 TEST(Moments, PrincipalAxesOfAGridMatchTheClosedForm) {
   // A 5 x 3 grid of spacing 0.1 in a plane: variances 0.01 * (n^2 - 1) / 12 along its sides.
@@ -124,8 +128,8 @@ TEST(VoxelPlaneMap, AnEdgeBentAroundByOneRingIsNoPlane) {
     for (int i = 0; i < 60; ++i) {
       const float along = 0.5f + 0.004f * static_cast<float>(i);
       const auto ring = static_cast<std::uint16_t>(i % rings);
-      map.insert(along, 0.55f, 0.7f, ring);
-      map.insert(0.5f, along, 0.7f, ring);
+      insert_one(map, {along, 0.55f, 0.7f, ring});
+      insert_one(map, {0.5f, along, 0.7f, ring});
     }
     EXPECT_EQ(map.find(0.55f, 0.55f, 0.7f).is_plane, rings > 1);
   }
@@ -229,18 +233,88 @@ TEST(VoxelPlaneMap, FarVoxelsGoAndNearOnesStay) {
   EXPECT_LE(map.statistics().bytes, bytes + 4096);
 }
 
+// Of a cluttered place, some of them twice, on both sides of the origin.
+std::vector<LocalPoint> clutter(std::size_t count, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<float> place(0.0f, 3.0f);
+  std::vector<LocalPoint> points;
+  while (points.size() < count) {
+    const LocalPoint p{place(random), place(random), place(random),
+                       static_cast<std::uint16_t>(random() % 2)};
+    points.push_back(p);
+    if (random() % 4 == 0) points.push_back({p.x + 0.01f, p.y, p.z - 0.01f, p.ring});
+  }
+  return points;
+}
+
+// What a voxel should hold, from the points themselves.
+void expect_counted(const SavedVoxel& voxel, const std::vector<LocalPoint>& points, double edge_m) {
+  const Vector3d low = edge_m * Vector3d(voxel.x, voxel.y, voxel.z);
+  const Vector3d centre = low.array() + 0.5 * edge_m;
+  std::uint32_t count = 0;
+  Vector3d sum = Vector3d::Zero();
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  std::uint32_t of_ring = 0;
+  for (const LocalPoint& p : points) {
+    const Vector3d at(p.x, p.y, p.z);
+    if (((at - low).array() < 0.0).any() || ((at - low).array() >= edge_m).any()) continue;
+    ++count;
+    sum += at - centre;
+    squares += (at - centre) * (at - centre).transpose();
+    of_ring += p.ring;
+  }
+  ASSERT_EQ(voxel.count, count);
+  EXPECT_EQ(voxel.several_rings, of_ring > 0 && of_ring < count);
+  const double tolerance = 1e-5 * count;
+  for (int i = 0, at = 0; i < 3; ++i) {
+    EXPECT_NEAR(voxel.sum[static_cast<std::size_t>(i)], sum[i], tolerance);
+    for (int j = i; j < 3; ++j, ++at) {
+      EXPECT_NEAR(voxel.squares[static_cast<std::size_t>(at)], squares(i, j), tolerance);
+    }
+  }
+}
+
+TEST(VoxelPlaneMap, EveryVoxelHoldsTheSumsOfItsPoints) {
+  const PlaneMapConfig config = upright_grid();
+  VoxelPlaneMap map(config);
+  map.set_anchor(Vector3d::Zero());
+  const auto points = clutter(4000, 5);
+  map.insert(std::span(points).first(1500));
+  map.insert(std::span(points).subspan(1500));
+  std::vector<SavedVoxel> voxels;
+  for (std::size_t root = 0; root < map.roots().size(); ++root) map.save_root(root, voxels);
+  std::array<std::uint32_t, 5> counted{};
+  for (const SavedVoxel& voxel : voxels) {
+    expect_counted(voxel, points, config.root_voxel_m / (1 << voxel.level));
+    counted.at(voxel.level) += voxel.count;
+  }
+  for (const std::uint32_t of_level : counted) EXPECT_EQ(of_level, points.size());
+}
+
+TEST(VoxelPlaneMap, TheFarthestPointsOfTheSmallestVoxelsStayApart) {
+  PlaneMapConfig config = upright_grid();
+  config.root_voxel_m = 0.1;
+  config.levels = 6;
+  VoxelPlaneMap map(config);
+  map.set_anchor(Vector3d::Zero());
+  std::vector<LocalPoint> points;
+  for (const float x : {-2999.9f, -0.01f, 2999.9f}) points.push_back({x, -x, x});
+  map.insert(points);
+  EXPECT_EQ(map.roots().size(), 3U);
+}
+
 TEST(VoxelPlaneMap, BadPointsAreIgnored) {
   VoxelPlaneMap map{PlaneMapConfig{}};
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
-  map.insert(nan, 0, 0);
-  map.insert(0, inf, 0);
-  map.insert(0, 0, 1e30f);
+  insert_one(map, {nan, 0, 0});
+  insert_one(map, {0, inf, 0});
+  insert_one(map, {0, 0, 1e30f});
   EXPECT_TRUE(map.empty());
   EXPECT_EQ(map.find(nan, 0, 0).count, 0);
   EXPECT_EQ(map.find(0, 0, 0).count, 0);
   for (int i = 0; i < 1000; ++i) {
-    map.insert(1.0f, 1.0f, 1.0f);
+    insert_one(map, {1.0f, 1.0f, 1.0f});
   }
   EXPECT_FALSE(map.find(1.0f, 1.0f, 1.0f).is_plane);  // one place is no plane
 }

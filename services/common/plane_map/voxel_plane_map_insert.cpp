@@ -1,0 +1,201 @@
+// Counting points. A sweep's points are brought into the order of the octree first, so that each
+// voxel is touched once a sweep: a voxel's sums are those of its children, moved to its centre.
+
+#include <algorithm>
+#include <bit>
+
+#include "common/containers/radix_sort.hpp"
+#include "common/plane_map/voxel_plane_map.hpp"
+
+namespace zloam::plane_map {
+namespace {
+
+// Every third bit of the result is one of the 21 bits of a number.
+std::uint64_t spread(std::uint64_t n) {
+  n = (n | n << 32) & 0x1f00000000ffffull;
+  n = (n | n << 16) & 0x1f0000ff0000ffull;
+  n = (n | n << 8) & 0x100f00f00f00f00full;
+  n = (n | n << 4) & 0x10c30c30c30c30c3ull;
+  return (n | n << 2) & 0x1249249249249249ull;
+}
+
+}  // namespace
+
+VoxelPlaneMap::Rings VoxelPlaneMap::Rings::joined(std::uint32_t count, Rings these,
+                                                  const Rings& others) {
+  if (count == 0) return others;
+  these.add(others);
+  return these;
+}
+
+void VoxelPlaneMap::Gathered::add(const Gathered& other, const Offset& offset) {
+  rings = Rings::joined(count, rings, other.rings);
+  count += other.count;
+  sums.add(other.sums, other.count, offset);
+}
+
+void VoxelPlaneMap::Counted::add(const Gathered& gathered) {
+  const Rings all = Rings::joined(count, rings(), gathered.rings);
+  ring = all.ring;
+  several_rings = all.several_rings;
+  count += gathered.count;
+}
+
+// Into placed_; points that no voxel can take are left out.
+void VoxelPlaneMap::place(std::span<const LocalPoint> points) {
+  placed_.clear();
+  Cell low{}, high{};
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const auto cell = cell_of(points[i].x, points[i].y, points[i].z);
+    if (!cell) continue;
+    if (placed_.empty()) low = high = *cell;
+    low = {std::min(low.x, cell->x), std::min(low.y, cell->y), std::min(low.z, cell->z)};
+    high = {std::max(high.x, cell->x), std::max(high.y, cell->y), std::max(high.z, cell->z)};
+    placed_.push_back({0, static_cast<std::uint32_t>(i)});
+  }
+  const auto root_edge = [this](int c) { return c >> shift_ << shift_; };
+  low = {root_edge(low.x), root_edge(low.y), root_edge(low.z)};
+  for (Placed& p : placed_) {
+    const LocalPoint& point = points[p.point];
+    const Cell cell = *cell_of(point.x, point.y, point.z);
+    const auto part = [](int at, int from) {
+      return spread(static_cast<std::uint32_t>(at - from));
+    };
+    p.code = part(cell.x, low.x) | part(cell.y, low.y) << 1 | part(cell.z, low.z) << 2;
+  }
+  const int widest = std::max({high.x - low.x, high.y - low.y, high.z - low.z});
+  const int bits = 3 * std::bit_width(static_cast<std::uint32_t>(widest));
+  radix_sort(placed_, placed_spare_, bits, [](const Placed& p) { return p.code; });
+}
+
+// The first of them that lie in one voxel of the level whose octants these bits of the code are.
+std::span<const VoxelPlaneMap::Placed> VoxelPlaneMap::together(std::span<const Placed> placed,
+                                                               int bit) {
+  const auto voxel = [bit](const Placed& p) { return p.code >> (3 * bit); };
+  std::size_t count = 1;
+  while (count < placed.size() && voxel(placed[count]) == voxel(placed[0])) ++count;
+  return placed.first(count);
+}
+
+unsigned VoxelPlaneMap::octant_of(const Placed& placed, int bit) {
+  return static_cast<unsigned>(placed.code >> (3 * bit)) & 7U;
+}
+
+VoxelPlaneMap::Gathered VoxelPlaneMap::gather(std::span<const LocalPoint> points,
+                                              std::span<const Placed> placed,
+                                              const Offset& centre) {
+  Gathered out;
+  out.rings.ring = points[placed.front().point].ring;
+  for (const Placed& p : placed) {
+    const LocalPoint& point = points[p.point];
+    out.rings.add({point.ring, point.ring == kUnknownRing});
+    out.sums.add(point.x - centre[0], point.y - centre[1], point.z - centre[2]);
+  }
+  out.count = static_cast<std::uint32_t>(placed.size());
+  return out;
+}
+
+VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_leaf(std::uint32_t index,
+                                                     std::span<const LocalPoint> points,
+                                                     std::span<const Placed> placed,
+                                                     const Offset& centre) {
+  const Gathered gathered = gather(points, placed, centre);
+  Leaf& leaf = leaves_[index];
+  leaf.add(gathered);
+  leaf.sums.add(gathered.sums);
+  return gathered;
+}
+
+VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_node(std::uint32_t index, int level,
+                                                     std::span<const LocalPoint> points,
+                                                     std::span<const Placed> placed,
+                                                     const Offset& centre) {
+  Node& node = nodes_[index];
+  const Gathered gathered = node.kind == Kind::kSettledPlane
+                                ? gather(points, placed, centre)
+                                : count_in_children(node, level, points, placed, centre);
+  node.add(gathered);
+  node.sums.add(gathered.sums);
+  if (node.kind == Kind::kPlane && node.count >= config_.settled_points) {
+    settle(node, level);
+  }
+  return gathered;
+}
+
+VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_children(Node& node, int level,
+                                                         std::span<const LocalPoint> points,
+                                                         std::span<const Placed> placed,
+                                                         const Offset& centre) {
+  const int bit = shift_ - 1 - level;
+  std::array<std::span<const Placed>, 8> parts;
+  const std::size_t count = take_children(node, bit, placed, parts);
+  const float quarter = 0.25f * static_cast<float>(config_.root_voxel_m / (1 << level));
+  Gathered all;
+  for (const std::span<const Placed> part : std::span(parts).first(count)) {
+    const unsigned octant = octant_of(part.front(), bit);
+    const Offset offset = {(octant & 1U) != 0 ? quarter : -quarter,
+                           (octant & 2U) != 0 ? quarter : -quarter,
+                           (octant & 4U) != 0 ? quarter : -quarter};
+    const Offset at = {centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]};
+    const std::uint32_t child = node.children[octant];
+    all.add(bit == 0 ? count_in_leaf(child, points, part, at)
+                     : count_in_node(child, level + 1, points, part, at),
+            offset);
+  }
+  return all;
+}
+
+// The points of each child, and memory for it: the time of a sweep goes into waiting for memory.
+std::size_t VoxelPlaneMap::take_children(Node& node, int bit, std::span<const Placed> placed,
+                                         std::array<std::span<const Placed>, 8>& parts) {
+  std::size_t count = 0;
+  while (!placed.empty()) {
+    parts[count] = together(placed, bit);
+    std::uint32_t& child = node.children[octant_of(placed.front(), bit)];
+    if (child == kNoChild) {
+      child = bit == 0 ? leaves_.take() : nodes_.take();
+    } else if (bit == 0) {
+      leaves_.fetch(child);
+    } else {
+      nodes_.fetch(child);
+    }
+    placed = placed.subspan(parts[count++].size());
+  }
+  return count;
+}
+
+// Into roots_hit_, in the octree's order; take: those that are not there yet are made.
+void VoxelPlaneMap::hit_roots(std::span<const LocalPoint> points, bool take) {
+  place(points);
+  roots_hit_.clear();
+  for (std::span<const Placed> placed = placed_; !placed.empty();) {
+    const std::span<const Placed> part = together(placed, shift_);
+    const LocalPoint& first = points[part.front().point];
+    const Cell cell = *cell_of(first.x, first.y, first.z);
+    const std::uint64_t key = root_key(cell);
+    roots_hit_.push_back({take ? take_root(key) : find_root(key), cell, part});
+    placed = placed.subspan(part.size());
+  }
+}
+
+void VoxelPlaneMap::insert(std::span<const LocalPoint> points) {
+  hit_roots(points, true);
+  for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
+    fetch_root(i + kAhead);
+    const RootHit& hit = roots_hit_[i];
+    count_in_node(hit.node, 0, points, hit.points, root_centre(hit.cell));
+  }
+}
+
+void VoxelPlaneMap::insert_points(std::span<const Eigen::Vector3d> points_map) {
+  for (const Eigen::Vector3d& point : points_map) {
+    const Eigen::Vector3d grid = T_grid_map_ * point;
+    if (!grid.allFinite()) continue;
+    set_anchor(grid);
+    const Eigen::Vector3f local = (grid - anchor_grid()).cast<float>();
+    const LocalPoint one{local.x(), local.y(), local.z(), kUnknownRing};
+    insert(std::span(&one, 1));
+  }
+}
+
+}  // namespace zloam::plane_map
