@@ -15,8 +15,16 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 
 
+#: Listings of containers that may find one gone.
+LISTINGS = 5
+
+
 class NotInTime(AssertionError):
     """Something did not come about within its limit."""
+
+
+class CommandFailed(AssertionError):
+    """A command of Compose, with everything that it said."""
 
 
 def free_port() -> int:
@@ -88,14 +96,26 @@ class Deployment:
         )
         if check and done.returncode != 0:
             said = done.stdout + done.stderr
-            raise AssertionError(f"{' '.join(arguments)} ended with {done.returncode}:\n{said}")
+            raise CommandFailed(f"{' '.join(arguments)} ended with {done.returncode}:\n{said}")
         return done.stdout
+
+    def listed(self, *services: str) -> list[dict[str, Any]]:
+        """What `docker compose ps` knows of each container. It lists first and then looks at each:
+        one that went in between (a name taken again while `up` creates) is no error of anybody."""
+        for _ in range(LISTINGS):
+            try:
+                lines = self.run("ps", "--all", "--format", "json", *services).splitlines()
+            except CommandFailed as error:
+                if "No such container" not in str(error):
+                    raise
+                time.sleep(0.5)
+            else:
+                return [json.loads(line) for line in lines if line.startswith("{")]
+        raise CommandFailed(f"the containers of {self.project} change faster than they are listed")
 
     def containers(self) -> dict[str, dict[str, Any]]:
         """Service -> what `docker compose ps` knows of its container."""
-        lines = self.run("ps", "--all", "--format", "json").splitlines()
-        found = [json.loads(line) for line in lines if line.startswith("{")]
-        return {str(each["Service"]): each for each in found}
+        return {str(each["Service"]): each for each in self.listed()}
 
     def wait(self, what: str, seconds: float, condition: Any) -> float:
         """Seconds until condition(containers) holds."""
@@ -112,9 +132,7 @@ class Deployment:
 
     def replicas(self, service: str) -> list[Container]:
         """All containers of a service, in the order of their numbers."""
-        listed = self.run("ps", "--all", "--format", "json", service).splitlines()
-        names = sorted(json.loads(line)["Name"] for line in listed if line.startswith("{"))
-        return [inspect(name) for name in names]
+        return [inspect(name) for name in sorted(str(c["Name"]) for c in self.listed(service))]
 
     def kill(self, service: str, replica: int = 0) -> Container:
         """SIGKILL from the host for the main process of one of its containers, which is returned
