@@ -16,20 +16,6 @@ constexpr std::chrono::milliseconds kProgressPeriod{50};
 // Whose revisions the inputs are made with.
 constexpr std::string_view kInputStage = "registration";
 
-FeatureSweep input_of(const runtime::Received<msg::Features>& features) {
-  FeatureSweep input;
-  input.sweep = features.sweep();
-  input.stamp_ns = features.header().stamp_ns();
-  input.period_ns = features->period_ns();
-  input.deskewed = features->deskewed();
-  input.range_noise_m = static_cast<double>(features->range_noise_m());
-  input.sharp = points_of(features->sharp());
-  input.less_sharp = points_of(features->less_sharp());
-  input.flat = points_of(features->flat());
-  input.less_flat = points_of(features->less_flat());
-  return input;
-}
-
 // What the source said about the sweep stands when odometry itself has nothing to say.
 Health health_with(Health own, Health source) { return own == Health::kOk ? source : own; }
 
@@ -93,17 +79,36 @@ runtime::Outcome OdometryStage::take(const Features& features) {
   return runtime::Outcome::kProcessed;
 }
 
+FeatureSweep OdometryStage::input_of(const Features& features) {
+  FeatureSweep input;
+  input.sweep = features.sweep();
+  input.stamp_ns = features.header().stamp_ns();
+  input.period_ns = features->period_ns();
+  input.deskewed = features->deskewed();
+  input.range_noise_m = static_cast<double>(features->range_noise_m());
+  input.sharp = points_of(features->sharp());
+  input.less_sharp = points_of(features->less_sharp());
+  input.flat = points_of(features->flat());
+  input.less_flat = points_of(features->less_flat());
+  return input;
+}
+
+OdometryResult OdometryStage::locate(const Features& features, const FeatureSweep& input) {
+  if (stage_.configure_for(features)) odometry_.configure(config_);
+  OdometryResult result = odometry_.locate(input);
+  publish_pose(features, result);
+  return result;
+}
+
 void OdometryStage::process(const Features& features) {
   done_below_ = features.sweep() + 1;
   next_sweep_ = std::max(next_sweep_, done_below_);
   // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
   if (health_of(features->health()) == Health::kDropped) return;
-  if (stage_.configure_for(features)) odometry_.configure(config_);
   if (is_too_far(features)) break_frame(features.sweep());
   const FeatureSweep input = input_of(features);
-  OdometryResult result = odometry_.locate(input);
+  OdometryResult result = locate(features, input);
   last_instant_ns_ = result.instant_ns;
-  publish_pose(features, result);
   odometry_.complete(input, result);
   publish_features(features, result);
   if (sweep_.matching()) publish_sweep(features, result);

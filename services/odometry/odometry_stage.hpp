@@ -18,6 +18,9 @@ class OdometryStage {
 
   runtime::Outcome take(const Features& features);
   void process(const Features& features);
+  static FeatureSweep input_of(const Features& features);
+  /// And publishes the pose.
+  OdometryResult locate(const Features& features, const FeatureSweep& input);
   void publish_pose(const Features& features, const OdometryResult& result);
   void publish_features(const Features& features, const OdometryResult& result);
   void publish_sweep(const Features& features, const OdometryResult& result);
@@ -30,6 +33,9 @@ class OdometryStage {
   bool reaches(const msg::Header& first, const CommittedSweep& last) const;
   bool continue_frame(const msg::Header& first,
                       const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  /// From the first so many; the number of those that it took.
+  std::size_t restore(std::size_t count, const std::vector<CommittedSweep>& sweeps);
+  void publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps);
   void begin_frame(const msg::Header& first,
                    const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void do_again(std::uint64_t run, std::uint64_t from);

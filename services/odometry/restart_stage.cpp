@@ -95,6 +95,24 @@ bool OdometryStage::reaches(const msg::Header& first, const CommittedSweep& last
   return !kept.empty() && runtime::goes_on(kept.front().header(), last.instant_ns);
 }
 
+std::size_t OdometryStage::restore(std::size_t count, const std::vector<CommittedSweep>& sweeps) {
+  const std::size_t depth = std::min(count, odometry_.restore_depth());
+  const auto end = sweeps.begin() + static_cast<std::ptrdiff_t>(count);
+  odometry_.restore({end - static_cast<std::ptrdiff_t>(depth), end});
+  return depth;
+}
+
+// The last commit came through to mapping; its pose, on another connection, may have died with its
+// publisher. Whoever has it drops the copy by its number.
+void OdometryStage::publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps) {
+  if (sweeps.size() < 2) return;
+  const std::uint64_t last = sweeps.back().sweep;
+  const auto kept = kept_features(stage_, run, last);
+  if (kept.empty() || kept.front().sweep() != last) return;
+  restore(sweeps.size() - 1, sweeps);
+  locate(kept.front(), input_of(kept.front()));
+}
+
 bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<Commit>& commits) {
   std::vector<CommittedSweep> sweeps;
   const Commit* last = nullptr;
@@ -105,14 +123,14 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
   }
   if (sweeps.empty()) return false;
   if (!first.replay() && !reaches(first, sweeps.back())) return false;
-  const std::size_t depth = std::min(sweeps.size(), odometry_.restore_depth());
-  odometry_.restore({sweeps.end() - static_cast<std::ptrdiff_t>(depth), sweeps.end()});
+  odom_epoch_ = last->header().odom_epoch();
+  publish_again(first.run(), sweeps);
+  const std::size_t depth = restore(sweeps.size(), sweeps);
   for (const CommittedSweep& s : sweeps) {
     path_.emplace_back(s.instant_ns, s.sweep, to_message(s.T_odom_base));
   }
   done_below_ = next_sweep_ = sweeps.back().sweep + 1;
   last_instant_ns_ = sweeps.back().instant_ns;
-  odom_epoch_ = last->header().odom_epoch();
   last_header_ = header_fields(last->header());
   runtime::log_warning("the odometry goes on where the instance before this one was killed",
                        {{"sweep", next_sweep_}, {"commits", depth}});

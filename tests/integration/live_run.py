@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance import live
 from tests.integration.conftest import Capture, kill
+from zloam_monitor import messages
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.robot_file import names
@@ -63,6 +65,7 @@ class LiveRun:
         ]
         self.chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
         self._store: list[str] = []
+        self._subscribers: list[Any] = []
         if store:
             self._store = store_command(build, robot_file, self.chain, out / "tiles")
         self._sender = threading.Thread(
@@ -71,6 +74,9 @@ class LiveRun:
         #: (run, sweep) -> pose, in the order of their coming
         self.poses: dict[tuple[int, int], PoseRecord] = {}
         self.mapped: dict[tuple[int, int], PoseRecord] = {}
+        #: instance -> its sweeps, in the order of their coming
+        self.odometry_poses: dict[str, list[int]] = {}
+        self.odometry_commits: dict[str, list[int]] = {}
 
     def __enter__(self) -> LiveRun:
         self.chain.__enter__()
@@ -80,12 +86,22 @@ class LiveRun:
         # every stage has its readers: the first packet's sweep reaches them all
         ready = ("ready", "degraded")
         self._until(lambda: all(self._health(s) in ready for s in (*STAGES, "driver")))
+        keys = self.chain.link.keys
+        self._note(keys.odometry, "Odometry", self.odometry_poses)
+        self._note(keys.odometry_features, "OdometryFeatures", self.odometry_commits)
         self._sender.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.chain.close()
         self._sender.join()
+
+    def _note(self, key: str, table: str, sweeps: dict[str, list[int]]) -> None:
+        def note(sample: Any) -> None:
+            header = messages.decode(table, sample.payload.to_bytes()).Header()
+            sweeps.setdefault(messages.text(header.Instance()), []).append(header.Sweep())
+
+        self._subscribers.append(self.chain.link.session.declare_subscriber(key, note))
 
     def _poll(self) -> None:
         link = self.chain.link

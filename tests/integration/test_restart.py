@@ -112,6 +112,15 @@ def assert_bridged(poses: dict[tuple[int, int], PoseRecord], last: PoseRecord) -
     assert 0 < bridging <= BRIDGED_SWEEPS
 
 
+def assert_last_pose_again(run: LiveRun) -> None:
+    """Who takes over gives out the pose of the newest commit: it may have died with its publisher
+    while the commit came through."""
+    (first, again) = run.odometry_poses
+    commits = run.odometry_commits[first]
+    assert run.odometry_poses[again][0] == commits[-1]
+    assert run.odometry_commits[again][0] == commits[-1] + 1
+
+
 def gap_of(status: StatusRecord) -> list[int]:
     """Sweeps that the stage said it missed when it was away."""
     first, last = status.figures["gap_first_sweep"], status.figures["gap_last_sweep"]
@@ -144,12 +153,11 @@ def test_odometry_goes_on_in_its_frame(
     run = LiveRun(build, robot_file, drive, tmp_path)
     last, statuses = run.killed("odometry")
     found, stamps = run.trajectory(undisturbed)
-    account = next(i for i in statuses["odometry"].inputs)
     lost = without_pose(tmp_path, statuses) - len(gap_of(statuses["odometry"]))
-    # what came while it caught up may be given up in the queue, done already or not
-    # and a pose that died with its publisher is counted by who missed it
-    unheard = sum(i.lost for i in statuses["integration"].inputs if i.key.endswith("/odometry"))
-    assert 0 <= lost <= account.lost + account.dropped.get("queue_full", 0) + unheard
+    # what came while it caught up may be given up in the queue, done already or not; on a machine
+    # that is too busy for a sensor registration gives up some too
+    assert 0 <= lost <= given_up(statuses)
+    assert_last_pose_again(run)
     assert_as_good(found, undisturbed, drive, stamps[last.sweep])
     assert_books(statuses, STAGES)
 
