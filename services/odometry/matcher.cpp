@@ -9,6 +9,8 @@ namespace {
 
 // Residuals above this many kernel widths are left out.
 constexpr double kGateWidths = 3.0;
+// While the kernel is still wide so many points stand for one: the steps only have to come near.
+constexpr std::size_t kCoarseStride = 4;
 
 std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
   if (sweep.deskewed || sweep.period_ns == 0) {
@@ -50,12 +52,12 @@ class Association {
     plane_weight_ = 1.0 / (variance * std::max(1.0, config.correlation));
   }
 
-  void run(const Source& source, const MotionState& state, double gate_m, Residuals& out) {
+  void run(const Source& source, const MotionState& state, const MotionTable& table, double gate_m,
+           std::size_t stride, Residuals& out) {
     out.planes.clear();
     out.lines.clear();
-    const MotionTable table(state.twist);
     hints_.resize(source.planes.size());
-    for (std::size_t i = 0; i < source.planes.size(); ++i) {
+    for (std::size_t i = 0; i < source.planes.size(); i += stride) {
       const SourcePoint& p = source.planes[i];
       add_plane(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, hints_[i], out);
     }
@@ -153,9 +155,12 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
   Residuals residuals;
   Association association(config, range_noise_m, recent, last);
   double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
+  const bool many = source.planes.size() > 1000;
   for (int i = 0; i < config.max_iterations; ++i) {
-    association.run(source, out.state, kGateWidths * kernel_m, residuals);
-    out.planes = static_cast<std::uint32_t>(residuals.planes.size());
+    const MotionTable table(out.state.twist);
+    const std::size_t stride = kernel_m > config.kernel_m && many ? kCoarseStride : 1;
+    association.run(source, out.state, table, kGateWidths * kernel_m, stride, residuals);
+    out.planes = static_cast<std::uint32_t>(stride * residuals.planes.size());
     out.lines = static_cast<std::uint32_t>(residuals.lines.size());
     out.solved = out.planes + out.lines >= static_cast<std::uint32_t>(config.min_correspondences);
     if (!out.solved) {
@@ -163,7 +168,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
       return out;
     }
     out.data = {};
-    add_residuals(out.state, residuals, kernel_m, out.data);
+    add_residuals(out.state, table, residuals, kernel_m, out.data);
     NormalEquations equations = out.data;
     add_prior(out.state, prior, equations);
     const Vector12 step = solve_step(equations);

@@ -94,12 +94,8 @@ double robust_weight(double squared, double weight, double kernel2, NormalEquati
 
 }  // namespace
 
-MotionTable::MotionTable(const Vector6& twist) {
-  motions_.reserve(kTimeBins + 1);
-  for (int bin = 0; bin <= kTimeBins; ++bin) {
-    motions_.push_back(exp_se3(fraction_of_bin(bin) * twist));
-  }
-}
+MotionTable::MotionTable(const Vector6& twist)
+    : motions_(exp_se3_along(twist, fraction_of_bin(0), 1.0 / kTimeBins, kTimeBins + 1)) {}
 
 LeftJacobian::LeftJacobian(const Vector6& twist) {
   // |s| <= 1/2, so a term that has shrunk below this no longer reaches the last digits.
@@ -120,9 +116,8 @@ Matrix6 LeftJacobian::at(double s) const {
   return sum;
 }
 
-void add_residuals(const MotionState& state, const Residuals& residuals, double kernel_m,
-                   NormalEquations& equations) {
-  const MotionTable table(state.twist);
+void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
+                   double kernel_m, NormalEquations& equations) {
   const double kernel2 = kernel_m * kernel_m;
   Accumulator accumulator(state, equations);
   for (const PlaneResidual& p : residuals.planes) {

@@ -101,9 +101,9 @@ class LeftJacobian {
   std::size_t used_ = 1;
 };
 
-/// Adds the residuals' part at the state.
-void add_residuals(const MotionState& state, const Residuals& residuals, double kernel_m,
-                   NormalEquations& equations);
+/// Adds the residuals' part at the state, whose twist the table is of.
+void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
+                   double kernel_m, NormalEquations& equations);
 
 /// Adds the prior's part at the state.
 void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations);

@@ -205,7 +205,7 @@ TEST(MotionSolver, GradientAndCostMatchAutomaticDerivatives) {
   for (unsigned seed = 1; seed <= 6; ++seed) {
     const Problem p = random_problem(seed, 0.3);
     NormalEquations own;
-    add_residuals(p.start, p.residuals, p.kernel_m, own);
+    add_residuals(p.start, MotionTable(p.start.twist), p.residuals, p.kernel_m, own);
     add_prior(p.start, p.prior, own);
     CeresProblem other(p, true);
     double cost = 0.0;
@@ -222,7 +222,7 @@ TEST(MotionSolver, GaussNewtonMatrixMatchesAutomaticDerivatives) {
     Problem p = random_problem(seed, 0.3);
     NormalEquations own;
     // A kernel beyond all residuals: the matrix is J^T J.
-    add_residuals(p.start, p.residuals, 1e6, own);
+    add_residuals(p.start, MotionTable(p.start.twist), p.residuals, 1e6, own);
     add_prior(p.start, p.prior, own);
     CeresProblem other(p, false);
     ceres::CRSMatrix crs;
@@ -244,7 +244,7 @@ TEST(MotionSolver, ConvergesToTheSameMotionAsCeres) {
     MotionState own = p.start;
     for (int i = 0; i < 200; ++i) {
       NormalEquations equations;
-      add_residuals(own, p.residuals, p.kernel_m, equations);
+      add_residuals(own, MotionTable(own.twist), p.residuals, p.kernel_m, equations);
       add_prior(own, p.prior, equations);
       own = moved(own, solve_step(equations));
     }
@@ -284,7 +284,7 @@ TEST(MotionSolver, LeftJacobianMatchesDifferences) {
 TEST(MotionSolver, EndCovarianceMatchesSampling) {
   const Problem p = random_problem(3, 0.3);
   NormalEquations equations;
-  add_residuals(p.start, p.residuals, p.kernel_m, equations);
+  add_residuals(p.start, MotionTable(p.start.twist), p.residuals, p.kernel_m, equations);
   add_prior(p.start, p.prior, equations);
   const Matrix12 covariance = equations.H.inverse();
   const Eigen::LLT<Matrix12> root(covariance);

@@ -27,6 +27,19 @@ std::uint64_t mix(std::uint64_t x) {
   return x ^ (x >> 33);
 }
 
+// Cells wrap after 2^20 voxels; positions saturate there as well. std::floor is a call on machines
+// of the baseline.
+std::int32_t floor_of(double x) {
+  constexpr double kLimit = 2.0e9;
+  const double inside = std::clamp(x, -kLimit, kLimit);
+  const auto cut = static_cast<std::int32_t>(inside);
+  return cut - static_cast<std::int32_t>(inside < cut);
+}
+
+std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
+  return {floor_of(units.x()), floor_of(units.y()), floor_of(units.z())};
+}
+
 }  // namespace
 
 WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
@@ -56,15 +69,7 @@ void WindowMap::clear() {
 }
 
 WindowMap::Grid WindowMap::to_grid(const Eigen::Vector3d& point_odom) const {
-  const Eigen::Vector3d g = (R_grid_odom_ * point_odom + t_grid_odom_) * units_per_m_;
-  // Cells wrap after 2^20 voxels; positions saturate there as well.
-  constexpr double kLimit = 2.0e9;
-  Grid out;
-  for (int i = 0; i < 3; ++i) {
-    out[static_cast<std::size_t>(i)] =
-        static_cast<std::int32_t>(std::floor(std::clamp(g[i], -kLimit, kLimit)));
-  }
-  return out;
+  return grid_of((R_grid_odom_ * point_odom + t_grid_odom_) * units_per_m_);
 }
 
 WindowMap::Cell WindowMap::cell_of(const Grid& position, int level) const {
@@ -174,18 +179,23 @@ WindowMap::Sums WindowMap::Sums::shifted(const std::array<std::int64_t, 3>& o) c
 }
 
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
+  // The memory of the sweep that leaves: megabytes, which the kernel would else clear each time.
+  std::vector<Run> runs;
   while (!sweeps_.empty() &&
          sweeps_.size() >= static_cast<std::size_t>(std::max(1, config_.window_sweeps))) {
     count(sweeps_.front(), -1);
+    runs = std::move(sweeps_.front());
     sweeps_.pop_front();
   }
+  runs.clear();
   const auto wanted = static_cast<std::size_t>(std::max(1, config_.max_inserted_points));
   const std::size_t stride = std::max<std::size_t>(1, (points.size() + wanted - 1) / wanted);
-  std::vector<Run> runs;
-  runs.reserve(points.size() / stride + 1);
   run_keys_.clear();
+  const Eigen::Matrix3d turn = units_per_m_ * R_grid_odom_ * T_odom_base.linear();
+  const Eigen::Vector3d shift =
+      units_per_m_ * (R_grid_odom_ * T_odom_base.translation() + t_grid_odom_);
   for (std::size_t i = 0; i < points.size(); i += stride) {
-    add_point(to_grid(T_odom_base * points[i].position().cast<double>()), runs);
+    add_point(grid_of(turn * points[i].position().cast<double>() + shift), runs);
   }
   for (int level = levels_ - 1; level >= 0; --level) {
     close_run(level, runs);

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace zloam::registration {
 namespace {
@@ -52,6 +53,14 @@ double angle_between(const Point& a, const Point& b) {
   return std::atan2(p.cross(q).norm(), p.dot(q));
 }
 
+// Of the same order as the angle; infinite from a right angle on.
+double tangent_between(const Point& a, const Point& b) {
+  const Eigen::Vector3d p = a.position().cast<double>();
+  const Eigen::Vector3d q = b.position().cast<double>();
+  const double along = p.dot(q);
+  return along > 0.0 ? p.cross(q).norm() / along : std::numeric_limits<double>::infinity();
+}
+
 template <typename T>
 T median(std::vector<T>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -63,7 +72,7 @@ T median(std::vector<T>& values) {
 void measure_steps(RingSorted& sorted) {
   constexpr std::uint32_t kStride = 5;
   std::vector<std::uint32_t> intervals;
-  std::vector<double> angles;
+  std::vector<double> tangents;  // of the angles, whose median's tangent is theirs
   for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {
     for (std::uint32_t i = sorted.ring_begin[ring]; i + 1 < sorted.ring_begin[ring + 1];
          i += kStride) {
@@ -71,15 +80,13 @@ void measure_steps(RingSorted& sorted) {
       if (dt > 0) {
         intervals.push_back(dt);
       }
-      angles.push_back(angle_between(sorted.points[i], sorted.points[i + 1]));
+      tangents.push_back(tangent_between(sorted.points[i], sorted.points[i + 1]));
     }
   }
-  if (!angles.empty()) {
-    // Two returns of one firing have no angle between them; they would spoil a plain median.
-    std::erase_if(angles, [](double a) { return a < 1e-6; });
-    sorted.step_rad = angles.empty() ? 0.0 : median(angles);
-  }
-  if (intervals.size() * 2 > angles.size() && !intervals.empty()) {
+  // Two returns of one firing have no angle between them; they would spoil a plain median.
+  std::erase_if(tangents, [](double t) { return t < 1e-6; });
+  if (!tangents.empty()) sorted.step_rad = std::atan(median(tangents));
+  if (intervals.size() * 2 > tangents.size() && !intervals.empty()) {
     sorted.firing_interval_ns = median(intervals);
   }
 }

@@ -6,12 +6,16 @@ namespace zloam {
 
 DeskewTable::DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns,
                          std::uint32_t instant_ns)
-    : step_per_ns_(period_ns == 0 ? 0.0 : static_cast<double>(kSteps) / period_ns) {
-  motions_.reserve(kSteps + 1);
-  for (int i = 0; i <= kSteps; ++i) {
-    const double time_ns = static_cast<double>(period_ns) * i / kSteps;
-    motions_.push_back(exp_se3(twist_per_s * ((time_ns - instant_ns) * 1e-9)));
+    : step_per_ns_(period_ns == 0 ? 0.0 : static_cast<double>(kSteps) / period_ns),
+      motions_(
+          exp_se3_along(twist_per_s, -1e-9 * instant_ns, 1e-9 * period_ns / kSteps, kSteps + 1)) {}
+
+DeskewTable DeskewTable::in_place_of(const DeskewTable& before) const {
+  DeskewTable out = *this;
+  for (std::size_t i = 0; i < out.motions_.size(); ++i) {
+    out.motions_[i] = motions_[i] * before.motions_[i].inverse();
   }
+  return out;
 }
 
 const Pose& DeskewTable::motion_at(std::uint32_t time_ns) const {

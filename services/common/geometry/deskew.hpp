@@ -21,6 +21,9 @@ class DeskewTable {
   /// after the sweep's first point. Times outside [0, period_ns] use the nearest end.
   DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns, std::uint32_t instant_ns);
 
+  /// Carries points that `before`, of the same sweep, has moved to where this would have.
+  DeskewTable in_place_of(const DeskewTable& before) const;
+
   /// Motion that carries a point measured time_ns after the sweep's start to the instant.
   const Pose& motion_at(std::uint32_t time_ns) const;
 

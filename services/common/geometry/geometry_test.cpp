@@ -38,6 +38,19 @@ TEST(Se3, ExpMatchesManySmallSteps) {
   EXPECT_LT((sum.matrix() - exp_se3(twist).matrix()).norm(), 1e-5);
 }
 
+TEST(Se3, ExpAlongAScrewIsExpOfEach) {
+  std::mt19937 rng(3);
+  for (const std::size_t count : {0U, 1U, 31U, 33U, 1025U}) {
+    const Vector6 twist = random_twist(rng, 2.0);
+    const std::vector<Pose> motions = exp_se3_along(twist, -0.7, 1e-3, count);
+    ASSERT_EQ(motions.size(), count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Pose expected = exp_se3((-0.7 + 1e-3 * static_cast<double>(i)) * twist);
+      EXPECT_LT((motions[i].matrix() - expected.matrix()).norm(), 1e-14) << i;
+    }
+  }
+}
+
 TEST(Se3, AdjointMovesATwistThroughAPose) {
   std::mt19937 rng(2);
   for (int i = 0; i < 20; ++i) {
@@ -59,6 +72,19 @@ TEST(Se3, YawIsAppliedLast) {
   const Pose mount = pose_from_xyz_rpy_deg({0, 0, 0}, {0.0, 90.0, 90.0});
   // Pitch takes x to -z; yaw about z leaves it there.
   EXPECT_LT((mount.linear() * Eigen::Vector3d::UnitX() + Eigen::Vector3d::UnitZ()).norm(), 1e-12);
+}
+
+TEST(Deskew, ATableInPlaceOfAnotherTakesItsPointsToTheOwnPlaces) {
+  std::mt19937 rng(4);
+  const std::uint32_t period = 100'000'000;
+  const DeskewTable believed(random_twist(rng, 2.0), period, period);
+  const DeskewTable right(random_twist(rng, 2.0), period, period);
+  const DeskewTable again = right.in_place_of(believed);
+  const Eigen::Vector3d point(5.0, -3.0, 1.0);
+  for (std::uint32_t time = 0; time <= period; time += 9'999'999) {
+    const Eigen::Vector3d moved = again.motion_at(time) * (believed.motion_at(time) * point);
+    EXPECT_LT((moved - right.motion_at(time) * point).norm(), 1e-12);
+  }
 }
 
 TEST(Deskew, StaticPointSeenFromAMovingSensorBecomesOnePoint) {

@@ -1,5 +1,7 @@
 #include "common/geometry/se3.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -58,6 +60,23 @@ Pose exp_se3(const Vector6& twist) {
   motion.linear() = Eigen::Matrix3d::Identity() + k.a * w + k.b * w2;
   motion.translation() = (Eigen::Matrix3d::Identity() + k.b * w + k.c * w2) * twist.head<3>();
   return motion;
+}
+
+std::vector<Pose> exp_se3_along(const Vector6& twist, double first, double step,
+                                std::size_t count) {
+  constexpr std::size_t kApart = 32;
+  std::array<Pose, kApart> from_anchor;
+  for (std::size_t i = 0; i < std::min(kApart, count); ++i) {
+    from_anchor[i] = exp_se3((static_cast<double>(i) * step) * twist);
+  }
+  std::vector<Pose> motions;
+  motions.reserve(count);
+  while (motions.size() < count) {
+    const Pose anchor = exp_se3((first + static_cast<double>(motions.size()) * step) * twist);
+    const std::size_t end = std::min(count, motions.size() + kApart);
+    for (std::size_t i = 0; motions.size() < end; ++i) motions.push_back(anchor * from_anchor[i]);
+  }
+  return motions;
 }
 
 Vector6 log_se3(const Pose& motion) {

@@ -5,6 +5,8 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
+#include <vector>
 
 namespace zloam {
 
@@ -25,6 +27,10 @@ Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation);
 
 /// Motion reached after unit time under the constant body twist (rho, theta).
 Pose exp_se3(const Vector6& twist);
+
+/// exp_se3((first + i * step) * twist) for i in [0, count): along one screw. Each is a product of
+/// two of few exponentials: off by rounding, at a quarter of the cost.
+std::vector<Pose> exp_se3_along(const Vector6& twist, double first, double step, std::size_t count);
 
 /// The twist whose exp_se3 is the motion; rotation below pi.
 Vector6 log_se3(const Pose& motion);
