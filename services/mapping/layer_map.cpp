@@ -7,6 +7,7 @@ namespace zloam::mapping {
 namespace {
 
 constexpr double kFarthest_m = 1e5;
+constexpr std::size_t kFetchAhead = 8;
 // Any turn that brings no axis of the grid near one of the map's, and a shift that is no simple
 // fraction of a voxel.
 const Eigen::Vector3d kGridTurn_rad(0.1, 0.15, 0.5);
@@ -28,17 +29,47 @@ Eigen::Vector3d LayerMap::centre_map(const GridIndex& index) const {
   return R_grid_map_.transpose() * (centre_of(index, leaf_m_) - kGridShift_m);
 }
 
+std::uint64_t LayerMap::key_of(const Eigen::Vector3d& point_map) const {
+  if (!point_map.allFinite() || point_map.cwiseAbs().maxCoeff() > kFarthest_m) return kNoKey;
+  return pack_key(grid_index(R_grid_map_ * point_map + kGridShift_m, leaf_m_));
+}
+
 void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings,
                       std::uint32_t count) {
-  if (!point_map.allFinite() || point_map.cwiseAbs().maxCoeff() > kFarthest_m || count == 0) return;
-  const GridIndex index = grid_index(R_grid_map_ * point_map + kGridShift_m, leaf_m_);
-  const Eigen::Vector3d centre = centre_map(index);
-  const std::uint32_t id = voxel_at(pack_key(index), centre, rings);
+  if (count > 0) insert_at(key_of(point_map), {point_map, intensity, rings}, count);
+}
+
+// A sweep's voxels lie anywhere in memory: the index is asked for long before a voxel is needed,
+// the voxel shortly before.
+void LayerMap::fetch_ahead(std::size_t at) const {
+  if (at + 2 * kFetchAhead < new_keys_.size()) {
+    voxel_index_.prefetch(new_keys_[at + 2 * kFetchAhead]);
+  }
+  if (at + kFetchAhead < new_keys_.size()) {
+    const std::uint32_t id = voxel_index_.find(new_keys_[at + kFetchAhead]);
+    if (id != FlatIndex::kNone) __builtin_prefetch(&voxels_[id], 1);
+  }
+}
+
+void LayerMap::insert(std::span<const NewPoint> points_map) {
+  new_keys_.clear();
+  for (const NewPoint& point : points_map) new_keys_.push_back(key_of(point.position));
+  for (std::size_t i = 0; i < points_map.size(); ++i) {
+    fetch_ahead(i);
+    insert_at(new_keys_[i], points_map[i], 1);
+  }
+}
+
+void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint32_t count) {
+  if (key == kNoKey) return;
+  const Eigen::Vector3d centre = centre_map(unpack_key(key));
+  const std::uint32_t id = voxel_at(key, centre, point_map.rings);
   Voxel& voxel = voxels_[id];
-  voxel.sum += static_cast<double>(count) * (point_map - centre);
+  voxel.sum += static_cast<double>(count) * (point_map.position - centre);
+  const float intensity = point_map.intensity;
   if (std::isfinite(intensity)) voxel.intensity_sum += static_cast<float>(count) * intensity;
   const Eigen::Vector3d mean = centre + voxel.sum / static_cast<double>(voxel.count + count);
-  if (neighbours_) neighbours_->move(id, mean, rings);
+  if (neighbours_) neighbours_->move(id, mean, point_map.rings);
   const TileIndex tile = tile_of(mean);
   if (voxel.tile == nullptr || voxel.tile->index != tile) move_to_tile(id, tile);
   voxel.count += count;

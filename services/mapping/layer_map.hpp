@@ -28,6 +28,13 @@ struct CountedPoint {
   float intensity = 0.0F;
 };
 
+/// A point to be counted (m, frame map).
+struct NewPoint {
+  Eigen::Vector3d position;
+  float intensity = 0.0F;
+  RingRange rings;
+};
+
 class LayerMap {
  public:
   /// leaf_m: edge of a voxel; radius_m: the farthest that nearest() will be asked for, 0: it will
@@ -42,6 +49,9 @@ class LayerMap {
   /// Points (frame map) that are not finite or farther than 100 km from the origin are left out.
   void insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings = {},
               std::uint32_t count = 1);
+
+  /// The same, one after the other.
+  void insert(std::span<const NewPoint> points_map);
 
   /// The out.size() nearest voxel means, ascending by distance (ties: by the order of insertion).
   /// Returns how many lie within radius_m.
@@ -67,6 +77,8 @@ class LayerMap {
   std::size_t point_count() const { return voxels_.in_use(); }
 
  private:
+  static constexpr std::uint64_t kNoKey = ~std::uint64_t{0};
+
   struct TileRecord {
     TileIndex index;
     std::uint64_t version = 0;
@@ -83,6 +95,9 @@ class LayerMap {
     TileRecord* tile = nullptr;
   };
 
+  std::uint64_t key_of(const Eigen::Vector3d& point_map) const;
+  void insert_at(std::uint64_t key, const NewPoint& point_map, std::uint32_t count);
+  void fetch_ahead(std::size_t at) const;
   std::uint32_t voxel_at(std::uint64_t key, const Eigen::Vector3d& centre_map,
                          const RingRange& rings);
   Eigen::Vector3d centre_map(const GridIndex& index) const;
@@ -99,6 +114,7 @@ class LayerMap {
   std::optional<NeighbourCells> neighbours_;
   std::map<TileIndex, TileRecord> tiles_;
   std::vector<TileIndex> changed_;
+  std::vector<std::uint64_t> new_keys_;  // of the points that are being inserted
 };
 
 }  // namespace zloam::mapping

@@ -80,11 +80,13 @@ std::vector<Tile> TileMap::follow(const Eigen::Vector3d& sensor_map) {
 
 void TileMap::insert(Layer which, PointSpan points_base, const Pose& T_map_base) {
   LayerMap& target = layer(which);
+  new_points_.clear();
   for (const Point& p : points_base) {
     const Eigen::Vector3d point_map = T_map_base * p.position().cast<double>();
     if (!point_map.allFinite() || !within(target.tile_of(point_map), window_)) continue;
-    target.insert(point_map, p.intensity, RingRange::of(p.ring));
+    new_points_.push_back({point_map, p.intensity, RingRange::of(p.ring)});
   }
+  target.insert(new_points_);
 }
 
 void TileMap::restore(const Tile& tile) {

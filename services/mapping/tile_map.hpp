@@ -46,6 +46,7 @@ class TileMap {
   TileIndex centre_;
   std::array<LayerMap, 2> layers_;
   TileArchive archive_;
+  std::vector<NewPoint> new_points_;  // of a sweep, while they are inserted
 };
 
 }  // namespace zloam::mapping

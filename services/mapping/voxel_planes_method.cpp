@@ -71,7 +71,7 @@ class VoxelPlanesMethod : public MappingMethod {
                                              const MappingInput& input,
                                              const Prediction& prediction,
                                              const plane_map::MotionPrediction& odometry) const;
-  PointSpan thinned(PointSpan points, const MappingInput& input, const Vector6& twist_per_s,
+  PointSpan thinned(PointSpan points, std::uint64_t sweep, const DeskewTable& table,
                     PointVector& out) const;
 
   VoxelPlanesConfig config_;
@@ -256,8 +256,12 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
   }
   registration_->commit(sweep_of(input, points_), result, true);
   open_.reset();
-  return {thinned(input.edges, input, result.twist_per_s, tile_edges_),
-          thinned(input.planes, input, result.twist_per_s, tile_planes_)};
+  // Deskewed with the sweep's own motion in place of the odometry's.
+  const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
+  const DeskewTable own(result.twist_per_s, input.period_ns, input.instant_ns);
+  const DeskewTable table = own.in_place_of(odometry);
+  return {thinned(input.edges, input.sweep, table, tile_edges_),
+          thinned(input.planes, input.sweep, table, tile_planes_)};
 }
 
 std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double growth) {
@@ -269,18 +273,15 @@ void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {
   tiles_.keep_for_loading(tiles);
 }
 
-// Every tile_stride-th point, deskewed with the sweep's own motion.
-PointSpan VoxelPlanesMethod::thinned(PointSpan points, const MappingInput& input,
-                                     const Vector6& twist_per_s, PointVector& out) const {
+// Every tile_stride-th point, moved by the table.
+PointSpan VoxelPlanesMethod::thinned(PointSpan points, std::uint64_t sweep,
+                                     const DeskewTable& table, PointVector& out) const {
   const std::uint32_t stride = std::max(config_.tile_stride, 1U);
-  const DeskewTable before(input.twist_per_s, input.period_ns, input.instant_ns);
-  const DeskewTable now(twist_per_s, input.period_ns, input.instant_ns);
   out.clear();
-  for (std::size_t i = input.sweep % stride; i < points.size(); i += stride) {
+  for (std::size_t i = sweep % stride; i < points.size(); i += stride) {
     Point p = points[i];
-    const Eigen::Vector3d measured =
-        before.motion_at(p.time_ns).inverse() * p.position().cast<double>();
-    const Eigen::Vector3f moved = (now.motion_at(p.time_ns) * measured).cast<float>();
+    const Eigen::Vector3f moved =
+        (table.motion_at(p.time_ns) * p.position().cast<double>()).cast<float>();
     p.x = moved.x();
     p.y = moved.y();
     p.z = moved.z();

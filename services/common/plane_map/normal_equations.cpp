@@ -89,6 +89,7 @@ class Accumulator {
       if (least_cosine_ > 0.0f) leave_open(j);
       slot_.add(j, weight);
     }
+    slot_is_empty_ = false;
     ++sums_.matches;
     sums_.cost += 0.5 * e * squared;
     sums_.weight += weight;
@@ -97,7 +98,10 @@ class Accumulator {
     sums_.lever2 += weight * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
   }
 
-  void end_slot(std::uint32_t slot) { flush(slot_, slot_fraction(static_cast<int>(slot)), sums_); }
+  void end_slot(std::uint32_t slot) {
+    if (!slot_is_empty_) flush(slot_, slot_fraction(static_cast<int>(slot)), sums_);
+    slot_is_empty_ = true;
+  }
 
   NormalSums finish(const Eigen::Matrix3d& rotation) {
     rotate(sums_, rotation);
@@ -122,6 +126,7 @@ class Accumulator {
   Eigen::Vector3f weak_axis_;
   float least_cosine_;
   SlotSums slot_;
+  bool slot_is_empty_ = true;
   NormalSums sums_;
 };
 

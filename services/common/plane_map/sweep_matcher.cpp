@@ -8,12 +8,25 @@
 namespace zloam::plane_map {
 namespace {
 
-constexpr int kLeastIterations = 3;
+// The first step, from the prediction's error of centimetres to millimetres, needs so few of the
+// points; those of the others that lie in another voxel after it are then looked up but once.
+constexpr std::size_t kCoarseStride = 8;
+constexpr std::size_t kLeastCoarsePoints = 200;
+constexpr int kLeastIterations = 2;
 
 bool is_small(const Vector12& step, const MatcherConfig& c) {
   const double translation = step.segment<3>(0).norm() + step.segment<3>(6).norm();
   const double rotation = step.segment<3>(3).norm() + step.segment<3>(9).norm();
   return rotation < c.stop_rotation_rad && translation < c.stop_translation_m;
+}
+
+bool is_sound(const Vector12& step) { return step.allFinite() && step.norm() <= 1e3; }
+
+SweepMotion moved(const SweepMotion& motion, const Vector12& step) {
+  SweepMotion out = motion;
+  out.T_mid = normalised(motion.T_mid * exp_se3(step.head<6>()));
+  out.twist += step.tail<6>();
+  return out;
 }
 
 // Covariance of one 3-vector when the other one is estimated along with it.
@@ -66,37 +79,60 @@ void add_priors(const MotionPrior& prior, const SweepMotion& motion, Matrix12& h
   }
 }
 
+SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlaneMap& map,
+                                           const SweepPoints& sweep, MatchedPoints& matched,
+                                           const MotionPrior& prior, double gate_m) const {
+  const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
+                      static_cast<float>(config_.weak_least_cosine)};
+  Step out;
+  out.sums = accumulate(map, sweep, matched, motion, gate_m, weak);
+  const double scale = information_scale(map);
+  out.h = scale * (out.sums.planes.hessian() + out.sums.blobs.hessian());
+  Vector12 g = scale * (out.sums.planes.gradient() + out.sums.blobs.gradient());
+  if (!prior.weak_axis_grid.isZero(0.0) && config_.weak_share > 0.0) {
+    const Eigen::Vector3d axis = motion.T_mid.linear().transpose() * prior.weak_axis_grid;
+    doubt(axis, out.sums.planes, config_.weak_share, out.h, g);
+  }
+  add_priors(prior, motion, out.h, g);
+  out.step = -out.h.ldlt().solve(g);
+  return out;
+}
+
+double SweepMatcher::information_scale(const VoxelPlaneMap& map) const {
+  const double noise = map.config().range_noise_m;
+  return 1.0 / (noise * noise * config_.correlation);
+}
+
+SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
+                                    const std::vector<SlotPoint>& points, const MotionPrior& prior,
+                                    double gate_m) const {
+  std::vector<SlotPoint> few;
+  few.reserve(points.size() / kCoarseStride + 1);
+  for (std::size_t i = 0; i < points.size(); i += kCoarseStride) few.push_back(points[i]);
+  if (few.size() < kLeastCoarsePoints) return prior.start;
+  MatchedPoints matched(few);
+  const Step first = step_from(prior.start, map, sweep, matched, prior, gate_m);
+  return is_sound(first.step) ? moved(prior.start, first.step) : prior.start;
+}
+
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
                                 const std::vector<SlotPoint>& points, const MotionPrior& prior,
                                 double gate_m) const {
   MatchResult result;
   result.motion = prior.start;
-  const double noise = map.config().range_noise_m;
-  const double scale = 1.0 / (noise * noise * config_.correlation);
-  SweepSums sums;
-  Matrix12 h;
-  SweepMotion motion = prior.start;
-  const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
-                      static_cast<float>(config_.weak_least_cosine)};
+  SweepMotion motion = come_near(map, sweep, points, prior, gate_m);
   MatchedPoints matched(points);
+  Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    sums = accumulate(map, sweep, matched, motion, gate_m, weak);
-    h = scale * (sums.planes.hessian() + sums.blobs.hessian());
-    Vector12 g = scale * (sums.planes.gradient() + sums.blobs.gradient());
-    if (!prior.weak_axis_grid.isZero(0.0) && config_.weak_share > 0.0) {
-      const Eigen::Vector3d axis = motion.T_mid.linear().transpose() * prior.weak_axis_grid;
-      doubt(axis, sums.planes, config_.weak_share, h, g);
-    }
-    add_priors(prior, motion, h, g);
-    const Vector12 step = -h.ldlt().solve(g);
+    last = step_from(motion, map, sweep, matched, prior, gate_m);
     result.iterations = i + 1;
-    if (!step.allFinite() || step.norm() > 1e3) {
+    if (!is_sound(last.step)) {
       return result;
     }
-    motion.T_mid = normalised(motion.T_mid * exp_se3(step.head<6>()));
-    motion.twist += step.tail<6>();
-    result.converged = i + 1 >= kLeastIterations && is_small(step, config_);
+    motion = moved(motion, last.step);
+    result.converged = i + 1 >= kLeastIterations && is_small(last.step, config_);
   }
+  const SweepSums& sums = last.sums;
   const std::size_t matches = sums.planes.matches + sums.blobs.matches;
   result.tried = points.size();
   result.matches = matches;
@@ -105,8 +141,8 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   }
   result.valid = true;
   result.motion = motion;
-  result.covariance = h.ldlt().solve(Matrix12::Identity());
-  result.degeneracy = judge(sums.planes, predicted_covariance(prior), scale);
+  result.covariance = last.h.ldlt().solve(Matrix12::Identity());
+  result.degeneracy = judge(sums.planes, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m = std::sqrt(sums.planes.squared / std::max(sums.planes.weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(points.size());

@@ -70,6 +70,19 @@ class SweepMatcher {
                     double gate_m) const;
 
  private:
+  struct Step {
+    SweepSums sums;
+    Matrix12 h = Matrix12::Zero();  // with the priors
+    Vector12 step = Vector12::Zero();
+  };
+
+  Step step_from(const SweepMotion& motion, VoxelPlaneMap& map, const SweepPoints& sweep,
+                 MatchedPoints& matched, const MotionPrior& prior, double gate_m) const;
+  SweepMotion come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
+                        const std::vector<SlotPoint>& points, const MotionPrior& prior,
+                        double gate_m) const;
+  /// Of one squared residual.
+  double information_scale(const VoxelPlaneMap& map) const;
   Degeneracy judge(const NormalSums& sums, const Matrix12& predicted, double scale) const;
 
   MatcherConfig config_;
