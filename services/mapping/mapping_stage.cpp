@@ -1,5 +1,6 @@
 #include "mapping/mapping_stage.hpp"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "common/runtime/recall.hpp"
@@ -27,6 +28,10 @@ void append_in_map(std::vector<MapPoint>& out, PointSpan points, const Pose& T_m
   }
 }
 
+// For an odometry that is killed: its window of 20 sweeps, the one before them, and the last one,
+// which it says again. Each takes a megabyte.
+constexpr std::size_t kCommitsKept = 22;
+
 }  // namespace
 
 MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
@@ -45,8 +50,8 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
-  // The odometry's commits, should it be killed.
-  options.keep = static_cast<std::size_t>(stage.shared().recovery.keep_messages);
+  options.keep =
+      std::min(kCommitsKept, static_cast<std::size_t>(stage.shared().recovery.keep_messages));
   stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
                                      [this](const Sweep& sweep) { return take(sweep); });
   started_ns_ = stage.now_ns();

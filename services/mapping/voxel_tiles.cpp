@@ -24,8 +24,8 @@ std::map<TileIndex, Roots> roots_by_cube(const plane_map::VoxelPlaneMap& map, do
 }
 
 bool fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config) {
-  return tile.root_voxel_m == config.root_voxel_m && tile.levels == config.levels &&
-         tile.range_noise_m == config.range_noise_m;
+  return tile.edge_m == VoxelTiles::kEdge_m && tile.root_voxel_m == config.root_voxel_m &&
+         tile.levels == config.levels && tile.range_noise_m == config.range_noise_m;
 }
 
 }  // namespace

@@ -9,14 +9,24 @@ import argparse
 import sys
 from pathlib import Path
 
-from tests.bench import decode, framework, live, peers, scaling, simulator, transport, versus
+from tests.bench import (
+    decode,
+    framework,
+    live,
+    memory,
+    peers,
+    scaling,
+    simulator,
+    transport,
+    versus,
+)
 from tests.bench.setting import BenchSetting
 from tests.bench.versus.rows import Options
 
 
 def all_benchmarks(setting: BenchSetting, options: Options) -> list[framework.Benchmark]:
     """In the order of the report."""
-    modules = (transport, live, decode, simulator, peers, scaling)
+    modules = (transport, live, memory, decode, simulator, peers, scaling)
     rows = [b for module in modules for b in module.benchmarks(setting)]
     return rows + versus.benchmarks(setting, options)
 

@@ -78,6 +78,9 @@ def test_report_has_every_figure(demo: tuple[Path, dict[str, Any]]) -> None:
     for stage in STAGES:
         assert report["cpu_ms_per_sweep"][stage] > 0
         assert report["rss_mib"][stage]["peak"] >= report["rss_mib"][stage]["start"] > 0
+    for stage, mib in report["pss_mib"].items():
+        assert 0 < mib <= report["rss_mib"][stage]["peak"]
+    assert {"odometry", "mapping", "integration"} <= set(report["pss_mib"])
     assert report["latency_ms"]["end_to_end"] is None
     assert report["latency_ms"]["mapped_pose"] is None
     assert report["wall_s"] > 0

@@ -69,12 +69,13 @@ ProcessUsage process_usage() {
   return usage;
 }
 
-void keep_memory_small() {
+void keep_memory_small([[maybe_unused]] std::size_t kept_block_bytes) {
 #ifdef __GLIBC__
   // Set, so that glibc does not raise them by itself: a sweep's cloud would then be cut out of the
   // heap, where a small block above it keeps it from going back.
-  mallopt(M_MMAP_THRESHOLD, 1 << 20);
-  mallopt(M_TRIM_THRESHOLD, 1 << 20);
+  const int kept = static_cast<int>(std::min<std::size_t>(kept_block_bytes, 1U << 30));
+  mallopt(M_MMAP_THRESHOLD, kept);
+  mallopt(M_TRIM_THRESHOLD, kept);
   mallopt(M_ARENA_MAX, 2);
 #endif
 }

@@ -1,6 +1,7 @@
 #pragma once
 // Latencies in bounded memory, and what the kernel says of this process.
 
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -43,8 +44,8 @@ struct ProcessUsage {
 };
 ProcessUsage process_usage();
 
-/// To be called before other threads start: freed memory goes back to the system instead of staying
-/// in one heap for each thread.
-void keep_memory_small();
+/// To be called before other threads start: what is freed beyond a block of this size goes back to
+/// the system instead of staying in one heap for each thread.
+void keep_memory_small(std::size_t kept_block_bytes);
 
 }  // namespace zloam::runtime

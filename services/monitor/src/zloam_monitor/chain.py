@@ -52,6 +52,8 @@ class Chain:
         self.processes = Processes()
         self.base_port = free_base_port()
         self.exit_codes: dict[str, int] = {}
+        #: as stop() found it
+        self.pss_mib: dict[str, float] = {}
         #: stage -> variables of its environment, beside this process' own
         self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
@@ -118,6 +120,7 @@ class Chain:
 
     def stop(self) -> dict[str, int]:
         """SIGTERM; waits; exit code of each stage. The last statuses are still heard."""
+        self.pss_mib = self.processes.pss_mib()
         self.exit_codes = self.processes.stop()
         quiet = time.monotonic() + LAST_WORDS_SECONDS
         while time.monotonic() < quiet:

@@ -105,7 +105,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         chain.link.query_revisions()
         codes = chain.stop()
         truths = outputs.truths_of_base(options.truth, outputs.mounting(configs))
-        seen = Run.heard(chain.link, wall_s, codes, truths)
+        seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
     return outputs.write_all(options.out, options.source.title, seen)
 
 

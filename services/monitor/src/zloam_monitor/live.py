@@ -135,5 +135,5 @@ def run(options: LiveOptions) -> dict[str, Any]:
         chain.link.query_statuses()
         chain.link.query_revisions()
         codes = chain.stop()
-        seen = Run.heard(chain.link, wall_s, codes)
+        seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
     return outputs.write_all(options.out, "live run", seen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -15,6 +16,7 @@ from typing import IO
 #: order of the ports: stage i listens on base port + i
 PORT_ORDER = ("driver", "registration", "odometry", "mapping", "integration", "simulator")
 LOG_LINES = 12
+_PSS_LINE = re.compile(r"^Pss:\s+(\d+) kB$", re.MULTILINE)
 #: what a stage's exit code means
 EXIT_CODES = {0: "ended well", 1: "failed", 2: "configuration refused", 3: "file or port"}
 
@@ -59,6 +61,14 @@ def _is_free(port: int) -> bool:
 def endpoints(base_port: int) -> list[str]:
     """Where the stages listen."""
     return [f"tcp/127.0.0.1:{base_port + i}" for i in range(len(PORT_ORDER))]
+
+
+def _pss_mib(pid: int) -> float | None:
+    try:
+        told = _PSS_LINE.search(Path(f"/proc/{pid}/smaps_rollup").read_text())
+    except OSError:
+        return None
+    return int(told[1]) / 1024.0 if told else None
 
 
 @dataclass
@@ -134,6 +144,12 @@ class Processes:
             code = process.code()
             if code is not None and not (code == 0 and stage in may_end):
                 raise StageDied(stage, code, process.last_lines())
+
+    def pss_mib(self) -> dict[str, float]:
+        """Memory of those that still run: what is their own, and their share of what several have
+        mapped. Without those of which the kernel does not tell it."""
+        found = {stage: _pss_mib(process.pid) for stage, process in self.running.items()}
+        return {stage: mib for stage, mib in found.items() if mib is not None}
 
     def stop(self, seconds: float = 20.0) -> dict[str, int]:
         """SIGTERM to all, SIGKILL to what is left after `seconds`; exit code of each."""

@@ -37,6 +37,8 @@ class Run:
     exit_codes: dict[str, int] = field(default_factory=dict)
     #: what was changed while it ran, as texts for --set-at
     set_at: list[str] = field(default_factory=list)
+    #: of the stages that still ran at the end
+    pss_mib: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def heard(
@@ -45,6 +47,7 @@ class Run:
         wall_s: float,
         exit_codes: dict[str, int] | None = None,
         truths: dict[str, Trajectory] | None = None,
+        pss_mib: dict[str, float] | None = None,
     ) -> Run:
         """What came over a link until now."""
         return cls(
@@ -58,6 +61,7 @@ class Run:
             truths=truths or {},
             exit_codes=exit_codes or {},
             set_at=as_set_at(link.revisions, link.run),
+            pss_mib=pss_mib or {},
         )
 
 
@@ -118,6 +122,7 @@ def build(run: Run) -> dict[str, Any]:
         "work_ms": work,
         "cpu_ms_per_sweep": {stage: run.statuses[stage].cpu_ms / sweeps for stage in known},
         "rss_mib": {stage: run.statuses[stage].rss_mib for stage in known},
+        "pss_mib": run.pss_mib,
         "bytes": {stage: run.statuses[stage].memory for stage in known},
         "wall_s": run.wall_s,
         "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
