@@ -22,6 +22,7 @@
 // worker thread, in turn, so a stage needs no lock. Only notify(), accounts and figures may be used
 // from others.
 
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <optional>
