@@ -17,8 +17,8 @@ struct OdometryConfig {
   // --- solver -------------------------------------------------------------------------------
   /// LOAM: at most 25. Ends earlier when a step is below both limits.
   int max_iterations = 25;
-  double stop_translation_m = 3e-4;
-  double stop_rotation_rad = 6e-5;
+  double stop_translation_m = 1e-4;
+  double stop_rotation_rad = 2e-5;
   /// Fewer matched points than this: the pose is the prediction.
   int min_correspondences = 30;
   /// Geman-McClure kernel: its width starts at kernel_start_m, is halved by each iteration and ends

@@ -11,6 +11,7 @@ namespace {
 constexpr double kGateWidths = 3.0;
 // While the kernel is still wide so many points stand for one: the steps only have to come near.
 constexpr std::size_t kCoarseStride = 4;
+constexpr std::size_t kLeastForCoarse = 1000;
 
 std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
   if (sweep.deskewed || sweep.period_ns == 0) {
@@ -155,7 +156,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
   Residuals residuals;
   Association association(config, range_noise_m, recent, last);
   double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
-  const bool many = source.planes.size() > 1000;
+  const bool many = source.planes.size() > kLeastForCoarse;
   for (int i = 0; i < config.max_iterations; ++i) {
     const MotionTable table(out.state.twist);
     const std::size_t stride = kernel_m > config.kernel_m && many ? kCoarseStride : 1;
