@@ -19,5 +19,5 @@ int main(int argc, char** argv) {
              mapping = std::make_unique<zloam::mapping::MappingStage>(stage, config, output);
            },
        // Between sweeps that come and go its map grows: kept blocks would leave holes in it.
-       .kept_block_bytes = std::size_t{1} << 20});
+       .kept_block_bytes = 1 << 20});
 }

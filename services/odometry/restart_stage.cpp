@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <string>
 
 #include "common/runtime/recall.hpp"
 #include "odometry/odometry_stage.hpp"
@@ -42,9 +43,14 @@ CommittedSweep committed(const Commit& commit) {
   return sweep;
 }
 
-/// Of a sweep and all after it, as far as registration still has them.
+/// What registration still has of these sweeps.
+std::vector<Features> recall_features(runtime::Stage& stage, const std::string& sweeps) {
+  return runtime::recall<msg::Features>(stage, Key::kFeatures, sweeps, 1);
+}
+
+/// Of a sweep and all after it.
 std::vector<Features> kept_features(runtime::Stage& stage, std::uint64_t run, std::uint64_t first) {
-  return runtime::recall<msg::Features>(stage, Key::kFeatures, runtime::sweeps_from(run, first), 1);
+  return recall_features(stage, runtime::sweeps_from(run, first));
 }
 
 template <class Messages>
@@ -107,8 +113,8 @@ std::size_t OdometryStage::restore(std::size_t count, const std::vector<Committe
 void OdometryStage::publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps) {
   if (sweeps.size() < 2) return;
   const std::uint64_t last = sweeps.back().sweep;
-  const auto kept = kept_features(stage_, run, last);
-  if (kept.empty() || kept.front().sweep() != last) return;
+  const auto kept = recall_features(stage_, runtime::sweeps_from(run, last, last));
+  if (kept.empty()) return;
   restore(sweeps.size() - 1, sweeps);
   locate(kept.front(), input_of(kept.front()));
 }

@@ -108,7 +108,6 @@ class Deployment:
             except CommandFailed as error:
                 if "No such container" not in str(error):
                     raise
-                time.sleep(0.5)
             else:
                 return [json.loads(line) for line in lines if line.startswith("{")]
         raise CommandFailed(f"the containers of {self.project} change faster than they are listed")

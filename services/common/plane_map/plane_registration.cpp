@@ -129,7 +129,8 @@ MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrio
   const std::size_t stride = std::max<std::size_t>(
       std::max(config_.stride, 1u), all / std::max<std::size_t>(config_.max_points, 1));
   map_.set_anchor(prior.start.T_mid.translation());
-  return matcher_.match(map_, points, points.subset(stride, sweeps_ * 7), prior, gate_m_);
+  return matcher_.match(map_, points, every_nth(points.points(), stride, sweeps_ * 7), prior,
+                        gate_m_);
 }
 
 void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& motion) {

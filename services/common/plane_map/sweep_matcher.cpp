@@ -106,9 +106,7 @@ double SweepMatcher::information_scale(const VoxelPlaneMap& map) const {
 SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
                                     const std::vector<SlotPoint>& points, const MotionPrior& prior,
                                     double gate_m) const {
-  std::vector<SlotPoint> few;
-  few.reserve(points.size() / kCoarseStride + 1);
-  for (std::size_t i = 0; i < points.size(); i += kCoarseStride) few.push_back(points[i]);
+  const std::vector<SlotPoint> few = every_nth(points, kCoarseStride, 0);
   if (few.size() < kLeastCoarsePoints) return prior.start;
   MatchedPoints matched(few);
   const Step first = step_from(prior.start, map, sweep, matched, prior, gate_m);

@@ -75,11 +75,12 @@ SweepPoints::SweepPoints(const SweepInput& sweep, double min_range_m)
   }
 }
 
-std::vector<SlotPoint> SweepPoints::subset(std::size_t stride, std::size_t phase) const {
+std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
+                                 std::size_t phase) {
   std::vector<SlotPoint> out;
-  out.reserve(points_.size() / stride + 1);
-  for (std::size_t i = phase % stride; i < points_.size(); i += stride) {
-    out.push_back(points_[i]);
+  out.reserve(points.size() / stride + 1);
+  for (std::size_t i = phase % stride; i < points.size(); i += stride) {
+    out.push_back(points[i]);
   }
   return out;
 }

@@ -53,6 +53,11 @@ struct SlotMotion {
 };
 using SlotMotions = std::vector<SlotMotion>;
 
+/// Every stride-th point, the first one chosen by `phase`: where it changes from sweep to sweep,
+/// all points have their turn in time.
+std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
+                                 std::size_t phase);
+
 /// Valid points of a sweep (finite, at least min_range_m from the frame's origin), in slot order
 /// and in the given order within a slot.
 class SweepPoints {
@@ -60,10 +65,6 @@ class SweepPoints {
   SweepPoints(const SweepInput& sweep, double min_range_m);
 
   const std::vector<SlotPoint>& points() const { return points_; }
-
-  /// Every stride-th point, the first one chosen by `phase`, so that in time all points have their
-  /// turn.
-  std::vector<SlotPoint> subset(std::size_t stride, std::size_t phase) const;
 
   /// Motions that carry points as given to the frame that T_mid's parent names, rotated but not
   /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s *

@@ -183,7 +183,7 @@ int run_stage(int argc, const char* const* argv, const StageSpec& spec) {
   CommandLine line;
   if (const auto code = parse(argc, argv, spec, &line)) return *code;
   setup_log(spec.name, "info", false);
-  keep_memory_small(spec.kept_block_bytes);
+  bound_heap(spec.kept_block_bytes);
   try {
     return run(spec, line);
   } catch (const ConfigError& e) {

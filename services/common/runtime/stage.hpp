@@ -22,7 +22,6 @@
 // worker thread, in turn, so a stage needs no lock. Only notify(), accounts and figures may be used
 // from others.
 
-#include <cstddef>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -61,9 +60,9 @@ struct StageSpec {
   /// after the configuration is read and the session is open: declares everything and returns. What
   /// it throws ends the process: ConfigError 2, IoError 3, anything else 1.
   std::function<void(Stage&)> wire;
-  /// the largest block that the heap keeps for the next sweep when it is freed. Blocks of a dense
-  /// sweep, mapped and cleared anew each time, are a fifth of a stage's time.
-  std::size_t kept_block_bytes = std::size_t{32} << 20;
+  /// the largest block that the heap keeps for the next sweep when it is freed, at most 32 MiB.
+  /// Blocks of a dense sweep, mapped and cleared anew each time, are a fifth of a stage's time.
+  int kept_block_bytes = 32 << 20;
 };
 
 /// Exit codes of every stage.

@@ -69,13 +69,12 @@ ProcessUsage process_usage() {
   return usage;
 }
 
-void keep_memory_small([[maybe_unused]] std::size_t kept_block_bytes) {
+void bound_heap([[maybe_unused]] int kept_block_bytes) {
 #ifdef __GLIBC__
-  // Set, so that glibc does not raise them by itself: a sweep's cloud would then be cut out of the
-  // heap, where a small block above it keeps it from going back.
-  const int kept = static_cast<int>(std::min<std::size_t>(kept_block_bytes, 1U << 30));
-  mallopt(M_MMAP_THRESHOLD, kept);
-  mallopt(M_TRIM_THRESHOLD, kept);
+  // Set, as glibc would raise them by itself. What is below is cut out of the heap, where a small
+  // block above it keeps it from going back.
+  mallopt(M_MMAP_THRESHOLD, kept_block_bytes);
+  mallopt(M_TRIM_THRESHOLD, kept_block_bytes);
   mallopt(M_ARENA_MAX, 2);
 #endif
 }

@@ -1,7 +1,6 @@
 #pragma once
 // Latencies in bounded memory, and what the kernel says of this process.
 
-#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -46,6 +45,6 @@ ProcessUsage process_usage();
 
 /// To be called before other threads start: what is freed beyond a block of this size goes back to
 /// the system instead of staying in one heap for each thread.
-void keep_memory_small(std::size_t kept_block_bytes);
+void bound_heap(int kept_block_bytes);
 
 }  // namespace zloam::runtime
