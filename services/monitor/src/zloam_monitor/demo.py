@@ -13,6 +13,9 @@ from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
 
+#: between two looks at what has come. To wake for each message would take a tenth of a core from
+#: the stages in a fast replay
+LOOK_SECONDS = 0.1
 #: longer than the stages' own limit (recovery.replay_limit_s), which names sweep and stage
 STALL_SECONDS = 150.0
 
@@ -56,7 +59,8 @@ def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
     began = time.monotonic()
     moved, seen = began, chain.progress()
     while not chain.finished():
-        chain.link.poll(0.2)
+        time.sleep(LOOK_SECONDS)
+        chain.link.poll()
         chain.check()
         now, progress = time.monotonic(), chain.progress()
         if progress != seen:
