@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "common/geometry/floor.hpp"
 #include "common/geometry/grid_key.hpp"
 #include "mapping/mapping.hpp"
 
@@ -13,7 +14,9 @@ namespace zloam::mapping {
 using GridIndex = Eigen::Matrix<std::int64_t, 3, 1>;
 
 inline GridIndex grid_index(const Eigen::Vector3d& point, double edge_m) {
-  return (point / edge_m).array().floor().cast<std::int64_t>().matrix();
+  const Eigen::Vector3d edges = point / edge_m;
+  return {floor_to<std::int64_t>(edges.x()), floor_to<std::int64_t>(edges.y()),
+          floor_to<std::int64_t>(edges.z())};
 }
 
 inline TileIndex tile_index(const Eigen::Vector3d& point_map, double edge_m) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/floor.hpp"
+
 namespace zloam::odometry {
 namespace {
 
@@ -27,17 +29,14 @@ std::uint64_t mix(std::uint64_t x) {
   return x ^ (x >> 33);
 }
 
-// Cells wrap after 2^20 voxels; positions saturate there as well. std::floor is a call on machines
-// of the baseline.
-std::int32_t floor_of(double x) {
+// Cells wrap after 2^20 voxels; positions saturate there as well.
+std::int32_t saturated(double units) {
   constexpr double kLimit = 2.0e9;
-  const double inside = std::clamp(x, -kLimit, kLimit);
-  const auto cut = static_cast<std::int32_t>(inside);
-  return cut - static_cast<std::int32_t>(inside < cut);
+  return floor_to<std::int32_t>(std::min(std::max(units, -kLimit), kLimit));
 }
 
 std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
-  return {floor_of(units.x()), floor_of(units.y()), floor_of(units.z())};
+  return {saturated(units.x()), saturated(units.y()), saturated(units.z())};
 }
 
 }  // namespace
@@ -49,6 +48,8 @@ WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
       levels_(std::clamp(config.voxel_levels, 1, kMaxLevels)),
       R_grid_odom_(exp_so3({0.1, 0.15, 0.5})),
       t_grid_odom_(0.137, 0.291, 0.173),
+      units_R_(units_per_m_ * R_grid_odom_),
+      units_t_(units_per_m_ * t_grid_odom_),
       table_(kInitialTable) {}
 
 void WindowMap::set_range_noise(double range_noise_m) {
@@ -66,10 +67,6 @@ void WindowMap::clear() {
   voxels_ = {};
   table_.assign(kInitialTable, Slot{});
   used_slots_ = 0;
-}
-
-WindowMap::Grid WindowMap::to_grid(const Eigen::Vector3d& point_odom) const {
-  return grid_of((R_grid_odom_ * point_odom + t_grid_odom_) * units_per_m_);
 }
 
 WindowMap::Cell WindowMap::cell_of(const Grid& position, int level) const {
@@ -191,9 +188,8 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   const auto wanted = static_cast<std::size_t>(std::max(1, config_.max_inserted_points));
   const std::size_t stride = std::max<std::size_t>(1, (points.size() + wanted - 1) / wanted);
   run_keys_.clear();
-  const Eigen::Matrix3d turn = units_per_m_ * R_grid_odom_ * T_odom_base.linear();
-  const Eigen::Vector3d shift =
-      units_per_m_ * (R_grid_odom_ * T_odom_base.translation() + t_grid_odom_);
+  const Eigen::Matrix3d turn = units_R_ * T_odom_base.linear();
+  const Eigen::Vector3d shift = units_R_ * T_odom_base.translation() + units_t_;
   for (std::size_t i = 0; i < points.size(); i += stride) {
     add_point(grid_of(turn * points[i].position().cast<double>() + shift), runs);
   }
@@ -271,10 +267,14 @@ void WindowMap::count(const std::vector<Run>& runs, int sign) {
 }
 
 const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom, Hint& hint) {
-  const Grid position = to_grid(point_odom);
-  const Cell cell = cell_of(position, levels_ - 1);
-  if (!hint.valid || cell != hint.cell) {
-    hint = {cell, look_up(position), true};
+  const Eigen::Vector3d units = units_R_ * point_odom + units_t_;
+  const double half = 0.5 * (1 << shift_of(levels_ - 1));
+  const Eigen::Vector3d off = units - hint.centre_units;
+  if (!(std::abs(off.x()) < half && std::abs(off.y()) < half && std::abs(off.z()) < half)) {
+    const Grid position = grid_of(units);
+    const Cell cell = cell_of(position, levels_ - 1);
+    const Eigen::Vector3d corner(cell[0], cell[1], cell[2]);
+    hint = {2.0 * half * corner + Eigen::Vector3d::Constant(half), look_up(position)};
   }
   return hint.plane;
 }

@@ -41,9 +41,8 @@ class WindowMap {
   using Cell = std::array<std::int32_t, 3>;
   /// What find() found last for a point that moves little between two calls.
   struct Hint {
-    Cell cell{};
+    Eigen::Vector3d centre_units = Eigen::Vector3d::Constant(1e30);  // of the finest voxel
     const FittedPlane* plane = nullptr;
-    bool valid = false;
   };
 
   /// The plane around a point in odom, or null. Valid until the next add, like the hint.
@@ -91,7 +90,6 @@ class WindowMap {
     Sums sums;
   };
 
-  Grid to_grid(const Eigen::Vector3d& point_odom) const;
   int shift_of(int level) const { return kRootBits - level; }
   Cell cell_of(const Grid& position, int level) const;
   std::uint32_t find_voxel(std::uint64_t key) const;
@@ -113,6 +111,8 @@ class WindowMap {
   int levels_;
   Eigen::Matrix3d R_grid_odom_;
   Eigen::Vector3d t_grid_odom_;
+  Eigen::Matrix3d units_R_;  // the same two in units
+  Eigen::Vector3d units_t_;
   Pool<Voxel> voxels_;
   std::vector<Slot> table_;  // open addressing, power of two
   std::size_t used_slots_ = 0;

@@ -6,35 +6,87 @@
 namespace zloam::plane_map {
 namespace {
 
-// Sums over the points of one slot, which share s. Few terms meet here, so single precision is
-// enough and four lanes wide; column 6 is the right-hand side.
-struct SlotSums {
-  alignas(16) float rows[6][8] = {};
+// Row of a residual r in two halves: normal n and moment m = q x n, with the lever arm q.
+struct Row {
+  Float4 low;   // n_x, n_y, n_z, m_x
+  Float4 high;  // m_y, m_z, r, 0
+};
 
-  void add(const float (&j)[8], float weight) {
-    for (int i = 0; i < 6; ++i) {
-      const float wi = weight * j[i];
-      for (int k = 0; k < 8; ++k) {
-        rows[i][k] += wi * j[k];
-      }
-    }
+Row row_of(Float4 normal, Float4 lever, float residual) {
+  const Float4 moment_zxy = cross_zxy(lever, normal);
+  return {__builtin_shufflevector(normal, moment_zxy, 0, 1, 2, 5),
+          __builtin_shufflevector(moment_zxy, all_lanes(residual), 2, 0, 4, 3)};
+}
+
+// Sums over the points of one slot, which share s. Few terms meet here, so single precision is
+// enough. Of the rows' outer products with themselves the upper part: the last two rows' low half
+// is among the others.
+struct SlotSums {
+  Float4 low[4] = {};
+  Float4 high[6] = {};
+
+  void add(const Row& row, float weight) {
+    const Float4 l = row.low * weight;
+    const Float4 h = row.high * weight;
+    add_row<0>(from_lane<0>(l), row);
+    add_row<1>(from_lane<1>(l), row);
+    add_row<2>(from_lane<2>(l), row);
+    add_row<3>(from_lane<3>(l), row);
+    high[4] += from_lane<0>(h) * row.high;
+    high[5] += from_lane<1>(h) * row.high;
+  }
+
+ private:
+  template <int i>
+  void add_row(Float4 factor, const Row& row) {
+    low[i] += factor * row.low;
+    high[i] += factor * row.high;
   }
 };
 
-void flush(SlotSums& slot, double s, NormalSums& sums) {
-  for (int i = 0; i < 6; ++i) {
-    for (int k = 0; k < 6; ++k) {
-      const double a = slot.rows[i][k];
-      sums.a0(i, k) += a;
-      sums.a1(i, k) += s * a;
-      sums.a2(i, k) += s * s * a;
-    }
-    const double g = slot.rows[i][6];
-    sums.g0[i] += g;
-    sums.g1[i] += s * g;
+// Sums of the slots: their rows, those of 6 columns and the right-hand side, times 1, s, s^2.
+class SweepRows {
+ public:
+  void add(const SlotSums& slot, double s) {
+    for (std::size_t i = 0; i < 4; ++i) add(slot.low[i], s, i, 0);
+    for (std::size_t i = 0; i < 6; ++i) add(slot.high[i], s, i, 4);
   }
-  slot = SlotSums();
-}
+
+  void finish(NormalSums& sums) const {
+    sums.a0 = symmetric(0);
+    sums.a1 = symmetric(1);
+    sums.a2 = symmetric(2);
+    for (std::size_t i = 0; i < 6; ++i) {
+      sums.g0[static_cast<Eigen::Index>(i)] = powers_[0][i][6];
+      sums.g1[static_cast<Eigen::Index>(i)] = powers_[1][i][6];
+    }
+  }
+
+ private:
+  void add(Float4 four, double s, std::size_t row, std::size_t column) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double a = four[k];
+      powers_[0][row][column + k] += a;
+      powers_[1][row][column + k] += s * a;
+      powers_[2][row][column + k] += s * s * a;
+    }
+  }
+
+  Matrix6 symmetric(std::size_t power) const {
+    Matrix6 out;
+    for (std::size_t i = 0; i < 6; ++i) {
+      for (std::size_t k = i; k < 6; ++k) {
+        const auto [r, c] = std::pair(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+        out(r, c) = out(c, r) = powers_[power][i][k];
+      }
+    }
+    return out;
+  }
+
+  double powers_[3][6][8] = {};
+};
+
+Float4 lanes_of(const Eigen::Vector3f& v) { return Float4{v.x(), v.y(), v.z(), 0.0f}; }
 
 // From axes of the grid to axes of base_link.
 void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
@@ -48,34 +100,22 @@ void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
   sums.g1 = (b.transpose() * sums.g1).eval();
 }
 
-// Row [J, r, 0] of a residual: normal and lever arm x normal.
-void fill_row(const PlaneRow& n, const std::array<float, 3>& q, float residual, float (&j)[8]) {
-  j[0] = n.nx;
-  j[1] = n.ny;
-  j[2] = n.nz;
-  j[3] = q[1] * n.nz - q[2] * n.ny;
-  j[4] = q[2] * n.nx - q[0] * n.nz;
-  j[5] = q[0] * n.ny - q[1] * n.nx;
-  j[6] = residual;
-  j[7] = 0.0f;
-}
-
 // Points of one kind of match.
 class Accumulator {
  public:
   Accumulator(double gate_m, double kernel_m, const WeakAxis& weak)
       : gate2_(static_cast<float>(gate_m * gate_m)),
         kernel2_(static_cast<float>(kernel_m * kernel_m)),
-        weak_axis_(weak.axis_grid),
+        weak_axis_{weak.axis_grid.x(), weak.axis_grid.y(), weak.axis_grid.z(), 0.0f},
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
-  // q: lever arm; p: the point relative to the root voxel's centre.
-  void add(const Match& match, const std::array<float, 3>& q, const std::array<float, 3>& p) {
+  // lever: (q, 0); point: local, (p, 0).
+  void add(const Match& match, Float4 lever, Float4 point) {
+    const Float4 from_root = point - match.root_centre;
     float residuals[3] = {};
     float squared = 0.0f;
     for (int i = 0; i < match.count; ++i) {
-      const PlaneRow& n = match.rows[i];
-      residuals[i] = n.nx * p[0] + n.ny * p[1] + n.nz * p[2] - n.d;
+      residuals[i] = sum_of_lanes(match.rows[i].lanes() * from_root);
       squared += residuals[i] * residuals[i];
     }
     if (!(squared <= gate2_)) {
@@ -84,10 +124,11 @@ class Accumulator {
     const float e = kernel2_ / (kernel2_ + squared);
     const float weight = e * e;
     for (int i = 0; i < match.count; ++i) {
-      alignas(16) float j[8];
-      fill_row(match.rows[i], q, residuals[i], j);
-      if (least_cosine_ > 0.0f) leave_open(j);
-      slot_.add(j, weight);
+      const Float4 n = match.rows[i].lanes();
+      // With an axis left open the moment stays that of the whole normal.
+      Row row = row_of(n, lever, residuals[i]);
+      if (least_cosine_ > 0.0f) leave_open(row.low);
+      slot_.add(row, weight);
     }
     slot_is_empty_ = false;
     ++sums_.matches;
@@ -95,38 +136,36 @@ class Accumulator {
     sums_.weight += weight;
     sums_.squared += weight * squared;
     sums_.normal_variance += weight * match.normal_variance;
-    sums_.lever2 += weight * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+    sums_.lever2 += weight * sum_of_lanes(lever * lever);
   }
 
   void end_slot(std::uint32_t slot) {
-    if (!slot_is_empty_) flush(slot_, slot_fraction(static_cast<int>(slot)), sums_);
+    if (slot_is_empty_) return;
+    rows_.add(slot_, slot_fraction(static_cast<int>(slot)));
+    slot_ = SlotSums();
     slot_is_empty_ = true;
   }
 
   NormalSums finish(const Eigen::Matrix3d& rotation) {
+    rows_.finish(sums_);
     rotate(sums_, rotation);
     return sums_;
   }
 
  private:
   // Takes the weak axis out of the row of a plane that lies along it.
-  void leave_open(float (&j)[8]) const {
-    const Eigen::Vector3f& a = weak_axis_;
-    const float along = j[0] * a[0] + j[1] * a[1] + j[2] * a[2];
-    if (std::abs(along) >= least_cosine_) {
-      return;
-    }
-    for (int i = 0; i < 3; ++i) {
-      j[i] -= along * a[i];
-    }
+  void leave_open(Float4& row) const {
+    const float along = sum_of_lanes(row * weak_axis_);
+    if (std::abs(along) < least_cosine_) row -= along * weak_axis_;
   }
 
   float gate2_;
   float kernel2_;
-  Eigen::Vector3f weak_axis_;
+  Float4 weak_axis_;
   float least_cosine_;
   SlotSums slot_;
   bool slot_is_empty_ = true;
+  SweepRows rows_;
   NormalSums sums_;
 };
 
@@ -148,10 +187,10 @@ void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
               const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out) {
   out.clear();
   out.reserve(points.size());
+  const Float4 shift = lanes_of(shift_local);
   for (const SlotPoint& point : points) {
-    const std::array<float, 3> q = motions[point.slot](point);
-    out.push_back(
-        {q[0] + shift_local.x(), q[1] + shift_local.y(), q[2] + shift_local.z(), point.ring});
+    const Float4 at = motions[point.slot](point) + shift;
+    out.push_back({at[0], at[1], at[2], point.ring});
   }
 }
 
@@ -165,6 +204,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
     to_local(points, motions, shift, local);
     map.find_all(local, matched.hints);
   }
+  const Float4 shift_lanes = lanes_of(shift);
   const double noise = map.config().range_noise_m;
   Accumulator planes(gate_m, gate_m / 3.0, weak);
   Accumulator blobs(10.0 * noise, 3.0 * noise, {});
@@ -182,15 +222,10 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
       end_slot();
       slot = point.slot;
     }
-    const std::array<float, 3> q = motions[slot](point);
-    const float x = q[0] + shift.x();
-    const float y = q[1] + shift.y();
-    const float z = q[2] + shift.z();
-    const Match& match = map.find(x, y, z, matched.hints[i]);
-    if (match.count > 0) {
-      const std::array<float, 3>& c = match.root_centre;
-      (match.is_plane ? planes : blobs).add(match, q, {x - c[0], y - c[1], z - c[2]});
-    }
+    const Float4 lever = motions[slot](point);
+    const Float4 local = lever + shift_lanes;
+    const Match& match = map.find(local, matched.hints[i]);
+    if (match.count > 0) (match.is_plane ? planes : blobs).add(match, lever, local);
   }
   end_slot();
   return {planes.finish(motion.T_mid.linear()), blobs.finish(motion.T_mid.linear())};

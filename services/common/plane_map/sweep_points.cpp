@@ -20,8 +20,10 @@ Matrix34 top_rows(const Pose& pose) { return pose.matrix().topRows<3>(); }
 
 SlotMotion to_float(const Matrix34& m) {
   SlotMotion out;
-  for (int i = 0; i < 12; ++i) {
-    out.m[static_cast<std::size_t>(i)] = static_cast<float>(m.data()[i]);
+  for (Eigen::Index k = 0; k < 4; ++k) {
+    out.columns[static_cast<std::size_t>(k)] =
+        Float4{static_cast<float>(m(0, k)), static_cast<float>(m(1, k)),
+               static_cast<float>(m(2, k)), 0.0f};
   }
   return out;
 }

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/geometry/lanes.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 
@@ -41,14 +42,13 @@ struct SlotPoint {
   std::uint16_t ring;
 };
 
-/// Row-major 3x4 motion.
+/// Columns of a 3x4 motion; their last lanes are 0.
 struct SlotMotion {
-  std::array<float, 12> m;
+  std::array<Float4, 4> columns;
 
-  std::array<float, 3> operator()(const SlotPoint& p) const {
-    return {m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
-            m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
-            m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]};
+  /// (x, y, z, 0)
+  Float4 operator()(const SlotPoint& p) const {
+    return columns[0] * p.x + columns[1] * p.y + columns[2] * p.z + columns[3];
   }
 };
 using SlotMotions = std::vector<SlotMotion>;

@@ -103,12 +103,14 @@ inline Match VoxelPlaneMap::match_of(const Counted& voxel, const Cell& cell) con
   if (voxel.kind == Kind::kNone) {
     return {};
   }
+  const std::array<float, 3> root = root_centre(cell);
+  const Float4 centre{root[0], root[1], root[2], 1.0f};
   if (voxel.is_plane()) {
     const Plane& plane = planes_[voxel.fit];
-    return {&plane.row, 1, true, plane.normal_variance, root_centre(cell)};
+    return {&plane.row, 1, true, plane.normal_variance, centre};
   }
   const int count = voxel.kind == Kind::kLine ? 2 : 3;
-  return {rows_[voxel.fit].data(), count, false, 0.0f, root_centre(cell)};
+  return {rows_[voxel.fit].data(), count, false, 0.0f, centre};
 }
 
 Match VoxelPlaneMap::find(float x, float y, float z) {
@@ -116,12 +118,14 @@ Match VoxelPlaneMap::find(float x, float y, float z) {
   return cell ? look_up(*cell) : Match();
 }
 
-const Match& VoxelPlaneMap::find(float x, float y, float z, Hint& hint) {
-  const auto cell = cell_of(x, y, z);
-  if (!cell || cell != hint.cell) {
-    hint = {cell, cell ? look_up(*cell) : Match()};
-  }
-  return hint.match;
+Float4 VoxelPlaneMap::centre_of(const Cell& c) {
+  return Float4{static_cast<float>(c.x) + 0.5f, static_cast<float>(c.y) + 0.5f,
+                static_cast<float>(c.z) + 0.5f, 0.0f};
+}
+
+void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
+  const auto cell = cell_of(point[0], point[1], point[2]);
+  hint = cell ? Hint{centre_of(*cell), look_up(*cell)} : Hint();
 }
 
 VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) {
@@ -153,29 +157,28 @@ Match VoxelPlaneMap::look_up(const Cell& cell) {
 }
 
 // First all ways down, then what they end at: its memory is on the way meanwhile.
-void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<Hint> hints) {
+void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint> points,
+                                 std::span<Hint> hints) {
   ways_.clear();
   for (const Placed& p : hit.points) {
-    Hint& hint = hints[p.point];
-    ways_.push_back(go_down(hit.node, *hint.cell));
-    if (ways_.back().leaf != kNoChild) leaves_.fetch(ways_.back().leaf);
+    const LocalPoint& point = points[p.point];
+    const Cell cell = *cell_of(point.x, point.y, point.z);
+    hints[p.point].cell_centre = centre_of(cell);
+    ways_.push_back({cell, go_down(hit.node, cell)});
+    if (ways_.back().way.leaf != kNoChild) leaves_.fetch(ways_.back().way.leaf);
   }
   for (std::size_t i = 0; i < ways_.size(); ++i) {
-    Hint& hint = hints[hit.points[i].point];
-    const Way& way = ways_[i];
-    hint.match = way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, *hint.cell);
+    const auto& [cell, way] = ways_[i];
+    hints[hit.points[i].point].match =
+        way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, cell);
   }
 }
 
 void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint> hints) {
   hit_roots(points, false);
-  for (const Placed& p : placed_) {
-    const LocalPoint& point = points[p.point];
-    hints[p.point].cell = cell_of(point.x, point.y, point.z);
-  }
   for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
     fetch_root(i + kAhead);
-    find_in_root(roots_hit_[i], hints);
+    find_in_root(roots_hit_[i], points, hints);
   }
 }
 

@@ -21,6 +21,8 @@
 #include <vector>
 
 #include "common/containers/pool.hpp"
+#include "common/geometry/floor.hpp"
+#include "common/geometry/lanes.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/config.hpp"
 #include "common/plane_map/moments.hpp"
@@ -31,6 +33,8 @@ namespace zloam::plane_map {
 /// Residual of a point p: nx px + ny py + nz pz - d, with p relative to the root voxel's centre.
 struct PlaneRow {
   float nx = 0, ny = 0, nz = 0, d = 0;
+
+  Float4 lanes() const { return Float4{nx, ny, nz, d}; }
 };
 
 /// What a look-up found: one row of a plane (unit normal, residual in m), or two or three rows of a
@@ -40,7 +44,7 @@ struct Match {
   int count = 0;
   bool is_plane = false;
   float normal_variance = 0;  // rad^2, planes only
-  std::array<float, 3> root_centre{};
+  Float4 root_centre{};       // local coordinates, and 1: the factor of a row's -d
 };
 
 constexpr std::uint16_t kUnknownRing = 0xffff;
@@ -84,15 +88,18 @@ class VoxelPlaneMap {
   /// What find() gave last for a point that moves little between two calls. Holds until the next
   /// insertion or change of the anchor.
   struct Hint {
-    std::optional<Cell> cell;
+    Float4 cell_centre = all_lanes(kNowhere);  // finest voxels from the anchor, and 0
     Match match;
   };
 
   /// Coarse to fine, the first plane wins; none: count == 0. Local coordinates. Fits voxels that
   /// have changed, so it is not const. Rows stay valid until the next insertion.
   Match find(float x, float y, float z);
-  /// The same, looked up only when the point has left the hint's cell.
-  const Match& find(float x, float y, float z, Hint& hint);
+  /// The same for (x, y, z, 0), looked up only when the point has left the hint's cell.
+  const Match& find(Float4 point, Hint& hint) {
+    if (!all_below(point * leaf_per_m_ - hint.cell_centre, 0.5f)) look_up(point, hint);
+    return hint.match;
+  }
 
   /// The same for many points, in an order that suits the memory. hints: as many as points.
   void find_all(std::span<const LocalPoint> points, std::span<Hint> hints);
@@ -123,6 +130,7 @@ class VoxelPlaneMap {
  private:
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
   static constexpr float kMaxLocal_m = 3000.0f;  // 2^21 of the smallest voxels apart
+  static constexpr float kNowhere = 1e9f;
   // How many roots before its turn the memory of one is asked for.
   static constexpr std::size_t kAhead = 4;
 
@@ -202,17 +210,13 @@ class VoxelPlaneMap {
   static unsigned octant(const Cell& c, int bit) {
     return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
   }
-  static int floor_to_int(float x) {
-    const int i = static_cast<int>(x);
-    return i - static_cast<int>(static_cast<float>(i) > x);
-  }
   std::optional<Cell> cell_of(float x, float y, float z) const {
     // Written so that NaN fails too.
     if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
       return std::nullopt;
     }
-    return Cell{floor_to_int(x * leaf_per_m_), floor_to_int(y * leaf_per_m_),
-                floor_to_int(z * leaf_per_m_)};
+    return Cell{floor_to<int>(x * leaf_per_m_), floor_to<int>(y * leaf_per_m_),
+                floor_to<int>(z * leaf_per_m_)};
   }
   std::uint64_t root_key(const Cell& cell) const;
   std::uint32_t find_root(std::uint64_t key) const;
@@ -233,14 +237,20 @@ class VoxelPlaneMap {
   Gathered count_in_children(Node& node, int level, std::span<const LocalPoint> points,
                              std::span<const Placed> placed, const Offset& centre);
   Match look_up(const Cell& cell);
+  void look_up(Float4 point, Hint& hint);
+  static Float4 centre_of(const Cell& cell);
   // How far a look-up came: the finest voxel, or a match (of nothing or a coarser plane).
   struct Way {
     std::uint32_t leaf = kNoChild;
     Match match;
   };
+  struct WayOfPoint {
+    Cell cell;
+    Way way;
+  };
   Way go_down(std::uint32_t root, const Cell& cell);
   Match match_of_leaf(std::uint32_t leaf, const Cell& cell);
-  void find_in_root(const RootHit& hit, std::span<Hint> hints);
+  void find_in_root(const RootHit& hit, std::span<const LocalPoint> points, std::span<Hint> hints);
   void fetch_root(std::size_t hit) const;
   std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
@@ -287,7 +297,7 @@ class VoxelPlaneMap {
   Pool<std::array<PlaneRow, 3>> rows_;
   std::vector<Placed> placed_, placed_spare_;  // of the insertion under way
   std::vector<RootHit> roots_hit_;
-  std::vector<Way> ways_;
+  std::vector<WayOfPoint> ways_;
 };
 
 }  // namespace zloam::plane_map

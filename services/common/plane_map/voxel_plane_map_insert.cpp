@@ -10,13 +10,19 @@
 namespace zloam::plane_map {
 namespace {
 
-// Every third bit of the result is one of the 21 bits of a number.
-std::uint64_t spread(std::uint64_t n) {
-  n = (n | n << 32) & 0x1f00000000ffffull;
-  n = (n | n << 16) & 0x1f0000ff0000ffull;
-  n = (n | n << 8) & 0x100f00f00f00f00full;
-  n = (n | n << 4) & 0x10c30c30c30c30c3ull;
-  return (n | n << 2) & 0x1249249249249249ull;
+// Every third bit of an entry is one of the ten bits of its number.
+constexpr std::array<std::uint32_t, 1024> kSpread = [] {
+  std::array<std::uint32_t, 1024> table{};
+  for (std::uint32_t n = 0; n < table.size(); ++n) {
+    for (unsigned bit = 0; bit < 10; ++bit) table[n] |= (n >> bit & 1U) << (3 * bit);
+  }
+  return table;
+}();
+
+// The same of a number of 21 bits.
+std::uint64_t spread(std::uint32_t n) {
+  const std::uint64_t high = kSpread[n >> 10U & 1023U] | std::uint64_t{n >> 20U & 1U} << 30U;
+  return kSpread[n & 1023U] | high << 30U;
 }
 
 }  // namespace

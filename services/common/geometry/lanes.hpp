@@ -1,0 +1,37 @@
+#pragma once
+// Four numbers at once, by the compilers' vector types (GCC's and Clang's alike): SSE2 on x86-64,
+// NEON on arm64, plain code elsewhere. Points and rows of planes take one such vector each.
+
+#include <cstdint>
+
+namespace zloam {
+
+using Float4 = float __attribute__((vector_size(16)));
+
+inline Float4 all_lanes(float x) { return Float4{x, x, x, x}; }
+
+template <int i>
+Float4 from_lane(Float4 v) {
+  return __builtin_shufflevector(v, v, i, i, i, i);
+}
+
+/// (y, z, x, w): a - b of products with these gives a cross product, its lanes in the order z, x,
+/// y.
+inline Float4 turned(Float4 v) { return __builtin_shufflevector(v, v, 1, 2, 0, 3); }
+
+/// Lanes z, x, y of the cross product of two vectors whose last lane is finite; 0 in the last.
+inline Float4 cross_zxy(Float4 a, Float4 b) { return a * turned(b) - turned(a) * b; }
+
+inline float sum_of_lanes(Float4 v) {
+  const Float4 pairs = v + __builtin_shufflevector(v, v, 2, 3, 0, 1);
+  return (pairs + __builtin_shufflevector(pairs, pairs, 1, 0, 3, 2))[0];
+}
+
+/// Whether all lanes lie below the other's in size. NaN does not.
+inline bool all_below(Float4 v, float limit) {
+  using Long2 = std::int64_t __attribute__((vector_size(16)));
+  const Long2 below = reinterpret_cast<Long2>((v < limit) & (v > -limit));
+  return (below[0] & below[1]) == -1;
+}
+
+}  // namespace zloam
