@@ -71,18 +71,21 @@ class Picker {
     });
   }
 
+  // Nearly all points are candidates, and a few are wanted: each is looked for.
   void pick_flats(std::uint32_t first, std::uint32_t last) {
-    heap_.clear();
-    for (std::uint32_t i = first; i < last; ++i) {
-      if (v_.kind[i] == Kind::kPlain && v_.chi2[i] < c_.flat_chi2) {
-        heap_.push_back({-v_.chi2[i], i});
+    for (int picked = 0; picked < c_.flat_per_segment; ++picked) {
+      std::uint32_t flattest = last;
+      float least = static_cast<float>(c_.flat_chi2);
+      for (std::uint32_t i = first; i < last; ++i) {
+        if (v_.chi2[i] < least && v_.kind[i] == Kind::kPlain && taken_[i] == 0) {
+          least = v_.chi2[i];
+          flattest = i;
+        }
       }
+      if (flattest == last) return;
+      suppress_around(flattest);
+      labels_[flattest] = kFlat;
     }
-    int picked = 0;
-    pop_best([&](std::uint32_t i) {
-      labels_[i] = kFlat;
-      return ++picked < c_.flat_per_segment;
-    });
   }
 
   // Calls pick for the best candidates that no earlier pick suppresses, until it returns false. A
