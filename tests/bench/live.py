@@ -1,4 +1,4 @@
-"""A simulated drive, sent over UDP in real time, through the five stages on two cores."""
+"""A simulated drive, sent over UDP in real time, through the five stages on two cores or one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from tests.acceptance import live
 from tests.bench.framework import Benchmark, Outcome
-from tests.bench.setting import BenchSetting, two_cores
+from tests.bench.setting import BenchSetting, on_cores
 
 #: of the stages before the pose: none may lose a sweep
 POSE_PATH = ("driver", "registration", "odometry", "integration")
@@ -25,10 +25,10 @@ def _lost(report: dict[str, Any]) -> dict[str, dict[str, int]]:
     return lost
 
 
-def _measure(setting: BenchSetting) -> dict[str, Any]:
+def _measure(setting: BenchSetting, cores: int) -> dict[str, Any]:
     setting.capture()
-    with two_cores():
-        return live.run(setting)
+    with on_cores(cores):
+        return live.run(setting, f"live-{cores}")
 
 
 def _loss(report: dict[str, Any]) -> Outcome:
@@ -65,11 +65,11 @@ def _cpu(report: dict[str, Any]) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One run, three rows."""
+    """One run on two cores, three rows; one on a single core."""
 
     @functools.cache
     def report() -> dict[str, Any]:
-        return _measure(setting)
+        return _measure(setting, 2)
 
     return [
         Benchmark(
@@ -86,4 +86,10 @@ def benchmarks(setting: BenchSetting) -> list[Benchmark]:
             f"mapped p99 ≤ {MAPPED_P99_MS:.0f} ms",
         ),
         Benchmark("live-cpu", "the same run: CPU of each stage", lambda: _cpu(report())),
+        Benchmark(
+            "live-one-core",
+            "another on a single core, the sender's too: sweeps lost before the pose",
+            lambda: _loss(_measure(setting, 1)),
+            "none lost",
+        ),
     ]

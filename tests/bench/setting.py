@@ -87,10 +87,10 @@ def percentile(samples: list[float], percent: float) -> float:
 
 
 @contextlib.contextmanager
-def two_cores() -> Iterator[None]:
-    """This process and those it starts run on two cores at most."""
+def on_cores(count: int) -> Iterator[None]:
+    """This process and those it starts run on so many cores at most."""
     before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, set(sorted(before)[:2]))
+    os.sched_setaffinity(0, set(sorted(before)[:count]))
     try:
         yield
     finally:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.acceptance.point_files import DECODED_POINT
+from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT
 from tests.bench import framework
-from tests.bench.versus import aloam, data, peer, score, summary, systems, table
+from tests.bench.versus import aloam, data, peer, score, summary, systems, table, turned
+from zloam_monitor import trajectory
 from zloam_monitor.trajectory import Trajectory
 
 PERIOD_NS = 100_000_000
@@ -310,3 +311,36 @@ def test_only_names_benchmarks_by_parts() -> None:
     assert chosen("live-*, transport-*") == [names[0], *names[2:]]
     assert chosen("shm") == names[1:]
     assert chosen("city-*") == []
+
+
+def test_a_turned_set_shows_the_same_world(tmp_path: Path) -> None:
+    """Where a point lies in the world does not depend on how the sensor is mounted."""
+    straight, out = tmp_path / "straight", tmp_path / "turned"
+    (straight / "scans").mkdir(parents=True)
+    out.mkdir()
+    count = turned.LATER_SCANS + 2
+    scan = np.zeros(50, SYNTH_POINT)
+    scan["xyz"] = np.random.default_rng(1).normal(scale=10.0, size=(50, 3))
+    for number in range(count):
+        scan["intensity"] = number
+        scan.tofile(straight / "scans" / f"{number:06d}.bin")
+    seconds = np.arange(count) * 0.1
+    stamps = (seconds * 1e9).astype(np.int64)
+    truth = Trajectory(pose_at(seconds), stamps, np.arange(count))
+    trajectory.write_tum(straight / "gt_dense.tum", truth)
+    lines = [f"{i}.0 {i + 1}.0" for i in range(count)]
+    (straight / "stamps.txt").write_text("\n".join(lines))
+    (straight / "meta.json").write_text(json.dumps({"rings": 16, "scans": count}))
+
+    turned.write_turned(straight, out)
+
+    seen = np.fromfile(out / "scans/000001.bin", SYNTH_POINT)
+    at = turned.LATER_SCANS + 1
+    pose = trajectory.read(out / "gt_dense.tum").transforms[at]
+    expected = scan["xyz"] @ truth.transforms[at, :3, :3].T + truth.transforms[at, :3, 3]
+    assert seen["intensity"][0] == at
+    assert np.allclose(seen["xyz"] @ pose[:3, :3].T + pose[:3, 3], expected, atol=1e-5)
+    assert not np.allclose(seen["xyz"], scan["xyz"], atol=1.0)
+    assert (out / "stamps.txt").read_text().splitlines() == lines[turned.LATER_SCANS :]
+    assert json.loads((out / "meta.json").read_text()) == {"rings": 16, "scans": 2}
+    assert data.scene_of("city-7-turned") == "city-turned"

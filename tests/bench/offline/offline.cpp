@@ -149,7 +149,7 @@ class Run {
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
             "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
-            "odom_axis_z\n";
+            "odom_axis_z,map_iterations\n";
     fused_file_.open(o_.out + "/fused.tum");
     covariance_file_.open(o_.out + "/covariance.csv");
     fused_csv_.open(o_.out + "/fused.csv");
@@ -221,7 +221,7 @@ class Run {
            const odometry::OdometryResult& odom) {
 #ifdef ZLOAM_WITH_MAPPING
     if (o_.gap_every > 0 && odom.sweep % o_.gap_every >= o_.gap_every - o_.gap_sweeps) {
-      csv_ << ",,,,,,,,,,,,,\n";
+      csv_ << ",,,,,,,,,,,,,,\n";
       return;
     }
     if (o_.with_mapping) {
@@ -250,7 +250,7 @@ class Run {
     (void)input;
 #endif
     write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
-    csv_ << ",,,,,,,,,,,,,\n";
+    csv_ << ",,,,,,,,,,,,,,\n";
   }
 
 #ifdef ZLOAM_WITH_MAPPING
@@ -267,7 +267,7 @@ class Run {
          << d.weak_translation.x() << ',' << d.weak_translation.y() << ',' << d.weak_translation.z()
          << ',' << r.inserted;
     for (int i = 0; i < 3; ++i) csv_ << ',' << odom.degeneracy.weak_translation[i];
-    csv_ << '\n';
+    csv_ << ',' << r.iterations << '\n';
     write_covariance(covariance_file_, r.sweep, r.covariance);
   }
 

@@ -1,7 +1,8 @@
 """The data sets: scans that every system gets, and the truth. Made once, kept in the cache.
 
-`city-7`: scene and seed of the reference generator, range noise 20 mm; `city-7-s8`: 8 mm. `drive`:
-the recorded HDL-64E. `sim-park-1`: world and seed of our simulator, its packets decoded to scans.
+`city-7`: scene and seed of the reference generator, range noise 20 mm; `city-7-s8`: 8 mm;
+`city-7-turned`: see turned.py. `drive`: the recorded HDL-64E. `sim-park-1`: world and seed of our
+simulator, its packets decoded to scans.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from tests.acceptance.framework import Skip
 from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT, SYNTH_TICK_NS
 from tests.acceptance.runs import CACHE
 from tests.bench.setting import BenchSetting
+from tests.bench.versus.turned import write_turned
 from zloam_monitor import sources, trajectory
 from zloam_monitor.trajectory import Trajectory
 
@@ -30,6 +32,7 @@ SEEDS = (7, 11, 23)
 QUIET_SIGMA_M = 0.008
 #: sweeps of the quiet sequences: as many as peers.md has of its city_s8mm
 QUIET_SCANS = 170
+QUIET, TURNED = "-s8", "-turned"
 WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
 WORLD_SEED = 1
 #: nothing but this much is measured by `make bench`
@@ -62,17 +65,23 @@ class DataSet:
 
 def scene_of(name: str) -> str:
     """What medians over seeds are taken over; nothing for the other data sets."""
-    parts = name.split("-")
-    return parts[0] if len(parts) == 2 and parts[0] in SCENES else ""
+    scene, *rest = name.removesuffix(TURNED).split("-")
+    if scene not in SCENES or len(rest) != 1:
+        return ""
+    return scene + TURNED if name.endswith(TURNED) else scene
 
 
 def all_sets(setting: BenchSetting) -> list[DataSet]:
     """In the order of the tables."""
     synth = [(scene, seed, "") for scene in SCENES for seed in SEEDS]
-    synth += [(scene, SEEDS[0], "-s8") for scene in SCENES]
+    synth += [(scene, SEEDS[0], QUIET) for scene in SCENES]
     found = [
         DataSet(f"{scene}-{seed}{tail}", functools.partial(_synth, setting, scene, seed, tail))
         for scene, seed, tail in synth
+    ]
+    found += [
+        DataSet(f"{scene}-{SEEDS[0]}{TURNED}", functools.partial(_turned, setting, scene, SEEDS[0]))
+        for scene in SCENES
     ]
     found.append(DataSet("drive", functools.partial(_drive, setting)))
     return found + [
@@ -129,6 +138,13 @@ def _synth(setting: BenchSetting, scene: str, seed: int, tail: str) -> Scans:
             raise RuntimeError(f"{generator.name} failed: {done.stdout[-300:]}")
 
     _appears_whole(folder, make)
+    return _with_stamps(folder)
+
+
+def _turned(setting: BenchSetting, scene: str, seed: int) -> Scans:
+    folder = CACHE / "synth" / f"{scene}-{seed}{TURNED}"
+    straight = _synth(setting, scene, seed, "").folder
+    _appears_whole(folder, functools.partial(write_turned, straight))
     return _with_stamps(folder)
 
 
