@@ -14,17 +14,14 @@ namespace {
 // Longer gaps between sweeps are bridged as if they were this long: the prediction is void anyway.
 constexpr double kMaxGap_s = 2.0;
 
-PointVector in_base(PointSpan points, const Pose& T_base_lidar) {
+PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
+                     PointSpan points) {
   PointVector out;
   out.reserve(points.size());
-  const Eigen::Isometry3f T = T_base_lidar.cast<float>();
   for (const Point& p : points) {
     if (is_usable(p)) {
-      const Eigen::Vector3f q = T * p.position();
-      out.push_back(p);
-      out.back().x = q.x();
-      out.back().y = q.y();
-      out.back().z = q.z();
+      const Float4 q = motions[table.step_at(p.time_ns)](p.x, p.y, p.z);
+      out.push_back({q[0], q[1], q[2], p.intensity, p.time_ns, p.ring, p.return_type, p.reserved});
     }
   }
   return out;
@@ -334,13 +331,11 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
 
 void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
   State& s = *state_;
-  result.edges = in_base(sweep.less_sharp, s.T_base_lidar);
-  result.planes = in_base(sweep.less_flat, s.T_base_lidar);
-  if (!sweep.deskewed) {
-    const DeskewTable table(result.twist_per_s, sweep.period_ns, sweep.period_ns);
-    result.edges = deskewed(result.edges, table);
-    result.planes = deskewed(result.planes, table);
-  }
+  const Vector6 twist_per_s = sweep.deskewed ? Vector6(Vector6::Zero()) : result.twist_per_s;
+  const DeskewTable table(twist_per_s, sweep.period_ns, sweep.period_ns);
+  const std::vector<MotionLanes> motions = table.lanes(s.T_base_lidar);
+  result.edges = moved_by(motions, table, sweep.less_sharp);
+  result.planes = moved_by(motions, table, sweep.less_flat);
   s.commit(result, sweep.period_ns);
 }
 

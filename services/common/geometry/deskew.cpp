@@ -1,7 +1,5 @@
 #include "common/geometry/deskew.hpp"
 
-#include <algorithm>
-
 namespace zloam {
 
 DeskewTable::DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns,
@@ -18,10 +16,11 @@ DeskewTable DeskewTable::in_place_of(const DeskewTable& before) const {
   return out;
 }
 
-const Pose& DeskewTable::motion_at(std::uint32_t time_ns) const {
-  // Cut off after adding a half: the nearest step, without a call for each point.
-  const double above = time_ns * step_per_ns_ + 0.5;
-  return motions_[std::min<std::size_t>(static_cast<std::size_t>(above), kSteps)];
+std::vector<MotionLanes> DeskewTable::lanes(const Pose& T_moving_points) const {
+  std::vector<MotionLanes> out;
+  out.reserve(motions_.size());
+  for (const Pose& motion : motions_) out.emplace_back(motion * T_moving_points);
+  return out;
 }
 
 PointVector deskewed(PointSpan points, const DeskewTable& table) {

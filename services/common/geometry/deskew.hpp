@@ -1,9 +1,11 @@
 #pragma once
 // Moves the points of a sweep to one instant under a constant body twist.
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
+#include "common/geometry/lanes.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 
@@ -24,8 +26,17 @@ class DeskewTable {
   /// Carries points that `before`, of the same sweep, has moved to where this would have.
   DeskewTable in_place_of(const DeskewTable& before) const;
 
-  /// Motion that carries a point measured time_ns after the sweep's start to the instant.
-  const Pose& motion_at(std::uint32_t time_ns) const;
+  /// Entry of a point measured time_ns after the sweep's start: the nearest.
+  std::size_t step_at(std::uint32_t time_ns) const {
+    // Cut off after adding a half: without a call for each point.
+    const double above = time_ns * step_per_ns_ + 0.5;
+    return std::min<std::size_t>(static_cast<std::size_t>(above), kSteps);
+  }
+  /// Motion that carries such a point to the instant.
+  const Pose& motion_at(std::uint32_t time_ns) const { return motions_[step_at(time_ns)]; }
+
+  /// All entries, for points of a frame whose pose in the moving one is given.
+  std::vector<MotionLanes> lanes(const Pose& T_moving_points) const;
 
  private:
   double step_per_ns_;

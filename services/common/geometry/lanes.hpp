@@ -2,7 +2,10 @@
 // Four numbers at once, by the compilers' vector types (GCC's and Clang's alike): SSE2 on x86-64,
 // NEON on arm64, plain code elsewhere. Points and rows of planes take one such vector each.
 
+#include <array>
 #include <cstdint>
+
+#include "common/geometry/se3.hpp"
 
 namespace zloam {
 
@@ -33,5 +36,23 @@ inline bool all_below(Float4 v, float limit) {
   const Long2 below = reinterpret_cast<Long2>((v < limit) & (v > -limit));
   return (below[0] & below[1]) == -1;
 }
+
+/// Columns of a motion in single precision; their last lanes are 0.
+struct MotionLanes {
+  std::array<Float4, 4> columns;
+
+  MotionLanes() = default;
+  explicit MotionLanes(const Pose& motion) {
+    for (Eigen::Index k = 0; k < 4; ++k) {
+      const Eigen::Vector3f c = motion.matrix().col(k).head<3>().cast<float>();
+      columns[static_cast<std::size_t>(k)] = Float4{c.x(), c.y(), c.z(), 0.0f};
+    }
+  }
+
+  /// (x, y, z, 0)
+  Float4 operator()(float x, float y, float z) const {
+    return columns[0] * x + columns[1] * y + columns[2] * z + columns[3];
+  }
+};
 
 }  // namespace zloam

@@ -189,7 +189,7 @@ void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
   out.reserve(points.size());
   const Float4 shift = lanes_of(shift_local);
   for (const SlotPoint& point : points) {
-    const Float4 at = motions[point.slot](point) + shift;
+    const Float4 at = motions[point.slot](point.x, point.y, point.z) + shift;
     out.push_back({at[0], at[1], at[2], point.ring});
   }
 }
@@ -222,7 +222,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
       end_slot();
       slot = point.slot;
     }
-    const Float4 lever = motions[slot](point);
+    const Float4 lever = motions[slot](point.x, point.y, point.z);
     const Float4 local = lever + shift_lanes;
     const Match& match = map.find(local, matched.hints[i]);
     if (match.count > 0) (match.is_plane ? planes : blobs).add(match, lever, local);

@@ -14,20 +14,6 @@ constexpr int kKnots = 64;
 constexpr int kSlotsPerKnot = kSlots / kKnots;
 static_assert(kSlots == DeskewTable::kSteps, "slots and steps of the deskewing are the same");
 
-using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-
-Matrix34 top_rows(const Pose& pose) { return pose.matrix().topRows<3>(); }
-
-SlotMotion to_float(const Matrix34& m) {
-  SlotMotion out;
-  for (Eigen::Index k = 0; k < 4; ++k) {
-    out.columns[static_cast<std::size_t>(k)] =
-        Float4{static_cast<float>(m(0, k)), static_cast<float>(m(1, k)),
-               static_cast<float>(m(2, k)), 0.0f};
-  }
-  return out;
-}
-
 bool usable(const Point& p, float min_range2) {
   const float range2 = p.x * p.x + p.y * p.y + p.z * p.z;
   return range2 >= min_range2 && range2 < 1e12f;  // false for NaN
@@ -91,23 +77,19 @@ SlotMotions SweepPoints::motions(const Eigen::Matrix3d& rotation,
                                  const Vector6& twist_per_sweep) const {
   Pose start = Pose::Identity();
   start.linear() = rotation;
-  std::vector<Matrix34> knots(kKnots + 1);
-  for (int i = 0; i <= kKnots; ++i) {
-    const Pose motion = start * exp_se3(slot_fraction(i * kSlotsPerKnot) * twist_per_sweep);
-    knots[static_cast<std::size_t>(i)] = top_rows(undo_.empty() ? motion * T_base_points_ : motion);
-  }
+  std::vector<Pose> knots =
+      exp_se3_along(twist_per_sweep, slot_fraction(0), 1.0 / kKnots, kKnots + 1);
+  for (Pose& knot : knots) knot = start * knot;
   SlotMotions out;
   out.reserve(kSlots + 1);
   for (int i = 0; i <= kSlots; ++i) {
     const int knot = std::min(i / kSlotsPerKnot, kKnots - 1);
     const double part = static_cast<double>(i - knot * kSlotsPerKnot) / kSlotsPerKnot;
     const auto k = static_cast<std::size_t>(knot);
-    Matrix34 m = knots[k] + part * (knots[k + 1] - knots[k]);
-    if (!undo_.empty()) {
-      const Eigen::Matrix4d undo = undo_[static_cast<std::size_t>(i)].matrix();
-      m = (m * undo).eval();
-    }
-    out.push_back(to_float(m));
+    Pose between;
+    between.matrix() = knots[k].matrix() + part * (knots[k + 1].matrix() - knots[k].matrix());
+    out.emplace_back(between *
+                     (undo_.empty() ? T_base_points_ : undo_[static_cast<std::size_t>(i)]));
   }
   return out;
 }

@@ -42,16 +42,8 @@ struct SlotPoint {
   std::uint16_t ring;
 };
 
-/// Columns of a 3x4 motion; their last lanes are 0.
-struct SlotMotion {
-  std::array<Float4, 4> columns;
-
-  /// (x, y, z, 0)
-  Float4 operator()(const SlotPoint& p) const {
-    return columns[0] * p.x + columns[1] * p.y + columns[2] * p.z + columns[3];
-  }
-};
-using SlotMotions = std::vector<SlotMotion>;
+/// Of each slot boundary.
+using SlotMotions = std::vector<MotionLanes>;
 
 /// Every stride-th point, the first one chosen by `phase`: where it changes from sweep to sweep,
 /// all points have their turn in time.

@@ -25,6 +25,16 @@ std::uint64_t spread(std::uint32_t n) {
   return kSpread[n & 1023U] | high << 30U;
 }
 
+// Three numbers of 21 bits with a sign side by side.
+std::uint64_t packed(int x, int y, int z) {
+  const auto above = [](int n) { return static_cast<std::uint64_t>(n + (1 << 20)); };
+  return above(x) | above(y) << 21U | above(z) << 42U;
+}
+
+std::uint32_t part(std::uint64_t packed, unsigned axis) {
+  return static_cast<std::uint32_t>(packed >> (21U * axis)) & 0x1fffffU;
+}
+
 }  // namespace
 
 VoxelPlaneMap::Rings VoxelPlaneMap::Rings::joined(std::uint32_t count, Rings these,
@@ -57,17 +67,15 @@ void VoxelPlaneMap::place(std::span<const LocalPoint> points) {
     if (placed_.empty()) low = high = *cell;
     low = {std::min(low.x, cell->x), std::min(low.y, cell->y), std::min(low.z, cell->z)};
     high = {std::max(high.x, cell->x), std::max(high.y, cell->y), std::max(high.z, cell->z)};
-    placed_.push_back({0, static_cast<std::uint32_t>(i)});
+    placed_.push_back({packed(cell->x, cell->y, cell->z), static_cast<std::uint32_t>(i)});
   }
   const auto root_edge = [this](int c) { return c >> shift_ << shift_; };
   low = {root_edge(low.x), root_edge(low.y), root_edge(low.z)};
+  const std::uint64_t lowest = packed(low.x, low.y, low.z);
   for (Placed& p : placed_) {
-    const LocalPoint& point = points[p.point];
-    const Cell cell = *cell_of(point.x, point.y, point.z);
-    const auto part = [](int at, int from) {
-      return spread(static_cast<std::uint32_t>(at - from));
-    };
-    p.code = part(cell.x, low.x) | part(cell.y, low.y) << 1 | part(cell.z, low.z) << 2;
+    const std::uint64_t from_low = p.code - lowest;  // no part is below its lowest
+    p.code = spread(part(from_low, 0)) | spread(part(from_low, 1)) << 1U |
+             spread(part(from_low, 2)) << 2U;
   }
   const int widest = std::max({high.x - low.x, high.y - low.y, high.z - low.z});
   const int bits = 3 * std::bit_width(static_cast<std::uint32_t>(widest));
