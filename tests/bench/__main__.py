@@ -15,6 +15,7 @@ from tests.bench import (
     live,
     memory,
     peers,
+    replay,
     scaling,
     simulator,
     transport,
@@ -26,7 +27,7 @@ from tests.bench.versus.rows import Options
 
 def all_benchmarks(setting: BenchSetting, options: Options) -> list[framework.Benchmark]:
     """In the order of the report."""
-    modules = (transport, live, memory, decode, simulator, peers, scaling)
+    modules = (transport, live, replay, memory, decode, simulator, peers, scaling)
     rows = [b for module in modules for b in module.benchmarks(setting)]
     return rows + versus.benchmarks(setting, options)
 

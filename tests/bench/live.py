@@ -11,6 +11,7 @@ from tests.bench.setting import BenchSetting, on_cores
 
 #: of the stages before the pose: none may lose a sweep
 POSE_PATH = ("driver", "registration", "odometry", "integration")
+KB = 1000.0
 #: last packet to fused pose, to mapped pose, ms
 FUSED_P50_MS, FUSED_P99_MS, MAPPED_P99_MS = 8.0, 20.0, 60.0
 
@@ -64,8 +65,17 @@ def _cpu(report: dict[str, Any]) -> Outcome:
     return Outcome(f"{sum(cpu.values()):.1f} ms a sweep ({words})", {"cpu_ms_per_sweep": cpu})
 
 
+def _bytes(report: dict[str, Any]) -> Outcome:
+    moved = report["bytes_per_sweep"]
+    words = "; ".join(
+        f"{stage} {each['published'] / KB:.0f}, {each['copied'] / KB:.0f}"
+        for stage, each in moved.items()
+    )
+    return Outcome(words, {"bytes_per_sweep": moved})
+
+
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One run on two cores, three rows; one on a single core."""
+    """One run on two cores, four rows; one on a single core."""
 
     @functools.cache
     def report() -> dict[str, Any]:
@@ -86,6 +96,11 @@ def benchmarks(setting: BenchSetting) -> list[Benchmark]:
             f"mapped p99 ≤ {MAPPED_P99_MS:.0f} ms",
         ),
         Benchmark("live-cpu", "the same run: CPU of each stage", lambda: _cpu(report())),
+        Benchmark(
+            "live-bytes",
+            "the same run: kB a sweep that each stage published, and copied of what it received",
+            lambda: _bytes(report()),
+        ),
         Benchmark(
             "live-one-core",
             "another on a single core, the sender's too: sweeps lost before the pose",

@@ -13,6 +13,8 @@ from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor, simula
 from zloam_monitor import clouds, evaluation, trajectory
 from zloam_monitor.keys import STAGES
 
+POINT_BYTES = 24  # of a point in a message
+
 
 @pytest.fixture(scope="module")
 def demo(
@@ -81,6 +83,12 @@ def test_report_has_every_figure(demo: tuple[Path, dict[str, Any]]) -> None:
     for stage, mib in report["pss_mib"].items():
         assert 0 < mib <= report["rss_mib"][stage]["peak"]
     assert {"odometry", "mapping", "integration"} <= set(report["pss_mib"])
+    moved = {s: report["bytes_per_sweep"][s] for s in ("driver", "registration", "odometry")}
+    # all points of a sweep go from stage to stage, 24 bytes each
+    for giver, taker in (("driver", "registration"), ("registration", "odometry")):
+        assert moved[giver]["published"] > 15_000 * POINT_BYTES
+        taken = moved[taker]["in_place"] + moved[taker]["copied"]
+        assert taken > 15_000 * POINT_BYTES
     assert report["latency_ms"]["end_to_end"] is None
     assert report["latency_ms"]["mapped_pose"] is None
     assert report["wall_s"] > 0

@@ -193,7 +193,7 @@ def _input(account: Any) -> Input:
 def status(payload: bytes) -> StatusRecord:
     """Of key service/<stage>/<instance>/status."""
     s = messages.decode("Status", payload)
-    outputs = (s.Outputs(i) for i in range(s.OutputsLength()))
+    outputs = [s.Outputs(i) for i in range(s.OutputsLength())]
     latencies = (s.Latencies(i) for i in range(s.LatenciesLength()))
     figures = (s.Figures(i) for i in range(s.FiguresLength()))
     return StatusRecord(
@@ -216,6 +216,7 @@ def status(payload: bytes) -> StatusRecord:
         rss_mib={"start": s.RssStartMib(), "end": s.RssNowMib(), "peak": s.RssPeakMib()},
         version=text(s.Version()),
         memory={
+            "bytes_published": sum(o.Bytes() for o in outputs),
             "bytes_in_place": s.BytesInPlace(),
             "bytes_copied": s.BytesCopied(),
             "messages_shm": s.MessagesShm(),

@@ -124,6 +124,14 @@ def build(run: Run) -> dict[str, Any]:
         "rss_mib": {stage: run.statuses[stage].rss_mib for stage in known},
         "pss_mib": run.pss_mib,
         "bytes": {stage: run.statuses[stage].memory for stage in known},
+        "bytes_per_sweep": {
+            stage: {
+                name.removeprefix("bytes_"): count / sweeps
+                for name, count in run.statuses[stage].memory.items()
+                if name.startswith("bytes_")
+            }
+            for stage in known
+        },
         "wall_s": run.wall_s,
         "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
         "path_m": run.trajectory.path_length_m(),
