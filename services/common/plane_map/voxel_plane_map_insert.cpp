@@ -27,7 +27,7 @@ std::uint64_t spread(std::uint32_t n) {
 
 // Three numbers of 21 bits with a sign side by side.
 std::uint64_t packed(int x, int y, int z) {
-  const auto above = [](int n) { return static_cast<std::uint64_t>(n + (1 << 20)); };
+  const auto above = [](int n) { return static_cast<std::uint64_t>(std::int64_t{n} + (1 << 20)); };
   return above(x) | above(y) << 21U | above(z) << 42U;
 }
 
