@@ -56,6 +56,7 @@ class Picker {
            (v_.kind[i] == Kind::kPlain && v_.chi2[i] > c_.edge_chi2 && v_.bend[i] > min_bend_);
   }
 
+  // The best that no earlier pick suppresses.
   void pick_edges(std::uint32_t first, std::uint32_t last) {
     heap_.clear();
     for (std::uint32_t i = first; i < last; ++i) {
@@ -64,11 +65,16 @@ class Picker {
       }
     }
     edge_candidates_ += static_cast<std::uint32_t>(heap_.size());
-    int picked = 0;
-    pop_best([&](std::uint32_t i) {
+    std::make_heap(heap_.begin(), heap_.end());
+    for (int picked = 0; picked < c_.less_sharp_per_segment && !heap_.empty();) {
+      std::pop_heap(heap_.begin(), heap_.end());
+      const std::uint32_t i = heap_.back().index;
+      heap_.pop_back();
+      if (taken_[i] != 0) continue;
+      suppress_around(i);
       labels_[i] = kLessSharp | (picked < c_.sharp_per_segment ? kSharp : kNone);
-      return ++picked < c_.less_sharp_per_segment;
-    });
+      ++picked;
+    }
   }
 
   // Nearly all points are candidates, and a few are wanted: each is looked for.
@@ -85,25 +91,6 @@ class Picker {
       if (flattest == last) return;
       suppress_around(flattest);
       labels_[flattest] = kFlat;
-    }
-  }
-
-  // Calls pick for the best candidates that no earlier pick suppresses, until it returns false. A
-  // heap does, as a few of several hundred candidates are wanted.
-  template <typename Pick>
-  void pop_best(Pick pick) {
-    std::make_heap(heap_.begin(), heap_.end());
-    while (!heap_.empty()) {
-      std::pop_heap(heap_.begin(), heap_.end());
-      const std::uint32_t i = heap_.back().index;
-      heap_.pop_back();
-      if (taken_[i] != 0) {
-        continue;
-      }
-      suppress_around(i);
-      if (!pick(i)) {
-        return;
-      }
     }
   }
 

@@ -189,6 +189,17 @@ TEST(Registration, QuotasHoldOnEveryRing) {
   }
 }
 
+TEST(Registration, AQuotaOfNoneGivesNone) {
+  RegistrationConfig config;
+  config.less_sharp_per_segment = 0;
+  config.flat_per_segment = 0;
+  const auto r = extract_features(scan(square_room(8.0), {}), {kPeriod_ns, 16}, config);
+  EXPECT_TRUE(r.sharp.empty());
+  EXPECT_TRUE(r.less_sharp.empty());
+  EXPECT_TRUE(r.flat.empty());
+  EXPECT_FALSE(r.less_flat.empty());
+}
+
 TEST(Registration, EveryPointIsUsedOnceOrRejectedOnce) {
   PointVector sweep = scan(square_room(6.0), {.noise_m = 0.02});
   sweep[5].x = std::numeric_limits<float>::quiet_NaN();

@@ -18,8 +18,10 @@ Float4 from_lane(Float4 v) {
   return __builtin_shufflevector(v, v, i, i, i, i);
 }
 
-/// (y, z, x, w): a - b of products with these gives a cross product, its lanes in the order z, x,
-/// y.
+/// (x, y, z, 0)
+inline Float4 lanes_of(const Eigen::Vector3f& v) { return Float4{v.x(), v.y(), v.z(), 0.0f}; }
+
+/// (y, z, x, w)
 inline Float4 turned(Float4 v) { return __builtin_shufflevector(v, v, 1, 2, 0, 3); }
 
 /// Lanes z, x, y of the cross product of two vectors whose last lane is finite; 0 in the last.
@@ -30,7 +32,7 @@ inline float sum_of_lanes(Float4 v) {
   return (pairs + __builtin_shufflevector(pairs, pairs, 1, 0, 3, 2))[0];
 }
 
-/// Whether all lanes lie below the other's in size. NaN does not.
+/// Whether every lane is below the limit in size; NaN is not.
 inline bool all_below(Float4 v, float limit) {
   using Long2 = std::int64_t __attribute__((vector_size(16)));
   const Long2 below = reinterpret_cast<Long2>((v < limit) & (v > -limit));
@@ -44,8 +46,8 @@ struct MotionLanes {
   MotionLanes() = default;
   explicit MotionLanes(const Pose& motion) {
     for (Eigen::Index k = 0; k < 4; ++k) {
-      const Eigen::Vector3f c = motion.matrix().col(k).head<3>().cast<float>();
-      columns[static_cast<std::size_t>(k)] = Float4{c.x(), c.y(), c.z(), 0.0f};
+      columns[static_cast<std::size_t>(k)] =
+          lanes_of(motion.matrix().col(k).head<3>().cast<float>());
     }
   }
 

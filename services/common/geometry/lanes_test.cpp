@@ -11,8 +11,6 @@
 namespace zloam {
 namespace {
 
-Float4 lanes_of(const Eigen::Vector3f& v) { return Float4{v.x(), v.y(), v.z(), 0.0f}; }
-
 TEST(Lanes, CrossProductAndSumAreEigens) {
   std::mt19937 random(5);
   std::normal_distribution<float> normal;

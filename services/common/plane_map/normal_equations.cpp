@@ -86,8 +86,6 @@ class SweepRows {
   double powers_[3][6][8] = {};
 };
 
-Float4 lanes_of(const Eigen::Vector3f& v) { return Float4{v.x(), v.y(), v.z(), 0.0f}; }
-
 // From axes of the grid to axes of base_link.
 void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
   Matrix6 b = Matrix6::Zero();
@@ -106,7 +104,7 @@ class Accumulator {
   Accumulator(double gate_m, double kernel_m, const WeakAxis& weak)
       : gate2_(static_cast<float>(gate_m * gate_m)),
         kernel2_(static_cast<float>(kernel_m * kernel_m)),
-        weak_axis_{weak.axis_grid.x(), weak.axis_grid.y(), weak.axis_grid.z(), 0.0f},
+        weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
   // lever: (q, 0); point: local, (p, 0).

@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstring>
 
+#include "common/geometry/lanes.hpp"
+
 #if defined(__x86_64__)
 #include <immintrin.h>
 #define ZLOAM_WIDE_CELLS 1
@@ -14,9 +16,7 @@
 namespace zloam::driver {
 namespace {
 
-// Four lanes at a time, as any 64-bit machine has them; the compiler turns this into the vector
-// instructions of the target.
-using Floats = float __attribute__((vector_size(16)));
+// As many lanes as Float4.
 using Ints = std::int32_t __attribute__((vector_size(16)));
 using Columns = std::uint16_t __attribute__((vector_size(2 * kChannelsPerColumn)));
 constexpr int kLanes = 4;
@@ -39,8 +39,8 @@ static_assert(offsetof(Point, time_ns) == kHalf && offsetof(Point, ring) == kHal
 
 std::uint64_t type_bits(ReturnType type) { return static_cast<std::uint64_t>(type) << 48; }
 
-Floats load(const float* at) {
-  Floats values;
+Float4 load(const float* at) {
+  Float4 values;
   std::memcpy(&values, at, sizeof values);
   return values;
 }
@@ -56,7 +56,7 @@ std::uint32_t read_cell(const std::uint8_t* at) {
 /// Position and intensity of four cells; raw 0 is no return.
 struct Quad {
   std::uint32_t raw[kLanes];
-  Floats points[kLanes];
+  Float4 points[kLanes];
 };
 
 __attribute__((always_inline)) inline Quad read_quad(const std::uint8_t* block, int c,
@@ -70,17 +70,17 @@ __attribute__((always_inline)) inline Quad read_quad(const std::uint8_t* block, 
     quad.raw[i] = cell & 0xFFFF;
     packed[i] = static_cast<std::int32_t>(cell);
   }
-  const Floats intensity = __builtin_convertvector((packed >> 16) & 0xFF, Floats);
-  const Floats range_m = __builtin_convertvector(packed & 0xFFFF, Floats) * frame.unit_m;
-  const Floats along = load(&beams.along[channel]);
-  const Floats across = load(&beams.across[channel]);
-  const Floats x = range_m * (along * frame.cos_azimuth - across * frame.sin_azimuth);
-  const Floats y = -range_m * (along * frame.sin_azimuth + across * frame.cos_azimuth);
-  const Floats z = range_m * load(&beams.up[channel]) + load(&beams.height_m[channel]);
-  const Floats xy_low = __builtin_shufflevector(x, y, 0, 4, 1, 5);
-  const Floats xy_high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
-  const Floats zi_low = __builtin_shufflevector(z, intensity, 0, 4, 1, 5);
-  const Floats zi_high = __builtin_shufflevector(z, intensity, 2, 6, 3, 7);
+  const Float4 intensity = __builtin_convertvector((packed >> 16) & 0xFF, Float4);
+  const Float4 range_m = __builtin_convertvector(packed & 0xFFFF, Float4) * frame.unit_m;
+  const Float4 along = load(&beams.along[channel]);
+  const Float4 across = load(&beams.across[channel]);
+  const Float4 x = range_m * (along * frame.cos_azimuth - across * frame.sin_azimuth);
+  const Float4 y = -range_m * (along * frame.sin_azimuth + across * frame.cos_azimuth);
+  const Float4 z = range_m * load(&beams.up[channel]) + load(&beams.height_m[channel]);
+  const Float4 xy_low = __builtin_shufflevector(x, y, 0, 4, 1, 5);
+  const Float4 xy_high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
+  const Float4 zi_low = __builtin_shufflevector(z, intensity, 0, 4, 1, 5);
+  const Float4 zi_high = __builtin_shufflevector(z, intensity, 2, 6, 3, 7);
   quad.points[0] = __builtin_shufflevector(xy_low, zi_low, 0, 1, 4, 5);
   quad.points[1] = __builtin_shufflevector(xy_low, zi_low, 2, 3, 6, 7);
   quad.points[2] = __builtin_shufflevector(xy_high, zi_high, 0, 1, 4, 5);
@@ -102,7 +102,7 @@ struct Writer {
 
   std::size_t count() const { return static_cast<std::size_t>(at - begin) / sizeof(Point); }
 
-  void put(const Floats& position_and_intensity, std::uint64_t rest, bool keep) {
+  void put(const Float4& position_and_intensity, std::uint64_t rest, bool keep) {
     std::memcpy(at, &position_and_intensity, kHalf);
     std::memcpy(at + kHalf, &rest, sizeof rest);
     at += keep ? sizeof(Point) : 0;
