@@ -27,6 +27,8 @@ KILL_AT = 45
 VOXELS_EVERY = 20
 BRIDGING = HEALTH.index("bridging")
 PATIENCE_S = 60.0
+#: what a killed publisher has sent is read within; less than a process takes to start
+IN_FLIGHT_S = 0.1
 STAGES = ("registration", "odometry", "mapping", "integration")
 #: mapping founds no map before the store is there; more than its link ever takes
 STORE_LINK_S = 10
@@ -77,6 +79,8 @@ class LiveRun:
         #: instance -> its sweeps, in the order of their coming
         self.odometry_poses: dict[str, list[int]] = {}
         self.odometry_commits: dict[str, list[int]] = {}
+        #: the newest of the odometry's commits that its readers kept when a stage was killed
+        self.kept_commit = -1
 
     def __enter__(self) -> LiveRun:
         self.chain.__enter__()
@@ -130,11 +134,22 @@ class LiveRun:
         """Kills and starts again, so many sweeps later; the last pose before."""
         last = list(self.poses.values())[-1]
         kill(self.chain, *stages)
+        if "odometry" in stages and "mapping" not in stages:
+            self.kept_commit = self._newest_kept_commit()
         if away:
             self._until(lambda: self._driver_sweep() >= last.sweep + away)
         for stage in stages:
             self.chain.start(stage, f"{stage}-again")
         return last
+
+    def _newest_kept_commit(self) -> int:
+        """Of a dead odometry. Not what came here: each reader has its own connection, and what is
+        on one when the publisher dies need not be on another."""
+        time.sleep(IN_FLIGHT_S)
+        link = self.chain.link
+        kept = link.get(f"{link.keys.odometry_features}?kept=1")
+        headers = [messages.decode("OdometryFeatures", each).Header() for each in kept]
+        return int(max(header.Sweep() for header in headers))
 
     def _driver_sweep(self) -> int:
         status = self.chain.link.stage("driver")

@@ -113,12 +113,11 @@ def assert_bridged(poses: dict[tuple[int, int], PoseRecord], last: PoseRecord) -
 
 
 def assert_last_pose_again(run: LiveRun) -> None:
-    """Who takes over gives out the pose of the newest commit: it may have died with its publisher
-    while the commit came through."""
-    (first, again) = run.odometry_poses
-    commits = run.odometry_commits[first]
-    assert run.odometry_poses[again][0] == commits[-1]
-    assert run.odometry_commits[again][0] == commits[-1] + 1
+    """Who takes over gives out the pose of the newest commit that mapping has: it may have died
+    with its publisher while the commit came through."""
+    (_, again) = run.odometry_poses
+    assert run.odometry_poses[again][0] == run.kept_commit
+    assert run.odometry_commits[again][0] == run.kept_commit + 1
 
 
 def gap_of(status: StatusRecord) -> list[int]:
