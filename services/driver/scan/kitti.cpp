@@ -3,6 +3,7 @@
 #include <limits>
 #include <numeric>
 
+#include "common/containers/radix_sort.hpp"
 #include "driver/scan/scan.hpp"
 
 namespace zloam::driver {
@@ -14,11 +15,6 @@ constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr double kBackwardDeg = 10.0;
 // A ring that begins this near to azimuth 0 may begin just below it.
 constexpr double kStartDeg = 20.0;
-
-double azimuth_deg(const float* p) {
-  const double deg = std::atan2(p[1], p[0]) * kDegPerRad;
-  return deg < 0.0 ? deg + 360.0 : deg;
-}
 
 /// Watches the azimuth along the file and tells where a ring ends. Missing returns may leave large
 /// holes in a ring, so only a way back, or the way past 360 degrees, ends it.
@@ -57,6 +53,34 @@ class RingEnd {
 bool is_return(const float* p) {
   const bool finite = std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
   return finite && (p[0] != 0.0F || p[1] != 0.0F || p[2] != 0.0F);
+}
+
+double azimuth_deg(const float* p) {
+  const double deg = std::atan2(p[1], p[0]) * kDegPerRad;
+  return deg < 0.0 ? deg + 360.0 : deg;
+}
+
+/// Of each point; NaN where there is no return.
+std::vector<double> azimuths_deg(std::span<const float> xyzi) {
+  std::vector<double> azimuths(xyzi.size() / 4);
+  for (std::size_t i = 0; i < azimuths.size(); ++i) {
+    const float* p = &xyzi[4 * i];
+    azimuths[i] = is_return(p) ? azimuth_deg(p) : std::numeric_limits<double>::quiet_NaN();
+  }
+  return azimuths;
+}
+
+std::vector<std::uint16_t> rings_from_top(const std::vector<double>& azimuths_deg,
+                                          int& rings_found) {
+  std::vector<std::uint16_t> ring(azimuths_deg.size(), 0);
+  RingEnd end;
+  int index = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    if (!std::isnan(azimuths_deg[i]) && end.ends_before(azimuths_deg[i])) ++index;
+    ring[i] = static_cast<std::uint16_t>(std::min(index, 65535));
+  }
+  rings_found = ring.empty() ? 0 : index + 1;
+  return ring;
 }
 
 /// Elevations of an HDL-64E from the top: steps of 1/3 degree, then of 1/2.
@@ -109,8 +133,8 @@ std::uint32_t time_of(double azimuth, const ScanTiming& timing, double period_ns
 /// Stamp and times from the first point; columns by the time within the turn.
 void number_by_time(DecodedSweep& sweep, double period_ns) {
   constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
-  std::stable_sort(sweep.points.begin(), sweep.points.end(),
-                   [](const Point& a, const Point& b) { return a.time_ns < b.time_ns; });
+  PointVector spare;
+  radix_sort(sweep.points, spare, 32, [](const Point& p) { return p.time_ns; });
   const std::uint32_t first_ns = sweep.points.empty() ? 0 : sweep.points.front().time_ns;
   sweep.stamp_ns += first_ns;
   for (Point& p : sweep.points) {
@@ -122,22 +146,14 @@ void number_by_time(DecodedSweep& sweep, double period_ns) {
 }  // namespace
 
 std::vector<std::uint16_t> recover_rings(std::span<const float> xyzi, int& rings_found) {
-  std::vector<std::uint16_t> ring(xyzi.size() / 4, 0);
-  RingEnd end;
-  int index = 0;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const float* p = &xyzi[4 * i];
-    if (is_return(p) && end.ends_before(azimuth_deg(p))) ++index;
-    ring[i] = static_cast<std::uint16_t>(std::min(index, 65535));
-  }
-  rings_found = ring.empty() ? 0 : index + 1;
-  return ring;
+  return rings_from_top(azimuths_deg(xyzi), rings_found);
 }
 
 DecodedSweep kitti_sweep(std::span<const float> xyzi, const ScanTiming& timing,
                          std::int64_t start_ns, KittiDiagnostics* diagnostics) {
   KittiDiagnostics noted;
-  const std::vector<std::uint16_t> from_top = recover_rings(xyzi, noted.rings_found);
+  const std::vector<double> azimuths = azimuths_deg(xyzi);
+  const std::vector<std::uint16_t> from_top = rings_from_top(azimuths, noted.rings_found);
   const int missing = rings_missing_on_top(xyzi, from_top, noted.rings_found);
   const int rings = std::max(noted.rings_found, kHdl64Rings);
   const double period_ns = timing.period_s * 1e9;
@@ -145,14 +161,14 @@ DecodedSweep kitti_sweep(std::span<const float> xyzi, const ScanTiming& timing,
   sweep.points.reserve(from_top.size());
   for (std::size_t i = 0; i < from_top.size(); ++i) {
     const float* p = &xyzi[4 * i];
-    if (!is_return(p)) {
+    if (std::isnan(azimuths[i])) {
       const bool zero = p[0] == 0.0F && p[1] == 0.0F && p[2] == 0.0F;
       zero ? ++noted.dropped_zero_range : ++noted.dropped_not_finite;
       continue;
     }
     const int ring = rings - 1 - missing - static_cast<int>(from_top[i]);
     sweep.points.push_back({p[0], p[1], p[2], std::isfinite(p[3]) ? 255.0F * p[3] : 0.0F,
-                            time_of(azimuth_deg(p), timing, period_ns),
+                            time_of(azimuths[i], timing, period_ns),
                             static_cast<std::uint16_t>(std::max(ring, 0)), ReturnType::kStrongest,
                             0});
   }
