@@ -108,7 +108,7 @@ void InletCore::accept(Raw raw) {
   message.received_ns = raw.received_ns;
   message.recovered = raw.recovered;
   if (!admitted(message)) return;
-  keep(message, raw.sample.encoding);
+  keep(message, bytes, raw.sample.encoding);
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
   // A recovered copy that was overtaken by the original is nobody's request.
@@ -134,7 +134,8 @@ void InletCore::check_again() {
   sequencer_.remove_if([this](const Message& message) { return !admitted(message); }, steady_ns());
 }
 
-void InletCore::keep(const Message& message, const std::string& encoding) {
+void InletCore::keep(const Message& message, const zenoh::AlignedBytes& bytes,
+                     const std::string& encoding) {
   if (setup_.options.keep == 0) return;
   const msg::Header& h = *message.header;
   if (kept_.find(h.run(), h.sweep())) return;
@@ -142,7 +143,7 @@ void InletCore::keep(const Message& message, const std::string& encoding) {
     const std::lock_guard lock(shared_->mutex);
     encoding_ = encoding;
   }
-  kept_.put({h.run(), h.sweep(), h.seq(), zenoh::Bytes::copy_of(message.bytes), h.replay()});
+  kept_.put({h.run(), h.sweep(), h.seq(), bytes.to_keep(), h.replay()});
 }
 
 void InletCore::answer_kept(zenoh::Query& query) const {

@@ -11,6 +11,7 @@
 #include "common/runtime/seen_numbers.hpp"
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/shared.hpp"
+#include "common/zenoh/aligned.hpp"
 #include "common/zenoh/zenoh.hpp"
 
 namespace zloam::runtime {
@@ -88,7 +89,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void count_drop(Drop reason);
   void report_drop(Drop reason, const std::string& why);
   void note_given_up();
-  void keep(const Message& message, const std::string& encoding);
+  void keep(const Message& message, const zenoh::AlignedBytes& bytes, const std::string& encoding);
   void note_seen(bool recovered);
   /// The text behind '?' of what to ask for now; empty: nothing.
   std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);

@@ -21,7 +21,19 @@ void count(TransferCounters& counters, bool shared_memory, bool in_place, std::s
   (in_place ? counters.bytes_in_place : counters.bytes_copied) += size;
 }
 
+/// What Bytes::own takes.
+struct SharedCopy {
+  std::shared_ptr<const std::uint8_t> memory;
+  std::size_t bytes;
+  const std::uint8_t* data() const { return memory.get(); }
+  std::size_t size() const { return bytes; }
+};
+
 }  // namespace
+
+Bytes AlignedBytes::to_keep() const {
+  return copy_ ? Bytes::own(SharedCopy{copy_, size()}) : Bytes::copy_of(data_);
+}
 
 AlignedBytes view_aligned(Bytes payload, TransferCounters* counters) {
   AlignedBytes view;

@@ -32,6 +32,9 @@ class AlignedBytes {
   bool in_place() const { return copy_ == nullptr; }
   /// The shared memory was written again before it was read: there are no bytes.
   bool torn() const { return torn_; }
+  /// To be kept for long: the copy that was made already, shared, or one that is made now. A
+  /// payload in place may hold a receive buffer many times its size.
+  Bytes to_keep() const;
 
  private:
   friend AlignedBytes view_aligned(Bytes payload, TransferCounters* counters);

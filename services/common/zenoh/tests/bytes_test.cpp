@@ -140,6 +140,27 @@ TEST(AlignedBytes, ReadsAlignedBytesInPlaceAndCopiesOthers) {
   }
 }
 
+TEST(AlignedBytes, WhatIsKeptSharesACopyAndHoldsNoReceiveBuffer) {
+  std::atomic<int> deaths{0};
+  for (const bool in_place : {true, false}) {
+    Bytes kept;
+    const std::uint8_t* read_at = nullptr;
+    {
+      Bytes payload = Bytes::own(Owner(64, deaths));
+      if (!in_place) payload = payload.in_parts(7);
+      const AlignedBytes view = view_aligned(std::move(payload));
+      ASSERT_EQ(view.in_place(), in_place);
+      read_at = view.data().data();
+      kept = view.to_keep();
+    }
+    EXPECT_EQ(deaths, in_place ? 1 : 2);
+    ASSERT_TRUE(kept.contiguous().has_value());
+    EXPECT_EQ(kept.contiguous()->data() == read_at, !in_place);
+    EXPECT_EQ(kept.size(), 64u);
+    EXPECT_EQ((*kept.contiguous())[63], 63);
+  }
+}
+
 TEST(AlignedBytes, KeepTheirBytesAlive) {
   std::atomic<int> deaths{0};
   {
