@@ -215,14 +215,18 @@ void collect(const RingSorted& sorted, const Curvature& curvature,
   collect_less_flat(sorted, keep, config.less_flat_leaf_m, result.less_flat);
 }
 
-// Standard deviation of a range from the smooth points: 1.4826 * median of the absolute values.
+// Standard deviation of a range from the smooth points: 1.4826 * median of the absolute values, of
+// so many of them that it is known to 1 %.
 double measured_noise(std::vector<float>& components) {
+  constexpr std::size_t kEnough = 20000;
   if (components.size() < 100) {
     return 0.0;
   }
-  for (float& c : components) {
-    c = std::abs(c);
+  const std::size_t stride = std::max<std::size_t>(1, components.size() / kEnough);
+  for (std::size_t i = 0; i < components.size(); i += stride) {
+    components[i / stride] = std::abs(components[i]);
   }
+  components.resize((components.size() + stride - 1) / stride);
   const auto middle = components.begin() + static_cast<std::ptrdiff_t>(components.size() / 2);
   std::nth_element(components.begin(), middle, components.end());
   return 1.4826 * *middle;

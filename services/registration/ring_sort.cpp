@@ -70,12 +70,16 @@ T median(std::vector<T>& values) {
 
 // Usual step between firings, from a sample of the neighbours.
 void measure_steps(RingSorted& sorted) {
-  constexpr std::uint32_t kStride = 5;
+  // Of so many the median is as good as of all.
+  constexpr std::size_t kEnough = 5000;
+  constexpr std::size_t kStride = 5;
+  const auto stride =
+      static_cast<std::uint32_t>(std::max(kStride, sorted.points.size() / kEnough));
   std::vector<std::uint32_t> intervals;
   std::vector<double> tangents;  // of the angles, whose median's tangent is theirs
   for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {
     for (std::uint32_t i = sorted.ring_begin[ring]; i + 1 < sorted.ring_begin[ring + 1];
-         i += kStride) {
+         i += stride) {
       const std::uint32_t dt = sorted.points[i + 1].time_ns - sorted.points[i].time_ns;
       if (dt > 0) {
         intervals.push_back(dt);
