@@ -163,7 +163,13 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   bind_voxel_map(p, c.map);
   plane_map::MatcherConfig& m = c.matcher;
   p.add("mapping.voxel_planes.stride", &m.stride, {1, 100}, "",
-        "every so many points of a sweep are matched; all are counted")
+        "every so many points of a sweep are matched")
+      .live();
+  p.add("mapping.voxel_planes.enough_points", &m.enough_points, {100, 1e7}, "points",
+        "a denser sweep is matched with no fewer")
+      .live();
+  p.add("mapping.voxel_planes.enough_inserted_points", &m.enough_inserted_points, {100, 1e7},
+        "points", "all are counted in the map; of a denser sweep no fewer than these")
       .live();
   p.add("mapping.voxel_planes.max_iterations", &m.max_iterations, {1, 100}, "", "at most").live();
   p.add("mapping.voxel_planes.correlation", &m.correlation, {1.0, 1e4}, "",

@@ -28,6 +28,16 @@ bool is_moving(const MappingInput& input) {
   return !known || step.dot(covariance.solve(step)) > kRestChiSquared;
 }
 
+plane_map::SweepInput sweep_of(const MappingInput& input) {
+  plane_map::SweepInput sweep;
+  sweep.points = input.edges;
+  sweep.more_points = input.planes;
+  sweep.stamp_ns = input.stamp_ns;
+  sweep.period_ns = input.period_ns;
+  sweep.deskewed = plane_map::Deskewing{input.twist_per_s, input.instant_ns};
+  return sweep;
+}
+
 class VoxelPlanesMethod : public MappingMethod {
  public:
   explicit VoxelPlanesMethod(const MappingConfig& config) : config_(config.voxel_planes) {}
@@ -61,7 +71,6 @@ class VoxelPlanesMethod : public MappingMethod {
 
   void begin(const MappingInput& input, const Prediction& prediction);
   void found_anew(const MappingInput& input);
-  plane_map::SweepInput sweep_of(const MappingInput& input, PointSpan points) const;
   plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
   plane_map::RegistrationResult registered(const MappingInput& input, const Prediction& prediction);
   bool disagrees(const plane_map::RegistrationResult& result, const MappingInput& input,
@@ -77,7 +86,6 @@ class VoxelPlanesMethod : public MappingMethod {
   VoxelPlanesConfig config_;
   std::optional<plane_map::PlaneRegistration> registration_;
   std::optional<MappingInput> open_;  // the sweep whose results wait; spans are not to be read
-  PointVector points_;                // its edges and planes
   std::vector<Tried> tried_;
   std::optional<Founding> founding_;
   std::uint32_t odom_epoch_ = 0;
@@ -85,16 +93,6 @@ class VoxelPlanesMethod : public MappingMethod {
   PointVector tile_edges_, tile_planes_;
   VoxelTiles tiles_;
 };
-
-plane_map::SweepInput VoxelPlanesMethod::sweep_of(const MappingInput& input,
-                                                  PointSpan points) const {
-  plane_map::SweepInput sweep;
-  sweep.points = points;
-  sweep.stamp_ns = input.stamp_ns;
-  sweep.period_ns = input.period_ns;
-  sweep.deskewed = plane_map::Deskewing{input.twist_per_s, input.instant_ns};
-  return sweep;
-}
 
 plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
                                                       const Prediction& prediction) const {
@@ -127,7 +125,7 @@ bool VoxelPlanesMethod::disagrees(const plane_map::RegistrationResult& result,
 // say that it is lost: then it begins again with the odometry's.
 plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& input,
                                                             const Prediction& prediction) {
-  const plane_map::SweepInput sweep = sweep_of(input, points_);
+  const plane_map::SweepInput sweep = sweep_of(input);
   plane_map::MotionPrediction odometry = advice(input, prediction);
   const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
   if (!own) return registration_->match(sweep, odometry);
@@ -181,7 +179,9 @@ void VoxelPlanesMethod::found_anew(const MappingInput& input) {
   plane_map::PlaneMapConfig map = registration_->map().config();
   registration_.emplace(map, config_.matcher, founding.T_map_base);
   MappingInput first = founding.info;
-  const plane_map::SweepInput sweep = sweep_of(first, founding.points);
+  first.edges = {};
+  first.planes = founding.points;
+  const plane_map::SweepInput sweep = sweep_of(first);
   first.twist_per_s = input.twist_per_s;
   const auto result = placed_at(first, founding.T_map_base);
   registration_->commit(sweep, result, true);
@@ -196,7 +196,7 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
     odom_epoch_ = input.odom_epoch;
   } else if (open_ && tried_.size() == 1) {
     // It was matched and not inserted.
-    registration_->commit(sweep_of(*open_, points_), tried_.front().result, false);
+    registration_->commit(sweep_of(*open_), tried_.front().result, false);
   }
   if (founding_ && !input.twist_per_s.isZero(0.0)) {
     if (is_moving(input)) found_anew(input);
@@ -211,8 +211,6 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   last_stamp_ns_ = input.stamp_ns;
   tried_.clear();
   open_ = input;
-  points_.assign(input.edges.begin(), input.edges.end());
-  points_.insert(points_.end(), input.planes.begin(), input.planes.end());
 }
 
 Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction,
@@ -252,9 +250,11 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
     if (t.T_map_base.matrix() == match.T_map_base.matrix()) result = t.result;
   }
   if (registration_->map().empty() && input.twist_per_s.isZero(0.0)) {
-    founding_ = Founding{points_, match.T_map_base, input};
+    PointVector points(input.edges.begin(), input.edges.end());
+    points.insert(points.end(), input.planes.begin(), input.planes.end());
+    founding_ = Founding{std::move(points), match.T_map_base, input};
   }
-  registration_->commit(sweep_of(input, points_), result, true);
+  registration_->commit(sweep_of(input), result, true);
   open_.reset();
   // Deskewed with the sweep's own motion in place of the odometry's.
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);

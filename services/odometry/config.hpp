@@ -59,9 +59,10 @@ struct OdometryConfig {
   /// Edge of the coarsest voxels, m; each level halves it.
   double voxel_m = 2.0;
   int voxel_levels = 4;
-  /// At most about so many points of a sweep are matched (evenly spread), and inserted.
+  /// At most about so many points of a sweep are matched (evenly spread).
   int max_matched_points = 4000;
-  int max_inserted_points = 30000;
+  /// Of a denser sweep every so many points are inserted that no fewer than these are.
+  int enough_inserted_points = 20000;
   /// A voxel is a plane when it has this many points, its thickness (square root of the smallest
   /// eigenvalue) is below thickness_sigmas range noises, its width (of the middle one) above
   /// width_sigmas, and the normal's error below normal_error_rad. A ring thickened by noise is no

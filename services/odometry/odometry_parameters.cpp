@@ -78,8 +78,8 @@ void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.max_matched_points", &c.max_matched_points, {10, 1e7}, "points",
         "of a sweep, evenly chosen (recent_sweeps)")
       .live();
-  p.add("odometry.max_inserted_points", &c.max_inserted_points, {10, 1e7}, "points",
-        "of a sweep, evenly chosen (recent_sweeps)");
+  p.add("odometry.enough_inserted_points", &c.enough_inserted_points, {10, 1e7}, "points",
+        "a denser sweep is thinned to no fewer (recent_sweeps)");
   p.add("odometry.plane_min_points", &c.plane_min_points, {3, 1e6}, "points", "of a plane");
   p.add("odometry.plane_thickness_sigmas", &c.plane_thickness_sigmas, {0.1, 100.0}, "",
         "a plane is thinner than this many range noises");

@@ -185,8 +185,8 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
     sweeps_.pop_front();
   }
   runs.clear();
-  const auto wanted = static_cast<std::size_t>(std::max(1, config_.max_inserted_points));
-  const std::size_t stride = std::max<std::size_t>(1, (points.size() + wanted - 1) / wanted);
+  const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
+  const std::size_t stride = std::max<std::size_t>(1, points.size() / enough);
   run_keys_.clear();
   const Eigen::Matrix3d turn = units_R_ * T_odom_base.linear();
   const Eigen::Vector3d shift = units_R_ * T_odom_base.translation() + units_t_;

@@ -65,9 +65,12 @@ struct PlaneMapConfig {
 };
 
 struct MatcherConfig {
-  /// Every stride-th point is matched, more sparsely above max_points.
+  /// Every stride-th point is matched, and all are counted in the map; of a sweep that is so dense
+  /// that more than enough would be left, every so many that no fewer than enough are. Which ones
+  /// changes from sweep to sweep.
   unsigned stride = 2;
-  std::size_t max_points = 20000;
+  std::size_t enough_points = 10000;
+  std::size_t enough_inserted_points = 20000;
   double min_range_m = 0.5;
 
   int max_iterations = 8;

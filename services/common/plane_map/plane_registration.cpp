@@ -34,6 +34,11 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
   return ldlt.solve(Matrix6::Identity());
 }
 
+// The greatest that leaves enough of the sweep's points.
+std::size_t stride_for(std::size_t enough, const SweepPoints& points) {
+  return std::max<std::size_t>(points.points().size() / std::max<std::size_t>(enough, 1), 1);
+}
+
 }  // namespace
 
 Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
@@ -125,9 +130,8 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
 }
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
-  const std::size_t all = points.points().size();
-  const std::size_t stride = std::max<std::size_t>(
-      std::max(config_.stride, 1u), all / std::max<std::size_t>(config_.max_points, 1));
+  const std::size_t stride =
+      std::max<std::size_t>(config_.stride, stride_for(config_.enough_points, points));
   map_.set_anchor(prior.start.T_mid.translation());
   return matcher_.match(map_, points, every_nth(points.points(), stride, sweeps_ * 7), prior,
                         gate_m_);
@@ -137,7 +141,12 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
   map_.set_anchor(motion.T_mid.translation());
   const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
-  to_local(points.points(), motions, shift, inserted_);
+  const std::size_t stride = stride_for(config_.enough_inserted_points, points);
+  if (stride > 1) {
+    to_local(every_nth(points.points(), stride, sweeps_), motions, shift, inserted_);
+  } else {
+    to_local(points.points(), motions, shift, inserted_);
+  }
   map_.insert(inserted_);
   map_.leave_behind(motion.T_mid.translation());
 }
@@ -175,11 +184,11 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
 }
 
 SweepPoints& PlaneRegistration::points_of(const SweepInput& sweep) {
-  if (!points_ || points_stamp_ns_ != sweep.stamp_ns) {
-    points_.emplace(sweep, config_.min_range_m);
+  if (points_stamp_ns_ != sweep.stamp_ns) {
+    points_.set(sweep, config_.min_range_m);
     points_stamp_ns_ = sweep.stamp_ns;
   }
-  return *points_;
+  return points_;
 }
 
 RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
@@ -232,7 +241,7 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     if (previous_) change = motion.twist - previous_->motion.twist;
     previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
   }
-  points_.reset();
+  points_stamp_ns_.reset();
   ++sweeps_;
 }
 

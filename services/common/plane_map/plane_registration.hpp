@@ -108,8 +108,8 @@ class PlaneRegistration {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
-  std::optional<SweepPoints> points_;  // of the sweep that was matched last
-  std::int64_t points_stamp_ns_ = 0;
+  SweepPoints points_;                           // of the sweep that was matched last
+  std::optional<std::int64_t> points_stamp_ns_;  // until it is committed
   std::vector<LocalPoint> inserted_;  // in the map's local coordinates
   double gate_m_;
   bool weak_ = false;

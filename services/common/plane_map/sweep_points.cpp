@@ -19,38 +19,33 @@ bool usable(const Point& p, float min_range2) {
   return range2 >= min_range2 && range2 < 1e12f;  // false for NaN
 }
 
-// Stable counting sort by slot.
-std::vector<SlotPoint> in_slot_order(const std::vector<SlotPoint>& points) {
-  std::vector<std::uint32_t> next(kSlots + 2, 0);
-  for (const SlotPoint& p : points) {
-    ++next[p.slot + 1U];
-  }
-  for (std::size_t i = 1; i < next.size(); ++i) {
-    next[i] += next[i - 1];
-  }
-  std::vector<SlotPoint> sorted(points.size());
-  for (const SlotPoint& p : points) {
-    sorted[next[p.slot]++] = p;
-  }
-  return sorted;
-}
-
 }  // namespace
 
-SweepPoints::SweepPoints(const SweepInput& sweep, double min_range_m)
-    : T_base_points_(sweep.T_base_points) {
+void SweepPoints::set(const SweepInput& sweep, double min_range_m) {
+  T_base_points_ = sweep.T_base_points;
+  undo_.clear();
   const double slots_per_ns =
       sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
   const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
-  std::vector<SlotPoint> valid;
-  valid.reserve(sweep.points.size());
-  for (const Point& p : sweep.points) {
-    if (usable(p, min_range2)) {
-      const double slot = std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots);
-      valid.push_back({p.x, p.y, p.z, static_cast<std::uint16_t>(slot), p.ring});
+  const auto slot_of = [&](const Point& p) {
+    return static_cast<std::uint16_t>(std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots));
+  };
+  // Stable counting sort. The points are read twice: cheaper than keeping them in between.
+  std::vector<std::uint32_t> next(kSlots + 2, 0);
+  for (const PointSpan part : {sweep.points, sweep.more_points}) {
+    for (const Point& p : part) {
+      if (usable(p, min_range2)) ++next[slot_of(p) + 1U];
     }
   }
-  points_ = in_slot_order(valid);
+  for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];
+  points_.resize(next.back());
+  for (const PointSpan part : {sweep.points, sweep.more_points}) {
+    for (const Point& p : part) {
+      if (!usable(p, min_range2)) continue;
+      const std::uint16_t slot = slot_of(p);
+      points_[next[slot]++] = {p.x, p.y, p.z, slot, p.ring};
+    }
+  }
   if (sweep.deskewed) {
     const DeskewTable table(sweep.deskewed->twist_per_s, sweep.period_ns,
                             sweep.deskewed->instant_ns);

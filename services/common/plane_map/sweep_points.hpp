@@ -23,6 +23,7 @@ struct Deskewing {
 /// raw, in a frame whose pose in base_link is T_base_points; or, with `deskewed`, at one instant.
 struct SweepInput {
   PointSpan points;
+  PointSpan more_points;  // of the same sweep, wherever they lie
   Pose T_base_points = Pose::Identity();
   std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100'000'000;
@@ -54,7 +55,11 @@ std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size
 /// and in the given order within a slot.
 class SweepPoints {
  public:
-  SweepPoints(const SweepInput& sweep, double min_range_m);
+  SweepPoints() = default;
+  SweepPoints(const SweepInput& sweep, double min_range_m) { set(sweep, min_range_m); }
+  /// Another sweep, in the memory of the one before: megabytes, which the kernel would else clear
+  /// each time.
+  void set(const SweepInput& sweep, double min_range_m);
 
   const std::vector<SlotPoint>& points() const { return points_; }
 
@@ -65,7 +70,7 @@ class SweepPoints {
 
  private:
   std::vector<SlotPoint> points_;
-  Pose T_base_points_;
+  Pose T_base_points_ = Pose::Identity();
   std::vector<Pose> undo_;  // per slot; empty for raw points
 };
 

@@ -69,7 +69,7 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, voxel_m);
   ZLOAM_FIELD("odometry.", c, voxel_levels);
   ZLOAM_FIELD("odometry.", c, max_matched_points);
-  ZLOAM_FIELD("odometry.", c, max_inserted_points);
+  ZLOAM_FIELD("odometry.", c, enough_inserted_points);
   ZLOAM_FIELD("odometry.", c, plane_min_points);
   ZLOAM_FIELD("odometry.", c, plane_thickness_sigmas);
   ZLOAM_FIELD("odometry.", c, plane_width_sigmas);
@@ -104,7 +104,8 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
 
 void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, stride);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, max_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, enough_points);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, enough_inserted_points);
   ZLOAM_FIELD("mapping.voxel_planes.", c, max_iterations);
   ZLOAM_FIELD("mapping.voxel_planes.", c, stop_rotation_rad);
   ZLOAM_FIELD("mapping.voxel_planes.", c, stop_translation_m);

@@ -350,6 +350,50 @@ TEST(PlaneRegistration, EmptyAndBadSweepsArePredictedAndLeaveTheMap) {
   EXPECT_EQ(registration.map().statistics().voxels, voxels);
 }
 
+std::size_t counted(const VoxelPlaneMap& map) {
+  std::vector<SavedVoxel> voxels;
+  for (std::size_t i = 0; i < map.roots().size(); ++i) map.save_root(i, voxels);
+  std::size_t points = 0;
+  for (const SavedVoxel& voxel : voxels) points += voxel.level == 0 ? voxel.count : 0;
+  return points;
+}
+
+// An HDL-64E's sweep is four of a VLP-16's: of it no fewer than enough are used, nor twice as many.
+TEST(PlaneRegistration, ADenseSweepIsThinnedToEnough) {
+  Scanner dense;
+  dense.rings = 64;
+  MatcherConfig matcher;
+  matcher.enough_points = 5000;
+  matcher.enough_inserted_points = 8000;
+  PlaneRegistration registration{exact(), matcher};
+  const Vector6 v = twist(0.3, 0.0, 0.0, 0.0, 0.0, 0.2);
+  const Drive d = drive(registration, Room{}, dense, v, 10, 0);
+  EXPECT_GT(d.results.back().points, 4 * matcher.enough_points);
+  EXPECT_GE(d.results.back().tried, matcher.enough_points);
+  EXPECT_LT(d.results.back().tried, 2 * matcher.enough_points);
+  const std::size_t sweeps = d.results.size();
+  EXPECT_GE(counted(registration.map()), sweeps * matcher.enough_inserted_points);
+  EXPECT_LT(counted(registration.map()), sweeps * 2 * matcher.enough_inserted_points);
+  EXPECT_LT(distance_m(d.results.back().T_map_base_mid, d.truth_mid.back()), 1.5e-3);
+}
+
+TEST(PlaneRegistration, ASweepMayComeInTwoParts) {
+  PlaneRegistration whole{exact(), MatcherConfig{}};
+  PlaneRegistration parts{exact(), MatcherConfig{}};
+  std::mt19937 random(1);
+  for (int k = 0; k < 4; ++k) {
+    const PointVector points = scan(Room{}, Scanner{}, Pose::Identity(), Vector6::Zero(), random);
+    SweepInput sweep = input(points, k);
+    const RegistrationResult expected = whole.process(sweep);
+    sweep.points = PointSpan(points).first(1000);
+    sweep.more_points = PointSpan(points).subspan(1000);
+    const RegistrationResult found = parts.process(sweep);
+    EXPECT_EQ(found.T_map_base_mid.matrix(), expected.T_map_base_mid.matrix());
+    EXPECT_EQ(found.tried, expected.tried);
+  }
+  EXPECT_EQ(counted(parts.map()), counted(whole.map()));
+}
+
 TEST(PlaneRegistration, AllEqualPointsDoNotCrash) {
   PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
   const Point one{1, 2, 0.5f, 0, 10, 0, ReturnType::kStrongest, 0};
