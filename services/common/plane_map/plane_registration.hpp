@@ -110,7 +110,7 @@ class PlaneRegistration {
   std::optional<Previous> previous_;
   SweepPoints points_;                           // of the sweep that was matched last
   std::optional<std::int64_t> points_stamp_ns_;  // until it is committed
-  std::vector<LocalPoint> inserted_;  // in the map's local coordinates
+  std::vector<LocalPoint> inserted_;             // in the map's local coordinates
   double gate_m_;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();
