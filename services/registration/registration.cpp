@@ -2,14 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <numbers>
+#include <span>
 
+#include "common/geometry/lanes.hpp"
 #include "registration/curvature.hpp"
 
 namespace zloam::registration {
 namespace {
 
 enum Label : std::uint8_t { kNone = 0, kSharp = 1, kLessSharp = 2, kFlat = 4 };
+
+// No point is as uneven.
+constexpr float kNever = std::numeric_limits<float>::infinity();
 
 bool is_unreliable(Kind kind) { return kind == Kind::kParallel || kind == Kind::kOccluded; }
 
@@ -22,7 +29,12 @@ class Picker {
         c_(config),
         min_bend_(std::tan(0.5 * config.edge_min_bend_deg * std::numbers::pi / 180.0)),
         labels_(sorted.points.size(), kNone),
-        taken_(sorted.points.size(), 0) {}
+        taken_(sorted.points.size(), 0),
+        flatness_(curvature.chi2) {
+    for (std::size_t i = 0; i < flatness_.size(); ++i) {
+      if (v_.kind[i] != Kind::kPlain) flatness_[i] = kNever;
+    }
+  }
 
   void run() {
     const auto segments = static_cast<std::uint32_t>(std::max(1, c_.segments));
@@ -79,30 +91,44 @@ class Picker {
 
   // Nearly all points are candidates, and a few are wanted: each is looked for.
   void pick_flats(std::uint32_t first, std::uint32_t last) {
+    const std::span<const float> segment(flatness_.data() + first, last - first);
     for (int picked = 0; picked < c_.flat_per_segment; ++picked) {
-      std::uint32_t flattest = last;
-      float least = static_cast<float>(c_.flat_chi2);
-      for (std::uint32_t i = first; i < last; ++i) {
-        if (v_.chi2[i] < least && v_.kind[i] == Kind::kPlain && taken_[i] == 0) {
-          least = v_.chi2[i];
-          flattest = i;
-        }
-      }
-      if (flattest == last) return;
+      const float least = least_of(segment);
+      if (!(least < static_cast<float>(c_.flat_chi2))) return;
+      const auto at = std::find(segment.begin(), segment.end(), least) - segment.begin();
+      const std::uint32_t flattest = first + static_cast<std::uint32_t>(at);
       suppress_around(flattest);
       labels_[flattest] = kFlat;
     }
   }
 
-  void suppress_around(std::uint32_t i) {
+  static float least_of(std::span<const float> values) {
+    Float4 least = {kNever, kNever, kNever, kNever};
+    std::size_t i = 0;
+    for (; i + 4 <= values.size(); i += 4) {
+      Float4 four;
+      std::memcpy(&four, &values[i], sizeof four);
+      least = four < least ? four : least;
+    }
+    float found = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
+    for (; i < values.size(); ++i) found = values[i] < found ? values[i] : found;
+    return found;
+  }
+
+  void take(std::uint32_t i) {
     taken_[i] = 1;
+    flatness_[i] = kNever;
+  }
+
+  void suppress_around(std::uint32_t i) {
+    take(i);
     for (std::uint32_t j = i, n = 0; n < std::uint32_t(c_.suppression) && v_.break_after[j] == 0;
          ++n) {
-      taken_[++j] = 1;
+      take(++j);
     }
     for (std::uint32_t j = i, n = 0;
          n < std::uint32_t(c_.suppression) && j > begin_ && v_.break_after[j - 1] == 0; ++n) {
-      taken_[--j] = 1;
+      take(--j);
     }
   }
 
@@ -112,6 +138,8 @@ class Picker {
   double min_bend_;
   std::vector<std::uint8_t> labels_;
   std::vector<std::uint8_t> taken_;
+  // chi2 of what may be picked as flat
+  std::vector<float> flatness_;
   std::vector<Candidate> heap_;
   std::uint32_t begin_ = 0;
   std::uint32_t end_ = 0;

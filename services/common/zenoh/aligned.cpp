@@ -1,15 +1,59 @@
 #include "common/zenoh/aligned.hpp"
 
+#include <mutex>
 #include <new>
+#include <utility>
 
 namespace zloam::zenoh {
 
 namespace {
 
+constexpr std::align_val_t kAlignment{kCopyAlignment};
+// Blocks from here on a heap with bounds (bound_heap) takes from the kernel and gives back.
+constexpr std::size_t kLarge = 1 << 20;
+
+struct Block {
+  std::uint8_t* memory = nullptr;
+  std::size_t capacity = 0;
+};
+
+void free_block(const Block& block) { ::operator delete(block.memory, kAlignment); }
+
+/// The last large block that was given back: the next message is likely to have about its size, and
+/// fresh pages cost as much as the copy.
+class Spare {
+ public:
+  ~Spare() { free_block(spare_); }
+
+  Block take(std::size_t size) {
+    const std::lock_guard lock(mutex_);
+    const bool fits = size <= spare_.capacity && spare_.capacity <= 2 * size;
+    return fits ? std::exchange(spare_, {}) : Block{};
+  }
+
+  void give(Block block) {
+    {
+      const std::lock_guard lock(mutex_);
+      std::swap(spare_, block);
+    }
+    free_block(block);
+  }
+
+ private:
+  std::mutex mutex_;
+  Block spare_;
+};
+
 std::shared_ptr<std::uint8_t> allocate(std::size_t size) {
-  constexpr std::align_val_t kAlignment{kCopyAlignment};
-  auto* memory = static_cast<std::uint8_t*>(::operator new(size, kAlignment));
-  return {memory, [](std::uint8_t* p) { ::operator delete (p, std::align_val_t{kCopyAlignment}); }};
+  // Outlives whoever holds a message at the end of the process.
+  static const auto kSpare = std::make_shared<Spare>();
+  Block block = size < kLarge ? Block{} : kSpare->take(size);
+  if (block.memory == nullptr) {
+    block = {static_cast<std::uint8_t*>(::operator new(size, kAlignment)), size};
+  }
+  return {block.memory, [block, spare = kSpare](std::uint8_t*) {
+            block.capacity < kLarge ? free_block(block) : spare->give(block);
+          }};
 }
 
 bool is_aligned(const std::uint8_t* data) {
