@@ -5,6 +5,7 @@
 #include "mapping/insertion_policy.hpp"
 #include "mapping/mapping.hpp"
 #include "mapping/method.hpp"
+#include "mapping/pose_covariance.hpp"
 #include "mapping/tile_map.hpp"
 
 namespace zloam::mapping {
@@ -29,14 +30,6 @@ Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covari
   covariance.diagonal().head<3>().array() += config.prior_sigma_m * config.prior_sigma_m;
   covariance.diagonal().tail<3>().array() += config.prior_sigma_rad * config.prior_sigma_rad;
   return covariance;
-}
-
-// What is published of the solver's covariance.
-Matrix6 scaled(const Matrix6& covariance, const MappingConfig& config) {
-  Vector6 scale;
-  scale.head<3>().setConstant(config.covariance_scale_m);
-  scale.tail<3>().setConstant(config.covariance_scale_rad);
-  return scale.asDiagonal() * covariance * scale.asDiagonal();
 }
 
 std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId>& ids) {
@@ -201,8 +194,8 @@ MappingResult Mapper::process(const MappingInput& input) {
   result.evicted = s.tiles.follow(prediction.T_map_base.translation());
   const Match match = s.align(input, prediction);
   result.T_map_base = match.ok ? match.T_map_base : prediction.T_map_base;
-  result.covariance =
-      match.ok ? scaled(match.covariance, s.config) : s.predicted_covariance(input, prediction);
+  result.covariance = match.ok ? published_covariance(match.covariance, s.config)
+                               : s.predicted_covariance(input, prediction);
   result.degeneracy = match.degeneracy;
   result.iterations = match.iterations;
   result.correspondences = match.correspondences;

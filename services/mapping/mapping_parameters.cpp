@@ -50,6 +50,12 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.covariance_scale_rad", &c.covariance_scale_rad, {0.01, 1e3}, "",
         "and of the rotation")
       .live();
+  p.add("mapping.covariance_normal_error_rad", &c.covariance_normal_error_rad, {0.0, 1.0}, "rad",
+        "errors of normals, by which the position's surest direction lends to the others")
+      .live();
+  p.add("mapping.covariance_lever_m", &c.covariance_lever_m, {0.0, 1e3}, "m",
+        "added to the position: the solver's rotation by this lever, which the map was turned by")
+      .live();
   p.add("mapping.weak_directions", &c.weak_directions,
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
         "weak directions: weighed against the prediction, or cut from each step")

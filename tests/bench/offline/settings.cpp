@@ -138,6 +138,8 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, prior_scale);
   ZLOAM_FIELD("mapping.", c, covariance_scale_m);
   ZLOAM_FIELD("mapping.", c, covariance_scale_rad);
+  ZLOAM_FIELD("mapping.", c, covariance_normal_error_rad);
+  ZLOAM_FIELD("mapping.", c, covariance_lever_m);
   ZLOAM_FIELD("mapping.", c, insert_distance_m);
   ZLOAM_FIELD("mapping.", c, insert_rotation_rad);
   ZLOAM_FIELD("mapping.", c, insert_residual_factor);

@@ -1,0 +1,42 @@
+#include "mapping/pose_covariance.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+
+namespace zloam::mapping {
+namespace {
+
+// Directions a thousand times surer than the weakest are no measurement's.
+constexpr double kLeastShare = 1e-6;
+
+// Errors of the map's normals lend information of the surest direction to the others: of what is
+// known along one of variance v, error^2 / least is not its own.
+Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_rad) {
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(position, Eigen::EigenvaluesOnly);
+  const double least = std::max(solver.eigenvalues()[0], kLeastShare * solver.eigenvalues()[2]);
+  if (!(least > 0.0)) return Eigen::Matrix3d::Zero();
+  return normal_error_rad * normal_error_rad / least * position * position;
+}
+
+// A turn about an axis moves what lies a lever away along the other two.
+Eigen::Matrix3d moved_by_turns(const Eigen::Matrix3d& rotation, double lever_m) {
+  return lever_m * lever_m * (rotation.trace() * Eigen::Matrix3d::Identity() - rotation);
+}
+
+}  // namespace
+
+Matrix6 published_covariance(const Matrix6& solved, const MappingConfig& config) {
+  const Eigen::Matrix3d position = solved.topLeftCorner<3, 3>();
+  const Eigen::Matrix3d rotation = solved.bottomRightCorner<3, 3>();
+  Vector6 scale;
+  scale.head<3>().setConstant(config.covariance_scale_m);
+  scale.tail<3>().setConstant(config.covariance_scale_rad);
+  Matrix6 covariance = scale.asDiagonal() * solved * scale.asDiagonal();
+  covariance.topLeftCorner<3, 3>() += config.covariance_scale_m * config.covariance_scale_m *
+                                      borrowed(position, config.covariance_normal_error_rad);
+  covariance.topLeftCorner<3, 3>() += moved_by_turns(rotation, config.covariance_lever_m);
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+}  // namespace zloam::mapping

@@ -1,0 +1,14 @@
+#pragma once
+// What is said of a mapped pose's errors. The solver takes the map as exact, its normals too, and
+// its residuals as nearly independent; what that leaves out was found by comparison with the
+// simulator's truth, on the first seeds (EXPERIMENTS.md, "What is said of the errors").
+
+#include "common/geometry/se3.hpp"
+#include "mapping/config.hpp"
+
+namespace zloam::mapping {
+
+/// Covariance of T_map_base to publish, right tangent (m, rad), from the solver's.
+Matrix6 published_covariance(const Matrix6& solved, const MappingConfig& config);
+
+}  // namespace zloam::mapping

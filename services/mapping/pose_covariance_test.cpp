@@ -1,0 +1,71 @@
+#include "mapping/pose_covariance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+
+namespace zloam::mapping {
+namespace {
+
+MappingConfig as_solved() {
+  MappingConfig config;
+  config.covariance_scale_m = config.covariance_scale_rad = 1.0;
+  config.covariance_normal_error_rad = config.covariance_lever_m = 0.0;
+  return config;
+}
+
+// Of sigmas about turned axes, position and rotation depending on each other.
+Matrix6 solved() {
+  Matrix6 root = Matrix6::Identity();
+  root.diagonal() << 0.001, 0.002, 0.02, 0.0003, 0.0004, 0.0005;
+  root(3, 1) = 0.0001;
+  root(5, 0) = -0.0002;
+  const Eigen::Matrix3d turned =
+      Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  Matrix6 axes = Matrix6::Zero();
+  axes.topLeftCorner<3, 3>() = axes.bottomRightCorner<3, 3>() = turned;
+  return axes * root * root.transpose() * axes.transpose();
+}
+
+TEST(PublishedCovariance, IsTheSolversWhereNothingIsAdded) {
+  EXPECT_LT((published_covariance(solved(), as_solved()) - solved()).norm(), 1e-18);
+}
+
+TEST(PublishedCovariance, ATurnOfTheMapMovesThePositionAcrossItsAxis) {
+  MappingConfig config = as_solved();
+  config.covariance_lever_m = 4.0;
+  Matrix6 yaw_only = Matrix6::Zero();
+  yaw_only(5, 5) = 1e-6;
+  const Matrix6 found = published_covariance(yaw_only, config);
+  const Eigen::Vector3d expected(16e-6, 16e-6, 0.0);
+  EXPECT_LT((found.diagonal().head<3>() - expected).norm(), 1e-18);
+  EXPECT_EQ(found(5, 5), 1e-6);
+}
+
+TEST(PublishedCovariance, AWeakDirectionIsLessSureThanSaidTheMoreTheWeakerItIs) {
+  MappingConfig config = as_solved();
+  config.covariance_normal_error_rad = 0.1;
+  Matrix6 apart = Matrix6::Identity();
+  apart.diagonal().head<3>() << 1e-6, 4e-6, 1e-4;
+  const Eigen::Vector3d found = published_covariance(apart, config).diagonal().head<3>();
+  // v (1 + 0.01 v / 1e-6)
+  EXPECT_NEAR(found[0], 1.01e-6, 1e-18);
+  EXPECT_NEAR(found[1], 4.16e-6, 1e-18);
+  EXPECT_NEAR(found[2], 2e-4, 1e-16);
+}
+
+TEST(PublishedCovariance, StaysSymmetricPositiveAndNoLessThanTheScaled) {
+  MappingConfig scaled = as_solved();
+  scaled.covariance_scale_m = MappingConfig{}.covariance_scale_m;
+  scaled.covariance_scale_rad = MappingConfig{}.covariance_scale_rad;
+  const Matrix6 found = published_covariance(solved(), MappingConfig{});
+  EXPECT_EQ(found, found.transpose());
+  const Matrix6 more = found - published_covariance(solved(), scaled);
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Matrix6>(found).eigenvalues()[0], 0.0);
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Matrix6>(more).eigenvalues()[0], -1e-15);
+  EXPECT_TRUE(published_covariance(Matrix6::Zero(), MappingConfig{}).allFinite());
+}
+
+}  // namespace
+}  // namespace zloam::mapping
