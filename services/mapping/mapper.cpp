@@ -73,6 +73,7 @@ struct Mapper::State {
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   void remember(const MappingInput& input, const MappingResult& result);
   Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
+  double turn_change_rad(const MappingInput& input) const;
 
   MappingConfig config;
   std::unique_ptr<MappingMethod> method;
@@ -125,6 +126,13 @@ Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
   if (!last || bridging) return prediction.covariance;
   const Matrix6 carry = adjoint(input.T_odom_base.inverse() * last->T_odom_base);
   return carry * last->covariance * carry.transpose() + prediction.covariance;
+}
+
+// By how much the sweep turned more or less than the one before.
+double Mapper::State::turn_change_rad(const MappingInput& input) const {
+  if (!last) return 0.0;
+  const Vector6 change_per_s = input.twist_per_s - last->twist_per_s;
+  return 1e-9 * input.period_ns * change_per_s.tail<3>().norm();
 }
 
 void Mapper::State::judge(const MappingInput& input, const Match& match, MappingResult& result) {
@@ -194,8 +202,9 @@ MappingResult Mapper::process(const MappingInput& input) {
   result.evicted = s.tiles.follow(prediction.T_map_base.translation());
   const Match match = s.align(input, prediction);
   result.T_map_base = match.ok ? match.T_map_base : prediction.T_map_base;
-  result.covariance = match.ok ? published_covariance(match.covariance, s.config)
-                               : s.predicted_covariance(input, prediction);
+  result.covariance =
+      match.ok ? published_covariance(match.covariance, s.turn_change_rad(input), s.config)
+               : s.predicted_covariance(input, prediction);
   result.degeneracy = match.degeneracy;
   result.iterations = match.iterations;
   result.correspondences = match.correspondences;

@@ -56,6 +56,9 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.covariance_lever_m", &c.covariance_lever_m, {0.0, 1e3}, "m",
         "added to the position: the solver's rotation by this lever, which the map was turned by")
       .live();
+  p.add("mapping.covariance_turn_share", &c.covariance_turn_share, {0.0, 10.0}, "",
+        "added to the rotation: this share of what the turn changed by since the sweep before")
+      .live();
   p.add("mapping.weak_directions", &c.weak_directions,
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
         "weak directions: weighed against the prediction, or cut from each step")

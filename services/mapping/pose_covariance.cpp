@@ -26,7 +26,8 @@ Eigen::Matrix3d moved_by_turns(const Eigen::Matrix3d& rotation, double lever_m) 
 
 }  // namespace
 
-Matrix6 published_covariance(const Matrix6& solved, const MappingConfig& config) {
+Matrix6 published_covariance(const Matrix6& solved, double turn_change_rad,
+                             const MappingConfig& config) {
   const Eigen::Matrix3d position = solved.topLeftCorner<3, 3>();
   const Eigen::Matrix3d rotation = solved.bottomRightCorner<3, 3>();
   Vector6 scale;
@@ -36,6 +37,8 @@ Matrix6 published_covariance(const Matrix6& solved, const MappingConfig& config)
   covariance.topLeftCorner<3, 3>() += config.covariance_scale_m * config.covariance_scale_m *
                                       borrowed(position, config.covariance_normal_error_rad);
   covariance.topLeftCorner<3, 3>() += moved_by_turns(rotation, config.covariance_lever_m);
+  const double bend_rad = config.covariance_turn_share * turn_change_rad;
+  covariance.diagonal().tail<3>().array() += bend_rad * bend_rad;
   return 0.5 * (covariance + covariance.transpose());
 }
 

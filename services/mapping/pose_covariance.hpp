@@ -8,7 +8,9 @@
 
 namespace zloam::mapping {
 
-/// Covariance of T_map_base to publish, right tangent (m, rad), from the solver's.
-Matrix6 published_covariance(const Matrix6& solved, const MappingConfig& config);
+/// Covariance of T_map_base to publish, right tangent (m, rad), from the solver's. turn_change_rad:
+/// by how much the sweep turned more or less than the one before.
+Matrix6 published_covariance(const Matrix6& solved, double turn_change_rad,
+                             const MappingConfig& config);
 
 }  // namespace zloam::mapping

@@ -12,6 +12,7 @@ MappingConfig as_solved() {
   MappingConfig config;
   config.covariance_scale_m = config.covariance_scale_rad = 1.0;
   config.covariance_normal_error_rad = config.covariance_lever_m = 0.0;
+  config.covariance_turn_share = 0.0;
   return config;
 }
 
@@ -29,7 +30,7 @@ Matrix6 solved() {
 }
 
 TEST(PublishedCovariance, IsTheSolversWhereNothingIsAdded) {
-  EXPECT_LT((published_covariance(solved(), as_solved()) - solved()).norm(), 1e-18);
+  EXPECT_LT((published_covariance(solved(), 0.0, as_solved()) - solved()).norm(), 1e-18);
 }
 
 TEST(PublishedCovariance, ATurnOfTheMapMovesThePositionAcrossItsAxis) {
@@ -37,7 +38,7 @@ TEST(PublishedCovariance, ATurnOfTheMapMovesThePositionAcrossItsAxis) {
   config.covariance_lever_m = 4.0;
   Matrix6 yaw_only = Matrix6::Zero();
   yaw_only(5, 5) = 1e-6;
-  const Matrix6 found = published_covariance(yaw_only, config);
+  const Matrix6 found = published_covariance(yaw_only, 0.0, config);
   const Eigen::Vector3d expected(16e-6, 16e-6, 0.0);
   EXPECT_LT((found.diagonal().head<3>() - expected).norm(), 1e-18);
   EXPECT_EQ(found(5, 5), 1e-6);
@@ -48,23 +49,32 @@ TEST(PublishedCovariance, AWeakDirectionIsLessSureThanSaidTheMoreTheWeakerItIs) 
   config.covariance_normal_error_rad = 0.1;
   Matrix6 apart = Matrix6::Identity();
   apart.diagonal().head<3>() << 1e-6, 4e-6, 1e-4;
-  const Eigen::Vector3d found = published_covariance(apart, config).diagonal().head<3>();
+  const Eigen::Vector3d found = published_covariance(apart, 0.0, config).diagonal().head<3>();
   // v (1 + 0.01 v / 1e-6)
   EXPECT_NEAR(found[0], 1.01e-6, 1e-18);
   EXPECT_NEAR(found[1], 4.16e-6, 1e-18);
   EXPECT_NEAR(found[2], 2e-4, 1e-16);
 }
 
+TEST(PublishedCovariance, AChangeOfTheTurnMakesTheRotationUnsure) {
+  MappingConfig config = as_solved();
+  config.covariance_turn_share = 0.1;
+  const Matrix6 more = published_covariance(solved(), 0.02, config) - solved();
+  Vector6 expected = Vector6::Zero();
+  expected.tail<3>().setConstant(4e-6);
+  EXPECT_LT((more - Matrix6(expected.asDiagonal())).norm(), 1e-16);
+}
+
 TEST(PublishedCovariance, StaysSymmetricPositiveAndNoLessThanTheScaled) {
   MappingConfig scaled = as_solved();
   scaled.covariance_scale_m = MappingConfig{}.covariance_scale_m;
   scaled.covariance_scale_rad = MappingConfig{}.covariance_scale_rad;
-  const Matrix6 found = published_covariance(solved(), MappingConfig{});
+  const Matrix6 found = published_covariance(solved(), 0.0, MappingConfig{});
   EXPECT_EQ(found, found.transpose());
-  const Matrix6 more = found - published_covariance(solved(), scaled);
+  const Matrix6 more = found - published_covariance(solved(), 0.0, scaled);
   EXPECT_GT(Eigen::SelfAdjointEigenSolver<Matrix6>(found).eigenvalues()[0], 0.0);
   EXPECT_GT(Eigen::SelfAdjointEigenSolver<Matrix6>(more).eigenvalues()[0], -1e-15);
-  EXPECT_TRUE(published_covariance(Matrix6::Zero(), MappingConfig{}).allFinite());
+  EXPECT_TRUE(published_covariance(Matrix6::Zero(), 0.0, MappingConfig{}).allFinite());
 }
 
 }  // namespace
