@@ -28,10 +28,8 @@ BeamTables::BeamTables(const ModelTable& table, double stretch, bool vertical_of
   }
 }
 
-void BeamTables::follow(double advance_cdeg) {
-  if (advance_cdeg == followed_cdeg_) return;
-  followed_cdeg_ = advance_cdeg;
-  const double advance_rad = advance_cdeg * kRadPerCdeg;
+// Inlined into both, so that each is compiled for its processor; the operations are the same.
+__attribute__((always_inline)) inline void BeamTables::turn_by(double advance_rad) {
   for (std::size_t c = 0; c < channels_; ++c) {
     // At most 1 degree: the series are exact to 1e-12.
     const double a = advance_rad * time_share_[c];
@@ -42,6 +40,24 @@ void BeamTables::follow(double advance_cdeg) {
     across[c] = static_cast<float>(elevation_cos_[c] *
                                    (sin_a * correction_cos_[c] - cos_a * correction_sin_[c]));
   }
+}
+
+#if ZLOAM_WIDE
+__attribute__((target("avx2"))) void BeamTables::turn_by_wide(double advance_rad) {
+  turn_by(advance_rad);
+}
+#endif
+
+void BeamTables::follow(double advance_cdeg) {
+  if (advance_cdeg == followed_cdeg_) return;
+  followed_cdeg_ = advance_cdeg;
+#if ZLOAM_WIDE
+  if (has_wide()) {
+    turn_by_wide(advance_cdeg * kRadPerCdeg);
+    return;
+  }
+#endif
+  turn_by(advance_cdeg * kRadPerCdeg);
 }
 
 }  // namespace zloam::driver

@@ -6,6 +6,7 @@
 
 #include "driver/velodyne/model.hpp"
 #include "driver/velodyne/packet.hpp"
+#include "driver/velodyne/wide.hpp"
 
 namespace zloam::driver {
 
@@ -36,6 +37,11 @@ struct BeamTables {
   std::array<std::uint16_t, kChannels / kChannelsPerColumn> column{};
 
  private:
+  void turn_by(double advance_rad);
+#if ZLOAM_WIDE
+  void turn_by_wide(double advance_rad);
+#endif
+
   std::size_t channels_;
   double followed_cdeg_ = -1.0;
   ByChannel<double> correction_cos_{}, correction_sin_{}, elevation_cos_{}, time_share_{};

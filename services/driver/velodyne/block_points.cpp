@@ -5,12 +5,10 @@
 #include <cstring>
 
 #include "common/geometry/lanes.hpp"
+#include "driver/velodyne/wide.hpp"
 
-#if defined(__x86_64__)
+#if ZLOAM_WIDE
 #include <immintrin.h>
-#define ZLOAM_WIDE_CELLS 1
-#else
-#define ZLOAM_WIDE_CELLS 0
 #endif
 
 namespace zloam::driver {
@@ -140,7 +138,7 @@ Choice choose(bool last, bool strongest, bool same, DualReturns policy) {
   return choice;
 }
 
-#if ZLOAM_WIDE_CELLS
+#if ZLOAM_WIDE
 
 /// Eight cells as eight lanes, with four bytes beyond the last one read, where the processor can
 /// (two thirds of the time of four lanes). The operations are the same, one by one, and so are the
@@ -226,18 +224,13 @@ __attribute__((target("avx2"))) void put_single_wide(const std::uint8_t* block,
   sink.count = writer.count();
 }
 
-bool has_wide() {
-  static const bool kHas = __builtin_cpu_supports("avx2");
-  return kHas;
-}
-
 #endif
 
 }  // namespace
 
 void put_single(const std::uint8_t* block, const BeamTables& beams, int bank,
                 const BlockFrame& frame, RawLimits limits, ReturnType type, PointSink& sink) {
-#if ZLOAM_WIDE_CELLS
+#if ZLOAM_WIDE
   if (has_wide()) {
     put_single_wide(block, beams, bank, frame, limits, type, sink);
     return;

@@ -49,6 +49,7 @@ void Decoder::use_model(Model model) {
   banks_ = table_->banks;
   unit_m_ = static_cast<float>(table_->distance_unit_m);
   group_ns_ = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
+  groups_per_ns_ = 1.0 / group_ns_;
   const double stretch = group_ns_ / table_->group_ns;
   stream_.emplace(Stream{BeamTables(*table_, stretch, config_.vertical_offsets),
                          Motor(group_ns_),
@@ -190,10 +191,6 @@ using GroupBlocks = std::array<std::array<const std::uint8_t*, 2>, kMostBanks>;
 
 GroupBlocks blocks_by_bank(const std::uint8_t* first, int banks, int returns) {
   GroupBlocks blocks{};
-  if (banks * returns == 1) {
-    blocks[0][0] = first;
-    return blocks;
-  }
   for (int i = 0; i < banks * returns; ++i) {
     const std::uint8_t* block = first + kBlockBytes * static_cast<std::size_t>(i);
     const int bank = bank_of(block);
@@ -216,6 +213,10 @@ std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32
   PointSink sink{out, columns};
   const ReturnType single =
       plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+  if (banks_ * returns == 1) {
+    put_single(first, stream_->beams, 0, frame, stream_->limits, single, sink);
+    return sink.count;
+  }
   const GroupBlocks blocks = blocks_by_bank(first, banks_, returns);
   for (int b = 0; b < banks_; ++b) {
     const auto& [last, strongest] = blocks[b];

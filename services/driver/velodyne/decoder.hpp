@@ -55,6 +55,7 @@ class Decoder {
   const ModelTable* table() const { return table_; }
   /// From one firing group to the next.
   double group_ns() const { return group_ns_; }
+  double groups_per_ns() const { return groups_per_ns_; }
   std::size_t max_points_per_group() const { return 64 * static_cast<std::size_t>(banks_); }
 
   /// From one packet's stamp to the next in this mode, without loss.
@@ -90,6 +91,7 @@ class Decoder {
   std::optional<Stream> stream_;
   int banks_ = 1;
   double group_ns_ = 0.0;
+  double groups_per_ns_ = 0.0;
   float unit_m_ = 0.0F;
   bool model_noted_ = false;
   bool mode_noted_ = false;
