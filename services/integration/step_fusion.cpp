@@ -8,7 +8,10 @@ namespace {
 
 // A motion that was taken over more time, or is older, predicts nothing.
 constexpr double kFreshMotion_s = 0.5;
-// Part of a record that stays when a new error comes in.
+// Part of a record that stays when a new error comes in, once it is a mean of so many; before, each
+// counts as much as what was assumed at first. An odometry that was started in the middle of a
+// street is off by decimetres a sweep, and would be believed for as long as a record of long memory
+// takes to learn it.
 constexpr double kMemory = 0.9;
 // More than this in one sweep is a break, not an error to learn from.
 constexpr double kBreak_m = 2.0;
@@ -40,8 +43,10 @@ StepFusion::Record::Record(double sigma_m, double sigma_rad)
 void StepFusion::Record::add(const Vector6& error) {
   const Eigen::Vector3d t = error.head<3>();
   const Eigen::Vector3d r = error.tail<3>();
-  translation = kMemory * translation + (1.0 - kMemory) * t * t.transpose();
-  rotation = kMemory * rotation + (1.0 - kMemory) * r * r.transpose();
+  ++errors;
+  const double stays = std::min(kMemory, errors / (errors + 1.0));
+  translation = stays * translation + (1.0 - stays) * t * t.transpose();
+  rotation = stays * rotation + (1.0 - stays) * r * r.transpose();
 }
 
 void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, double over_s,

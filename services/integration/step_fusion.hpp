@@ -38,13 +38,14 @@ class StepFusion {
   struct Record {
     Eigen::Matrix3d translation;
     Eigen::Matrix3d rotation;
+    int errors = 0;
 
     Record(double sigma_m, double sigma_rad);
     void add(const Vector6& error);
   };
 
   Record odometry_{0.003, 0.001};
-  Record map_{0.1, 0.03};
+  Record map_{0.05, 0.015};
   std::optional<Vector6> twist_per_s_;
   int observed_ = 0;
 };
