@@ -61,7 +61,6 @@ void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, dou
     return;
   }
   odometry_.add(odometry_error);
-  ++observed_;
   if (twist_per_s_) {
     const Vector6 error = log_se3(exp_se3(-*twist_per_s_ * over_s) * mapped_step) / sweeps;
     if (!is_break(error)) map_.add(error);
@@ -72,7 +71,7 @@ void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, dou
 Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s,
                       double age_s) const {
   if (!twist_per_s_ || age_s > kFreshMotion_s) return odometry_step;
-  if (observed_ < kFewest && !weak.degenerate) return odometry_step;
+  if (odometry_.errors < kFewest && !weak.degenerate) return odometry_step;
   const Vector6 ahead = log_se3(odometry_step.inverse() * exp_se3(*twist_per_s_ * over_s));
   if (is_break(ahead)) return odometry_step;
   Eigen::Matrix3d unseen = Eigen::Matrix3d::Zero();

@@ -47,7 +47,6 @@ class StepFusion {
   Record odometry_{0.003, 0.001};
   Record map_{0.05, 0.015};
   std::optional<Vector6> twist_per_s_;
-  int observed_ = 0;
 };
 
 }  // namespace zloam::integration

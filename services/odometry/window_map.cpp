@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/floor.hpp"
 
 namespace zloam::odometry {
@@ -186,7 +187,7 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   }
   runs.clear();
   const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
-  const std::size_t stride = std::max<std::size_t>(1, points.size() / enough);
+  const std::size_t stride = stride_to(enough, points.size());
   run_keys_.clear();
   const Eigen::Matrix3d turn = units_R_ * T_odom_base.linear();
   const Eigen::Vector3d shift = units_R_ * T_odom_base.translation() + units_t_;

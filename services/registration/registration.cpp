@@ -7,6 +7,7 @@
 #include <numbers>
 #include <span>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/lanes.hpp"
 #include "registration/curvature.hpp"
 
@@ -250,7 +251,7 @@ double measured_noise(std::vector<float>& components) {
   if (components.size() < 100) {
     return 0.0;
   }
-  const std::size_t stride = std::max<std::size_t>(1, components.size() / kEnough);
+  const std::size_t stride = stride_to(kEnough, components.size());
   for (std::size_t i = 0; i < components.size(); i += stride) {
     components[i / stride] = std::abs(components[i]);
   }

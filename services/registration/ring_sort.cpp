@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "common/containers/thinning.hpp"
+
 namespace zloam::registration {
 namespace {
 
@@ -73,7 +75,8 @@ void measure_steps(RingSorted& sorted) {
   // Of so many the median is as good as of all.
   constexpr std::size_t kEnough = 5000;
   constexpr std::size_t kStride = 5;
-  const auto stride = static_cast<std::uint32_t>(std::max(kStride, sorted.points.size() / kEnough));
+  const auto stride =
+      static_cast<std::uint32_t>(std::max(kStride, stride_to(kEnough, sorted.points.size())));
   std::vector<std::uint32_t> intervals;
   std::vector<double> tangents;  // of the angles, whose median's tangent is theirs
   for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/motion_covariance.hpp"
 
 namespace zloam::plane_map {
@@ -32,11 +33,6 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
     return Matrix6::Zero();
   }
   return ldlt.solve(Matrix6::Identity());
-}
-
-// The greatest that leaves enough of the sweep's points.
-std::size_t stride_for(std::size_t enough, const SweepPoints& points) {
-  return std::max<std::size_t>(points.points().size() / std::max<std::size_t>(enough, 1), 1);
 }
 
 }  // namespace
@@ -130,8 +126,8 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
 }
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
-  const std::size_t stride =
-      std::max<std::size_t>(config_.stride, stride_for(config_.enough_points, points));
+  const std::size_t stride = std::max<std::size_t>(
+      config_.stride, stride_to(config_.enough_points, points.points().size()));
   map_.set_anchor(prior.start.T_mid.translation());
   return matcher_.match(map_, points, every_nth(points.points(), stride, sweeps_ * 7), prior,
                         gate_m_);
@@ -141,7 +137,7 @@ void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& mot
   map_.set_anchor(motion.T_mid.translation());
   const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
-  const std::size_t stride = stride_for(config_.enough_inserted_points, points);
+  const std::size_t stride = stride_to(config_.enough_inserted_points, points.points().size());
   if (stride > 1) {
     to_local(every_nth(points.points(), stride, sweeps_), motions, shift, inserted_);
   } else {

@@ -27,25 +27,23 @@ void SweepPoints::set(const SweepInput& sweep, double min_range_m) {
   const double slots_per_ns =
       sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
   const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
-  const auto slot_of = [&](const Point& p) {
-    return static_cast<std::uint16_t>(std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots));
+  const auto each_usable = [&](const auto& take) {
+    for (const PointSpan part : {sweep.points, sweep.more_points}) {
+      for (const Point& p : part) {
+        if (!usable(p, min_range2)) continue;
+        take(p,
+             static_cast<std::uint16_t>(std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots)));
+      }
+    }
   };
   // Stable counting sort. The points are read twice: cheaper than keeping them in between.
   std::vector<std::uint32_t> next(kSlots + 2, 0);
-  for (const PointSpan part : {sweep.points, sweep.more_points}) {
-    for (const Point& p : part) {
-      if (usable(p, min_range2)) ++next[slot_of(p) + 1U];
-    }
-  }
+  each_usable([&](const Point&, std::uint16_t slot) { ++next[slot + 1U]; });
   for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];
   points_.resize(next.back());
-  for (const PointSpan part : {sweep.points, sweep.more_points}) {
-    for (const Point& p : part) {
-      if (!usable(p, min_range2)) continue;
-      const std::uint16_t slot = slot_of(p);
-      points_[next[slot]++] = {p.x, p.y, p.z, slot, p.ring};
-    }
-  }
+  each_usable([&](const Point& p, std::uint16_t slot) {
+    points_[next[slot]++] = {p.x, p.y, p.z, slot, p.ring};
+  });
   if (sweep.deskewed) {
     const DeskewTable table(sweep.deskewed->twist_per_s, sweep.period_ns,
                             sweep.deskewed->instant_ns);
