@@ -144,14 +144,15 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   } else if (match.ok) {
     result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
     result.reason = policy.judge(match.T_map_base, match.residual_m);
+  } else if (bridging) {
+    // Also of a sweep without points: its pose is not in the map.
+    result.health = bridged_sweeps > config.bridge_sweeps ? Health::kLost : Health::kBridging;
+    result.reason = "new odometry frame not yet matched";
   } else if (input.edges.empty() && input.planes.empty()) {
     result.health = Health::kEmpty;
     result.reason = "no point came";
   } else if (founding) {
     result.health = Health::kOk;
-  } else if (bridging) {
-    result.health = bridged_sweeps > config.bridge_sweeps ? Health::kLost : Health::kBridging;
-    result.reason = "new odometry frame not yet matched";
   } else {
     result.health = match.candidates < static_cast<std::uint32_t>(config.loam.min_correspondences)
                         ? Health::kTooFewPoints

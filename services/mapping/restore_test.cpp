@@ -107,6 +107,22 @@ TEST_P(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
   }
 }
 
+// The piece of a turn that a driver began with.
+TEST_P(Restored, ASweepWithoutPointsIsNotYetFound) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper{config()};
+  mapper.restore(killed(room));
+  const Pose T_map_odom = truth(kBefore + 5);
+  MappingInput nothing;
+  nothing.sweep = static_cast<std::uint64_t>(kBefore + 5);
+  nothing.stamp_ns = static_cast<std::int64_t>(kBefore + 5) * kPeriod_ns;
+  nothing.instant_ns = nothing.period_ns = kPeriod_ns;
+  nothing.odom_epoch = 1;
+  EXPECT_EQ(mapper.process(nothing).health, Health::kBridging);
+  const MappingResult result = feed(mapper, room, kBefore + 6, T_map_odom, 1);
+  EXPECT_LT(error_m(result, kBefore + 6), 0.03);
+}
+
 TEST_P(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
   MappingConfig c = config();
   c.bridge_sweeps = 3;

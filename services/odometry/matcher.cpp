@@ -67,6 +67,14 @@ class Association {
     }
   }
 
+  double cost_of_unmatched(const Source& source, const Residuals& matched, std::size_t stride,
+                           double kernel_m) const {
+    const double planes = static_cast<double>(source.planes.size()) / static_cast<double>(stride) -
+                          static_cast<double>(matched.planes.size());
+    const double edges = static_cast<double>(source.edges.size() - matched.lines.size());
+    return 0.5 * plane_weight_ * kernel_m * kernel_m * (planes + config_.edge_weight * edges);
+  }
+
  private:
   void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m,
                  WindowMap::Hint& hint, Residuals& out) {
@@ -131,6 +139,10 @@ bool is_usable(const Point& point) {
   return point.position().squaredNorm() < kFarthest2;
 }
 
+bool any_usable(PointSpan points) {
+  return std::any_of(points.begin(), points.end(), [](const Point& p) { return is_usable(p); });
+}
+
 Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
                      const OdometryConfig& config) {
   Source source;
@@ -172,6 +184,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     add_residuals(out.state, table, residuals, kernel_m, out.data);
     NormalEquations equations = out.data;
     add_prior(out.state, prior, equations);
+    out.cost = equations.cost + association.cost_of_unmatched(source, residuals, stride, kernel_m);
     const Vector12 step = solve_step(equations);
     out.state = moved(out.state, step);
     out.covariance = equations.H.ldlt().solve(Matrix12::Identity());

@@ -31,6 +31,8 @@ struct Solution {
   std::uint32_t planes = 0;
   std::uint32_t lines = 0;
   double residual_m = 0.0;
+  /// of prior and residuals, where a point without a match counts as one far off: less is better
+  double cost = 0.0;
   /// false: too few matches, state is the prior
   bool solved = false;
 };
@@ -47,5 +49,6 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
 
 /// Finite and nearer than any sensor sees.
 bool is_usable(const Point& point);
+bool any_usable(PointSpan points);
 
 }  // namespace zloam::odometry

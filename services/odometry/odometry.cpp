@@ -7,6 +7,7 @@
 #include "common/geometry/deskew.hpp"
 #include "common/geometry/motion_covariance.hpp"
 #include "odometry/matcher.hpp"
+#include "odometry/start.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -25,10 +26,6 @@ PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable&
     }
   }
   return out;
-}
-
-bool any_usable(PointSpan points) {
-  return std::any_of(points.begin(), points.end(), [](const Point& p) { return is_usable(p); });
 }
 
 Vector6 sigmas(double translation, double rotation) {
@@ -55,6 +52,8 @@ struct Odometry::State {
   RingTarget last;
 
   bool started = false;
+  // The first sweep was a piece of a turn, and was not begun with.
+  bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
   std::int64_t prev_instant_ns = 0;
   Pose T_odom_base = Pose::Identity();
@@ -75,8 +74,7 @@ struct Odometry::State {
   Prediction predict(const FeatureSweep& sweep) const {
     const double period_s = sweep.period_ns * 1e-9;
     const double gap_s =
-        started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -0.5 * period_s, kMaxGap_s)
-                : 0.0;
+        started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -period_s, kMaxGap_s) : 0.0;
     const double blind_s = std::max(0.0, gap_s) + predicted_in_row * period_s;
     const double a = config.acceleration_sigma_mps2;
     const double alpha = config.angular_acceleration_sigma_radps2;
@@ -85,8 +83,7 @@ struct Odometry::State {
     p.prior.T_odom_begin = T_odom_base * exp_se3(twist_per_s * gap_s);
     p.prior.twist = twist_per_s * period_s;
     p.prior.begin_sigma = sigmas(config.begin_sigma_m, config.begin_sigma_rad) + strayed;
-    p.prior.twist_sigma = twist_known ? sigmas(a * period_s * (period_s + blind_s),
-                                               alpha * period_s * (period_s + blind_s))
+    p.prior.twist_sigma = twist_known ? moving_twist_sigma(period_s, period_s + blind_s)
                                       : sigmas(config.initial_speed_sigma_mps * period_s,
                                                config.initial_rate_sigma_radps * period_s);
     p.prior.information = independent(p.prior.begin_sigma, p.prior.twist_sigma);
@@ -94,6 +91,12 @@ struct Odometry::State {
     p.state.twist = p.prior.twist;
     p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
     return p;
+  }
+
+  // What a known twist may have changed by over a time.
+  Vector6 moving_twist_sigma(double period_s, double over_s) const {
+    return period_s * over_s *
+           sigmas(config.acceleration_sigma_mps2, config.angular_acceleration_sigma_radps2);
   }
 
   // The end of the sweep before and its twist err together: where most of what a sweep saw of a
@@ -162,6 +165,19 @@ struct Odometry::State {
     }
   }
 
+  bool is_piece(const FeatureSweep& sweep) const {
+    return !started && !passed_piece && !covers_turn(sweep);
+  }
+
+  Health judge(const FeatureSweep& sweep, const Solution& solution, bool founding,
+               bool is_degenerate) const {
+    if (!any_usable(sweep.less_sharp) && !any_usable(sweep.less_flat)) return Health::kEmpty;
+    if (is_piece(sweep)) return Health::kPredicted;
+    if (founding) return Health::kOk;
+    if (!solution.solved) return Health::kPredicted;
+    return is_degenerate ? Health::kDegenerate : Health::kOk;
+  }
+
   bool founding_pending() const { return !founding_planes.empty() || !founding_edges.empty(); }
 
   // Replaces the target by the founding sweep, deskewed by a twist.
@@ -178,39 +194,47 @@ struct Odometry::State {
   }
 
   // The first sweep's own motion is only known from the second. Both taken as rigid, their middles
-  // are one step apart; from there the second sweep's own motion and the first one's deskewing are
-  // found in turn.
+  // are one step apart; near that step the second sweep's own motion and the first one's deskewing
+  // are found in turn. In leaves the turns may lead away: the best of them counts.
   Solution solve_second(const FeatureSweep& sweep, const Source& source,
                         const Prediction& predicted) {
     constexpr int kRounds = 4;
     const double period_s = sweep.period_ns * 1e-9;
+    const double step_s = std::max(period_s, (sweep.stamp_ns - prev_instant_ns) * 1e-9 + period_s);
+    Solution solution = match_rigidly(sweep, source, predicted);
+    MotionPrior prior = predicted.prior;
+    prior.twist =
+        log_se3(founding_pose.inverse() * solution.state.T_odom_mid) * (period_s / step_s);
+    prior.twist_sigma = moving_twist_sigma(period_s, period_s);
+    prior.information = independent(prior.begin_sigma, prior.twist_sigma);
+    solution.state.twist = prior.twist;
+    std::optional<Solution> best;
+    for (int round = 0; round < kRounds && solution.solved; ++round) {
+      const Vector6 twist = solution.state.twist;
+      deskew_founding_sweep(twist / period_s);
+      prior.T_odom_begin = founding_pose * exp_se3((step_s / period_s - 1.0) * twist);
+      solution = match(sweep, source, {prior.T_odom_begin * exp_se3(0.5 * twist), twist}, prior);
+      if (solution.solved && (!best || solution.cost < best->cost)) best = solution;
+    }
+    // The target that stays is a function of the published twist: restore() makes the same.
+    deskew_founding_sweep(best ? Vector6(best->state.twist / period_s) : Vector6(Vector6::Zero()));
+    if (!best) return solution;
+    forget_founding_sweep();
+    return *best;
+  }
+
+  // Each sweep as if it had been seen at once.
+  Solution match_rigidly(const FeatureSweep& sweep, const Source& source,
+                         const Prediction& predicted) {
     Source rigid = source;
     for (auto* points : {&rigid.planes, &rigid.edges}) {
       for (SourcePoint& p : *points) p.bin = kTimeBins / 2;
     }
-    Prediction wide = predicted;
-    wide.prior.begin_sigma = wide.prior.twist_sigma;
-    wide.prior.information = independent(wide.prior.begin_sigma, wide.prior.twist_sigma);
-    Solution solution = match(sweep, rigid, wide.state, wide.prior);
-    const double step_s = std::max(period_s, (sweep.stamp_ns - prev_instant_ns) * 1e-9 + period_s);
-    Vector6 step = log_se3(founding_pose.inverse() * solution.state.T_odom_mid);
-    for (int round = 0; round < kRounds && solution.solved; ++round) {
-      const Vector6 twist = round == 0 ? Vector6(step * (period_s / step_s)) : solution.state.twist;
-      deskew_founding_sweep(twist / period_s);
-      MotionState initial;
-      initial.twist = twist;
-      initial.T_odom_mid = founding_pose * exp_se3((step_s / period_s - 0.5) * twist);
-      MotionPrior prior = predicted.prior;
-      prior.T_odom_begin = founding_pose * exp_se3((step_s / period_s - 1.0) * twist);
-      solution = match(sweep, source, initial, prior);
-    }
-    // The target that stays is a function of the published twist: restore() makes the same.
-    deskew_founding_sweep(solution.solved ? Vector6(solution.state.twist / period_s)
-                                          : Vector6(Vector6::Zero()));
-    if (solution.solved) {
-      forget_founding_sweep();
-    }
-    return solution;
+    MotionPrior wide = predicted.prior;
+    wide.begin_sigma = wide.twist_sigma;
+    wide.information = independent(wide.begin_sigma, wide.twist_sigma);
+    return match_at_any_speed(rigid, predicted.state, wide, sweep.period_ns * 1e-9,
+                              sweep.range_noise_m, config, recent, last);
   }
 
   Solution match(const FeatureSweep& sweep, const Source& source, const MotionState& initial,
@@ -316,21 +340,17 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
                         solution.residual_m,
                         error.translation().norm(),
                         log_so3(error.linear()).norm()};
-  if (!any_usable(sweep.less_sharp) && !any_usable(sweep.less_flat)) {
-    result.health = Health::kEmpty;
-  } else if (founding) {
-    result.health = Health::kOk;
-    result.degeneracy = {};
-  } else if (!solution.solved) {
-    result.health = Health::kPredicted;
-  } else if (result.degeneracy.degenerate) {
-    result.health = Health::kDegenerate;
-  }
+  result.health = s.judge(sweep, solution, founding, result.degeneracy.degenerate);
+  if (founding && result.health != Health::kEmpty) result.degeneracy = {};
   return result;
 }
 
 void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
   State& s = *state_;
+  if (s.is_piece(sweep)) {
+    s.passed_piece = true;
+    return;
+  }
   const Vector6 twist_per_s = sweep.deskewed ? Vector6(Vector6::Zero()) : result.twist_per_s;
   const DeskewTable table(twist_per_s, sweep.period_ns, sweep.period_ns);
   const std::vector<MotionLanes> motions = table.lanes(s.T_base_lidar);
@@ -342,6 +362,10 @@ void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
 void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   reset();
   for (const CommittedSweep& sweep : sweeps) {
+    if (!state_->started && sweep.health == Health::kPredicted && sweep.prev_sweep == sweep.sweep) {
+      state_->passed_piece = true;
+      continue;
+    }
     OdometryResult result;
     result.sweep = sweep.sweep;
     result.prev_sweep = sweep.prev_sweep;

@@ -124,6 +124,7 @@ void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
 
 // As of a sensor that fires less often by this factor.
 void thin_out(Scan& scan, std::uint64_t factor) {
+  if (factor <= 1 || scan.period_ns == 0) return;
   constexpr std::uint64_t kParts = 1800;  // firings of a VLP-16's turn at 10 Hz
   std::erase_if(scan.points, [&](const Point& p) {
     return std::uint64_t{p.time_ns} * kParts / scan.period_ns % factor != 0;

@@ -1,0 +1,70 @@
+#include "odometry/start.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::odometry {
+namespace {
+
+// Part of a turn that is as good as all of it.
+constexpr double kWholeTurn = 0.9;
+// The matching finds home from half of this at least, with its kernel still wide.
+constexpr double kSpacing_m = 0.5;
+constexpr double kFastest_mps = 30.0;
+// Of the cost, a log likelihood: e^10 times as likely at least. By chance it differs by hundredths
+// where nothing is seen of the direction, and among leaves.
+constexpr double kClearly = 10.0;
+constexpr double kClearlyPart = 0.025;
+
+std::uint32_t last_time_ns(PointSpan points) {
+  std::uint32_t last_ns = 0;
+  for (const Point& p : points) {
+    if (is_usable(p)) last_ns = std::max(last_ns, p.time_ns);
+  }
+  return last_ns;
+}
+
+// Of the sensor's movement, in base_link, with the rotation left free.
+Eigen::Vector3d weakest_translation(const NormalEquations& equations) {
+  const Matrix6 H = equations.H.topLeftCorner<6, 6>();
+  const Eigen::Matrix3d rotation = H.bottomRightCorner<3, 3>();
+  const Eigen::Matrix3d free =
+      H.topLeftCorner<3, 3>() -
+      H.topRightCorner<3, 3>() * rotation.ldlt().solve(Eigen::Matrix3d(H.bottomLeftCorner<3, 3>()));
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(free).eigenvectors().col(0);
+}
+
+}  // namespace
+
+bool covers_turn(const FeatureSweep& sweep) {
+  if (sweep.deskewed || sweep.period_ns == 0) return true;
+  const std::uint32_t last_ns =
+      std::max(last_time_ns(sweep.less_flat), last_time_ns(sweep.less_sharp));
+  return last_ns >= kWholeTurn * sweep.period_ns;
+}
+
+Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
+                            const MotionPrior& prior, double period_s, double range_noise_m,
+                            const OdometryConfig& config, WindowMap& recent,
+                            const RingTarget& last) {
+  Solution best = match_sweep(source, at_rest, prior, range_noise_m, config, recent, last);
+  if (!best.solved || config.target != Target::kRecentSweeps) return best;
+  const Eigen::Vector3d along = weakest_translation(best.data);
+  if (!along.allFinite()) return best;
+  double least = best.cost - std::max(kClearly, kClearlyPart * best.cost);
+  const int reach = static_cast<int>(std::ceil(kFastest_mps * period_s / kSpacing_m));
+  for (int i = -reach; i <= reach; ++i) {
+    if (i == 0) continue;
+    MotionState moving = at_rest;
+    moving.T_odom_mid = at_rest.T_odom_mid * Eigen::Translation3d(kSpacing_m * i * along);
+    const Solution other = match_sweep(source, moving, prior, range_noise_m, config, recent, last);
+    if (other.solved && other.cost < least) {
+      best = other;
+      least = other.cost;
+    }
+  }
+  return best;
+}
+
+}  // namespace zloam::odometry
