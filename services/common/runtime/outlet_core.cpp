@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <thread>
 
 namespace zloam::runtime {
 namespace {
@@ -155,6 +156,9 @@ void OutletCore::put(const zenoh::Bytes& payload, bool replay) {
   const bool block = replay && key_row(setup_.row).congestion == Congestion::kLiveDrop;
   if (block && !replay_) replay_ = session_.declare_publisher(setup_.key, options(true));
   (block ? *replay_ : *live_).put(payload);
+  // The transport's thread was woken on this processor, and may wait there for as long as this
+  // thread goes on: milliseconds, with another processor idle.
+  if (!block) std::this_thread::yield();
 }
 
 void OutletCore::publish(const HeaderFields& header, Buffer message) {
