@@ -12,6 +12,8 @@ constexpr double kWholeTurn = 0.9;
 // The matching finds home from half of this at least, with its kernel still wide.
 constexpr double kSpacing_m = 0.5;
 constexpr double kFastest_mps = 30.0;
+// No lidar turns slower than five times a second; a period that says so is a fault.
+constexpr double kSlowestTurn_s = 0.2;
 // Of the cost, a log likelihood: e^10 times as likely at least. By chance it differs by hundredths
 // where nothing is seen of the direction, and among leaves.
 constexpr double kClearly = 10.0;
@@ -53,7 +55,8 @@ Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
   const Eigen::Vector3d along = weakest_translation(best.data);
   if (!along.allFinite()) return best;
   double least = best.cost - std::max(kClearly, kClearlyPart * best.cost);
-  const int reach = static_cast<int>(std::ceil(kFastest_mps * period_s / kSpacing_m));
+  const double farthest_m = kFastest_mps * std::min(period_s, kSlowestTurn_s);
+  const int reach = static_cast<int>(std::ceil(farthest_m / kSpacing_m));
   for (int i = -reach; i <= reach; ++i) {
     if (i == 0) continue;
     MotionState moving = at_rest;
