@@ -1,6 +1,7 @@
 #include "integration/integration_stage.hpp"
 
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "common/geometry/atomic_file.hpp"
 #include "common/runtime/recall.hpp"
@@ -172,13 +173,14 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
 }
 
 std::string IntegrationStage::write_into(const std::string& folder) const {
-  const std::pair<const char*, std::string> files[] = {
-      {"/trajectory.tum", tum_text(trajectory_)},
-      {"/trajectory.kitti", kitti_text(trajectory_)},
-      {"/odometry.tum", tum_text(odometry_)},
+  using Text = std::string (*)(const Trajectory&);
+  const std::tuple<const char*, Text, const Trajectory&> files[] = {
+      {"/trajectory.tum", tum_text, trajectory_},
+      {"/trajectory.kitti", kitti_text, trajectory_},
+      {"/odometry.tum", tum_text, odometry_},
   };
-  for (const auto& [name, text] : files) {
-    std::string error = write_file_atomically(folder + name, text);
+  for (const auto& [name, text, poses] : files) {
+    std::string error = write_file_atomically(folder + name, text(poses));
     if (!error.empty()) return error;
   }
   return {};

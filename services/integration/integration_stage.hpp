@@ -44,8 +44,8 @@ class IntegrationStage {
   runtime::FlowAck& ack_;
   // Odometry messages whose pose has not left yet: their headers are the poses'.
   std::map<std::uint64_t, runtime::Message> waiting_;
-  std::vector<TrajectoryPose> trajectory_;
-  std::vector<TrajectoryPose> odometry_;
+  Trajectory trajectory_;
+  Trajectory odometry_;
   Journal journal_;
   std::int64_t last_instant_ns_ = 0;
   /// of this run: what is below was given out, by this instance or the one before

@@ -1,11 +1,16 @@
 #include "integration/trajectory.hpp"
 
+#include <charconv>
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
 
 namespace zloam::integration {
 namespace {
+
+// Bytes of a line, about: asked for once, and given back to the system as one piece.
+constexpr std::size_t kTumLine = 120;
+constexpr std::size_t kKittiLine = 170;
 
 // Integer digits only: a double holds no nanoseconds since 1970.
 std::string seconds(std::int64_t ns) {
@@ -17,15 +22,19 @@ std::string seconds(std::int64_t ns) {
 }
 
 void append(std::string& text, double value) {
-  char number[64];
-  std::snprintf(number, sizeof number, " %.9f", value == 0.0 ? 0.0 : value);
-  text += number;
+  // The greatest double and its nine decimals.
+  char number[330];
+  const auto [end, error] = std::to_chars(number, number + sizeof number,
+                                          value == 0.0 ? 0.0 : value, std::chars_format::fixed, 9);
+  text += ' ';
+  text.append(number, error == std::errc() ? end : number);
 }
 
 }  // namespace
 
-std::string tum_text(std::span<const TrajectoryPose> poses) {
+std::string tum_text(const Trajectory& poses) {
   std::string text;
+  text.reserve(poses.size() * kTumLine);
   for (const TrajectoryPose& pose : poses) {
     Eigen::Quaterniond q(pose.T_parent_base.linear());
     q.normalize();
@@ -38,8 +47,9 @@ std::string tum_text(std::span<const TrajectoryPose> poses) {
   return text;
 }
 
-std::string kitti_text(std::span<const TrajectoryPose> poses) {
+std::string kitti_text(const Trajectory& poses) {
   std::string text;
+  text.reserve(poses.size() * kKittiLine);
   for (const TrajectoryPose& pose : poses) {
     std::string line;
     for (int row = 0; row < 3; ++row) {

@@ -3,7 +3,7 @@
 // bytes.
 
 #include <cstdint>
-#include <span>
+#include <deque>
 #include <string>
 
 #include "common/geometry/se3.hpp"
@@ -15,13 +15,15 @@ struct TrajectoryPose {
   std::int64_t instant_ns = 0;
   Pose T_parent_base = Pose::Identity();
 };
+/// Grows with every sweep for as long as the robot runs: never copied to make room.
+using Trajectory = std::deque<TrajectoryPose>;
 
 /// TUM: "stamp x y z qx qy qz qw" a line, stamp in seconds with nine decimals, quaternion with w >=
 /// 0.
-std::string tum_text(std::span<const TrajectoryPose> poses);
+std::string tum_text(const Trajectory& poses);
 
 /// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers a line, in the order of the
 /// poses and in their own frame (nothing is moved so that the first one were the identity).
-std::string kitti_text(std::span<const TrajectoryPose> poses);
+std::string kitti_text(const Trajectory& poses);
 
 }  // namespace zloam::integration

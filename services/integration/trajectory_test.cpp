@@ -3,14 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <cstring>
 #include <sstream>
-#include <vector>
 
 namespace zloam::integration {
 namespace {
 
-TEST(Trajectory, TumByHand) {
-  const std::vector<TrajectoryPose> poses = {
+TEST(TrajectoryText, TumByHand) {
+  const Trajectory poses = {
       {1'700'000'000'123'456'789, Pose::Identity()},
       {1'700'000'000'223'456'789, pose_from_xyz_rpy_deg({1.5, -2.25, 0.125}, {0, 0, 90})},
   };
@@ -21,15 +22,13 @@ TEST(Trajectory, TumByHand) {
             "0.000000000 0.000000000 0.707106781 0.707106781\n");
 }
 
-TEST(Trajectory, StampsKeepTheirNanoseconds) {
-  EXPECT_EQ(tum_text(std::vector<TrajectoryPose>{{5, Pose::Identity()}}).substr(0, 11),
-            "0.000000005");
-  EXPECT_EQ(tum_text(std::vector<TrajectoryPose>{{-1, Pose::Identity()}}).substr(0, 12),
-            "-0.000000001");
+TEST(TrajectoryText, StampsKeepTheirNanoseconds) {
+  EXPECT_EQ(tum_text(Trajectory{{5, Pose::Identity()}}).substr(0, 11), "0.000000005");
+  EXPECT_EQ(tum_text(Trajectory{{-1, Pose::Identity()}}).substr(0, 12), "-0.000000001");
 }
 
-TEST(Trajectory, TumReadsBack) {
-  std::vector<TrajectoryPose> poses;
+TEST(TrajectoryText, TumReadsBack) {
+  Trajectory poses;
   for (int i = 0; i < 50; ++i) {
     Vector6 twist;
     twist << 3.0 * i, -i, 0.1 * i, 0.05 * i, -0.02 * i, 0.06 * i;
@@ -47,8 +46,8 @@ TEST(Trajectory, TumReadsBack) {
   }
 }
 
-TEST(Trajectory, KittiIsTheUpperThreeRows) {
-  const std::vector<TrajectoryPose> poses = {{0, pose_from_xyz_rpy_deg({1, 2, 3}, {0, 0, 90})}};
+TEST(TrajectoryText, KittiIsTheUpperThreeRows) {
+  const Trajectory poses = {{0, pose_from_xyz_rpy_deg({1, 2, 3}, {0, 0, 90})}};
   std::istringstream text(kitti_text(poses));
   const double expected[12] = {0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3};
   for (const double value : expected) {
@@ -58,6 +57,17 @@ TEST(Trajectory, KittiIsTheUpperThreeRows) {
   }
   EXPECT_EQ(kitti_text(poses).back(), '\n');
   EXPECT_EQ(kitti_text({}), "");
+}
+
+TEST(TrajectoryText, DigitsAreThoseOfPrintf) {
+  for (const double value :
+       {0.1, -0.0, 1e-10, -4.5e-10, 5e-10, 123456.7890123456, -1e300, 2.5e-9}) {
+    Pose pose = Pose::Identity();
+    pose.translation().x() = value;
+    char wanted[400];
+    std::snprintf(wanted, sizeof wanted, "%.9f ", value == 0.0 ? 0.0 : value);
+    EXPECT_EQ(tum_text({{0, pose}}).substr(12, std::strlen(wanted)), wanted);
+  }
 }
 
 }  // namespace
