@@ -173,14 +173,14 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
 }
 
 std::string IntegrationStage::write_into(const std::string& folder) const {
-  using Text = std::string (*)(const Trajectory&);
-  const std::tuple<const char*, Text, const Trajectory&> files[] = {
-      {"/trajectory.tum", tum_text, trajectory_},
-      {"/trajectory.kitti", kitti_text, trajectory_},
-      {"/odometry.tum", tum_text, odometry_},
+  const std::tuple<const char*, TrajectoryText::Line, const Trajectory&> files[] = {
+      {"/trajectory.tum", tum_line, trajectory_},
+      {"/trajectory.kitti", kitti_line, trajectory_},
+      {"/odometry.tum", tum_line, odometry_},
   };
-  for (const auto& [name, text, poses] : files) {
-    std::string error = write_file_atomically(folder + name, text(poses));
+  for (const auto& [name, line, poses] : files) {
+    TrajectoryText text(poses, line);
+    std::string error = write_file_atomically(folder + name, [&] { return text.next(); });
     if (!error.empty()) return error;
   }
   return {};

@@ -8,9 +8,7 @@
 namespace zloam::integration {
 namespace {
 
-// Bytes of a line, about: asked for once, and given back to the system as one piece.
-constexpr std::size_t kTumLine = 120;
-constexpr std::size_t kKittiLine = 170;
+constexpr std::size_t kPiece = 1U << 16;
 
 // Integer digits only: a double holds no nanoseconds since 1970.
 std::string seconds(std::int64_t ns) {
@@ -32,32 +30,28 @@ void append(std::string& text, double value) {
 
 }  // namespace
 
-std::string tum_text(const Trajectory& poses) {
-  std::string text;
-  text.reserve(poses.size() * kTumLine);
-  for (const TrajectoryPose& pose : poses) {
-    Eigen::Quaterniond q(pose.T_parent_base.linear());
-    q.normalize();
-    if (q.w() < 0.0) q.coeffs() = -q.coeffs();
-    text += seconds(pose.instant_ns);
-    for (int i = 0; i < 3; ++i) append(text, pose.T_parent_base.translation()[i]);
-    for (const double c : {q.x(), q.y(), q.z(), q.w()}) append(text, c);
-    text += '\n';
-  }
-  return text;
+std::string tum_line(const TrajectoryPose& pose) {
+  Eigen::Quaterniond q(pose.T_parent_base.linear());
+  q.normalize();
+  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
+  std::string line = seconds(pose.instant_ns);
+  for (int i = 0; i < 3; ++i) append(line, pose.T_parent_base.translation()[i]);
+  for (const double c : {q.x(), q.y(), q.z(), q.w()}) append(line, c);
+  return line + '\n';
 }
 
-std::string kitti_text(const Trajectory& poses) {
-  std::string text;
-  text.reserve(poses.size() * kKittiLine);
-  for (const TrajectoryPose& pose : poses) {
-    std::string line;
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 4; ++column) append(line, pose.T_parent_base(row, column));
-    }
-    text += line.substr(1) + '\n';
+std::string kitti_line(const TrajectoryPose& pose) {
+  std::string line;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) append(line, pose.T_parent_base(row, column));
   }
-  return text;
+  return line.substr(1) + '\n';
+}
+
+std::string_view TrajectoryText::next() {
+  piece_.clear();
+  for (; done_ < poses_.size() && piece_.size() < kPiece; ++done_) piece_ += line_(poses_[done_]);
+  return piece_;
 }
 
 }  // namespace zloam::integration

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <string>
+#include <string_view>
 
 #include "common/geometry/se3.hpp"
 
@@ -20,10 +21,25 @@ using Trajectory = std::deque<TrajectoryPose>;
 
 /// TUM: "stamp x y z qx qy qz qw" a line, stamp in seconds with nine decimals, quaternion with w >=
 /// 0.
-std::string tum_text(const Trajectory& poses);
+std::string tum_line(const TrajectoryPose& pose);
 
-/// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers a line, in the order of the
-/// poses and in their own frame (nothing is moved so that the first one were the identity).
-std::string kitti_text(const Trajectory& poses);
+/// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers a line, in the frame of the
+/// poses (nothing is moved so that the first one were the identity).
+std::string kitti_line(const TrajectoryPose& pose);
+
+/// A file's lines in pieces, empty at the end: days of poses are never there as text.
+class TrajectoryText {
+ public:
+  using Line = std::string (*)(const TrajectoryPose&);
+  TrajectoryText(const Trajectory& poses, Line line) : poses_(poses), line_(line) {}
+  /// Valid until the next call.
+  std::string_view next();
+
+ private:
+  const Trajectory& poses_;
+  Line line_;
+  std::size_t done_ = 0;
+  std::string piece_;
+};
 
 }  // namespace zloam::integration

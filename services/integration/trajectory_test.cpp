@@ -10,6 +10,16 @@
 namespace zloam::integration {
 namespace {
 
+std::string whole(const Trajectory& poses, TrajectoryText::Line line) {
+  TrajectoryText text(poses, line);
+  std::string all;
+  for (std::string_view piece = text.next(); !piece.empty(); piece = text.next()) all += piece;
+  return all;
+}
+
+std::string tum_text(const Trajectory& poses) { return whole(poses, tum_line); }
+std::string kitti_text(const Trajectory& poses) { return whole(poses, kitti_line); }
+
 TEST(TrajectoryText, TumByHand) {
   const Trajectory poses = {
       {1'700'000'000'123'456'789, Pose::Identity()},
@@ -44,6 +54,16 @@ TEST(TrajectoryText, TumReadsBack) {
     EXPECT_LT((rotation - pose.T_parent_base.linear()).norm(), 1e-8);
     EXPECT_GE(qw, 0.0);
   }
+}
+
+TEST(TrajectoryText, MorePosesThanOnePieceHolds) {
+  Trajectory poses;
+  std::string lines;
+  for (int i = 0; i < 3000; ++i) {
+    poses.push_back({i, Pose::Identity()});
+    lines += tum_line(poses.back());
+  }
+  EXPECT_EQ(tum_text(poses), lines);
 }
 
 TEST(TrajectoryText, KittiIsTheUpperThreeRows) {

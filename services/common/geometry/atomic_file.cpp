@@ -9,6 +9,7 @@
 #include <cstring>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 namespace zloam {
 namespace {
@@ -27,6 +28,13 @@ bool write_all(int descriptor, std::string_view bytes) {
   return true;
 }
 
+bool write_pieces(int descriptor, const std::function<std::string_view()>& next) {
+  for (std::string_view piece = next(); !piece.empty(); piece = next()) {
+    if (!write_all(descriptor, piece)) return false;
+  }
+  return true;
+}
+
 void sync_folder(const std::filesystem::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor < 0) return;
@@ -37,6 +45,11 @@ void sync_folder(const std::filesystem::path& folder) {
 }  // namespace
 
 std::string write_file_atomically(const std::string& path, std::string_view bytes) {
+  return write_file_atomically(path, [&] { return std::exchange(bytes, {}); });
+}
+
+std::string write_file_atomically(const std::string& path,
+                                  const std::function<std::string_view()>& next) {
   std::filesystem::path folder = std::filesystem::path(path).parent_path();
   if (folder.empty()) folder = ".";
   std::error_code error;
@@ -45,7 +58,7 @@ std::string write_file_atomically(const std::string& path, std::string_view byte
   const int descriptor = ::mkostemp(temporary.data(), O_CLOEXEC);
   if (descriptor < 0) return failure("cannot create a file beside", path);
   ::fchmod(descriptor, 0644);
-  bool good = write_all(descriptor, bytes) && ::fsync(descriptor) == 0;
+  bool good = write_pieces(descriptor, next) && ::fsync(descriptor) == 0;
   std::string reason = good ? std::string() : failure("cannot write", path);
   if (::close(descriptor) != 0 && good) {
     good = false;

@@ -1,6 +1,7 @@
 #pragma once
 // Files that are either whole or as they were before.
 
+#include <functional>
 #include <string>
 #include <string_view>
 
@@ -10,5 +11,9 @@ namespace zloam {
 /// renames it over `path` and syncs the folder. Returns an empty string, or a sentence that says
 /// what failed; `path` is then untouched and no temporary file is left.
 std::string write_file_atomically(const std::string& path, std::string_view bytes);
+/// The same in pieces, each valid until the next one is asked for; an empty one is the end. What is
+/// large need never be there whole.
+std::string write_file_atomically(const std::string& path,
+                                  const std::function<std::string_view()>& next);
 
 }  // namespace zloam
