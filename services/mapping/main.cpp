@@ -18,6 +18,7 @@ int main(int argc, char** argv) {
            [&](zloam::runtime::Stage& stage) {
              mapping = std::make_unique<zloam::mapping::MappingStage>(stage, config, output);
            },
-       // Between sweeps that come and go its map grows: kept blocks would leave holes in it.
-       .kept_block_bytes = 1 << 20});
+       // Between sweeps that come and go its map grows: kept blocks, a VLP-16's messages among
+       // them, would leave holes in it.
+       .kept_block_bytes = 512 << 10});
 }
