@@ -13,6 +13,13 @@ Matrix6 finite_or_zero(const Matrix6& covariance) {
   return 0.5 * (covariance + covariance.transpose());
 }
 
+// The odometry's of a step, as it turned out beside the truth.
+Matrix6 counted(const Matrix6& step, double scale_rad) {
+  Vector6 scale = Vector6::Ones();
+  scale.tail<3>().setConstant(scale_rad);
+  return scale.asDiagonal() * finite_or_zero(step) * scale.asDiagonal();
+}
+
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
 Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
@@ -185,7 +192,7 @@ Weak Integrator::weak_of(const OdometryPose& pose, const Correction* correction)
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
-  Matrix6 step = finite_or_zero(pose.step_covariance);
+  Matrix6 step = counted(pose.step_covariance, config_.step_scale_rad);
   const bool known =
       correction != nullptr && !recent_.empty() && recent_.front().sweep <= correction->sweep;
   if (!known) {
@@ -198,7 +205,7 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   for (const OdometryPose& p : recent_) {
     if (p.sweep > correction->sweep && from != nullptr) {
       covariance = carried(covariance, p.T_odom_base.inverse() * from->T_odom_base) +
-                   finite_or_zero(p.step_covariance);
+                   counted(p.step_covariance, config_.step_scale_rad);
     }
     if (p.sweep >= correction->sweep) from = &p;
   }

@@ -97,7 +97,7 @@ struct MappingConfig {
   /// published covariance of the pose, from comparison with ground truth (EXPERIMENTS.md): the
   /// solver takes the map as exact and its residuals as nearly independent. Its sigmas times these;
   double covariance_scale_m = 2.0;
-  double covariance_scale_rad = 1.2;
+  double covariance_scale_rad = 0.93;
   /// what the surest direction of the position lends to others by errors of the map's normals is
   /// taken off their information;
   double covariance_normal_error_rad = 0.2;
@@ -106,7 +106,10 @@ struct MappingConfig {
   double covariance_lever_m = 5.0;
   /// and, of the rotation, this share of the change of the turn from the sweep before: the motion
   /// within a sweep is taken as constant
-  double covariance_turn_share = 0.05;
+  double covariance_turn_share = 0.04;
+  /// a rotation known worse than this was drawn into the map, too, by the poses before: its
+  /// variance v is published as v (1 + v / this^2); 0: the map's turn is taken as exact
+  double covariance_map_turn_rad = 0.00078;
   WeakDirections weak_directions = WeakDirections::kPrior;
   /// a direction is flagged when measured sigma > on * predicted sigma, until below off * predicted
   double degenerate_on = 1.0;

@@ -59,6 +59,9 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.covariance_turn_share", &c.covariance_turn_share, {0.0, 10.0}, "",
         "added to the rotation: this share of what the turn changed by since the sweep before")
       .live();
+  p.add("mapping.covariance_map_turn_rad", &c.covariance_map_turn_rad, {0.0, 1.0}, "rad",
+        "a rotation known worse was drawn into the map too: variance v counts v (1 + v / this^2)")
+      .live();
   p.add("mapping.weak_directions", &c.weak_directions,
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
         "weak directions: weighed against the prediction, or cut from each step")

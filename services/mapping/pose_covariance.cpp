@@ -8,6 +8,8 @@ namespace {
 
 // Directions a thousand times surer than the weakest are no measurement's.
 constexpr double kLeastShare = 1e-6;
+// Nothing was compared with truth where the map's turn would count for more.
+constexpr double kMostOfTheMap = 10.0;
 
 // Errors of the map's normals lend information of the surest direction to the others: of what is
 // known along one of variance v, error^2 / least is not its own.
@@ -22,6 +24,14 @@ Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_ra
 // A turn about an axis moves what lies a lever away along the other two.
 Eigen::Matrix3d moved_by_turns(const Eigen::Matrix3d& rotation, double lever_m) {
   return lever_m * lever_m * (rotation.trace() * Eigen::Matrix3d::Identity() - rotation);
+}
+
+// Where a sweep holds its turn badly, those that drew the map did too: one turn of the map for all
+// that hang on it, which no number of sweeps averages out.
+Eigen::Matrix3d of_the_map(const Eigen::Matrix3d& rotation, double known_rad) {
+  if (!(known_rad > 0.0)) return Eigen::Matrix3d::Zero();
+  const double worse = rotation.trace() / 3.0 / (known_rad * known_rad);
+  return std::min(worse, kMostOfTheMap) * rotation;
 }
 
 }  // namespace
@@ -39,6 +49,8 @@ Matrix6 published_covariance(const Matrix6& solved, double turn_change_rad,
   covariance.topLeftCorner<3, 3>() += moved_by_turns(rotation, config.covariance_lever_m);
   const double bend_rad = config.covariance_turn_share * turn_change_rad;
   covariance.diagonal().tail<3>().array() += bend_rad * bend_rad;
+  covariance.bottomRightCorner<3, 3>() +=
+      of_the_map(covariance.bottomRightCorner<3, 3>(), config.covariance_map_turn_rad);
   return 0.5 * (covariance + covariance.transpose());
 }
 

@@ -12,7 +12,7 @@ MappingConfig as_solved() {
   MappingConfig config;
   config.covariance_scale_m = config.covariance_scale_rad = 1.0;
   config.covariance_normal_error_rad = config.covariance_lever_m = 0.0;
-  config.covariance_turn_share = 0.0;
+  config.covariance_turn_share = config.covariance_map_turn_rad = 0.0;
   return config;
 }
 
@@ -63,6 +63,19 @@ TEST(PublishedCovariance, AChangeOfTheTurnMakesTheRotationUnsure) {
   Vector6 expected = Vector6::Zero();
   expected.tail<3>().setConstant(4e-6);
   EXPECT_LT((more - Matrix6(expected.asDiagonal())).norm(), 1e-16);
+}
+
+TEST(PublishedCovariance, WhereTheTurnIsKnownBadlyTheMapIsTurnedToo) {
+  MappingConfig config = as_solved();
+  config.covariance_map_turn_rad = 0.001;
+  Matrix6 apart = 1e-6 * Matrix6::Identity();
+  apart.diagonal().tail<3>() << 1e-6, 2e-6, 6e-6;
+  const Vector6 found = published_covariance(apart, 0.0, config).diagonal();
+  // v (1 + 3e-6 / 1e-6), the mean of the three deciding
+  EXPECT_LT((found.tail<3>() - Eigen::Vector3d(4e-6, 8e-6, 24e-6)).norm(), 1e-18);
+  EXPECT_EQ(found.head<3>(), Eigen::Vector3d(1e-6, 1e-6, 1e-6));
+  apart.diagonal().tail<3>().setConstant(1.0);
+  EXPECT_NEAR(published_covariance(apart, 0.0, config)(5, 5), 11.0, 1e-9);
 }
 
 TEST(PublishedCovariance, StaysSymmetricPositiveAndNoLessThanTheScaled) {
