@@ -37,6 +37,13 @@ Weakest weakest(const Eigen::Matrix3d& information) {
 
 }  // namespace
 
+Eigen::Vector3d weakest_translation(const Matrix6& pose_information) {
+  return weakest(schur(pose_information.topLeftCorner<3, 3>(),
+                       pose_information.topRightCorner<3, 3>(),
+                       pose_information.bottomRightCorner<3, 3>()))
+      .direction;
+}
+
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
                                 bool was_degenerate, const OdometryConfig& config) {
   const Matrix6 own = data.H.topLeftCorner<6, 6>();

@@ -30,4 +30,8 @@ struct Degeneracy {
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
                                 bool was_degenerate, const OdometryConfig& config);
 
+/// The unit vector along which a pose (translation, rotation) of this information is held least,
+/// its rotation left free.
+Eigen::Vector3d weakest_translation(const Matrix6& pose_information);
+
 }  // namespace zloam::odometry

@@ -1,8 +1,9 @@
 #include "odometry/start.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "odometry/degeneracy.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -27,16 +28,6 @@ std::uint32_t last_time_ns(PointSpan points) {
   return last_ns;
 }
 
-// Of the sensor's movement, in base_link, with the rotation left free.
-Eigen::Vector3d weakest_translation(const NormalEquations& equations) {
-  const Matrix6 H = equations.H.topLeftCorner<6, 6>();
-  const Eigen::Matrix3d rotation = H.bottomRightCorner<3, 3>();
-  const Eigen::Matrix3d free =
-      H.topLeftCorner<3, 3>() -
-      H.topRightCorner<3, 3>() * rotation.ldlt().solve(Eigen::Matrix3d(H.bottomLeftCorner<3, 3>()));
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(free).eigenvectors().col(0);
-}
-
 }  // namespace
 
 bool covers_turn(const FeatureSweep& sweep) {
@@ -52,7 +43,7 @@ Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
                             const RingTarget& last) {
   Solution best = match_sweep(source, at_rest, prior, range_noise_m, config, recent, last);
   if (!best.solved || config.target != Target::kRecentSweeps) return best;
-  const Eigen::Vector3d along = weakest_translation(best.data);
+  const Eigen::Vector3d along = weakest_translation(best.data.H.topLeftCorner<6, 6>());
   if (!along.allFinite()) return best;
   double least = best.cost - std::max(kClearly, kClearlyPart * best.cost);
   const double farthest_m = kFastest_mps * std::min(period_s, kSlowestTurn_s);
