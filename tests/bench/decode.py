@@ -28,7 +28,7 @@ PACKETS_PER_SCAN = 76
 #: points to decode at a time, so that starting the program does not count
 ENOUGH_POINTS = 40_000_000
 #: what the product promises
-LEAST_RATIO = 3.0
+LEAST_RATIO = 4.0
 #: the two take turns; the best of each counts, since load only ever slows down
 ROUNDS = 3
 

@@ -12,6 +12,8 @@ namespace {
 constexpr int kJitterCdeg = 1000;
 // Turned less than this, the speed within the packet tells the period better.
 constexpr int kMeasurableTurnCdeg = 1000;
+// What is cut off after it was added is rounded.
+constexpr double kToNearest = 0.5;
 // Points by which a sweep's buffers grow.
 constexpr std::size_t kRoomStep = 1024;
 
@@ -117,13 +119,14 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
       view_gap_from_cdeg_ = plan.group[g - 1].azimuth_cdeg;
       view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;
     }
-    advance_to(plan.group[g].azimuth_cdeg, time_ns, plan.advance_cdeg);
+    advance_to(plan, g, time_ns);
     count_packet(plan);
     sweep_.return_mode = plan.mode;
     sweep_.last_packet_ns = received_ns;
-    append_group(plan, g, time_ns);
+    place_group(g, time_ns);
     last_azimuth_cdeg_ = plan.group[g].azimuth_cdeg;
   }
+  append_placed(plan);
   last_advance_cdeg_ = plan.advance_cdeg;
 }
 
@@ -137,8 +140,8 @@ void SweepAssembler::count_packet(const PacketPlan& plan) {
 }
 
 /// Cuts before this group when it has passed the seam, or when no cut came for too long.
-void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg) {
-  const int phase_cdeg = ahead(seam_cdeg_, azimuth_cdeg);
+void SweepAssembler::advance_to(const PacketPlan& plan, int group, std::int64_t time_ns) {
+  const int phase_cdeg = ahead(seam_cdeg_, plan.group[group].azimuth_cdeg);
   if (!open_) {
     open(time_ns, phase_cdeg, false);
     return;
@@ -146,11 +149,12 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   const int forward_cdeg = ahead(phase_cdeg_, phase_cdeg);
   const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
   // Multiplied by the group's time: what the motor should have turned.
-  const double expected = advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
+  const double expected = plan.advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
   const bool missed_turn =
       expected > (forward_cdeg + kHalfTurnCdeg) * decoder_.group_ns() && !backwards;
   const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
   if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
+    append_placed(plan);
     close(at_seam);
     open(time_ns, phase_cdeg, at_seam);
     return;
@@ -161,33 +165,39 @@ void SweepAssembler::advance_to(int azimuth_cdeg, std::int64_t time_ns, double a
   phase_cdeg_ = phase_cdeg;
 }
 
-/// Room behind the sweep's points for one group more. Memory is asked for once for a whole turn; of
-/// it only what the last sweep in these buffers did not have is cleared, in steps.
-void SweepAssembler::make_room(const PacketPlan& plan) {
+/// Room behind the sweep's points for so many more, and one. Memory is asked for once for a whole
+/// turn; of it only what the last sweep in these buffers did not have is cleared, in steps.
+void SweepAssembler::make_room(const PacketPlan& plan, std::size_t points) {
   const std::size_t group = decoder_.max_points_per_group();
   const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;
   const std::size_t per_group = plan.mode == ReturnMode::kDual ? group : group / 2;
   const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * per_group + 2 * group;
   sweep_.points.reserve(turn);
   sweep_.columns.reserve(turn);
-  const std::size_t wanted = filled_ + std::max(group + 1, kRoomStep);
+  const std::size_t wanted = filled_ + std::max(points + 1, kRoomStep);
   sweep_.points.resize(std::max(sweep_.points.size(), wanted));
   sweep_.columns.resize(sweep_.points.size());
 }
 
-void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_t time_ns) {
-  const bool first = filled_ == 0;
-  if (sweep_.points.size() - filled_ <= decoder_.max_points_per_group()) make_room(plan);
-  const ModelTable& table = *decoder_.table();
+/// The groups of a packet are decoded together, up to a cut: one call in place of twelve.
+void SweepAssembler::place_group(int group, std::int64_t time_ns) {
   // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
   const auto groups = static_cast<std::int64_t>(
-      static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + 0.5);
-  const auto column =
-      static_cast<std::uint16_t>(std::min<std::int64_t>(groups * table.columns_per_group, 65000));
+      static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + kToNearest);
+  const auto column = static_cast<std::uint16_t>(
+      std::min<std::int64_t>(groups * decoder_.table()->columns_per_group, 65000));
+  placed_[placed_count_++] = {group, static_cast<std::uint32_t>(time_ns - base_ns_), column};
+}
+
+void SweepAssembler::append_placed(const PacketPlan& plan) {
+  const std::size_t groups = std::exchange(placed_count_, 0);
+  if (groups == 0) return;
+  const bool first = filled_ == 0;
+  const std::size_t most = groups * decoder_.max_points_per_group();
+  if (sweep_.points.size() - filled_ <= most) make_room(plan, most);
   Point* const out = sweep_.points.data() + filled_;
   std::uint16_t* const columns = sweep_.columns.data() + filled_;
-  const std::uint32_t after_base_ns = first ? 0 : static_cast<std::uint32_t>(time_ns - base_ns_);
-  std::size_t count = decoder_.decode_group(plan, group, after_base_ns, column, out, columns);
+  std::size_t count = decoder_.decode_groups(plan, std::span(placed_).first(groups), out, columns);
   if (mask_.active()) {
     const std::size_t kept = mask_.apply(out, columns, count);
     counts_.points_masked += count - kept;
@@ -196,7 +206,7 @@ void SweepAssembler::append_group(const PacketPlan& plan, int group, std::int64_
   if (first && count > 0) {
     const std::uint32_t shift_ns = out[0].time_ns;
     for (std::size_t i = 0; i < count; ++i) out[i].time_ns -= shift_ns;
-    base_ns_ = time_ns + shift_ns;
+    base_ns_ += shift_ns;
   }
   filled_ += count;
   counts_.points += count;

@@ -108,9 +108,10 @@ class SweepAssembler {
   bool across_view_gap(std::span<const std::uint8_t> payload) const;
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void count_packet(const PacketPlan& plan);
-  void advance_to(int azimuth_cdeg, std::int64_t time_ns, double advance_cdeg);
-  void make_room(const PacketPlan& plan);
-  void append_group(const PacketPlan& plan, int group, std::int64_t time_ns);
+  void advance_to(const PacketPlan& plan, int group, std::int64_t time_ns);
+  void make_room(const PacketPlan& plan, std::size_t points);
+  void place_group(int group, std::int64_t time_ns);
+  void append_placed(const PacketPlan& plan);
   void open(std::int64_t time_ns, int phase_cdeg, bool at_seam);
   void close(bool at_seam);
   std::uint32_t measured_period_ns() const;
@@ -161,6 +162,9 @@ class SweepAssembler {
   int phase_cdeg_ = 0;
   std::int64_t turned_cdeg_ = 0;
   std::uint32_t last_period_ns_ = 0;
+  // the packet's groups that are in it and not decoded yet
+  std::array<PlacedGroup, kBlocksPerPacket> placed_{};
+  std::size_t placed_count_ = 0;
 
   std::vector<DecodedSweep> ready_;
   std::vector<DecodedSweep> spare_;

@@ -22,8 +22,8 @@ BeamTables::BeamTables(const ModelTable& table, double stretch, bool vertical_of
     time_share_[c] = channel.time_ns / table.group_ns;
     up[c] = static_cast<float>(std::sin(elevation_rad));
     height_m[c] = vertical_offsets ? static_cast<float>(channel.vertical_offset_m) : 0.0F;
-    const auto time_ns = static_cast<std::uint32_t>(std::lround(stretch * channel.time_ns));
-    time_and_ring[c] = time_ns | static_cast<std::uint64_t>(channel.ring) << 32;
+    time_ns[c] = static_cast<std::uint32_t>(std::lround(stretch * channel.time_ns));
+    ring[c] = channel.ring;
     column[c / kChannelsPerColumn] = channel.column;
   }
 }
@@ -52,7 +52,7 @@ void BeamTables::follow(double advance_cdeg) {
   if (advance_cdeg == followed_cdeg_) return;
   followed_cdeg_ = advance_cdeg;
 #if ZLOAM_WIDE
-  if (has_wide()) {
+  if (has_avx2()) {
     turn_by_wide(advance_cdeg * kRadPerCdeg);
     return;
   }

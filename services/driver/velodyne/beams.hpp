@@ -31,8 +31,9 @@ struct BeamTables {
   /// vertical part, and the beam's origin above the sensor's
   alignas(16) ByChannel<float> up{};
   alignas(16) ByChannel<float> height_m{};
-  /// the second half of a point as it lies in memory: time after the group's begin, ring
-  alignas(16) ByChannel<std::uint64_t> time_and_ring{};
+  /// firing after the group's begin, and its ring
+  alignas(16) ByChannel<std::uint32_t> time_ns{};
+  alignas(16) ByChannel<std::uint32_t> ring{};
   /// firing column within the group, of sixteen channels each
   std::array<std::uint16_t, kChannels / kChannelsPerColumn> column{};
 

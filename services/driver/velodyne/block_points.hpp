@@ -2,6 +2,7 @@
 // Cells of a block to points.
 
 #include <cstdint>
+#include <span>
 
 #include "common/geometry/point.hpp"
 #include "driver/velodyne/beams.hpp"
@@ -44,14 +45,19 @@ struct PointSink {
   std::size_t count = 0;
 };
 
-/// The returns of a block of one bank.
-void put_single(const std::uint8_t* block, const BeamTables& beams, int bank,
-                const BlockFrame& frame, RawLimits limits, ReturnType type, PointSink& sink);
+/// A block, and what it gives to its points.
+struct FiredBlock {
+  const std::uint8_t* block;
+  BlockFrame frame;
+};
+
+/// The returns of blocks of one bank, one block after the other.
+void put_single(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
+                RawLimits limits, ReturnType type, PointSink& sink);
 
 /// The same with four lanes on any processor: what put_single must agree with to the last bit.
-void put_single_portable(const std::uint8_t* block, const BeamTables& beams, int bank,
-                         const BlockFrame& frame, RawLimits limits, ReturnType type,
-                         PointSink& sink);
+void put_single_portable(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
+                         RawLimits limits, ReturnType type, PointSink& sink);
 
 /// The returns of a pair of blocks; last: the even one, strongest: the odd one. Either may be
 /// missing (nullptr).

@@ -1,4 +1,4 @@
-// The quick way to a block's points against the portable one.
+// The quick ways to a block's points against the portable one.
 #include "driver/velodyne/block_points.hpp"
 
 #include <gtest/gtest.h>
@@ -7,6 +7,8 @@
 #include <cstring>
 #include <random>
 #include <vector>
+
+#include "driver/velodyne/block_points_wide.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -20,12 +22,12 @@ struct Written {
   std::vector<std::uint16_t> columns;
 };
 
-Written written_by(Put* put, const Block& block, const BeamTables& beams, int bank,
-                   const BlockFrame& frame, RawLimits limits) {
-  Written written{std::vector<Point>(kCellsPerBlock + 1),
-                  std::vector<std::uint16_t>(kCellsPerBlock + 1)};
+Written written_by(Put* put, std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
+                   RawLimits limits) {
+  const std::size_t most = blocks.size() * kCellsPerBlock + 1;
+  Written written{std::vector<Point>(most), std::vector<std::uint16_t>(most)};
   PointSink sink{written.points.data(), written.columns.data()};
-  put(block.data(), beams, bank, frame, limits, ReturnType::kLast, sink);
+  put(blocks, beams, bank, limits, ReturnType::kLast, sink);
   written.points.resize(sink.count);
   written.columns.resize(sink.count);
   return written;
@@ -41,31 +43,53 @@ Block some_block(std::mt19937& random) {
   return block;
 }
 
-TEST(BlockPoints, TheQuickWayGivesTheSameBytesAsThePortableOne) {
+/// All that this processor can run, but for the portable one.
+std::vector<Put*> quick_ways() {
+  std::vector<Put*> ways{put_single};
+#if ZLOAM_WIDE
+  if (has_avx2()) ways.push_back(put_single_avx2);
+  if (has_avx512()) ways.push_back(put_single_avx512);
+#endif
+  return ways;
+}
+
+std::size_t returns_in(const Block& block, RawLimits limits) {
+  std::size_t returns = 0;
+  for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
+    returns += limits.contain(read_u16(&block[4 + 3 * c]));
+  }
+  return returns;
+}
+
+void expect_same(const Written& quick, const Written& portable) {
+  ASSERT_EQ(quick.points.size(), portable.points.size());
+  EXPECT_EQ(std::memcmp(quick.points.data(), portable.points.data(),
+                        sizeof(Point) * portable.points.size()),
+            0);
+  EXPECT_EQ(quick.columns, portable.columns);
+}
+
+TEST(BlockPoints, TheQuickWaysGiveTheSameBytesAsThePortableOne) {
   std::mt19937 random(5);
   for (const Model model : {Model::kVlp16, Model::kHdl32e, Model::kVls128}) {
     const ModelTable& table = model_table(model);
     BeamTables beams(table, 1.0, true);
     beams.follow(20.0);
     for (int i = 0; i < 200; ++i) {
-      const Block block = some_block(random);
+      const std::array<Block, 2> blocks{some_block(random), some_block(random)};
       const int bank = i % table.banks;
       const BlockFrame frame{0.6F, -0.8F, static_cast<float>(table.distance_unit_m),
                              static_cast<std::uint32_t>(random() % 100'000'000), 7};
+      const BlockFrame next{0.8F, -0.6F, frame.unit_m, frame.time_ns + 55'296, 9};
+      const std::array<FiredBlock, 2> fired{{{blocks[0].data(), frame}, {blocks[1].data(), next}}};
       for (const RawLimits limits :
            {RawLimits{}, RawLimits{500, 20'000}, RawLimits{65'536, 0}, RawLimits{1, 0}}) {
-        const Written quick = written_by(put_single, block, beams, bank, frame, limits);
-        const Written portable = written_by(put_single_portable, block, beams, bank, frame, limits);
-        ASSERT_EQ(quick.points.size(), portable.points.size());
-        EXPECT_EQ(std::memcmp(quick.points.data(), portable.points.data(),
-                              sizeof(Point) * portable.points.size()),
-                  0);
-        EXPECT_EQ(quick.columns, portable.columns);
-        std::size_t returns = 0;
-        for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
-          returns += limits.contain(read_u16(&block[4 + 3 * c]));
+        const Written portable = written_by(put_single_portable, fired, beams, bank, limits);
+        EXPECT_EQ(portable.points.size(),
+                  returns_in(blocks[0], limits) + returns_in(blocks[1], limits));
+        for (Put* way : quick_ways()) {
+          expect_same(written_by(way, fired, beams, bank, limits), portable);
         }
-        EXPECT_EQ(portable.points.size(), returns);
       }
     }
   }

@@ -185,6 +185,22 @@ void Decoder::read_blocks(PacketPlan& plan) const {
 
 namespace {
 
+/// Member by member, where it stays: what is copied as a whole must wait for its parts to be
+/// stored.
+inline void set_frame(BlockFrame& frame, const PacketPlan& plan, const PlacedGroup& placed,
+                      const AzimuthTable& azimuths, float unit_m) {
+  const auto [cos_azimuth, sin_azimuth] = azimuths.cos_sin(plan.group[placed.group].azimuth_cdeg);
+  frame.cos_azimuth = static_cast<float>(cos_azimuth);
+  frame.sin_azimuth = static_cast<float>(sin_azimuth);
+  frame.unit_m = unit_m;
+  frame.time_ns = placed.time_ns;
+  frame.column = placed.column;
+}
+
+ReturnType single_type(ReturnMode mode) {
+  return mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+}
+
 /// Blocks of one valid group by bank and return. The flag tells the bank, not the place in the
 /// packet.
 using GroupBlocks = std::array<std::array<const std::uint8_t*, 2>, kMostBanks>;
@@ -202,33 +218,44 @@ GroupBlocks blocks_by_bank(const std::uint8_t* first, int banks, int returns) {
 
 }  // namespace
 
-std::size_t Decoder::decode_group(const PacketPlan& plan, int group, std::uint32_t time_ns,
-                                  std::uint16_t column, Point* out, std::uint16_t* columns) const {
-  const int returns = plan.mode == ReturnMode::kDual ? 2 : 1;
-  const auto [cos_azimuth, sin_azimuth] = azimuth_table().cos_sin(plan.group[group].azimuth_cdeg);
-  const BlockFrame frame{static_cast<float>(cos_azimuth), static_cast<float>(sin_azimuth), unit_m_,
-                         time_ns, column};
-  const std::uint8_t* const first =
-      plan.payload + kBlockBytes * static_cast<std::size_t>(group * banks_ * returns);
+std::size_t Decoder::decode_groups(const PacketPlan& plan, std::span<const PlacedGroup> groups,
+                                   Point* out, std::uint16_t* columns) const {
   PointSink sink{out, columns};
-  const ReturnType single =
-      plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
-  if (banks_ * returns == 1) {
-    put_single(first, stream_->beams, 0, frame, stream_->limits, single, sink);
+  if (banks_ > 1 || plan.mode == ReturnMode::kDual) {
+    for (const PlacedGroup& placed : groups) put_group(plan, placed, sink);
     return sink.count;
   }
+  // A group is a block.
+  std::array<FiredBlock, kBlocksPerPacket> blocks;
+  const AzimuthTable& azimuths = azimuth_table();
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    const std::size_t at = kBlockBytes * static_cast<std::size_t>(groups[i].group);
+    blocks[i].block = plan.payload + at;
+    set_frame(blocks[i].frame, plan, groups[i], azimuths, unit_m_);
+  }
+  put_single(std::span(blocks).first(groups.size()), stream_->beams, 0, stream_->limits,
+             single_type(plan.mode), sink);
+  return sink.count;
+}
+
+void Decoder::put_group(const PacketPlan& plan, const PlacedGroup& placed, PointSink& sink) const {
+  const int returns = plan.mode == ReturnMode::kDual ? 2 : 1;
+  FiredBlock fired;
+  set_frame(fired.frame, plan, placed, azimuth_table(), unit_m_);
+  const std::uint8_t* const first =
+      plan.payload + kBlockBytes * static_cast<std::size_t>(placed.group * banks_ * returns);
   const GroupBlocks blocks = blocks_by_bank(first, banks_, returns);
   for (int b = 0; b < banks_; ++b) {
     const auto& [last, strongest] = blocks[b];
     if (!last && !strongest) continue;
     if (returns == 1) {
-      put_single(last, stream_->beams, b, frame, stream_->limits, single, sink);
+      fired.block = last;
+      put_single({&fired, 1}, stream_->beams, b, stream_->limits, single_type(plan.mode), sink);
     } else {
-      put_dual(last, strongest, stream_->beams, b, frame, stream_->limits, config_.dual_returns,
-               sink);
+      put_dual(last, strongest, stream_->beams, b, fired.frame, stream_->limits,
+               config_.dual_returns, sink);
     }
   }
-  return sink.count;
 }
 
 }  // namespace zloam::driver

@@ -35,6 +35,15 @@ struct DecoderConfig {
   bool vertical_offsets = true;
 };
 
+/// A group of a packet, and where it lies in its sweep.
+struct PlacedGroup {
+  int group;
+  /// of its first firing; a point's time is that and the firing's place in the group
+  std::uint32_t time_ns;
+  /// of its first firings
+  std::uint16_t column;
+};
+
 /// Decodes packets of one sensor. Keeps the model once known and the last plausible motor speed.
 class Decoder {
  public:
@@ -45,11 +54,10 @@ class Decoder {
   /// The packet's groups, azimuths and times; payload must have passed tail() and outlive the plan.
   PacketPlan plan(std::span<const std::uint8_t> payload, ReturnMode mode);
 
-  /// Writes the returns of one group of the packet planned last, in time order. out and columns
-  /// need room for max_points_per_group() + 1. Point times are time_ns plus the firing's place in
-  /// the group. Returns the number of points.
-  std::size_t decode_group(const PacketPlan& plan, int group, std::uint32_t time_ns,
-                           std::uint16_t column, Point* out, std::uint16_t* columns) const;
+  /// Writes the returns of valid groups of the packet planned last, in time order. out and columns
+  /// need room for max_points_per_group() of each, and 1. Returns the number of points.
+  std::size_t decode_groups(const PacketPlan& plan, std::span<const PlacedGroup> groups, Point* out,
+                            std::uint16_t* columns) const;
 
   /// Nothing before the first packet when the model is not forced.
   const ModelTable* table() const { return table_; }
@@ -85,6 +93,7 @@ class Decoder {
   ReturnMode check_mode(std::uint8_t mode_byte);
   void note_contradiction(bool& noted, std::string text);
   void read_blocks(PacketPlan& plan) const;
+  void put_group(const PacketPlan& plan, const PlacedGroup& placed, PointSink& sink) const;
 
   DecoderConfig config_;
   const ModelTable* table_ = nullptr;

@@ -174,7 +174,8 @@ TEST(Decoder, A1Vls128) {
                                  {1, 75, 99.93, 39.82241, 3.75311, 0.29975}};
   std::size_t row = 0;
   for (int g = 0; g < plan.groups; ++g) {
-    const std::size_t count = decoder.decode_group(plan, g, 0, 0, out.data(), columns.data());
+    const PlacedGroup placed{g, 0, 0};
+    const std::size_t count = decoder.decode_groups(plan, {&placed, 1}, out.data(), columns.data());
     for (std::size_t i = 0; i < count; ++i, ++row) {
       ASSERT_LT(row, rows.size());
       SCOPED_TRACE(row);

@@ -9,6 +9,11 @@ namespace {
 constexpr double kMinRpm = 180.0;
 constexpr double kMaxRpm = 1500.0;
 
+int gap_between(const Group& before, const Group& after) {
+  const int gap_cdeg = after.azimuth_cdeg - before.azimuth_cdeg;
+  return gap_cdeg < 0 ? gap_cdeg + kTurnCdeg : gap_cdeg;
+}
+
 double advance_at(double rpm, double group_ns) { return rpm / 60.0 * kTurnCdeg * group_ns * 1e-9; }
 
 }  // namespace
@@ -26,33 +31,38 @@ void Motor::measure(PacketPlan& plan) {
     measure_by_packets(plan);
     return;
   }
-  const Gaps gaps = gaps_of(plan);
-  // Nearly all packets: whichever gap is the median, all count.
-  const bool even = gaps.count > 0 && plausible(gaps.least) && plausible(gaps.greatest) &&
-                    gaps.greatest <= 2 * gaps.least;
-  if (even) {
-    keep(static_cast<double>(gaps.sum) / gaps.count, plan);
-  } else {
-    measure_uneven(gaps, plan);
+  if (!measure_even(plan)) measure_uneven(plan);
+}
+
+/// Nearly all packets: whichever gap is the median, all count.
+bool Motor::measure_even(PacketPlan& plan) {
+  int sum = 0;
+  int least = kTurnCdeg;
+  int greatest = 0;
+  for (int g = 1; g < plan.groups; ++g) {
+    if (!plan.group[g - 1].valid || !plan.group[g].valid) return false;
+    const int gap_cdeg = gap_between(plan.group[g - 1], plan.group[g]);
+    sum += gap_cdeg;
+    least = std::min(least, gap_cdeg);
+    greatest = std::max(greatest, gap_cdeg);
   }
+  if (!plausible(least) || !plausible(greatest) || greatest > 2 * least) return false;
+  keep(static_cast<double>(sum) / (plan.groups - 1), plan);
+  return true;
 }
 
 Motor::Gaps Motor::gaps_of(const PacketPlan& plan) {
   Gaps gaps;
   for (int g = 1; g < plan.groups; ++g) {
     if (!plan.group[g - 1].valid || !plan.group[g].valid) continue;
-    int gap_cdeg = plan.group[g].azimuth_cdeg - plan.group[g - 1].azimuth_cdeg;
-    if (gap_cdeg < 0) gap_cdeg += kTurnCdeg;
     gaps.group_after[gaps.count] = g;
-    gaps.cdeg[gaps.count++] = gap_cdeg;
-    gaps.sum += gap_cdeg;
-    gaps.least = std::min(gaps.least, gap_cdeg);
-    gaps.greatest = std::max(gaps.greatest, gap_cdeg);
+    gaps.cdeg[gaps.count++] = gap_between(plan.group[g - 1], plan.group[g]);
   }
   return gaps;
 }
 
-void Motor::measure_uneven(const Gaps& gaps, PacketPlan& plan) {
+void Motor::measure_uneven(PacketPlan& plan) {
+  const Gaps gaps = gaps_of(plan);
   std::array<int, kBlocksPerPacket> sorted = gaps.cdeg;
   const auto middle = sorted.begin() + gaps.count / 2;
   std::nth_element(sorted.begin(), middle, sorted.begin() + gaps.count);

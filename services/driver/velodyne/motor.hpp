@@ -20,19 +20,17 @@ class Motor {
  private:
   /// Azimuth differences between neighbouring good groups.
   struct Gaps {
-    std::array<int, kBlocksPerPacket> cdeg{};
-    std::array<int, kBlocksPerPacket> group_after{};
+    std::array<int, kBlocksPerPacket> cdeg;
+    std::array<int, kBlocksPerPacket> group_after;
     int count = 0;
-    int sum = 0;
-    int least = kTurnCdeg;
-    int greatest = 0;
   };
 
+  bool measure_even(PacketPlan& plan);
   static Gaps gaps_of(const PacketPlan& plan);
   bool plausible(double advance_cdeg) const {
     return advance_cdeg >= least_cdeg_ && advance_cdeg <= greatest_cdeg_;
   }
-  void measure_uneven(const Gaps& gaps, PacketPlan& plan);
+  void measure_uneven(PacketPlan& plan);
   void measure_by_packets(PacketPlan& plan);
   void keep(double advance_cdeg, PacketPlan& plan);
   void pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const;

@@ -19,9 +19,8 @@ inline std::vector<Point> decode_all(Decoder& decoder, const Payload& payload) {
   std::vector<std::uint16_t> columns(out.size());
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
-    const std::size_t count =
-        decoder.decode_group(plan, g, static_cast<std::uint32_t>(plan.group[g].offset_ns), 0,
-                             out.data(), columns.data());
+    const PlacedGroup placed{g, static_cast<std::uint32_t>(plan.group[g].offset_ns), 0};
+    const std::size_t count = decoder.decode_groups(plan, {&placed, 1}, out.data(), columns.data());
     points.insert(points.end(), out.begin(), out.begin() + static_cast<std::ptrdiff_t>(count));
   }
   return points;

@@ -1,0 +1,24 @@
+#pragma once
+// put_single for processors with wider registers: the same operations, one by one, and so the same
+// results to the last bit. Only where has_avx2() or has_avx512() say so.
+
+#include <span>
+
+#include "driver/velodyne/block_points.hpp"
+#include "driver/velodyne/wide.hpp"
+
+#if ZLOAM_WIDE
+
+namespace zloam::driver {
+
+/// Eight cells at a time.
+void put_single_avx2(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
+                     RawLimits limits, ReturnType type, PointSink& sink);
+
+/// Sixteen cells at a time.
+void put_single_avx512(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
+                       RawLimits limits, ReturnType type, PointSink& sink);
+
+}  // namespace zloam::driver
+
+#endif
