@@ -10,6 +10,8 @@ namespace {
 constexpr std::uint32_t kMinSilhouetteRun = 3;
 // Standard deviations by which a step must exceed the noise of a difference of two ranges.
 constexpr double kStepSigmas = 3.0;
+// A surface goes on over so many steps at most: three returns missing.
+constexpr double kBridgedSteps = 4.6;
 // Below this squared sine of the angle between beam and surface the noise runs along the surface.
 constexpr double kMinSine2 = 0.05;
 
@@ -52,16 +54,20 @@ class RingPass {
     return c_.parallel_tangent * s_.step_rad * range_m;
   }
 
+  // A few returns that are missing are no break where both sides are as deep as one surface would
+  // be: such are lost amid any wall (a hundredth of a VLP-16's, dark spots, panes), and made two
+  // edges each.
   void find_breaks() {
     for (std::uint32_t i = begin_; i < end_; ++i) {
-      if (i + 1 == end_ || !adjacent(s_, i)) {
+      if (i + 1 == end_) {
         out_.break_after[i] = 1;
         continue;
       }
+      const double steps = adjacent(s_, i) ? 1.0 : steps_after(s_, i);
       const double near_m = std::min(s_.range_m[i], s_.range_m[i + 1]);
       const double step_m = std::abs(s_.range_m[i + 1] - s_.range_m[i]);
-      out_.break_after[i] =
-          step_m > std::max(c_.gap_min_m, steepest_step_m(near_m)) + step_noise_m_ ? 1 : 0;
+      const double deepest_m = std::max(c_.gap_min_m, steps * steepest_step_m(near_m));
+      out_.break_after[i] = steps > kBridgedSteps || step_m > deepest_m + step_noise_m_ ? 1 : 0;
     }
   }
 

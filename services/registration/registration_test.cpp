@@ -23,11 +23,14 @@ struct ScanModel {
   int columns = 1800;
   double noise_m = 0.0;
   unsigned seed = 1;
+  // part of the returns that are lost at random
+  double missing = 0.0;
 };
 
 PointVector scan(const RangeModel& range, const ScanModel& model = {}) {
   std::mt19937 rng(model.seed);
   std::normal_distribution<double> noise(0.0, 1.0);
+  std::bernoulli_distribution missing(model.missing);
   PointVector points;
   for (int column = 0; column < model.columns; ++column) {
     const double azimuth = std::numbers::pi - 2.0 * std::numbers::pi * column / model.columns;
@@ -35,7 +38,7 @@ PointVector scan(const RangeModel& range, const ScanModel& model = {}) {
       const double elevation =
           model.rings == 1 ? 0.0 : (-15.0 + 30.0 * ring / (model.rings - 1)) * kDeg;
       double r = range(azimuth, elevation);
-      if (r <= 0.0) continue;
+      if (r <= 0.0 || missing(rng)) continue;
       r += model.noise_m * noise(rng);
       const auto time =
           static_cast<std::uint32_t>(std::uint64_t(kPeriod_ns) * column / model.columns);
@@ -86,7 +89,50 @@ TEST(Registration, NoisyWallsGiveNoEdgesAndManyFlats) {
   }
 }
 
-TEST(Registration, AFixedThresholdWouldHaveFailedThatTest) {
+TEST(Registration, ReturnsMissingAmidAWallMakeNoEdges) {
+  for (double distance : {2.0, 5.0, 10.0, 30.0}) {
+    std::size_t edges = 0;
+    for (unsigned seed = 1; seed <= 10; ++seed) {
+      const PointVector sweep =
+          scan(wall_ahead(distance, 60.0), {.noise_m = 0.02, .seed = seed, .missing = 0.02});
+      for (const Point& p : extract_features(sweep, {kPeriod_ns, 16}, {}).less_sharp) {
+        edges += std::abs(std::atan2(p.y, p.x)) < 58.0 * kDeg ? 1U : 0U;
+      }
+    }
+    EXPECT_LE(edges, 2U) << distance;
+  }
+}
+
+TEST(Registration, TheSidesOfAGapInAWallAreEdges) {
+  // Ten firings without a return at azimuth 0.
+  const RangeModel wall = wall_ahead(10.0, 60.0);
+  const RangeModel gap = [&](double azimuth, double elevation) {
+    return std::abs(azimuth) < 1.0 * kDeg ? -1.0 : wall(azimuth, elevation);
+  };
+  std::size_t sides = 0;
+  for (const Point& p :
+       extract_features(scan(gap, {.noise_m = 0.02}), {kPeriod_ns, 16}, {}).sharp) {
+    sides += std::abs(std::atan2(p.y, p.x)) < 1.3 * kDeg ? 1U : 0U;
+  }
+  EXPECT_EQ(sides, 32U);
+}
+
+TEST(Registration, AMissingReturnBesideAStepInDepthIsAnEdge) {
+  // A panel 5 m ahead within 10 degrees, a wall 12 m behind it, and nothing right beside the panel.
+  const RangeModel panel = [](double azimuth, double elevation) {
+    const double a = std::abs(azimuth);
+    if (a > 50.0 * kDeg || (a >= 10.0 * kDeg && a < 10.3 * kDeg)) return -1.0;
+    return (a < 10.0 * kDeg ? 5.0 : 12.0) / (std::cos(azimuth) * std::cos(elevation));
+  };
+  std::size_t near = 0;
+  for (const Point& p :
+       extract_features(scan(panel, {.noise_m = 0.01}), {kPeriod_ns, 16}, {}).sharp) {
+    near += p.x < 6.0F ? 1U : 0U;
+  }
+  EXPECT_EQ(near, 32U);
+}
+
+TEST(Registration, AFixedThresholdMakesEdgesOfNoise) {
   RegistrationConfig config;
   config.edge_chi2 = 1.0;
   config.edge_min_bend_deg = 0.0;

@@ -140,4 +140,16 @@ bool adjacent(const RingSorted& sorted, std::uint32_t i) {
   return sorted.step_rad > 0.0 && angle_between(a, b) <= kAdjacentSteps * sorted.step_rad;
 }
 
+double steps_after(const RingSorted& sorted, std::uint32_t i) {
+  const Point& a = sorted.points[i];
+  const Point& b = sorted.points[i + 1];
+  if (sorted.firing_interval_ns > 0 && b.time_ns >= a.time_ns) {
+    return static_cast<double>(b.time_ns - a.time_ns) / sorted.firing_interval_ns;
+  }
+  if (sorted.firing_interval_ns > 0 || sorted.step_rad <= 0.0) {
+    return std::numeric_limits<double>::infinity();
+  }
+  return angle_between(a, b) / sorted.step_rad;
+}
+
 }  // namespace zloam::registration

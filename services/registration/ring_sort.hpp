@@ -27,4 +27,8 @@ RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const Registrati
 /// True when points i and i + 1 of the same ring come from successive firings.
 bool adjacent(const RingSorted& sorted, std::uint32_t i);
 
+/// Firings from point i to point i + 1 of the same ring, 1 for successive ones; infinite when that
+/// can't be told.
+double steps_after(const RingSorted& sorted, std::uint32_t i);
+
 }  // namespace zloam::registration
