@@ -71,6 +71,8 @@ struct VoxelPlanesConfig {
   double lost_step_rad = 0.3;
   /// every so many points of a sweep are put into the tiles, which hold the points to look at
   std::uint32_t tile_stride = 4;
+  /// of a dense sweep's surfaces fewer, but no fewer than these
+  std::uint32_t enough_tile_points = 7000;
 };
 
 inline constexpr const char* kVoxelPlanes = "voxel_planes";

@@ -218,6 +218,9 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
         "every so many points of a sweep go into the tiles")
       .live();
+  p.add("mapping.voxel_planes.enough_tile_points", &c.enough_tile_points, {100, 1e7}, "points",
+        "of a denser sweep's surfaces no fewer than these")
+      .live();
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/deskew.hpp"
 #include "common/plane_map/plane_registration.hpp"
 #include "mapping/voxel_tiles.hpp"
@@ -80,8 +81,8 @@ class VoxelPlanesMethod : public MappingMethod {
                                              const MappingInput& input,
                                              const Prediction& prediction,
                                              const plane_map::MotionPrediction& odometry) const;
-  PointSpan thinned(PointSpan points, std::uint64_t sweep, const DeskewTable& table,
-                    PointVector& out) const;
+  static PointSpan thinned(PointSpan points, std::size_t stride, std::uint64_t sweep,
+                           const DeskewTable& table, PointVector& out);
 
   VoxelPlanesConfig config_;
   std::optional<plane_map::PlaneRegistration> registration_;
@@ -260,8 +261,10 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
   const DeskewTable own(result.twist_per_s, input.period_ns, input.instant_ns);
   const DeskewTable table = own.in_place_of(odometry);
-  return {thinned(input.edges, input.sweep, table, tile_edges_),
-          thinned(input.planes, input.sweep, table, tile_planes_)};
+  const std::size_t stride = std::max(config_.tile_stride, 1U);
+  const std::size_t enough = stride_to(config_.enough_tile_points, input.planes.size());
+  return {thinned(input.edges, stride, input.sweep, table, tile_edges_),
+          thinned(input.planes, std::max(stride, enough), input.sweep, table, tile_planes_)};
 }
 
 std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double growth) {
@@ -273,10 +276,9 @@ void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {
   tiles_.keep_for_loading(tiles);
 }
 
-// Every tile_stride-th point, moved by the table.
-PointSpan VoxelPlanesMethod::thinned(PointSpan points, std::uint64_t sweep,
-                                     const DeskewTable& table, PointVector& out) const {
-  const std::uint32_t stride = std::max(config_.tile_stride, 1U);
+// Every stride-th point, moved by the table.
+PointSpan VoxelPlanesMethod::thinned(PointSpan points, std::size_t stride, std::uint64_t sweep,
+                                     const DeskewTable& table, PointVector& out) {
   out.clear();
   for (std::size_t i = sweep % stride; i < points.size(); i += stride) {
     Point p = points[i];

@@ -35,6 +35,10 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
   return ldlt.solve(Matrix6::Identity());
 }
 
+std::size_t points_in(const SweepInput& sweep) {
+  return sweep.points.size() + sweep.more_points.size();
+}
+
 }  // namespace
 
 Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
@@ -126,23 +130,18 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
 }
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
-  const std::size_t stride = std::max<std::size_t>(
-      config_.stride, stride_to(config_.enough_points, points.points().size()));
   map_.set_anchor(prior.start.T_mid.translation());
-  return matcher_.match(map_, points, every_nth(points.points(), stride, sweeps_ * 7), prior,
-                        gate_m_);
+  return matcher_.match(map_, points, prior, gate_m_);
 }
 
-void PlaneRegistration::insert(const SweepPoints& points, const SweepMotion& motion) {
+void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motion) {
+  SweepPoints& points = inserted_points_;
+  points.set(sweep, config_.min_range_m,
+             {stride_to(config_.enough_inserted_points, points_in(sweep)), sweeps_});
   map_.set_anchor(motion.T_mid.translation());
   const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
-  const std::size_t stride = stride_to(config_.enough_inserted_points, points.points().size());
-  if (stride > 1) {
-    to_local(every_nth(points.points(), stride, sweeps_), motions, shift, inserted_);
-  } else {
-    to_local(points.points(), motions, shift, inserted_);
-  }
+  to_local(points.points(), motions, shift, inserted_);
   map_.insert(inserted_);
   map_.leave_behind(motion.T_mid.translation());
 }
@@ -179,17 +178,19 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   return out;
 }
 
-SweepPoints& PlaneRegistration::points_of(const SweepInput& sweep) {
-  if (points_stamp_ns_ != sweep.stamp_ns) {
-    points_.set(sweep, config_.min_range_m);
-    points_stamp_ns_ = sweep.stamp_ns;
+const SweepPoints& PlaneRegistration::matched_points_of(const SweepInput& sweep) {
+  if (matched_stamp_ns_ != sweep.stamp_ns) {
+    const std::size_t enough = stride_to(config_.enough_points, points_in(sweep));
+    const Thinning thinning{std::max<std::size_t>(config_.stride, enough), sweeps_ * 7};
+    matched_points_.set(sweep, config_.min_range_m, thinning);
+    matched_stamp_ns_ = sweep.stamp_ns;
   }
-  return points_;
+  return matched_points_;
 }
 
 RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
                                             const std::optional<MotionPrediction>& prediction) {
-  const SweepPoints& points = points_of(sweep);
+  const SweepPoints& points = matched_points_of(sweep);
   const MotionPrior prior = make_prior(sweep, prediction);
   MatchResult match;
   match.motion = prior.start;
@@ -204,8 +205,8 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
   const Vector6 error = log_se3(prior.start.T_mid.inverse() * match.motion.T_mid);
   result.prediction_error_m =
       error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
-  result.points = points.points().size();
-  if (map_.empty() && result.points >= config_.min_matches) {
+  result.points = points_in(sweep);
+  if (map_.empty() && points.points().size() >= config_.min_matches) {
     result.outcome = Outcome::kStarted;
   }
   return result;
@@ -226,7 +227,7 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     }
   }
   if (insert) {
-    this->insert(points_of(sweep), motion);
+    this->insert(sweep, motion);
   }
   if (previous_ || !map_.empty()) {
     // Points that lie further off than their noise say less than the solver makes of them.
@@ -237,7 +238,7 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     if (previous_) change = motion.twist - previous_->motion.twist;
     previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
   }
-  points_stamp_ns_.reset();
+  matched_stamp_ns_.reset();
   ++sweeps_;
 }
 

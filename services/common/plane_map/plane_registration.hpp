@@ -46,7 +46,7 @@ struct RegistrationResult {
   double prediction_error_m = 0.0;  // at the gate's range
   int iterations = 0;
   bool converged = false;
-  std::size_t points = 0;   // valid ones
+  std::size_t points = 0;   // of the sweep
   std::size_t tried = 0;    // those that were matched
   std::size_t matches = 0;  // those that met a surface of the map
 
@@ -98,8 +98,8 @@ class PlaneRegistration {
   void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
                       MotionPrior& prior) const;
   MatchResult match(const SweepPoints& points, const MotionPrior& prior);
-  SweepPoints& points_of(const SweepInput& sweep);
-  void insert(const SweepPoints& points, const SweepMotion& motion);
+  const SweepPoints& matched_points_of(const SweepInput& sweep);
+  void insert(const SweepInput& sweep, const SweepMotion& motion);
   void follow_gate(const RegistrationResult& result);
   RegistrationResult result_of(const MatchResult& match, const SweepInput& sweep) const;
 
@@ -108,9 +108,10 @@ class PlaneRegistration {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
-  SweepPoints points_;                           // of the sweep that was matched last
-  std::optional<std::int64_t> points_stamp_ns_;  // until it is committed
-  std::vector<LocalPoint> inserted_;             // in the map's local coordinates
+  SweepPoints matched_points_;                    // of the sweep that was matched last
+  std::optional<std::int64_t> matched_stamp_ns_;  // until it is committed
+  SweepPoints inserted_points_;
+  std::vector<LocalPoint> inserted_;  // in the map's local coordinates
   double gate_m_;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();

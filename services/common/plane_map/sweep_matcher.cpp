@@ -104,9 +104,8 @@ double SweepMatcher::information_scale(const VoxelPlaneMap& map) const {
 }
 
 SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
-                                    const std::vector<SlotPoint>& points, const MotionPrior& prior,
-                                    double gate_m) const {
-  const std::vector<SlotPoint> few = every_nth(points, kCoarseStride, 0);
+                                    const MotionPrior& prior, double gate_m) const {
+  const std::vector<SlotPoint> few = every_nth(sweep.points(), kCoarseStride, 0);
   if (few.size() < kLeastCoarsePoints) return prior.start;
   MatchedPoints matched(few);
   const Step first = step_from(prior.start, map, sweep, matched, prior, gate_m);
@@ -114,12 +113,11 @@ SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep
 }
 
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
-                                const std::vector<SlotPoint>& points, const MotionPrior& prior,
-                                double gate_m) const {
+                                const MotionPrior& prior, double gate_m) const {
   MatchResult result;
   result.motion = prior.start;
-  SweepMotion motion = come_near(map, sweep, points, prior, gate_m);
-  MatchedPoints matched(points);
+  SweepMotion motion = come_near(map, sweep, prior, gate_m);
+  MatchedPoints matched(sweep.points());
   Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
     last = step_from(motion, map, sweep, matched, prior, gate_m);
@@ -132,7 +130,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   }
   const SweepSums& sums = last.sums;
   const std::size_t matches = sums.planes.matches + sums.blobs.matches;
-  result.tried = points.size();
+  result.tried = sweep.points().size();
   result.matches = matches;
   if (matches < config_.min_matches) {
     return result;
@@ -143,7 +141,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.degeneracy = judge(sums.planes, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m = std::sqrt(sums.planes.squared / std::max(sums.planes.weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
-  result.matched_fraction = static_cast<double>(matches) / static_cast<double>(points.size());
+  result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);
   return result;
 }
 

@@ -64,9 +64,8 @@ class SweepMatcher {
  public:
   explicit SweepMatcher(const MatcherConfig& config) : config_(config) {}
 
-  /// The map's anchor must have been set near the prior's start. `points` is a subset of the sweep.
-  MatchResult match(VoxelPlaneMap& map, const SweepPoints& sweep,
-                    const std::vector<SlotPoint>& points, const MotionPrior& prior,
+  /// The map's anchor must have been set near the prior's start.
+  MatchResult match(VoxelPlaneMap& map, const SweepPoints& sweep, const MotionPrior& prior,
                     double gate_m) const;
 
  private:
@@ -78,8 +77,7 @@ class SweepMatcher {
 
   Step step_from(const SweepMotion& motion, VoxelPlaneMap& map, const SweepPoints& sweep,
                  MatchedPoints& matched, const MotionPrior& prior, double gate_m) const;
-  SweepMotion come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
-                        const std::vector<SlotPoint>& points, const MotionPrior& prior,
+  SweepMotion come_near(VoxelPlaneMap& map, const SweepPoints& sweep, const MotionPrior& prior,
                         double gate_m) const;
   /// Of one squared residual.
   double information_scale(const VoxelPlaneMap& map) const;

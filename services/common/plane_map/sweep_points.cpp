@@ -21,19 +21,22 @@ bool usable(const Point& p, float min_range2) {
 
 }  // namespace
 
-void SweepPoints::set(const SweepInput& sweep, double min_range_m) {
+void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinning& thinning) {
   T_base_points_ = sweep.T_base_points;
   undo_.clear();
   const double slots_per_ns =
       sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
   const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
   const auto each_usable = [&](const auto& take) {
+    std::size_t i = thinning.first % thinning.stride;
     for (const PointSpan part : {sweep.points, sweep.more_points}) {
-      for (const Point& p : part) {
+      for (; i < part.size(); i += thinning.stride) {
+        const Point& p = part[i];
         if (!usable(p, min_range2)) continue;
         take(p,
              static_cast<std::uint16_t>(std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots)));
       }
+      i -= part.size();
     }
   };
   // Stable counting sort. The points are read twice: cheaper than keeping them in between.

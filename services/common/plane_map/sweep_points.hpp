@@ -46,20 +46,27 @@ struct SlotPoint {
 /// Of each slot boundary.
 using SlotMotions = std::vector<MotionLanes>;
 
-/// Every stride-th point, the first one chosen by `phase`: where it changes from sweep to sweep,
-/// all points have their turn in time.
+/// Every so many points of a sweep, in the order in which they are given: ring by ring, so that
+/// each ring has its share. (Counted through time slots, every second point of a full sweep is
+/// every second ring.) Where the first one changes from sweep to sweep, all points have their turn.
+struct Thinning {
+  std::size_t stride = 1;
+  std::size_t first = 0;
+};
+
+/// Every stride-th point, the first one chosen by `phase`.
 std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
                                  std::size_t phase);
 
-/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), in slot order
-/// and in the given order within a slot.
+/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), or every so many
+/// of them, in slot order and in the given order within a slot.
 class SweepPoints {
  public:
   SweepPoints() = default;
   SweepPoints(const SweepInput& sweep, double min_range_m) { set(sweep, min_range_m); }
   /// Another sweep, in the memory of the one before: megabytes, which the kernel would else clear
   /// each time.
-  void set(const SweepInput& sweep, double min_range_m);
+  void set(const SweepInput& sweep, double min_range_m, const Thinning& thinning = {});
 
   const std::vector<SlotPoint>& points() const { return points_; }
 
