@@ -45,13 +45,24 @@ Pcd parse(const std::string& bytes) {
   return pcd;
 }
 
+/// The points, so many at a time.
+NextPoints in_parts(const std::vector<LayeredPoint>& points, std::size_t part) {
+  return [&points, part, at = std::size_t{0}]() mutable {
+    const std::size_t end = std::min(at + part, points.size());
+    const std::vector<LayeredPoint> next(points.begin() + static_cast<std::ptrdiff_t>(at),
+                                         points.begin() + static_cast<std::ptrdiff_t>(end));
+    at = end;
+    return next;
+  };
+}
+
 TEST(MapWriter, ReadsBack) {
   const std::vector<LayeredPoint> points = {{{1.5F, -2.0F, 3.25F, 7.0F}, Layer::kEdge},
                                             {{-100.5F, 0.0F, 1e-3F, 255.0F}, Layer::kPlane}};
   const std::string folder = testing::TempDir() + "map_writer_test/deeper";
   std::filesystem::remove_all(folder);
   const std::string path = folder + "/map.pcd";
-  ASSERT_EQ(write_map(path, points), "");
+  ASSERT_EQ(write_map(path, points.size(), in_parts(points, 1)), "");
   const Pcd pcd = parse(slurp(path));
   using Words = std::vector<std::string>;
   EXPECT_EQ(pcd.header.at("FIELDS"), (Words{"x", "y", "z", "intensity", "layer"}));
@@ -76,14 +87,18 @@ TEST(MapWriter, ReadsBack) {
 }
 
 TEST(MapWriter, EmptyMapIsAFile) {
-  EXPECT_EQ(parse(pcd_bytes({})).header.at("POINTS"), std::vector<std::string>{"0"});
+  const std::string path = testing::TempDir() + "map_writer_empty.pcd";
+  ASSERT_EQ(write_map(path, 0, in_parts({}, 1)), "");
+  const Pcd pcd = parse(slurp(path));
+  EXPECT_EQ(pcd.header.at("POINTS"), std::vector<std::string>{"0"});
+  EXPECT_TRUE(pcd.data.empty());
 }
 
 TEST(MapWriter, FailureLeavesWhatWasThere) {
   const std::string folder = testing::TempDir() + "map_writer_blocked";
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder + "/map.pcd/in_the_way");
-  EXPECT_NE(write_map(folder + "/map.pcd", {}), "");
+  EXPECT_NE(write_map(folder + "/map.pcd", 0, in_parts({}, 1)), "");
   EXPECT_TRUE(std::filesystem::is_directory(folder + "/map.pcd/in_the_way"));
 }
 

@@ -268,4 +268,8 @@ std::vector<LayeredPoint> Mapper::cloud() const {
   return layered(state_->tiles, state_->tiles.tiles());
 }
 
+std::vector<LayeredPoint> Mapper::tile_points(const TileId& id) const {
+  return layered(state_->tiles, {id});
+}
+
 }  // namespace zloam::mapping

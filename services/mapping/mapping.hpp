@@ -200,6 +200,8 @@ class Mapper {
   std::vector<LayeredPoint> surround() const;
   /// The whole map in the order (tile, layer, insertion).
   std::vector<LayeredPoint> cloud() const;
+  /// The part of cloud() that is of one tile.
+  std::vector<LayeredPoint> tile_points(const TileId& id) const;
   std::size_t point_count() const;
 
  private:

@@ -49,6 +49,7 @@ class MappingStage {
   runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
   /// Empty when written; the stage is degraded until it succeeds.
+  std::string write_to(const std::string& path) const;
   std::string write_files();
 
   runtime::Stage& stage_;
