@@ -23,7 +23,8 @@ if ! command -v "$compiler" >/dev/null ||
   exit "$missing"
 fi
 driver=services/driver
-sources=("$driver"/velodyne/{model,beams,block_points,motor,decoder,mask,position}.cpp
+sources=("$driver"/velodyne/{model,beams,motor,decoder,mask,position}.cpp
+  "$driver"/velodyne/block_points{,_avx2,_avx512}.cpp
   "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,pcap_source}.cpp)
 targets=(packets position nmea pcap)
 each() { # function, arguments: as many at a time as there are processors
