@@ -330,8 +330,7 @@ runtime::CommandReply MappingStage::reset() {
   return {true, "map emptied", results.dump()};
 }
 
-// Tile by tile: the map as one cloud, and that as a file's bytes, are a fifth of what it takes
-// here.
+// Tile by tile: the map need not be there a second time as one cloud, and a third as bytes.
 std::string MappingStage::write_to(const std::string& path) const {
   const std::vector<TileId> tiles = mapper_.tiles();
   auto at = tiles.begin();

@@ -135,13 +135,13 @@ MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrio
 }
 
 void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motion) {
-  SweepPoints& points = inserted_points_;
-  points.set(sweep, config_.min_range_m,
-             {stride_to(config_.enough_inserted_points, points_in(sweep)), sweeps_});
+  const Thinning thinning{stride_to(config_.enough_inserted_points, points_in(sweep)), sweeps_};
+  take_points(sweep, config_.min_range_m, thinning, inserted_points_);
   map_.set_anchor(motion.T_mid.translation());
-  const SlotMotions motions = points.motions(motion.T_mid.linear(), motion.twist);
+  // All points of a sweep move alike.
+  const SlotMotions motions = matched_points_of(sweep).motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
-  to_local(points.points(), motions, shift, inserted_);
+  to_local(inserted_points_, motions, shift, inserted_);
   map_.insert(inserted_);
   map_.leave_behind(motion.T_mid.translation());
 }

@@ -110,8 +110,8 @@ class PlaneRegistration {
   std::optional<Previous> previous_;
   SweepPoints matched_points_;                    // of the sweep that was matched last
   std::optional<std::int64_t> matched_stamp_ns_;  // until it is committed
-  SweepPoints inserted_points_;
-  std::vector<LocalPoint> inserted_;  // in the map's local coordinates
+  std::vector<SlotPoint> inserted_points_;
+  std::vector<LocalPoint> inserted_;  // the same in the map's local coordinates
   double gate_m_;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();

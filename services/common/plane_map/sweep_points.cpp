@@ -21,9 +21,8 @@ bool usable(const Point& p, float min_range2) {
 
 }  // namespace
 
-void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinning& thinning) {
-  T_base_points_ = sweep.T_base_points;
-  undo_.clear();
+void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
+                 std::vector<SlotPoint>& out) {
   const double slots_per_ns =
       sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
   const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
@@ -43,10 +42,16 @@ void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinnin
   std::vector<std::uint32_t> next(kSlots + 2, 0);
   each_usable([&](const Point&, std::uint16_t slot) { ++next[slot + 1U]; });
   for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];
-  points_.resize(next.back());
+  out.resize(next.back());
   each_usable([&](const Point& p, std::uint16_t slot) {
-    points_[next[slot]++] = {p.x, p.y, p.z, slot, p.ring};
+    out[next[slot]++] = {p.x, p.y, p.z, slot, p.ring};
   });
+}
+
+void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinning& thinning) {
+  take_points(sweep, min_range_m, thinning, points_);
+  T_base_points_ = sweep.T_base_points;
+  undo_.clear();
   if (sweep.deskewed) {
     const DeskewTable table(sweep.deskewed->twist_per_s, sweep.period_ns,
                             sweep.deskewed->instant_ns);
