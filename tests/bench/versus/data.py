@@ -80,8 +80,9 @@ def all_sets(setting: BenchSetting) -> list[DataSet]:
         for scene, seed, tail in synth
     ]
     found += [
-        DataSet(f"{scene}-{SEEDS[0]}{TURNED}", functools.partial(_turned, setting, scene, SEEDS[0]))
+        DataSet(f"{scene}-{seed}{TURNED}", functools.partial(_turned, setting, scene, seed))
         for scene in SCENES
+        for seed in SEEDS
     ]
     found.append(DataSet("drive", functools.partial(_drive, setting)))
     return found + [
