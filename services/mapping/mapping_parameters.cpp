@@ -165,6 +165,10 @@ void bind_voxel_map(Parameters& p, plane_map::PlaneMapConfig& c) {
         "what is farther from the sensor is left behind");
   p.add("mapping.voxel_planes.planes_several_rings", &c.planes_several_rings,
         "a plane needs points of several rings");
+  p.add("mapping.voxel_planes.one_ring_lead", &c.one_ring_lead, {0.0, 1.0}, "",
+        "nor is it one of which a single ring gave more than this share of the points");
+  p.add("mapping.voxel_planes.one_ring_thickness_sigmas", &c.one_ring_thickness_sigmas, {0.0, 20.0},
+        "", "but for one thinner than this many sigmas of the range noise");
   p.add("mapping.voxel_planes.distributions", &c.distributions,
         "finest voxels without a plane count as lines and blobs");
   p.add("mapping.voxel_planes.keep_radius_m", &c.keep_radius_m, {10.0, 4000.0}, "m",
@@ -201,9 +205,6 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
       .live();
   p.add("mapping.voxel_planes.weak_least_cosine", &m.weak_least_cosine, {0.0, 1.0}, "",
         "between walls, planes count along a weak direction that face it by at least this cosine");
-  p.add("mapping.voxel_planes.weak_share", &m.weak_share, {0.0, 1.0}, "",
-        "and what is said along it by a smaller mean squared share of the normals hardly counts")
-      .live();
   p.add(
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")

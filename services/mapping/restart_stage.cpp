@@ -24,7 +24,7 @@ msg::MapVoxel to_message(const plane_map::SavedVoxel& v) {
           v.z,
           v.count,
           v.level,
-          v.several_rings,
+          v.lead < v.count,
           v.ring,
           flatbuffers::span<const float, 3>(v.sum),
           flatbuffers::span<const float, 6>(v.squares)};
@@ -37,7 +37,8 @@ plane_map::SavedVoxel voxel_of(const msg::MapVoxel& m) {
   v.z = m.z();
   v.count = m.count();
   v.level = m.level();
-  v.several_rings = m.several_rings();
+  // Without leads: of several rings, or all of one.
+  v.lead = m.several_rings() ? 0 : m.count();
   v.ring = m.ring();
   for (std::size_t i = 0; i < v.sum.size(); ++i) {
     v.sum[i] = m.sum()->Get(static_cast<flatbuffers::uoffset_t>(i));
@@ -52,6 +53,11 @@ VoxelTile voxel_tile_of(const msg::MapTile& m) {
   VoxelTile tile{{m.i(), m.j(), m.k()}, m.edge_m(), m.version(), m.root_voxel_m(), m.levels(),
                  m.range_noise_m(),     {}};
   for (const msg::MapVoxel& v : structs_of(m.voxels())) tile.voxels.push_back(voxel_of(v));
+  if (m.leads() != nullptr) {
+    for (std::size_t i = 0; i < tile.voxels.size(); ++i) {
+      tile.voxels[i].lead = m.leads()->Get(static_cast<flatbuffers::uoffset_t>(i));
+    }
+  }
   return tile;
 }
 
@@ -74,9 +80,14 @@ void add_tile(const msg::MapTile& m, SavedMap& saved) {
 
 void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
   std::vector<msg::MapVoxel> voxels;
+  std::vector<std::uint32_t> leads;
   for (const VoxelTile& tile : mapper_.take_changed_voxels(growth)) {
     voxels.clear();
-    for (const plane_map::SavedVoxel& v : tile.voxels) voxels.push_back(to_message(v));
+    leads.clear();
+    for (const plane_map::SavedVoxel& v : tile.voxels) {
+      voxels.push_back(to_message(v));
+      leads.push_back(v.lead);
+    }
     MapTileFields fields;
     fields.layer = kVoxels;
     fields.i = tile.index.i;
@@ -85,6 +96,7 @@ void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
     fields.edge_m = tile.edge_m;
     fields.version = tile.version;
     fields.voxels = voxels;
+    fields.leads = leads;
     fields.root_voxel_m = tile.root_voxel_m;
     fields.levels = static_cast<std::uint8_t>(tile.levels);
     fields.range_noise_m = tile.range_noise_m;

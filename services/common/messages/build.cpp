@@ -190,16 +190,20 @@ Buffer build(const HeaderFields& header, const MapPoseFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const MapTileFields& f) {
-  Builder b(kSmall + f.points.size_bytes() + f.counts.size_bytes() + f.voxels.size_bytes());
+  Builder b(kSmall + f.points.size_bytes() + f.counts.size_bytes() + f.voxels.size_bytes() +
+            f.leads.size_bytes());
   const auto points = put_points(b, f.points);
   flatbuffers::Offset<flatbuffers::Vector<std::uint32_t>> counts;
   if (!f.counts.empty()) counts = b.CreateVector(f.counts.data(), f.counts.size());
   flatbuffers::Offset<flatbuffers::Vector<const msg::MapVoxel*>> voxels;
   if (!f.voxels.empty()) voxels = b.CreateVectorOfStructs(f.voxels.data(), f.voxels.size());
+  flatbuffers::Offset<flatbuffers::Vector<std::uint32_t>> leads;
+  if (!f.leads.empty()) leads = b.CreateVector(f.leads.data(), f.leads.size());
   const auto layer = b.CreateString(f.layer);
   const auto head = build_header(b, header);
-  return finish(b, msg::CreateMapTile(b, head, layer, f.i, f.j, f.k, f.edge_m, f.version, points,
-                                      counts, voxels, f.root_voxel_m, f.levels, f.range_noise_m));
+  return finish(
+      b, msg::CreateMapTile(b, head, layer, f.i, f.j, f.k, f.edge_m, f.version, points, counts,
+                            voxels, f.root_voxel_m, f.levels, f.range_noise_m, leads));
 }
 
 Buffer build(const HeaderFields& header, const CloudFields& f) {

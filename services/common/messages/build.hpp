@@ -130,6 +130,7 @@ struct MapTileFields {
   std::span<const MapPoint> points{};
   std::span<const std::uint32_t> counts{};
   std::span<const msg::MapVoxel> voxels{};
+  std::span<const std::uint32_t> leads{};
   double root_voxel_m = 0.0;
   std::uint8_t levels = 0;
   double range_noise_m = 0.0;

@@ -4,10 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cstring>
 #include <numbers>
 
 #include "common/messages/convert.hpp"
+#include "common/messages/ranges.hpp"
 #include "common/messages/verify.hpp"
 
 namespace zloam {
@@ -180,6 +182,18 @@ TEST(Build, EveryOtherKindPassesItsOwnVerifier) {
       ConfigRevisionFields{.stage = "odometry", .rev = 2, .run = 1, .from_sweep = 30, .by = "a"});
   EXPECT_EQ(checked<msg::ConfigRevision>(revision).from_sweep(), 30U);
   EXPECT_EQ(checked<msg::Command>(build_command("{}")).arguments_json()->str(), "{}");
+}
+
+TEST(Build, VoxelsAndHowFarTheirRingsLead) {
+  const std::array<msg::MapVoxel, 2> voxels{};
+  const std::array<std::uint32_t, 2> leads{7, 9};
+  MapTileFields fields{.layer = "voxels", .edge_m = 12.5, .voxels = voxels, .leads = leads};
+  const Buffer whole = build(sample_header(), fields);
+  EXPECT_EQ(checked<msg::MapTile>(whole).leads()->Get(1), 9U);
+  fields.leads = std::span(leads).first(1);
+  const Buffer one_missing = build(sample_header(), fields);
+  EXPECT_EQ(range_error(*flatbuffers::GetRoot<msg::MapTile>(one_missing.data())),
+            "leads: not as many as voxels");
 }
 
 }  // namespace

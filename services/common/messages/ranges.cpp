@@ -228,6 +228,8 @@ std::string range_error(const msg::MapTile& m) {
       .finite_points(m.points(), "points")
       .parallel_if_there(m.points(), m.counts(), "counts")
       .finite_voxels(m.voxels())
+      .require(m.leads() == nullptr || structs_of(m.voxels()).size() == m.leads()->size(),
+               "leads: not as many as voxels")
       .take();
 }
 

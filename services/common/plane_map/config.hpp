@@ -35,6 +35,11 @@ struct PlaneMapConfig {
   /// edge it spans a plane that is no surface, goes with the sensor and holds it back; a sensor
   /// that stands still makes many of them.
   bool planes_several_rings = true;
+  /// Nor is one of which a single ring is known to have given more than this share of the points
+  /// (a ring with more than (1 + share) / 2 of them always is), as a line and a few points beside
+  /// it lie in a plane: unless it is thinner than the trace of a beam that faces it could be.
+  double one_ring_lead = 0.75;
+  double one_ring_thickness_sigmas = 0.6;
 
   /// The grid is turned and shifted against the map's axes: floors and walls at a multiple of the
   /// voxel size would be split into two half-noise planes that agree with any small shift.
@@ -114,10 +119,7 @@ struct MatcherConfig {
   /// what the others say of it is the error of their normals. In open ground its slopes are all
   /// there is.
   double walls_least_share = 0.05;
-  double weak_least_cosine = 0.1;
-  /// ... and all that is said along it counts by s / (s + weak_share), s its mean squared share of
-  /// the normals: what less than that says cannot be told from errors. 0: counts fully.
-  double weak_share = 2e-4;
+  double weak_least_cosine = 0.07;
 };
 
 }  // namespace zloam::plane_map

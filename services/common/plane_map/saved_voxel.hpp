@@ -12,9 +12,10 @@ struct SavedVoxel {
   std::uint32_t count = 0;
   /// 0: coarsest
   std::uint8_t level = 0;
-  /// finest voxels: points of more than one ring fell in; else `ring` is theirs
-  bool several_rings = true;
+  /// the ring most points came from by majority vote, and its lead over all others: count when
+  /// there are no others, 0 when nothing is known of the rings
   std::uint16_t ring = 0;
+  std::uint32_t lead = 0;
   /// of the points relative to the voxel's centre, m
   std::array<float, 3> sum{};
   /// xx xy xz yy yz zz, m^2

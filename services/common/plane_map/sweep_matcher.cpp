@@ -40,22 +40,6 @@ double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axi
   return std::sqrt(std::max(0.0, axis.dot(covariance * axis)));
 }
 
-// Along a weak axis (base_link, unit) a few planes that face it, or points that are none, are not
-// to be told from the errors of all the others: what the data say there counts by how much of them
-// says it at all.
-void doubt(const Eigen::Vector3d& axis, const NormalSums& planes, double weak_share, Matrix12& h,
-           Vector12& g) {
-  const double facing = axis.dot(planes.a0.topLeftCorner<3, 3>() * axis);
-  const double share = std::max(0.0, facing / std::max(planes.weight, 1e-12));
-  const double counts = share / (share + weak_share);
-  const Eigen::Matrix3d less = (1.0 - std::sqrt(counts)) * axis * axis.transpose();
-  Matrix12 root = Matrix12::Identity();
-  root.block<3, 3>(0, 0) -= less;
-  root.block<3, 3>(6, 6) -= less;
-  h = (root * h * root).eval();
-  g = (root * root * g).eval();
-}
-
 // What the priors alone know of a motion near their start.
 Matrix12 predicted_covariance(const MotionPrior& prior) {
   Matrix12 h = 1e-9 * Matrix12::Identity();
@@ -89,10 +73,6 @@ SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlane
   const double scale = information_scale(map);
   out.h = scale * (out.sums.planes.hessian() + out.sums.blobs.hessian());
   Vector12 g = scale * (out.sums.planes.gradient() + out.sums.blobs.gradient());
-  if (!prior.weak_axis_grid.isZero(0.0) && config_.weak_share > 0.0) {
-    const Eigen::Vector3d axis = motion.T_mid.linear().transpose() * prior.weak_axis_grid;
-    doubt(axis, out.sums.planes, config_.weak_share, out.h, g);
-  }
   add_priors(prior, motion, out.h, g);
   out.step = -out.h.ldlt().solve(g);
   return out;

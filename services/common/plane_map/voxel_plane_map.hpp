@@ -142,14 +142,14 @@ class VoxelPlaneMap {
     float normal_variance = 0;
   };
 
-  // Whether the points came from one ring only: the first one's, and whether there are others.
+  // Which ring the points came from, told by majority vote (Boyer and Moore 1981, joined as Misra
+  // and Gries do): a ring with more than half of n points is `ring`, and has between `lead` and
+  // (n + lead) / 2 of them. lead == n: there is no other.
   struct Rings {
     std::uint16_t ring = kUnknownRing;
-    bool several_rings = false;
+    std::uint32_t lead = 0;
 
     void add(const Rings& other);
-    /// `count` points of these rings and others.
-    static Rings joined(std::uint32_t count, Rings these, const Rings& others);
   };
 
   using Offset = std::array<float, 3>;
@@ -181,12 +181,13 @@ class VoxelPlaneMap {
     std::uint32_t count = 0;
     std::uint32_t refit_at = 0;  // count from which it is fitted again
     std::uint32_t fit = 0;       // place in planes_ or, of lines and blobs, in rows_
+    std::uint32_t lead = 0;      // of `ring`
     std::uint16_t ring = kUnknownRing;
-    bool several_rings = false;
     Kind kind = Kind::kNone;
 
     void add(const Gathered& gathered);
-    Rings rings() const { return {ring, several_rings}; }
+    Rings rings() const { return {ring, lead}; }
+    bool several_rings() const { return lead < count; }
     bool is_plane() const { return kind == Kind::kPlane || kind == Kind::kSettledPlane; }
     bool is_distribution() const { return kind == Kind::kLine || kind == Kind::kBlob; }
   };
@@ -264,7 +265,8 @@ class VoxelPlaneMap {
   };
   std::size_t neighbours_of(const Cell& cell, std::array<Neighbour, 26>& found) const;
   Moments merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const;
-  bool enough(const Rings& rings) const;
+  bool enough(const Rings& rings, double count) const;
+  bool is_trace(const PrincipalAxes& axes, const Rings& rings, double count) const;
   void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
   void set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
                  const Eigen::Vector3d& offset);

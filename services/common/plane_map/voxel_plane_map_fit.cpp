@@ -19,11 +19,26 @@ Eigen::Vector3d VoxelPlaneMap::voxel_offset(const Cell& c, int level) const {
 }
 
 void VoxelPlaneMap::Rings::add(const Rings& other) {
-  several_rings = several_rings || other.several_rings || other.ring != ring;
+  if (other.ring == ring) {
+    lead += other.lead;
+  } else if (other.lead > lead) {
+    *this = {other.ring, other.lead - lead};
+  } else {
+    lead -= other.lead;
+  }
 }
 
-bool VoxelPlaneMap::enough(const Rings& rings) const {
-  return rings.several_rings || !config_.planes_several_rings;
+bool VoxelPlaneMap::enough(const Rings& rings, double count) const {
+  return rings.lead < count || !config_.planes_several_rings;
+}
+
+// A line and a few points beside it always lie in a plane: the trace of one ring across the floor
+// and what others left on the wall next to it. Where they are one surface indeed, and seen at a
+// slant, it is thinner than noise along the beam would make a trace that the beam faces.
+bool VoxelPlaneMap::is_trace(const PrincipalAxes& axes, const Rings& rings, double count) const {
+  const double thick_m = config_.one_ring_thickness_sigmas * config_.range_noise_m;
+  return config_.planes_several_rings && rings.lead > config_.one_ring_lead * count &&
+         axes.variances[0] >= thick_m * thick_m;
 }
 
 std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
@@ -53,9 +68,9 @@ void VoxelPlaneMap::set_plane(Counted& voxel, const PrincipalAxes& axes, double 
 
 void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
   node.refit_at = next_fit(node.count);
-  if (node.count >= config_.min_points && enough(node.rings())) {
+  if (node.count >= config_.min_points && enough(node.rings(), node.count)) {
     const PrincipalAxes axes = principal_axes(Moments(node.count, node.sums));
-    if (is_plane(axes, node.count, own_gates_)) {
+    if (is_plane(axes, node.count, own_gates_) && !is_trace(axes, node.rings(), node.count)) {
       set_plane(node, axes, node.count, voxel_offset(cell, level));
       return;
     }
@@ -122,7 +137,8 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
   PrincipalAxes own;
   if (leaf.count >= config_.min_points) {
     own = principal_axes(Moments(leaf.count, leaf.sums));
-    if (enough(leaf.rings()) && is_plane(own, leaf.count, own_gates_)) {
+    if (enough(leaf.rings(), leaf.count) && is_plane(own, leaf.count, own_gates_) &&
+        !is_trace(own, leaf.rings(), leaf.count)) {
       set_plane(leaf, own, leaf.count, offset);
       return;
     }
@@ -130,15 +146,16 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
   if (config_.merge_radius_voxels > 0.0) {
     Rings rings = leaf.rings();
     const Moments moments = merged_moments(leaf, cell, rings);
-    if (moments.count >= config_.min_points && enough(rings)) {
+    if (moments.count >= config_.min_points && enough(rings, moments.count)) {
       const PrincipalAxes merged = principal_axes(moments);
-      if (is_plane(merged, moments.count, merged_gates_)) {
+      if (is_plane(merged, moments.count, merged_gates_) &&
+          !is_trace(merged, rings, moments.count)) {
         set_plane(leaf, merged, moments.count, offset);
         return;
       }
     }
   }
-  const bool seen = leaf.several_rings || !config_.distributions_several_rings;
+  const bool seen = leaf.several_rings() || !config_.distributions_several_rings;
   if (config_.distributions && seen && leaf.count >= config_.min_points) {
     fit_distribution(leaf, own, offset);
   } else {

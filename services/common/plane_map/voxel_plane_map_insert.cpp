@@ -37,23 +37,17 @@ std::uint32_t part(std::uint64_t packed, unsigned axis) {
 
 }  // namespace
 
-VoxelPlaneMap::Rings VoxelPlaneMap::Rings::joined(std::uint32_t count, Rings these,
-                                                  const Rings& others) {
-  if (count == 0) return others;
-  these.add(others);
-  return these;
-}
-
 void VoxelPlaneMap::Gathered::add(const Gathered& other, const Offset& offset) {
-  rings = Rings::joined(count, rings, other.rings);
+  rings.add(other.rings);
   count += other.count;
   sums.add(other.sums, other.count, offset);
 }
 
 void VoxelPlaneMap::Counted::add(const Gathered& gathered) {
-  const Rings all = Rings::joined(count, rings(), gathered.rings);
+  Rings all = rings();
+  all.add(gathered.rings);
   ring = all.ring;
-  several_rings = all.several_rings;
+  lead = all.lead;
   count += gathered.count;
 }
 
@@ -99,10 +93,9 @@ VoxelPlaneMap::Gathered VoxelPlaneMap::gather(std::span<const LocalPoint> points
                                               std::span<const Placed> placed,
                                               const Offset& centre) {
   Gathered out;
-  out.rings.ring = points[placed.front().point].ring;
   for (const Placed& p : placed) {
     const LocalPoint& point = points[p.point];
-    out.rings.add({point.ring, point.ring == kUnknownRing});
+    out.rings.add({point.ring, point.ring == kUnknownRing ? 0U : 1U});
     out.sums.add(point.x - centre[0], point.y - centre[1], point.z - centre[2]);
   }
   out.count = static_cast<std::uint32_t>(placed.size());

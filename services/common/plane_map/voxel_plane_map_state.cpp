@@ -12,7 +12,7 @@ constexpr std::int32_t kMaxRoot = 1 << (kGridKeyBits - 2);
 template <typename Voxel>
 void put(const Voxel& counted, SavedVoxel& out) {
   out.count = counted.count;
-  out.several_rings = counted.several_rings;
+  out.lead = counted.lead;
   out.ring = counted.ring;
   for (std::size_t i = 0; i < 3; ++i) out.sum[i] = static_cast<float>(counted.sums.sum[i]);
   for (std::size_t i = 0; i < 6; ++i) out.squares[i] = static_cast<float>(counted.sums.squares[i]);
@@ -21,7 +21,7 @@ void put(const Voxel& counted, SavedVoxel& out) {
 template <typename Voxel>
 void take(const SavedVoxel& in, Voxel& counted) {
   counted.count = in.count;
-  counted.several_rings = in.several_rings;
+  counted.lead = in.lead;
   counted.ring = in.ring;
   for (std::size_t i = 0; i < 3; ++i) counted.sums.sum[i] = in.sum[i];
   for (std::size_t i = 0; i < 6; ++i) counted.sums.squares[i] = in.squares[i];

@@ -97,6 +97,8 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, settled_far_points);
   ZLOAM_FIELD("mapping.voxel_planes.", c, settled_radius_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, planes_several_rings);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, one_ring_lead);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, one_ring_thickness_sigmas);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions_several_rings);
   ZLOAM_FIELD("mapping.voxel_planes.", c, keep_radius_m);
@@ -123,7 +125,6 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, walls_least_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_least_cosine);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, weak_share);
   fields["mapping.voxel_planes.weak_normal_error_rad"] = &c.normal_error_rad;
 }
 

@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <random>
+#include <utility>
+#include <vector>
 
 #include "common/plane_map/voxel_plane_map.hpp"
 
@@ -79,6 +81,34 @@ TEST(VoxelPlaneMapState, CountingGoesOnWhereItWas) {
   EXPECT_EQ(sums(whole), 12'000U);
   EXPECT_EQ(sums(copy), 12'000U);
   expect_same_planes(whole, copy);
+}
+
+TEST(VoxelPlaneMapState, WhichRingsWereSeenGoesAlong) {
+  const auto add = [](VoxelPlaneMap& map, unsigned seed) {
+    map.set_anchor(Vector3d::Zero());
+    std::mt19937 random(seed);
+    std::vector<LocalPoint> points;
+    for (const Vector3d& at : room(2'000, seed)) {
+      const Eigen::Vector3f p = at.cast<float>();
+      points.push_back({p.x(), p.y(), p.z(), static_cast<std::uint16_t>(random() % 8 / 3)});
+    }
+    map.insert(points);
+  };
+  const auto leads = [](const VoxelPlaneMap& map) {
+    std::vector<std::pair<std::uint16_t, std::uint32_t>> out;
+    for (const SavedVoxel& voxel : saved(map)) out.emplace_back(voxel.ring, voxel.lead);
+    return out;
+  };
+  PlaneMapConfig never_settled = config();
+  never_settled.settled_points = 1'000'000;
+  VoxelPlaneMap whole(never_settled);
+  add(whole, 1);
+  VoxelPlaneMap copy(never_settled);
+  for (const SavedVoxel& voxel : saved(whole)) ASSERT_TRUE(copy.load(voxel));
+  EXPECT_EQ(leads(copy), leads(whole));
+  add(whole, 2);
+  add(copy, 2);
+  EXPECT_EQ(leads(copy), leads(whole));
 }
 
 TEST(VoxelPlaneMapState, TheRootsSayWhereTheyLie) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -148,6 +149,48 @@ TEST(VoxelPlaneMap, SmallFacesAreFoundBesideABigWall) {
   EXPECT_GE(faces, 8);
 }
 
+// The trace of one ring across the floor, along y, and a few points of others beside it.
+VoxelPlaneMap trace_and_others(const PlaneMapConfig& config, Vector3d others, float noise_x_m,
+                               float noise_z_m, int count_of_others) {
+  VoxelPlaneMap map(config);
+  map.set_anchor(Vector3d::Zero());
+  std::mt19937 random(3);
+  std::normal_distribution<float> noise;
+  std::vector<LocalPoint> points;
+  for (int i = 0; i < 200; ++i) {
+    const float y = 0.1f + 0.009f * static_cast<float>(i);
+    points.push_back({1.0f + noise_x_m * noise(random), y, 0.1f + noise_z_m * noise(random), 3});
+  }
+  const Eigen::Vector3f at = others.cast<float>();
+  for (int i = 0; i < count_of_others; ++i) {
+    points.push_back({at.x() + noise_x_m * noise(random), at.y(),
+                      at.z() + noise_z_m * noise(random), static_cast<std::uint16_t>(7 + i % 2)});
+  }
+  map.insert(points);
+  return map;
+}
+
+TEST(VoxelPlaneMap, ATraceOfOneRingWithAFewPointsOnTheWallBesideItIsNoPlane) {
+  const Vector3d on_the_wall(1.1, 1.9, 1.3);
+  const auto is_plane = [&](double one_ring_lead, int count_of_others) {
+    PlaneMapConfig config = upright_grid();
+    config.one_ring_lead = one_ring_lead;
+    return trace_and_others(config, on_the_wall, 0.02f, 0.001f, count_of_others)
+        .find(1.0f, 1.0f, 0.1f)
+        .is_plane;
+  };
+  EXPECT_FALSE(is_plane(PlaneMapConfig{}.one_ring_lead, 14));
+  EXPECT_TRUE(is_plane(PlaneMapConfig{}.one_ring_lead, 100));  // as many as make a face of it
+  // The fault that the rule is there for.
+  EXPECT_TRUE(is_plane(1.0, 14));
+}
+
+TEST(VoxelPlaneMap, FloorThatOneRingSeesMostOfIsAPlane) {
+  const Vector3d on_the_floor(1.5, 0.6, 0.1);
+  VoxelPlaneMap map = trace_and_others(upright_grid(), on_the_floor, 0.02f, 0.003f, 14);
+  EXPECT_TRUE(map.find(1.0f, 1.0f, 0.1f).is_plane);
+}
+
 TEST(VoxelPlaneMap, WallOnAVoxelFaceIsOnePlaneThankToTheTurnedGrid) {
   const auto wall = patch({0.5, 0.5, 2.0}, Vector3d::UnitZ(), 1.4, 0.02, 30000, 4);
   const auto offset_error = [&](const PlaneMapConfig& config) {
@@ -264,7 +307,10 @@ void expect_counted(const SavedVoxel& voxel, const std::vector<LocalPoint>& poin
     of_ring += p.ring;
   }
   ASSERT_EQ(voxel.count, count);
-  EXPECT_EQ(voxel.several_rings, of_ring > 0 && of_ring < count);
+  // Of two rings the votes tell exactly which leads, and by how much.
+  const std::uint32_t others = count - of_ring;
+  EXPECT_EQ(voxel.lead, std::max(of_ring, others) - std::min(of_ring, others));
+  EXPECT_TRUE(voxel.lead == 0 || voxel.ring == (of_ring > others ? 1 : 0));
   const double tolerance = 1e-5 * count;
   for (int i = 0, at = 0; i < 3; ++i) {
     EXPECT_NEAR(voxel.sum[static_cast<std::size_t>(i)], sum[i], tolerance);
