@@ -1,9 +1,11 @@
-// The other process of shared_memory_test: connects to the port given, and publishes messages of
-// the size given until its standard input is closed. The bytes of message n are all n modulo 256.
+// The other process of shared_memory_test: connects to the endpoint given, and publishes messages
+// of the size given until its standard input is closed. The bytes of message n are all n modulo
+// 256.
 #include <poll.h>
 
 #include <cstdlib>
 #include <exception>
+#include <string>
 
 #include "common/zenoh/tests/support.hpp"
 
@@ -15,8 +17,8 @@ bool input_closed() {
   return poll(&input, 1, 0) != 0;
 }
 
-void run(int port, std::size_t size) {
-  Config config = connecting_config(port);
+void run(const std::string& endpoint, std::size_t size) {
+  Config config = connecting_config(endpoint);
   config.insert_json5("transport/shared_memory/enabled", "true");
   config.insert_json5("transport/shared_memory/transport_optimization/pool_size", "4194304");
   Session session = Session::open(config);
@@ -35,7 +37,7 @@ void run(int port, std::size_t size) {
 int main(int argc, char** argv) {
   if (argc != 3) return 2;
   try {
-    zloam::zenoh::test::run(std::atoi(argv[1]), std::strtoul(argv[2], nullptr, 10));
+    zloam::zenoh::test::run(argv[1], std::strtoul(argv[2], nullptr, 10));
   } catch (const std::exception& error) {
     std::fprintf(stderr, "shared_memory_peer: %s\n", error.what());
     return 1;

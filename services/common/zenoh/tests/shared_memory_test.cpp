@@ -20,15 +20,14 @@ class Peer {
   Peer(int port, std::size_t size) {
     std::array<int, 2> input{};
     if (pipe(input.data()) != 0) throw std::runtime_error("pipe");
-    const std::string port_text = std::to_string(port);
+    const std::string to = endpoint(port);
     const std::string size_text = std::to_string(size);
     pid_ = fork();
     if (pid_ == 0) {
       dup2(input[0], STDIN_FILENO);
       close(input[0]);
       close(input[1]);
-      execl(ZLOAM_SHARED_MEMORY_PEER, "shared_memory_peer", port_text.c_str(), size_text.c_str(),
-            nullptr);
+      execl(ZLOAM_SHARED_MEMORY_PEER, "shared_memory_peer", to.c_str(), size_text.c_str(), nullptr);
       _exit(127);
     }
     close(input[0]);

@@ -24,8 +24,15 @@ namespace zloam::zenoh::test {
 /// Long enough for a machine that has other things to do; nobody waits for it to pass.
 inline constexpr std::chrono::seconds kPatience{90};
 
-/// A TCP port of the loopback that is free now. None of those that the system gives to outgoing
-/// connections (32768 and above, as a rule): another test's may take it before it is listened on.
+/// An address of the loopback, 127.x.y.z, that is this process's alone: tests that run beside each
+/// other can't take each other's ports between the choice and the listening.
+inline std::uint32_t own_address() {
+  constexpr std::uint32_t kLoopback = 127U << 24, kHosts = (1U << 24) - 2;
+  return kLoopback + 1 + static_cast<std::uint32_t>(getpid()) % kHosts;
+}
+
+/// A TCP port that is free now, at every address. None of those that the system gives to
+/// outgoing connections (32768 and above, as a rule).
 inline int free_port() {
   constexpr int kFirst = 10'000, kCount = 20'000, kTries = 1000;
   static std::atomic<int> next{static_cast<int>(getpid()) * 37};
@@ -34,7 +41,7 @@ inline int free_port() {
     const int fd = socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
     address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_addr.s_addr = htonl(INADDR_ANY);
     address.sin_port = htons(static_cast<std::uint16_t>(port));
     const bool is_free = bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
     close(fd);
@@ -43,7 +50,10 @@ inline int free_port() {
   throw std::runtime_error("no free port");
 }
 
-inline std::string endpoint(int port) { return "tcp/127.0.0.1:" + std::to_string(port); }
+inline std::string endpoint(int port) {
+  const in_addr address{htonl(own_address())};
+  return std::string("tcp/") + inet_ntoa(address) + ":" + std::to_string(port);
+}
 
 /// A peer that scouts nothing and uses no shared memory.
 inline Config quiet_config() {
@@ -61,11 +71,13 @@ inline Config listening_config(int port) {
   return config;
 }
 
-inline Config connecting_config(int port) {
+inline Config connecting_config(const std::string& to) {
   Config config = quiet_config();
-  config.insert_json5("connect/endpoints", "[\"" + endpoint(port) + "\"]");
+  config.insert_json5("connect/endpoints", "[\"" + to + "\"]");
   return config;
 }
+
+inline Config connecting_config(int port) { return connecting_config(endpoint(port)); }
 
 /// A session that talks to itself only.
 inline Session lone_session() { return Session::open(quiet_config()); }
