@@ -86,10 +86,19 @@ struct MatcherConfig {
   double correlation = 10.0;
 
   /// Residuals above the gate are rejected; the gate follows the error of the prediction at
-  /// gate_range_m between these limits. Kernel width (Geman-McClure) = gate / 3.
+  /// gate_range_m between these limits. Kernel width (Geman-McClure) = gate / 3. This is the gate
+  /// of the first iteration.
   double min_gate_m = 0.3;
   double max_gate_m = 1.0;
   double gate_range_m = 10.0;
+  /// After the first iteration residuals are rejected above fine_gate_m, with a kernel of
+  /// fine_kernel_m: a wall's other side, 0.2 m behind the one that is in the map, and what has
+  /// moved meanwhile would draw the pose otherwise. As many times wider as the weakest direction's
+  /// share of the normals is below fine_least_share, on the mean of the last sweeps: where little
+  /// holds, as in a tunnel or at the start, that little may be farther off.
+  double fine_gate_m = 0.15;
+  double fine_kernel_m = 0.066;
+  double fine_least_share = 0.03;
 
   /// Motion from sweep to sweep: random change of the motion over one sweep, and what else the
   /// poses of two middles may differ by from the mean of both motions: more, by this share, when

@@ -101,9 +101,9 @@ void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
 // Points of one kind of match.
 class Accumulator {
  public:
-  Accumulator(double gate_m, double kernel_m, const WeakAxis& weak)
-      : gate2_(static_cast<float>(gate_m * gate_m)),
-        kernel2_(static_cast<float>(kernel_m * kernel_m)),
+  Accumulator(const Gate& gate, const WeakAxis& weak)
+      : gate2_(static_cast<float>(gate.limit_m * gate.limit_m)),
+        kernel2_(static_cast<float>(gate.kernel_m * gate.kernel_m)),
         weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
@@ -132,7 +132,7 @@ class Accumulator {
     ++sums_.matches;
     sums_.cost += 0.5 * e * squared;
     sums_.weight += weight;
-    sums_.squared += weight * squared;
+    sums_.root_weight += e;
     sums_.normal_variance += weight * match.normal_variance;
     sums_.lever2 += weight * sum_of_lanes(lever * lever);
   }
@@ -193,7 +193,7 @@ void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
 }
 
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
-                     const SweepMotion& motion, double gate_m, const WeakAxis& weak) {
+                     const SweepMotion& motion, const Gate& gate, const WeakAxis& weak) {
   const std::vector<SlotPoint>& points = matched.points;
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
@@ -204,8 +204,8 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   }
   const Float4 shift_lanes = lanes_of(shift);
   const double noise = map.config().range_noise_m;
-  Accumulator planes(gate_m, gate_m / 3.0, weak);
-  Accumulator blobs(10.0 * noise, 3.0 * noise, {});
+  Accumulator planes(gate, weak);
+  Accumulator blobs({10.0 * noise, 3.0 * noise}, {});
   const bool with_blobs = map.config().distributions;
   std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {

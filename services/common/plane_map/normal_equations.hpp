@@ -30,7 +30,7 @@ struct NormalSums {
   Vector6 g1 = Vector6::Zero();
   double cost = 0.0;             // sum of robust costs, m^2
   double weight = 0.0;           // sum of weights
-  double squared = 0.0;          // sum of weighted squared residuals, m^2
+  double root_weight = 0.0;      // sum of the roots of the weights
   double normal_variance = 0.0;  // sum of weighted variances of normals, rad^2
   double lever2 = 0.0;           // sum of weighted squared lever arms, m^2
   std::size_t matches = 0;
@@ -62,13 +62,19 @@ struct MatchedPoints {
   bool are_new = true;  // nothing was looked up for them yet
 };
 
+/// Residuals above the limit are rejected; the others weigh (k^2 / (k^2 + r^2))^2 with the kernel k
+/// (Geman-McClure).
+struct Gate {
+  double limit_m = 0.0;
+  double kernel_m = 0.0;
+};
+
 /// Points as given to the map's local coordinates; shift_local: of the motions' origin.
 void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
               const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out);
 
-/// Points against the map. Weights: Geman-McClure, (k^2 / (k^2 + r^2))^2 with k = gate / 3;
-/// residuals above the gate are rejected. The motion is in the map's grid frame.
+/// Points against the map; the gate is that of the planes. The motion is in the map's grid frame.
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
-                     const SweepMotion& motion, double gate_m, const WeakAxis& weak = {});
+                     const SweepMotion& motion, const Gate& gate, const WeakAxis& weak = {});
 
 }  // namespace zloam::plane_map

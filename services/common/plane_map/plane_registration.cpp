@@ -13,6 +13,9 @@ namespace {
 // Slow mean of the gate, from the prediction's error with a margin.
 constexpr double kGateMemory = 0.9;
 constexpr double kGateMargin_m = 0.05;
+// Slow mean of the weakest direction's share: longer than the way through a door, in which for half
+// a second hardly anything holds along it.
+constexpr double kShareMemory = 0.95;
 
 double squared(double x) { return x * x; }
 
@@ -131,7 +134,7 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
   map_.set_anchor(prior.start.T_mid.translation());
-  return matcher_.match(map_, points, prior, gate_m_);
+  return matcher_.match(map_, points, prior, gates());
 }
 
 void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motion) {
@@ -150,6 +153,16 @@ void PlaneRegistration::follow_gate(const RegistrationResult& result) {
   const double wanted = 3.0 * (result.prediction_error_m + kGateMargin_m);
   gate_m_ = std::clamp(kGateMemory * gate_m_ + (1.0 - kGateMemory) * wanted, config_.min_gate_m,
                        config_.max_gate_m);
+  share_ = kShareMemory * share_ + (1.0 - kShareMemory) * result.degeneracy.share;
+}
+
+MatchGates PlaneRegistration::gates() const {
+  const Gate first{gate_m_, gate_m_ / 3.0};
+  if (!previous_) return {first, first};  // after a gap nobody knows how far off it is
+  const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
+  return {first,
+          {std::min(first.limit_m, wider * config_.fine_gate_m),
+           std::min(first.kernel_m, wider * config_.fine_kernel_m)}};
 }
 
 RegistrationResult PlaneRegistration::result_of(const MatchResult& match,

@@ -39,7 +39,7 @@ struct RegistrationResult {
   Vector6 twist_change_per_s = Vector6::Zero();
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
   Degeneracy degeneracy;
-  double residual_rms_m = 0.0;
+  double residual_rms_m = 0.0;  // of planes, see MatchResult
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights of the matches
   double gate_m = 0.0;
@@ -101,6 +101,7 @@ class PlaneRegistration {
   const SweepPoints& matched_points_of(const SweepInput& sweep);
   void insert(const SweepInput& sweep, const SweepMotion& motion);
   void follow_gate(const RegistrationResult& result);
+  MatchGates gates() const;
   RegistrationResult result_of(const MatchResult& match, const SweepInput& sweep) const;
 
   MatcherConfig config_;
@@ -113,6 +114,7 @@ class PlaneRegistration {
   std::vector<SlotPoint> inserted_points_;
   std::vector<LocalPoint> inserted_;  // the same in the map's local coordinates
   double gate_m_;
+  double share_ = 0.0;  // of the normals along the weakest direction, mean of the last sweeps
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();
   std::uint64_t sweeps_ = 0;

@@ -65,11 +65,11 @@ void add_priors(const MotionPrior& prior, const SweepMotion& motion, Matrix12& h
 
 SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlaneMap& map,
                                            const SweepPoints& sweep, MatchedPoints& matched,
-                                           const MotionPrior& prior, double gate_m) const {
+                                           const MotionPrior& prior, const Gate& gate) const {
   const WeakAxis weak{prior.weak_axis_grid.cast<float>(),
                       static_cast<float>(config_.weak_least_cosine)};
   Step out;
-  out.sums = accumulate(map, sweep, matched, motion, gate_m, weak);
+  out.sums = accumulate(map, sweep, matched, motion, gate, weak);
   const double scale = information_scale(map);
   out.h = scale * (out.sums.planes.hessian() + out.sums.blobs.hessian());
   Vector12 g = scale * (out.sums.planes.gradient() + out.sums.blobs.gradient());
@@ -84,23 +84,24 @@ double SweepMatcher::information_scale(const VoxelPlaneMap& map) const {
 }
 
 SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
-                                    const MotionPrior& prior, double gate_m) const {
+                                    const MotionPrior& prior, const Gate& gate) const {
   const std::vector<SlotPoint> few = every_nth(sweep.points(), kCoarseStride, 0);
   if (few.size() < kLeastCoarsePoints) return prior.start;
   MatchedPoints matched(few);
-  const Step first = step_from(prior.start, map, sweep, matched, prior, gate_m);
+  const Step first = step_from(prior.start, map, sweep, matched, prior, gate);
   return is_sound(first.step) ? moved(prior.start, first.step) : prior.start;
 }
 
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
-                                const MotionPrior& prior, double gate_m) const {
+                                const MotionPrior& prior, const MatchGates& gates) const {
   MatchResult result;
   result.motion = prior.start;
-  SweepMotion motion = come_near(map, sweep, prior, gate_m);
+  SweepMotion motion = come_near(map, sweep, prior, gates.first);
   MatchedPoints matched(sweep.points());
   Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    last = step_from(motion, map, sweep, matched, prior, gate_m);
+    const Gate& gate = i == 0 ? gates.first : gates.then;
+    last = step_from(motion, map, sweep, matched, prior, gate);
     result.iterations = i + 1;
     if (!is_sound(last.step)) {
       return result;
@@ -119,7 +120,8 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
   result.degeneracy = judge(sums.planes, predicted_covariance(prior), information_scale(map));
-  result.residual_rms_m = std::sqrt(sums.planes.squared / std::max(sums.planes.weight, 1e-12));
+  result.residual_rms_m =
+      std::sqrt(2.0 * sums.planes.cost / std::max(sums.planes.root_weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);
   return result;

@@ -114,6 +114,9 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, correlation);
   ZLOAM_FIELD("mapping.voxel_planes.", c, min_gate_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, max_gate_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, fine_gate_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, fine_kernel_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, fine_least_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, change_sigma_rad);
   ZLOAM_FIELD("mapping.voxel_planes.", c, continuity_sigma_m);

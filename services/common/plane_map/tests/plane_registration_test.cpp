@@ -95,7 +95,8 @@ TEST_P(OneSweep, IsMatched) {
   map.set_anchor(prior.start.T_mid.translation());
   MatcherConfig matcher;
   matcher.max_iterations = 30;
-  const MatchResult result = SweepMatcher(matcher).match(map, points, prior, 0.3);
+  const MatchResult result =
+      SweepMatcher(matcher).match(map, points, prior, {{0.3, 0.1}, {0.15, 0.066}});
   ASSERT_TRUE(result.valid);
   const Pose truth = map.T_grid_map() * T_start * exp_se3(0.05 * v);
   EXPECT_LT(distance_m(result.motion.T_mid, truth), 6e-4);
@@ -309,6 +310,43 @@ TEST(PlaneRegistration, SameInputGivesTheSameBytes) {
     EXPECT_EQ(0, std::memcmp(a.results[k].covariance.data(), b.results[k].covariance.data(),
                              144 * sizeof(double)));
   }
+}
+
+// How far off it comes where of a wall in the map, 5 m ahead, the other side is seen, 0.2 m behind.
+double drawn_by_a_walls_other_side_m(const MatcherConfig& matcher) {
+  Room other_side;
+  other_side.high.x() += 0.2;
+  Scanner scanner;
+  scanner.noise_m = 0.02;
+  PlaneRegistration registration{PlaneMapConfig{}, matcher};
+  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  std::mt19937 random(3);
+  const PointVector points = scan(other_side, scanner, Pose::Identity(), Vector6::Zero(), random);
+  return registration.process(input(points, 20)).T_map_base_mid.translation().norm();
+}
+
+TEST(PlaneRegistration, AWallsOtherSideDoesNotDrawThePose) {
+  MatcherConfig one_gate;  // as after a turn in which the prediction was 0.1 m off
+  one_gate.min_gate_m = one_gate.max_gate_m = 0.5;
+  MatcherConfig two_gates = one_gate;
+  one_gate.fine_gate_m = one_gate.fine_kernel_m = 1.0;
+  EXPECT_GT(drawn_by_a_walls_other_side_m(one_gate), 0.015);
+  EXPECT_LT(drawn_by_a_walls_other_side_m(two_gates), 0.003);
+}
+
+// Where it went on without the map, it may be off by more than the fine gate.
+TEST(PlaneRegistration, AfterAGapItIsFoundFromFarther) {
+  Scanner scanner;
+  scanner.noise_m = 0.02;
+  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  std::mt19937 random(3);
+  const Pose T_room_start = pose_from_xyz_rpy_deg({0.3, -0.1, 0.05}, {0, 0, 1});
+  const PointVector points = scan(Room{}, scanner, T_room_start, Vector6::Zero(), random);
+  registration.forget_motion();
+  const MotionPrediction odometry = true_motion(Pose::Identity(), Vector6::Zero(), 0.1, 1e-2);
+  const RegistrationResult result = registration.process(input(points, 40), odometry);
+  EXPECT_LT(distance_m(result.T_map_base_mid, T_room_start), 0.01);
 }
 
 TEST(PlaneRegistration, AGapOfSweepsIsBridged) {
