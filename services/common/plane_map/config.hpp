@@ -65,6 +65,16 @@ struct PlaneMapConfig {
   /// goes with the sensor and holds it back.
   bool distributions_several_rings = true;
 
+  /// A coarser voxel that holds a post, and nothing else, is a line for those of its finest voxels
+  /// that are nothing by themselves: at ten metres each of these is met by one ring alone. A post
+  /// is no wider than this (one sigma of its points), post_aspect times as long as wide (sigmas),
+  /// was seen by rings of which none gave more than (1 + post_lead) / 2 of its points, and lies
+  /// inside the voxel with post_margin_sigmas of its width on either side. 0: none.
+  double post_width_m = 0.15;
+  double post_aspect = 3.0;
+  double post_lead = 0.34;
+  double post_margin_sigmas = 5.0;
+
   /// Voxels farther than this from the sensor are dropped.
   double keep_radius_m = 150.0;
 };

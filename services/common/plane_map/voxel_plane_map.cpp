@@ -130,6 +130,7 @@ void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
 
 VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) {
   std::uint32_t i = root;
+  Match post;
   for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
     Node& node = nodes_[i];
     if (node.count >= node.refit_at) {
@@ -138,22 +139,23 @@ VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) 
     if (node.is_plane()) {
       return {kNoChild, match_of(node, cell)};
     }
+    if (node.kind == Kind::kLine) post = match_of(node, cell);
     i = node.children[octant(cell, bit)];
   }
-  return {i, {}};
+  return {i, post};
 }
 
-Match VoxelPlaneMap::match_of_leaf(std::uint32_t index, const Cell& cell) {
-  Leaf& leaf = leaves_[index];
+Match VoxelPlaneMap::match_of_leaf(const Way& way, const Cell& cell) {
+  Leaf& leaf = leaves_[way.leaf];
   if (leaf.count >= leaf.refit_at) {
     fit_leaf(leaf, cell);
   }
-  return match_of(leaf, cell);
+  return leaf.kind == Kind::kNone ? way.match : match_of(leaf, cell);
 }
 
 Match VoxelPlaneMap::look_up(const Cell& cell) {
   const Way way = go_down(find_root(root_key(cell)), cell);
-  return way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, cell);
+  return way.leaf == kNoChild ? way.match : match_of_leaf(way, cell);
 }
 
 // First all ways down, then what they end at: its memory is on the way meanwhile.
@@ -169,8 +171,7 @@ void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint>
   }
   for (std::size_t i = 0; i < ways_.size(); ++i) {
     const auto& [cell, way] = ways_[i];
-    hints[hit.points[i].point].match =
-        way.leaf == kNoChild ? way.match : match_of_leaf(way.leaf, cell);
+    hints[hit.points[i].point].match = way.leaf == kNoChild ? way.match : match_of_leaf(way, cell);
   }
 }
 

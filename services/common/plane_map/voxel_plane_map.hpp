@@ -240,7 +240,8 @@ class VoxelPlaneMap {
   Match look_up(const Cell& cell);
   void look_up(Float4 point, Hint& hint);
   static Float4 centre_of(const Cell& cell);
-  // How far a look-up came: the finest voxel, or a match (of nothing or a coarser plane).
+  // How far a look-up came: the finest voxel or none, and what a coarser one gives: a plane, with
+  // which it ends, or a post for a finest voxel that is nothing itself.
   struct Way {
     std::uint32_t leaf = kNoChild;
     Match match;
@@ -250,7 +251,7 @@ class VoxelPlaneMap {
     Way way;
   };
   Way go_down(std::uint32_t root, const Cell& cell);
-  Match match_of_leaf(std::uint32_t leaf, const Cell& cell);
+  Match match_of_leaf(const Way& way, const Cell& cell);
   void find_in_root(const RootHit& hit, std::span<const LocalPoint> points, std::span<Hint> hints);
   void fetch_root(std::size_t hit) const;
   std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
@@ -267,6 +268,9 @@ class VoxelPlaneMap {
   Moments merged_moments(const Leaf& leaf, const Cell& cell, Rings& rings) const;
   bool enough(const Rings& rings, double count) const;
   bool is_trace(const PrincipalAxes& axes, const Rings& rings, double count) const;
+  bool is_post(const PrincipalAxes& axes, const Node& node, int level) const;
+  void set_distribution(Counted& voxel, Kind kind, const PrincipalAxes& axes,
+                        const Eigen::Vector3d& offset);
   void fit_distribution(Leaf& leaf, const PrincipalAxes& axes, const Eigen::Vector3d& offset);
   void set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
                  const Eigen::Vector3d& offset);

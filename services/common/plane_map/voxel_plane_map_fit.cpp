@@ -74,8 +74,33 @@ void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
       set_plane(node, axes, node.count, voxel_offset(cell, level));
       return;
     }
+    if (is_post(axes, node, level)) {
+      set_distribution(node, Kind::kLine, axes, voxel_offset(cell, level));
+      return;
+    }
   }
   set_kind(node, Kind::kNone);
+}
+
+// Cut off by the voxel's faces, any surface is narrow: it would say that it is where it is,
+// wherever that is. Those that the post's own axis goes through may cut it.
+bool VoxelPlaneMap::is_post(const PrincipalAxes& axes, const Node& node, int level) const {
+  const Eigen::Vector3d& v = axes.variances;
+  if (!config_.distributions || v[1] > config_.post_width_m * config_.post_width_m ||
+      v[2] < config_.post_aspect * config_.post_aspect * v[1] ||
+      node.lead > config_.post_lead * node.count) {
+    return false;
+  }
+  const Eigen::Vector3d axis = axes.axes.col(2);
+  const double half_m = 0.5 * config_.root_voxel_m / (1 << level);
+  for (int i = 0; i < 3; ++i) {
+    if (std::abs(axis[i]) > 0.7) continue;
+    const double wide = std::sqrt(v[0] * axes.axes(i, 0) * axes.axes(i, 0) +
+                                  v[1] * axes.axes(i, 1) * axes.axes(i, 1));
+    const double along = std::abs(axis[i]) * std::sqrt(3.0 * v[2]);
+    if (std::abs(axes.centre[i]) + along + config_.post_margin_sigmas * wide > half_m) return false;
+  }
+  return true;
 }
 
 // The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis.
@@ -167,14 +192,19 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
 // distribution. A line is free along its long axis.
 void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
                                      const Eigen::Vector3d& offset) {
-  const double noise = config_.range_noise_m;
   const bool is_line =
       axes.variances[1] < own_gates_.min_width2 && axes.variances[2] > 16.0 * axes.variances[1];
-  set_kind(leaf, is_line ? Kind::kLine : Kind::kBlob);
-  for (int i = 0; i < (is_line ? 2 : 3); ++i) {
+  set_distribution(leaf, is_line ? Kind::kLine : Kind::kBlob, axes, offset);
+}
+
+void VoxelPlaneMap::set_distribution(Counted& voxel, Kind kind, const PrincipalAxes& axes,
+                                     const Eigen::Vector3d& offset) {
+  const double noise = config_.range_noise_m;
+  set_kind(voxel, kind);
+  for (int i = 0; i < (kind == Kind::kLine ? 2 : 3); ++i) {
     const Eigen::Vector3d n =
         axes.axes.col(i) * (noise / std::sqrt(axes.variances[i] + noise * noise));
-    rows_[leaf.fit][static_cast<std::size_t>(i)] = {
+    rows_[voxel.fit][static_cast<std::size_t>(i)] = {
         static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z()),
         static_cast<float>(n.dot(axes.centre + offset))};
   }

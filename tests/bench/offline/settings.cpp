@@ -101,6 +101,10 @@ void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, one_ring_thickness_sigmas);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions);
   ZLOAM_FIELD("mapping.voxel_planes.", c, distributions_several_rings);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, post_width_m);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, post_aspect);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, post_lead);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, post_margin_sigmas);
   ZLOAM_FIELD("mapping.voxel_planes.", c, keep_radius_m);
 }
 

@@ -40,9 +40,11 @@ struct Scanner {
   double noise_m = 0.0;
 };
 
-/// One sweep; every point from the pose at its own time: T_start * Exp(twist * t), clockwise.
-inline PointVector scan(const Room& room, const Scanner& scanner, const Pose& T_room_start,
-                        const Vector6& twist_per_s, std::mt19937& random) {
+/// One sweep; every point from the pose at its own time: T_start * Exp(twist * t), clockwise. A
+/// scene has the room's range().
+template <typename Scene>
+PointVector scan(const Scene& room, const Scanner& scanner, const Pose& T_room_start,
+                 const Vector6& twist_per_s, std::mt19937& random) {
   std::normal_distribution<double> noise(0.0, 1.0);
   PointVector points;
   for (int c = 0; c < scanner.columns; ++c) {
