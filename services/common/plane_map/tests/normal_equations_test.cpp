@@ -21,14 +21,14 @@ struct Problem {
     scanner.noise_m = 0.0;
     for (int k = 0; k < 5; ++k) {
       const PointVector points =
-          testing::scan({}, scanner, Pose::Identity(), Vector6::Zero(), random);
+          testing::scan(testing::Room{}, scanner, Pose::Identity(), Vector6::Zero(), random);
       std::vector<Eigen::Vector3d> positions;
       for (const Point& p : points) {
         positions.push_back(p.position().cast<double>());
       }
       map.insert_points(positions);
     }
-    cloud = testing::scan({}, scanner, Pose::Identity(), Vector6::Zero(), random);
+    cloud = testing::scan(testing::Room{}, scanner, Pose::Identity(), Vector6::Zero(), random);
     motion.T_mid = map.T_grid_map() * pose_from_xyz_rpy_deg({0.02, -0.03, 0.01}, {0.2, 0.3, -0.4});
     motion.twist << 0.01, 0.02, -0.01, 0.004, -0.003, 0.005;
     std::erase_if(cloud, [&](const Point& p) { return !lies_inside(p); });
