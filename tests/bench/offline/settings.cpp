@@ -149,6 +149,7 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, covariance_normal_error_rad);
   ZLOAM_FIELD("mapping.", c, covariance_lever_m);
   ZLOAM_FIELD("mapping.", c, covariance_turn_share);
+  ZLOAM_FIELD("mapping.", c, covariance_map_turn_rad);
   ZLOAM_FIELD("mapping.", c, insert_distance_m);
   ZLOAM_FIELD("mapping.", c, insert_rotation_rad);
   ZLOAM_FIELD("mapping.", c, insert_residual_factor);
