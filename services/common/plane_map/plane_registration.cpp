@@ -16,6 +16,8 @@ constexpr double kGateMargin_m = 0.05;
 // Slow mean of the weakest direction's share: longer than the way through a door, in which for half
 // a second hardly anything holds along it.
 constexpr double kShareMemory = 0.95;
+// After a gap nobody knows how far off the prediction is.
+constexpr int kFirstsWithoutMotion = 4;
 
 double squared(double x) { return x * x; }
 
@@ -158,11 +160,11 @@ void PlaneRegistration::follow_gate(const RegistrationResult& result) {
 
 MatchGates PlaneRegistration::gates() const {
   const Gate first{gate_m_, gate_m_ / 3.0};
-  if (!previous_) return {first, first};  // after a gap nobody knows how far off it is
   const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
   return {first,
           {std::min(first.limit_m, wider * config_.fine_gate_m),
-           std::min(first.kernel_m, wider * config_.fine_kernel_m)}};
+           std::min(first.kernel_m, wider * config_.fine_kernel_m)},
+          previous_ ? 1 : kFirstsWithoutMotion};
 }
 
 RegistrationResult PlaneRegistration::result_of(const MatchResult& match,

@@ -100,14 +100,15 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   MatchedPoints matched(sweep.points());
   Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    const Gate& gate = i == 0 ? gates.first : gates.then;
+    const bool fine = i >= gates.firsts;
+    const Gate& gate = fine ? gates.then : gates.first;
     last = step_from(motion, map, sweep, matched, prior, gate);
     result.iterations = i + 1;
     if (!is_sound(last.step)) {
       return result;
     }
     motion = moved(motion, last.step);
-    result.converged = i + 1 >= kLeastIterations && is_small(last.step, config_);
+    result.converged = fine && i + 1 >= kLeastIterations && is_small(last.step, config_);
   }
   const SweepSums& sums = last.sums;
   const std::size_t matches = sums.planes.matches + sums.blobs.matches;

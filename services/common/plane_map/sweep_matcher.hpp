@@ -62,11 +62,12 @@ struct MatchResult {
   bool converged = false;
 };
 
-/// Of the iterations of one sweep. The first one takes what the prediction's error may have moved;
+/// Of the iterations of one sweep. The first ones take what the prediction's error may have moved;
 /// what is that far off afterwards is another surface, or a thing that has moved.
 struct MatchGates {
   Gate first;
   Gate then;
+  int firsts = 1;  // iterations with the first
 };
 
 class SweepMatcher {
