@@ -29,7 +29,7 @@ bool accepted(const Match& match, const MappingConfig& config, double median_res
   if (!match.ok || match.candidates == 0) return false;
   const double ratio = static_cast<double>(match.inliers) / match.candidates;
   const bool fits = median_residual_m <= 0.0 ||
-                    match.residual_m < config.insert_residual_factor * median_residual_m;
+                    match.inlier_residual_m < config.insert_residual_factor * median_residual_m;
   return fits && ratio >= config.bridge_inlier_ratio;
 }
 

@@ -128,6 +128,7 @@ void LoamMethod::finish(Match& match, const std::vector<Residual>& residuals,
   match.correspondences = static_cast<std::uint32_t>(residuals.size());
   match.inliers = data.inliers;
   match.residual_m = std::sqrt(data.squared_m2 / std::max(data.weight, 1e-12));
+  match.inlier_residual_m = match.residual_m;
   match.data_information = data.H;
   match.degeneracy = judge(data.H, noise_information(residuals, match.T_map_base, loam_.kernel_m),
                            prediction.covariance, config_, was_degenerate_)

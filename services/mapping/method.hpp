@@ -31,6 +31,7 @@ struct Match {
   std::uint32_t candidates = 0;
   std::uint32_t inliers = 0;
   double residual_m = 0.0;
+  double inlier_residual_m = 0.0;  // where the map is not known everywhere: of what it knows
 };
 
 /// The clouds to be inserted, base_link at the instant. A method that estimates the sweep's motion

@@ -233,6 +233,7 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
   match.correspondences = static_cast<std::uint32_t>(result.matches);
   match.inliers = match.correspondences;
   match.residual_m = result.residual_rms_m;
+  match.inlier_residual_m = result.inlier_rms_m;
   const plane_map::Degeneracy& d = result.degeneracy;
   const Eigen::Matrix3d R_base_mid =
       match.T_map_base.linear().transpose() * result.T_map_base_mid.linear();

@@ -104,6 +104,7 @@ class Accumulator {
   Accumulator(const Gate& gate, const WeakAxis& weak)
       : gate2_(static_cast<float>(gate.limit_m * gate.limit_m)),
         kernel2_(static_cast<float>(gate.kernel_m * gate.kernel_m)),
+        residual_kernel2_(static_cast<float>(gate.residual_kernel_m * gate.residual_kernel_m)),
         weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
@@ -132,7 +133,11 @@ class Accumulator {
     ++sums_.matches;
     sums_.cost += 0.5 * e * squared;
     sums_.weight += weight;
-    sums_.root_weight += e;
+    const float told = residual_kernel2_ / (residual_kernel2_ + squared);
+    sums_.told_weight += told * told;
+    sums_.told_root += told;
+    sums_.told_squared += told * told * squared;
+    sums_.told_root_squared += told * squared;
     sums_.normal_variance += weight * match.normal_variance;
     sums_.lever2 += weight * sum_of_lanes(lever * lever);
   }
@@ -159,6 +164,7 @@ class Accumulator {
 
   float gate2_;
   float kernel2_;
+  float residual_kernel2_;
   Float4 weak_axis_;
   float least_cosine_;
   SlotSums slot_;
@@ -205,7 +211,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   const Float4 shift_lanes = lanes_of(shift);
   const double noise = map.config().range_noise_m;
   Accumulator planes(gate, weak);
-  Accumulator blobs({10.0 * noise, 3.0 * noise}, {});
+  Accumulator blobs({10.0 * noise, 3.0 * noise, 3.0 * noise}, {});
   const bool with_blobs = map.config().distributions;
   std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {

@@ -28,9 +28,12 @@ struct NormalSums {
   Matrix6 a2 = Matrix6::Zero();
   Vector6 g0 = Vector6::Zero();
   Vector6 g1 = Vector6::Zero();
-  double cost = 0.0;             // sum of robust costs, m^2
-  double weight = 0.0;           // sum of weights
-  double root_weight = 0.0;      // sum of the roots of the weights
+  double cost = 0.0;    // sum of robust costs, m^2
+  double weight = 0.0;  // sum of weights
+  // With the residual kernel: of the weights and their roots, and of the squared residuals (m^2)
+  // with the weights and with their roots.
+  double told_weight = 0.0, told_root = 0.0;
+  double told_squared = 0.0, told_root_squared = 0.0;
   double normal_variance = 0.0;  // sum of weighted variances of normals, rad^2
   double lever2 = 0.0;           // sum of weighted squared lever arms, m^2
   std::size_t matches = 0;
@@ -63,10 +66,12 @@ struct MatchedPoints {
 };
 
 /// Residuals above the limit are rejected; the others weigh (k^2 / (k^2 + r^2))^2 with the kernel k
-/// (Geman-McClure).
+/// (Geman-McClure). How far off points are is told with a kernel of its own, so that sweeps can be
+/// compared whose kernels differ.
 struct Gate {
   double limit_m = 0.0;
   double kernel_m = 0.0;
+  double residual_kernel_m = 0.0;
 };
 
 /// Points as given to the map's local coordinates; shift_local: of the motions' origin.

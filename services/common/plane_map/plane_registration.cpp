@@ -16,8 +16,6 @@ constexpr double kGateMargin_m = 0.05;
 // Slow mean of the weakest direction's share: longer than the way through a door, in which for half
 // a second hardly anything holds along it.
 constexpr double kShareMemory = 0.95;
-// After a gap nobody knows how far off the prediction is.
-constexpr int kFirstsWithoutMotion = 4;
 
 double squared(double x) { return x * x; }
 
@@ -159,12 +157,12 @@ void PlaneRegistration::follow_gate(const RegistrationResult& result) {
 }
 
 MatchGates PlaneRegistration::gates() const {
-  const Gate first{gate_m_, gate_m_ / 3.0};
+  const double kernel_m = gate_m_ / 3.0;
+  const Gate first{gate_m_, kernel_m, kernel_m};
   const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
   return {first,
-          {std::min(first.limit_m, wider * config_.fine_gate_m),
-           std::min(first.kernel_m, wider * config_.fine_kernel_m)},
-          previous_ ? 1 : kFirstsWithoutMotion};
+          {std::min(gate_m_, wider * config_.fine_gate_m),
+           std::min(kernel_m, wider * config_.fine_kernel_m), kernel_m}};
 }
 
 RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
@@ -183,6 +181,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   out.covariance = with_twist_scaled(match.covariance, 1.0 / period_s);
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
+  out.inlier_rms_m = match.inlier_rms_m;
   out.matched_fraction = match.matched_fraction;
   out.matched_weight = match.matched_weight;
   out.gate_m = gate_m_;
@@ -240,6 +239,8 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
     if (result.degeneracy.second_share >= config_.walls_least_share) {
       weak_axis_base_ = result.degeneracy.axis;
     }
+  } else {
+    share_ = 0.0;
   }
   if (insert) {
     this->insert(sweep, motion);

@@ -40,6 +40,7 @@ struct RegistrationResult {
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;  // of planes, see MatchResult
+  double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights of the matches
   double gate_m = 0.0;
@@ -73,7 +74,10 @@ class PlaneRegistration {
   void commit(const SweepInput& sweep, const RegistrationResult& result, bool insert);
 
   /// The next sweep does not continue the motion of the last one.
-  void forget_motion() { previous_.reset(); }
+  void forget_motion() {
+    previous_.reset();
+    share_ = 0.0;
+  }
   bool knows_motion() const { return previous_.has_value(); }
 
   /// From the next sweep on.
@@ -114,7 +118,9 @@ class PlaneRegistration {
   std::vector<SlotPoint> inserted_points_;
   std::vector<LocalPoint> inserted_;  // the same in the map's local coordinates
   double gate_m_;
-  double share_ = 0.0;  // of the normals along the weakest direction, mean of the last sweeps
+  // Of the normals along the weakest direction, mean of the last sweeps. From 0 after a gap: nobody
+  // knows then how far off the prediction is, and the gate stays wide until the map holds again.
+  double share_ = 0.0;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();
   std::uint64_t sweeps_ = 0;

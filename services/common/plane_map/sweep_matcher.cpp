@@ -100,15 +100,14 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   MatchedPoints matched(sweep.points());
   Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    const bool fine = i >= gates.firsts;
-    const Gate& gate = fine ? gates.then : gates.first;
+    const Gate& gate = i == 0 ? gates.first : gates.then;
     last = step_from(motion, map, sweep, matched, prior, gate);
     result.iterations = i + 1;
     if (!is_sound(last.step)) {
       return result;
     }
     motion = moved(motion, last.step);
-    result.converged = fine && i + 1 >= kLeastIterations && is_small(last.step, config_);
+    result.converged = i + 1 >= kLeastIterations && is_small(last.step, config_);
   }
   const SweepSums& sums = last.sums;
   const std::size_t matches = sums.planes.matches + sums.blobs.matches;
@@ -122,7 +121,9 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
   result.degeneracy = judge(sums.planes, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m =
-      std::sqrt(2.0 * sums.planes.cost / std::max(sums.planes.root_weight, 1e-12));
+      std::sqrt(sums.planes.told_root_squared / std::max(sums.planes.told_root, 1e-12));
+  result.inlier_rms_m =
+      std::sqrt(sums.planes.told_squared / std::max(sums.planes.told_weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);
   return result;

@@ -51,9 +51,11 @@ struct MatchResult {
   SweepMotion motion;
   Matrix12 covariance = Matrix12::Zero();  // of (T_mid right perturbation, twist per sweep)
   Degeneracy degeneracy;
-  /// Of points against planes, weighted by the roots of the robust weights: by these themselves,
-  /// with the fine kernel three times the noise, a third of the noise would be missing.
+  /// Of points against planes, weighted by the roots of what the first gate's kernel gives: with a
+  /// fine kernel, three times the noise, nothing would be far off. inlier_rms_m: by its whole
+  /// weights, which leave out what the map does not know.
   double residual_rms_m = 0.0;
+  double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights
   std::size_t tried = 0;
@@ -62,12 +64,11 @@ struct MatchResult {
   bool converged = false;
 };
 
-/// Of the iterations of one sweep. The first ones take what the prediction's error may have moved;
+/// Of the iterations of one sweep. The first one takes what the prediction's error may have moved;
 /// what is that far off afterwards is another surface, or a thing that has moved.
 struct MatchGates {
   Gate first;
   Gate then;
-  int firsts = 1;  // iterations with the first
 };
 
 class SweepMatcher {

@@ -54,7 +54,7 @@ struct Problem {
     sweep.points = cloud;
     const SweepPoints points(sweep, 0.5);
     MatchedPoints matched(points.points());
-    return accumulate(map, points, matched, at, {0.3, 0.1}, weak);
+    return accumulate(map, points, matched, at, {0.3, 0.1, 0.1}, weak);
   }
 };
 
