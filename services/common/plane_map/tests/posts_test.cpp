@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/tests/grid.hpp"
 #include "common/plane_map/tests/room.hpp"
 #include "common/plane_map/voxel_plane_map.hpp"
 
@@ -20,13 +21,7 @@ namespace {
 using Eigen::Vector3d;
 using testing::scan;
 using testing::Scanner;
-
-PlaneMapConfig upright_grid() {
-  PlaneMapConfig config;
-  config.grid_rotation_rad.setZero();
-  config.grid_shift_m.setZero();
-  return config;
-}
+using testing::upright_grid;
 
 // Seven points of each ring on the side of an upright post that faces -x, rings 0.31 m apart.
 std::vector<LocalPoint> sides_of_a_post(double x, double y, int rings, int sweeps) {

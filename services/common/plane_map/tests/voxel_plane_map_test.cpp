@@ -10,11 +10,13 @@
 #include <span>
 
 #include "common/plane_map/moments.hpp"
+#include "common/plane_map/tests/grid.hpp"
 
 namespace zloam::plane_map {
 namespace {
 
 using Eigen::Vector3d;
+using testing::upright_grid;
 
 // Points on a patch of a plane about a centre, with normal noise.
 std::vector<Vector3d> patch(const Vector3d& centre, const Vector3d& normal, double half_m,
@@ -30,13 +32,6 @@ std::vector<Vector3d> patch(const Vector3d& centre, const Vector3d& normal, doub
                      noise_m * noise(random) * normal);
   }
   return points;
-}
-
-PlaneMapConfig upright_grid() {
-  PlaneMapConfig config;
-  config.grid_rotation_rad.setZero();
-  config.grid_shift_m.setZero();
-  return config;
 }
 
 void insert_one(VoxelPlaneMap& map, const LocalPoint& point) { map.insert(std::span(&point, 1)); }
