@@ -14,9 +14,10 @@ struct IntegrationConfig {
   /// a change of the correction that moves the pose by more is marked as a jump
   double jump_m = 0.1;
   double jump_rad = 0.035;
-  /// what the odometry says of a step's rotation, one sigma, counts by this much in the fused
-  /// pose's covariance (from comparison with ground truth, mapping/EXPERIMENTS.md)
-  double step_scale_rad = 0.7;
+  /// what the odometry says of a step, one sigma, counts by this much in the fused pose's
+  /// covariance (from comparison with ground truth, mapping/EXPERIMENTS.md)
+  double step_scale_m = 0.5;
+  double step_scale_rad = 0.86;
   /// files of a run, in this folder: trajectory.tum, trajectory.kitti, odometry.tum; empty: none
   std::string output_dir = "out";
 };

@@ -14,9 +14,10 @@ Matrix6 finite_or_zero(const Matrix6& covariance) {
 }
 
 // The odometry's of a step, as it turned out beside the truth.
-Matrix6 counted(const Matrix6& step, double scale_rad) {
-  Vector6 scale = Vector6::Ones();
-  scale.tail<3>().setConstant(scale_rad);
+Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
+  Vector6 scale;
+  scale << Eigen::Vector3d::Constant(config.step_scale_m),
+      Eigen::Vector3d::Constant(config.step_scale_rad);
   return scale.asDiagonal() * finite_or_zero(step) * scale.asDiagonal();
 }
 
@@ -192,7 +193,7 @@ Weak Integrator::weak_of(const OdometryPose& pose, const Correction* correction)
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
-  Matrix6 step = counted(pose.step_covariance, config_.step_scale_rad);
+  Matrix6 step = counted(pose.step_covariance, config_);
   const bool known =
       correction != nullptr && !recent_.empty() && recent_.front().sweep <= correction->sweep;
   if (!known) {
@@ -205,7 +206,7 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   for (const OdometryPose& p : recent_) {
     if (p.sweep > correction->sweep && from != nullptr) {
       covariance = carried(covariance, p.T_odom_base.inverse() * from->T_odom_base) +
-                   counted(p.step_covariance, config_.step_scale_rad);
+                   counted(p.step_covariance, config_);
     }
     if (p.sweep >= correction->sweep) from = &p;
   }

@@ -27,9 +27,10 @@ void bind(runtime::Parameters& p, IntegrationConfig& c) {
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
         "a correction that moves the pose by more is marked as a jump");
   p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad", "or turns it by more");
-  p.add(
-      "integration.step_scale_rad", &c.step_scale_rad, {0.01, 100.0}, "",
-      "sigmas of the rotation of the odometry's steps count by this much in the pose's covariance");
+  p.add("integration.step_scale_m", &c.step_scale_m, {0.01, 100.0}, "",
+        "sigmas of the odometry's steps count by this much in the pose's covariance");
+  p.add("integration.step_scale_rad", &c.step_scale_rad, {0.01, 100.0}, "",
+        "and of their rotation");
   p.add("integration.output_dir", &c.output_dir,
         "folder of trajectory.tum, trajectory.kitti and odometry.tum; empty: none",
         runtime::Effect::kNone);

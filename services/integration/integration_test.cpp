@@ -203,14 +203,16 @@ TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
   integrator.add(odometry(0, false));
   integrator.add(correction(0, Pose::Identity()));
   const auto one = integrator.add(odometry(1, false)).at(0);
-  // Along x nothing mixes in: 4e-4 of the correction plus 1e-4 a step.
-  EXPECT_NEAR(one.covariance(0, 0), 5e-4, 1e-12);
+  const double step_m = IntegrationConfig{}.step_scale_m;
+  const double step = step_m * step_m * 1e-4;
+  // Along x nothing mixes in: 4e-4 of the correction plus the steps.
+  EXPECT_NEAR(one.covariance(0, 0), 4e-4 + step, 1e-12);
   // Across, a rotation of the correction's base acts over the 0.5 m driven since.
-  EXPECT_NEAR(one.covariance(1, 1), 5e-4 + 0.25 * 4e-4, 1e-12);
+  EXPECT_NEAR(one.covariance(1, 1), 4e-4 + step + 0.25 * 4e-4, 1e-12);
   const auto two = integrator.add(odometry(2, false)).at(0);
-  EXPECT_NEAR(two.covariance(0, 0), 6e-4, 1e-12);
+  EXPECT_NEAR(two.covariance(0, 0), 4e-4 + 2.0 * step, 1e-12);
   integrator.add(correction(2, Pose::Identity()));
-  EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 5e-4, 1e-12);
+  EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 4e-4 + step, 1e-12);
 }
 
 TEST(Integration, CarriesHealth) {

@@ -53,8 +53,8 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.covariance_normal_error_rad", &c.covariance_normal_error_rad, {0.0, 1.0}, "rad",
         "errors of normals, by which the position's surest direction lends to the others")
       .live();
-  p.add("mapping.covariance_lever_m", &c.covariance_lever_m, {0.0, 1e3}, "m",
-        "added to the position: the solver's rotation by this lever, which the map was turned by")
+  p.add("mapping.covariance_map_m", &c.covariance_map_m, {0.0, 1e3}, "m",
+        "added to the position, one sigma in each direction: what the map itself is off")
       .live();
   p.add("mapping.covariance_turn_share", &c.covariance_turn_share, {0.0, 10.0}, "",
         "added to the rotation: this share of what the turn changed by since the sweep before")
@@ -190,6 +190,11 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.max_iterations", &m.max_iterations, {1, 100}, "", "at most").live();
   p.add("mapping.voxel_planes.correlation", &m.correlation, {1.0, 1e4}, "",
         "information of the residuals is divided by this")
+      .live();
+  p.add(
+       "mapping.voxel_planes.crowd_points", &m.crowd_points, {0.0, 1e6}, "points",
+       "of n points that meet surfaces facing one way in one voxel each counts 1 / (1 + n / this); "
+       "0: each fully")
       .live();
   p.add("mapping.voxel_planes.change_sigma_m", &m.change_sigma_m, {1e-4, 10.0}, "m",
         "random change of the motion from sweep to sweep")

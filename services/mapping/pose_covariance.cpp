@@ -21,11 +21,6 @@ Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_ra
   return normal_error_rad * normal_error_rad / least * position * position;
 }
 
-// A turn about an axis moves what lies a lever away along the other two.
-Eigen::Matrix3d moved_by_turns(const Eigen::Matrix3d& rotation, double lever_m) {
-  return lever_m * lever_m * (rotation.trace() * Eigen::Matrix3d::Identity() - rotation);
-}
-
 // Where a sweep holds its turn badly, those that drew the map did too: one turn of the map for all
 // that hang on it, which no number of sweeps averages out.
 Eigen::Matrix3d of_the_map(const Eigen::Matrix3d& rotation, double known_rad) {
@@ -39,14 +34,13 @@ Eigen::Matrix3d of_the_map(const Eigen::Matrix3d& rotation, double known_rad) {
 Matrix6 published_covariance(const Matrix6& solved, double turn_change_rad,
                              const MappingConfig& config) {
   const Eigen::Matrix3d position = solved.topLeftCorner<3, 3>();
-  const Eigen::Matrix3d rotation = solved.bottomRightCorner<3, 3>();
   Vector6 scale;
   scale.head<3>().setConstant(config.covariance_scale_m);
   scale.tail<3>().setConstant(config.covariance_scale_rad);
   Matrix6 covariance = scale.asDiagonal() * solved * scale.asDiagonal();
   covariance.topLeftCorner<3, 3>() += config.covariance_scale_m * config.covariance_scale_m *
                                       borrowed(position, config.covariance_normal_error_rad);
-  covariance.topLeftCorner<3, 3>() += moved_by_turns(rotation, config.covariance_lever_m);
+  covariance.diagonal().head<3>().array() += config.covariance_map_m * config.covariance_map_m;
   const double bend_rad = config.covariance_turn_share * turn_change_rad;
   covariance.diagonal().tail<3>().array() += bend_rad * bend_rad;
   covariance.bottomRightCorner<3, 3>() +=

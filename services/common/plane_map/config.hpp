@@ -93,7 +93,11 @@ struct MatcherConfig {
   double stop_translation_m = 5e-4;
 
   /// Points on one surface do not err independently: information is divided by this.
-  double correlation = 10.0;
+  double correlation = 5.0;
+  /// Nor do surfaces that lie together, and what moves, moves together: two vans that keep their
+  /// distance have more points than all else that holds along a street. Of n points that met
+  /// surfaces facing one way in one root voxel each counts 1 / (1 + n / crowd_points). 0: fully.
+  double crowd_points = 20.0;
 
   /// Residuals above the gate are rejected; the gate follows the error of the prediction at
   /// gate_range_m between these limits. Kernel width (Geman-McClure) = gate / 3. This is the gate

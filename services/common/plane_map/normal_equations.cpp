@@ -105,6 +105,7 @@ class Accumulator {
       : gate2_(static_cast<float>(gate.limit_m * gate.limit_m)),
         kernel2_(static_cast<float>(gate.kernel_m * gate.kernel_m)),
         residual_kernel2_(static_cast<float>(gate.residual_kernel_m * gate.residual_kernel_m)),
+        per_crowd_(gate.crowd_points > 0.0 ? static_cast<float>(1.0 / gate.crowd_points) : 0.0f),
         weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
@@ -121,7 +122,7 @@ class Accumulator {
       return;
     }
     const float e = kernel2_ / (kernel2_ + squared);
-    const float weight = e * e;
+    const float weight = e * e / (1.0f + match.crowd * per_crowd_);
     for (int i = 0; i < match.count; ++i) {
       const Float4 n = match.rows[i].lanes();
       // With an axis left open the moment stays that of the whole normal.
@@ -165,6 +166,7 @@ class Accumulator {
   float gate2_;
   float kernel2_;
   float residual_kernel2_;
+  float per_crowd_;
   Float4 weak_axis_;
   float least_cosine_;
   SlotSums slot_;
@@ -211,7 +213,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   const Float4 shift_lanes = lanes_of(shift);
   const double noise = map.config().range_noise_m;
   Accumulator planes(gate, weak);
-  Accumulator blobs({10.0 * noise, 3.0 * noise, 3.0 * noise}, {});
+  Accumulator blobs({10.0 * noise, 3.0 * noise, 3.0 * noise, gate.crowd_points}, {});
   const bool with_blobs = map.config().distributions;
   std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {

@@ -67,11 +67,13 @@ struct MatchedPoints {
 
 /// Residuals above the limit are rejected; the others weigh (k^2 / (k^2 + r^2))^2 with the kernel k
 /// (Geman-McClure). How far off points are is told with a kernel of its own, so that sweeps can be
-/// compared whose kernels differ.
+/// compared whose kernels differ. Of a crowd (Match::crowd) of n points each counts 1 / (1 + n /
+/// crowd_points); 0: each for itself.
 struct Gate {
   double limit_m = 0.0;
   double kernel_m = 0.0;
   double residual_kernel_m = 0.0;
+  double crowd_points = 0.0;
 };
 
 /// Points as given to the map's local coordinates; shift_local: of the motions' origin.

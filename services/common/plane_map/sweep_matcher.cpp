@@ -9,7 +9,9 @@ namespace zloam::plane_map {
 namespace {
 
 // The first step, from the prediction's error of centimetres to millimetres, needs so few of the
-// points; those of the others that lie in another voxel after it are then looked up but once.
+// points; those of the others that lie in another voxel after it are then looked up but once. So
+// few hardly make a crowd (Gate), and that is as it should be: what is near, and seen by many
+// points, is what finds a turn that was not expected.
 constexpr std::size_t kCoarseStride = 8;
 constexpr std::size_t kLeastCoarsePoints = 200;
 constexpr int kLeastIterations = 2;

@@ -15,6 +15,13 @@ std::uint64_t hash(std::uint64_t x) {
   return x ^ (x >> 29);
 }
 
+// Which of the grid's axes a surface faces most.
+std::size_t widest_axis(const PlaneRow& row) {
+  const float x = std::abs(row.nx), y = std::abs(row.ny), z = std::abs(row.nz);
+  if (x >= y && x >= z) return 0;
+  return y >= z ? 1 : 2;
+}
+
 void check(const PlaneMapConfig& c) {
   const bool ok = c.root_voxel_m > 0.0 && c.levels >= 2 && c.levels <= 6 && c.range_noise_m > 0.0 &&
                   c.min_points >= 3 && c.refit_growth >= 1.0 && c.keep_radius_m > c.root_voxel_m;
@@ -107,10 +114,10 @@ inline Match VoxelPlaneMap::match_of(const Counted& voxel, const Cell& cell) con
   const Float4 centre{root[0], root[1], root[2], 1.0f};
   if (voxel.is_plane()) {
     const Plane& plane = planes_[voxel.fit];
-    return {&plane.row, 1, true, plane.normal_variance, centre};
+    return {&plane.row, 1, true, plane.normal_variance, 0.0f, centre};
   }
   const int count = voxel.kind == Kind::kLine ? 2 : 3;
-  return {rows_[voxel.fit].data(), count, false, 0.0f, centre};
+  return {rows_[voxel.fit].data(), count, false, 0.0f, 0.0f, centre};
 }
 
 Match VoxelPlaneMap::find(float x, float y, float z) {
@@ -125,7 +132,9 @@ Float4 VoxelPlaneMap::centre_of(const Cell& c) {
 
 void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
   const auto cell = cell_of(point[0], point[1], point[2]);
+  const float crowd = hint.match.crowd;
   hint = cell ? Hint{centre_of(*cell), look_up(*cell)} : Hint();
+  hint.match.crowd = crowd;
 }
 
 VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) {
@@ -175,11 +184,24 @@ void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint>
   }
 }
 
+void VoxelPlaneMap::count_crowds(const RootHit& hit, std::span<Hint> hints) {
+  std::array<float, 3> facing{};
+  for (const Placed& p : hit.points) {
+    const Match& match = hints[p.point].match;
+    if (match.count > 0) ++facing[widest_axis(*match.rows)];
+  }
+  for (const Placed& p : hit.points) {
+    Match& match = hints[p.point].match;
+    if (match.count > 0) match.crowd = facing[widest_axis(*match.rows)];
+  }
+}
+
 void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint> hints) {
   hit_roots(points, false);
   for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
     fetch_root(i + kAhead);
     find_in_root(roots_hit_[i], points, hints);
+    count_crowds(roots_hit_[i], hints);
   }
 }
 

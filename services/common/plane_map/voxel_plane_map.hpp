@@ -44,7 +44,9 @@ struct Match {
   int count = 0;
   bool is_plane = false;
   float normal_variance = 0;  // rad^2, planes only
-  Float4 root_centre{};       // local coordinates, and 1: the factor of a row's -d
+  /// By find_all(): how many of its points met a surface that faces this way in this root voxel.
+  float crowd = 0;
+  Float4 root_centre{};  // local coordinates, and 1: the factor of a row's -d
 };
 
 constexpr std::uint16_t kUnknownRing = 0xffff;
@@ -95,7 +97,8 @@ class VoxelPlaneMap {
   /// Coarse to fine, the first plane wins; none: count == 0. Local coordinates. Fits voxels that
   /// have changed, so it is not const. Rows stay valid until the next insertion.
   Match find(float x, float y, float z);
-  /// The same for (x, y, z, 0), looked up only when the point has left the hint's cell.
+  /// The same for (x, y, z, 0), looked up only when the point has left the hint's cell; the crowd
+  /// stays that of the cell where it was found first.
   const Match& find(Float4 point, Hint& hint) {
     if (!all_below(point * leaf_per_m_ - hint.cell_centre, 0.5f)) look_up(point, hint);
     return hint.match;
@@ -253,6 +256,7 @@ class VoxelPlaneMap {
   Way go_down(std::uint32_t root, const Cell& cell);
   Match match_of_leaf(const Way& way, const Cell& cell);
   void find_in_root(const RootHit& hit, std::span<const LocalPoint> points, std::span<Hint> hints);
+  static void count_crowds(const RootHit& hit, std::span<Hint> hints);
   void fetch_root(std::size_t hit) const;
   std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;

@@ -116,6 +116,7 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, stop_rotation_rad);
   ZLOAM_FIELD("mapping.voxel_planes.", c, stop_translation_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, correlation);
+  ZLOAM_FIELD("mapping.voxel_planes.", c, crowd_points);
   ZLOAM_FIELD("mapping.voxel_planes.", c, min_gate_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, max_gate_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, fine_gate_m);
@@ -147,7 +148,7 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, covariance_scale_m);
   ZLOAM_FIELD("mapping.", c, covariance_scale_rad);
   ZLOAM_FIELD("mapping.", c, covariance_normal_error_rad);
-  ZLOAM_FIELD("mapping.", c, covariance_lever_m);
+  ZLOAM_FIELD("mapping.", c, covariance_map_m);
   ZLOAM_FIELD("mapping.", c, covariance_turn_share);
   ZLOAM_FIELD("mapping.", c, covariance_map_turn_rad);
   ZLOAM_FIELD("mapping.", c, insert_distance_m);
@@ -170,6 +171,8 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
 
 void add_integration(integration::IntegrationConfig& c, Fields& fields) {
   ZLOAM_FIELD("integration.", c, correction_delay);
+  ZLOAM_FIELD("integration.", c, step_scale_m);
+  ZLOAM_FIELD("integration.", c, step_scale_rad);
 }
 #endif
 

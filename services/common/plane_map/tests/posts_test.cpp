@@ -141,7 +141,7 @@ double error_along_the_wall_m(double post_width_m) {
 }
 
 TEST(Posts, HoldASensorAlongAWall) {
-  EXPECT_GT(error_along_the_wall_m(0.0), 0.2);
+  EXPECT_GT(error_along_the_wall_m(0.0), 0.12);
   EXPECT_LT(error_along_the_wall_m(kWidth_m), 0.06);
 }
 

@@ -139,6 +139,7 @@ const std::map<std::string, Setter>& setters() {
       {"vt", [](Options& o, double v) { o.matcher.change_sigma_m = v; }},
       {"vr", [](Options& o, double v) { o.matcher.change_sigma_rad = v; }},
       {"corr", [](Options& o, double v) { o.matcher.correlation = v; }},
+      {"crowd", [](Options& o, double v) { o.matcher.crowd_points = v; }},
   };
   return all;
 }
