@@ -122,7 +122,8 @@ class Accumulator {
       return;
     }
     const float e = kernel2_ / (kernel2_ + squared);
-    const float weight = e * e / (1.0f + match.crowd * per_crowd_);
+    const float shared_by = 1.0f + match.crowd * per_crowd_;
+    const float weight = e * e / shared_by;
     for (int i = 0; i < match.count; ++i) {
       const Float4 n = match.rows[i].lanes();
       // With an axis left open the moment stays that of the whole normal.
@@ -132,7 +133,7 @@ class Accumulator {
     }
     slot_is_empty_ = false;
     ++sums_.matches;
-    sums_.cost += 0.5 * e * squared;
+    sums_.cost += 0.5 * e * squared / shared_by;
     sums_.weight += weight;
     const float told = residual_kernel2_ / (residual_kernel2_ + squared);
     sums_.told_weight += told * told;

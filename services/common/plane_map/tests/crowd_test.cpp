@@ -6,19 +6,15 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <random>
 #include <vector>
 
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/tests/from_rest.hpp"
 #include "common/plane_map/tests/grid.hpp"
-#include "common/plane_map/tests/room.hpp"
 
 namespace zloam::plane_map {
 namespace {
 
 using Eigen::Vector3d;
-using testing::scan;
-using testing::Scanner;
 
 constexpr double kNowhere_m = std::numeric_limits<double>::infinity();
 
@@ -54,32 +50,10 @@ struct Street {
   }
 };
 
-// Twenty sweeps at rest, then down the street, up to 4 m/s: how far off it comes.
 double error_m(double crowd_points) {
   MatcherConfig matcher;
   matcher.crowd_points = crowd_points;
-  PlaneRegistration registration{PlaneMapConfig{}, matcher};
-  std::mt19937 random(4);
-  Scanner scanner;
-  scanner.columns = 1800;
-  scanner.noise_m = 0.02;
-  scanner.lowest_deg = -15.0;
-  scanner.highest_deg = 15.0;
-  Pose T_start = Pose::Identity();
-  double worst_m = 0.0;
-  for (int k = 0; k < 60; ++k) {
-    Vector6 v = Vector6::Zero();
-    v[0] = std::clamp(0.15 * (k - 20), 0.0, 4.0);
-    const PointVector points = scan(Street{}, scanner, T_start, v, random);
-    SweepInput sweep;
-    sweep.points = points;
-    sweep.stamp_ns = k * 100'000'000LL;
-    const Pose T = registration.process(sweep).T_map_base_mid;
-    const Pose truth = T_start * exp_se3(0.05 * v);
-    worst_m = std::max(worst_m, (T.translation() - truth.translation()).norm());
-    T_start = T_start * exp_se3(0.1 * v);
-  }
-  return worst_m;
+  return testing::worst_from_rest_m(Street{}, 0.15, 4.0, 4, PlaneMapConfig{}, matcher);
 }
 
 TEST(Crowd, TwoVansDoNotTakeTheSensorAlong) {

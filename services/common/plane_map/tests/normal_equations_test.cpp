@@ -54,12 +54,18 @@ struct Problem {
     sweep.points = cloud;
     const SweepPoints points(sweep, 0.5);
     MatchedPoints matched(points.points());
-    return accumulate(map, points, matched, at, {0.3, 0.1, 0.1}, weak);
+    return accumulate(map, points, matched, at, {0.3, 0.1, 0.1, crowd_points}, weak);
   }
+
+  double crowd_points = 0.0;
 };
 
-TEST(NormalEquations, GradientMatchesNumericDifferences) {
+class GradientOf : public ::testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Crowds, GradientOf, ::testing::Values(0.0, 20.0));
+
+TEST_P(GradientOf, MatchesNumericDifferences) {
   Problem problem;
+  problem.crowd_points = GetParam();
   const Vector12 gradient = problem.sums(problem.motion).planes.gradient();
   ASSERT_GT(problem.cloud.size(), 4000u);
   constexpr double kStep = 2e-4;

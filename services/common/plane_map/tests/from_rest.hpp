@@ -1,0 +1,41 @@
+#pragma once
+// A sensor that stands, and then drives off along x: what it saw while it stood must not hold it.
+
+#include <algorithm>
+#include <random>
+
+#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/tests/room.hpp"
+
+namespace zloam::plane_map::testing {
+
+/// Twenty sweeps at rest, then faster by the step from sweep to sweep, up to the top speed, in
+/// forty sweeps more: how far the pose in the middle of a sweep is off at worst.
+template <typename Scene>
+double worst_from_rest_m(const Scene& scene, double step_mps, double top_mps, unsigned seed,
+                         const PlaneMapConfig& map, const MatcherConfig& matcher) {
+  PlaneRegistration registration{map, matcher};
+  std::mt19937 random(seed);
+  Scanner scanner;
+  scanner.columns = 1800;
+  scanner.noise_m = 0.02;
+  scanner.lowest_deg = -15.0;
+  scanner.highest_deg = 15.0;
+  Pose T_start = Pose::Identity();
+  double worst_m = 0.0;
+  for (int k = 0; k < 60; ++k) {
+    Vector6 v = Vector6::Zero();
+    v[0] = std::clamp(step_mps * (k - 20), 0.0, top_mps);
+    const PointVector points = scan(scene, scanner, T_start, v, random);
+    SweepInput sweep;
+    sweep.points = points;
+    sweep.stamp_ns = k * 100'000'000LL;
+    const Pose T = registration.process(sweep).T_map_base_mid;
+    const Pose truth = T_start * exp_se3(0.05 * v);
+    worst_m = std::max(worst_m, (T.translation() - truth.translation()).norm());
+    T_start = T_start * exp_se3(0.1 * v);
+  }
+  return worst_m;
+}
+
+}  // namespace zloam::plane_map::testing
