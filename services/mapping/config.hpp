@@ -64,6 +64,11 @@ struct VoxelPlanesConfig {
   /// sigmas of the odometry's twist as a prior; 0: none
   double twist_sigma_mps = 0.0;
   double twist_sigma_radps = 0.0;
+  /// a turn that differs from the odometry's by more than this is looked for from the odometry's
+  /// too: of two places that the sweep fits, the better; by more than the second, one of both is
+  /// lost, and the fit does not tell which
+  double second_start_rad = 0.003;
+  double second_start_most_rad = 0.05;
   /// steps that differ from the odometry's by more than this say that the map's motion is lost:
   /// more than an odometry that slips between smooth walls is off by (0.4 m), which the map must
   /// not follow

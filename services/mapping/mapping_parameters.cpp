@@ -214,6 +214,13 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
        "mapping.voxel_planes.use_prediction", &c.use_prediction,
        "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")
       .live();
+  p.add("mapping.voxel_planes.second_start_rad", &c.second_start_rad, {0.0, 3.2}, "rad",
+        "a turn that differs from the odometry's by more is looked for from the odometry's as "
+        "well, and the better fit is taken")
+      .live();
+  p.add("mapping.voxel_planes.second_start_most_rad", &c.second_start_most_rad, {0.0, 3.2}, "rad",
+        "but by more than this it is not: one of both is lost then")
+      .live();
   p.add("mapping.voxel_planes.lost_step_m", &c.lost_step_m, {0.01, 100.0}, "m",
         "a step that differs from the odometry's by more is matched again from the odometry's, and "
         "the better is taken; the odometry's where it saw well")

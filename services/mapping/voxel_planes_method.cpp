@@ -18,6 +18,9 @@ constexpr double kLeastNoise_m = 1e-3;
 constexpr double kRestChiSquared = 12.59;
 // Over one missing sweep the map's own motion still goes on; over several it is metres off.
 constexpr double kLongestStep = 2.5;
+// Sums of weights that differ by less are the same: both starts came to one place, or to two of
+// which neither is known to be better.
+constexpr double kBetterFit = 1.02;
 
 // Whether the odometry saw motion, more than it would make of noise. Where it sees little (a flat
 // yard) it drifts at rest by centimetres a sweep: a first motion that the map would go on with.
@@ -37,6 +40,13 @@ plane_map::SweepInput sweep_of(const MappingInput& input) {
   sweep.period_ns = input.period_ns;
   sweep.deskewed = plane_map::Deskewing{input.twist_per_s, input.instant_ns};
   return sweep;
+}
+
+// By how much the result's step differs from the odometry's: m and rad.
+Vector6 difference_of(const plane_map::RegistrationResult& result, const MappingInput& input,
+                      const Prediction& prediction) {
+  const Pose T_map_base = result.at(input.instant_ns, input.period_ns);
+  return log_se3(prediction.T_map_base.inverse() * T_map_base);
 }
 
 class VoxelPlanesMethod : public MappingMethod {
@@ -74,6 +84,10 @@ class VoxelPlanesMethod : public MappingMethod {
   void found_anew(const MappingInput& input);
   plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
   plane_map::RegistrationResult registered(const MappingInput& input, const Prediction& prediction);
+  plane_map::RegistrationResult from_own_motion(const plane_map::SweepInput& sweep,
+                                                const MappingInput& input,
+                                                const Prediction& prediction,
+                                                plane_map::MotionPrediction odometry);
   bool disagrees(const plane_map::RegistrationResult& result, const MappingInput& input,
                  const Prediction& prediction) const;
   plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
@@ -113,10 +127,29 @@ plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
 bool VoxelPlanesMethod::disagrees(const plane_map::RegistrationResult& result,
                                   const MappingInput& input, const Prediction& prediction) const {
   if (result.outcome != plane_map::Outcome::kRegistered) return false;
-  const Pose T_map_base = result.at(input.instant_ns, input.period_ns);
-  const Vector6 difference = log_se3(prediction.T_map_base.inverse() * T_map_base);
+  const Vector6 difference = difference_of(result, input, prediction);
   return difference.head<3>().norm() > config_.lost_step_m ||
          difference.tail<3>().norm() > config_.lost_step_rad;
+}
+
+// Who swings, or turns into a corner, has turned by degrees more than in the sweep before: at ten
+// metres most points then lie in other voxels than those that they belong to, and among leaves,
+// where voxels are small, the pose stays where it was looked for. Where the
+// odometry is lost its place may fit better all the same: so only within limits (EXPERIMENTS.md).
+plane_map::RegistrationResult VoxelPlanesMethod::from_own_motion(
+    const plane_map::SweepInput& sweep, const MappingInput& input, const Prediction& prediction,
+    plane_map::MotionPrediction odometry) {
+  auto result = registration_->match(sweep);
+  if (result.outcome != plane_map::Outcome::kRegistered) return result;
+  const double turn_rad = difference_of(result, input, prediction).tail<3>().norm();
+  if (turn_rad <= config_.second_start_rad || turn_rad > config_.second_start_most_rad) {
+    return result;
+  }
+  odometry.use = plane_map::PredictionUse::kTurnToTry;
+  auto second = registration_->match(sweep, odometry);
+  const bool better = second.outcome == plane_map::Outcome::kRegistered &&
+                      second.matched_weight > kBetterFit * result.matched_weight;
+  return better ? second : result;
 }
 
 // Once moving, the map's own last motion predicts better than the odometry: in a direction that the
@@ -130,9 +163,9 @@ plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& 
   plane_map::MotionPrediction odometry = advice(input, prediction);
   const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
   if (!own) return registration_->match(sweep, odometry);
-  auto result = registration_->match(sweep);
+  auto result = from_own_motion(sweep, input, prediction, odometry);
   if (!disagrees(result, input, prediction)) return result;
-  odometry.instead = true;
+  odometry.use = plane_map::PredictionUse::kInstead;
   const double per_s = 1e9 / std::max<double>(input.period_ns, 1.0);
   const double v = per_s * config_.matcher.change_sigma_m;
   const double w = per_s * config_.matcher.change_sigma_rad;

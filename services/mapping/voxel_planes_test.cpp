@@ -203,6 +203,52 @@ TEST(VoxelPlanes, AStepFarFromTheOdometrysIsFoundFromTheOdometrys) {
   EXPECT_GT(error_after_a_jolt_m(3.0), 0.3);
 }
 
+// Open ground with small things that stand about, none of which is as wide as the sensor swings in
+// a sweep.
+test::Room thicket() {
+  test::Room out{{{-300.0, -300.0, -1.3}, {300.0, 300.0, 100.0}}, {}};
+  std::mt19937 generator(3);
+  std::uniform_real_distribution<double> uniform(0.0, 1.0);
+  for (int i = 0; i < 200; ++i) {
+    const double range = 3.0 + 9.0 * uniform(generator);
+    const double azimuth = 2.0 * M_PI * uniform(generator);
+    const Eigen::Vector3d low(range * std::cos(azimuth), range * std::sin(azimuth),
+                              -1.3 + 2.0 * uniform(generator));
+    const double size = 0.1 + 0.3 * uniform(generator);
+    out.boxes.push_back({low, low + Eigen::Vector3d::Constant(size)});
+  }
+  return out;
+}
+
+// The sensor swings to and fro, turning by up to 0.12 rad more or less than in the sweep before.
+// The odometry is right.
+double worst_while_swinging_m(double second_start_rad) {
+  MappingConfig config = voxel_planes();
+  config.voxel_planes.second_start_rad = second_start_rad;
+  Mapper mapper{config};
+  const test::Room room = thicket();
+  Pose truth = Pose::Identity();
+  double worst = 0.0;
+  for (int i = 0; i < 40; ++i) {
+    const double turn_rad = i < 5 ? 0.0 : 0.48 * std::sin(0.25 * (i - 5));
+    const Vector6 motion = twist(0.5, 0.0, 0.0, 0.0, 0.0, 10.0 * turn_rad);
+    truth = truth * exp_se3(0.1 * motion);
+    const PointVector points =
+        swept(room, truth, motion, motion, 0.01, 7U + static_cast<unsigned>(i));
+    MappingInput input = input_of(static_cast<std::uint64_t>(i), points, truth, motion);
+    input.step_covariance = 1e-4 * Matrix6::Identity();
+    const Pose T_map_base = mapper.process(input).T_map_base;
+    worst = std::max(worst, (T_map_base.translation() - truth.translation()).norm());
+  }
+  return worst;
+}
+
+TEST(VoxelPlanes, ATurnThatWasNotForeseenIsFoundFromTheOdometrys) {
+  const double second_start_rad = MappingConfig().voxel_planes.second_start_rad;
+  EXPECT_LT(worst_while_swinging_m(second_start_rad), 0.06);
+  EXPECT_GT(worst_while_swinging_m(3.2), 0.3);  // never
+}
+
 // A map that pulls a sweep away from the odometry's step even from there, as what was drawn while
 // the motion was lost does: here it is right, and the odometry's step is off by more than is
 // allowed.

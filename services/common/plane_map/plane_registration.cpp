@@ -98,7 +98,7 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
                                           const std::optional<MotionPrediction>& prediction) const {
   MotionPrior prior;
   prior.predicted.T_mid = T_grid_base_start_;
-  if (previous_ && !(prediction && prediction->instead)) {
+  if (previous_ && !(prediction && prediction->use == PredictionUse::kInstead)) {
     const double last_s = seconds(previous_->period_ns);
     const double now_s = seconds(sweep.period_ns);
     const double since_s =
@@ -126,6 +126,11 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
   prior.advised.T_mid =
       map_.T_grid_map() * prediction.T_map_base * exp_se3(to_mid_s * prediction.twist_per_s);
   prior.advised.twist = prediction.twist_per_s * period_s;
+  if (prediction.use == PredictionUse::kTurnToTry) {
+    prior.start.T_mid.linear() = prior.advised.T_mid.linear();
+    prior.start.twist.tail<3>() = prior.advised.twist.tail<3>();
+    return;
+  }
   prior.advice_information.block<6, 6>(0, 0) = inverse_or_zero(prediction.pose_covariance);
   prior.advice_information.block<6, 6>(6, 6) =
       inverse_or_zero(prediction.twist_covariance * squared(period_s));

@@ -13,6 +13,12 @@
 
 namespace zloam::plane_map {
 
+enum class PredictionUse {
+  kBeside,     ///< the start, and known beside what the sweep before says of this one's motion
+  kInstead,    ///< the start, and known instead of that
+  kTurnToTry,  ///< its turn alone, and for the start alone: the sum that is minimised is the same
+};
+
 /// What another estimator (odometry) says of the sweep's motion.
 struct MotionPrediction {
   Pose T_map_base = Pose::Identity();
@@ -20,7 +26,7 @@ struct MotionPrediction {
   Vector6 twist_per_s = Vector6::Zero();
   Matrix6 pose_covariance = Matrix6::Zero();   // right perturbation, m and rad
   Matrix6 twist_covariance = Matrix6::Zero();  // per second
-  bool instead = false;  // of what the sweep before says of this one's motion, not beside it
+  PredictionUse use = PredictionUse::kBeside;
 };
 
 enum class Outcome {

@@ -160,6 +160,8 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, loam.kernel_m);
   ZLOAM_FIELD("mapping.", c, loam.edge_weight);
   ZLOAM_FIELD("mapping.", c, voxel_planes.use_prediction);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.second_start_rad);
+  ZLOAM_FIELD("mapping.", c, voxel_planes.second_start_most_rad);
   ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_m);
   ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_rad);
   ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_mps);

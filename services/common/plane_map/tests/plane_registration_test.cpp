@@ -349,6 +349,24 @@ TEST(PlaneRegistration, AfterAGapItIsFoundFromFarther) {
   EXPECT_LT(distance_m(result.T_map_base_mid, T_room_start), 0.01);
 }
 
+// However sure it is said to be, a turn to try changes where the solver starts, not what it finds.
+TEST(PlaneRegistration, ATurnToTryIsNoKnowledge) {
+  Scanner scanner;
+  scanner.noise_m = 0.02;
+  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  std::mt19937 random(3);
+  const PointVector points = scan(Room{}, scanner, Pose::Identity(), Vector6::Zero(), random);
+  const SweepInput sweep = input(points, 20);
+  const Pose alone = registration.match(sweep).T_map_base_mid;
+  const Pose T_wrong = pose_from_xyz_rpy_deg({0, 0, 0}, {0, 0, 1});
+  MotionPrediction turn = true_motion(T_wrong, Vector6::Zero(), 1e-9, 1e-2);
+  EXPECT_GT(angle_rad(registration.match(sweep, turn).T_map_base_mid, alone), 0.01);
+  turn.use = PredictionUse::kTurnToTry;
+  EXPECT_LT(angle_rad(registration.match(sweep, turn).T_map_base_mid, alone), 1e-4);
+  EXPECT_LT(distance_m(registration.match(sweep, turn).T_map_base_mid, alone), 1e-3);
+}
+
 TEST(PlaneRegistration, AGapOfSweepsIsBridged) {
   const Vector6 v = twist(0.6, 0, 0, 0, 0, 0.3);
   PlaneRegistration registration{exact(), MatcherConfig{}};
