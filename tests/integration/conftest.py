@@ -29,10 +29,16 @@ class Capture:
     truth_base: Path
 
 
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a stage writes by default (out/) stays with its test: the next would go on with it."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture(scope="session")
 def build() -> Path:
     """The build folder under test: ZLOAM_BUILD, or build/release."""
-    folder = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
+    folder = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release")).resolve()
     missing = [s for s in (*STAGES, "simulator") if not (folder / "bin" / f"zloam-{s}").is_file()]
     if missing:
         pytest.skip(f"not built in {folder}: zloam-{', zloam-'.join(missing)}")
@@ -42,7 +48,7 @@ def build() -> Path:
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of real recordings, which is no part of the repository."""
-    folder = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared"))
+    folder = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared")).resolve()
     if not (folder / "data").is_dir():
         pytest.skip(f"no recordings in {folder} (set ZLOAM_SHARED)")
     return folder

@@ -11,18 +11,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 from numpy.typing import NDArray
 
 from zloam_monitor import compose, messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.messages import POINT
-from zloam_monitor.processes import Processes, endpoints, free_base_port
+from zloam_monitor.processes import Process, Processes, endpoints, free_base_port
 from zloam_monitor.records import Input
 
 PERIOD_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
 GOOD_BEFORE = 3
+#: live, an output may be lost on a machine with much to do; who reads it asks for it again
+ASK_AFTER_SECONDS = 2.0
 
 
 def room(columns: int = 900) -> NDArray[Any]:
@@ -113,6 +116,28 @@ def settled(link: Link, stage: str, deadline: float) -> Input:
         time.sleep(0.05)
 
 
+def nothing_came_out(link: Link, stage: str, n: int) -> str:
+    """Whether it was the message that did not come through, or what came of it."""
+    link.query_statuses()
+    return f"nothing came out for message {n}; {link.stage(stage)}"
+
+
+def wait_for_output(
+    link: Link, process: Process, n: int, out: list[bytes], deadline: float
+) -> None:
+    """Until message n's output is there; asks for it again as the next stage would."""
+    key = KEYS.main_output(process.stage)
+    ask_at = time.monotonic() + ASK_AFTER_SECONDS
+    while len(out) <= n:
+        assert process.code() is None, process.last_lines()
+        assert time.monotonic() < deadline, nothing_came_out(link, process.stage, n)
+        link.poll(0.02)
+        if time.monotonic() > ask_at:
+            answers = list(link.get(f"{key}?run={START_NS};sweep={n}..{n}"))
+            out += answers if len(out) <= n else []
+            ask_at = time.monotonic() + ASK_AFTER_SECONDS
+
+
 @pytest.mark.parametrize("stage", STAGES)
 def test_one_out_for_each_in(build: Path, tmp_path: Path, stage: str) -> None:
     table, message = STAGES[stage]
@@ -129,14 +154,16 @@ def test_one_out_for_each_in(build: Path, tmp_path: Path, stage: str) -> None:
     ]
     process = processes.start(stage, command, tmp_path / f"{stage}.log")
     session = open_session(endpoints(base))
-    out = []
+    out: list[bytes] = []
     listener = session.declare_subscriber(
         KEYS.main_output(stage), lambda sample: out.append(sample.payload.to_bytes())
     )
     # declared after the listener: once a status comes, the stage knows of both
     link = Link(session, KEYS)
     try:
-        publisher = session.declare_publisher(KEYS.main_input(stage))
+        publisher = session.declare_publisher(
+            KEYS.main_input(stage), congestion_control=zenoh.CongestionControl.BLOCK
+        )
         deadline = time.monotonic() + 30
         while not publisher.matching_status.matching or link.stage(stage) is None:
             assert process.code() is None, process.last_lines()
@@ -148,10 +175,7 @@ def test_one_out_for_each_in(build: Path, tmp_path: Path, stage: str) -> None:
             clouds += [cloud, good]
         for n, cloud in enumerate(clouds):
             publisher.put(message(n, cloud), encoding=messages.encoding(table))
-            while len(out) <= n:
-                assert process.code() is None, process.last_lines()
-                assert time.monotonic() < deadline, f"nothing came out for message {n}"
-                link.poll(0.02)
+            wait_for_output(link, process, n, out, deadline)
         account = settled(link, stage, deadline)
         assert account.balanced()
         assert account.received == account.processed == len(clouds)
