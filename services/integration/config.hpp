@@ -16,8 +16,8 @@ struct IntegrationConfig {
   double jump_rad = 0.035;
   /// what the odometry says of a step, one sigma, counts by this much in the fused pose's
   /// covariance (from comparison with ground truth, mapping/EXPERIMENTS.md)
-  double step_scale_m = 0.5;
-  double step_scale_rad = 0.86;
+  double step_scale_m = 0.1;
+  double step_scale_rad = 0.22;
   /// files of a run, in this folder: trajectory.tum, trajectory.kitti, odometry.tum; empty: none
   std::string output_dir = "out";
 };

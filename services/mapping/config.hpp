@@ -103,17 +103,17 @@ struct MappingConfig {
   double prior_scale = 1.0;
   /// published covariance of the pose, from comparison with ground truth (EXPERIMENTS.md): the
   /// solver takes the map as exact and its residuals as nearly independent. Its sigmas times these;
-  double covariance_scale_m = 0.7;
-  double covariance_scale_rad = 0.78;
+  double covariance_scale_m = 1.1;
+  double covariance_scale_rad = 0.94;
   /// what the surest direction of the position lends to others by errors of the map's normals is
   /// taken off their information;
   double covariance_normal_error_rad = 0.2;
   /// what the map itself is off, in each direction, comes on top: one error for all sweeps that
-  /// hang on it, which no number of points averages out;
-  double covariance_map_m = 0.004;
+  /// hang on it, which no number of points averages out; 0: the solver knows it;
+  double covariance_map_m = 0.0;
   /// and, of the rotation, this share of the change of the turn from the sweep before: the motion
   /// within a sweep is taken as constant
-  double covariance_turn_share = 0.04;
+  double covariance_turn_share = 0.02;
   /// a rotation known worse than this was drawn into the map, too, by the poses before: its
   /// variance v is published as v (1 + v / this^2); 0: the map's turn is taken as exact
   double covariance_map_turn_rad = 0.002;

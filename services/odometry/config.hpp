@@ -43,6 +43,9 @@ struct OdometryConfig {
   double continuity_sigma_m = 0.0003;
   double continuity_sigma_rad = 0.0002;
   double continuity_share = 0.03;
+  /// Within a sweep the turn goes on changing as it did from the sweep before, as far as that was
+  /// measured: beside this, one sigma, from sweep to sweep. 0: a constant twist, as LOAM has it.
+  double bend_sigma_rad = 0.001;
   /// The twist changes from sweep to sweep by about this acceleration, one sigma.
   double acceleration_sigma_mps2 = 3.0;
   double angular_acceleration_sigma_radps2 = 2.0;

@@ -170,7 +170,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
   double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
   const bool many = source.planes.size() > kLeastForCoarse;
   for (int i = 0; i < config.max_iterations; ++i) {
-    const MotionTable table(out.state.twist);
+    const MotionTable table(out.state);
     const std::size_t stride = kernel_m > config.kernel_m && many ? kCoarseStride : 1;
     association.run(source, out.state, table, kGateWidths * kernel_m, stride, residuals);
     out.planes = static_cast<std::uint32_t>(stride * residuals.planes.size());

@@ -2,6 +2,8 @@
 
 #include <Eigen/Cholesky>
 
+#include "common/geometry/deskew.hpp"
+
 namespace zloam::odometry {
 namespace {
 
@@ -22,13 +24,23 @@ Matrix6 inverse_right_jacobian(const Vector6& e) {
          ad2 * ad2 * ad2 / 30240.0;
 }
 
+// Right Jacobian of SO(3): Exp(x + dx) = Exp(x) Exp(J(x) dx). Power series; x is far below 1.
+Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& x) {
+  const Eigen::Matrix3d w = hat(x);
+  const Eigen::Matrix3d w2 = w * w;
+  return Eigen::Matrix3d::Identity() - 0.5 * w + w2 / 6.0 - w * w2 / 24.0 + w2 * w2 / 120.0;
+}
+
 // Collects J J^T and J r of the residuals of one time bin, J = (R^T n, q x R^T n), and folds them
-// into the system when the bin changes: dr/dv = s J^T J_left(s v).
+// into the system when the bin changes: dr/dv = J^T (s J_left(s v) + what the bend turns by).
 class Accumulator {
  public:
-  Accumulator(const MotionState& state, NormalEquations& equations)
+  Accumulator(const MotionState& state, const MotionTable& table, NormalEquations& equations)
       : rotation_t_(state.T_odom_mid.linear().transpose()),
         left_jacobian_(state.twist),
+        bend_(state.bend()),
+        bend_share_(state.bend_share),
+        table_(table),
         equations_(equations) {}
 
   void start_bin(std::uint16_t bin) {
@@ -59,7 +71,12 @@ class Accumulator {
     }
     const double s = fraction_of_bin(bin_);
     const Matrix6 a = square_.selfadjointView<Eigen::Upper>();
-    const Matrix6 jacobian = s * left_jacobian_.at(s);
+    Matrix6 jacobian = s * left_jacobian_.at(s);
+    if (!bend_share_.isZero(0.0)) {
+      const double bent = bent_at(s);
+      jacobian.rightCols<3>() +=
+          bent * adjoint(table_[bin_]).rightCols<3>() * right_jacobian(bent * bend_) * bend_share_;
+    }
     const Matrix6 cross = a * jacobian;
     equations_.H.topLeftCorner<6, 6>() += a;
     equations_.H.topRightCorner<6, 6>() += cross;
@@ -75,6 +92,9 @@ class Accumulator {
  private:
   Eigen::Matrix3d rotation_t_;
   LeftJacobian left_jacobian_;
+  Eigen::Vector3d bend_;
+  Eigen::Matrix3d bend_share_;
+  const MotionTable& table_;
   NormalEquations& equations_;
   Matrix6 square_ = Matrix6::Zero();
   Vector6 gradient_ = Vector6::Zero();
@@ -94,8 +114,10 @@ double robust_weight(double squared, double weight, double kernel2, NormalEquati
 
 }  // namespace
 
-MotionTable::MotionTable(const Vector6& twist)
-    : motions_(exp_se3_along(twist, fraction_of_bin(0), 1.0 / kTimeBins, kTimeBins + 1)) {}
+MotionTable::MotionTable(const MotionState& state)
+    : motions_(exp_se3_along(state.twist, fraction_of_bin(0), 1.0 / kTimeBins, kTimeBins + 1)) {
+  bend_motions(state.bend(), motions_);
+}
 
 LeftJacobian::LeftJacobian(const Vector6& twist) {
   // |s| <= 1/2, so a term that has shrunk below this no longer reaches the last digits.
@@ -119,7 +141,7 @@ Matrix6 LeftJacobian::at(double s) const {
 void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
                    double kernel_m, NormalEquations& equations) {
   const double kernel2 = kernel_m * kernel_m;
-  Accumulator accumulator(state, equations);
+  Accumulator accumulator(state, table, equations);
   for (const PlaneResidual& p : residuals.planes) {
     const Eigen::Vector3d q = table[p.bin] * p.point;
     const double r = p.normal.dot(state.T_odom_mid * q) - p.offset;
@@ -166,7 +188,8 @@ Vector12 solve_step(const NormalEquations& equations) {
 }
 
 MotionState moved(const MotionState& state, const Vector12& step) {
-  return {state.T_odom_mid * exp_se3(step.head<6>()), state.twist + step.tail<6>()};
+  return {state.T_odom_mid * exp_se3(step.head<6>()), state.twist + step.tail<6>(),
+          state.turn_before, state.bend_share};
 }
 
 Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance) {

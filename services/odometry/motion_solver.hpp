@@ -1,10 +1,12 @@
 #pragma once
 // Motion of one sweep from point-to-plane and point-to-line residuals.
 //
-// Unknowns: T = T_odom_mid, the pose of base_link at the middle of the sweep, and v, the body twist
-// over the sweep (per sweep, not per second). A point p measured at the fraction s of the sweep,
-// s in [-1/2, 1/2], lies at T Exp(s v) p. About the middle the two unknowns nearly decouple.
-//   plane   r = n . (T Exp(s v) p) - d
+// Unknowns: T = T_odom_mid, the pose of base_link halfway between begin and end, and v, the body
+// twist over the sweep (per sweep, not per second). A point p measured at the fraction s of the
+// sweep, s in [-1/2, 1/2], lies at T M(s) p, M(s) = Exp(s v) Exp(0, (s^2 - 1/4) / 2 b): the turn's
+// rate changes by b over the sweep, b = S (w - w_before), w the turn of v, S a matrix. Begin and
+// end do not hang on b. About the middle the two unknowns nearly decouple.
+//   plane   r = n . (T M(s) p) - d
 //   line    r = (a . w - d_a, b . w - d_b), a and b across the line, w as above
 //   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior
 // Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
@@ -24,12 +26,17 @@ namespace zloam::odometry {
 struct MotionState {
   Pose T_odom_mid = Pose::Identity();
   Vector6 twist = Vector6::Zero();  ///< per sweep
+  /// The turn of the motion before, rad per sweep, and the share of the change that lies within
+  /// this sweep.
+  Eigen::Vector3d turn_before = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d bend_share = Eigen::Matrix3d::Zero();
 
+  Eigen::Vector3d bend() const { return bend_share * (twist.tail<3>() - turn_before); }
   Pose T_odom_begin() const { return T_odom_mid * exp_se3(-0.5 * twist); }
   Pose T_odom_end() const { return T_odom_mid * exp_se3(0.5 * twist); }
 };
 
-/// The sweep's time in kTimeBins steps: all points of a step share Exp(s v). Half a step is 0.1 ms
+/// The sweep's time in kTimeBins steps: all points of a step share M(s). Half a step is 0.1 ms
 /// of a 0.1 s sweep: 2 mm at 20 m/s.
 inline constexpr int kTimeBins = 512;
 inline double fraction_of_bin(int bin) { return static_cast<double>(bin) / kTimeBins - 0.5; }
@@ -69,10 +76,10 @@ struct MotionPrior {
 /// The information of a begin and a twist whose errors have nothing to do with each other.
 Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma);
 
-/// Exp(s v) of every time bin.
+/// M(s) of every time bin.
 class MotionTable {
  public:
-  explicit MotionTable(const Vector6& twist);
+  explicit MotionTable(const MotionState& state);
   const Pose& operator[](std::size_t bin) const { return motions_[bin]; }
 
  private:

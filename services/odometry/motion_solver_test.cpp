@@ -54,7 +54,13 @@ Vec3<T> moved_point(const Problem& problem, const T* x, const Eigen::Vector3d& p
   Vec3<T> t;
   exponential<T>(Vec3<T>(s * x[6], s * x[7], s * x[8]), Vec3<T>(s * x[9], s * x[10], s * x[11]), R,
                  t);
-  const Vec3<T> q = R * point.cast<T>() + t;
+  const Vec3<T> turn(x[9], x[10], x[11]);
+  const Vec3<T> bend = problem.start.bend_share.cast<T>() *
+                       (turn - problem.start.turn_before.cast<T>()) * (T(0.5) * (s * s - T(0.25)));
+  Mat3<T> bent;
+  Vec3<T> nowhere;
+  exponential<T>(Vec3<T>(T(0), T(0), T(0)), bend, bent, nowhere);
+  const Vec3<T> q = R * (bent * point.cast<T>()) + t;
   exponential<T>(Vec3<T>(x[0], x[1], x[2]), Vec3<T>(x[3], x[4], x[5]), R, t);
   const Vec3<T> local = R * q + t;
   return problem.start.T_odom_mid.linear().cast<T>() * local +
@@ -147,13 +153,16 @@ Problem random_problem(unsigned seed, double rate) {
   twist << random3(0.3), random3(rate);
   Vector6 pose;
   pose << random3(5.0), random3(1.0);
-  const MotionState truth{exp_se3(pose), twist};
+  MotionState truth{exp_se3(pose), twist};
+  truth.turn_before = twist.tail<3>() + random3(0.2);
+  truth.bend_share = Eigen::Matrix3d::Identity() * 0.7 +
+                     0.1 * Eigen::Matrix3d::NullaryExpr([&](auto, auto) { return u(rng); });
+  const MotionTable motions(truth);
   Problem p;
   for (int i = 0; i < 300; ++i) {
     const int bin = static_cast<int>((u(rng) + 1.0) * 0.5 * kTimeBins);
     const Eigen::Vector3d point = random3(10.0);
-    const Eigen::Vector3d w =
-        truth.T_odom_mid * (exp_se3(fraction_of_bin(bin) * truth.twist) * point);
+    const Eigen::Vector3d w = truth.T_odom_mid * (motions[static_cast<std::size_t>(bin)] * point);
     const double error = g(rng) + (i % 20 == 0 ? 0.2 : 0.0);
     const Eigen::Vector3d n = random3(1.0).normalized();
     if (i % 3 != 0) {
@@ -166,7 +175,9 @@ Problem random_problem(unsigned seed, double rate) {
   }
   Vector6 offset;
   offset << random3(0.02), random3(0.01);
-  p.start = {truth.T_odom_mid * exp_se3(offset), truth.twist + 0.5 * offset};
+  p.start = truth;
+  p.start.T_odom_mid = truth.T_odom_mid * exp_se3(offset);
+  p.start.twist = truth.twist + 0.5 * offset;
   p.prior.T_odom_begin = truth.T_odom_begin() * exp_se3(0.1 * offset);
   p.prior.begin_sigma << 0.003, 0.003, 0.003, 0.002, 0.002, 0.002;
   p.prior.twist = truth.twist + 0.3 * offset;
@@ -205,7 +216,7 @@ TEST(MotionSolver, GradientAndCostMatchAutomaticDerivatives) {
   for (unsigned seed = 1; seed <= 6; ++seed) {
     const Problem p = random_problem(seed, 0.3);
     NormalEquations own;
-    add_residuals(p.start, MotionTable(p.start.twist), p.residuals, p.kernel_m, own);
+    add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, own);
     add_prior(p.start, p.prior, own);
     CeresProblem other(p, true);
     double cost = 0.0;
@@ -222,7 +233,7 @@ TEST(MotionSolver, GaussNewtonMatrixMatchesAutomaticDerivatives) {
     Problem p = random_problem(seed, 0.3);
     NormalEquations own;
     // A kernel beyond all residuals: the matrix is J^T J.
-    add_residuals(p.start, MotionTable(p.start.twist), p.residuals, 1e6, own);
+    add_residuals(p.start, MotionTable(p.start), p.residuals, 1e6, own);
     add_prior(p.start, p.prior, own);
     CeresProblem other(p, false);
     ceres::CRSMatrix crs;
@@ -244,7 +255,7 @@ TEST(MotionSolver, ConvergesToTheSameMotionAsCeres) {
     MotionState own = p.start;
     for (int i = 0; i < 200; ++i) {
       NormalEquations equations;
-      add_residuals(own, MotionTable(own.twist), p.residuals, p.kernel_m, equations);
+      add_residuals(own, MotionTable(own), p.residuals, p.kernel_m, equations);
       add_prior(own, p.prior, equations);
       own = moved(own, solve_step(equations));
     }
@@ -284,7 +295,7 @@ TEST(MotionSolver, LeftJacobianMatchesDifferences) {
 TEST(MotionSolver, EndCovarianceMatchesSampling) {
   const Problem p = random_problem(3, 0.3);
   NormalEquations equations;
-  add_residuals(p.start, MotionTable(p.start.twist), p.residuals, p.kernel_m, equations);
+  add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, equations);
   add_prior(p.start, p.prior, equations);
   const Matrix12 covariance = equations.H.inverse();
   const Eigen::LLT<Matrix12> root(covariance);

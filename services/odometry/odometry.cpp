@@ -14,6 +14,8 @@ namespace {
 
 // Longer gaps between sweeps are bridged as if they were this long: the prediction is void anyway.
 constexpr double kMaxGap_s = 2.0;
+// A sweep that begins so much of its time after the last one's end at most goes on with its turn.
+constexpr double kAdjoining = 0.1;
 
 PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
                      PointSpan points) {
@@ -89,8 +91,23 @@ struct Odometry::State {
     p.prior.information = independent(p.prior.begin_sigma, p.prior.twist_sigma);
     if (twist_known && state_covariance) carry_on(gap_s, period_s, strayed, p.prior);
     p.state.twist = p.prior.twist;
+    if (twist_known && state_covariance && gap_s < kAdjoining * period_s) {
+      p.state.turn_before = period_s * twist_per_s.tail<3>();
+      p.state.bend_share = bend_share(period_s);
+    }
     p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
     return p;
+  }
+
+  // How much of the difference between two measured turns is the turn's own change: the rest is
+  // what their covariances say. Where a turn is hardly seen (a flat yard, leaves) a bend made of
+  // noise would deskew the next sweep wrongly, and that its turn.
+  Eigen::Matrix3d bend_share(double period_s) const {
+    const double own = config.bend_sigma_rad * config.bend_sigma_rad;
+    const Eigen::Matrix3d measured =
+        2.0 * period_s * period_s * state_covariance->bottomRightCorner<3, 3>();
+    if (!(own > 0.0) || !measured.allFinite()) return Eigen::Matrix3d::Zero();
+    return own * (measured + own * Eigen::Matrix3d::Identity()).inverse();
   }
 
   // What a known twist may have changed by over a time.
@@ -326,6 +343,7 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   const Solution solution = s.solve_within_bounds(sweep, predicted);
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
+  if (solution.solved) result.bend_rad = solution.state.bend();
   const Matrix12 covariance = end_covariance(solution.state, solution.covariance);
   result.covariance = s.config.covariance_scale * covariance.topLeftCorner<6, 6>();
   result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.degenerate, s.config);
@@ -352,7 +370,10 @@ void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
     return;
   }
   const Vector6 twist_per_s = sweep.deskewed ? Vector6(Vector6::Zero()) : result.twist_per_s;
-  const DeskewTable table(twist_per_s, sweep.period_ns, sweep.period_ns);
+  const Eigen::Vector3d bend_rad =
+      sweep.deskewed ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : result.bend_rad;
+  const DeskewTable table =
+      DeskewTable(twist_per_s, sweep.period_ns, sweep.period_ns).bent(bend_rad);
   const std::vector<MotionLanes> motions = table.lanes(s.T_base_lidar);
   result.edges = moved_by(motions, table, sweep.less_sharp);
   result.planes = moved_by(motions, table, sweep.less_flat);

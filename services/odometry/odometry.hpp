@@ -52,9 +52,12 @@ struct OdometryResult {
   /// the instant of pose and clouds: the sweep's end, ns since the Unix epoch
   std::int64_t instant_ns = 0;
   Pose T_odom_base = Pose::Identity();
-  /// body twist of base_link over the sweep that the deskewing used, m/s and rad/s:
-  /// p(instant) = Exp(twist * (t_point - instant)) p(t_point)
+  /// body twist of base_link from the sweep's begin to its end, m/s and rad/s:
+  /// p(instant) = Exp(twist * (t_point - instant)) p(t_point) but for the bend
   Vector6 twist_per_s = Vector6::Zero();
+  /// what the turn's rate changed by over the sweep, rad per sweep, as the deskewing has it: beside
+  /// the motion of the twist a turn by bend_rad (s^2 - 1/4) / 2, s in [-1/2, 1/2] from the middle
+  Eigen::Vector3d bend_rad = Eigen::Vector3d::Zero();
   /// of the step from prev_sweep's pose, tangent at base_link
   Matrix6 covariance = Matrix6::Zero();
   /// of T_odom_base and twist_per_s together, which the next sweep begins with; none when the sweep

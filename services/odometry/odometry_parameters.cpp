@@ -53,6 +53,9 @@ void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.continuity_share", &c.continuity_share, {0.0, 10.0}, "",
         "and by this share of what the last two twists differ by")
       .live();
+  p.add("odometry.bend_sigma_rad", &c.bend_sigma_rad, {0.0, 1.0}, "rad",
+        "the turn's change counts within the sweep as far as it is measured better than this")
+      .live();
   p.add("odometry.acceleration_sigma_mps2", &c.acceleration_sigma_mps2, {1e-3, 1e3}, "m/s^2",
         "how fast the speed usually changes")
       .live();

@@ -101,6 +101,34 @@ TEST(Odometry, CombinedMotionAndSlowSensor) {
   EXPECT_LT(error_of(slow).position_m, 0.03);
 }
 
+// Root mean square of the rotation's error at the sweeps' ends, rad, while the sensor nods after
+// half a second of rest.
+double nodding_error_rad(double bend_sigma_rad) {
+  OdometryConfig config;
+  config.bend_sigma_rad = bend_sigma_rad;
+  const Motion nodding = [](double time_s) {
+    const double phase = 2.0 * std::numbers::pi * 1.2 * std::max(0.0, time_s - 0.5);
+    Pose at = Pose::Identity();
+    at.linear() = exp_so3({0.0, 0.05 * (1.0 - std::cos(phase)), 0.0});
+    return at;
+  };
+  const Drive d = drive_along({}, {.noise_m = 0.01}, config, nodding, 40);
+  double sum = 0.0;
+  constexpr std::size_t kFrom = 10;
+  for (std::size_t k = kFrom; k < d.results.size(); ++k) {
+    const Pose off = d.truth_end[k].inverse() * d.results[k].T_odom_base;
+    sum += log_so3(off.linear()).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(d.results.size() - kFrom));
+}
+
+TEST(Odometry, ATurnThatChangesWithinASweepIsFollowed) {
+  const double steady_rad = nodding_error_rad(0.0);
+  const double bent_rad = nodding_error_rad(0.01);
+  EXPECT_GT(steady_rad, 0.001) << "a motion that a constant twist follows shows nothing";
+  EXPECT_LT(bent_rad, 0.6 * steady_rad);
+}
+
 TEST(Odometry, MountingDoesNotChangeTheMotionOfTheBase) {
   Vector6 twist;
   twist << 1.0, 0.2, 0.0, 0.0, 0.1, 0.6;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -57,10 +58,13 @@ struct TestSensor {
   Pose T_base_lidar = Pose::Identity();
 };
 
-/// One sweep that begins at T_world_base and moves with the body twist (m/s, rad/s), sorted by
-/// ring and time. All points are flat ones; the tests of the LOAM form thin them out themselves.
-inline PointVector sweep_of(const TestWorld& world, const TestSensor& sensor,
-                            const Pose& T_world_base, const Vector6& twist_per_s, unsigned seed) {
+/// T_world_base at a time, s.
+using Motion = std::function<Pose(double)>;
+
+/// One sweep that begins at begin_s, sorted by ring and time. All points are flat ones; the tests
+/// of the LOAM form thin them out themselves.
+inline PointVector sweep_along(const TestWorld& world, const TestSensor& sensor,
+                               const Motion& motion, double begin_s, unsigned seed) {
   std::mt19937 rng(seed);
   std::normal_distribution<double> noise(0.0, 1.0);
   PointVector points;
@@ -74,7 +78,7 @@ inline PointVector sweep_of(const TestWorld& world, const TestSensor& sensor,
       const Eigen::Vector3d beam(std::cos(elevation) * std::cos(azimuth),
                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
       const double time_s = fraction * sensor.period_ns * 1e-9;
-      const Pose T_world_lidar = T_world_base * exp_se3(twist_per_s * time_s) * sensor.T_base_lidar;
+      const Pose T_world_lidar = motion(begin_s + time_s) * sensor.T_base_lidar;
       const double range = cast(world.room, world.boxes, T_world_lidar.translation(),
                                 T_world_lidar.linear() * beam) +
                            sensor.noise_m * noise(rng);
@@ -86,22 +90,29 @@ inline PointVector sweep_of(const TestWorld& world, const TestSensor& sensor,
   return points;
 }
 
-/// Drives along a constant twist and returns the results; truth_end[k] is the true motion of
-/// base_link from the first sweep's end to sweep k's end.
+/// One that begins at T_world_base and moves with the body twist (m/s, rad/s).
+inline PointVector sweep_of(const TestWorld& world, const TestSensor& sensor,
+                            const Pose& T_world_base, const Vector6& twist_per_s, unsigned seed) {
+  return sweep_along(
+      world, sensor, [&](double time_s) { return T_world_base * exp_se3(twist_per_s * time_s); },
+      0.0, seed);
+}
+
+/// Results along a motion; truth_end[k] is the true motion of base_link from the first sweep's end
+/// to sweep k's end.
 struct Drive {
   std::vector<OdometryResult> results;
   std::vector<Pose> truth_end;
 };
 
-inline Drive drive(const TestWorld& world, const TestSensor& sensor, const OdometryConfig& config,
-                   const Vector6& twist_per_s, int sweeps) {
+inline Drive drive_along(const TestWorld& world, const TestSensor& sensor,
+                         const OdometryConfig& config, const Motion& motion, int sweeps) {
   Drive out;
   Odometry odometry(config, sensor.T_base_lidar);
   const double period_s = sensor.period_ns * 1e-9;
-  const Pose T_world_origin = exp_se3(twist_per_s * period_s);
+  const Pose T_world_origin = motion(period_s);
   for (int k = 0; k < sweeps; ++k) {
-    const Pose begin = exp_se3(twist_per_s * (k * period_s));
-    const PointVector points = sweep_of(world, sensor, begin, twist_per_s, 100U + unsigned(k));
+    const PointVector points = sweep_along(world, sensor, motion, k * period_s, 100U + unsigned(k));
     PointVector flat;
     for (std::size_t i = 0; i < points.size(); i += 7) flat.push_back(points[i]);
     FeatureSweep sweep;
@@ -112,9 +123,16 @@ inline Drive drive(const TestWorld& world, const TestSensor& sensor, const Odome
     sweep.flat = flat;
     sweep.less_flat = points;
     out.results.push_back(odometry.process(sweep));
-    out.truth_end.push_back(T_world_origin.inverse() * begin * exp_se3(twist_per_s * period_s));
+    out.truth_end.push_back(T_world_origin.inverse() * motion((k + 1) * period_s));
   }
   return out;
+}
+
+/// Along a constant twist.
+inline Drive drive(const TestWorld& world, const TestSensor& sensor, const OdometryConfig& config,
+                   const Vector6& twist_per_s, int sweeps) {
+  return drive_along(
+      world, sensor, config, [&](double time_s) { return exp_se3(twist_per_s * time_s); }, sweeps);
 }
 
 }  // namespace zloam::odometry

@@ -2,11 +2,26 @@
 
 namespace zloam {
 
+void bend_motions(const Eigen::Vector3d& bend_rad, std::vector<Pose>& motions) {
+  if (bend_rad.isZero(0.0)) return;
+  const double steps = static_cast<double>(motions.size()) - 1.0;
+  for (std::size_t i = 0; i < motions.size(); ++i) {
+    const double s = static_cast<double>(i) / steps - 0.5;
+    motions[i].linear() *= exp_so3(bent_at(s) * bend_rad);
+  }
+}
+
 DeskewTable::DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns,
                          std::uint32_t instant_ns)
     : step_per_ns_(period_ns == 0 ? 0.0 : static_cast<double>(kSteps) / period_ns),
       motions_(
           exp_se3_along(twist_per_s, -1e-9 * instant_ns, 1e-9 * period_ns / kSteps, kSteps + 1)) {}
+
+DeskewTable DeskewTable::bent(const Eigen::Vector3d& bend_rad) const {
+  DeskewTable out = *this;
+  bend_motions(bend_rad, out.motions_);
+  return out;
+}
 
 DeskewTable DeskewTable::in_place_of(const DeskewTable& before) const {
   DeskewTable out = *this;

@@ -87,6 +87,24 @@ TEST(Deskew, ATableInPlaceOfAnotherTakesItsPointsToTheOwnPlaces) {
   }
 }
 
+// The turn's rate grows evenly from 0.5 to 1.1 rad a sweep, without the table's formula.
+TEST(Deskew, ATurnOfChangingRateBecomesOnePoint) {
+  const std::uint32_t period = 100'000'000;
+  const auto turned = [](double part) {
+    return exp_so3({0.0, 0.0, 0.5 * part + 0.5 * 0.6 * part * part});
+  };
+  Vector6 twist = Vector6::Zero();
+  twist[5] = 10.0 * (0.5 + 0.5 * 0.6);
+  const DeskewTable table = DeskewTable(twist, period, period).bent({0.0, 0.0, 0.6});
+  const Eigen::Vector3d world(12.0, -4.0, 1.5);
+  const Eigen::Vector3d expected = turned(1.0).transpose() * world;
+  for (int i = 0; i <= 16; ++i) {
+    const auto time = static_cast<std::uint32_t>(i * (period / 16));
+    const Eigen::Vector3d seen = turned(i / 16.0).transpose() * world;
+    EXPECT_LT((table.motion_at(time) * seen - expected).norm(), 1e-9) << i;
+  }
+}
+
 TEST(Deskew, StaticPointSeenFromAMovingSensorBecomesOnePoint) {
   Vector6 twist;
   twist << 3.0, 0.5, -0.1, 0.05, -0.1, 1.5;

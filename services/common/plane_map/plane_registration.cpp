@@ -179,7 +179,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
   out.twist_per_s = match.motion.twist / period_s;
   // Turns are measured well enough for a difference of two sweeps to help; translations are not.
-  if (previous_) {
+  if (previous_ && !sweep.deskewed) {
     out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
   }
   out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);

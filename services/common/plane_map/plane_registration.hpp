@@ -40,8 +40,9 @@ struct RegistrationResult {
   Pose T_map_base_mid = Pose::Identity();  // at stamp + period / 2
   Pose T_map_base_end = Pose::Identity();  // at stamp + period
   Vector6 twist_per_s = Vector6::Zero();   // body twist, constant over the sweep
-  /// Change of the turn rate against the sweep before (translation: 0). Registration takes the
-  /// twist as constant over a sweep, which is best in the middle; poses away from it use this.
+  /// Change of the turn rate against the sweep before (translation: 0), of points that come as they
+  /// were seen. Registration takes the twist as constant over a sweep, which is best in the middle;
+  /// poses away from it use this. Points that come deskewed have it taken out: 0.
   Vector6 twist_change_per_s = Vector6::Zero();
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
   Degeneracy degeneracy;

@@ -61,6 +61,7 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, continuity_sigma_m);
   ZLOAM_FIELD("odometry.", c, continuity_sigma_rad);
   ZLOAM_FIELD("odometry.", c, continuity_share);
+  ZLOAM_FIELD("odometry.", c, bend_sigma_rad);
   ZLOAM_FIELD("odometry.", c, acceleration_sigma_mps2);
   ZLOAM_FIELD("odometry.", c, angular_acceleration_sigma_radps2);
   ZLOAM_FIELD("odometry.", c, initial_speed_sigma_mps);
