@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "common/geometry/health.hpp"
+#include "common/geometry/inertial_step.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/saved_voxel.hpp"
@@ -44,6 +45,9 @@ struct MappingInput {
   Vector6 twist_per_s = Vector6::Zero();
   /// of the odometry's motion since the sweep mapped before, tangent at base_link
   Matrix6 step_covariance = Matrix6::Zero();
+  /// what an inertial sensor said of the motion since the sweep before; none where that was not
+  /// mapped
+  std::optional<InertialStep> inertial;
   Pose T_base_lidar = Pose::Identity();
   /// frame base_link at the instant; time_ns is still each point's own
   PointSpan edges;

@@ -39,6 +39,7 @@ plane_map::SweepInput sweep_of(const MappingInput& input) {
   sweep.stamp_ns = input.stamp_ns;
   sweep.period_ns = input.period_ns;
   sweep.deskewed = plane_map::Deskewing{input.twist_per_s, input.instant_ns};
+  sweep.inertial = input.inertial;
   return sweep;
 }
 

@@ -56,6 +56,30 @@ struct OdometryConfig {
   /// rest. On bare ground, which looks the same after any turn, one wrong turn predicts the next.
   double max_turn_radps = 8.0;
 
+  // --- inertial sensor, where one comes with the sweeps --------------------------------------
+  bool use_imu = true;
+  /// White noise of the accelerometer, m/s^2/sqrt(Hz), and of the gyroscope, rad/s/sqrt(Hz): thrice
+  /// and twice that of a MEMS unit of the class that robots carry (Xsens MTi-10), as platforms
+  /// shake.
+  double imu_force_noise = 2e-3;
+  double imu_rate_noise = 1e-3;
+  /// What else a sweep's mean force is off by (time stamps, mounting), and the turn by its size.
+  double imu_force_error_mps2 = 0.02;
+  double imu_scale_error = 0.002;
+  /// Biases, one sigma at the start, and what they and gravity (the odom frame's tilt) wander by in
+  /// a second.
+  double imu_force_bias_mps2 = 0.2;
+  double imu_rate_bias_radps = 0.01;
+  double imu_force_walk = 1e-3;
+  double imu_rate_walk = 1e-4;
+  double imu_gravity_walk = 2e-3;
+  /// Errors of the normals make an empty direction look held: what they may give of it is left to
+  /// the inertial sensor.
+  double imu_normal_error_rad = 0.035;
+  /// Of the platform in its first sweep: when it moves, and when it seems to be at rest.
+  double imu_start_acceleration_mps2 = 0.5;
+  double imu_rest_acceleration_mps2 = 0.02;
+
   // --- matching against recent sweeps -------------------------------------------------------
   /// Sweeps kept in the target.
   int window_sweeps = 20;

@@ -12,7 +12,11 @@ struct Weakest {
   Eigen::Vector3d direction;
   double sigma;
   double information;
+  double next_information;
 };
+
+// Mean squared share of the normals along the next weakest direction, between walls at least.
+constexpr double kWallsLeastShare = 0.05;
 
 // Information about one 3-vector when the other is unknown as well.
 Eigen::Matrix3d schur(const Eigen::Matrix3d& own, const Eigen::Matrix3d& cross,
@@ -32,16 +36,36 @@ Weakest weakest(const Eigen::Matrix3d& information) {
   if (direction[largest] < 0.0) {
     direction = -direction;
   }
-  return {direction, 1.0 / std::sqrt(value), value};
+  return {direction, 1.0 / std::sqrt(value), value, solver.eigenvalues()[1]};
+}
+
+Weakest weakest_translation_of(const Matrix6& pose_information) {
+  return weakest(schur(pose_information.topLeftCorner<3, 3>(),
+                       pose_information.topRightCorner<3, 3>(),
+                       pose_information.bottomRightCorner<3, 3>()));
 }
 
 }  // namespace
 
 Eigen::Vector3d weakest_translation(const Matrix6& pose_information) {
-  return weakest(schur(pose_information.topLeftCorner<3, 3>(),
-                       pose_information.topRightCorner<3, 3>(),
-                       pose_information.bottomRightCorner<3, 3>()))
-      .direction;
+  return weakest_translation_of(pose_information).direction;
+}
+
+void discount_spurious(double normal_error_rad, NormalEquations& data) {
+  const Weakest least = weakest_translation_of(data.H.topLeftCorner<6, 6>());
+  const double all = std::max(1e-12, data.H.topLeftCorner<3, 3>().trace());
+  if (least.next_information < kWallsLeastShare * all) return;
+  const double share = least.information / all;
+  const double error = normal_error_rad * normal_error_rad;
+  const double real = 1.0 - error / std::max(error, share);
+  const Eigen::Matrix3d kept = Eigen::Matrix3d::Identity() - (1.0 - std::sqrt(real)) *
+                                                                 least.direction *
+                                                                 least.direction.transpose();
+  Matrix12 P = Matrix12::Identity();
+  P.block<3, 3>(0, 0) = kept;
+  P.block<3, 3>(6, 6) = kept;
+  data.H = (P * data.H * P).eval();
+  data.g = (P * data.g).eval();
 }
 
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,

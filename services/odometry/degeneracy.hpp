@@ -34,4 +34,11 @@ Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& 
 /// its rotation left free.
 Eigen::Vector3d weakest_translation(const Matrix6& pose_information);
 
+/// Takes off what the points say along the translation that they hold least, as far as it may be
+/// nothing but the errors of normals: walls along a tunnel say nothing of the way through it, but
+/// what their normals are off by adds up. All of it up to a mean squared share of the normals of
+/// normal_error_rad squared, the less of it the larger that is. Only between walls, that is where
+/// the next weakest direction is held well: on open ground its slopes are all there is.
+void discount_spurious(double normal_error_rad, NormalEquations& data);
+
 }  // namespace zloam::odometry

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "odometry/degeneracy.hpp"
+
 namespace zloam::odometry {
 namespace {
 
@@ -183,8 +185,12 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     out.data = {};
     add_residuals(out.state, table, residuals, kernel_m, out.data);
     NormalEquations equations = out.data;
+    if (prior.normal_error_rad > 0.0) discount_spurious(prior.normal_error_rad, equations);
     add_prior(out.state, prior, equations);
-    out.cost = equations.cost + association.cost_of_unmatched(source, residuals, stride, kernel_m);
+    const double unmatched = association.cost_of_unmatched(source, residuals, stride, kernel_m);
+    out.cost = equations.cost + unmatched;
+    out.fit = (out.data.cost + unmatched) / static_cast<double>(std::max<std::size_t>(
+                                                1, source.planes.size() + source.edges.size()));
     const Vector12 step = solve_step(equations);
     out.state = moved(out.state, step);
     out.covariance = equations.H.ldlt().solve(Matrix12::Identity());

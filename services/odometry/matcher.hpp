@@ -33,6 +33,8 @@ struct Solution {
   double residual_m = 0.0;
   /// of prior and residuals, where a point without a match counts as one far off: less is better
   double cost = 0.0;
+  /// the same of the residuals alone, for each point of the source
+  double fit = 0.0;
   /// false: too few matches, state is the prior
   bool solved = false;
 };

@@ -188,15 +188,21 @@ Vector12 solve_step(const NormalEquations& equations) {
 }
 
 MotionState moved(const MotionState& state, const Vector12& step) {
-  return {state.T_odom_mid * exp_se3(step.head<6>()), state.twist + step.tail<6>(),
-          state.turn_before, state.bend_share};
+  MotionState next = state;
+  next.T_odom_mid = state.T_odom_mid * exp_se3(step.head<6>());
+  next.twist += step.tail<6>();
+  return next;
+}
+
+Matrix12 motion_jacobian(const MotionState& state, double s) {
+  Matrix12 jacobian = Matrix12::Identity();
+  jacobian.topLeftCorner<6, 6>() = adjoint(exp_se3(s * state.twist).inverse());
+  jacobian.topRightCorner<6, 6>() = s * LeftJacobian(state.twist).at(-s);
+  return jacobian;
 }
 
 Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance) {
-  const Pose to_end = exp_se3(0.5 * state.twist);
-  Matrix12 jacobian = Matrix12::Identity();
-  jacobian.topLeftCorner<6, 6>() = adjoint(to_end.inverse());
-  jacobian.topRightCorner<6, 6>() = 0.5 * LeftJacobian(state.twist).at(-0.5);
+  const Matrix12 jacobian = motion_jacobian(state, 0.5);
   return jacobian * covariance * jacobian.transpose();
 }
 

@@ -30,8 +30,10 @@ struct MotionState {
   /// this sweep.
   Eigen::Vector3d turn_before = Eigen::Vector3d::Zero();
   Eigen::Matrix3d bend_share = Eigen::Matrix3d::Zero();
+  /// The change within this sweep where it was measured otherwise: b is the sum of both.
+  Eigen::Vector3d known_bend = Eigen::Vector3d::Zero();
 
-  Eigen::Vector3d bend() const { return bend_share * (twist.tail<3>() - turn_before); }
+  Eigen::Vector3d bend() const { return known_bend + bend_share * (twist.tail<3>() - turn_before); }
   Pose T_odom_begin() const { return T_odom_mid * exp_se3(-0.5 * twist); }
   Pose T_odom_end() const { return T_odom_mid * exp_se3(0.5 * twist); }
 };
@@ -71,6 +73,9 @@ struct MotionPrior {
   Vector6 twist_sigma = Vector6::Ones();
   /// How sure they are together, begin (tangent at the begin) before twist: what the solver uses.
   Matrix12 information = Matrix12::Identity();
+  /// Where the motion is known better than from the sweep before: what errors of normals this large
+  /// may pretend to along the direction held least is not taken from the points (degeneracy.hpp).
+  double normal_error_rad = 0.0;
 };
 
 /// The information of a begin and a twist whose errors have nothing to do with each other.
@@ -119,6 +124,8 @@ void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquatio
 Vector12 solve_step(const NormalEquations& equations);
 MotionState moved(const MotionState& state, const Vector12& step);
 
+/// What (pose at the fraction s of the sweep, twist) change by with the unknowns.
+Matrix12 motion_jacobian(const MotionState& state, double s);
 /// Covariance of (T_odom_end, twist) given that of the unknowns, tangent at base_link at the end.
 Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance);
 

@@ -6,6 +6,7 @@
 
 #include "common/geometry/deskew.hpp"
 #include "common/geometry/motion_covariance.hpp"
+#include "odometry/inertial_aid.hpp"
 #include "odometry/matcher.hpp"
 #include "odometry/start.hpp"
 
@@ -45,19 +46,27 @@ struct Prediction {
 }  // namespace
 
 struct Odometry::State {
-  State(const OdometryConfig& c, const Pose& mounting)
-      : config(c), T_base_lidar(mounting), recent(c, 0.02), last(c) {}
+  State(const OdometryConfig& c, const Pose& mounting, const Pose& imu_mounting)
+      : config(c),
+        T_base_lidar(mounting),
+        T_base_imu(imu_mounting),
+        recent(c, 0.02),
+        last(c),
+        inertial(imu_mounting) {}
 
   OdometryConfig config;
   Pose T_base_lidar;
+  Pose T_base_imu;
   WindowMap recent;
   RingTarget last;
+  InertialAid inertial;
 
   bool started = false;
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
   std::int64_t prev_instant_ns = 0;
+  double prev_period_s = 0.1;
   Pose T_odom_base = Pose::Identity();
   Vector6 twist_per_s = Vector6::Zero();
   bool twist_known = false;
@@ -73,10 +82,15 @@ struct Odometry::State {
     return config.target == Target::kRecentSweeps ? recent.empty() : last.empty();
   }
 
+  double gap_before_s(const FeatureSweep& sweep) const {
+    const double period_s = sweep.period_ns * 1e-9;
+    return started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -period_s, kMaxGap_s)
+                   : 0.0;
+  }
+
   Prediction predict(const FeatureSweep& sweep) const {
     const double period_s = sweep.period_ns * 1e-9;
-    const double gap_s =
-        started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -period_s, kMaxGap_s) : 0.0;
+    const double gap_s = gap_before_s(sweep);
     const double blind_s = std::max(0.0, gap_s) + predicted_in_row * period_s;
     const double a = config.acceleration_sigma_mps2;
     const double alpha = config.angular_acceleration_sigma_radps2;
@@ -97,6 +111,25 @@ struct Odometry::State {
     }
     p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
     return p;
+  }
+
+  // The same with what the inertial sensor felt of the sweep.
+  Prediction foresee(const FeatureSweep& sweep) {
+    Prediction p = predict(sweep);
+    if (inertial.felt()) p.prior.normal_error_rad = config.imu_normal_error_rad;
+    const double gap_s = gap_before_s(sweep);
+    const double period_s = sweep.period_ns * 1e-9;
+    if (!twist_known || !state_covariance || std::abs(gap_s) > kAdjoining * period_s) return p;
+    inertial.foresee({twist_per_s, prev_period_s, *state_covariance},
+                     continuity_sigmas(period_s).array().square(), config, p.prior, p.state);
+    return p;
+  }
+
+  // What a begin may differ by from the end before it.
+  Vector6 continuity_sigmas(double period_s) const {
+    return sigmas(config.continuity_sigma_m, config.continuity_sigma_rad) +
+           config.continuity_share * period_s *
+               sigmas(twist_change_per_s.head<3>().norm(), twist_change_per_s.tail<3>().norm());
   }
 
   // How much of the difference between two measured turns is the turn's own change: the rest is
@@ -125,12 +158,8 @@ struct Odometry::State {
     F.topLeftCorner<6, 6>() = adjoint(exp_se3(-gap_s * twist_per_s));
     F.topRightCorner<6, 6>() = gap_s * Matrix6::Identity();
     F.bottomRightCorner<6, 6>() = period_s * Matrix6::Identity();
-    const Vector6 bend =
-        config.continuity_share * period_s *
-        sigmas(twist_change_per_s.head<3>().norm(), twist_change_per_s.tail<3>().norm());
     Vector12 change;
-    change << sigmas(config.continuity_sigma_m, config.continuity_sigma_rad) + bend + strayed,
-        prior.twist_sigma;
+    change << continuity_sigmas(period_s) + strayed, prior.twist_sigma;
     Matrix12 covariance = F * *state_covariance * F.transpose();
     covariance.diagonal() += change.array().square().matrix();
     const Eigen::LDLT<Matrix12> ldlt(covariance);
@@ -139,15 +168,19 @@ struct Odometry::State {
     prior.information = 0.5 * (inverse + inverse.transpose());
   }
 
+  // Points that lie further off than their noise say less than the solver makes of them.
+  static Matrix12 solved_covariance(const Solution& solution, const FeatureSweep& sweep) {
+    const double off = solution.residual_m / std::max(1e-3, sweep.range_noise_m);
+    return std::max(1.0, off * off) * solution.covariance;
+  }
+
   // Where nothing holds the sensor the pose is as sure as the window that was drawn from it, and
   // the end is taken as if it were: what little the data say there drags it back.
   Matrix12 state_covariance_of(const Solution& solution, const Degeneracy& weak,
                                const FeatureSweep& sweep) const {
-    // Points that lie further off than their noise say less than the solver makes of them.
-    const double off = solution.residual_m / std::max(1e-3, sweep.range_noise_m);
     const Vector6 bound = sigmas(config.pose_sigma_m, config.pose_sigma_rad).array().square();
     const Matrix12 middle =
-        with_bounded_pose(std::max(1.0, off * off) * solution.covariance, bound.asDiagonal());
+        with_bounded_pose(solved_covariance(solution, sweep), bound.asDiagonal());
     Matrix12 covariance = end_covariance(solution.state, middle);
     Vector12 direction = Vector12::Zero();
     direction.head<3>() = weak.weak_translation;
@@ -267,6 +300,8 @@ struct Odometry::State {
     return match(sweep, source, predicted.state, predicted.prior);
   }
 
+  /// With what the inertial sensor foretells, unless the points say otherwise.
+  Solution solve_as_foreseen(const FeatureSweep& sweep, Prediction& predicted);
   /// Where there is nothing to match with, or no platform moves as the match says: the prediction.
   Solution solve_within_bounds(const FeatureSweep& sweep, const Prediction& predicted);
   void commit(const OdometryResult& result, std::uint32_t period_ns);
@@ -274,8 +309,8 @@ struct Odometry::State {
   Pose founding_pose = Pose::Identity();
 };
 
-Odometry::Odometry(const OdometryConfig& config, const Pose& T_base_lidar)
-    : state_(std::make_unique<State>(config, T_base_lidar)) {}
+Odometry::Odometry(const OdometryConfig& config, const Pose& T_base_lidar, const Pose& T_base_imu)
+    : state_(std::make_unique<State>(config, T_base_lidar, T_base_imu)) {}
 Odometry::~Odometry() = default;
 Odometry::Odometry(Odometry&&) noexcept = default;
 Odometry& Odometry::operator=(Odometry&&) noexcept = default;
@@ -297,11 +332,13 @@ void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_
   started = true;
   prev_sweep = result.sweep;
   prev_instant_ns = result.instant_ns;
+  prev_period_s = std::max(1e-9, period_ns * 1e-9);
   T_odom_base = result.T_odom_base;
   twist_change_per_s = result.twist_per_s - twist_per_s;
   twist_per_s = result.twist_per_s;
   state_covariance = result.state_covariance;
   degenerate = result.degeneracy.degenerate;
+  inertial.take(result.inertia);
 }
 
 OdometryResult Odometry::process(const FeatureSweep& sweep) {
@@ -330,6 +367,39 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
   return solution;
 }
 
+Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Prediction& predicted) {
+  // A fit is better when it is so by more than chance.
+  constexpr double kBetterFit = 0.9;
+  Solution solution = solve_within_bounds(sweep, predicted);
+  const bool contradicted =
+      solution.solved && inertial.contradicts(solution.state, solution.covariance);
+  if (contradicted && inertial.on_probation()) {
+    inertial.give_way();
+  } else if (contradicted || inertial.misleads(solution.fit)) {
+    const Prediction alone = predict(sweep);
+    const Solution other = solve_within_bounds(sweep, alone);
+    if (contradicted || (other.solved && other.fit < kBetterFit * solution.fit)) {
+      inertial.give_way();
+      predicted = alone;
+      solution = other;
+    }
+  }
+  inertial.note_fit(solution.fit);
+  return solution;
+}
+
+// At rest: the twist is nothing, and the rest follows by what it has in common with it.
+void hold_still(Solution& solution, double period_s) {
+  const Vector6 sigma = period_s * sigmas(kRestSpeed_mps, kRestRate_radps);
+  const Eigen::Matrix<double, 12, 6> of_twist = solution.covariance.rightCols<6>();
+  Matrix6 sum = solution.covariance.bottomRightCorner<6, 6>();
+  sum.diagonal() += sigma.array().square().matrix();
+  const Eigen::Matrix<double, 12, 6> gain = sum.ldlt().solve(of_twist.transpose()).transpose();
+  solution.state = moved(solution.state, -gain * solution.state.twist);
+  const Matrix12 left = solution.covariance - gain * of_twist.transpose();
+  solution.covariance = 0.5 * (left + left.transpose());
+}
+
 OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   State& s = *state_;
   const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
@@ -338,17 +408,32 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   result.prev_sweep = s.started ? s.prev_sweep : sweep.sweep;
   result.instant_ns = sweep.stamp_ns + sweep.period_ns;
 
-  const Prediction predicted = s.predict(sweep);
+  s.inertial.feel(sweep, s.config);
+  Prediction predicted = s.foresee(sweep);
   const bool founding = s.target_empty();
-  const Solution solution = s.solve_within_bounds(sweep, predicted);
+  Solution solution = s.solve_as_foreseen(sweep, predicted);
+  if (solution.solved && s.inertial.rests(solution.state, solution.covariance, s.config)) {
+    hold_still(solution, period_s);
+  }
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
-  if (solution.solved) result.bend_rad = solution.state.bend();
+  if (solution.solved || s.inertial.foreseen()) result.bend_rad = solution.state.bend();
   const Matrix12 covariance = end_covariance(solution.state, solution.covariance);
   result.covariance = s.config.covariance_scale * covariance.topLeftCorner<6, 6>();
   result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.degenerate, s.config);
   if (solution.solved) {
     result.state_covariance = s.state_covariance_of(solution, result.degeneracy, sweep);
+  } else if (s.inertial.foreseen()) {
+    result.state_covariance = with_twist_scaled(covariance, 1.0 / period_s);
+  }
+  result.inertial_step = s.inertial.step();
+  const Matrix12 unknowns = State::solved_covariance(solution, sweep);
+  result.inertia = s.inertial.learned(solution.state, unknowns, result.state_covariance, s.config);
+  if (s.inertial.foreseen() && solution.solved) {
+    // Taken for knowledge of the twist it would leave gravity alone to blame for what follows.
+    result.state_covariance =
+        with_twist_of(*result.state_covariance,
+                      with_twist_scaled(end_covariance(solution.state, unknowns), 1.0 / period_s));
   }
 
   const Pose error = predicted.state.T_odom_end().inverse() * result.T_odom_base;
@@ -357,7 +442,9 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
                         solution.lines,
                         solution.residual_m,
                         error.translation().norm(),
-                        log_so3(error.linear()).norm()};
+                        log_so3(error.linear()).norm(),
+                        s.inertial.foreseen(),
+                        result.inertia ? result.inertia->contradictions : 0};
   result.health = s.judge(sweep, solution, founding, result.degeneracy.degenerate);
   if (founding && result.health != Health::kEmpty) result.degeneracy = {};
   return result;
@@ -396,6 +483,7 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.health = sweep.health;
     result.degeneracy.degenerate = sweep.degenerate;
     result.state_covariance = sweep.state_covariance;
+    result.inertia = sweep.inertia;
     result.edges.assign(sweep.edges.begin(), sweep.edges.end());
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.
@@ -411,7 +499,9 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
 
 void Odometry::configure(const OdometryConfig& config) { state_->config = config; }
 
-void Odometry::reset() { state_ = std::make_unique<State>(state_->config, state_->T_base_lidar); }
+void Odometry::reset() {
+  state_ = std::make_unique<State>(state_->config, state_->T_base_lidar, state_->T_base_imu);
+}
 
 std::size_t Odometry::restore_depth() const {
   return static_cast<std::size_t>(std::max(1, state_->config.window_sweeps)) + 1;

@@ -18,6 +18,7 @@
 #include "common/geometry/se3.hpp"
 #include "odometry/config.hpp"
 #include "odometry/degeneracy.hpp"
+#include "odometry/inertial_filter.hpp"
 
 namespace zloam::odometry {
 
@@ -33,6 +34,8 @@ struct FeatureSweep {
   bool deskewed = false;
   double range_noise_m = 0.02;
   PointSpan sharp, less_sharp, flat, less_flat;
+  /// of an inertial sensor, some readings beyond both ends; empty: there is none
+  ImuSpan imu = {};
 };
 
 struct OdometryDiagnostics {
@@ -44,6 +47,10 @@ struct OdometryDiagnostics {
   /// what the prediction of this sweep's end was off by
   double prediction_error_m = 0.0;
   double prediction_error_rad = 0.0;
+  /// Whether an inertial sensor foretold the motion, and of how many sweeps in a row what was not
+  /// so.
+  bool imu_used = false;
+  std::uint32_t imu_contradictions = 0;
 };
 
 struct OdometryResult {
@@ -63,6 +70,10 @@ struct OdometryResult {
   /// of T_odom_base and twist_per_s together, which the next sweep begins with; none when the sweep
   /// was not matched
   std::optional<Matrix12> state_covariance;
+  /// what the inertial sensor said of the motion since the sweep before; none: nothing
+  std::optional<InertialStep> inertial_step;
+  /// what is known of the inertial sensor after the sweep, which the next one begins with
+  std::optional<InertialState> inertia;
   Degeneracy degeneracy;
   /// less_sharp and less_flat, frame base_link at the instant; time_ns is still each point's own
   PointVector edges;
@@ -83,11 +94,13 @@ struct CommittedSweep {
   bool degenerate = false;
   std::optional<Matrix12> state_covariance;
   PointSpan edges, planes;
+  std::optional<InertialState> inertia = {};
 };
 
 class Odometry {
  public:
-  Odometry(const OdometryConfig& config, const Pose& T_base_lidar);
+  Odometry(const OdometryConfig& config, const Pose& T_base_lidar,
+           const Pose& T_base_imu = Pose::Identity());
   ~Odometry();
   Odometry(Odometry&&) noexcept;
   Odometry& operator=(Odometry&&) noexcept;

@@ -31,4 +31,13 @@ inline Matrix12 with_bounded(const Matrix12& covariance, const Vector12& directi
   return covariance - along * along.transpose() / (direction.dot(along) + sigma * sigma);
 }
 
+/// `bounded` with the covariance of the twist as it was before the pose was bounded: that the pose
+/// is taken to be surer, relative to what was drawn from it, says nothing of the twist. The rest
+/// stays, so the sum is positive as long as full - bounded is.
+inline Matrix12 with_twist_of(const Matrix12& bounded, const Matrix12& full) {
+  Matrix12 out = bounded;
+  out.bottomRightCorner<6, 6>() = full.bottomRightCorner<6, 6>();
+  return out;
+}
+
 }  // namespace zloam

@@ -16,6 +16,9 @@ constexpr double kGateMargin_m = 0.05;
 // Slow mean of the weakest direction's share: longer than the way through a door, in which for half
 // a second hardly anything holds along it.
 constexpr double kShareMemory = 0.95;
+// A sweep that begins so much of the last one's period after its end at most goes on with its
+// motion.
+constexpr double kAdjoining = 0.1;
 
 double squared(double x) { return x * x; }
 
@@ -36,6 +39,16 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
     return Matrix6::Zero();
   }
   return ldlt.solve(Matrix6::Identity());
+}
+
+// Of a platform that is known to rest: the twist is nothing.
+Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& motion) {
+  motion.twist.setZero();
+  Matrix12 out = covariance;
+  out.topRightCorner<6, 6>().setZero();
+  out.bottomLeftCorner<6, 6>().setZero();
+  out.bottomRightCorner<6, 6>() = diagonal(kRestSpeed_mps * period_s, kRestRate_radps * period_s);
+  return out;
 }
 
 std::size_t points_in(const SweepInput& sweep) {
@@ -86,12 +99,51 @@ Matrix12 PlaneRegistration::carried_on(double steps, double rate) const {
   F.bottomRightCorner<6, 6>() = rate * Matrix6::Identity();
   const Matrix6 change = steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad);
   const Matrix6 cross = 0.5 * rate * steps * change;
-  const Vector6 bend = config_.continuity_share * previous_->twist_change;
-  const Matrix6 continuity = diagonal(config_.continuity_sigma_m + bend.head<3>().norm(),
-                                      config_.continuity_sigma_rad + bend.tail<3>().norm());
   Matrix12 grown;
-  grown << squared(steps) * (0.25 * change + continuity), cross, cross, squared(rate) * change;
+  grown << squared(steps) * (0.25 * change + continuity()), cross, cross, squared(rate) * change;
   return F * before * F.transpose() + grown;
+}
+
+// What the poses of two middles may differ by from the mean of both motions.
+Matrix6 PlaneRegistration::continuity() const {
+  const Vector6 bend = config_.continuity_share * previous_->twist_change;
+  return diagonal(config_.continuity_sigma_m + bend.head<3>().norm(),
+                  config_.continuity_sigma_rad + bend.tail<3>().norm());
+}
+
+bool PlaneRegistration::adjoins(const SweepInput& sweep) const {
+  const auto between_ns = static_cast<double>(sweep.stamp_ns - previous_->stamp_ns);
+  return std::abs(between_ns - previous_->period_ns) < kAdjoining * previous_->period_ns;
+}
+
+// As an inertial sensor felt it: from the end of the sweep before, with its velocity and what that
+// changed by, and the turn as measured.
+void PlaneRegistration::foresee(const SweepInput& sweep, MotionPrior& prior) const {
+  const InertialStep& step = *sweep.inertial;
+  const double last_s = seconds(previous_->period_ns);
+  const double now_s = seconds(sweep.period_ns);
+  const Vector6& before = previous_->motion.twist;
+  prior.predicted.twist = twist_after(step, before, last_s, now_s);
+  prior.predicted.T_mid = previous_->motion.at(0.5) * exp_se3(0.5 * prior.predicted.twist);
+
+  const Matrix6 by_twist = twist_after_jacobian(step, before, last_s, now_s);
+  Matrix12 F = Matrix12::Zero();
+  F.topLeftCorner<6, 6>() = adjoint(exp_se3(-0.5 * prior.predicted.twist) * exp_se3(-0.5 * before));
+  F.topRightCorner<6, 6>() = 0.5 * (Matrix6::Identity() + by_twist);
+  F.bottomRightCorner<6, 6>() = by_twist;
+  Vector6 units = Vector6::Ones();
+  units.head<3>().setConstant(now_s);
+  const Matrix6 change = units.asDiagonal() * step.covariance * units.asDiagonal();
+  Matrix12 grown;
+  grown << 0.25 * change + continuity(), 0.5 * change, 0.5 * change, change;
+  const Matrix12 known =
+      with_twist_of(with_bounded_pose(previous_->covariance,
+                                      diagonal(config_.pose_sigma_m, config_.pose_sigma_rad)),
+                    previous_->covariance);
+  Matrix12 covariance = F * known * F.transpose() + grown;
+  if (step.at_rest) covariance = held_still(covariance, now_s, prior.predicted);
+  prior.usual_information = prior.information;
+  prior.information = covariance.ldlt().solve(Matrix12::Identity());
 }
 
 MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
@@ -108,6 +160,7 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
     prior.predicted.twist = previous_->motion.twist * (now_s / last_s);
     const double rate = now_s / last_s;
     prior.information = carried_on(steps, rate).ldlt().solve(Matrix12::Identity());
+    if (sweep.inertial && adjoins(sweep)) foresee(sweep, prior);
   }
   if (weak_) {
     prior.weak_axis_grid = prior.predicted.T_mid.linear() * weak_axis_base_;

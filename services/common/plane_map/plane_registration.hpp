@@ -104,6 +104,9 @@ class PlaneRegistration {
 
   Vector6 previous_twist_per_s() const;
   Matrix12 carried_on(double steps, double rate) const;
+  bool adjoins(const SweepInput& sweep) const;
+  void foresee(const SweepInput& sweep, MotionPrior& prior) const;
+  Matrix6 continuity() const;
   MotionPrior make_prior(const SweepInput& sweep,
                          const std::optional<MotionPrediction>& prediction) const;
   void add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,

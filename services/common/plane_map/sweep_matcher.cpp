@@ -42,8 +42,9 @@ double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axi
   return std::sqrt(std::max(0.0, axis.dot(covariance * axis)));
 }
 
-// What the priors alone know of a motion near their start.
-Matrix12 predicted_covariance(const MotionPrior& prior) {
+// What the priors alone usually know of a motion near their start.
+Matrix12 predicted_covariance(MotionPrior prior) {
+  if (prior.usual_information) prior.information = *prior.usual_information;
   Matrix12 h = 1e-9 * Matrix12::Identity();
   Vector12 g = Vector12::Zero();
   add_priors(prior, prior.start, h, g);
@@ -73,8 +74,12 @@ SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlane
   Step out;
   out.sums = accumulate(map, sweep, matched, motion, gate, weak);
   const double scale = information_scale(map);
-  out.h = scale * (out.sums.planes.hessian() + out.sums.blobs.hessian());
-  Vector12 g = scale * (out.sums.planes.gradient() + out.sums.blobs.gradient());
+  out.h = out.sums.planes.hessian();
+  Vector12 g = out.sums.planes.gradient();
+  // An inertial sensor knows better what is left open then.
+  if (prior.usual_information) discount_spurious(out.sums.planes, out.h, g);
+  out.h = (scale * (out.h + out.sums.blobs.hessian())).eval();
+  g = (scale * (g + out.sums.blobs.gradient())).eval();
   add_priors(prior, motion, out.h, g);
   out.step = -out.h.ldlt().solve(g);
   return out;
@@ -131,15 +136,32 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   return result;
 }
 
+double SweepMatcher::spurious(const NormalSums& sums) const {
+  return std::max(sums.normal_variance,
+                  sums.weight * config_.normal_error_rad * config_.normal_error_rad);
+}
+
+void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix12& h, Vector12& g) const {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> held(schur(sums.a0, 0, 3));
+  if (held.eigenvalues()[1] < config_.walls_least_share * sums.weight) return;
+  const double least = std::max(held.eigenvalues()[0], 1e-12);
+  const double real = std::max(0.0, 1.0 - spurious(sums) / least);
+  const Eigen::Vector3d axis = held.eigenvectors().col(0);
+  Matrix12 kept = Matrix12::Identity();
+  kept.block<3, 3>(0, 0) -= (1.0 - std::sqrt(real)) * axis * axis.transpose();
+  kept.block<3, 3>(6, 6) = kept.block<3, 3>(0, 0);
+  h = (kept * h * kept).eval();
+  g = (kept * g).eval();
+}
+
 Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted,
                                double scale) const {
   Degeneracy out;
   const double weight = std::max(sums.weight, 1e-12);
 
-  const double spurious =
-      std::max(sums.normal_variance, weight * config_.normal_error_rad * config_.normal_error_rad);
+  const double errors = spurious(sums);
   const auto sigma = [&](double eigenvalue) {
-    return 1.0 / std::sqrt(std::max(scale * (eigenvalue - spurious), 1e-6));
+    return 1.0 / std::sqrt(std::max(scale * (eigenvalue - errors), 1e-6));
   };
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> translation(schur(sums.a0, 0, 3));
   out.axis = translation.eigenvectors().col(0);

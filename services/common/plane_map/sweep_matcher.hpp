@@ -22,6 +22,9 @@ struct MotionPrior {
   /// (Log(T_mid_predicted^-1 T_mid), twist - twist_predicted).
   SweepMotion predicted;
   Matrix12 information = Matrix12::Zero();
+  /// What it would be without an inertial sensor, where there is one: a direction is weak when it
+  /// is measured worse than this, and not because the sensor knows it better still.
+  std::optional<Matrix12> usual_information;
 
   /// The same from another estimator (odometry).
   SweepMotion advised;
@@ -92,6 +95,10 @@ class SweepMatcher {
                         const Gate& gate) const;
   /// Of one squared residual.
   double information_scale(const VoxelPlaneMap& map) const;
+  /// Of the squared normals along one direction that may be nothing but their errors.
+  double spurious(const NormalSums& sums) const;
+  /// Takes off what those say along the translation that is held least, between walls.
+  void discount_spurious(const NormalSums& sums, Matrix12& h, Vector12& g) const;
   Degeneracy judge(const NormalSums& sums, const Matrix12& predicted, double scale) const;
 
   MatcherConfig config_;

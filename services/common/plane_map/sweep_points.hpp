@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/geometry/inertial_step.hpp"
 #include "common/geometry/lanes.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
@@ -28,6 +29,8 @@ struct SweepInput {
   std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100'000'000;
   std::optional<Deskewing> deskewed;
+  /// What an inertial sensor says of the motion since the sweep before, which must adjoin this one.
+  std::optional<InertialStep> inertial;
 };
 
 /// The sweep is cut into slots of equal time; points move by the motion at the nearest of the

@@ -1,6 +1,6 @@
 // zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
 // yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
-// [--elevation-offset DEG] [--range-offset M]
+// [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
 //
 // Registration, odometry and, when it is built in, mapping over a capture or a folder of scans
 // (scan_reader.hpp), in one process and without any messages. Writes odom.tum and est.tum (poses of
@@ -46,6 +46,8 @@ struct Options {
   std::size_t first = 0;
   std::size_t count = SIZE_MAX;
   Pose T_base_lidar = Pose::Identity();
+  Pose T_base_imu = Pose::Identity();
+  std::vector<ImuReading> imu;
   bool with_mapping = true;
   // of every so many sweeps the last ones do not reach mapping, as when it is away
   std::uint64_t gap_every = 0, gap_sweeps = 0;
@@ -73,6 +75,25 @@ bool parse_reading(const std::string& name, const Value& value, ReadOptions& rea
   return true;
 }
 
+// The simulator's file: t_ns, wx, wy, wz, ax, ay, az, and what else there is.
+std::vector<ImuReading> read_imu(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw std::runtime_error(path + ": cannot be read");
+  std::vector<ImuReading> readings;
+  std::string line;
+  std::getline(file, line);
+  while (std::getline(file, line)) {
+    std::int64_t t_ns = 0;
+    double w[3], a[3];
+    if (std::sscanf(line.c_str(), "%ld,%lf,%lf,%lf,%lf,%lf,%lf", &t_ns, &w[0], &w[1], &w[2], &a[0],
+                    &a[1], &a[2]) != 7) {
+      throw std::runtime_error(path + ": not a reading: " + line);
+    }
+    readings.push_back({t_ns, {a[0], a[1], a[2]}, {w[0], w[1], w[2]}});
+  }
+  return readings;
+}
+
 Options parse_options(const std::vector<std::string>& args) {
   Options o;
   std::vector<std::string> positional;
@@ -94,12 +115,15 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--list") {
       std::fputs(listing(o.settings).c_str(), stdout);
       std::exit(0);
-    } else if (args[i] == "--mount") {
+    } else if (args[i] == "--mount" || args[i] == "--imu-mount") {
       double v[6];
       for (double& x : v) {
         x = std::stod(value());
       }
-      o.T_base_lidar = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
+      Pose& mounting = args[i - 6] == "--mount" ? o.T_base_lidar : o.T_base_imu;
+      mounting = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
+    } else if (args[i] == "--imu") {
+      o.imu = read_imu(value());
     } else if (!parse_reading(args[i], value, o.reading)) {
       positional.push_back(args[i]);
     }
@@ -135,7 +159,7 @@ class Run {
  public:
   explicit Run(const Options& options)
       : o_(options),
-        odometry_(options.settings.odometry, options.T_base_lidar)
+        odometry_(options.settings.odometry, options.T_base_lidar, options.T_base_imu)
 #ifdef ZLOAM_WITH_MAPPING
         ,
         mapper_(options.settings.mapping),
@@ -150,7 +174,7 @@ class Run {
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
             "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
-            "odom_axis_z,map_iterations\n";
+            "odom_axis_z,map_iterations,imu_used,imu_contradictions\n";
     fused_file_.open(o_.out + "/fused.tum");
     covariance_file_.open(o_.out + "/covariance.csv");
     fused_csv_.open(o_.out + "/fused.csv");
@@ -174,6 +198,7 @@ class Run {
     input.less_sharp = features.less_sharp;
     input.flat = features.flat;
     input.less_flat = features.less_flat;
+    input.imu = readings_over(scan);
     const auto odom = odometry_.process(input);
     const double t2 = cpu_ms();
     write_tum(odom_file_, odom.instant_ns, odom.T_odom_base);
@@ -200,6 +225,17 @@ class Run {
   }
 
  private:
+  // With some before and after, as in the driver's messages.
+  ImuSpan readings_over(const Scan& scan) const {
+    constexpr std::int64_t kMargin_ns = 10'000'000;
+    const auto before = [](const ImuReading& r, std::int64_t t) { return r.stamp_ns < t; };
+    const auto& all = o_.imu;
+    const auto from = std::lower_bound(all.begin(), all.end(), scan.stamp_ns - kMargin_ns, before);
+    const auto to =
+        std::lower_bound(from, all.end(), scan.stamp_ns + scan.period_ns + kMargin_ns, before);
+    return {from, to};
+  }
+
   std::size_t map_points() const {
 #ifdef ZLOAM_WITH_MAPPING
     return mapper_.point_count();
@@ -222,7 +258,7 @@ class Run {
            const odometry::OdometryResult& odom) {
 #ifdef ZLOAM_WITH_MAPPING
     if (o_.gap_every > 0 && odom.sweep % o_.gap_every >= o_.gap_every - o_.gap_sweeps) {
-      csv_ << ",,,,,,,,,,,,,,\n";
+      csv_ << ",,,,,,,,,,,,,,,,\n";
       return;
     }
     if (o_.with_mapping) {
@@ -234,6 +270,7 @@ class Run {
       m.T_odom_base = odom.T_odom_base;
       m.twist_per_s = odom.twist_per_s;
       m.step_covariance = odom.covariance;
+      m.inertial = odom.inertial_step;
       m.T_base_lidar = o_.T_base_lidar;
       m.edges = odom.edges;
       m.planes = odom.planes;
@@ -251,7 +288,7 @@ class Run {
     (void)input;
 #endif
     write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
-    csv_ << ",,,,,,,,,,,,,,\n";
+    csv_ << ",,,,,,,,,,,,,,,,\n";
   }
 
 #ifdef ZLOAM_WITH_MAPPING
@@ -268,7 +305,8 @@ class Run {
          << d.weak_translation.x() << ',' << d.weak_translation.y() << ',' << d.weak_translation.z()
          << ',' << r.inserted;
     for (int i = 0; i < 3; ++i) csv_ << ',' << odom.degeneracy.weak_translation[i];
-    csv_ << ',' << r.iterations << '\n';
+    csv_ << ',' << r.iterations << ',' << odom.diagnostics.imu_used << ','
+         << odom.diagnostics.imu_contradictions << '\n';
     write_covariance(covariance_file_, r.sweep, r.covariance);
   }
 

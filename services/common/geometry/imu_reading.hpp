@@ -1,0 +1,21 @@
+#pragma once
+// Readings of an inertial sensor.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+
+namespace zloam {
+
+/// One reading, in the sensor's axes: specific force (m/s^2, +g on z at rest) and rate of turn
+/// (rad/s), after REP 145.
+struct ImuReading {
+  /// ns since the Unix epoch
+  std::int64_t stamp_ns = 0;
+  Eigen::Vector3d force_mps2 = Eigen::Vector3d::Zero();
+  Eigen::Vector3d rate_radps = Eigen::Vector3d::Zero();
+};
+
+using ImuSpan = std::span<const ImuReading>;
+
+}  // namespace zloam
