@@ -38,9 +38,11 @@ unit-tests: deps $(BUILD)/build.ninja # only the tests' programs
 	@$(STEP) "build unit tests, $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target unit_tests
 
 # PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
+# IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor.
 DEMO_ARGS = $(if $(PCAP),--pcap "$(PCAP)") $(if $(BIN),--bin "$(BIN)") $(if $(KITTI),--kitti "$(KITTI)") \
-  $(if $(SCANS),--scans "$(SCANS)") $(if $(TRUTH),--truth $(TRUTH)) $(if $(CONFIG),--config "$(CONFIG)") \
+  $(if $(SCANS),--scans "$(SCANS)") $(if $(IMU),--imu "$(IMU)") \
+  $(if $(TRUTH),--truth $(TRUTH)) $(if $(CONFIG),--config "$(CONFIG)") \
   $(if $(RATE),--rate $(RATE)) $(if $(OUT),--out "$(OUT)") $(foreach s,$(SET),--set "$(s)") \
   $(foreach s,$(SET_AT),--set-at "$(s)")
 

@@ -185,6 +185,32 @@ void bind_scans(runtime::Parameters& p, DriverConfig& c) {
         "where such a turn begins, counter-clockwise from the front");
 }
 
+void bind_imu(runtime::Parameters& p, DriverConfig& c) {
+  p.add("driver.imu", &c.imu,
+        {{"none", ImuChoice::kNone}, {"file", ImuChoice::kFile}, {"zenoh", ImuChoice::kZenoh}},
+        "inertial readings that go with the sweeps: of driver.imu_path (replay), or what comes on "
+        "imu/<sensor> (live)");
+  p.add("driver.imu_path", &c.imu_path,
+        "recorded readings: t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2, a line of "
+        "names first",
+        Effect::kNone);
+  p.add("driver.imu_delay_ms", &c.imu_delay_ms, {-1000.0, 1000.0}, "ms",
+        "by how much the readings' stamps are later than the lidar's; taken off");
+  p.check("driver.imu", [&c]() -> std::string {
+    if (c.imu == ImuChoice::kFile && is_live(c.source)) {
+      return "is file, but driver.source is live";
+    }
+    if (c.imu == ImuChoice::kZenoh && !is_live(c.source)) {
+      return "is zenoh, but driver.source is a file or folder: say file, and driver.imu_path";
+    }
+    return "";
+  });
+  p.check("driver.imu_path", [&c]() -> std::string {
+    return c.imu == ImuChoice::kFile && c.imu_path.empty() ? "is empty, but driver.imu is file"
+                                                           : "";
+  });
+}
+
 }  // namespace
 
 bool is_live(SourceKind source) {
@@ -202,6 +228,7 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
   bind_decoding(p, c);
   bind_limits(p, c);
   bind_scans(p, c);
+  bind_imu(p, c);
   p.check("driver.rate", [&c] { return rate_error(c.rate); });
   p.check("driver.path", [&c]() -> std::string {
     return !is_live(c.source) && c.path.empty() ? "is empty, but driver.source is a file or folder"

@@ -13,6 +13,7 @@
 namespace zloam::driver {
 
 enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kZenoh };
+enum class ImuChoice : std::uint8_t { kNone, kFile, kZenoh };
 enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
 enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c, kVls128 };
 enum class ReturnChoice : std::uint8_t { kAuto, kStrongest, kLast, kDual };
@@ -42,6 +43,11 @@ struct DriverConfig {
   ClockChoice clock = ClockChoice::kAuto;
   double stamp_offset_us = 0.0;
   ScanTiming scan;
+  ImuChoice imu = ImuChoice::kNone;
+  /// of recorded readings
+  std::string imu_path;
+  /// by how much the readings' stamps are late
+  double imu_delay_ms = 0.0;
   /// live: seconds without a packet until it is said
   double quiet_s = 3.0;
 };

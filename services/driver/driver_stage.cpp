@@ -19,6 +19,8 @@ using runtime::Turn;
 constexpr int kSocketWaitMs = 5;
 constexpr std::int64_t kFlushAfterNs = 300'000'000;
 constexpr int kProgressSeconds = 5;
+// A live sweep waits so long for inertial readings that are under way.
+constexpr std::int64_t kImuWaitNs = 20'000'000;
 
 msg::ReturnMode to_message(ReturnMode mode) { return static_cast<msg::ReturnMode>(mode); }
 msg::ClockSource to_message(ClockSource source) { return static_cast<msg::ClockSource>(source); }
@@ -75,6 +77,7 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
       window_(stage.flow_window(sweeps_)),
       rate_(rate_factor(config.rate)) {
   try {
+    imu_.emplace(stage_, config_);
     if (config_.source == SourceKind::kUdp) {
       open_udp_source();
     } else if (config_.source == SourceKind::kZenoh) {
@@ -133,6 +136,8 @@ void DriverStage::open_finite() {
     throw SourceError(config_.path + ": gives no sweep; seen: " + counted(counts()));
   }
   first_stamp_ns_ = current_->sweep.stamp_ns;
+  imu_->check_time_of(first_stamp_ns_);
+  if (imu_->on()) files.push_back(config_.imu_path);
   window_.start_replay(hash_of_files(files));
 }
 
@@ -198,30 +203,50 @@ bool DriverStage::due() {
   return false;
 }
 
-Turn DriverStage::turn_live() {
+bool DriverStage::pull_live(Outgoing& outgoing) {
   const bool recording = packets_.matching();
+  if (source_) {
+    source_->record(recording);
+    const bool came = source_->pull(outgoing.sweep) == Pull::kSweep;
+    if (came) outgoing.packets = source_->take_packets();
+    return came;
+  }
+  stream_->record(recording);
+  return stream_->take(outgoing.sweep);
+}
+
+bool DriverStage::publish_waiting() {
+  if (!waiting_) return false;
+  const DecodedSweep& sweep = waiting_->sweep;
+  const bool late = stage_.now_ns() - waiting_since_ns_ > kImuWaitNs;
+  if (!late && imu_->lacks(sweep.stamp_ns + sweep.period_ns)) return false;
+  publish(*waiting_, false);
+  ++number_;
+  waiting_.reset();
+  return true;
+}
+
+Turn DriverStage::turn_live() {
   Outgoing outgoing;
   bool came = false;
   try {
-    if (source_) {
-      source_->record(recording);
-      came = source_->pull(outgoing.sweep) == Pull::kSweep;
-    } else {
-      stream_->record(recording);
-      came = stream_->take(outgoing.sweep);
-    }
+    came = pull_live(outgoing);
   } catch (const SourceError& error) {
     stage_.fail(error.what());
     return Turn::kWait;
   }
   if (came) {
-    if (source_) outgoing.packets = source_->take_packets();
-    publish(outgoing, false);
-    ++number_;
+    // One that still waits is late enough by now.
+    if (waiting_) waiting_since_ns_ = 0;
+    publish_waiting();
+    waiting_ = std::move(outgoing);
+    waiting_since_ns_ = stage_.now_ns();
   }
+  publish_waiting();
   publish_positions();
   watch_quiet(came);
-  return came || source_ ? Turn::kAgain : Turn::kWait;
+  if (waiting_ && !source_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return came || source_ || waiting_ ? Turn::kAgain : Turn::kWait;
 }
 
 void DriverStage::on_packets(const runtime::Received<msg::Packets>& packets) {
@@ -251,7 +276,10 @@ void DriverStage::publish(const Outgoing& outgoing, bool last) {
     stage_.latency("last_packet_to_publish",
                    1e-6 * static_cast<double>(now_ns - sweep.last_packet_ns));
   }
-  sweeps_.publish(header, build(header, fields_of(sweep)));
+  SweepFields fields = fields_of(sweep);
+  fields.imu = imu_->over(sweep.stamp_ns, sweep.stamp_ns + sweep.period_ns);
+  fields.imu_incomplete = imu_->incomplete();
+  sweeps_.publish(header, build(header, fields));
   if (!outgoing.packets.empty()) publish_packets(outgoing);
 }
 
@@ -367,6 +395,7 @@ void DriverStage::say_counts() {
   for (const auto& [name, count] : counts()) {
     stage_.figure(std::string(name), static_cast<double>(count));
   }
+  imu_->note_figures();
 }
 
 void DriverStage::every_second() {

@@ -9,6 +9,7 @@
 
 #include "common/runtime/stage.hpp"
 #include "driver/driver_parameters.hpp"
+#include "driver/io/imu_feed.hpp"
 #include "driver/io/sweep_source.hpp"
 
 namespace zloam::driver {
@@ -30,6 +31,10 @@ class DriverStage {
   void open_zenoh();
 
   runtime::Turn turn_live();
+  /// The next sweep of a live source, if there is one.
+  bool pull_live(Outgoing& outgoing);
+  /// Live: sweeps leave when their inertial readings are there, or after a bounded wait.
+  bool publish_waiting();
   runtime::Turn turn_replay();
   runtime::Turn finish_replay();
   /// One sweep ahead, so that the last is known when it is published.
@@ -54,11 +59,15 @@ class DriverStage {
   runtime::Outlet& gnss_;
   runtime::FlowWindow& window_;
 
+  std::optional<ImuFeed> imu_;
   std::unique_ptr<SweepSource> source_;
   /// source zenoh: packets come by the inlet instead
   std::unique_ptr<PacketStream> stream_;
   std::optional<Outgoing> current_;
   std::optional<Outgoing> next_;
+  /// live: waits for its inertial readings
+  std::optional<Outgoing> waiting_;
+  std::int64_t waiting_since_ns_ = 0;
   bool source_ended_ = false;
   bool last_published_ = false;
   std::uint64_t number_ = 0;

@@ -117,6 +117,7 @@ MappingInput MappingStage::input_of(const Sweep& sweep) {
   input.health = health_of(sweep->health());
   input.degenerate = sweep->degenerate();
   input.range_noise_m = static_cast<double>(sweep->range_noise_m());
+  if (mapped_ > 0 && sweep->prev_sweep() == prev_mapped_) input.inertial = inertial_step_of(*sweep);
   return input;
 }
 

@@ -73,6 +73,39 @@ void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
       .live();
 }
 
+void bind_imu_trust(runtime::Parameters& p, OdometryConfig& c) {
+  p.add("odometry.use_imu", &c.use_imu,
+        "inertial readings that come with the sweeps foretell the motion");
+  p.add("odometry.imu_force_noise", &c.imu_force_noise, {1e-6, 10.0}, "m/s^2/sqrt(Hz)",
+        "white noise of the accelerometer");
+  p.add("odometry.imu_rate_noise", &c.imu_rate_noise, {1e-7, 1.0}, "rad/s/sqrt(Hz)",
+        "white noise of the gyroscope");
+  p.add("odometry.imu_force_error_mps2", &c.imu_force_error_mps2, {0.0, 10.0}, "m/s^2",
+        "what else a sweep's mean force is off by");
+  p.add("odometry.imu_scale_error", &c.imu_scale_error, {0.0, 1.0}, "",
+        "what a turn is off by, as a share of it");
+  p.add("odometry.imu_force_bias_mps2", &c.imu_force_bias_mps2, {0.0, 10.0}, "m/s^2",
+        "bias of the accelerometer at the start");
+  p.add("odometry.imu_rate_bias_radps", &c.imu_rate_bias_radps, {0.0, 1.0}, "rad/s",
+        "bias of the gyroscope at the start; below three times this the platform may be at rest");
+}
+
+void bind_imu_drift(runtime::Parameters& p, OdometryConfig& c) {
+  p.add("odometry.imu_force_walk", &c.imu_force_walk, {0.0, 10.0}, "m/s^2/sqrt(s)",
+        "what the accelerometer's bias wanders by");
+  p.add("odometry.imu_rate_walk", &c.imu_rate_walk, {0.0, 1.0}, "rad/s/sqrt(s)",
+        "what the gyroscope's bias wanders by");
+  p.add("odometry.imu_gravity_walk", &c.imu_gravity_walk, {0.0, 10.0}, "m/s^2/sqrt(s)",
+        "what gravity wanders by in the odom frame, as that tilts");
+  p.add("odometry.imu_normal_error_rad", &c.imu_normal_error_rad, {0.0, 1.0}, "rad",
+        "error of normals: what it may pretend to along the direction held least is left to the "
+        "inertial sensor");
+  p.add("odometry.imu_start_acceleration_mps2", &c.imu_start_acceleration_mps2, {1e-6, 100.0},
+        "m/s^2", "of the platform in its first sweep when it moves");
+  p.add("odometry.imu_rest_acceleration_mps2", &c.imu_rest_acceleration_mps2, {1e-6, 100.0},
+        "m/s^2", "the same when it seems to be at rest");
+}
+
 void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.window_sweeps", &c.window_sweeps, {1, 1000}, "sweeps",
         "kept in the target (recent_sweeps)");
@@ -121,6 +154,8 @@ void bind_result(runtime::Parameters& p, OdometryConfig& c) {
 void bind(runtime::Parameters& p, OdometryConfig& c) {
   bind_solver(p, c);
   bind_prior(p, c);
+  bind_imu_trust(p, c);
+  bind_imu_drift(p, c);
   bind_targets(p, c);
   bind_result(p, c);
 }

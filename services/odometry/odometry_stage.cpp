@@ -19,6 +19,9 @@ constexpr std::string_view kInputStage = "registration";
 // What the source said about the sweep stands when odometry itself has nothing to say.
 Health health_with(Health own, Health source) { return own == Health::kOk ? source : own; }
 
+// Times that an inertial sensor was wrong until it is said.
+constexpr std::uint32_t kSuspicious = 3;
+
 void append(std::vector<MapPoint>& out, PointSpan points) {
   for (const Point& p : points) out.push_back({p.x, p.y, p.z, p.intensity});
 }
@@ -28,7 +31,8 @@ void append(std::vector<MapPoint>& out, PointSpan points) {
 OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config)
     : stage_(stage),
       config_(config),
-      odometry_(config, stage.shared().mounting.T_base_lidar()),
+      odometry_(config, stage.shared().mounting.T_base_lidar(),
+                stage.shared().mounting.T_base_imu()),
       T_base_lidar_(stage.shared().mounting.T_base_lidar()),
       pose_(stage.outlet(Key::kOdometry)),
       features_(stage.outlet(Key::kOdometryFeatures)),
@@ -90,6 +94,8 @@ FeatureSweep OdometryStage::input_of(const Features& features) {
   input.less_sharp = points_of(features->less_sharp());
   input.flat = points_of(features->flat());
   input.less_flat = points_of(features->less_flat());
+  readings_ = imu_of(features->imu());
+  input.imu = readings_;
   return input;
 }
 
@@ -153,6 +159,10 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   fields.degenerate = result.degeneracy.degenerate;
   fields.range_noise_m = features->range_noise_m();
   fields.state_covariance = result.state_covariance;
+  fields.inertial = result.inertial_step;
+  std::vector<double> inertial_state;
+  if (result.inertia) inertial_state = packed(*result.inertia);
+  fields.inertial_state = inertial_state;
   HeaderFields header = features_.header(features);
   header.frame = "base_link";
   header.odom_epoch = odom_epoch_;
@@ -193,6 +203,21 @@ void OdometryStage::note_figures(const OdometryResult& result) {
   stage_.figure("residual_m", result.diagnostics.residual_m);
   stage_.figure("prediction_error_m", result.diagnostics.prediction_error_m);
   stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);
+  if (!readings_.empty()) note_imu(result);
+}
+
+void OdometryStage::note_imu(const OdometryResult& result) {
+  stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
+  if (!result.inertia) return;
+  const InertialState& known = *result.inertia;
+  stage_.figure("imu_force_bias_mps2", known.biases().force_mps2.norm());
+  stage_.figure("imu_rate_bias_radps", known.biases().rate_radps.norm());
+  stage_.figure("imu_contradictions", known.contradictions);
+  stage_.degraded("imu", known.contradictions < kSuspicious
+                             ? ""
+                             : "the inertial sensor says what the points do not bear out, and is "
+                               "not used while it does: are mounting.imu_rpy_deg, its units and "
+                               "its time stamps (driver.imu_delay_ms) right?");
 }
 
 void OdometryStage::answer_path(runtime::Answer& answer) const {

@@ -18,7 +18,8 @@ class OdometryStage {
 
   runtime::Outcome take(const Features& features);
   void process(const Features& features);
-  static FeatureSweep input_of(const Features& features);
+  /// Its readings lie here until the next call.
+  FeatureSweep input_of(const Features& features);
   /// And publishes the pose.
   OdometryResult locate(const Features& features, const FeatureSweep& input);
   void publish_pose(const Features& features, const OdometryResult& result);
@@ -26,6 +27,7 @@ class OdometryStage {
   void publish_sweep(const Features& features, const OdometryResult& result);
   void publish_progress(HeaderFields header);
   void note_figures(const OdometryResult& result);
+  void note_imu(const OdometryResult& result);
   void answer_path(runtime::Answer& answer) const;
   void new_run(const msg::Header& first);
   /// Takes up what an instance before this one left in the middle of a run; restart_stage.cpp.
@@ -51,6 +53,7 @@ class OdometryStage {
   const OdometryConfig& config_;
   Odometry odometry_;
   Pose T_base_lidar_;
+  std::vector<ImuReading> readings_;
   runtime::Outlet& pose_;
   runtime::Outlet& features_;
   runtime::Outlet& sweep_;

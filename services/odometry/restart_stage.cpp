@@ -40,6 +40,9 @@ CommittedSweep committed(const Commit& commit) {
   sweep.state_covariance = state_covariance_of(commit->state_covariance());
   sweep.edges = points_of(commit->edges());
   sweep.planes = points_of(commit->planes());
+  if (commit->inertial_state() != nullptr) {
+    sweep.inertia = unpacked({commit->inertial_state()->data(), commit->inertial_state()->size()});
+  }
   return sweep;
 }
 

@@ -80,7 +80,8 @@ Buffer build(const HeaderFields& header, const SweepFields& f) {
 
 Buffer build(const HeaderFields& header, const FeaturesFields& f) {
   Builder b(kSmall + f.sharp.size_bytes() + f.less_sharp.size_bytes() + f.flat.size_bytes() +
-            f.less_flat.size_bytes());
+            f.less_flat.size_bytes() + f.imu.size_bytes());
+  const auto imu = put_structs(b, f.imu);
   const auto sharp = put_points(b, f.sharp);
   const auto less_sharp = put_points(b, f.less_sharp);
   const auto flat = put_points(b, f.flat);
@@ -103,6 +104,7 @@ Buffer build(const HeaderFields& header, const FeaturesFields& f) {
   m.add_deskewed(f.deskewed);
   m.add_health(to_message(f.health));
   m.add_range_noise_m(f.range_noise_m);
+  m.add_imu(imu);
   return finish(b, m.Finish());
 }
 
@@ -130,6 +132,11 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   const auto planes = put_points(b, f.planes);
   const auto covariance = put_covariance(b, f.covariance);
   const auto state = put_covariance(b, f.state_covariance);
+  flatbuffers::Offset<flatbuffers::Vector<double>> inertial_covariance, inertial_state;
+  if (f.inertial) inertial_covariance = put_covariance(b, f.inertial->covariance);
+  if (!f.inertial_state.empty()) {
+    inertial_state = b.CreateVector(f.inertial_state.data(), f.inertial_state.size());
+  }
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_odom_base);
   const msg::Twist twist = twist_message(f.twist_per_s);
@@ -149,6 +156,15 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   m.add_degenerate(f.degenerate);
   m.add_range_noise_m(f.range_noise_m);
   m.add_state_covariance(state);
+  m.add_inertial_state(inertial_state);
+  if (f.inertial) {
+    const msg::Vec3 change = vec(f.inertial->velocity_change_mps);
+    const msg::Vec3 turn = vec(f.inertial->turn_rad);
+    m.add_inertial_velocity_change(&change);
+    m.add_inertial_turn(&turn);
+    m.add_inertial_covariance(inertial_covariance);
+    m.add_at_rest(f.inertial->at_rest);
+  }
   return finish(b, m.Finish());
 }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/geometry/health.hpp"
+#include "common/geometry/inertial_step.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/messages/header.hpp"
@@ -54,6 +55,7 @@ struct FeaturesFields {
   bool deskewed = false;
   Health health = Health::kOk;
   float range_noise_m = 0.0F;
+  std::span<const msg::ImuSample> imu{};
 };
 
 /// The direction that the data fixes least, as in the schemas.
@@ -97,6 +99,9 @@ struct OdometryFeaturesFields {
   float range_noise_m = 0.0F;
   /// of pose and twist; left out when there is none
   std::optional<Matrix12> state_covariance{};
+  /// left out when there is none
+  std::optional<InertialStep> inertial{};
+  std::span<const double> inertial_state{};
 };
 
 struct MapCorrectionFields {

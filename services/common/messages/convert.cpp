@@ -72,6 +72,30 @@ msg::Pose to_message(const Pose& pose) {
   return {to_message(Eigen::Vector3d(pose.translation())), msg::Quat(q.x(), q.y(), q.z(), q.w())};
 }
 
+std::vector<ImuReading> imu_of(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
+  std::vector<ImuReading> readings;
+  for (const msg::ImuSample& s : structs_of(samples)) {
+    readings.push_back(
+        {s.stamp_ns(), vector_of(s.linear_acceleration()), vector_of(s.angular_velocity())});
+  }
+  return readings;
+}
+
+msg::ImuSample to_message(const ImuReading& reading) {
+  return {reading.stamp_ns, to_message(reading.force_mps2), to_message(reading.rate_radps)};
+}
+
+std::optional<InertialStep> inertial_step_of(const msg::OdometryFeatures& message) {
+  const auto covariance = square_of<6>(message.inertial_covariance());
+  if (!covariance) return std::nullopt;
+  InertialStep step;
+  step.velocity_change_mps = vector_of(message.inertial_velocity_change());
+  step.turn_rad = vector_of(message.inertial_turn());
+  step.covariance = *covariance;
+  step.at_rest = message.at_rest();
+  return step;
+}
+
 Vector6 twist_of(const msg::Twist* twist) {
   Vector6 result = Vector6::Zero();
   if (twist != nullptr) {

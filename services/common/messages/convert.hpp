@@ -8,11 +8,15 @@
 #include <cstring>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "common/geometry/health.hpp"
+#include "common/geometry/imu_reading.hpp"
+#include "common/geometry/inertial_step.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "schemas/common_generated.h"
+#include "schemas/odometry_features_generated.h"
 
 namespace zloam {
 
@@ -52,6 +56,9 @@ msg::Pose to_message(const Pose& pose);
 Eigen::Vector3d vector_of(const msg::Vec3& v);
 Eigen::Vector3d vector_of(const msg::Vec3* v);
 msg::Vec3 to_message(const Eigen::Vector3d& v);
+/// A copy; empty when the field is absent.
+std::vector<ImuReading> imu_of(const flatbuffers::Vector<const msg::ImuSample*>* samples);
+msg::ImuSample to_message(const ImuReading& reading);
 /// (linear, angular) as (translation, rotation).
 Vector6 twist_of(const msg::Twist* twist);
 msg::Twist twist_message(const Vector6& twist_per_s);
@@ -59,6 +66,8 @@ msg::Twist twist_message(const Vector6& twist_per_s);
 Matrix6 covariance_of(const flatbuffers::Vector<double>* values);
 flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
     flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance);
+/// What an inertial sensor said; none when its covariance is absent.
+std::optional<InertialStep> inertial_step_of(const msg::OdometryFeatures& message);
 /// Row-major 12x12, of pose and twist; none when the field is absent.
 std::optional<Matrix12> state_covariance_of(const flatbuffers::Vector<double>* values);
 flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(

@@ -64,6 +64,12 @@ class Checker {
     return *this;
   }
 
+  Checker& numbers(const flatbuffers::Vector<double>* values, std::string_view name) {
+    if (values == nullptr) return *this;
+    for (const double value : *values) finite(value, name);
+    return *this;
+  }
+
   Checker& health(msg::Health h) { return require(h <= msg::Health::MAX, "health is unknown"); }
 
   Checker& finite_points(const flatbuffers::Vector<const msg::Point*>* points,
@@ -172,6 +178,7 @@ std::string range_error(const msg::Features& m) {
   c.finite_points(m.flat(), "flat").rings(m.flat(), m.rings(), "flat");
   c.finite_points(m.less_flat(), "less_flat").rings(m.less_flat(), m.rings(), "less_flat");
   c.vec(m.removed_rotation(), "removed_rotation").vec(m.removed_shift(), "removed_shift");
+  c.imu(m.imu());
   c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
             "range_noise_m is negative or not finite");
   return c.take();
@@ -244,6 +251,10 @@ std::string range_error(const msg::OdometryFeatures& m) {
   c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
   c.covariance(m.covariance()).pose(m.pose_base_lidar(), "pose_base_lidar");
   c.covariance(m.state_covariance(), 144, "state_covariance");
+  c.vec(m.inertial_velocity_change(), "inertial_velocity_change");
+  c.vec(m.inertial_turn(), "inertial_turn");
+  c.covariance(m.inertial_covariance(), 36, "inertial_covariance");
+  c.numbers(m.inertial_state(), "inertial_state");
   c.finite_points(m.edges(), "edges").finite_points(m.planes(), "planes").health(m.health());
   c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
             "range_noise_m is negative or not finite");

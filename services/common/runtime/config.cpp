@@ -51,6 +51,10 @@ void bind(Parameters& p, SharedConfig& c) {
         "origin of the lidar in base_link");
   p.add("mounting.rpy_deg", &c.mounting.rpy_deg, {-360.0, 360.0}, "deg",
         "roll, pitch, yaw of the lidar in base_link: R = Rz Ry Rx");
+  p.add("mounting.imu_xyz_m", &c.mounting.imu_xyz_m, {-1000.0, 1000.0}, "m",
+        "origin of the inertial sensor in base_link");
+  p.add("mounting.imu_rpy_deg", &c.mounting.imu_rpy_deg, {-360.0, 360.0}, "deg",
+        "roll, pitch, yaw of the inertial sensor in base_link");
   bind_zenoh(p, c.zenoh);
   p.add("log.level", &c.log.level, {"debug", "info", "warning", "error"}, "least that is written",
         Effect::kNone);

@@ -17,11 +17,14 @@ struct SensorConfig {
   std::string model = "VLP-16";
 };
 
-/// Pose of the lidar in base_link: R = Rz(yaw) Ry(pitch) Rx(roll).
+/// Poses of the sensors in base_link: R = Rz(yaw) Ry(pitch) Rx(roll).
 struct MountingConfig {
   Eigen::Vector3d xyz_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d rpy_deg = Eigen::Vector3d::Zero();
+  Eigen::Vector3d imu_xyz_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d imu_rpy_deg = Eigen::Vector3d::Zero();
   Pose T_base_lidar() const { return pose_from_xyz_rpy_deg(xyz_m, rpy_deg); }
+  Pose T_base_imu() const { return pose_from_xyz_rpy_deg(imu_xyz_m, imu_rpy_deg); }
 };
 
 struct ZenohConfig {

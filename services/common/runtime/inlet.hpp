@@ -39,6 +39,8 @@ struct InletOptions {
   SweepSet sweeps = SweepSet::kEvery;
   /// kEvery: several replicas publish the sweeps, and none knows what the others still hold
   bool replicas = false;
+  /// what comes belongs to no run, whatever its header says: of another sensor's process
+  bool outside_runs = false;
   /// the last sweep of the run, once handled, ends the run for this stage
   bool ends_run = true;
   /// live: sweeps held before the oldest is dropped as queue_full; 0: recovery.queue_sweeps.

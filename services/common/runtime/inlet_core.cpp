@@ -211,7 +211,7 @@ bool InletCore::work() {
 }
 
 void InletCore::handle(Message message) {
-  if (!events_.before_message(message)) {
+  if (!setup_.options.outside_runs && !events_.before_message(message)) {
     count_drop(Drop::kWrongRun);
     return;
   }
@@ -233,6 +233,7 @@ void InletCore::settle(Message message, const std::function<Outcome(const Messag
   }
   count_outcome(outcome);
   if (outcome == Outcome::kHeld) return;
+  if (setup_.options.outside_runs) return;
   if (outcome == Outcome::kNotMine) message.started_ns = 0;
   events_.after_message(message, setup_.options.ends_run);
 }

@@ -81,6 +81,12 @@ def _demo_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="further option of zloam-simulator; may be repeated",
     )
     parser.add_argument(
+        "--imu",
+        metavar="FILE",
+        help="inertial readings of the recording's time (CSV, see services/driver/README.md); "
+        f"without a recording: {sources.SIMULATED_IMU}",
+    )
+    parser.add_argument(
         "--truth",
         type=Path,
         nargs="+",
@@ -101,6 +107,15 @@ def _demo_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def _source(args: argparse.Namespace) -> Source:
+    recorded = args.pcap or args.bin or args.kitti or args.scans
+    if args.imu == sources.SIMULATED_IMU and recorded:
+        raise SourceError(f"--imu {sources.SIMULATED_IMU}: the recording's own are wanted, a file")
+    if args.imu and args.imu != sources.SIMULATED_IMU:
+        return sources.with_imu(_recording(args), Path(args.imu))
+    return _recording(args)
+
+
+def _recording(args: argparse.Namespace) -> Source:
     if args.pcap:
         return sources.from_pcap(args.pcap)
     if args.bin:
@@ -111,7 +126,8 @@ def _source(args: argparse.Namespace) -> Source:
         return sources.from_scans(args.scans)
     print(f"simulating {args.world}, seed {args.seed}", flush=True)
     simulator = binary(args.preset_dir, "simulator")
-    return sources.simulated(simulator, args.out, args.world, args.seed, args.extra)
+    with_imu = args.imu == sources.SIMULATED_IMU
+    return sources.simulated(simulator, args.out, args.world, args.seed, args.extra, with_imu)
 
 
 def _demo(args: argparse.Namespace) -> int:

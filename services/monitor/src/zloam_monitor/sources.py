@@ -5,12 +5,14 @@ from __future__ import annotations
 import subprocess
 import tarfile
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from zloam_monitor.processes import describe_code
 
 ROBOTS = Path("deploy/robots")
+#: in place of a file of inertial readings: the simulator's own
+SIMULATED_IMU = "simulated"
 
 
 class SourceError(RuntimeError):
@@ -90,10 +92,19 @@ def from_scans(folder: Path) -> Source:
     return Source(folder.name, "scans", folder, ROBOTS / "vlp16-outdoor.yaml", truth, count)
 
 
-def simulated(simulator: Path, out: Path, world: str, seed: int, extra: Iterable[str]) -> Source:
-    """A capture made by the simulator, and its truth."""
+def with_imu(source: Source, readings: Path) -> Source:
+    """The same with inertial readings; a file that can't be read is the driver's to refuse."""
+    settings = ["driver.imu=file", f"driver.imu_path={readings.resolve()}"]
+    return replace(source, settings=[*source.settings, *settings])
+
+
+def simulated(
+    simulator: Path, out: Path, world: str, seed: int, extra: Iterable[str], imu: bool = False
+) -> Source:
+    """A capture made by the simulator, its truth, and its inertial readings where wanted."""
     out.mkdir(parents=True, exist_ok=True)
     capture, truth = out / "capture.pcap", out / "simulated_truth.tum"
+    readings = out / "imu.csv"
     command = [
         str(simulator),
         "--world",
@@ -104,6 +115,7 @@ def simulated(simulator: Path, out: Path, world: str, seed: int, extra: Iterable
         str(capture),
         "--truth",
         str(truth),
+        *(["--imu", str(readings)] if imu else []),
         *extra,
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -112,4 +124,5 @@ def simulated(simulator: Path, out: Path, world: str, seed: int, extra: Iterable
             f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
         )
     title = f"{world}, seed {seed}, simulated"
-    return Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
+    source = Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
+    return with_imu(source, readings) if imu else source

@@ -1,0 +1,83 @@
+#include "driver/imu/imu_buffer.hpp"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace zloam::driver {
+namespace {
+
+// A clock that was set back by more than this began anew.
+constexpr std::int64_t kRestart_ns = 1'000'000'000;
+constexpr double kGravity_mps2 = 9.80665;
+// A platform that accelerates adds less than half of g to the mean of a second.
+constexpr double kLeastForce_mps2 = 0.5 * kGravity_mps2;
+constexpr double kMostForce_mps2 = 2.0 * kGravity_mps2;
+
+std::string with_value(const char* format, double value) {
+  char text[256];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
+}
+
+}  // namespace
+
+void ImuBuffer::add(const ImuReading& reading) {
+  ++received_;
+  if (!reading.force_mps2.allFinite() || !reading.rate_radps.allFinite()) {
+    ++invalid_;
+    return;
+  }
+  ImuReading shifted = reading;
+  shifted.stamp_ns -= delay_ns_;
+  if (!readings_.empty() && shifted.stamp_ns <= readings_.back().stamp_ns) {
+    ++out_of_order_;
+    if (readings_.back().stamp_ns - shifted.stamp_ns < kRestart_ns) return;
+    readings_.clear();
+  }
+  readings_.push_back(shifted);
+}
+
+std::vector<ImuReading> ImuBuffer::covering(std::int64_t begin_ns, std::int64_t end_ns) {
+  while (!readings_.empty() && readings_.front().stamp_ns < begin_ns - kImuMargin_ns) {
+    readings_.pop_front();
+  }
+  const auto after = std::upper_bound(
+      readings_.begin(), readings_.end(), end_ns + kImuMargin_ns,
+      [](std::int64_t time_ns, const ImuReading& r) { return time_ns < r.stamp_ns; });
+  return {readings_.begin(), after};
+}
+
+bool ImuBuffer::reaches(std::int64_t end_ns) const {
+  return !readings_.empty() && readings_.back().stamp_ns >= end_ns;
+}
+
+std::string wrong_units(const std::vector<ImuReading>& readings,
+                        const Eigen::Matrix3d& R_base_imu) {
+  if (readings.empty()) return {};
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const ImuReading& r : readings) mean += r.force_mps2;
+  mean = R_base_imu * mean / static_cast<double>(readings.size());
+  const double norm = mean.norm();
+  if (norm > 0.8 && norm < 1.2) {
+    return with_value(
+        "its force is %.2f, as of a sensor that reads in g: m/s^2 are wanted (factor 9.80665)",
+        norm);
+  }
+  if (norm < kLeastForce_mps2) {
+    return with_value(
+        "its force is %.2f m/s^2, without gravity: the specific force is wanted, +g on z at rest",
+        norm);
+  }
+  if (norm > kMostForce_mps2) {
+    return with_value("its force is %.0f, no m/s^2: is it uncalibrated?", norm);
+  }
+  if (mean.z() < -kLeastForce_mps2) {
+    return with_value(
+        "its force along base_link's z is %.2f m/s^2, where +g is expected: is gravity's sign "
+        "turned, or mounting.imu_rpy_deg wrong?",
+        mean.z());
+  }
+  return {};
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,50 @@
+#pragma once
+// An inertial sensor's readings on their way to the sweeps that they cover.
+
+#include <cstdint>
+#include <deque>
+#include <string>
+#include <vector>
+
+#include "common/geometry/imu_reading.hpp"
+
+namespace zloam::driver {
+
+/// So much before and after a sweep goes with it (schemas/sweep.fbs).
+inline constexpr std::int64_t kImuMargin_ns = 10'000'000;
+
+class ImuBuffer {
+ public:
+  /// delay_ns: by how much the stamps are later than the readings; it is taken off.
+  explicit ImuBuffer(std::int64_t delay_ns) : delay_ns_(delay_ns) {}
+
+  /// Readings come in ascending order of their stamps. One that does not, or is not finite, is left
+  /// out and counted; after a second's jump back all before it is forgotten.
+  void add(const ImuReading& reading);
+  /// Those from begin to end with the margin on either side; what lies before is forgotten.
+  std::vector<ImuReading> covering(std::int64_t begin_ns, std::int64_t end_ns);
+  /// Whether what covers a sweep that ends then has come.
+  bool reaches(std::int64_t end_ns) const;
+
+  bool empty() const { return readings_.empty(); }
+  std::int64_t first_ns() const { return readings_.front().stamp_ns; }
+  std::int64_t last_ns() const { return readings_.back().stamp_ns; }
+  std::uint64_t received() const { return received_; }
+  std::uint64_t out_of_order() const { return out_of_order_; }
+  std::uint64_t invalid() const { return invalid_; }
+
+ private:
+  std::int64_t delay_ns_;
+  std::deque<ImuReading> readings_;
+  std::uint64_t received_ = 0;
+  std::uint64_t out_of_order_ = 0;
+  std::uint64_t invalid_ = 0;
+};
+
+/// What is wrong with the units or signs of readings taken at about 1 g (REP 145; the violations of
+/// specs/imu.md, section 1), a sentence; empty: nothing. Judged by the mean force in base_link,
+/// whose z axis is up: a robot's first seconds. R_base_imu: turns vectors of the sensor into
+/// base_link.
+std::string wrong_units(const std::vector<ImuReading>& readings, const Eigen::Matrix3d& R_base_imu);
+
+}  // namespace zloam::driver

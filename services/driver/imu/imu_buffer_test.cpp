@@ -1,0 +1,105 @@
+#include "driver/imu/imu_buffer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <numbers>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr double kG = 9.80665;
+
+ImuReading at(std::int64_t stamp_ms, const Eigen::Vector3d& force = {0.0, 0.0, kG}) {
+  return {stamp_ms * 1'000'000, force, Eigen::Vector3d::Zero()};
+}
+
+std::vector<std::int64_t> stamps_ms(const std::vector<ImuReading>& readings) {
+  std::vector<std::int64_t> out;
+  for (const ImuReading& r : readings) out.push_back(r.stamp_ns / 1'000'000);
+  return out;
+}
+
+using Stamps = std::vector<std::int64_t>;
+
+TEST(ImuBuffer, GivesWhatCoversASweepWithItsMargin) {
+  ImuBuffer buffer(0);
+  for (int t = 0; t <= 400; t += 5) buffer.add(at(t));
+  const Stamps first = stamps_ms(buffer.covering(100'000'000, 200'000'000));
+  EXPECT_EQ(first.front(), 90);
+  EXPECT_EQ(first.back(), 210);
+  EXPECT_EQ(first.size(), 25U);
+  // The next sweep's begin is still there.
+  const Stamps second = stamps_ms(buffer.covering(200'000'000, 300'000'000));
+  EXPECT_EQ(second.front(), 190);
+  EXPECT_EQ(second.back(), 310);
+}
+
+TEST(ImuBuffer, TellsWhetherASweepIsCovered) {
+  ImuBuffer buffer(0);
+  EXPECT_FALSE(buffer.reaches(100'000'000));
+  buffer.add(at(95));
+  EXPECT_FALSE(buffer.reaches(100'000'000));
+  buffer.add(at(100));
+  EXPECT_TRUE(buffer.reaches(100'000'000));
+}
+
+TEST(ImuBuffer, TakesTheDelayOffTheStamps) {
+  ImuBuffer buffer(20'000'000);
+  for (int t = 0; t <= 400; t += 5) buffer.add(at(t));
+  const Stamps stamps = stamps_ms(buffer.covering(100'000'000, 200'000'000));
+  EXPECT_EQ(stamps.front(), 90);
+  EXPECT_EQ(stamps.back(), 210);
+}
+
+TEST(ImuBuffer, LeavesOutWhatIsOutOfOrderOrNotFinite) {
+  ImuBuffer buffer(0);
+  buffer.add(at(10));
+  buffer.add(at(20));
+  buffer.add(at(15));
+  buffer.add(at(20));
+  buffer.add(at(25, {0.0, std::numeric_limits<double>::quiet_NaN(), 0.0}));
+  buffer.add(at(30));
+  EXPECT_EQ(stamps_ms(buffer.covering(0, 40'000'000)), (Stamps{10, 20, 30}));
+  EXPECT_EQ(buffer.out_of_order(), 2U);
+  EXPECT_EQ(buffer.invalid(), 1U);
+  EXPECT_EQ(buffer.received(), 6U);
+}
+
+TEST(ImuBuffer, BeginsAnewWhenItsClockIsSetBack) {
+  ImuBuffer buffer(0);
+  buffer.add(at(5000));
+  buffer.add(at(100));
+  buffer.add(at(105));
+  EXPECT_EQ(stamps_ms(buffer.covering(95'000'000, 105'000'000)), (Stamps{100, 105}));
+}
+
+std::string said_of(const Eigen::Vector3d& force, const Eigen::Vector3d& rpy_deg = {0, 0, 0}) {
+  return wrong_units({at(0, force), at(5, force)},
+                     pose_from_xyz_rpy_deg({0, 0, 0}, rpy_deg).linear());
+}
+
+// The vectors of specs/imu.md, section 5.
+TEST(WrongUnits, NothingIsSaidOfTheSpecificationsAttitudes) {
+  EXPECT_EQ(said_of({0.0, 0.0, 9.81}), "");
+  EXPECT_EQ(said_of({0.0, 1.70349, 9.66096}), "");
+  EXPECT_EQ(said_of({-3.35522, 0.0, 9.21838}), "");
+  EXPECT_EQ(said_of({4.14589, 2.30113, 8.58793}), "");
+}
+
+TEST(WrongUnits, UnitsOfGravityAndItsSignAreNamed) {
+  EXPECT_NE(said_of({0.0, 0.0, 1.0}).find("in g"), std::string::npos);
+  EXPECT_NE(said_of({0.0, 0.0, -9.81}).find("sign"), std::string::npos);
+  EXPECT_NE(said_of({0.01, 0.0, -0.02}).find("without gravity"), std::string::npos);
+  EXPECT_NE(said_of({0.0, 0.0, 33000.0}).find("uncalibrated"), std::string::npos);
+}
+
+TEST(WrongUnits, TheMountingIsTakenIntoAccount) {
+  EXPECT_EQ(said_of({0.0, 0.0, -9.81}, {180.0, 0.0, 0.0}), "");
+  EXPECT_NE(said_of({0.0, 0.0, 9.81}, {180.0, 0.0, 0.0}), "");
+}
+
+}  // namespace
+}  // namespace zloam::driver

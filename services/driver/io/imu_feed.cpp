@@ -1,0 +1,103 @@
+#include "driver/io/imu_feed.hpp"
+
+#include <cmath>
+
+#include "common/messages/convert.hpp"
+#include "driver/io/imu_file.hpp"
+#include "schemas/imu_generated.h"
+
+namespace zloam::driver {
+namespace {
+
+// A robot's first second tells in which units it reads.
+constexpr std::int64_t kJudge_ns = 1'000'000'000;
+
+std::vector<ImuReading> of_first(const std::vector<ImuReading>& readings, std::int64_t span_ns) {
+  std::vector<ImuReading> first;
+  for (const ImuReading& r : readings) {
+    if (r.stamp_ns - readings.front().stamp_ns > span_ns) break;
+    first.push_back(r);
+  }
+  return first;
+}
+
+}  // namespace
+
+ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
+    : stage_(stage),
+      config_(config),
+      R_base_imu_(stage.shared().mounting.T_base_imu().linear()),
+      buffer_(std::llround(1e6 * config.imu_delay_ms)) {
+  if (config_.imu == ImuChoice::kFile) {
+    const std::vector<ImuReading> readings = read_imu_file(config_.imu_path);
+    refuse_wrong_units(of_first(readings, kJudge_ns));
+    for (const ImuReading& r : readings) buffer_.add(r);
+  } else if (config_.imu == ImuChoice::kZenoh) {
+    runtime::InletOptions options;
+    options.order = runtime::Order::kAsTheyCome;
+    options.lossless = true;
+    options.outside_runs = true;
+    stage.inlet<msg::ImuBatch>(
+        Key::kImu, options,
+        [this](const runtime::Received<msg::ImuBatch>& batch) { on_batch(batch); });
+  }
+}
+
+void ImuFeed::refuse_wrong_units(const std::vector<ImuReading>& first) const {
+  const std::string wrong = wrong_units(first, R_base_imu_);
+  if (!wrong.empty()) throw SourceError(config_.imu_path + ": " + wrong);
+}
+
+void ImuFeed::check_time_of(std::int64_t stamp_ns) const {
+  if (config_.imu != ImuChoice::kFile) return;
+  if (stamp_ns >= buffer_.first_ns() - kJudge_ns && stamp_ns <= buffer_.last_ns()) return;
+  throw SourceError(config_.imu_path + ": its readings are of " +
+                    std::to_string(buffer_.first_ns()) + " to " +
+                    std::to_string(buffer_.last_ns()) + " ns, the first sweep is of " +
+                    std::to_string(stamp_ns) + " ns: times of one clock are wanted");
+}
+
+void ImuFeed::on_batch(const runtime::Received<msg::ImuBatch>& batch) {
+  for (const ImuReading& r : imu_of(batch->samples())) {
+    if (!judged_) first_.push_back(r);
+    buffer_.add(r);
+  }
+  if (judged_ || first_.empty() || first_.back().stamp_ns - first_.front().stamp_ns < kJudge_ns) {
+    return;
+  }
+  judged_ = true;
+  const std::string wrong = wrong_units(first_, R_base_imu_);
+  first_.clear();
+  usable_ = wrong.empty();
+  if (usable_) return;
+  const std::string text = "the inertial sensor is not used: " + wrong;
+  runtime::log_warning(text);
+  stage_.degraded("imu", text);
+}
+
+bool ImuFeed::lacks(std::int64_t end_ns) const {
+  return config_.imu == ImuChoice::kZenoh && usable_ && !buffer_.empty() &&
+         !buffer_.reaches(end_ns);
+}
+
+std::span<const msg::ImuSample> ImuFeed::over(std::int64_t begin_ns, std::int64_t end_ns) {
+  samples_.clear();
+  if (on() && usable_) {
+    for (const ImuReading& r : buffer_.covering(begin_ns, end_ns)) {
+      samples_.push_back(zloam::to_message(r));
+    }
+  }
+  incomplete_ = on() && (samples_.empty() || samples_.back().stamp_ns() < end_ns);
+  if (incomplete_) ++sweeps_without_;
+  return samples_;
+}
+
+void ImuFeed::note_figures() {
+  if (!on()) return;
+  stage_.figure("imu_readings", static_cast<double>(buffer_.received()));
+  stage_.figure("imu_out_of_order", static_cast<double>(buffer_.out_of_order()));
+  stage_.figure("imu_invalid", static_cast<double>(buffer_.invalid()));
+  stage_.figure("imu_sweeps_incomplete", static_cast<double>(sweeps_without_));
+}
+
+}  // namespace zloam::driver

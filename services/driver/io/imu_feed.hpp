@@ -1,0 +1,48 @@
+#pragma once
+// Inertial readings for the driver's sweeps: of a file, or as they come on imu/<sensor>.
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/runtime/stage.hpp"
+#include "driver/driver_parameters.hpp"
+#include "driver/imu/imu_buffer.hpp"
+
+namespace zloam::driver {
+
+class ImuFeed {
+ public:
+  /// Reads the file, or listens. Throws SourceError.
+  ImuFeed(runtime::Stage& stage, const DriverConfig& config);
+
+  bool on() const { return config_.imu != ImuChoice::kNone; }
+  /// Throws SourceError when a replay's readings are not of its time.
+  void check_time_of(std::int64_t stamp_ns) const;
+  /// Live: whether a sweep that ended then has to wait for its readings.
+  bool lacks(std::int64_t end_ns) const;
+  /// Readings of a sweep, valid until the next call.
+  std::span<const msg::ImuSample> over(std::int64_t begin_ns, std::int64_t end_ns);
+  /// Whether the last span ends before its sweep, or has none.
+  bool incomplete() const { return incomplete_; }
+  void note_figures();
+
+ private:
+  void refuse_wrong_units(const std::vector<ImuReading>& first) const;
+  void on_batch(const runtime::Received<msg::ImuBatch>& batch);
+
+  runtime::Stage& stage_;
+  DriverConfig config_;
+  Eigen::Matrix3d R_base_imu_;
+  ImuBuffer buffer_;
+  std::vector<msg::ImuSample> samples_;
+  bool incomplete_ = false;
+  std::uint64_t sweeps_without_ = 0;
+  /// live: of the units, once known; what is wrong is not used
+  std::vector<ImuReading> first_;
+  bool judged_ = false;
+  bool usable_ = true;
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,16 @@
+#pragma once
+// Recorded inertial readings.
+
+#include <string>
+#include <vector>
+
+#include "common/geometry/imu_reading.hpp"
+
+namespace zloam::driver {
+
+/// A table with a line of names and a reading a line, separated by commas: t_ns (Unix), wx_rad_s,
+/// wy_rad_s, wz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, in any order; other columns are passed over.
+/// Throws SourceError, naming file, line and column.
+std::vector<ImuReading> read_imu_file(const std::string& path);
+
+}  // namespace zloam::driver
