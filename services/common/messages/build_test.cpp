@@ -196,5 +196,43 @@ TEST(Build, VoxelsAndHowFarTheirRingsLead) {
             "leads: not as many as voxels");
 }
 
+TEST(Build, InertialReadingsComeBack) {
+  const ImuReading reading{1'700'000'000'000'000'005, {0.1, -0.2, 9.8}, {0.01, 0.02, -0.03}};
+  const std::array samples = {to_message(reading), to_message(reading)};
+  FeaturesFields features;
+  features.imu = samples;
+  const Buffer buffer = build(sample_header(), features);
+  const std::vector<ImuReading> back = imu_of(checked<msg::Features>(buffer).imu());
+  ASSERT_EQ(back.size(), 2U);
+  EXPECT_EQ(back[1].stamp_ns, reading.stamp_ns);
+  EXPECT_EQ(back[1].force_mps2, reading.force_mps2);
+  EXPECT_EQ(back[1].rate_radps, reading.rate_radps);
+}
+
+TEST(Build, AnInertialStepComesBackOrIsNotThere) {
+  OdometryFeaturesFields fields;
+  const Buffer without = build(sample_header(), fields);
+  EXPECT_FALSE(inertial_step_of(checked<msg::OdometryFeatures>(without)));
+  EXPECT_EQ(checked<msg::OdometryFeatures>(without).inertial_state(), nullptr);
+  InertialStep step;
+  step.velocity_change_mps << 0.1, 0.2, 0.3;
+  step.turn_rad << -0.01, 0.02, 0.05;
+  step.covariance.setRandom();
+  step.at_rest = true;
+  fields.inertial = step;
+  const std::array numbers = {1.0, 2.5, -3.0};
+  fields.inertial_state = numbers;
+  const Buffer buffer = build(sample_header(), fields);
+  const msg::OdometryFeatures& message = checked<msg::OdometryFeatures>(buffer);
+  const auto back = inertial_step_of(message);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->velocity_change_mps, step.velocity_change_mps);
+  EXPECT_EQ(back->turn_rad, step.turn_rad);
+  EXPECT_EQ(back->covariance, step.covariance);
+  EXPECT_TRUE(back->at_rest);
+  ASSERT_EQ(message.inertial_state()->size(), 3U);
+  EXPECT_EQ(message.inertial_state()->Get(1), 2.5);
+}
+
 }  // namespace
 }  // namespace zloam

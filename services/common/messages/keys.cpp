@@ -16,7 +16,7 @@ constexpr std::array kTable = {
            "interactive_low", N::kSweep, "newest 8"},
     KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
            N::kSweep, "live newest 4, replay lossless"},
-    KeyRow{Key::kImu, "imu/<sensor>", "imu", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
+    KeyRow{Key::kImu, "imu/<sensor>", "imu", "any", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},
     KeyRow{Key::kGnss, "gnss/<sensor>", "gnss", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -137,6 +138,13 @@ TEST(Verify, SweepsMayHoldCellsWithoutReturnFeaturesMayNot) {
   expect_invalid(check<msg::OdometryFeatures>(
                      build(header(), OdometryFeaturesFields{.edges = points, .planes = {}})),
                  "edges");
+}
+
+TEST(Verify, AnInertialStateMustBeFinite) {
+  const std::array numbers = {1.0, std::numeric_limits<double>::quiet_NaN()};
+  OdometryFeaturesFields odometry;
+  odometry.inertial_state = numbers;
+  expect_invalid(check<msg::OdometryFeatures>(build(header(), odometry)), "inertial_state");
 }
 
 TEST(Verify, PosesMustBeFiniteAndOfUnitLength) {

@@ -1,0 +1,24 @@
+"""From the command line to the driver's settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from zloam_monitor import cli, sources
+
+
+def test_readings_go_with_any_recording(tmp_path: Path) -> None:
+    readings = tmp_path / "imu.csv"
+    source = sources.with_imu(sources.from_pcap(Path("drive.pcap")), readings)
+    settings = source.driver_settings("max")
+    assert "driver.source=pcap" in settings
+    assert "driver.imu=file" in settings
+    assert f"driver.imu_path={readings}" in settings
+
+
+def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str]) -> None:
+    code = cli.main(["demo", "--pcap", "drive.pcap", "--imu", sources.SIMULATED_IMU])
+    assert code != 0
+    assert sources.SIMULATED_IMU in capsys.readouterr().err
