@@ -17,6 +17,8 @@ from zloam_monitor import se3, trajectory
 from zloam_monitor.records import HEALTH
 
 Array = NDArray[np.float64]
+#: world, seed, with the inertial sensor
+Measure = Callable[[Setting, str, int, bool], Measured]
 
 SEEDS = (1, 2, 3)
 #: share of the sweeps of a tunnel without faces, and how near its axis the weak direction must be
@@ -36,19 +38,26 @@ SEEN = ("ok", "incomplete")
 
 
 def checks(setting: Setting) -> list[Check]:
-    lines: list[tuple[str, str, str, Callable[[Setting, str, int], Measured]]] = [
-        (
-            "tunnel",
-            "flagged, with the weak axis along the tunnel",
-            f"≥ {TUNNEL_SHARE:.0%} of the sweeps, within {AXIS_DEG:.0f}°",
-            _along_the_tunnel,
+    # An inertial sensor makes no direction strong that the points leave open, and none weak.
+    lines: list[tuple[str, bool, str, str, Measure]] = [
+        *(
+            (
+                "tunnel",
+                imu,
+                "flagged, with the weak axis along the tunnel",
+                f"≥ {TUNNEL_SHARE:.0%} of the sweeps, within {AXIS_DEG:.0f}°",
+                _along_the_tunnel,
+            )
+            for imu in (False, True)
         ),
         *(
-            (world, "flagged", f"≤ {CLEAR_SHARE:.0%} of the sweeps", _flagged)
+            (world, imu, "flagged", f"≤ {CLEAR_SHARE:.0%} of the sweeps", _flagged)
+            for imu in (False, True)
             for world in CLEAR_WORLDS
         ),
         (
             FIELD,
+            False,
             "predicted or flagged in the open; found again",
             f"≥ {OPEN_SHARE:.0%} of the sweeps; the last {END_POSES} unflagged, "
             f"steps within {END_STEP_M} m",
@@ -56,29 +65,37 @@ def checks(setting: Setting) -> list[Check]:
         ),
     ]
     return [
-        Check(
-            f"flags-{Path(world).stem}-{seed}",
-            f"simulated {Path(world).stem}, seed {seed}: {text}",
-            limit,
-            f"make accept ONLY=flags-{Path(world).stem}-{seed}",
-            functools.partial(measure, setting, world, seed),
-        )
-        for world, text, limit, measure in lines
+        _check(setting, world, seed, imu, text, limit, measure)
+        for world, imu, text, limit, measure in lines
         for seed in SEEDS
     ]
 
 
-def _truth_at_poses(s: Setting, world: str, seed: int) -> tuple[NDArray[Any], Array]:
+def _check(
+    s: Setting, world: str, seed: int, imu: bool, text: str, limit: str, measure: Measure
+) -> Check:
+    name = f"flags-{Path(world).stem}-{seed}" + ("-imu" if imu else "")
+    added = ", with the inertial sensor" if imu else ""
+    return Check(
+        name,
+        f"simulated {Path(world).stem}, seed {seed}: {text}{added}",
+        limit,
+        f"make accept ONLY={name}",
+        functools.partial(measure, s, world, seed, imu),
+    )
+
+
+def _truth_at_poses(s: Setting, world: str, seed: int, imu: bool) -> tuple[NDArray[Any], Array]:
     """Rows of poses.csv with the truth at their instants, as (N, 4, 4)."""
-    said = said_of_poses(s.world(world, seed))
+    said = said_of_poses(s.world(world, seed, imu=imu))
     truth, inside = trajectory.interpolate(
         trajectory.read(s.simulated(world, seed)[1]), said["instant_ns"].astype(np.int64)
     )
     return said[inside], truth.transforms
 
 
-def _along_the_tunnel(s: Setting, world: str, seed: int) -> Measured:
-    said, truth = _truth_at_poses(s, world, seed)
+def _along_the_tunnel(s: Setting, world: str, seed: int, imu: bool) -> Measured:
+    said, truth = _truth_at_poses(s, world, seed, imu)
     axis = truth[-1, :3, 3] - truth[0, :3, 3]
     axis_base = np.einsum("nji,j->ni", truth[:, :3, :3], axis / np.linalg.norm(axis))
     weak = np.stack([said["weak_x"], said["weak_y"], said["weak_z"]], axis=1)
@@ -91,21 +108,21 @@ def _along_the_tunnel(s: Setting, world: str, seed: int) -> Measured:
     )
 
 
-def _flagged(s: Setting, world: str, seed: int) -> Measured:
-    said = said_of_poses(s.world(world, seed))
+def _flagged(s: Setting, world: str, seed: int, imu: bool) -> Measured:
+    said = said_of_poses(s.world(world, seed, imu=imu))
     share = float((said["degenerate"] > 0).mean())
     return Measured(f"{share:.2%} of {len(said)}", share <= CLEAR_SHARE)
 
 
-def _field(s: Setting, world: str, seed: int) -> Measured:
+def _field(s: Setting, world: str, seed: int, imu: bool) -> Measured:
     """Something is said of the pose in the open; back again nothing, and the steps are right."""
-    said, truth = _truth_at_poses(s, world, seed)
+    said, truth = _truth_at_poses(s, world, seed, imu)
     names = np.array(HEALTH)[said["health"].astype(int)]
     told = (said["degenerate"] > 0) | ~np.isin(names, SEEN)
     outside = told[truth[:, 0, 3] > OPEN_FROM_X_M]
     # The capture ends in the middle of a turn.
     last = slice(-END_POSES - 1, -1)
-    poses = trajectory.read(s.world(world, seed).out / "trajectory.tum").transforms[last]
+    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum").transforms[last]
     true = truth[last]
     ours = se3.inverse(poses[:-1]) @ poses[1:]
     steps = se3.inverse(true[:-1]) @ true[1:]

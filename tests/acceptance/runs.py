@@ -95,11 +95,12 @@ class Setting:
         folder.mkdir(parents=True, exist_ok=True)
         stem = f"{Path(world).stem}-{seed}"
         capture, truth = folder / f"{stem}.pcap", folder / f"{stem}.tum"
-        if not (capture.exists() and truth.exists()):
+        if not (capture.exists() and truth.exists() and _readings(capture).exists()):
             simulator = self.build / "bin" / "zloam-simulator"
             if not simulator.exists():
                 raise Skip(f"{simulator} is not built")
             files = ["--out", str(capture), "--truth", str(truth)]
+            files += ["--imu", str(_readings(capture))]
             subprocess.run(
                 [str(simulator), "--world", world, "--seed", str(seed), *files],
                 cwd=ROOT,
@@ -108,11 +109,13 @@ class Setting:
             )
         return capture, truth
 
-    def world(self, world: str, seed: int) -> Demo:
-        """A simulated world's packets through the chain."""
+    def world(self, world: str, seed: int, *, imu: bool = False) -> Demo:
+        """A simulated world's packets through the chain, with the simulated inertial sensor's
+        readings where wanted."""
         capture, truth = self.simulated(world, seed)
-        name = f"world-{Path(world).stem}-{seed}"
-        return self.demo(name, "--pcap", capture, "--truth", truth)
+        name = f"world-{Path(world).stem}-{seed}" + ("-imu" if imu else "")
+        readings = ["--imu", _readings(capture)] if imu else []
+        return self.demo(name, "--pcap", capture, "--truth", truth, *readings)
 
     def city(self) -> Demo:
         return self.demo("city")
@@ -139,6 +142,11 @@ class Setting:
 
     def synth(self) -> Demo:
         return self.demo("synth", "--scans", self.synth_folder())
+
+
+def _readings(capture: Path) -> Path:
+    """Of the inertial sensor that rode along."""
+    return capture.with_suffix(".imu.csv")
 
 
 def write_later_part(capture: Path, out: Path, after_s: float) -> None:

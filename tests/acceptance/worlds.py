@@ -1,4 +1,5 @@
-"""Lines on simulated worlds beyond position errors: KISS-ICP beside, heights, steps."""
+"""Lines on simulated worlds beyond position errors: KISS-ICP beside, heights, steps, and what an
+inertial sensor adds."""
 
 from __future__ import annotations
 
@@ -39,6 +40,11 @@ KISS_WORLDS = (
 #: Traffic in which two vans that keep their distance have most of what holds along the street: of
 #: twenty seeds those whose pose once went with the vans.
 ESCORTED: Runs = tuple(("moving", seed) for seed in (4, 5, 7, 9, 15))
+#: Nothing faces along it, and it begins at rest inside: no lidar can tell that it sets off. An
+#: inertial sensor can, so these lines are its; the figures say what it is without.
+WITH_IMU = ("tunnel",)
+#: with an inertial sensor no world may become worse, and what lidars miss must be gained
+IMU_WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
 FLAT_Z_SHARE = 0.002
 STEP_M = 0.2
 
@@ -67,6 +73,13 @@ def checks(setting: Setting) -> list[Check]:
             f"≤ {STEP_M} m",
             _worst_step,
         ),
+        (
+            "imu",
+            _each(*IMU_WORLDS),
+            "ATE with the inertial sensor beside that without",
+            "not above",
+            _beside_itself,
+        ),
     ]
     return [
         _check(setting, kind, world, seed, text, limit, measure)
@@ -83,9 +96,10 @@ def _check(
     s: Setting, kind: str, world: str, seed: int, text: str, limit: str, measure: Measure
 ) -> Check:
     name = f"{kind}-{Path(world).stem}-{seed}"
+    added = ", with the inertial sensor" if world in WITH_IMU else ""
     return Check(
         name,
-        f"simulated {Path(world).stem}, seed {seed}: {text}",
+        f"simulated {Path(world).stem}, seed {seed}: {text}{added}",
         limit,
         f"make accept ONLY={name}",
         functools.partial(measure, s, world, seed),
@@ -97,8 +111,21 @@ def _truth(s: Setting, world: str, seed: int) -> Trajectory:
     return trajectory.read(s.simulated(world, seed)[1])
 
 
-def _compared(s: Setting, world: str, seed: int) -> Compared:
-    poses = trajectory.read(s.world(world, seed).out / "trajectory.tum")
+def _ate_m(s: Setting, world: str, seed: int, *, imu: bool) -> float:
+    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum")
+    found = evaluation.evaluate(poses, _truth(s, world, seed)).ate_rmse_m
+    if found is None:
+        raise RuntimeError("too few poses")
+    return found
+
+
+def _beside_itself(s: Setting, world: str, seed: int) -> Measured:
+    better, without = (_ate_m(s, world, seed, imu=imu) for imu in (True, False))
+    return Measured(f"{better:.4f} m, without {without:.4f} m", better <= without)
+
+
+def _compared(s: Setting, world: str, seed: int, *, imu: bool = False) -> Compared:
+    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum")
     compared = evaluation.compare(poses, _truth(s, world, seed))
     if compared is None:
         raise RuntimeError("too few poses")
@@ -128,13 +155,13 @@ def _kiss_trajectory(s: Setting, world: str, seed: int) -> Trajectory:
 
 def _beside_kiss(s: Setting, world: str, seed: int) -> Measured:
     truth = _truth(s, world, seed)
-    ours = evaluation.evaluate(
-        trajectory.read(s.world(world, seed).out / "trajectory.tum"), truth
-    ).ate_rmse_m
+    with_imu = world in WITH_IMU
+    ours = _ate_m(s, world, seed, imu=with_imu)
     kiss = evaluation.evaluate(_kiss_trajectory(s, world, seed), truth).ate_rmse_m
-    if ours is None or kiss is None:
+    if kiss is None:
         return Measured("no figure", False)
-    return Measured(f"{ours:.4f} m, KISS-ICP {kiss:.4f} m", ours <= kiss)
+    without = f" (without: {_ate_m(s, world, seed, imu=False):.4f} m)" if with_imu else ""
+    return Measured(f"{ours:.4f} m{without}, KISS-ICP {kiss:.4f} m", ours <= kiss)
 
 
 def _height(s: Setting, world: str, seed: int) -> Measured:
@@ -151,11 +178,17 @@ def _height(s: Setting, world: str, seed: int) -> Measured:
 
 
 def _worst_step(s: Setting, world: str, seed: int) -> Measured:
-    found = _compared(s, world, seed)
+    with_imu = world in WITH_IMU
+    off_m, true_m = _step_off(_compared(s, world, seed, imu=with_imu))
+    without = f" (without: {_step_off(_compared(s, world, seed))[0]:.3f} m)" if with_imu else ""
+    return Measured(
+        f"{off_m:.3f} m{without} (the truth's longest step: {true_m:.2f} m)", off_m <= STEP_M
+    )
+
+
+def _step_off(found: Compared) -> tuple[float, float]:
+    """The worst error of a step, and the truth's longest step, m."""
     ours = se3.inverse(found.estimate[:-1]) @ found.estimate[1:]
     true = se3.inverse(found.truth[:-1]) @ found.truth[1:]
     off = np.linalg.norm(ours[:, :3, 3] - true[:, :3, 3], axis=1)
-    true_m = float(np.linalg.norm(true[:, :3, 3], axis=1).max())
-    return Measured(
-        f"{off.max():.3f} m (the truth's longest step: {true_m:.2f} m)", float(off.max()) <= STEP_M
-    )
+    return float(off.max()), float(np.linalg.norm(true[:, :3, 3], axis=1).max())
