@@ -31,13 +31,13 @@ constexpr double kRestChange_mps2 = 0.03;
 
 }  // namespace
 
-void InertialAid::feel(const FeatureSweep& sweep, const OdometryConfig& config) {
+void InertialAid::feel(ImuSpan readings, std::int64_t stamp_ns, std::uint32_t period_ns) {
   felt_.reset();
   foreseen_.reset();
   wrong_ = false;
   rests_ = false;
-  if (!config.use_imu || sweep.imu.empty() || sweep.deskewed) return;
-  felt_ = integrate(sweep.imu, sweep.stamp_ns, sweep.period_ns, T_base_imu_,
+  if (readings.empty()) return;
+  felt_ = integrate(readings, stamp_ns, period_ns, T_base_imu_,
                     state_ ? state_->biases() : ImuBiases{});
 }
 

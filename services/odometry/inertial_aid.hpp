@@ -6,7 +6,6 @@
 
 #include "odometry/inertial_filter.hpp"
 #include "odometry/motion_solver.hpp"
-#include "odometry/odometry.hpp"
 
 namespace zloam::odometry {
 
@@ -22,9 +21,9 @@ class InertialAid {
  public:
   explicit InertialAid(const Pose& T_base_imu) : T_base_imu_(T_base_imu) {}
 
-  /// Adds up the sweep's readings; without readings, or when they are no longer believed, there is
-  /// nothing of it.
-  void feel(const FeatureSweep& sweep, const OdometryConfig& config);
+  /// Adds up a sweep's readings; where they do not cover it, or there are none, there is nothing
+  /// of it.
+  void feel(ImuSpan readings, std::int64_t stamp_ns, std::uint32_t period_ns);
 
   /// Narrows what is known of the motion of a sweep that adjoins the one before, and has the bend
   /// as measured. begin_variance: what the begin may differ by from the end before. On probation it

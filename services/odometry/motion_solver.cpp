@@ -194,6 +194,16 @@ MotionState moved(const MotionState& state, const Vector12& step) {
   return next;
 }
 
+void hold_still(const Vector6& sigma, MotionState& state, Matrix12& covariance) {
+  const Eigen::Matrix<double, 12, 6> of_twist = covariance.rightCols<6>();
+  Matrix6 sum = covariance.bottomRightCorner<6, 6>();
+  sum.diagonal() += sigma.array().square().matrix();
+  const Eigen::Matrix<double, 12, 6> gain = sum.ldlt().solve(of_twist.transpose()).transpose();
+  state = moved(state, -gain * state.twist);
+  const Matrix12 left = covariance - gain * of_twist.transpose();
+  covariance = 0.5 * (left + left.transpose());
+}
+
 Matrix12 motion_jacobian(const MotionState& state, double s) {
   Matrix12 jacobian = Matrix12::Identity();
   jacobian.topLeftCorner<6, 6>() = adjoint(exp_se3(s * state.twist).inverse());

@@ -124,6 +124,10 @@ void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquatio
 Vector12 solve_step(const NormalEquations& equations);
 MotionState moved(const MotionState& state, const Vector12& step);
 
+/// A motion and its covariance after the twist was also seen to be nothing, to sigma: the pose
+/// follows by what it has in common with it.
+void hold_still(const Vector6& sigma, MotionState& state, Matrix12& covariance);
+
 /// What (pose at the fraction s of the sweep, twist) change by with the unknowns.
 Matrix12 motion_jacobian(const MotionState& state, double s);
 /// Covariance of (T_odom_end, twist) given that of the unknowns, tangent at base_link at the end.

@@ -6,17 +6,12 @@
 
 #include "common/geometry/deskew.hpp"
 #include "common/geometry/motion_covariance.hpp"
-#include "odometry/inertial_aid.hpp"
 #include "odometry/matcher.hpp"
+#include "odometry/motion_prediction.hpp"
 #include "odometry/start.hpp"
 
 namespace zloam::odometry {
 namespace {
-
-// Longer gaps between sweeps are bridged as if they were this long: the prediction is void anyway.
-constexpr double kMaxGap_s = 2.0;
-// A sweep that begins so much of its time after the last one's end at most goes on with its turn.
-constexpr double kAdjoining = 0.1;
 
 PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
                      PointSpan points) {
@@ -31,21 +26,9 @@ PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable&
   return out;
 }
 
-Vector6 sigmas(double translation, double rotation) {
-  Vector6 s;
-  s << translation, translation, translation, rotation, rotation, rotation;
-  return s;
-}
-
-// What is known before a sweep is looked at.
-struct Prediction {
-  MotionState state;
-  MotionPrior prior;
-};
-
 }  // namespace
 
-struct Odometry::State {
+struct Odometry::State : MotionMemory {
   State(const OdometryConfig& c, const Pose& mounting, const Pose& imu_mounting)
       : config(c),
         T_base_lidar(mounting),
@@ -61,111 +44,16 @@ struct Odometry::State {
   RingTarget last;
   InertialAid inertial;
 
-  bool started = false;
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
-  std::int64_t prev_instant_ns = 0;
-  double prev_period_s = 0.1;
-  Pose T_odom_base = Pose::Identity();
-  Vector6 twist_per_s = Vector6::Zero();
-  bool twist_known = false;
-  std::optional<Matrix12> state_covariance;  // of both
-  Vector6 twist_change_per_s = Vector6::Zero();
   bool degenerate = false;
-  int predicted_in_row = 0;
   // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
   PointVector founding_edges, founding_planes;
   std::uint32_t founding_period_ns = 0;
 
   bool target_empty() const {
     return config.target == Target::kRecentSweeps ? recent.empty() : last.empty();
-  }
-
-  double gap_before_s(const FeatureSweep& sweep) const {
-    const double period_s = sweep.period_ns * 1e-9;
-    return started ? std::clamp((sweep.stamp_ns - prev_instant_ns) * 1e-9, -period_s, kMaxGap_s)
-                   : 0.0;
-  }
-
-  Prediction predict(const FeatureSweep& sweep) const {
-    const double period_s = sweep.period_ns * 1e-9;
-    const double gap_s = gap_before_s(sweep);
-    const double blind_s = std::max(0.0, gap_s) + predicted_in_row * period_s;
-    const double a = config.acceleration_sigma_mps2;
-    const double alpha = config.angular_acceleration_sigma_radps2;
-    const Vector6 strayed = sigmas(0.5 * a * blind_s * blind_s, 0.5 * alpha * blind_s * blind_s);
-    Prediction p;
-    p.prior.T_odom_begin = T_odom_base * exp_se3(twist_per_s * gap_s);
-    p.prior.twist = twist_per_s * period_s;
-    p.prior.begin_sigma = sigmas(config.begin_sigma_m, config.begin_sigma_rad) + strayed;
-    p.prior.twist_sigma = twist_known ? moving_twist_sigma(period_s, period_s + blind_s)
-                                      : sigmas(config.initial_speed_sigma_mps * period_s,
-                                               config.initial_rate_sigma_radps * period_s);
-    p.prior.information = independent(p.prior.begin_sigma, p.prior.twist_sigma);
-    if (twist_known && state_covariance) carry_on(gap_s, period_s, strayed, p.prior);
-    p.state.twist = p.prior.twist;
-    if (twist_known && state_covariance && gap_s < kAdjoining * period_s) {
-      p.state.turn_before = period_s * twist_per_s.tail<3>();
-      p.state.bend_share = bend_share(period_s);
-    }
-    p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
-    return p;
-  }
-
-  // The same with what the inertial sensor felt of the sweep.
-  Prediction foresee(const FeatureSweep& sweep) {
-    Prediction p = predict(sweep);
-    if (inertial.felt()) p.prior.normal_error_rad = config.imu_normal_error_rad;
-    const double gap_s = gap_before_s(sweep);
-    const double period_s = sweep.period_ns * 1e-9;
-    if (!twist_known || !state_covariance || std::abs(gap_s) > kAdjoining * period_s) return p;
-    inertial.foresee({twist_per_s, prev_period_s, *state_covariance},
-                     continuity_sigmas(period_s).array().square(), config, p.prior, p.state);
-    return p;
-  }
-
-  // What a begin may differ by from the end before it.
-  Vector6 continuity_sigmas(double period_s) const {
-    return sigmas(config.continuity_sigma_m, config.continuity_sigma_rad) +
-           config.continuity_share * period_s *
-               sigmas(twist_change_per_s.head<3>().norm(), twist_change_per_s.tail<3>().norm());
-  }
-
-  // How much of the difference between two measured turns is the turn's own change: the rest is
-  // what their covariances say. Where a turn is hardly seen (a flat yard, leaves) a bend made of
-  // noise would deskew the next sweep wrongly, and that its turn.
-  Eigen::Matrix3d bend_share(double period_s) const {
-    const double own = config.bend_sigma_rad * config.bend_sigma_rad;
-    const Eigen::Matrix3d measured =
-        2.0 * period_s * period_s * state_covariance->bottomRightCorner<3, 3>();
-    if (!(own > 0.0) || !measured.allFinite()) return Eigen::Matrix3d::Zero();
-    return own * (measured + own * Eigen::Matrix3d::Identity()).inverse();
-  }
-
-  // What a known twist may have changed by over a time.
-  Vector6 moving_twist_sigma(double period_s, double over_s) const {
-    return period_s * over_s *
-           sigmas(config.acceleration_sigma_mps2, config.angular_acceleration_sigma_radps2);
-  }
-
-  // The end of the sweep before and its twist err together: where most of what a sweep saw of a
-  // direction was seen in its first half, the end is the twist's error away from it. Tied to such
-  // an end as if it were sure, the next sweep's twist errs the other way round and by more, and so
-  // on: a zig-zag that grows until the window is torn.
-  void carry_on(double gap_s, double period_s, const Vector6& strayed, MotionPrior& prior) const {
-    Matrix12 F = Matrix12::Zero();
-    F.topLeftCorner<6, 6>() = adjoint(exp_se3(-gap_s * twist_per_s));
-    F.topRightCorner<6, 6>() = gap_s * Matrix6::Identity();
-    F.bottomRightCorner<6, 6>() = period_s * Matrix6::Identity();
-    Vector12 change;
-    change << continuity_sigmas(period_s) + strayed, prior.twist_sigma;
-    Matrix12 covariance = F * *state_covariance * F.transpose();
-    covariance.diagonal() += change.array().square().matrix();
-    const Eigen::LDLT<Matrix12> ldlt(covariance);
-    if (!covariance.allFinite() || !(ldlt.vectorD().minCoeff() > 0.0)) return;
-    const Matrix12 inverse = ldlt.solve(Matrix12::Identity());
-    prior.information = 0.5 * (inverse + inverse.transpose());
   }
 
   // Points that lie further off than their noise say less than the solver makes of them.
@@ -255,7 +143,7 @@ struct Odometry::State {
     MotionPrior prior = predicted.prior;
     prior.twist =
         log_se3(founding_pose.inverse() * solution.state.T_odom_mid) * (period_s / step_s);
-    prior.twist_sigma = moving_twist_sigma(period_s, period_s);
+    prior.twist_sigma = moving_twist_sigma(config, period_s, period_s);
     prior.information = independent(prior.begin_sigma, prior.twist_sigma);
     solution.state.twist = prior.twist;
     std::optional<Solution> best;
@@ -376,7 +264,7 @@ Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Predictio
   if (contradicted && inertial.on_probation()) {
     inertial.give_way();
   } else if (contradicted || inertial.misleads(solution.fit)) {
-    const Prediction alone = predict(sweep);
+    const Prediction alone = predict(*this, {sweep.stamp_ns, sweep.period_ns}, config);
     const Solution other = solve_within_bounds(sweep, alone);
     if (contradicted || (other.solved && other.fit < kBetterFit * solution.fit)) {
       inertial.give_way();
@@ -388,18 +276,6 @@ Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Predictio
   return solution;
 }
 
-// At rest: the twist is nothing, and the rest follows by what it has in common with it.
-void hold_still(Solution& solution, double period_s) {
-  const Vector6 sigma = period_s * sigmas(kRestSpeed_mps, kRestRate_radps);
-  const Eigen::Matrix<double, 12, 6> of_twist = solution.covariance.rightCols<6>();
-  Matrix6 sum = solution.covariance.bottomRightCorner<6, 6>();
-  sum.diagonal() += sigma.array().square().matrix();
-  const Eigen::Matrix<double, 12, 6> gain = sum.ldlt().solve(of_twist.transpose()).transpose();
-  solution.state = moved(solution.state, -gain * solution.state.twist);
-  const Matrix12 left = solution.covariance - gain * of_twist.transpose();
-  solution.covariance = 0.5 * (left + left.transpose());
-}
-
 OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   State& s = *state_;
   const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
@@ -408,12 +284,14 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   result.prev_sweep = s.started ? s.prev_sweep : sweep.sweep;
   result.instant_ns = sweep.stamp_ns + sweep.period_ns;
 
-  s.inertial.feel(sweep, s.config);
-  Prediction predicted = s.foresee(sweep);
+  s.inertial.feel(s.config.use_imu && !sweep.deskewed ? sweep.imu : ImuSpan{}, sweep.stamp_ns,
+                  sweep.period_ns);
+  Prediction predicted = foresee(s, {sweep.stamp_ns, sweep.period_ns}, s.config, s.inertial);
   const bool founding = s.target_empty();
   Solution solution = s.solve_as_foreseen(sweep, predicted);
   if (solution.solved && s.inertial.rests(solution.state, solution.covariance, s.config)) {
-    hold_still(solution, period_s);
+    hold_still(period_s * sigmas(kRestSpeed_mps, kRestRate_radps), solution.state,
+               solution.covariance);
   }
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
