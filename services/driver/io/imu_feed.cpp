@@ -11,6 +11,10 @@ namespace {
 
 // A robot's first second tells in which units it reads.
 constexpr std::int64_t kJudge_ns = 1'000'000'000;
+// Of a sensor that has been silent for so long no sweep waits any more.
+constexpr std::int64_t kSilent_ns = 200'000'000;
+// Sweeps in a row without readings until it is said.
+constexpr std::uint64_t kSaidAfter = 10;
 
 std::vector<ImuReading> of_first(const std::vector<ImuReading>& readings, std::int64_t span_ns) {
   std::vector<ImuReading> first;
@@ -77,7 +81,7 @@ void ImuFeed::on_batch(const runtime::Received<msg::ImuBatch>& batch) {
 
 bool ImuFeed::lacks(std::int64_t end_ns) const {
   return config_.imu == ImuChoice::kZenoh && usable_ && !buffer_.empty() &&
-         !buffer_.reaches(end_ns);
+         !buffer_.reaches(end_ns) && end_ns - buffer_.last_ns() < kSilent_ns;
 }
 
 std::span<const msg::ImuSample> ImuFeed::over(std::int64_t begin_ns, std::int64_t end_ns) {
@@ -88,8 +92,24 @@ std::span<const msg::ImuSample> ImuFeed::over(std::int64_t begin_ns, std::int64_
     }
   }
   incomplete_ = on() && (samples_.empty() || samples_.back().stamp_ns() < end_ns);
-  if (incomplete_) ++sweeps_without_;
+  if (on() && usable_) note_missing();
   return samples_;
+}
+
+void ImuFeed::note_missing() {
+  const bool was_said = without_in_row_ >= kSaidAfter;
+  without_in_row_ = incomplete_ ? without_in_row_ + 1 : 0;
+  sweeps_without_ += incomplete_ ? 1 : 0;
+  if (without_in_row_ == kSaidAfter) {
+    const std::string text =
+        "sweeps have no inertial readings that cover them: do they come (imu/<sensor>, "
+        "driver.imu_path), and are their stamps of the lidar's clock?";
+    runtime::log_warning(text);
+    stage_.degraded("imu", text);
+  } else if (was_said && without_in_row_ == 0) {
+    runtime::log_info("inertial readings come again");
+    stage_.degraded("imu", "");
+  }
 }
 
 void ImuFeed::note_figures() {

@@ -30,6 +30,7 @@ class ImuFeed {
 
  private:
   void refuse_wrong_units(const std::vector<ImuReading>& first) const;
+  void note_missing();
   void on_batch(const runtime::Received<msg::ImuBatch>& batch);
 
   runtime::Stage& stage_;
@@ -39,6 +40,7 @@ class ImuFeed {
   std::vector<msg::ImuSample> samples_;
   bool incomplete_ = false;
   std::uint64_t sweeps_without_ = 0;
+  std::uint64_t without_in_row_ = 0;
   /// live: of the units, once known; what is wrong is not used
   std::vector<ImuReading> first_;
   bool judged_ = false;
