@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "common/geometry/se3.hpp"
+#include "driver/io/imu_file.hpp"
 #include "odometry/odometry.hpp"
 #include "registration/registration.hpp"
 #include "scan_reader.hpp"
@@ -75,25 +76,6 @@ bool parse_reading(const std::string& name, const Value& value, ReadOptions& rea
   return true;
 }
 
-// The simulator's file: t_ns, wx, wy, wz, ax, ay, az, and what else there is.
-std::vector<ImuReading> read_imu(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw std::runtime_error(path + ": cannot be read");
-  std::vector<ImuReading> readings;
-  std::string line;
-  std::getline(file, line);
-  while (std::getline(file, line)) {
-    std::int64_t t_ns = 0;
-    double w[3], a[3];
-    if (std::sscanf(line.c_str(), "%ld,%lf,%lf,%lf,%lf,%lf,%lf", &t_ns, &w[0], &w[1], &w[2], &a[0],
-                    &a[1], &a[2]) != 7) {
-      throw std::runtime_error(path + ": not a reading: " + line);
-    }
-    readings.push_back({t_ns, {a[0], a[1], a[2]}, {w[0], w[1], w[2]}});
-  }
-  return readings;
-}
-
 Options parse_options(const std::vector<std::string>& args) {
   Options o;
   std::vector<std::string> positional;
@@ -123,7 +105,7 @@ Options parse_options(const std::vector<std::string>& args) {
       Pose& mounting = args[i - 6] == "--mount" ? o.T_base_lidar : o.T_base_imu;
       mounting = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
     } else if (args[i] == "--imu") {
-      o.imu = read_imu(value());
+      o.imu = driver::read_imu_file(value());
     } else if (!parse_reading(args[i], value, o.reading)) {
       positional.push_back(args[i]);
     }
