@@ -215,15 +215,14 @@ bool DriverStage::pull_live(Outgoing& outgoing) {
   return stream_->take(outgoing.sweep);
 }
 
-bool DriverStage::publish_waiting() {
-  if (!waiting_) return false;
+void DriverStage::publish_waiting() {
+  if (!waiting_) return;
   const DecodedSweep& sweep = waiting_->sweep;
   const bool late = stage_.now_ns() - waiting_since_ns_ > kImuWaitNs;
-  if (!late && imu_->lacks(sweep.stamp_ns + sweep.period_ns)) return false;
+  if (!late && imu_->lacks(sweep.stamp_ns + sweep.period_ns)) return;
   publish(*waiting_, false);
   ++number_;
   waiting_.reset();
-  return true;
 }
 
 Turn DriverStage::turn_live() {

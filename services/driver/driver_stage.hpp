@@ -34,7 +34,7 @@ class DriverStage {
   /// The next sweep of a live source, if there is one.
   bool pull_live(Outgoing& outgoing);
   /// Live: sweeps leave when their inertial readings are there, or after a bounded wait.
-  bool publish_waiting();
+  void publish_waiting();
   runtime::Turn turn_replay();
   runtime::Turn finish_replay();
   /// One sweep ahead, so that the last is known when it is published.
