@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/motion_covariance.hpp"
+
 namespace zloam::odometry {
 namespace {
 
@@ -58,14 +60,7 @@ void discount_spurious(double normal_error_rad, NormalEquations& data) {
   const double share = least.information / all;
   const double error = normal_error_rad * normal_error_rad;
   const double real = 1.0 - error / std::max(error, share);
-  const Eigen::Matrix3d kept = Eigen::Matrix3d::Identity() - (1.0 - std::sqrt(real)) *
-                                                                 least.direction *
-                                                                 least.direction.transpose();
-  Matrix12 P = Matrix12::Identity();
-  P.block<3, 3>(0, 0) = kept;
-  P.block<3, 3>(6, 6) = kept;
-  data.H = (P * data.H * P).eval();
-  data.g = (P * data.g).eval();
+  keep_along(least.direction, real, data.H, data.g);
 }
 
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,

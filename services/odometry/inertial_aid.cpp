@@ -48,12 +48,11 @@ void InertialAid::foresee(const MotionBefore& before, const Vector6& begin_varia
   foreseen_ = odometry::foresee(*state_, *felt_, T_odom_begin_, before.twist_per_s, before.period_s,
                                 before.covariance, config);
   foreseen_->covariance.diagonal().head<6>() += begin_variance;
-  const Matrix12 covariance = with_twist_scaled(foreseen_->covariance, felt_->period_s);
-  const Eigen::LDLT<Matrix12> ldlt(covariance);
-  if (!covariance.allFinite() || !(ldlt.vectorD().minCoeff() > 0.0)) foreseen_.reset();
+  const auto information =
+      information_of(with_twist_scaled(foreseen_->covariance, felt_->period_s));
+  if (!information) foreseen_.reset();
   if (!foreseen()) return;
-  const Matrix12 inverse = ldlt.solve(Matrix12::Identity());
-  prior.information = 0.5 * (inverse + inverse.transpose());
+  prior.information = *information;
   prior.twist = felt_->period_s * foreseen_->twist_per_s;
   initial.twist = prior.twist;
   initial.known_bend = felt_->bend_rad;

@@ -213,22 +213,6 @@ TEST(OdometryWithImu, BridgesEmptySweeps) {
   EXPECT_GT(end_error_m(false), 0.2);
 }
 
-CommittedSweep committed(const OdometryResult& r) {
-  CommittedSweep c{r.sweep,
-                   r.prev_sweep,
-                   r.instant_ns,
-                   100000000,
-                   r.T_odom_base,
-                   r.twist_per_s,
-                   r.health,
-                   r.degeneracy.degenerate,
-                   r.state_covariance,
-                   r.edges,
-                   r.planes};
-  if (r.inertia) c.inertia = unpacked(packed(*r.inertia));
-  return c;
-}
-
 TEST(OdometryWithImu, ARestoredOneContinuesToTheByte) {
   const TestSensor sensor{.noise_m = 0.02};
   OdometryConfig config;
@@ -242,7 +226,7 @@ TEST(OdometryWithImu, ARestoredOneContinuesToTheByte) {
   Odometry restored(config, Pose::Identity());
   std::vector<CommittedSweep> commits;
   for (std::size_t k = 18 - restored.restore_depth(); k < 18; ++k) {
-    commits.push_back(committed(results[k]));
+    commits.push_back(committed(results[k], sensor.period_ns));
   }
   restored.restore(commits);
   for (int k = 18; k < 24; ++k) {

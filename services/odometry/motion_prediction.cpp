@@ -1,6 +1,5 @@
 #include "odometry/motion_prediction.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -53,10 +52,7 @@ void carry_on(const MotionMemory& before, const OdometryConfig& config, double g
   change << continuity_sigmas(before, config, period_s) + strayed, prior.twist_sigma;
   Matrix12 covariance = F * *before.state_covariance * F.transpose();
   covariance.diagonal() += change.array().square().matrix();
-  const Eigen::LDLT<Matrix12> ldlt(covariance);
-  if (!covariance.allFinite() || !(ldlt.vectorD().minCoeff() > 0.0)) return;
-  const Matrix12 inverse = ldlt.solve(Matrix12::Identity());
-  prior.information = 0.5 * (inverse + inverse.transpose());
+  prior.information = information_of(covariance).value_or(prior.information);
 }
 
 }  // namespace

@@ -167,6 +167,13 @@ Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma) {
   return Vector12(sigma.array().square().inverse()).asDiagonal();
 }
 
+std::optional<Matrix12> information_of(const Matrix12& covariance) {
+  const Eigen::LDLT<Matrix12> ldlt(covariance);
+  if (!covariance.allFinite() || !(ldlt.vectorD().minCoeff() > 0.0)) return std::nullopt;
+  const Matrix12 inverse = ldlt.solve(Matrix12::Identity());
+  return 0.5 * (inverse + inverse.transpose());
+}
+
 void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations) {
   const Pose to_begin = exp_se3(-0.5 * state.twist);
   Vector12 e;

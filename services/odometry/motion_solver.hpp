@@ -17,6 +17,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "common/geometry/se3.hpp"
@@ -80,6 +81,10 @@ struct MotionPrior {
 
 /// The information of a begin and a twist whose errors have nothing to do with each other.
 Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma);
+
+/// The information of a begin and a twist of this covariance; none when it is singular or not
+/// finite.
+std::optional<Matrix12> information_of(const Matrix12& covariance);
 
 /// M(s) of every time bin.
 class MotionTable {

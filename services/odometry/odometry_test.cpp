@@ -48,20 +48,6 @@ bool same_bytes(const OdometryResult& a, const OdometryResult& b) {
          std::memcmp(a.planes.data(), b.planes.data(), a.planes.size() * sizeof(Point)) == 0;
 }
 
-CommittedSweep committed(const OdometryResult& r, std::uint32_t period_ns) {
-  return {r.sweep,
-          r.prev_sweep,
-          r.instant_ns,
-          period_ns,
-          r.T_odom_base,
-          r.twist_per_s,
-          r.health,
-          r.degeneracy.degenerate,
-          r.state_covariance,
-          r.edges,
-          r.planes};
-}
-
 TEST(Odometry, KnownMotionAlongEachAxisWithoutNoise) {
   for (int axis = 0; axis < 6; ++axis) {
     const Drive d = drive({}, {}, config_for(Target::kRecentSweeps), twist_along(axis), 8);

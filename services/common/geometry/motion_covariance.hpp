@@ -1,7 +1,8 @@
 #pragma once
-// Covariances of a pose and a twist together.
+// Covariances and information of a pose and a twist together.
 
 #include <Eigen/Cholesky>
+#include <cmath>
 
 #include "common/geometry/se3.hpp"
 
@@ -29,6 +30,16 @@ inline Matrix12 with_bounded_pose(const Matrix12& covariance, const Matrix6& bou
 inline Matrix12 with_bounded(const Matrix12& covariance, const Vector12& direction, double sigma) {
   const Vector12 along = covariance * direction;
   return covariance - along * along.transpose() / (direction.dot(along) + sigma * sigma);
+}
+
+/// Of normal equations in (pose, twist), H x = -g: of what they say along a translation, a unit
+/// vector, the share `kept` stays.
+inline void keep_along(const Eigen::Vector3d& direction, double kept, Matrix12& H, Vector12& g) {
+  Matrix12 P = Matrix12::Identity();
+  P.block<3, 3>(0, 0) -= (1.0 - std::sqrt(kept)) * direction * direction.transpose();
+  P.block<3, 3>(6, 6) = P.block<3, 3>(0, 0);
+  H = (P * H * P).eval();
+  g = (P * g).eval();
 }
 
 /// `bounded` with the covariance of the twist as it was before the pose was bounded: that the pose

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/motion_covariance.hpp"
+
 namespace zloam::plane_map {
 namespace {
 
@@ -146,12 +148,7 @@ void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix12& h, Vector
   if (held.eigenvalues()[1] < config_.walls_least_share * sums.weight) return;
   const double least = std::max(held.eigenvalues()[0], 1e-12);
   const double real = std::max(0.0, 1.0 - spurious(sums) / least);
-  const Eigen::Vector3d axis = held.eigenvectors().col(0);
-  Matrix12 kept = Matrix12::Identity();
-  kept.block<3, 3>(0, 0) -= (1.0 - std::sqrt(real)) * axis * axis.transpose();
-  kept.block<3, 3>(6, 6) = kept.block<3, 3>(0, 0);
-  h = (kept * h * kept).eval();
-  g = (kept * g).eval();
+  keep_along(held.eigenvectors().col(0), real, h, g);
 }
 
 Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted,

@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "common/geometry/se3.hpp"
+#include "driver/imu/imu_buffer.hpp"
 #include "driver/io/imu_file.hpp"
 #include "odometry/odometry.hpp"
 #include "registration/registration.hpp"
@@ -149,6 +150,7 @@ class Run {
 #endif
   {
     std::filesystem::create_directories(o_.out);
+    for (const ImuReading& r : o_.imu) imu_.add(r);
     odom_file_.open(o_.out + "/odom.tum");
     est_file_.open(o_.out + "/est.tum");
     csv_.open(o_.out + "/sweeps.csv");
@@ -180,7 +182,8 @@ class Run {
     input.less_sharp = features.less_sharp;
     input.flat = features.flat;
     input.less_flat = features.less_flat;
-    input.imu = readings_over(scan);
+    const auto readings = imu_.covering(scan.stamp_ns, scan.stamp_ns + scan.period_ns);
+    input.imu = readings;
     const auto odom = odometry_.process(input);
     const double t2 = cpu_ms();
     write_tum(odom_file_, odom.instant_ns, odom.T_odom_base);
@@ -207,17 +210,6 @@ class Run {
   }
 
  private:
-  // With some before and after, as in the driver's messages.
-  ImuSpan readings_over(const Scan& scan) const {
-    constexpr std::int64_t kMargin_ns = 10'000'000;
-    const auto before = [](const ImuReading& r, std::int64_t t) { return r.stamp_ns < t; };
-    const auto& all = o_.imu;
-    const auto from = std::lower_bound(all.begin(), all.end(), scan.stamp_ns - kMargin_ns, before);
-    const auto to =
-        std::lower_bound(from, all.end(), scan.stamp_ns + scan.period_ns + kMargin_ns, before);
-    return {from, to};
-  }
-
   std::size_t map_points() const {
 #ifdef ZLOAM_WITH_MAPPING
     return mapper_.point_count();
@@ -329,6 +321,7 @@ class Run {
 #endif
 
   const Options& o_;
+  driver::ImuBuffer imu_{0};
   odometry::Odometry odometry_;
 #ifdef ZLOAM_WITH_MAPPING
   mapping::Mapper mapper_;
