@@ -5,6 +5,9 @@
 
 #include "driver/sweep/azimuth.hpp"
 
+// What is done for each of a packet's twelve groups: calls are half of it.
+#define ZLOAM_EACH_GROUP __attribute__((always_inline)) inline
+
 namespace zloam::driver {
 namespace {
 
@@ -15,7 +18,7 @@ constexpr int kMeasurableTurnCdeg = 1000;
 // What is cut off after it was added is rounded.
 constexpr double kToNearest = 0.5;
 // Points by which a sweep's buffers grow.
-constexpr std::size_t kRoomStep = 1024;
+constexpr std::size_t kRoomStep = 512;
 
 }  // namespace
 
@@ -106,6 +109,50 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   decode_groups(plan, sensor_ns_, packet.received_ns);
 }
 
+/// Once in each sweep that the packet has groups in.
+ZLOAM_EACH_GROUP void SweepAssembler::count_packet(const PacketPlan& plan) {
+  if (packet_counted_) return;
+  packet_counted_ = true;
+  if (sweep_.packets++ == 0) sweep_.first_packet_toh_us = plan.toh_us;
+  sweep_.last_packet_toh_us = plan.toh_us;
+  sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_.packet_period_ns(plan.mode));
+}
+
+/// Cuts before this group when it has passed the seam, or when no cut came for too long.
+ZLOAM_EACH_GROUP void SweepAssembler::advance_to(const PacketPlan& plan, int group,
+                                                 std::int64_t time_ns) {
+  const int phase_cdeg = ahead(seam_cdeg_, plan.group[group].azimuth_cdeg);
+  if (!open_) {
+    open(time_ns, phase_cdeg, false);
+    return;
+  }
+  const int forward_cdeg = ahead(phase_cdeg_, phase_cdeg);
+  const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
+  // Multiplied by the group's time: what the motor should have turned.
+  const double expected = plan.advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
+  const bool missed_turn =
+      expected > (forward_cdeg + kHalfTurnCdeg) * decoder_.group_ns() && !backwards;
+  const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
+  if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
+    cut(plan, time_ns, phase_cdeg, at_seam);
+    return;
+  }
+  last_group_ns_ = time_ns;
+  if (backwards) return;
+  turned_cdeg_ += forward_cdeg;
+  phase_cdeg_ = phase_cdeg;
+}
+
+/// The groups of a packet are decoded together, up to a cut: one call in place of twelve.
+ZLOAM_EACH_GROUP void SweepAssembler::place_group(int group, std::int64_t time_ns) {
+  // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
+  const auto groups = static_cast<std::int64_t>(
+      static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + kToNearest);
+  const auto column = static_cast<std::uint16_t>(
+      std::min<std::int64_t>(groups * decoder_.table()->columns_per_group, 65000));
+  placed_[placed_count_++] = {group, static_cast<std::uint32_t>(time_ns - base_ns_), column};
+}
+
 void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_ns,
                                    std::int64_t received_ns) {
   const auto group_ns = static_cast<std::int64_t>(decoder_.group_ns());
@@ -130,48 +177,19 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
   last_advance_cdeg_ = plan.advance_cdeg;
 }
 
-/// Once in each sweep that the packet has groups in.
-void SweepAssembler::count_packet(const PacketPlan& plan) {
-  if (packet_counted_) return;
-  packet_counted_ = true;
-  if (sweep_.packets++ == 0) sweep_.first_packet_toh_us = plan.toh_us;
-  sweep_.last_packet_toh_us = plan.toh_us;
-  sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_.packet_period_ns(plan.mode));
-}
-
-/// Cuts before this group when it has passed the seam, or when no cut came for too long.
-void SweepAssembler::advance_to(const PacketPlan& plan, int group, std::int64_t time_ns) {
-  const int phase_cdeg = ahead(seam_cdeg_, plan.group[group].azimuth_cdeg);
-  if (!open_) {
-    open(time_ns, phase_cdeg, false);
-    return;
-  }
-  const int forward_cdeg = ahead(phase_cdeg_, phase_cdeg);
-  const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
-  // Multiplied by the group's time: what the motor should have turned.
-  const double expected = plan.advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
-  const bool missed_turn =
-      expected > (forward_cdeg + kHalfTurnCdeg) * decoder_.group_ns() && !backwards;
-  const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
-  if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
-    append_placed(plan);
-    close(at_seam);
-    open(time_ns, phase_cdeg, at_seam);
-    return;
-  }
-  last_group_ns_ = time_ns;
-  if (backwards) return;
-  turned_cdeg_ += forward_cdeg;
-  phase_cdeg_ = phase_cdeg;
+void SweepAssembler::cut(const PacketPlan& plan, std::int64_t time_ns, int phase_cdeg,
+                         bool at_seam) {
+  append_placed(plan);
+  close(at_seam);
+  open(time_ns, phase_cdeg, at_seam);
 }
 
 /// Room behind the sweep's points for so many more, and one. Memory is asked for once for a whole
 /// turn; of it only what the last sweep in these buffers did not have is cleared, in steps.
 void SweepAssembler::make_room(const PacketPlan& plan, std::size_t points) {
-  const std::size_t group = decoder_.max_points_per_group();
+  const std::size_t group = decoder_.max_points_per_group(plan.mode);
   const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;
-  const std::size_t per_group = plan.mode == ReturnMode::kDual ? group : group / 2;
-  const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * per_group + 2 * group;
+  const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * group + 2 * group;
   sweep_.points.reserve(turn);
   sweep_.columns.reserve(turn);
   const std::size_t wanted = filled_ + std::max(points + 1, kRoomStep);
@@ -179,21 +197,11 @@ void SweepAssembler::make_room(const PacketPlan& plan, std::size_t points) {
   sweep_.columns.resize(sweep_.points.size());
 }
 
-/// The groups of a packet are decoded together, up to a cut: one call in place of twelve.
-void SweepAssembler::place_group(int group, std::int64_t time_ns) {
-  // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
-  const auto groups = static_cast<std::int64_t>(
-      static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + kToNearest);
-  const auto column = static_cast<std::uint16_t>(
-      std::min<std::int64_t>(groups * decoder_.table()->columns_per_group, 65000));
-  placed_[placed_count_++] = {group, static_cast<std::uint32_t>(time_ns - base_ns_), column};
-}
-
 void SweepAssembler::append_placed(const PacketPlan& plan) {
   const std::size_t groups = std::exchange(placed_count_, 0);
   if (groups == 0) return;
   const bool first = filled_ == 0;
-  const std::size_t most = groups * decoder_.max_points_per_group();
+  const std::size_t most = groups * decoder_.max_points_per_group(plan.mode);
   if (sweep_.points.size() - filled_ <= most) make_room(plan, most);
   Point* const out = sweep_.points.data() + filled_;
   std::uint16_t* const columns = sweep_.columns.data() + filled_;

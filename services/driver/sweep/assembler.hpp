@@ -109,6 +109,7 @@ class SweepAssembler {
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void count_packet(const PacketPlan& plan);
   void advance_to(const PacketPlan& plan, int group, std::int64_t time_ns);
+  void cut(const PacketPlan& plan, std::int64_t time_ns, int phase_cdeg, bool at_seam);
   void make_room(const PacketPlan& plan, std::size_t points);
   void place_group(int group, std::int64_t time_ns);
   void append_placed(const PacketPlan& plan);

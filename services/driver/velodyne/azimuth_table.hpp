@@ -17,8 +17,10 @@ class AzimuthTable {
   }
   /// 0 to 35999.
   std::pair<double, double> cos_sin(int cdeg) const {
-    const auto& [c, s] = degrees_[cdeg / 100];
-    const auto& [rc, rs] = rest_[cdeg % 100];
+    // Without a sign: a third of the instructions where the compiler divides several at once.
+    const auto azimuth_cdeg = static_cast<unsigned>(cdeg);
+    const auto& [c, s] = degrees_[azimuth_cdeg / 100];
+    const auto& [rc, rs] = rest_[azimuth_cdeg % 100];
     return {c * rc - s * rs, s * rc + c * rs};
   }
 

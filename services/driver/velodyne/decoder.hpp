@@ -55,7 +55,7 @@ class Decoder {
   PacketPlan plan(std::span<const std::uint8_t> payload, ReturnMode mode);
 
   /// Writes the returns of valid groups of the packet planned last, in time order. out and columns
-  /// need room for max_points_per_group() of each, and 1. Returns the number of points.
+  /// need room for max_points_per_group(mode) of each group, and 1. Returns the number of points.
   std::size_t decode_groups(const PacketPlan& plan, std::span<const PlacedGroup> groups, Point* out,
                             std::uint16_t* columns) const;
 
@@ -64,7 +64,10 @@ class Decoder {
   /// From one firing group to the next.
   double group_ns() const { return group_ns_; }
   double groups_per_ns() const { return groups_per_ns_; }
-  std::size_t max_points_per_group() const { return 64 * static_cast<std::size_t>(banks_); }
+  std::size_t max_points_per_group(ReturnMode mode) const {
+    const std::size_t returns = mode == ReturnMode::kDual ? 2 : 1;
+    return returns * static_cast<std::size_t>(banks_) * std::size_t{kCellsPerBlock};
+  }
 
   /// From one packet's stamp to the next in this mode, without loss.
   std::int64_t packet_period_ns(ReturnMode mode) const {

@@ -15,7 +15,7 @@ inline std::vector<Point> decode_all(Decoder& decoder, const Payload& payload) {
   EXPECT_EQ(tail.reject, Reject::kNone);
   const PacketPlan plan = decoder.plan(payload, tail.mode);
   std::vector<Point> points;
-  std::vector<Point> out(decoder.max_points_per_group() + 1);
+  std::vector<Point> out(decoder.max_points_per_group(ReturnMode::kDual) + 1);
   std::vector<std::uint16_t> columns(out.size());
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
