@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "common/containers/block_size.hpp"
 #include "common/messages/convert.hpp"
 
 namespace zloam {
@@ -10,8 +11,11 @@ namespace {
 
 using Builder = flatbuffers::FlatBufferBuilder;
 
-// Room for header, trace and small fields beside the arrays.
-constexpr std::size_t kSmall = 2048;
+// Room for header, trace, covariances and small fields beside the arrays.
+constexpr std::size_t kSmall = 4096;
+
+/// For arrays of so many bytes in all.
+std::size_t room_for(std::size_t arrays_bytes) { return block_size(kSmall + arrays_bytes); }
 
 template <class T>
 Buffer finish(Builder& b, flatbuffers::Offset<T> root) {
@@ -50,7 +54,7 @@ void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& so
 }  // namespace
 
 Buffer build(const HeaderFields& header, const SweepFields& f) {
-  Builder b(kSmall + f.points.size_bytes() + f.columns.size_bytes() + f.imu.size_bytes());
+  Builder b(room_for(f.points.size_bytes() + f.columns.size_bytes() + f.imu.size_bytes()));
   const auto points = put_points(b, f.points);
   const auto columns = b.CreateVector(f.columns.data(), f.columns.size());
   const auto imu = put_structs(b, f.imu);
@@ -79,8 +83,8 @@ Buffer build(const HeaderFields& header, const SweepFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const FeaturesFields& f) {
-  Builder b(kSmall + f.sharp.size_bytes() + f.less_sharp.size_bytes() + f.flat.size_bytes() +
-            f.less_flat.size_bytes() + f.imu.size_bytes());
+  Builder b(room_for(f.sharp.size_bytes() + f.less_sharp.size_bytes() + f.flat.size_bytes() +
+                     f.less_flat.size_bytes() + f.imu.size_bytes()));
   const auto imu = put_structs(b, f.imu);
   const auto sharp = put_points(b, f.sharp);
   const auto less_sharp = put_points(b, f.less_sharp);
@@ -127,7 +131,7 @@ Buffer build(const HeaderFields& header, const OdometryFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
-  Builder b(kSmall + f.edges.size_bytes() + f.planes.size_bytes());
+  Builder b(room_for(f.edges.size_bytes() + f.planes.size_bytes() + f.inertial_state.size_bytes()));
   const auto edges = put_points(b, f.edges);
   const auto planes = put_points(b, f.planes);
   const auto covariance = put_covariance(b, f.covariance);
@@ -206,8 +210,8 @@ Buffer build(const HeaderFields& header, const MapPoseFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const MapTileFields& f) {
-  Builder b(kSmall + f.points.size_bytes() + f.counts.size_bytes() + f.voxels.size_bytes() +
-            f.leads.size_bytes());
+  Builder b(room_for(f.points.size_bytes() + f.counts.size_bytes() + f.voxels.size_bytes() +
+                     f.leads.size_bytes()));
   const auto points = put_points(b, f.points);
   flatbuffers::Offset<flatbuffers::Vector<std::uint32_t>> counts;
   if (!f.counts.empty()) counts = b.CreateVector(f.counts.data(), f.counts.size());
@@ -223,7 +227,7 @@ Buffer build(const HeaderFields& header, const MapTileFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const CloudFields& f) {
-  Builder b(kSmall + f.points.size_bytes());
+  Builder b(room_for(f.points.size_bytes()));
   const auto points = put_points(b, f.points);
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_frame_base);
@@ -231,7 +235,7 @@ Buffer build(const HeaderFields& header, const CloudFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const RejectedFields& f) {
-  Builder b(kSmall + f.points.size_bytes() + f.reasons.size_bytes());
+  Builder b(room_for(f.points.size_bytes() + f.reasons.size_bytes()));
   const auto points = put_points(b, f.points);
   const auto reasons =
       b.CreateVector(reinterpret_cast<const std::uint8_t*>(f.reasons.data()), f.reasons.size());
@@ -244,7 +248,7 @@ Buffer build(const HeaderFields& header, const RejectedFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const PacketsFields& f) {
-  Builder b(kSmall + f.entries.size_bytes() + f.data.size_bytes());
+  Builder b(room_for(f.entries.size_bytes() + f.data.size_bytes()));
   const auto entries = put_structs(b, f.entries);
   const auto data = b.CreateVector(f.data.data(), f.data.size());
   const auto model = b.CreateString(f.model);
@@ -254,7 +258,7 @@ Buffer build(const HeaderFields& header, const PacketsFields& f) {
 
 Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,
                  msg::ClockSource clock_source) {
-  Builder b(kSmall + samples.size_bytes());
+  Builder b(room_for(samples.size_bytes()));
   const auto list = put_structs(b, samples);
   const auto head = build_header(b, header);
   return finish(b, msg::CreateImuBatch(b, head, list, clock_source));
@@ -275,7 +279,7 @@ Buffer build_gnss(const HeaderFields& header, std::span<const GnssFixFields> fix
 }
 
 Buffer build_path(const HeaderFields& header, std::span<const msg::StampedPose> poses) {
-  Builder b(kSmall + poses.size_bytes());
+  Builder b(room_for(poses.size_bytes()));
   const auto list = put_structs(b, poses);
   const auto head = build_header(b, header);
   return finish(b, msg::CreatePath(b, head, list));

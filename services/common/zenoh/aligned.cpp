@@ -4,6 +4,8 @@
 #include <new>
 #include <utility>
 
+#include "common/containers/block_size.hpp"
+
 namespace zloam::zenoh {
 
 namespace {
@@ -49,7 +51,8 @@ std::shared_ptr<std::uint8_t> allocate(std::size_t size) {
   static const auto kSpare = std::make_shared<Spare>();
   Block block = size < kLarge ? Block{} : kSpare->take(size);
   if (block.memory == nullptr) {
-    block = {static_cast<std::uint8_t*>(::operator new(size, kAlignment)), size};
+    const std::size_t capacity = block_size(size);
+    block = {static_cast<std::uint8_t*>(::operator new(capacity, kAlignment)), capacity};
   }
   return {block.memory, [block, spare = kSpare](std::uint8_t*) {
             block.capacity < kLarge ? free_block(block) : spare->give(block);
