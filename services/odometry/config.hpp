@@ -73,6 +73,9 @@ struct OdometryConfig {
   double imu_force_walk = 1e-3;
   double imu_rate_walk = 1e-4;
   double imu_gravity_walk = 2e-3;
+  /// The same of the delay of its stamps.
+  double imu_delay_sigma_ms = 5.0;
+  double imu_delay_walk_ms = 0.1;
   /// Errors of the normals make an empty direction look held: what they may give of it is left to
   /// the inertial sensor.
   double imu_normal_error_rad = 0.035;

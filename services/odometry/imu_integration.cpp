@@ -11,23 +11,23 @@ namespace {
 constexpr double kLongestGap = 3.0;
 constexpr std::size_t kLeastReadings = 3;
 
-// A reading in base_link's axes, biases taken out, at a time after the sweep's begin.
+// A reading in base_link's axes, its errors taken out, at a time after the sweep's begin.
 struct Inertia {
   double time_s = 0.0;
   Eigen::Vector3d force, rate;
 };
 
 std::vector<Inertia> in_base(ImuSpan readings, std::int64_t stamp_ns, const Pose& T_base_imu,
-                             const ImuBiases& biases) {
+                             const ImuErrors& errors) {
   std::vector<Inertia> out;
   out.reserve(readings.size());
   const Eigen::Matrix3d R = T_base_imu.linear();
   for (const ImuReading& r : readings) {
-    const double time_s = 1e-9 * static_cast<double>(r.stamp_ns - stamp_ns);
+    const double time_s = 1e-9 * static_cast<double>(r.stamp_ns - stamp_ns) - errors.delay_s;
     if (!r.force_mps2.allFinite() || !r.rate_radps.allFinite()) continue;
     if (!out.empty() && time_s <= out.back().time_s) continue;
     out.push_back(
-        {time_s, R * r.force_mps2 - biases.force_mps2, R * r.rate_radps - biases.rate_radps});
+        {time_s, R * r.force_mps2 - errors.force_mps2, R * r.rate_radps - errors.rate_radps});
   }
   return out;
 }
@@ -101,9 +101,9 @@ struct Integral {
 
 std::optional<SweepInertia> integrate(ImuSpan readings, std::int64_t stamp_ns,
                                       std::uint32_t period_ns, const Pose& T_base_imu,
-                                      const ImuBiases& biases) {
+                                      const ImuErrors& errors) {
   const double period_s = 1e-9 * period_ns;
-  const std::vector<Inertia> inertia = in_base(readings, stamp_ns, T_base_imu, biases);
+  const std::vector<Inertia> inertia = in_base(readings, stamp_ns, T_base_imu, errors);
   if (period_ns == 0 || !covers(inertia, period_s)) return std::nullopt;
   Integral sum;
   sum.advance_through(inertia, 0.5 * period_s);
@@ -123,6 +123,7 @@ std::optional<SweepInertia> integrate(ImuSpan readings, std::int64_t stamp_ns,
   out.begin_to_mean_mps = mean + swing_begin - swing_mean;
   out.mean_to_end_mps = sum.turn.transpose() * (sum.velocity - mean + swing_mean) - swing_end;
   out.mean_force_mps2 = sum.velocity / period_s;
+  out.mean_force_from_end_mps2 = sum.turn.transpose() * out.mean_force_mps2;
   out.force_spread_mps2 = spread(inertia);
   return out;
 }

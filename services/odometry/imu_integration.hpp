@@ -16,10 +16,11 @@
 
 namespace zloam::odometry {
 
-/// What readings are off by, base_link's axes.
-struct ImuBiases {
+/// What readings are off by, base_link's axes, and by how much their stamps are late.
+struct ImuErrors {
   Eigen::Vector3d force_mps2 = Eigen::Vector3d::Zero();
   Eigen::Vector3d rate_radps = Eigen::Vector3d::Zero();
+  double delay_s = 0.0;
 };
 
 /// One sweep; frame base_link at its begin where nothing else is said. Velocities are those that
@@ -34,8 +35,9 @@ struct SweepInertia {
   Eigen::Vector3d begin_to_mean_mps = Eigen::Vector3d::Zero();
   /// velocity at the end less the mean, m/s, frame base_link at the end
   Eigen::Vector3d mean_to_end_mps = Eigen::Vector3d::Zero();
-  /// mean specific force, m/s^2
+  /// mean specific force, m/s^2, and the same seen from the sweep's end
   Eigen::Vector3d mean_force_mps2 = Eigen::Vector3d::Zero();
+  Eigen::Vector3d mean_force_from_end_mps2 = Eigen::Vector3d::Zero();
   /// root mean square of the readings about their own mean, per axis, m/s^2
   double force_spread_mps2 = 0.0;
 };
@@ -44,6 +46,6 @@ struct SweepInertia {
 /// periods. Readings ascend in time; those that do not, or are not finite, are passed over.
 std::optional<SweepInertia> integrate(ImuSpan readings, std::int64_t stamp_ns,
                                       std::uint32_t period_ns, const Pose& T_base_imu,
-                                      const ImuBiases& biases);
+                                      const ImuErrors& errors);
 
 }  // namespace zloam::odometry

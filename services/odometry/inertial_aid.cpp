@@ -38,7 +38,7 @@ void InertialAid::feel(ImuSpan readings, std::int64_t stamp_ns, std::uint32_t pe
   rests_ = false;
   if (readings.empty()) return;
   felt_ = integrate(readings, stamp_ns, period_ns, T_base_imu_,
-                    state_ ? state_->biases() : ImuBiases{});
+                    state_ ? state_->errors() : ImuErrors{});
 }
 
 void InertialAid::foresee(const MotionBefore& before, const Vector6& begin_variance,

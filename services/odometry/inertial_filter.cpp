@@ -1,23 +1,28 @@
 #include "odometry/inertial_filter.hpp"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
 #include <type_traits>
 
 namespace zloam::odometry {
 namespace {
 
-constexpr int kGravity = 0, kForceBias = 3, kRateBias = 6;
+constexpr int kGravity = 0, kForceBias = 3, kRateBias = 6, kDelay = 9;
+// So much of them lies on either side of a sweep (schemas/sweep.fbs).
+constexpr double kMostDelay_s = 0.03;
 
 double squared(double x) { return x * x; }
 
 Eigen::Matrix3d diagonal(double sigma) { return squared(sigma) * Eigen::Matrix3d::Identity(); }
 
 // What gravity and biases wander by.
-Matrix9 walk(const OdometryConfig& c, double over_s) {
-  Matrix9 q = Matrix9::Zero();
+InertialMatrix walk(const OdometryConfig& c, double over_s) {
+  InertialMatrix q = InertialMatrix::Zero();
   q.block<3, 3>(kGravity, kGravity) = over_s * diagonal(c.imu_gravity_walk);
   q.block<3, 3>(kForceBias, kForceBias) = over_s * diagonal(c.imu_force_walk);
   q.block<3, 3>(kRateBias, kRateBias) = over_s * diagonal(c.imu_rate_walk);
+  q(kDelay, kDelay) = over_s * squared(1e-3 * c.imu_delay_walk_ms);
   return q;
 }
 
@@ -31,6 +36,20 @@ Matrix6 step_noise(const OdometryConfig& c, const SweepInertia& sweep, double be
   return q;
 }
 
+using StepByParameters = Eigen::Matrix<double, 6, kInertialParameters>;
+
+// Of the step by the delay: later stamps make earlier readings of what was felt. The force's mean
+// moves on from the one sweep's to the other's, seen from a frame that moves on as well; the turn's
+// rate from begin to end.
+Vector6 step_by_delay(const InertialState& state, const SweepInertia& sweep) {
+  const Eigen::Vector3d rate_begin = (sweep.turn_rad - 0.5 * sweep.bend_rad) / sweep.period_s;
+  const Eigen::Vector3d felt_mps = state.mean_to_end_mps + sweep.begin_to_mean_mps;
+  Vector6 by_delay;
+  by_delay << sweep.mean_force_mps2 - state.mean_force_from_end_mps2 - rate_begin.cross(felt_mps),
+      sweep.bend_rad / sweep.period_s;
+  return by_delay;
+}
+
 // Walks through all members in one order, for both ways.
 template <class State, class Number>
 void visit(State& s, Number&& number) {
@@ -38,6 +57,7 @@ void visit(State& s, Number&& number) {
   for (Eigen::Index i = 0; i < s.covariance.size(); ++i) number(s.covariance(i));
   for (Eigen::Index i = 0; i < s.cross.size(); ++i) number(s.cross(i));
   for (int i = 0; i < 3; ++i) number(s.mean_to_end_mps(i));
+  for (int i = 0; i < 3; ++i) number(s.mean_force_from_end_mps2(i));
   for (int i = 0; i < 3; ++i) number(s.rest_force_mps2(i));
   number(s.adjoins);
   number(s.resting);
@@ -48,6 +68,13 @@ void visit(State& s, Number&& number) {
 }
 
 }  // namespace
+
+ImuErrors InertialState::errors() const {
+  return {mean.segment<3>(kForceBias), mean.segment<3>(kRateBias),
+          std::clamp(mean(kDelay), -kMostDelay_s, kMostDelay_s)};
+}
+
+double InertialState::delay_sigma_s() const { return std::sqrt(covariance(kDelay, kDelay)); }
 
 std::vector<double> packed(const InertialState& state) {
   std::vector<double> numbers;
@@ -81,7 +108,9 @@ InertialState begin_inertia(const SweepInertia& sweep, const Pose& T_odom_end, b
   state.covariance.block<3, 3>(kForceBias, kGravity) =
       state.covariance.block<3, 3>(kGravity, kForceBias).transpose();
   state.covariance.block<3, 3>(kRateBias, kRateBias) = diagonal(c.imu_rate_bias_radps);
+  state.covariance(kDelay, kDelay) = squared(1e-3 * c.imu_delay_sigma_ms);
   state.mean_to_end_mps = sweep.mean_to_end_mps;
+  state.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
   state.adjoins = true;
   state.resting = at_rest;
   state.rest_force_mps2 = sweep.mean_force_mps2;
@@ -105,10 +134,11 @@ InertialPrediction foresee(const InertialState& state, const SweepInertia& sweep
   // Of (velocity change, turn) by (pose, twist before) and by the parameters.
   Eigen::Matrix<double, 6, 12> by_motion = Eigen::Matrix<double, 6, 12>::Zero();
   by_motion.block<3, 3>(0, 3) = between_s * hat(gravity);
-  Eigen::Matrix<double, 6, 9> by_parameters = Eigen::Matrix<double, 6, 9>::Zero();
+  StepByParameters by_parameters = StepByParameters::Zero();
   by_parameters.block<3, 3>(0, kGravity) = between_s * to_base;
   by_parameters.block<3, 3>(0, kForceBias) = -between_s * Eigen::Matrix3d::Identity();
   by_parameters.block<3, 3>(3, kRateBias) = -sweep.period_s * Eigen::Matrix3d::Identity();
+  by_parameters.col(kDelay) = step_by_delay(state, sweep);
 
   // Of the twist by the step: V^-1 of its turn, to first order, and the turn itself.
   Matrix6 by_step = Matrix6::Zero();
@@ -119,7 +149,8 @@ InertialPrediction foresee(const InertialState& state, const SweepInertia& sweep
   F.bottomRightCorner<6, 6>() +=
       twist_after_jacobian(out.step, before, period_before_s, sweep.period_s) * period_before_s /
       sweep.period_s;
-  Eigen::Matrix<double, 12, 9> G = Eigen::Matrix<double, 12, 9>::Zero();
+  Eigen::Matrix<double, 12, kInertialParameters> G =
+      Eigen::Matrix<double, 12, kInertialParameters>::Zero();
   G.bottomRows<6>() = by_step * by_parameters;
 
   const Matrix6 noise = step_noise(c, sweep, between_s);
@@ -148,19 +179,20 @@ InertialState corrected(const InertialState& state, const InertialPrediction& fo
   Vector12 off;
   off << log_se3(T_odom_begin.inverse() * solved.T_odom_begin),
       solved.twist_per_s - foreseen.twist_per_s;
-  const Matrix9x12 regression =
+  const InertialCross regression =
       foreseen.covariance.ldlt().solve(foreseen.cross.transpose()).transpose();
   InertialState out = state;
   out.mean += regression * off;
   out.covariance = foreseen.parameters +
                    regression * (solved.covariance - foreseen.covariance) * regression.transpose();
   out.covariance = 0.5 * (out.covariance + out.covariance.transpose()).eval();
-  const Matrix9x12 of_end = regression * end_of_begin.inverse();
+  const InertialCross of_end = regression * end_of_begin.inverse();
   const Matrix12 full = end_of_begin * solved.covariance * end_of_begin.transpose();
   out.cross = of_end * bounded;
   // The part of the errors that the pose is taken not to have stays the twist's.
   out.cross.rightCols<6>() += of_end * (full - bounded).rightCols<6>();
   out.mean_to_end_mps = sweep.mean_to_end_mps;
+  out.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
   out.adjoins = true;
   return out;
 }
@@ -171,7 +203,10 @@ InertialState carried_past(const InertialState& state, const std::optional<Sweep
   out.covariance += walk(config, over_s);
   out.cross.setZero();
   out.adjoins = sweep.has_value();
-  if (sweep) out.mean_to_end_mps = sweep->mean_to_end_mps;
+  if (sweep) {
+    out.mean_to_end_mps = sweep->mean_to_end_mps;
+    out.mean_force_from_end_mps2 = sweep->mean_force_from_end_mps2;
+  }
   return out;
 }
 

@@ -1,18 +1,19 @@
 #pragma once
-// Gravity and the biases of an inertial sensor, estimated beside the odometry, and what the sensor
-// then says of the next sweep's motion before it is looked at.
+// Gravity, the biases of an inertial sensor and the delay of its stamps, estimated beside the
+// odometry, and what the sensor then says of the next sweep's motion before it is looked at.
 //
-// One Gaussian over the sweep's end, its twist and nine parameters (gravity in odom, bias of the
-// accelerometer, bias of the gyroscope). Of pose and twist the solver keeps mean and covariance;
-// here are those of the parameters and what they have in common with pose and twist. The next
-// sweep's prior is the Gaussian carried on; what the solver then makes of pose and twist corrects
-// the parameters by what they have in common (a Kalman filter whose measurement is made elsewhere:
-// the linear regression of the parameters on pose and twist stays, Rauch, Tung and Striebel 1965).
-// So nothing that the solver was told counts twice.
+// One Gaussian over the sweep's end, its twist and ten parameters (gravity in odom, bias of the
+// accelerometer, bias of the gyroscope, delay of the stamps). Of pose and twist the solver keeps
+// mean and covariance; here are those of the parameters and what they have in common with pose and
+// twist. The next sweep's prior is the Gaussian carried on; what the solver then makes of pose and
+// twist corrects the parameters by what they have in common (a Kalman filter whose measurement is
+// made elsewhere: the linear regression of the parameters on pose and twist stays, Rauch, Tung and
+// Striebel 1965). So nothing that the solver was told counts twice.
 //
 // Loosely after LOAM (Zhang and Singh, RSS 2014, section V: orientation and the non-uniform part of
 // the motion from an IMU), with the whole motion as a prior of known covariance in its place, and
-// biases.
+// biases. The delay as one more parameter: Li and Mourikis, Online Temporal Calibration for
+// Camera-IMU Systems, IJRR 2014.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -26,19 +27,23 @@
 
 namespace zloam::odometry {
 
-using Vector9 = Eigen::Matrix<double, 9, 1>;
-using Matrix9 = Eigen::Matrix<double, 9, 9>;
-using Matrix9x12 = Eigen::Matrix<double, 9, 12>;
+/// Of the parameters, and of them with pose and twist.
+inline constexpr int kInertialParameters = 10;
+using InertialVector = Eigen::Matrix<double, kInertialParameters, 1>;
+using InertialMatrix = Eigen::Matrix<double, kInertialParameters, kInertialParameters>;
+using InertialCross = Eigen::Matrix<double, kInertialParameters, 12>;
 
 /// After a sweep. Parameters in the order gravity (odom, m/s^2), bias of the specific force
-/// (m/s^2), bias of the rate (rad/s), both in base_link's axes.
+/// (m/s^2), bias of the rate (rad/s), both in base_link's axes, delay of the stamps (s).
 struct InertialState {
-  Vector9 mean = Vector9::Zero();
-  Matrix9 covariance = Matrix9::Zero();
+  InertialVector mean = InertialVector::Zero();
+  InertialMatrix covariance = InertialMatrix::Zero();
   /// with (T_odom_base tangent at base_link, twist per second)
-  Matrix9x12 cross = Matrix9x12::Zero();
-  /// SweepInertia::mean_to_end_mps of the sweep; the next one's motion can only be told after it
+  InertialCross cross = InertialCross::Zero();
+  /// SweepInertia::mean_to_end_mps and mean_force_from_end_mps2 of the sweep; the next one's motion
+  /// can only be told after it
   Eigen::Vector3d mean_to_end_mps = Eigen::Vector3d::Zero();
+  Eigen::Vector3d mean_force_from_end_mps2 = Eigen::Vector3d::Zero();
   bool adjoins = false;
   /// at rest since the first sweep, with this mean force
   bool resting = false;
@@ -52,7 +57,9 @@ struct InertialState {
   /// sweeps in a row that it foretold
   std::uint32_t right = 0;
 
-  ImuBiases biases() const { return {mean.segment<3>(3), mean.tail<3>()}; }
+  /// The delay within what the readings beside a sweep allow for.
+  ImuErrors errors() const;
+  double delay_sigma_s() const;
 };
 
 /// All of it as numbers, to be kept with a sweep's result; none from numbers of another kind.
@@ -65,8 +72,8 @@ struct InertialPrediction {
   Vector6 twist_per_s = Vector6::Zero();
   /// of (T_odom_begin tangent at the begin, twist per second), and the parameters' with it
   Matrix12 covariance = Matrix12::Identity();
-  Matrix9x12 cross = Matrix9x12::Zero();
-  Matrix9 parameters = Matrix9::Identity();
+  InertialCross cross = InertialCross::Zero();
+  InertialMatrix parameters = InertialMatrix::Identity();
 };
 
 /// What the solver made of a sweep, as the filter takes it.

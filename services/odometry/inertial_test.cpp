@@ -45,8 +45,8 @@ SweepData sweep_data(const TestWorld& world, const TestSensor& sensor, const Mot
   data.points = sweep_along(world, sensor, motion, begin_s, 100U + unsigned(k));
   for (std::size_t i = 0; i < data.points.size(); i += 7) data.flat.push_back(data.points[i]);
   if (imu) {
-    data.readings = readings_along(motion, *imu, begin_s - 0.01 - imu->delay_s,
-                                   begin_s + 0.11 - imu->delay_s, kStart_ns);
+    data.readings = readings_along(motion, *imu, begin_s - 0.03 - imu->delay_s,
+                                   begin_s + 0.13 - imu->delay_s, kStart_ns);
   }
   return data;
 }
@@ -155,8 +155,21 @@ TEST(OdometryWithImu, FindsTheBiases) {
   imu.rate_bias_radps << 0.02, -0.015, 0.025;
   const Ride r = ride({}, swings_after_a_second, imu, 60);
   ASSERT_TRUE(r.results.back().inertia);
-  const ImuBiases found = r.results.back().inertia->biases();
+  const ImuErrors found = r.results.back().inertia->errors();
   EXPECT_LT((found.rate_radps - imu.rate_bias_radps).norm(), 0.002);
+}
+
+// Stamps that are late or early are found out, and cost next to nothing.
+TEST(OdometryWithImu, FindsTheDelayOfTheStamps) {
+  for (const double delay_s : {0.0, 0.02, -0.015}) {
+    TestImu imu = mems();
+    imu.delay_s = delay_s;
+    const Ride r = ride({}, swings_after_a_second, imu, 60);
+    ASSERT_TRUE(r.results.back().inertia);
+    EXPECT_NEAR(r.results.back().inertia->errors().delay_s, delay_s, 0.001);
+    EXPECT_TRUE(r.results.back().diagnostics.imu_used);
+    EXPECT_LT(rms_rotation_error_rad(r, 20), 0.0015) << delay_s;
+  }
 }
 
 // The points have the last word: a sensor that is mounted otherwise than was said costs little.
@@ -244,10 +257,11 @@ TEST(OdometryWithImu, ARestoredOneContinuesToTheByte) {
 
 TEST(InertialState, ComesBackFromItsNumbers) {
   InertialState state;
-  state.mean.setLinSpaced(1.0, 9.0);
+  state.mean.setLinSpaced(1.0, 10.0);
   state.covariance.setRandom();
   state.cross.setRandom();
   state.mean_to_end_mps << 1.0, 2.0, 3.0;
+  state.mean_force_from_end_mps2 << 7.0, 8.0, 9.0;
   state.rest_force_mps2 << 4.0, 5.0, 6.0;
   state.adjoins = state.resting = true;
   state.usual_fit = 0.25;
@@ -262,13 +276,14 @@ TEST(InertialState, ComesBackFromItsNumbers) {
   EXPECT_EQ(back->cross, state.cross);
   EXPECT_EQ(back->rest_force_mps2, state.rest_force_mps2);
   EXPECT_EQ(back->mean_to_end_mps, state.mean_to_end_mps);
+  EXPECT_EQ(back->mean_force_from_end_mps2, state.mean_force_from_end_mps2);
   EXPECT_TRUE(back->adjoins && back->resting);
   EXPECT_EQ(back->usual_fit, state.usual_fit);
   EXPECT_EQ(back->contradictions, 3U);
   EXPECT_EQ(back->on_probation, 40U);
   EXPECT_EQ(back->right, 299U);
-  EXPECT_FALSE(unpacked(std::span(numbers).first(209)));
-  EXPECT_EQ(numbers.size(), 210U) << "the schema names the number";
+  EXPECT_FALSE(unpacked(std::span(numbers).first(244)));
+  EXPECT_EQ(numbers.size(), 245U) << "the schema names the number";
 }
 
 }  // namespace

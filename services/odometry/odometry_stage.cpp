@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -21,6 +22,22 @@ Health health_with(Health own, Health source) { return own == Health::kOk ? sour
 
 // Times that an inertial sensor was wrong until it is said.
 constexpr std::uint32_t kSuspicious = 3;
+
+// Of its stamps: what is worth the user's while. Less is allowed for, in a live run too.
+constexpr double kLate_s = 0.01;
+
+std::string doubts_about(const InertialState& imu) {
+  if (imu.contradictions >= kSuspicious) {
+    return "the inertial sensor says what the points do not bear out, and is not used while it "
+           "does: are mounting.imu_rpy_deg, its units and its time stamps (driver.imu_delay_ms) "
+           "right?";
+  }
+  const double delay_s = imu.errors().delay_s;
+  if (std::abs(delay_s) - 3.0 * imu.delay_sigma_s() < kLate_s) return {};
+  return "the inertial sensor's stamps are " + std::to_string(std::lround(1e3 * delay_s)) +
+         " ms late, as its turns and the points' tell; that is allowed for, but a live sweep waits "
+         "for its readings by the stamps: add it to driver.imu_delay_ms";
+}
 
 void append(std::vector<MapPoint>& out, PointSpan points) {
   for (const Point& p : points) out.push_back({p.x, p.y, p.z, p.intensity});
@@ -210,14 +227,12 @@ void OdometryStage::note_imu(const OdometryResult& result) {
   stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
   if (!result.inertia) return;
   const InertialState& known = *result.inertia;
-  stage_.figure("imu_force_bias_mps2", known.biases().force_mps2.norm());
-  stage_.figure("imu_rate_bias_radps", known.biases().rate_radps.norm());
+  const ImuErrors errors = known.errors();
+  stage_.figure("imu_force_bias_mps2", errors.force_mps2.norm());
+  stage_.figure("imu_rate_bias_radps", errors.rate_radps.norm());
+  stage_.figure("imu_delay_ms", 1e3 * errors.delay_s);
   stage_.figure("imu_contradictions", known.contradictions);
-  stage_.degraded("imu", known.contradictions < kSuspicious
-                             ? ""
-                             : "the inertial sensor says what the points do not bear out, and is "
-                               "not used while it does: are mounting.imu_rpy_deg, its units and "
-                               "its time stamps (driver.imu_delay_ms) right?");
+  stage_.degraded("imu", doubts_about(known));
 }
 
 void OdometryStage::answer_path(runtime::Answer& answer) const {

@@ -11,7 +11,7 @@
 namespace zloam::driver {
 
 /// So much before and after a sweep goes with it (schemas/sweep.fbs).
-inline constexpr std::int64_t kImuMargin_ns = 10'000'000;
+inline constexpr std::int64_t kImuMargin_ns = 30'000'000;
 
 class ImuBuffer {
  public:

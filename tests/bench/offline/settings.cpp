@@ -76,6 +76,8 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, imu_force_walk);
   ZLOAM_FIELD("odometry.", c, imu_rate_walk);
   ZLOAM_FIELD("odometry.", c, imu_gravity_walk);
+  ZLOAM_FIELD("odometry.", c, imu_delay_sigma_ms);
+  ZLOAM_FIELD("odometry.", c, imu_delay_walk_ms);
   ZLOAM_FIELD("odometry.", c, imu_normal_error_rad);
   ZLOAM_FIELD("odometry.", c, imu_rest_acceleration_mps2);
   ZLOAM_FIELD("odometry.", c, imu_start_acceleration_mps2);
