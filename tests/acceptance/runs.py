@@ -109,12 +109,15 @@ class Setting:
             )
         return capture, truth
 
-    def world(self, world: str, seed: int, *, imu: bool = False) -> Demo:
+    def world(self, world: str, seed: int, *, imu: bool = False, late_ms: float = 0.0) -> Demo:
         """A simulated world's packets through the chain, with the simulated inertial sensor's
-        readings where wanted."""
+        readings where wanted, their stamps late by so much."""
         capture, truth = self.simulated(world, seed)
         name = f"world-{Path(world).stem}-{seed}" + ("-imu" if imu else "")
         readings = ["--imu", _readings(capture)] if imu else []
+        if late_ms:
+            name += f"-late-{late_ms:g}"
+            readings += ["--set", f"driver.imu_delay_ms={-late_ms}"]
         return self.demo(name, "--pcap", capture, "--truth", truth, *readings)
 
     def city(self) -> Demo:

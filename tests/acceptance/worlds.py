@@ -45,6 +45,9 @@ ESCORTED: Runs = tuple(("moving", seed) for seed in (4, 5, 7, 9, 15))
 WITH_IMU = ("tunnel",)
 #: with an inertial sensor no world may become worse, and what lidars miss must be gained
 IMU_WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
+#: where a platform turns and pushes enough that a delay shows
+LATE_WORLDS = ("city", "indoor", "handheld")
+LATE_MS, LATE_GROWTH = 20.0, 1.2
 FLAT_Z_SHARE = 0.002
 STEP_M = 0.2
 
@@ -80,6 +83,13 @@ def checks(setting: Setting) -> list[Check]:
             "not above",
             _beside_itself,
         ),
+        (
+            "imu-late",
+            _each(*LATE_WORLDS),
+            f"ATE with an inertial sensor's stamps {LATE_MS:g} ms late beside that with right ones",
+            f"≤ {LATE_GROWTH} ×",
+            _late_beside_right,
+        ),
     ]
     return [
         _check(setting, kind, world, seed, text, limit, measure)
@@ -111,8 +121,9 @@ def _truth(s: Setting, world: str, seed: int) -> Trajectory:
     return trajectory.read(s.simulated(world, seed)[1])
 
 
-def _ate_m(s: Setting, world: str, seed: int, *, imu: bool) -> float:
-    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum")
+def _ate_m(s: Setting, world: str, seed: int, *, imu: bool, late_ms: float = 0.0) -> float:
+    demo = s.world(world, seed, imu=imu, late_ms=late_ms)
+    poses = trajectory.read(demo.out / "trajectory.tum")
     found = evaluation.evaluate(poses, _truth(s, world, seed)).ate_rmse_m
     if found is None:
         raise RuntimeError("too few poses")
@@ -122,6 +133,11 @@ def _ate_m(s: Setting, world: str, seed: int, *, imu: bool) -> float:
 def _beside_itself(s: Setting, world: str, seed: int) -> Measured:
     better, without = (_ate_m(s, world, seed, imu=imu) for imu in (True, False))
     return Measured(f"{better:.4f} m, without {without:.4f} m", better <= without)
+
+
+def _late_beside_right(s: Setting, world: str, seed: int) -> Measured:
+    late, right = (_ate_m(s, world, seed, imu=True, late_ms=by) for by in (LATE_MS, 0.0))
+    return Measured(f"{late:.4f} m, {right:.4f} m", late <= LATE_GROWTH * right)
 
 
 def _compared(s: Setting, world: str, seed: int, *, imu: bool = False) -> Compared:
