@@ -9,8 +9,7 @@ namespace zloam::odometry {
 namespace {
 
 constexpr int kGravity = 0, kForceBias = 3, kRateBias = 6, kDelay = 9;
-// So much of them lies on either side of a sweep (schemas/sweep.fbs).
-constexpr double kMostDelay_s = 0.03;
+constexpr double kMostDelay_s = 1e-9 * static_cast<double>(kImuMargin_ns);
 
 double squared(double x) { return x * x; }
 
@@ -48,6 +47,13 @@ Vector6 step_by_delay(const InertialState& state, const SweepInertia& sweep) {
   by_delay << sweep.mean_force_mps2 - state.mean_force_from_end_mps2 - rate_begin.cross(felt_mps),
       sweep.bend_rad / sweep.period_s;
   return by_delay;
+}
+
+// What the next sweep's motion is told after.
+void adjoin(InertialState& state, const SweepInertia& sweep) {
+  state.mean_to_end_mps = sweep.mean_to_end_mps;
+  state.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
+  state.adjoins = true;
 }
 
 // Walks through all members in one order, for both ways.
@@ -109,9 +115,7 @@ InertialState begin_inertia(const SweepInertia& sweep, const Pose& T_odom_end, b
       state.covariance.block<3, 3>(kGravity, kForceBias).transpose();
   state.covariance.block<3, 3>(kRateBias, kRateBias) = diagonal(c.imu_rate_bias_radps);
   state.covariance(kDelay, kDelay) = squared(1e-3 * c.imu_delay_sigma_ms);
-  state.mean_to_end_mps = sweep.mean_to_end_mps;
-  state.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
-  state.adjoins = true;
+  adjoin(state, sweep);
   state.resting = at_rest;
   state.rest_force_mps2 = sweep.mean_force_mps2;
   return state;
@@ -191,9 +195,7 @@ InertialState corrected(const InertialState& state, const InertialPrediction& fo
   out.cross = of_end * bounded;
   // The part of the errors that the pose is taken not to have stays the twist's.
   out.cross.rightCols<6>() += of_end * (full - bounded).rightCols<6>();
-  out.mean_to_end_mps = sweep.mean_to_end_mps;
-  out.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
-  out.adjoins = true;
+  adjoin(out, sweep);
   return out;
 }
 
@@ -202,11 +204,8 @@ InertialState carried_past(const InertialState& state, const std::optional<Sweep
   InertialState out = state;
   out.covariance += walk(config, over_s);
   out.cross.setZero();
-  out.adjoins = sweep.has_value();
-  if (sweep) {
-    out.mean_to_end_mps = sweep->mean_to_end_mps;
-    out.mean_force_from_end_mps2 = sweep->mean_force_from_end_mps2;
-  }
+  out.adjoins = false;
+  if (sweep) adjoin(out, *sweep);
   return out;
 }
 

@@ -98,7 +98,7 @@ void bind_imu_drift(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.imu_gravity_walk", &c.imu_gravity_walk, {0.0, 10.0}, "m/s^2/sqrt(s)",
         "what gravity wanders by in the odom frame, as that tilts");
   p.add("odometry.imu_delay_sigma_ms", &c.imu_delay_sigma_ms, {0.0, 1e3}, "ms",
-        "by how much the stamps may be late or early at the start; 0: not at all");
+        "by how much the stamps may be late or early at the start; 0, and no walk: not at all");
   p.add("odometry.imu_delay_walk_ms", &c.imu_delay_walk_ms, {0.0, 1e3}, "ms/sqrt(s)",
         "what their delay wanders by");
   p.add("odometry.imu_normal_error_rad", &c.imu_normal_error_rad, {0.0, 1.0}, "rad",

@@ -16,6 +16,9 @@ struct ImuReading {
   Eigen::Vector3d rate_radps = Eigen::Vector3d::Zero();
 };
 
+/// So much before and after a sweep goes with it (schemas/sweep.fbs): stamps may be off by as much.
+inline constexpr std::int64_t kImuMargin_ns = 30'000'000;
+
 using ImuSpan = std::span<const ImuReading>;
 
 }  // namespace zloam

@@ -10,9 +10,6 @@
 
 namespace zloam::driver {
 
-/// So much before and after a sweep goes with it (schemas/sweep.fbs).
-inline constexpr std::int64_t kImuMargin_ns = 30'000'000;
-
 class ImuBuffer {
  public:
   /// delay_ns: by how much the stamps are later than the readings; it is taken off.
