@@ -190,7 +190,7 @@ Vector12 NormalSums::gradient() const {
   return g;
 }
 
-void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
+void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
               const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out) {
   out.clear();
   out.reserve(points.size());
@@ -203,7 +203,7 @@ void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
 
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, const Gate& gate, const WeakAxis& weak) {
-  const std::vector<SlotPoint>& points = matched.points;
+  const std::span<const SlotPoint> points = matched.points;
   const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
   if (std::exchange(matched.are_new, false)) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "common/geometry/se3.hpp"
@@ -56,13 +57,18 @@ struct WeakAxis {
 };
 
 /// Points of a sweep, and for each what the map said of it in the iteration before: most of them
-/// stay in their voxel.
+/// stay in their voxel. One such object serves sweep after sweep: the hints are a megabyte, which
+/// the kernel would else map and clear anew for each.
 struct MatchedPoints {
-  explicit MatchedPoints(const std::vector<SlotPoint>& of_sweep)
-      : points(of_sweep), hints(of_sweep.size()) {}
-  const std::vector<SlotPoint>& points;
+  /// Of another sweep; they must stay where they are until the next one.
+  void begin(const std::vector<SlotPoint>& of_sweep) {
+    points = of_sweep;
+    hints.resize(of_sweep.size());
+    are_new = true;
+  }
+  std::span<const SlotPoint> points;
   std::vector<VoxelPlaneMap::Hint> hints;
-  bool are_new = true;  // nothing was looked up for them yet
+  bool are_new = true;  // nothing was looked up for them yet: what the hints hold means nothing
 };
 
 /// Residuals above the limit are rejected; the others weigh (k^2 / (k^2 + r^2))^2 with the kernel k
@@ -77,7 +83,7 @@ struct Gate {
 };
 
 /// Points as given to the map's local coordinates; shift_local: of the motions' origin.
-void to_local(const std::vector<SlotPoint>& points, const SlotMotions& motions,
+void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
               const Eigen::Vector3f& shift_local, std::vector<LocalPoint>& out);
 
 /// Points against the map; the gate is that of the planes. The motion is in the map's grid frame.

@@ -96,21 +96,22 @@ SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep
                                     const MotionPrior& prior, const Gate& gate) const {
   const std::vector<SlotPoint> few = every_nth(sweep.points(), kCoarseStride, 0);
   if (few.size() < kLeastCoarsePoints) return prior.start;
-  MatchedPoints matched(few);
+  MatchedPoints matched;
+  matched.begin(few);
   const Step first = step_from(prior.start, map, sweep, matched, prior, gate);
   return is_sound(first.step) ? moved(prior.start, first.step) : prior.start;
 }
 
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
-                                const MotionPrior& prior, const MatchGates& gates) const {
+                                const MotionPrior& prior, const MatchGates& gates) {
   MatchResult result;
   result.motion = prior.start;
   SweepMotion motion = come_near(map, sweep, prior, gates.first);
-  MatchedPoints matched(sweep.points());
+  matched_.begin(sweep.points());
   Step last;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
     const Gate& gate = i == 0 ? gates.first : gates.then;
-    last = step_from(motion, map, sweep, matched, prior, gate);
+    last = step_from(motion, map, sweep, matched_, prior, gate);
     result.iterations = i + 1;
     if (!is_sound(last.step)) {
       return result;

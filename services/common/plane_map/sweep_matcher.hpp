@@ -80,7 +80,7 @@ class SweepMatcher {
 
   /// The map's anchor must have been set near the prior's start.
   MatchResult match(VoxelPlaneMap& map, const SweepPoints& sweep, const MotionPrior& prior,
-                    const MatchGates& gates) const;
+                    const MatchGates& gates);
 
  private:
   struct Step {
@@ -102,6 +102,7 @@ class SweepMatcher {
   Degeneracy judge(const NormalSums& sums, const Matrix12& predicted, double scale) const;
 
   MatcherConfig config_;
+  MatchedPoints matched_;
 };
 
 /// Hessian and gradient of the priors at a motion; for tests and for the predicted sigmas.

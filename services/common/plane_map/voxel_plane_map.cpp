@@ -198,6 +198,7 @@ void VoxelPlaneMap::count_crowds(const RootHit& hit, std::span<Hint> hints) {
 
 void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint> hints) {
   hit_roots(points, false);
+  if (placed_.size() < points.size()) std::fill(hints.begin(), hints.end(), Hint());
   for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
     fetch_root(i + kAhead);
     find_in_root(roots_hit_[i], points, hints);

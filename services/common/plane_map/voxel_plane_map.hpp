@@ -104,7 +104,8 @@ class VoxelPlaneMap {
     return hint.match;
   }
 
-  /// The same for many points, in an order that suits the memory. hints: as many as points.
+  /// The same for many points, in an order that suits the memory. hints: as many as points; what
+  /// they held is of no account.
   void find_all(std::span<const LocalPoint> points, std::span<Hint> hints);
 
   /// Counts points, local coordinates. Those that are not finite or farther than 3 km from the

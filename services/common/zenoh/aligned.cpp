@@ -11,8 +11,9 @@ namespace zloam::zenoh {
 namespace {
 
 constexpr std::align_val_t kAlignment{kCopyAlignment};
-// Blocks from here on a heap with bounds (bound_heap) takes from the kernel and gives back.
-constexpr std::size_t kLarge = 1 << 20;
+// Blocks from here on mapping's heap (StageSpec::kept_block_bytes) takes from the kernel and gives
+// back.
+constexpr std::size_t kLarge = 512 << 10;
 
 struct Block {
   std::uint8_t* memory = nullptr;
