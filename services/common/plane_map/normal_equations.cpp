@@ -10,12 +10,13 @@ namespace {
 struct Row {
   Float4 low;   // n_x, n_y, n_z, m_x
   Float4 high;  // m_y, m_z, r, 0
+  float weight;
 };
 
-Row row_of(Float4 normal, Float4 lever, float residual) {
+Row row_of(Float4 normal, Float4 lever, float residual, float weight) {
   const Float4 moment_zxy = cross_zxy(lever, normal);
   return {__builtin_shufflevector(normal, moment_zxy, 0, 1, 2, 5),
-          __builtin_shufflevector(moment_zxy, all_lanes(residual), 2, 0, 4, 3)};
+          __builtin_shufflevector(moment_zxy, all_lanes(residual), 2, 0, 4, 3), weight};
 }
 
 // Sums over the points of one slot, which share s. Few terms meet here, so single precision is
@@ -25,9 +26,9 @@ struct SlotSums {
   Float4 low[4] = {};
   Float4 high[6] = {};
 
-  void add(const Row& row, float weight) {
-    const Float4 l = row.low * weight;
-    const Float4 h = row.high * weight;
+  void add(const Row& row) {
+    const Float4 l = row.low * row.weight;
+    const Float4 h = row.high * row.weight;
     add_row<0>(from_lane<0>(l), row);
     add_row<1>(from_lane<1>(l), row);
     add_row<2>(from_lane<2>(l), row);
@@ -127,11 +128,9 @@ class Accumulator {
     for (int i = 0; i < match.count; ++i) {
       const Float4 n = match.rows[i].lanes();
       // With an axis left open the moment stays that of the whole normal.
-      Row row = row_of(n, lever, residuals[i]);
-      if (least_cosine_ > 0.0f) leave_open(row.low);
-      slot_.add(row, weight);
+      slot_.push_back(row_of(n, lever, residuals[i], weight));
+      if (least_cosine_ > 0.0f) leave_open(slot_.back().low);
     }
-    slot_is_empty_ = false;
     ++sums_.matches;
     sums_.cost += 0.5 * e * squared / shared_by;
     sums_.weight += weight;
@@ -145,10 +144,12 @@ class Accumulator {
   }
 
   void end_slot(std::uint32_t slot) {
-    if (slot_is_empty_) return;
-    rows_.add(slot_, slot_fraction(static_cast<int>(slot)));
-    slot_ = SlotSums();
-    slot_is_empty_ = true;
+    if (slot_.empty()) return;
+    // In a loop of its own, in which the sums stay in registers.
+    SlotSums sums;
+    for (const Row& row : slot_) sums.add(row);
+    rows_.add(sums, slot_fraction(static_cast<int>(slot)));
+    slot_.clear();
   }
 
   NormalSums finish(const Eigen::Matrix3d& rotation) {
@@ -170,8 +171,7 @@ class Accumulator {
   float per_crowd_;
   Float4 weak_axis_;
   float least_cosine_;
-  SlotSums slot_;
-  bool slot_is_empty_ = true;
+  std::vector<Row> slot_;
   SweepRows rows_;
   NormalSums sums_;
 };

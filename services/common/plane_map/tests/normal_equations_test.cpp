@@ -53,7 +53,8 @@ struct Problem {
     SweepInput sweep;
     sweep.points = cloud;
     const SweepPoints points(sweep, 0.5);
-    MatchedPoints matched(points.points());
+    MatchedPoints matched;
+    matched.begin(points.points());
     return accumulate(map, points, matched, at, {0.3, 0.1, 0.1, crowd_points}, weak);
   }
 
