@@ -6,6 +6,7 @@
 
 #include "common/containers/thinning.hpp"
 #include "common/geometry/floor.hpp"
+#include "common/geometry/lanes.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -13,6 +14,8 @@ namespace {
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
 constexpr std::size_t kInitialTable = 1U << 16;
 constexpr std::size_t kFetchAhead = 8;
+constexpr double kMostUnits = 2.0e9;
+constexpr double kNowhere = 1e30;
 
 std::uint64_t key_of(const std::array<std::int32_t, 3>& cell, int level) {
   constexpr std::uint64_t kMask = (1U << 20) - 1;
@@ -32,15 +35,94 @@ std::uint64_t mix(std::uint64_t x) {
 
 // Cells wrap after 2^20 voxels; positions saturate there as well.
 std::int32_t saturated(double units) {
-  constexpr double kLimit = 2.0e9;
-  return floor_to<std::int32_t>(std::min(std::max(units, -kLimit), kLimit));
+  return floor_to<std::int32_t>(std::min(std::max(units, -kMostUnits), kMostUnits));
 }
 
 std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
   return {saturated(units.x()), saturated(units.y()), saturated(units.z())};
 }
 
+// A point in units, rounded down: whole numbers, which doubles hold exactly.
+struct UnitPoint {
+  Double2 xy;
+  Double2 z;  // and 0
+};
+
+// From base_link to units of the grid.
+class ToUnits {
+ public:
+  ToUnits(const Eigen::Matrix3d& turn, const Eigen::Vector3d& shift)
+      : shift_{halves_of(shift)},
+        columns_{halves_of(turn.col(0)), halves_of(turn.col(1)), halves_of(turn.col(2))} {}
+
+  UnitPoint operator()(const Point& p) const {
+    const double x = p.x, y = p.y, z = p.z;
+    const auto [cx, cy, cz] = columns_;
+    return {whole(cx.xy * x + (cy.xy * y + cz.xy * z) + shift_.xy),
+            whole(cx.z * x + (cy.z * y + cz.z * z) + shift_.z)};
+  }
+
+ private:
+  static UnitPoint halves_of(const Eigen::Vector3d& v) {
+    return {Double2{v.x(), v.y()}, Double2{v.z(), 0.0}};
+  }
+  static Double2 whole(Double2 units) {
+    const Double2 most = Double2{} + kMostUnits;
+    units = units < -most ? -most : units;
+    return floor_of(units > most ? most : units);
+  }
+
+  UnitPoint shift_;
+  std::array<UnitPoint, 3> columns_;
+};
+
 }  // namespace
+
+// Points come ring by ring, so successive ones mostly share their finest voxel: they are summed
+// here, two numbers at once, and the voxels are touched once a run. The sums stay far below 2^53
+// and are exact.
+class WindowMap::FinestRun {
+ public:
+  explicit FinestRun(int shift) : shift_(shift), half_(1 << (shift - 1)) {}
+
+  bool empty() const { return z_count_[1] == 0.0; }
+  bool holds(const UnitPoint& p) const {
+    return both_within(p.xy - centre_.xy, half_) && both_within(p.z - centre_.z, half_);
+  }
+  void begin(const UnitPoint& p) {
+    *this = FinestRun(shift_);
+    const Grid at = {static_cast<std::int32_t>(p.xy[0]), static_cast<std::int32_t>(p.xy[1]),
+                     static_cast<std::int32_t>(p.z[0])};
+    cell_ = {at[0] >> shift_, at[1] >> shift_, at[2] >> shift_};
+    const auto centre = [&](std::size_t i) { return 2.0 * half_ * cell_[i] + half_; };
+    centre_ = {Double2{centre(0), centre(1)}, Double2{centre(2), 0.0}};
+  }
+  void add(const UnitPoint& p) {
+    const Double2 xy = p.xy - centre_.xy;
+    const Double2 z = p.z - centre_.z;
+    xy_ += xy;
+    z_count_ += Double2{z[0], 1.0};
+    xx_yy_ += xy * xy;
+    xz_yz_ += xy * z[0];
+    xy_zz_ += Double2{xy[0], z[0]} * Double2{xy[1], z[0]};
+  }
+  OpenRun run() const {
+    const auto whole = [](double x) { return static_cast<std::int64_t>(x); };
+    Sums sums;
+    sums.sum = {whole(xy_[0]), whole(xy_[1]), whole(z_count_[0])};
+    sums.square = {whole(xx_yy_[0]), whole(xy_zz_[0]), whole(xz_yz_[0]),
+                   whole(xx_yy_[1]), whole(xz_yz_[1]), whole(xy_zz_[1])};
+    sums.count = whole(z_count_[1]);
+    return {cell_, sums};
+  }
+
+ private:
+  int shift_;
+  double half_;
+  Cell cell_{};
+  UnitPoint centre_{Double2{} + kNowhere, Double2{} + kNowhere};
+  Double2 xy_{}, z_count_{}, xx_yy_{}, xz_yz_{}, xy_zz_{};
+};
 
 WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
     : config_(config),
@@ -136,20 +218,8 @@ void WindowMap::enter(std::uint64_t key, std::uint32_t voxel) {
   ++used_slots_;
 }
 
-void WindowMap::Sums::add(std::int64_t x, std::int64_t y, std::int64_t z) {
-  sum[0] += x;
-  sum[1] += y;
-  sum[2] += z;
-  square[0] += x * x;
-  square[1] += x * y;
-  square[2] += x * z;
-  square[3] += y * y;
-  square[4] += y * z;
-  square[5] += z * z;
-  ++count;
-}
-
-void WindowMap::Sums::add(const Sums& other, int sign) {
+template <int sign>
+void WindowMap::Sums::add(const Sums& other) {
   for (std::size_t i = 0; i < 3; ++i) {
     sum[i] += sign * other.sum[i];
   }
@@ -159,21 +229,21 @@ void WindowMap::Sums::add(const Sums& other, int sign) {
   count += sign * other.count;
 }
 
-WindowMap::Sums WindowMap::Sums::shifted(const std::array<std::int64_t, 3>& o) const {
-  Sums out = *this;
-  const auto product = [&](std::size_t i, std::size_t j) {
-    return o[j] * sum[i] + o[i] * sum[j] + count * o[i] * o[j];
-  };
+// The sum of (p + o)(p + o)^T is that of p p^T and o s^T + s o^T + n o o^T.
+void WindowMap::Sums::add_moved(const Sums& other, const std::array<std::int64_t, 3>& o) {
+  const auto& s = other.sum;
+  std::array<std::int64_t, 3> moved;
   for (std::size_t i = 0; i < 3; ++i) {
-    out.sum[i] += count * o[i];
+    moved[i] = s[i] + other.count * o[i];
+    sum[i] += moved[i];
   }
-  out.square[0] += product(0, 0);
-  out.square[1] += product(0, 1);
-  out.square[2] += product(0, 2);
-  out.square[3] += product(1, 1);
-  out.square[4] += product(1, 2);
-  out.square[5] += product(2, 2);
-  return out;
+  square[0] += other.square[0] + o[0] * (s[0] + moved[0]);
+  square[1] += other.square[1] + o[0] * s[1] + o[1] * moved[0];
+  square[2] += other.square[2] + o[0] * s[2] + o[2] * moved[0];
+  square[3] += other.square[3] + o[1] * (s[1] + moved[1]);
+  square[4] += other.square[4] + o[1] * s[2] + o[2] * moved[1];
+  square[5] += other.square[5] + o[2] * (s[2] + moved[2]);
+  count += other.count;
 }
 
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
@@ -181,7 +251,7 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   std::vector<Run> runs;
   while (!sweeps_.empty() &&
          sweeps_.size() >= static_cast<std::size_t>(std::max(1, config_.window_sweeps))) {
-    count(sweeps_.front(), -1);
+    count<-1>(sweeps_.front());
     runs = std::move(sweeps_.front());
     sweeps_.pop_front();
   }
@@ -189,33 +259,31 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
   const std::size_t stride = stride_to(enough, points.size());
   run_keys_.clear();
-  const Eigen::Matrix3d turn = units_R_ * T_odom_base.linear();
-  const Eigen::Vector3d shift = units_R_ * T_odom_base.translation() + units_t_;
+  const ToUnits to_units(units_R_ * T_odom_base.linear(),
+                         units_R_ * T_odom_base.translation() + units_t_);
+  FinestRun run(shift_of(levels_ - 1));
   for (std::size_t i = 0; i < points.size(); i += stride) {
-    add_point(grid_of(turn * points[i].position().cast<double>() + shift), runs);
+    const UnitPoint p = to_units(points[i]);
+    if (!run.holds(p)) {
+      add_run(run, runs);
+      run.begin(p);
+    }
+    run.add(p);
   }
+  add_run(run, runs);
   for (int level = levels_ - 1; level >= 0; --level) {
     close_run(level, runs);
   }
   find_voxels(runs);
-  count(runs, 1);
+  count<1>(runs);
   sweeps_.push_back(std::move(runs));
 }
 
-// Points come ring by ring, so successive ones mostly share their voxel: they are summed here, and
-// the voxels are touched once a run.
-void WindowMap::add_point(const Grid& position, std::vector<Run>& runs) {
+void WindowMap::add_run(const FinestRun& run, std::vector<Run>& runs) {
+  if (run.empty()) return;
   const int finest = levels_ - 1;
-  OpenRun& open = open_[static_cast<std::size_t>(finest)];
-  const Cell cell = cell_of(position, finest);
-  if (open.sums.count > 0 && cell != open.cell) {
-    close_run(finest, runs);
-  }
-  open.cell = cell;
-  const std::int32_t mask = (1 << shift_of(finest)) - 1;
-  const std::int32_t half = 1 << (shift_of(finest) - 1);
-  open.sums.add((position[0] & mask) - half, (position[1] & mask) - half,
-                (position[2] & mask) - half);
+  open_[static_cast<std::size_t>(finest)] = run.run();
+  close_run(finest, runs);
 }
 
 // Keeps a level's run and hands it on to the level above.
@@ -236,7 +304,7 @@ void WindowMap::close_run(int level, std::vector<Run>& runs) {
     // The child's centre lies half a child's edge to either side of the parent's.
     const std::int64_t half = 1 << (shift_of(level) - 1);
     const auto side = [&](std::size_t i) { return (open.cell[i] & 1) != 0 ? half : -half; };
-    parent.sums.add(open.sums.shifted({side(0), side(1), side(2)}), 1);
+    parent.sums.add_moved(open.sums, {side(0), side(1), side(2)});
   }
   open.sums = {};
 }
@@ -254,7 +322,8 @@ void WindowMap::find_voxels(std::vector<Run>& runs) {
   }
 }
 
-void WindowMap::count(const std::vector<Run>& runs, int sign) {
+template <int sign>
+void WindowMap::count(const std::vector<Run>& runs) {
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (i + kFetchAhead < runs.size()) {
       const Voxel& later = voxels_[runs[i + kFetchAhead].voxel];
@@ -262,7 +331,7 @@ void WindowMap::count(const std::vector<Run>& runs, int sign) {
       __builtin_prefetch(&later.fit, 1);
     }
     Voxel& voxel = voxels_[runs[i].voxel];
-    voxel.sums.add(runs[i].sums, sign);
+    voxel.sums.add<sign>(runs[i].sums);
     voxel.fit = Fit::kStale;
   }
 }
@@ -300,7 +369,7 @@ const FittedPlane* WindowMap::look_up(const Grid& position) {
 
 bool WindowMap::covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const {
   const Sums& sums = voxel.sums;
-  const double n = sums.count;
+  const auto n = static_cast<double>(sums.count);
   const double unit = 1.0 / units_per_m_;
   mean = Eigen::Vector3d(double(sums.sum[0]), double(sums.sum[1]), double(sums.sum[2])) / n;
   const auto& q = sums.square;
@@ -326,7 +395,7 @@ void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
   const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(0.0);
   const double thick2 = std::pow(config_.plane_thickness_sigmas * range_noise_m_, 2);
   const double wide2 = std::pow(config_.plane_width_sigmas * range_noise_m_, 2);
-  const double normal_error2 = values[0] / (voxel.sums.count * std::max(1e-12, values[1]));
+  const double normal_error2 = values[0] / (static_cast<double>(voxel.sums.count) * std::max(1e-12, values[1]));
   if (values[0] > thick2 || values[1] < wide2 || values[1] < kAspect * values[0] ||
       normal_error2 > config_.plane_normal_error_rad * config_.plane_normal_error_rad) {
     return;

@@ -62,12 +62,12 @@ class WindowMap {
   struct Sums {
     std::array<std::int64_t, 3> sum{};
     std::array<std::int64_t, 6> square{};  // xx xy xz yy yz zz
-    std::int32_t count = 0;
+    std::int64_t count = 0;
 
-    void add(std::int64_t x, std::int64_t y, std::int64_t z);
-    void add(const Sums& other, int sign);
-    /// The same points relative to an origin that lies at -offset.
-    Sums shifted(const std::array<std::int64_t, 3>& offset) const;
+    template <int sign>
+    void add(const Sums& other);
+    /// Points relative to an origin that lies at `offset` from this one's.
+    void add_moved(const Sums& other, const std::array<std::int64_t, 3>& offset);
   };
   struct Voxel {
     std::uint64_t key = 0;
@@ -95,10 +95,12 @@ class WindowMap {
   std::uint32_t find_voxel(std::uint64_t key) const;
   std::uint32_t make_voxel(std::uint64_t key);
   void make_room(std::size_t voxels);
-  void add_point(const Grid& position, std::vector<Run>& runs);
+  class FinestRun;
+  void add_run(const FinestRun& run, std::vector<Run>& runs);
   void close_run(int level, std::vector<Run>& runs);
   void find_voxels(std::vector<Run>& runs);
-  void count(const std::vector<Run>& runs, int sign);
+  template <int sign>
+  void count(const std::vector<Run>& runs);
   const FittedPlane* look_up(const Grid& position);
   void rebuild_table(std::size_t more_voxels);
   void enter(std::uint64_t key, std::uint32_t voxel);

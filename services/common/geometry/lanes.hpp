@@ -39,6 +39,22 @@ inline bool all_below(Float4 v, float limit) {
   return (below[0] & below[1]) == -1;
 }
 
+/// Two numbers in double precision.
+using Double2 = double __attribute__((vector_size(16)));
+
+/// Rounded down; for numbers of at most 2^51 in size.
+inline Double2 floor_of(Double2 v) {
+  constexpr double kUnits = 3.0 * (std::uint64_t{1} << 51);  // so large that its digits are whole
+  const Double2 nearest = (v + kUnits) - kUnits;
+  return nearest > v ? nearest - 1.0 : nearest;
+}
+
+/// Whether both are at least -limit and below limit; NaN is not.
+inline bool both_within(Double2 v, double limit) {
+  const auto within = (v < limit) & (v >= -limit);
+  return (within[0] & within[1]) == -1;
+}
+
 /// Columns of a motion in single precision; their last lanes are 0.
 struct MotionLanes {
   std::array<Float4, 4> columns;

@@ -15,13 +15,6 @@ std::uint64_t hash(std::uint64_t x) {
   return x ^ (x >> 29);
 }
 
-// Which of the grid's axes a surface faces most.
-std::size_t widest_axis(const PlaneRow& row) {
-  const float x = std::abs(row.nx), y = std::abs(row.ny), z = std::abs(row.nz);
-  if (x >= y && x >= z) return 0;
-  return y >= z ? 1 : 2;
-}
-
 void check(const PlaneMapConfig& c) {
   const bool ok = c.root_voxel_m > 0.0 && c.levels >= 2 && c.levels <= 6 && c.range_noise_m > 0.0 &&
                   c.min_points >= 3 && c.refit_growth >= 1.0 && c.keep_radius_m > c.root_voxel_m;
@@ -104,112 +97,6 @@ std::array<float, 3> VoxelPlaneMap::root_centre(const Cell& c) const {
     return (static_cast<float>(cell >> shift_) + 0.5f) * static_cast<float>(config_.root_voxel_m);
   };
   return {centre(c.x), centre(c.y), centre(c.z)};
-}
-
-inline Match VoxelPlaneMap::match_of(const Counted& voxel, const Cell& cell) const {
-  if (voxel.kind == Kind::kNone) {
-    return {};
-  }
-  const std::array<float, 3> root = root_centre(cell);
-  const Float4 centre{root[0], root[1], root[2], 1.0f};
-  if (voxel.is_plane()) {
-    const Plane& plane = planes_[voxel.fit];
-    return {&plane.row, 1, true, plane.normal_variance, 0.0f, centre};
-  }
-  const int count = voxel.kind == Kind::kLine ? 2 : 3;
-  return {rows_[voxel.fit].data(), count, false, 0.0f, 0.0f, centre};
-}
-
-Match VoxelPlaneMap::find(float x, float y, float z) {
-  const auto cell = cell_of(x, y, z);
-  return cell ? look_up(*cell) : Match();
-}
-
-Float4 VoxelPlaneMap::centre_of(const Cell& c) {
-  return Float4{static_cast<float>(c.x) + 0.5f, static_cast<float>(c.y) + 0.5f,
-                static_cast<float>(c.z) + 0.5f, 0.0f};
-}
-
-void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
-  const auto cell = cell_of(point[0], point[1], point[2]);
-  const float crowd = hint.match.crowd;
-  hint = cell ? Hint{centre_of(*cell), look_up(*cell)} : Hint();
-  hint.match.crowd = crowd;
-}
-
-VoxelPlaneMap::Way VoxelPlaneMap::go_down(std::uint32_t root, const Cell& cell) {
-  std::uint32_t i = root;
-  Match post;
-  for (int bit = shift_ - 1; bit >= 0 && i != kNoChild; --bit) {
-    Node& node = nodes_[i];
-    if (node.count >= node.refit_at) {
-      fit_node(node, cell, shift_ - 1 - bit);
-    }
-    if (node.is_plane()) {
-      return {kNoChild, match_of(node, cell)};
-    }
-    if (node.kind == Kind::kLine) post = match_of(node, cell);
-    i = node.children[octant(cell, bit)];
-  }
-  return {i, post};
-}
-
-Match VoxelPlaneMap::match_of_leaf(const Way& way, const Cell& cell) {
-  Leaf& leaf = leaves_[way.leaf];
-  if (leaf.count >= leaf.refit_at) {
-    fit_leaf(leaf, cell);
-  }
-  return leaf.kind == Kind::kNone ? way.match : match_of(leaf, cell);
-}
-
-Match VoxelPlaneMap::look_up(const Cell& cell) {
-  const Way way = go_down(find_root(root_key(cell)), cell);
-  return way.leaf == kNoChild ? way.match : match_of_leaf(way, cell);
-}
-
-// First all ways down, then what they end at: its memory is on the way meanwhile.
-void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint> points,
-                                 std::span<Hint> hints) {
-  ways_.clear();
-  for (const Placed& p : hit.points) {
-    const LocalPoint& point = points[p.point];
-    const Cell cell = *cell_of(point.x, point.y, point.z);
-    hints[p.point].cell_centre = centre_of(cell);
-    ways_.push_back({cell, go_down(hit.node, cell)});
-    if (ways_.back().way.leaf != kNoChild) leaves_.fetch(ways_.back().way.leaf);
-  }
-  for (std::size_t i = 0; i < ways_.size(); ++i) {
-    const auto& [cell, way] = ways_[i];
-    hints[hit.points[i].point].match = way.leaf == kNoChild ? way.match : match_of_leaf(way, cell);
-  }
-}
-
-void VoxelPlaneMap::count_crowds(const RootHit& hit, std::span<Hint> hints) {
-  std::array<float, 3> facing{};
-  for (const Placed& p : hit.points) {
-    const Match& match = hints[p.point].match;
-    if (match.count > 0) ++facing[widest_axis(*match.rows)];
-  }
-  for (const Placed& p : hit.points) {
-    Match& match = hints[p.point].match;
-    if (match.count > 0) match.crowd = facing[widest_axis(*match.rows)];
-  }
-}
-
-void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint> hints) {
-  hit_roots(points, false);
-  if (placed_.size() < points.size()) std::fill(hints.begin(), hints.end(), Hint());
-  for (std::size_t i = 0; i < roots_hit_.size(); ++i) {
-    fetch_root(i + kAhead);
-    find_in_root(roots_hit_[i], points, hints);
-    count_crowds(roots_hit_[i], hints);
-  }
-}
-
-void VoxelPlaneMap::fetch_root(std::size_t hit) const {
-  if (hit < roots_hit_.size() && roots_hit_[hit].node != kNoChild) {
-    nodes_.fetch(roots_hit_[hit].node);
-  }
 }
 
 void VoxelPlaneMap::release_children(Node& node, int level) {

@@ -244,20 +244,20 @@ class VoxelPlaneMap {
   Match look_up(const Cell& cell);
   void look_up(Float4 point, Hint& hint);
   static Float4 centre_of(const Cell& cell);
-  // How far a look-up came: the finest voxel or none, and what a coarser one gives: a plane, with
-  // which it ends, or a post for a finest voxel that is nothing itself.
-  struct Way {
+  // Points that a look-up has brought to one place: a finest voxel, or none; and what a coarser one
+  // gives: a plane, with which the way ends, or a post for a finest voxel that is nothing itself.
+  struct Found {
+    std::span<const Placed> points;
     std::uint32_t leaf = kNoChild;
     Match match;
   };
-  struct WayOfPoint {
-    Cell cell;
-    Way way;
-  };
-  Way go_down(std::uint32_t root, const Cell& cell);
-  Match match_of_leaf(const Way& way, const Cell& cell);
-  void find_in_root(const RootHit& hit, std::span<const LocalPoint> points, std::span<Hint> hints);
-  static void count_crowds(const RootHit& hit, std::span<Hint> hints);
+  Float4 root_lanes(const Cell& cell) const;
+  Node& fitted_node(std::uint32_t index, const Cell& cell, int level);
+  Match match_of_leaf(std::uint32_t index, const Cell& cell, Float4 root, const Match& post);
+  void find_in_root(const RootHit& hit, std::span<const LocalPoint> points);
+  void find_in_node(std::uint32_t index, int level, std::span<const Placed> placed,
+                    std::span<const LocalPoint> points, Float4 root, const Match& post);
+  void count_crowds();
   void fetch_root(std::size_t hit) const;
   std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
@@ -280,7 +280,7 @@ class VoxelPlaneMap {
   void set_plane(Counted& voxel, const PrincipalAxes& axes, double count,
                  const Eigen::Vector3d& offset);
   void set_kind(Counted& voxel, Kind kind);
-  Match match_of(const Counted& voxel, const Cell& cell) const;
+  Match match_of(const Counted& voxel, Float4 root) const;
   void release_children(Node& node, int level);
   void release_node(std::uint32_t node, int level);
   void settle(Node& node, int level);
@@ -308,7 +308,7 @@ class VoxelPlaneMap {
   Pool<std::array<PlaneRow, 3>> rows_;
   std::vector<Placed> placed_, placed_spare_;  // of the insertion under way
   std::vector<RootHit> roots_hit_;
-  std::vector<WayOfPoint> ways_;
+  std::vector<Found> found_;  // of the root whose points are looked up
 };
 
 }  // namespace zloam::plane_map
