@@ -55,6 +55,17 @@ inline bool both_within(Double2 v, double limit) {
   return (within[0] & within[1]) == -1;
 }
 
+using Int4 = std::int32_t __attribute__((vector_size(16)));
+
+/// Rounded down; within the range of the integers.
+inline Int4 floor_to_int(Float4 v) {
+  const Int4 cut = __builtin_convertvector(v, Int4);
+  return cut + (__builtin_convertvector(cut, Float4) > v);
+}
+
+inline Int4 least_of(Int4 a, Int4 b) { return a < b ? a : b; }
+inline Int4 most_of(Int4 a, Int4 b) { return a > b ? a : b; }
+
 /// Columns of a motion in single precision; their last lanes are 0.
 struct MotionLanes {
   std::array<Float4, 4> columns;

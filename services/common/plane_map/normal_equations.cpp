@@ -1,10 +1,13 @@
 #include "common/plane_map/normal_equations.hpp"
 
 #include <cmath>
+#include <optional>
 #include <utility>
 
 namespace zloam::plane_map {
 namespace {
+
+float squared(double x) { return static_cast<float>(x * x); }
 
 // Row of a residual r in two halves: normal n and moment m = q x n, with the lever arm q.
 struct Row {
@@ -103,15 +106,14 @@ void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
 class Accumulator {
  public:
   Accumulator(const Gate& gate, const WeakAxis& weak)
-      : gate2_(static_cast<float>(gate.limit_m * gate.limit_m)),
-        kernel2_(static_cast<float>(gate.kernel_m * gate.kernel_m)),
-        residual_kernel2_(static_cast<float>(gate.residual_kernel_m * gate.residual_kernel_m)),
+      : gate2_(squared(gate.limit_m)),
+        kernel2_(squared(gate.kernel_m)),
         per_crowd_(gate.crowd_points > 0.0 ? static_cast<float>(1.0 / gate.crowd_points) : 0.0f),
         weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
-  // lever: (q, 0); point: local, (p, 0).
-  void add(const Match& match, Float4 lever, Float4 point) {
+  // lever: (q, 0); point: local, (p, 0). Its squared residual and weight, where it counts.
+  std::optional<std::pair<float, float>> add(const Match& match, Float4 lever, Float4 point) {
     const Float4 from_root = point - match.root_centre;
     float residuals[3] = {};
     float squared = 0.0f;
@@ -120,7 +122,7 @@ class Accumulator {
       squared += residuals[i] * residuals[i];
     }
     if (!(squared <= gate2_)) {
-      return;
+      return std::nullopt;
     }
     const float e = kernel2_ / (kernel2_ + squared);
     const float shared_by = 1.0f + match.crowd * per_crowd_;
@@ -132,15 +134,9 @@ class Accumulator {
       if (least_cosine_ > 0.0f) leave_open(slot_.back().low);
     }
     ++sums_.matches;
-    sums_.cost += 0.5 * e * squared / shared_by;
     sums_.weight += weight;
-    const float told = residual_kernel2_ / (residual_kernel2_ + squared);
-    sums_.told_weight += told * told;
-    sums_.told_root += told;
-    sums_.told_squared += told * told * squared;
-    sums_.told_root_squared += told * squared;
     sums_.normal_variance += weight * match.normal_variance;
-    sums_.lever2 += weight * sum_of_lanes(lever * lever);
+    return std::pair(squared, weight);
   }
 
   void end_slot(std::uint32_t slot) {
@@ -167,7 +163,6 @@ class Accumulator {
 
   float gate2_;
   float kernel2_;
-  float residual_kernel2_;
   float per_crowd_;
   Float4 weak_axis_;
   float least_cosine_;
@@ -213,6 +208,8 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   }
   const Float4 shift_lanes = lanes_of(shift);
   const double noise = map.config().range_noise_m;
+  matched.residuals.clear();
+  matched.residuals.reserve(points.size());
   Accumulator planes(gate, weak);
   Accumulator blobs({10.0 * noise, 3.0 * noise, 3.0 * noise, gate.crowd_points}, {});
   const bool with_blobs = map.config().distributions;
@@ -232,10 +229,33 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
     const Float4 lever = motions[slot](point.x, point.y, point.z);
     const Float4 local = lever + shift_lanes;
     const Match& match = map.find(local, matched.hints[i]);
-    if (match.count > 0) (match.is_plane ? planes : blobs).add(match, lever, local);
+    if (match.count == 0) continue;
+    if (!match.is_plane) {
+      blobs.add(match, lever, local);
+    } else if (const auto counted = planes.add(match, lever, local)) {
+      matched.residuals.push_back(
+          {counted->first, counted->second, sum_of_lanes(lever * lever)});
+    }
   }
   end_slot();
   return {planes.finish(motion.T_mid.linear()), blobs.finish(motion.T_mid.linear())};
+}
+
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, const Gate& gate) {
+  const float kernel2 = squared(gate.kernel_m);
+  const float residual_kernel2 = squared(gate.residual_kernel_m);
+  ResidualAccount out;
+  for (const PlaneResidual& r : residuals) {
+    const float told = residual_kernel2 / (residual_kernel2 + r.squared_m2);
+    out.told_weight += told * told;
+    out.told_root += told;
+    out.told_squared += told * told * r.squared_m2;
+    out.told_root_squared += told * r.squared_m2;
+    out.lever2 += r.weight * r.lever2_m2;
+    // The weight is the square of k^2 / (k^2 + r^2), shared by a crowd.
+    out.cost += 0.5 * r.weight * r.squared_m2 * (1.0 + r.squared_m2 / kernel2);
+  }
+  return out;
 }
 
 }  // namespace zloam::plane_map

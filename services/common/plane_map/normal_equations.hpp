@@ -29,14 +29,8 @@ struct NormalSums {
   Matrix6 a2 = Matrix6::Zero();
   Vector6 g0 = Vector6::Zero();
   Vector6 g1 = Vector6::Zero();
-  double cost = 0.0;    // sum of robust costs, m^2
-  double weight = 0.0;  // sum of weights
-  // With the residual kernel: of the weights and their roots, and of the squared residuals (m^2)
-  // with the weights and with their roots.
-  double told_weight = 0.0, told_root = 0.0;
-  double told_squared = 0.0, told_root_squared = 0.0;
+  double weight = 0.0;           // sum of weights
   double normal_variance = 0.0;  // sum of weighted variances of normals, rad^2
-  double lever2 = 0.0;           // sum of weighted squared lever arms, m^2
   std::size_t matches = 0;
 
   Matrix12 hessian() const;
@@ -56,6 +50,21 @@ struct WeakAxis {
   float least_cosine = 0.0f;  // normals nearer to perpendicular than this say nothing along it
 };
 
+/// Of a point that met a plane.
+struct PlaneResidual {
+  float squared_m2, weight, lever2_m2;
+};
+
+/// What is asked of the residuals of the last iteration only. With the residual kernel: sums of the
+/// weights and of their roots, and of the squared residuals (m^2) with the weights and with their
+/// roots.
+struct ResidualAccount {
+  double cost = 0.0;  // sum of robust costs, m^2
+  double told_weight = 0.0, told_root = 0.0;
+  double told_squared = 0.0, told_root_squared = 0.0;
+  double lever2 = 0.0;  // sum of weighted squared lever arms, m^2
+};
+
 /// Points of a sweep, and for each what the map said of it in the iteration before: most of them
 /// stay in their voxel. One such object serves sweep after sweep: the hints are a megabyte, which
 /// the kernel would else map and clear anew for each.
@@ -68,6 +77,7 @@ struct MatchedPoints {
   }
   std::span<const SlotPoint> points;
   std::vector<VoxelPlaneMap::Hint> hints;
+  std::vector<PlaneResidual> residuals;  // of those that met planes, by accumulate()
   bool are_new = true;  // nothing was looked up for them yet: what the hints hold means nothing
 };
 
@@ -89,5 +99,8 @@ void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
 /// Points against the map; the gate is that of the planes. The motion is in the map's grid frame.
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, const Gate& gate, const WeakAxis& weak = {});
+
+/// gate: the one that they were accumulated with.
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, const Gate& gate);
 
 }  // namespace zloam::plane_map

@@ -129,11 +129,13 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.valid = true;
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
-  result.degeneracy = judge(sums.planes, predicted_covariance(prior), information_scale(map));
+  const ResidualAccount account =
+      account_of(matched_.residuals, result.iterations == 1 ? gates.first : gates.then);
+  result.degeneracy =
+      judge(sums.planes, account.lever2, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m =
-      std::sqrt(sums.planes.told_root_squared / std::max(sums.planes.told_root, 1e-12));
-  result.inlier_rms_m =
-      std::sqrt(sums.planes.told_squared / std::max(sums.planes.told_weight, 1e-12));
+      std::sqrt(account.told_root_squared / std::max(account.told_root, 1e-12));
+  result.inlier_rms_m = std::sqrt(account.told_squared / std::max(account.told_weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);
   return result;
@@ -152,7 +154,7 @@ void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix12& h, Vector
   keep_along(held.eigenvectors().col(0), real, h, g);
 }
 
-Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted,
+Degeneracy SweepMatcher::judge(const NormalSums& sums, double lever2, const Matrix12& predicted,
                                double scale) const {
   Degeneracy out;
   const double weight = std::max(sums.weight, 1e-12);
@@ -169,7 +171,7 @@ Degeneracy SweepMatcher::judge(const NormalSums& sums, const Matrix12& predicted
   out.predicted_sigma_m = sigma_along(predicted.block<3, 3>(0, 0), out.axis);
 
   // Rotations in units of the lever arm, so that eigenvalues mean the same as above.
-  const double lever = std::sqrt(std::max(sums.lever2 / weight, 1e-12));
+  const double lever = std::sqrt(std::max(lever2 / weight, 1e-12));
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(schur(sums.a0, 3, 0) / (lever * lever));
   out.rotation_axis = rotation.eigenvectors().col(0);
   out.measured_sigma_rad = sigma(rotation.eigenvalues()[0]) / lever;

@@ -99,7 +99,9 @@ class SweepMatcher {
   double spurious(const NormalSums& sums) const;
   /// Takes off what those say along the translation that is held least, between walls.
   void discount_spurious(const NormalSums& sums, Matrix12& h, Vector12& g) const;
-  Degeneracy judge(const NormalSums& sums, const Matrix12& predicted, double scale) const;
+  /// lever2: sum of the weighted squared lever arms, m^2.
+  Degeneracy judge(const NormalSums& sums, double lever2, const Matrix12& predicted,
+                   double scale) const;
 
   MatcherConfig config_;
   MatchedPoints matched_;

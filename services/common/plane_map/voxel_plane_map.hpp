@@ -55,6 +55,8 @@ constexpr std::uint16_t kUnknownRing = 0xffff;
 struct LocalPoint {
   float x = 0, y = 0, z = 0;
   std::uint16_t ring = kUnknownRing;
+
+  Float4 lanes() const { return Float4{x, y, z, 0.0f}; }
 };
 
 /// A plane in the map's frame.
@@ -215,13 +217,12 @@ class VoxelPlaneMap {
   static unsigned octant(const Cell& c, int bit) {
     return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
   }
-  std::optional<Cell> cell_of(float x, float y, float z) const {
-    // Written so that NaN fails too.
-    if (!(std::abs(x) < kMaxLocal_m && std::abs(y) < kMaxLocal_m && std::abs(z) < kMaxLocal_m)) {
-      return std::nullopt;
-    }
-    return Cell{floor_to<int>(x * leaf_per_m_), floor_to<int>(y * leaf_per_m_),
-                floor_to<int>(z * leaf_per_m_)};
+  /// Whether there are cells so far out; not of NaN.
+  static bool has_cell(Float4 point) { return all_below(point, kMaxLocal_m); }
+  Int4 cell_lanes(Float4 point) const { return floor_to_int(point * leaf_per_m_); }
+  Cell cell_of(const LocalPoint& point) const {
+    const Int4 cell = cell_lanes(point.lanes());
+    return {cell[0], cell[1], cell[2]};
   }
   std::uint64_t root_key(const Cell& cell) const;
   std::uint32_t find_root(std::uint64_t key) const;
@@ -243,7 +244,11 @@ class VoxelPlaneMap {
                              std::span<const Placed> placed, const Offset& centre);
   Match look_up(const Cell& cell);
   void look_up(Float4 point, Hint& hint);
-  static Float4 centre_of(const Cell& cell);
+  /// In finest voxels; of (x, y, z, 0).
+  Float4 cell_centre(Float4 point) const {
+    constexpr Float4 kHalf{0.5f, 0.5f, 0.5f, 0.0f};
+    return __builtin_convertvector(cell_lanes(point), Float4) + kHalf;
+  }
   // Points that a look-up has brought to one place: a finest voxel, or none; and what a coarser one
   // gives: a plane, with which the way ends, or a post for a finest voxel that is nothing itself.
   struct Found {

@@ -35,19 +35,17 @@ inline Match VoxelPlaneMap::match_of(const Counted& voxel, Float4 root) const {
 }
 
 Match VoxelPlaneMap::find(float x, float y, float z) {
-  const auto cell = cell_of(x, y, z);
-  return cell ? look_up(*cell) : Match();
-}
-
-Float4 VoxelPlaneMap::centre_of(const Cell& c) {
-  return Float4{static_cast<float>(c.x) + 0.5f, static_cast<float>(c.y) + 0.5f,
-                static_cast<float>(c.z) + 0.5f, 0.0f};
+  const LocalPoint point{x, y, z};
+  return has_cell(point.lanes()) ? look_up(cell_of(point)) : Match();
 }
 
 void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
-  const auto cell = cell_of(point[0], point[1], point[2]);
   const float crowd = hint.match.crowd;
-  hint = cell ? Hint{centre_of(*cell), look_up(*cell)} : Hint();
+  hint = Hint();
+  if (has_cell(point)) {
+    const Int4 cell = cell_lanes(point);
+    hint = {cell_centre(point), look_up(Cell{cell[0], cell[1], cell[2]})};
+  }
   hint.match.crowd = crowd;
 }
 
@@ -91,17 +89,15 @@ void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint>
   }
   for (Found& found : found_) {
     if (found.leaf == kNoChild) continue;
-    const LocalPoint& first = points[found.points.front().point];
-    found.match =
-        match_of_leaf(found.leaf, *cell_of(first.x, first.y, first.z), root, found.match);
+    const Cell cell = cell_of(points[found.points.front().point]);
+    found.match = match_of_leaf(found.leaf, cell, root, found.match);
   }
 }
 
 void VoxelPlaneMap::find_in_node(std::uint32_t index, int level, std::span<const Placed> placed,
                                  std::span<const LocalPoint> points, Float4 root,
                                  const Match& post) {
-  const LocalPoint& first = points[placed.front().point];
-  const Node& node = fitted_node(index, *cell_of(first.x, first.y, first.z), level);
+  const Node& node = fitted_node(index, cell_of(points[placed.front().point]), level);
   const Match match = node.kind == Kind::kNone ? post : match_of(node, root);
   if (node.is_plane()) {
     found_.push_back({placed, kNoChild, match});
@@ -141,8 +137,7 @@ void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint>
     count_crowds();
     for (const Found& found : found_) {
       for (const Placed& p : found.points) {
-        const LocalPoint& point = points[p.point];
-        hints[p.point] = {centre_of(*cell_of(point.x, point.y, point.z)), found.match};
+        hints[p.point] = {cell_centre(points[p.point].lanes()), found.match};
       }
     }
   }

@@ -26,9 +26,9 @@ std::uint64_t spread(std::uint32_t n) {
 }
 
 // Three numbers of 21 bits with a sign side by side.
-std::uint64_t packed(int x, int y, int z) {
+std::uint64_t packed(Int4 cell) {
   const auto above = [](int n) { return static_cast<std::uint64_t>(std::int64_t{n} + (1 << 20)); };
-  return above(x) | above(y) << 21U | above(z) << 42U;
+  return above(cell[0]) | above(cell[1]) << 21U | above(cell[2]) << 42U;
 }
 
 std::uint32_t part(std::uint64_t packed, unsigned axis) {
@@ -54,24 +54,25 @@ void VoxelPlaneMap::Counted::add(const Gathered& gathered) {
 // Into placed_; points that no voxel can take are left out.
 void VoxelPlaneMap::place(std::span<const LocalPoint> points) {
   placed_.clear();
-  Cell low{}, high{};
+  Int4 low{}, high{};
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const auto cell = cell_of(points[i].x, points[i].y, points[i].z);
-    if (!cell) continue;
-    if (placed_.empty()) low = high = *cell;
-    low = {std::min(low.x, cell->x), std::min(low.y, cell->y), std::min(low.z, cell->z)};
-    high = {std::max(high.x, cell->x), std::max(high.y, cell->y), std::max(high.z, cell->z)};
-    placed_.push_back({packed(cell->x, cell->y, cell->z), static_cast<std::uint32_t>(i)});
+    const Float4 point = points[i].lanes();
+    if (!has_cell(point)) continue;
+    const Int4 cell = cell_lanes(point);
+    if (placed_.empty()) low = high = cell;
+    low = least_of(low, cell);
+    high = most_of(high, cell);
+    placed_.push_back({packed(cell), static_cast<std::uint32_t>(i)});
   }
-  const auto root_edge = [this](int c) { return c >> shift_ << shift_; };
-  low = {root_edge(low.x), root_edge(low.y), root_edge(low.z)};
-  const std::uint64_t lowest = packed(low.x, low.y, low.z);
+  low = low >> shift_ << shift_;
+  const std::uint64_t lowest = packed(low);
   for (Placed& p : placed_) {
     const std::uint64_t from_low = p.code - lowest;  // no part is below its lowest
     p.code = spread(part(from_low, 0)) | spread(part(from_low, 1)) << 1U |
              spread(part(from_low, 2)) << 2U;
   }
-  const int widest = std::max({high.x - low.x, high.y - low.y, high.z - low.z});
+  const Int4 wide = high - low;
+  const int widest = std::max({wide[0], wide[1], wide[2]});
   const int bits = 3 * std::bit_width(static_cast<std::uint32_t>(widest));
   radix_sort(placed_, placed_spare_, bits, [](const Placed& p) { return p.code; });
 }
@@ -177,8 +178,7 @@ void VoxelPlaneMap::hit_roots(std::span<const LocalPoint> points, bool take) {
   roots_hit_.clear();
   for (std::span<const Placed> placed = placed_; !placed.empty();) {
     const std::span<const Placed> part = together(placed, shift_);
-    const LocalPoint& first = points[part.front().point];
-    const Cell cell = *cell_of(first.x, first.y, first.z);
+    const Cell cell = cell_of(points[part.front().point]);
     const std::uint64_t key = root_key(cell);
     roots_hit_.push_back({take ? take_root(key) : find_root(key), cell, part});
     placed = placed.subspan(part.size());
