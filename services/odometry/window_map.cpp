@@ -87,7 +87,7 @@ class WindowMap::FinestRun {
 
   bool empty() const { return z_count_[1] == 0.0; }
   bool holds(const UnitPoint& p) const {
-    return both_within(p.xy - centre_.xy, half_) && both_within(p.z - centre_.z, half_);
+    return all_within(p.xy - centre_.xy, p.z - centre_.z, half_);
   }
   void begin(const UnitPoint& p) {
     *this = FinestRun(shift_);

@@ -49,9 +49,9 @@ inline Double2 floor_of(Double2 v) {
   return nearest > v ? nearest - 1.0 : nearest;
 }
 
-/// Whether both are at least -limit and below limit; NaN is not.
-inline bool both_within(Double2 v, double limit) {
-  const auto within = (v < limit) & (v >= -limit);
+/// Whether all four are at least -limit and below limit; NaN is not.
+inline bool all_within(Double2 a, Double2 b, double limit) {
+  const auto within = (a < limit) & (a >= -limit) & (b < limit) & (b >= -limit);
   return (within[0] & within[1]) == -1;
 }
 
