@@ -256,6 +256,8 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
     sweeps_.pop_front();
   }
   runs.clear();
+  // A vector that grows by doubling touches twice the memory.
+  if (!sweeps_.empty()) runs.reserve(sweeps_.back().size() + sweeps_.back().size() / 8);
   const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
   const std::size_t stride = stride_to(enough, points.size());
   run_keys_.clear();
