@@ -264,7 +264,7 @@ class VoxelPlaneMap {
                     std::span<const LocalPoint> points, Float4 root, const Match& post);
   void count_crowds();
   void fetch_root(std::size_t hit) const;
-  std::array<std::uint32_t, 8> parents_around(const Cell& cell) const;
+  std::array<const Node*, 8> parents_around(const Cell& cell) const;
   std::array<float, 3> root_centre(const Cell& cell) const;
   Eigen::Vector3d voxel_offset(const Cell& cell, int level) const;
   std::uint32_t next_fit(std::uint32_t count) const;

@@ -103,37 +103,43 @@ bool VoxelPlaneMap::is_post(const PrincipalAxes& axes, const Node& node, int lev
   return true;
 }
 
-// The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis.
-std::array<std::uint32_t, 8> VoxelPlaneMap::parents_around(const Cell& cell) const {
-  std::array<std::uint32_t, 8> parents{};
+// The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis. Most
+// lie in the cell's own root.
+std::array<const VoxelPlaneMap::Node*, 8> VoxelPlaneMap::parents_around(const Cell& cell) const {
+  const std::uint64_t own_key = root_key(cell);
+  const std::uint32_t own = find_root(own_key);
+  std::array<const Node*, 8> parents{};
   for (unsigned p = 0; p < 8; ++p) {
     const auto step = [p](unsigned axis) { return (p >> axis & 1U) != 0 ? 1 : -1; };
     const Cell corner{cell.x + step(0), cell.y + step(1), cell.z + step(2)};
-    std::uint32_t i = find_root(root_key(corner));
+    const std::uint64_t key = root_key(corner);
+    std::uint32_t i = key == own_key ? own : find_root(key);
     for (int bit = shift_ - 1; i != kNoChild && bit > 0; --bit) {
       i = nodes_[i].children[octant(corner, bit)];
     }
-    parents[p] = i;
+    parents[p] = i == kNoChild ? nullptr : &nodes_[i];
   }
   return parents;
 }
 
 // Those of the 26 neighbours that hold points, their memory asked for.
 std::size_t VoxelPlaneMap::neighbours_of(const Cell& cell, std::array<Neighbour, 26>& found) const {
-  const std::array<std::uint32_t, 8> parents = parents_around(cell);
+  const std::array<const Node*, 8> parents = parents_around(cell);
   const auto upper = [](int at, int step) { return (at + step) >> 1 != (at - 1) >> 1 ? 1U : 0U; };
   std::size_t count = 0;
-  for (int i = 0; i < 27; ++i) {
-    if (i == 13) continue;
-    const Eigen::Vector3i step(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1);
-    const std::uint32_t parent = parents[upper(cell.x, step.x()) | upper(cell.y, step.y()) << 1 |
-                                         upper(cell.z, step.z()) << 2];
-    if (parent == kNoChild) continue;
-    const Cell neighbour{cell.x + step.x(), cell.y + step.y(), cell.z + step.z()};
-    const std::uint32_t child = nodes_[parent].children[octant(neighbour, 0)];
-    if (child == kNoChild) continue;
-    leaves_.fetch(child);
-    found[count++] = {child, step};
+  for (int x = -1; x <= 1; ++x) {
+    for (int y = -1; y <= 1; ++y) {
+      const unsigned column = upper(cell.x, x) | upper(cell.y, y) << 1;
+      for (int z = -1; z <= 1; ++z) {
+        const Node* parent = parents[column | upper(cell.z, z) << 2];
+        if (parent == nullptr || (x == 0 && y == 0 && z == 0)) continue;
+        const std::uint32_t child =
+            parent->children[octant({cell.x + x, cell.y + y, cell.z + z}, 0)];
+        if (child == kNoChild) continue;
+        leaves_.fetch(child);
+        found[count++] = {child, {x, y, z}};
+      }
+    }
   }
   return count;
 }
