@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/lanes.hpp"
+
 namespace zloam::registration {
 namespace {
 
@@ -73,9 +75,11 @@ class RingPass {
 
   void sum_prefixes() {
     prefix_.resize(end_ - begin_ + 1);
-    prefix_[0].setZero();
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    prefix_[0] = sum;
     for (std::uint32_t i = begin_; i < end_; ++i) {
-      prefix_[i - begin_ + 1] = prefix_[i - begin_] + s_.points[i].position().cast<double>();
+      sum += s_.points[i].position().cast<double>();
+      prefix_[i - begin_ + 1] = sum;
     }
   }
 
@@ -104,24 +108,28 @@ class RingPass {
     }
   }
 
-  // The time goes into divisions: each quotient is taken once.
+  // The time goes into divisions: each quotient is taken once, and two at a time.
   void measure(std::uint32_t i, std::uint32_t k) {
     const Eigen::Vector3d p = s_.points[i].position().cast<double>();
     const Eigen::Vector3d left = sum(i - k, i);
     const Eigen::Vector3d right = sum(i + 1, i + k + 1);
     const Eigen::Vector3d d = left + right - 2.0 * k * p;
     const Eigen::Vector3d chord = right - left;
-    const double per_chord2 = 1.0 / std::max(chord.squaredNorm(), 1e-12);
+    const Double2 inverse =
+        1.0 / Double2{std::max(chord.squaredNorm(), 1e-12), double(s_.range_m[i])};
+    const double per_chord2 = inverse[0];
+    const double per_range = inverse[1];
     const double along = d.dot(chord);
     const double across2 = std::max(0.0, d.squaredNorm() - along * along * per_chord2);
-    const double per_range = 1.0 / s_.range_m[i];
     const double cosine = p.dot(chord) * per_range;
     const double sine2 = std::max(kMinSine2, 1.0 - cosine * cosine * per_chord2);
+    const Double2 in_noises = Double2{across2, d.dot(p) * per_range} /
+                              Double2{gain_[k] * noise2_ * sine2, root_gain_[k]};
     out_.kind[i] = Kind::kPlain;
-    out_.chi2[i] = static_cast<float>(across2 / (gain_[k] * noise2_ * sine2));
+    out_.chi2[i] = static_cast<float>(in_noises[0]);
     out_.bend[i] = static_cast<float>(std::sqrt(across2 * per_chord2));
     if (sine2 > 0.5) {
-      out_.beam_component_m.push_back(static_cast<float>(d.dot(p) * per_range / root_gain_[k]));
+      out_.beam_component_m.push_back(static_cast<float>(in_noises[1]));
     }
   }
 
