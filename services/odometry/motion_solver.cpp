@@ -123,19 +123,23 @@ LeftJacobian::LeftJacobian(const Vector6& twist) {
   // |s| <= 1/2, so a term that has shrunk below this no longer reaches the last digits.
   constexpr double kNegligible = 1e-13;
   const Matrix6 ad = small_adjoint(0.5 * twist);
-  terms_[0].setIdentity();
+  Matrix6 term = Matrix6::Identity();
+  terms_[0] = term.rightCols<3>();
   while (used_ < kMaxTerms && terms_[used_ - 1].cwiseAbs().maxCoeff() > kNegligible) {
-    terms_[used_] = terms_[used_ - 1] * ad / (static_cast<double>(used_) + 1.0);
+    term = (term * ad / (static_cast<double>(used_) + 1.0)).eval();
+    terms_[used_] = term.rightCols<3>();
     ++used_;
   }
 }
 
 Matrix6 LeftJacobian::at(double s) const {
-  Matrix6 sum = terms_[used_ - 1];
+  RightHalf sum = terms_[used_ - 1];
   for (std::size_t n = used_ - 1; n-- > 0;) {
     sum = terms_[n] + (2.0 * s) * sum;
   }
-  return sum;
+  Matrix6 out;
+  out << sum.bottomRows<3>(), sum.topRows<3>(), Eigen::Matrix3d::Zero(), sum.bottomRows<3>();
+  return out;
 }
 
 void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,

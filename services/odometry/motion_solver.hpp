@@ -114,7 +114,9 @@ class LeftJacobian {
 
  private:
   static constexpr std::size_t kMaxTerms = 20;
-  std::array<Matrix6, kMaxTerms> terms_;
+  // The right half of each: the left one is the lower block of it above zeros.
+  using RightHalf = Eigen::Matrix<double, 6, 3>;
+  std::array<RightHalf, kMaxTerms> terms_;
   std::size_t used_ = 1;
 };
 

@@ -5,9 +5,13 @@ namespace zloam {
 void bend_motions(const Eigen::Vector3d& bend_rad, std::vector<Pose>& motions) {
   if (bend_rad.isZero(0.0)) return;
   const double steps = static_cast<double>(motions.size()) - 1.0;
-  for (std::size_t i = 0; i < motions.size(); ++i) {
+  // As much before the middle as after it.
+  for (std::size_t i = 0; 2 * i < motions.size(); ++i) {
+    const std::size_t k = motions.size() - 1 - i;
     const double s = static_cast<double>(i) / steps - 0.5;
-    motions[i].linear() *= exp_so3(bent_at(s) * bend_rad);
+    const Eigen::Matrix3d turn = exp_so3(bent_at(s) * bend_rad);
+    motions[i].linear() *= turn;
+    if (k > i) motions[k].linear() *= turn;
   }
 }
 
