@@ -31,6 +31,14 @@ Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& x) {
   return Eigen::Matrix3d::Identity() - 0.5 * w + w2 / 6.0 - w * w2 / 24.0 + w2 * w2 / 120.0;
 }
 
+// The adjoint's columns for a turn.
+Eigen::Matrix<double, 6, 3> turn_adjoint(const Pose& pose) {
+  const Eigen::Matrix3d r = pose.linear();
+  Eigen::Matrix<double, 6, 3> out;
+  out << hat(pose.translation()) * r, r;
+  return out;
+}
+
 // Collects J J^T and J r of the residuals of one time bin, J = (R^T n, q x R^T n), and folds them
 // into the system when the bin changes: dr/dv = J^T (s J_left(s v) + what the bend turns by).
 class Accumulator {
@@ -40,6 +48,7 @@ class Accumulator {
         left_jacobian_(state.twist),
         bend_(state.bend()),
         bend_share_(state.bend_share),
+        bends_(!bend_share_.isZero(0.0)),
         table_(table),
         equations_(equations) {}
 
@@ -72,12 +81,15 @@ class Accumulator {
     const double s = fraction_of_bin(bin_);
     const Matrix6 a = square_.selfadjointView<Eigen::Upper>();
     Matrix6 jacobian = s * left_jacobian_.at(s);
-    if (!bend_share_.isZero(0.0)) {
+    if (bends_) {
       const double bent = bent_at(s);
       jacobian.rightCols<3>() +=
-          bent * adjoint(table_[bin_]).rightCols<3>() * right_jacobian(bent * bend_) * bend_share_;
+          bent * turn_adjoint(table_[bin_]) * right_jacobian(bent * bend_) * bend_share_;
     }
-    const Matrix6 cross = a * jacobian;
+    // The lower left block of the Jacobian is zero.
+    Matrix6 cross;
+    cross.leftCols<3>() = a.leftCols<3>() * jacobian.topLeftCorner<3, 3>();
+    cross.rightCols<3>() = a * jacobian.rightCols<3>();
     equations_.H.topLeftCorner<6, 6>() += a;
     equations_.H.topRightCorner<6, 6>() += cross;
     equations_.H.bottomLeftCorner<6, 6>() += cross.transpose();
@@ -94,6 +106,7 @@ class Accumulator {
   LeftJacobian left_jacobian_;
   Eigen::Vector3d bend_;
   Eigen::Matrix3d bend_share_;
+  bool bends_;
   const MotionTable& table_;
   NormalEquations& equations_;
   Matrix6 square_ = Matrix6::Zero();
