@@ -24,6 +24,18 @@ inline TileIndex tile_index(const Eigen::Vector3d& point_map, double edge_m) {
   return {index.x(), index.y(), index.z()};
 }
 
+/// Whether a point lies within a row of cubes for certain, a micrometre from its faces: asked before
+/// tile_index, whose quotients take longer. NaN does not.
+inline bool lies_well_within(const Eigen::Vector3d& point_map, const TileIndex& first,
+                             const TileIndex& last, double edge_m) {
+  constexpr double kMargin_m = 1e-6;
+  const auto within = [&](double at_m, int from, int to) {
+    return at_m > from * edge_m + kMargin_m && at_m < (to + 1.0) * edge_m - kMargin_m;
+  };
+  return within(point_map.x(), first.i, last.i) && within(point_map.y(), first.j, last.j) &&
+         within(point_map.z(), first.k, last.k);
+}
+
 inline Eigen::Vector3d centre_of(const GridIndex& index, double edge_m) {
   return (index.cast<double>() + Eigen::Vector3d::Constant(0.5)) * edge_m;
 }

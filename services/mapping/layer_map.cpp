@@ -70,8 +70,11 @@ void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint
   if (std::isfinite(intensity)) voxel.intensity_sum += static_cast<float>(count) * intensity;
   const Eigen::Vector3d mean = centre + voxel.sum / static_cast<double>(voxel.count + count);
   if (neighbours_) neighbours_->move(id, mean, point_map.rings);
-  const TileIndex tile = tile_of(mean);
-  if (voxel.tile == nullptr || voxel.tile->index != tile) move_to_tile(id, tile);
+  TileRecord* at = voxel.tile;
+  if (at == nullptr || !lies_well_within(mean, at->index, at->index, tile_edge_m_)) {
+    const TileIndex tile = tile_of(mean);
+    if (at == nullptr || at->index != tile) move_to_tile(id, tile);
+  }
   voxel.count += count;
   voxel.tile->count += count;
   touch(*voxel.tile);

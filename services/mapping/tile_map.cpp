@@ -80,10 +80,19 @@ std::vector<Tile> TileMap::follow(const Eigen::Vector3d& sensor_map) {
 
 void TileMap::insert(Layer which, PointSpan points_base, const Pose& T_map_base) {
   LayerMap& target = layer(which);
+  const auto corner = [this](int sign) {
+    return TileIndex{centre_.i + sign * (window_[0] / 2), centre_.j + sign * (window_[1] / 2),
+                     centre_.k + sign * (window_[2] / 2)};
+  };
+  const TileIndex first = corner(-1), last = corner(1);
+  const auto is_in_window = [&](const Eigen::Vector3d& point_map) {
+    return lies_well_within(point_map, first, last, tile_edge_m_) ||
+           (point_map.allFinite() && within(target.tile_of(point_map), window_));
+  };
   new_points_.clear();
   for (const Point& p : points_base) {
     const Eigen::Vector3d point_map = T_map_base * p.position().cast<double>();
-    if (!point_map.allFinite() || !within(target.tile_of(point_map), window_)) continue;
+    if (!is_in_window(point_map)) continue;
     new_points_.push_back({point_map, p.intensity, RingRange::of(p.ring)});
   }
   target.insert(new_points_);
