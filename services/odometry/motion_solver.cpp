@@ -1,8 +1,10 @@
 #include "odometry/motion_solver.hpp"
 
 #include <Eigen/Cholesky>
+#include <utility>
 
 #include "common/geometry/deskew.hpp"
+#include "common/geometry/lanes.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -63,12 +65,14 @@ class Accumulator {
            double weight) {
     const Eigen::Vector3d n = rotation_t_ * normal;
     const Eigen::Vector3d m = moved_point.cross(n);
-    const double j[6] = {n.x(), n.y(), n.z(), m.x(), m.y(), m.z()};
-    for (int r = 0; r < 6; ++r) {
-      const double wj = weight * j[r];
-      gradient_[r] += wj * residual;
-      for (int c = r; c < 6; ++c) {
-        square_(r, c) += wj * j[c];
+    const std::array<Double2, 3> j = {Double2{n.x(), n.y()}, Double2{n.z(), m.x()},
+                                      Double2{m.y(), m.z()}};
+    const std::array<Double2, 3> wj = {weight * j[0], weight * j[1], weight * j[2]};
+    for (std::size_t k = 0; k < 3; ++k) {
+      gradient_[k] += wj[k] * residual;
+      for (std::size_t r = 0; r <= k; ++r) {
+        square_[2 * k][r] += wj[r] * j[k][0];
+        square_[2 * k + 1][r] += wj[r] * j[k][1];
       }
     }
     filled_ = true;
@@ -79,7 +83,10 @@ class Accumulator {
       return;
     }
     const double s = fraction_of_bin(bin_);
-    const Matrix6 a = square_.selfadjointView<Eigen::Upper>();
+    const Matrix6 a = whole_square();
+    Vector6 gradient;
+    gradient << gradient_[0][0], gradient_[0][1], gradient_[1][0], gradient_[1][1],
+        gradient_[2][0], gradient_[2][1];
     Matrix6 jacobian = s * left_jacobian_.at(s);
     if (bends_) {
       const double bent = bent_at(s);
@@ -94,14 +101,25 @@ class Accumulator {
     equations_.H.topRightCorner<6, 6>() += cross;
     equations_.H.bottomLeftCorner<6, 6>() += cross.transpose();
     equations_.H.bottomRightCorner<6, 6>() += jacobian.transpose() * cross;
-    equations_.g.head<6>() += gradient_;
-    equations_.g.tail<6>() += jacobian.transpose() * gradient_;
-    square_.setZero();
-    gradient_.setZero();
+    equations_.g.head<6>() += gradient;
+    equations_.g.tail<6>() += jacobian.transpose() * gradient;
+    square_ = {};
+    gradient_ = {};
     filled_ = false;
   }
 
  private:
+  Matrix6 whole_square() const {
+    Matrix6 out;
+    for (std::size_t c = 0; c < 6; ++c) {
+      for (std::size_t r = 0; r <= c; ++r) {
+        const auto [i, k] = std::pair(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
+        out(i, k) = out(k, i) = square_[c][r / 2][r % 2];
+      }
+    }
+    return out;
+  }
+
   Eigen::Matrix3d rotation_t_;
   LeftJacobian left_jacobian_;
   Eigen::Vector3d bend_;
@@ -109,8 +127,9 @@ class Accumulator {
   bool bends_;
   const MotionTable& table_;
   NormalEquations& equations_;
-  Matrix6 square_ = Matrix6::Zero();
-  Vector6 gradient_ = Vector6::Zero();
+  // Columns of J J^T down to the diagonal, two numbers at once, and J r.
+  std::array<std::array<Double2, 3>, 6> square_{};
+  std::array<Double2, 3> gradient_{};
   std::uint16_t bin_ = 0;
   bool filled_ = false;
 };
