@@ -259,19 +259,21 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   // A vector that grows by doubling touches twice the memory.
   if (!sweeps_.empty()) runs.reserve(sweeps_.back().size() + sweeps_.back().size() / 8);
   const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
-  const std::size_t stride = stride_to(enough, points.size());
+  const Thinning thinning{stride_to(enough, points.size()), 0, kCountedTogether};
   run_keys_.clear();
   const ToUnits to_units(units_R_ * T_odom_base.linear(),
                          units_R_ * T_odom_base.translation() + units_t_);
   FinestRun run(shift_of(levels_ - 1));
-  for (std::size_t i = 0; i < points.size(); i += stride) {
-    const UnitPoint p = to_units(points[i]);
-    if (!run.holds(p)) {
-      add_run(run, runs);
-      run.begin(p);
+  thinning.each_stretch(points.size(), [&](std::size_t begin, std::size_t end) {
+    for (const Point& point : points.subspan(begin, end - begin)) {
+      const UnitPoint p = to_units(point);
+      if (!run.holds(p)) {
+        add_run(run, runs);
+        run.begin(p);
+      }
+      run.add(p);
     }
-    run.add(p);
-  }
+  });
   add_run(run, runs);
   for (int level = levels_ - 1; level >= 0; --level) {
     close_run(level, runs);

@@ -51,10 +51,6 @@ Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& mo
   return out;
 }
 
-std::size_t points_in(const SweepInput& sweep) {
-  return sweep.points.size() + sweep.more_points.size();
-}
-
 }  // namespace
 
 Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
@@ -196,7 +192,8 @@ MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrio
 }
 
 void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motion) {
-  const Thinning thinning{stride_to(config_.enough_inserted_points, points_in(sweep)), sweeps_};
+  const Thinning thinning{stride_to(config_.enough_inserted_points, sweep.size()), sweeps_,
+                          kCountedTogether};
   take_points(sweep, config_.min_range_m, thinning, inserted_points_);
   map_.set_anchor(motion.T_mid.translation());
   // All points of a sweep move alike.
@@ -252,7 +249,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
 
 const SweepPoints& PlaneRegistration::matched_points_of(const SweepInput& sweep) {
   if (matched_stamp_ns_ != sweep.stamp_ns) {
-    const std::size_t enough = stride_to(config_.enough_points, points_in(sweep));
+    const std::size_t enough = stride_to(config_.enough_points, sweep.size());
     const Thinning thinning{std::max<std::size_t>(config_.stride, enough), sweeps_ * 7};
     matched_points_.set(sweep, config_.min_range_m, thinning);
     matched_stamp_ns_ = sweep.stamp_ns;
@@ -277,7 +274,7 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
   const Vector6 error = log_se3(prior.start.T_mid.inverse() * match.motion.T_mid);
   result.prediction_error_m =
       error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
-  result.points = points_in(sweep);
+  result.points = sweep.size();
   if (map_.empty() && points.points().size() >= config_.min_matches) {
     result.outcome = Outcome::kStarted;
   }

@@ -26,17 +26,20 @@ void take_points(const SweepInput& sweep, double min_range_m, const Thinning& th
   const double slots_per_ns =
       sweep.period_ns == 0 ? 0.0 : static_cast<double>(kSlots) / sweep.period_ns;
   const auto min_range2 = static_cast<float>(std::max(min_range_m * min_range_m, 1e-12));
+  const std::size_t first_part = sweep.points.size();
   const auto each_usable = [&](const auto& take) {
-    std::size_t i = thinning.first % thinning.stride;
-    for (const PointSpan part : {sweep.points, sweep.more_points}) {
-      for (; i < part.size(); i += thinning.stride) {
-        const Point& p = part[i];
+    const auto take_usable = [&](PointSpan part) {
+      for (const Point& p : part) {
         if (!usable(p, min_range2)) continue;
         take(p,
              static_cast<std::uint16_t>(std::min<double>(p.time_ns * slots_per_ns + 0.5, kSlots)));
       }
-      i -= part.size();
-    }
+    };
+    thinning.each_stretch(sweep.size(), [&](std::size_t begin, std::size_t end) {
+      const std::size_t cut = std::clamp(first_part, begin, end);
+      take_usable(sweep.points.subspan(std::min(begin, first_part), cut - begin));
+      take_usable(sweep.more_points.subspan(cut - std::min(cut, first_part), end - cut));
+    });
   };
   // Stable counting sort. The points are read twice: cheaper than keeping them in between.
   std::vector<std::uint32_t> next(kSlots + 2, 0);

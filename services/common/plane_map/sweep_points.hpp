@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/inertial_step.hpp"
 #include "common/geometry/lanes.hpp"
 #include "common/geometry/point.hpp"
@@ -31,6 +32,8 @@ struct SweepInput {
   std::optional<Deskewing> deskewed;
   /// What an inertial sensor says of the motion since the sweep before, which must adjoin this one.
   std::optional<InertialStep> inertial;
+
+  std::size_t size() const { return points.size() + more_points.size(); }
 };
 
 /// The sweep is cut into slots of equal time; points move by the motion at the nearest of the
@@ -49,20 +52,12 @@ struct SlotPoint {
 /// Of each slot boundary.
 using SlotMotions = std::vector<MotionLanes>;
 
-/// Every so many points of a sweep, in the order in which they are given: ring by ring, so that
-/// each ring has its share. (Counted through time slots, every second point of a full sweep is
-/// every second ring.) Where the first one changes from sweep to sweep, all points have their turn.
-struct Thinning {
-  std::size_t stride = 1;
-  std::size_t first = 0;
-};
-
 /// Every stride-th point, the first one chosen by `phase`.
 std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
                                  std::size_t phase);
 
-/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), or every so many
-/// of them, in slot order and in the given order within a slot. They replace what is in `out`.
+/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), of those that
+/// the thinning leaves, in slot order and in the given order within a slot. They replace what is in `out`.
 void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
                  std::vector<SlotPoint>& out);
 
