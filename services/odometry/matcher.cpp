@@ -60,9 +60,15 @@ class Association {
     out.planes.clear();
     out.lines.clear();
     hints_.resize(source.planes.size());
+    positions_.clear();
     for (std::size_t i = 0; i < source.planes.size(); i += stride) {
       const SourcePoint& p = source.planes[i];
-      add_plane(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, hints_[i], out);
+      positions_.push_back(state.T_odom_mid * (table[p.bin] * p.position));
+    }
+    if (config_.target == Target::kRecentSweeps) recent_.find(positions_, hints_, stride);
+    for (std::size_t k = 0; k < positions_.size(); ++k) {
+      const std::size_t i = k * stride;
+      add_plane(source.planes[i], positions_[k], gate_m, hints_[i], out);
     }
     for (const SourcePoint& p : source.edges) {
       add_line(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
@@ -79,11 +85,11 @@ class Association {
 
  private:
   void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m,
-                 WindowMap::Hint& hint, Residuals& out) {
+                 const WindowMap::Hint& hint, Residuals& out) {
     Eigen::Vector3d normal;
     double offset;
     if (config_.target == Target::kRecentSweeps) {
-      const FittedPlane* plane = recent_.find(w, hint);
+      const FittedPlane* plane = hint.plane;
       if (plane == nullptr) {
         return;
       }
@@ -123,7 +129,8 @@ class Association {
   WindowMap& recent_;
   const RingTarget& last_;
   double plane_weight_;
-  std::vector<WindowMap::Hint> hints_;  // of source.planes
+  std::vector<WindowMap::Hint> hints_;      // of source.planes
+  std::vector<Eigen::Vector3d> positions_;  // in odom, of those that are looked at
 };
 
 bool is_small(const Vector12& step, const OdometryConfig& config) {

@@ -85,8 +85,8 @@ class Accumulator {
     const double s = fraction_of_bin(bin_);
     const Matrix6 a = whole_square();
     Vector6 gradient;
-    gradient << gradient_[0][0], gradient_[0][1], gradient_[1][0], gradient_[1][1],
-        gradient_[2][0], gradient_[2][1];
+    gradient << gradient_[0][0], gradient_[0][1], gradient_[1][0], gradient_[1][1], gradient_[2][0],
+        gradient_[2][1];
     Matrix6 jacobian = s * left_jacobian_.at(s);
     if (bends_) {
       const double bent = bent_at(s);

@@ -6,7 +6,6 @@
 
 #include "common/containers/thinning.hpp"
 #include "common/geometry/floor.hpp"
-#include "common/geometry/lanes.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -14,8 +13,6 @@ namespace {
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
 constexpr std::size_t kInitialTable = 1U << 16;
 constexpr std::size_t kFetchAhead = 8;
-constexpr double kMostUnits = 2.0e9;
-constexpr double kNowhere = 1e30;
 
 std::uint64_t key_of(const std::array<std::int32_t, 3>& cell, int level) {
   constexpr std::uint64_t kMask = (1U << 20) - 1;
@@ -42,87 +39,7 @@ std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
   return {saturated(units.x()), saturated(units.y()), saturated(units.z())};
 }
 
-// A point in units, rounded down: whole numbers, which doubles hold exactly.
-struct UnitPoint {
-  Double2 xy;
-  Double2 z;  // and 0
-};
-
-// From base_link to units of the grid.
-class ToUnits {
- public:
-  ToUnits(const Eigen::Matrix3d& turn, const Eigen::Vector3d& shift)
-      : shift_{halves_of(shift)},
-        columns_{halves_of(turn.col(0)), halves_of(turn.col(1)), halves_of(turn.col(2))} {}
-
-  UnitPoint operator()(const Point& p) const {
-    const double x = p.x, y = p.y, z = p.z;
-    const auto [cx, cy, cz] = columns_;
-    return {whole(cx.xy * x + (cy.xy * y + cz.xy * z) + shift_.xy),
-            whole(cx.z * x + (cy.z * y + cz.z * z) + shift_.z)};
-  }
-
- private:
-  static UnitPoint halves_of(const Eigen::Vector3d& v) {
-    return {Double2{v.x(), v.y()}, Double2{v.z(), 0.0}};
-  }
-  static Double2 whole(Double2 units) {
-    const Double2 most = Double2{} + kMostUnits;
-    units = units < -most ? -most : units;
-    return floor_of(units > most ? most : units);
-  }
-
-  UnitPoint shift_;
-  std::array<UnitPoint, 3> columns_;
-};
-
 }  // namespace
-
-// Points come ring by ring, so successive ones mostly share their finest voxel: they are summed
-// here, two numbers at once, and the voxels are touched once a run. The sums stay far below 2^53
-// and are exact.
-class WindowMap::FinestRun {
- public:
-  explicit FinestRun(int shift) : shift_(shift), half_(1 << (shift - 1)) {}
-
-  bool empty() const { return z_count_[1] == 0.0; }
-  bool holds(const UnitPoint& p) const {
-    return all_within(p.xy - centre_.xy, p.z - centre_.z, half_);
-  }
-  void begin(const UnitPoint& p) {
-    *this = FinestRun(shift_);
-    const Grid at = {static_cast<std::int32_t>(p.xy[0]), static_cast<std::int32_t>(p.xy[1]),
-                     static_cast<std::int32_t>(p.z[0])};
-    cell_ = {at[0] >> shift_, at[1] >> shift_, at[2] >> shift_};
-    const auto centre = [&](std::size_t i) { return 2.0 * half_ * cell_[i] + half_; };
-    centre_ = {Double2{centre(0), centre(1)}, Double2{centre(2), 0.0}};
-  }
-  void add(const UnitPoint& p) {
-    const Double2 xy = p.xy - centre_.xy;
-    const Double2 z = p.z - centre_.z;
-    xy_ += xy;
-    z_count_ += Double2{z[0], 1.0};
-    xx_yy_ += xy * xy;
-    xz_yz_ += xy * z[0];
-    xy_zz_ += Double2{xy[0], z[0]} * Double2{xy[1], z[0]};
-  }
-  OpenRun run() const {
-    const auto whole = [](double x) { return static_cast<std::int64_t>(x); };
-    Sums sums;
-    sums.sum = {whole(xy_[0]), whole(xy_[1]), whole(z_count_[0])};
-    sums.square = {whole(xx_yy_[0]), whole(xy_zz_[0]), whole(xz_yz_[0]),
-                   whole(xx_yy_[1]), whole(xz_yz_[1]), whole(xy_zz_[1])};
-    sums.count = whole(z_count_[1]);
-    return {cell_, sums};
-  }
-
- private:
-  int shift_;
-  double half_;
-  Cell cell_{};
-  UnitPoint centre_{Double2{} + kNowhere, Double2{} + kNowhere};
-  Double2 xy_{}, z_count_{}, xx_yy_{}, xz_yz_{}, xy_zz_{};
-};
 
 WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
     : config_(config),
@@ -218,34 +135,6 @@ void WindowMap::enter(std::uint64_t key, std::uint32_t voxel) {
   ++used_slots_;
 }
 
-template <int sign>
-void WindowMap::Sums::add(const Sums& other) {
-  for (std::size_t i = 0; i < 3; ++i) {
-    sum[i] += sign * other.sum[i];
-  }
-  for (std::size_t i = 0; i < 6; ++i) {
-    square[i] += sign * other.square[i];
-  }
-  count += sign * other.count;
-}
-
-// The sum of (p + o)(p + o)^T is that of p p^T and o s^T + s o^T + n o o^T.
-void WindowMap::Sums::add_moved(const Sums& other, const std::array<std::int64_t, 3>& o) {
-  const auto& s = other.sum;
-  std::array<std::int64_t, 3> moved;
-  for (std::size_t i = 0; i < 3; ++i) {
-    moved[i] = s[i] + other.count * o[i];
-    sum[i] += moved[i];
-  }
-  square[0] += other.square[0] + o[0] * (s[0] + moved[0]);
-  square[1] += other.square[1] + o[0] * s[1] + o[1] * moved[0];
-  square[2] += other.square[2] + o[0] * s[2] + o[2] * moved[0];
-  square[3] += other.square[3] + o[1] * (s[1] + moved[1]);
-  square[4] += other.square[4] + o[1] * s[2] + o[2] * moved[1];
-  square[5] += other.square[5] + o[2] * (s[2] + moved[2]);
-  count += other.count;
-}
-
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   // The memory of the sweep that leaves: megabytes, which the kernel would else clear each time.
   std::vector<Run> runs;
@@ -263,7 +152,7 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   run_keys_.clear();
   const ToUnits to_units(units_R_ * T_odom_base.linear(),
                          units_R_ * T_odom_base.translation() + units_t_);
-  FinestRun run(shift_of(levels_ - 1));
+  VoxelRun run(shift_of(levels_ - 1));
   thinning.each_stretch(points.size(), [&](std::size_t begin, std::size_t end) {
     for (const Point& point : points.subspan(begin, end - begin)) {
       const UnitPoint p = to_units(point);
@@ -283,10 +172,10 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
   sweeps_.push_back(std::move(runs));
 }
 
-void WindowMap::add_run(const FinestRun& run, std::vector<Run>& runs) {
+void WindowMap::add_run(const VoxelRun& run, std::vector<Run>& runs) {
   if (run.empty()) return;
   const int finest = levels_ - 1;
-  open_[static_cast<std::size_t>(finest)] = run.run();
+  open_[static_cast<std::size_t>(finest)] = {run.cell(), run.sums()};
   close_run(finest, runs);
 }
 
@@ -340,17 +229,52 @@ void WindowMap::count(const std::vector<Run>& runs) {
   }
 }
 
-const FittedPlane* WindowMap::find(const Eigen::Vector3d& point_odom, Hint& hint) {
-  const Eigen::Vector3d units = units_R_ * point_odom + units_t_;
+bool WindowMap::lies_in(const Hint& hint, const Eigen::Vector3d& units) const {
   const double half = 0.5 * (1 << shift_of(levels_ - 1));
   const Eigen::Vector3d off = units - hint.centre_units;
-  if (!(std::abs(off.x()) < half && std::abs(off.y()) < half && std::abs(off.z()) < half)) {
-    const Grid position = grid_of(units);
-    const Cell cell = cell_of(position, levels_ - 1);
-    const Eigen::Vector3d corner(cell[0], cell[1], cell[2]);
-    hint = {2.0 * half * corner + Eigen::Vector3d::Constant(half), look_up(position)};
+  return std::abs(off.x()) < half && std::abs(off.y()) < half && std::abs(off.z()) < half;
+}
+
+WindowMap::Hint WindowMap::looked_up(const Grid& position) {
+  const double half = 0.5 * (1 << shift_of(levels_ - 1));
+  const Cell cell = cell_of(position, levels_ - 1);
+  const Eigen::Vector3d corner(cell[0], cell[1], cell[2]);
+  return {2.0 * half * corner + Eigen::Vector3d::Constant(half), look_up(position)};
+}
+
+// Those that have left their voxel lie anywhere in memory: the table is asked for first, then the
+// voxels.
+void WindowMap::find(std::span<const Eigen::Vector3d> points_odom, std::span<Hint> hints,
+                     std::size_t stride) {
+  moved_.clear();
+  for (std::size_t k = 0; k < points_odom.size(); ++k) {
+    const Eigen::Vector3d units = units_R_ * points_odom[k] + units_t_;
+    if (!lies_in(hints[k * stride], units)) moved_.push_back({k * stride, grid_of(units)});
   }
-  return hint.plane;
+  const std::size_t end = moved_.size();
+  for (std::size_t i = 0; i < end + 2 * kFetchAhead; ++i) {
+    if (i < end) fetch_slots(moved_[i].position);
+    if (i >= kFetchAhead && i - kFetchAhead < end) fetch_voxels(moved_[i - kFetchAhead].position);
+    if (i < 2 * kFetchAhead) continue;
+    const Moved& at = moved_[i - 2 * kFetchAhead];
+    hints[at.hint] = looked_up(at.position);
+  }
+}
+
+void WindowMap::fetch_slots(const Grid& position) const {
+  const std::size_t mask = table_.size() - 1;
+  for (int level = 0; level < levels_; ++level) {
+    __builtin_prefetch(&table_[mix(key_of(cell_of(position, level), level)) & mask]);
+  }
+}
+
+void WindowMap::fetch_voxels(const Grid& position) const {
+  for (int level = 0; level < levels_; ++level) {
+    const std::uint32_t index = find_voxel(key_of(cell_of(position, level), level));
+    if (index == kNoVoxel) return;
+    __builtin_prefetch(&voxels_[index].sums.count);
+    __builtin_prefetch(&voxels_[index].plane);
+  }
 }
 
 const FittedPlane* WindowMap::look_up(const Grid& position) {
@@ -372,7 +296,7 @@ const FittedPlane* WindowMap::look_up(const Grid& position) {
 }
 
 bool WindowMap::covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const {
-  const Sums& sums = voxel.sums;
+  const VoxelSums& sums = voxel.sums;
   const auto n = static_cast<double>(sums.count);
   const double unit = 1.0 / units_per_m_;
   mean = Eigen::Vector3d(double(sums.sum[0]), double(sums.sum[1]), double(sums.sum[2])) / n;
@@ -399,7 +323,8 @@ void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
   const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(0.0);
   const double thick2 = std::pow(config_.plane_thickness_sigmas * range_noise_m_, 2);
   const double wide2 = std::pow(config_.plane_width_sigmas * range_noise_m_, 2);
-  const double normal_error2 = values[0] / (static_cast<double>(voxel.sums.count) * std::max(1e-12, values[1]));
+  const double normal_error2 =
+      values[0] / (static_cast<double>(voxel.sums.count) * std::max(1e-12, values[1]));
   if (values[0] > thick2 || values[1] < wide2 || values[1] < kAspect * values[0] ||
       normal_error2 > config_.plane_normal_error_rad * config_.plane_normal_error_rad) {
     return;

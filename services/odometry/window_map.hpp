@@ -21,6 +21,7 @@
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "odometry/config.hpp"
+#include "odometry/voxel_sums.hpp"
 
 namespace zloam::odometry {
 
@@ -38,15 +39,17 @@ class WindowMap {
   /// full.
   void add(PointSpan points, const Pose& T_odom_base);
 
-  using Cell = std::array<std::int32_t, 3>;
-  /// What find() found last for a point that moves little between two calls.
+  using Cell = VoxelCell;
+  /// What find() found last for a point that moves little between two calls. Valid until the next
+  /// add.
   struct Hint {
     Eigen::Vector3d centre_units = Eigen::Vector3d::Constant(1e30);  // of the finest voxel
     const FittedPlane* plane = nullptr;
   };
 
-  /// The plane around a point in odom, or null. Valid until the next add, like the hint.
-  const FittedPlane* find(const Eigen::Vector3d& point_odom, Hint& hint);
+  /// The plane around each point in odom, or null; hints[k * stride] is that of point k.
+  void find(std::span<const Eigen::Vector3d> points_odom, std::span<Hint> hints,
+            std::size_t stride);
 
   void clear();
   bool empty() const { return sweeps_.empty(); }
@@ -58,20 +61,9 @@ class WindowMap {
   enum class Fit : std::uint8_t { kStale, kPlane, kNone };
   using Grid = std::array<std::int32_t, 3>;  // a point in units
 
-  /// Moments of points relative to their voxel's centre, in units.
-  struct Sums {
-    std::array<std::int64_t, 3> sum{};
-    std::array<std::int64_t, 6> square{};  // xx xy xz yy yz zz
-    std::int64_t count = 0;
-
-    template <int sign>
-    void add(const Sums& other);
-    /// Points relative to an origin that lies at `offset` from this one's.
-    void add_moved(const Sums& other, const std::array<std::int64_t, 3>& offset);
-  };
   struct Voxel {
     std::uint64_t key = 0;
-    Sums sums;
+    VoxelSums sums;
     Fit fit = Fit::kStale;
     FittedPlane plane{};
   };
@@ -83,11 +75,11 @@ class WindowMap {
   /// Successive points of a sweep in one voxel; kept to be subtracted when the sweep leaves.
   struct Run {
     std::uint32_t voxel = 0;
-    Sums sums;
+    VoxelSums sums;
   };
   struct OpenRun {
     Cell cell{};
-    Sums sums;
+    VoxelSums sums;
   };
 
   int shift_of(int level) const { return kRootBits - level; }
@@ -95,13 +87,16 @@ class WindowMap {
   std::uint32_t find_voxel(std::uint64_t key) const;
   std::uint32_t make_voxel(std::uint64_t key);
   void make_room(std::size_t voxels);
-  class FinestRun;
-  void add_run(const FinestRun& run, std::vector<Run>& runs);
+  void add_run(const VoxelRun& run, std::vector<Run>& runs);
   void close_run(int level, std::vector<Run>& runs);
   void find_voxels(std::vector<Run>& runs);
   template <int sign>
   void count(const std::vector<Run>& runs);
+  bool lies_in(const Hint& hint, const Eigen::Vector3d& units) const;
+  Hint looked_up(const Grid& position);
   const FittedPlane* look_up(const Grid& position);
+  void fetch_slots(const Grid& position) const;
+  void fetch_voxels(const Grid& position) const;
   void rebuild_table(std::size_t more_voxels);
   void enter(std::uint64_t key, std::uint32_t voxel);
   void fit(Voxel& voxel, const Cell& cell, int level);
@@ -120,6 +115,12 @@ class WindowMap {
   std::size_t used_slots_ = 0;
   std::array<OpenRun, kMaxLevels> open_;
   std::vector<std::uint64_t> run_keys_;  // of the sweep that is being added
+  // Of find_all: the points that are not where their hints hold.
+  struct Moved {
+    std::size_t hint;
+    Grid position;
+  };
+  std::vector<Moved> moved_;
   std::deque<std::vector<Run>> sweeps_;
 };
 

@@ -123,8 +123,8 @@ class RingPass {
     const double across2 = std::max(0.0, d.squaredNorm() - along * along * per_chord2);
     const double cosine = p.dot(chord) * per_range;
     const double sine2 = std::max(kMinSine2, 1.0 - cosine * cosine * per_chord2);
-    const Double2 in_noises = Double2{across2, d.dot(p) * per_range} /
-                              Double2{gain_[k] * noise2_ * sine2, root_gain_[k]};
+    const Double2 in_noises =
+        Double2{across2, d.dot(p) * per_range} / Double2{gain_[k] * noise2_ * sine2, root_gain_[k]};
     out_.kind[i] = Kind::kPlain;
     out_.chi2[i] = static_cast<float>(in_noises[0]);
     out_.bend[i] = static_cast<float>(std::sqrt(across2 * per_chord2));

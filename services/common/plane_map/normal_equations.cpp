@@ -233,8 +233,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
     if (!match.is_plane) {
       blobs.add(match, lever, local);
     } else if (const auto counted = planes.add(match, lever, local)) {
-      matched.residuals.push_back(
-          {counted->first, counted->second, sum_of_lanes(lever * lever)});
+      matched.residuals.push_back({counted->first, counted->second, sum_of_lanes(lever * lever)});
     }
   }
   end_slot();

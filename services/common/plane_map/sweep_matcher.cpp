@@ -133,8 +133,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
       account_of(matched_.residuals, result.iterations == 1 ? gates.first : gates.then);
   result.degeneracy =
       judge(sums.planes, account.lever2, predicted_covariance(prior), information_scale(map));
-  result.residual_rms_m =
-      std::sqrt(account.told_root_squared / std::max(account.told_root, 1e-12));
+  result.residual_rms_m = std::sqrt(account.told_root_squared / std::max(account.told_root, 1e-12));
   result.inlier_rms_m = std::sqrt(account.told_squared / std::max(account.told_weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);

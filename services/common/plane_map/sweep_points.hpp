@@ -57,7 +57,8 @@ std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size
                                  std::size_t phase);
 
 /// Valid points of a sweep (finite, at least min_range_m from the frame's origin), of those that
-/// the thinning leaves, in slot order and in the given order within a slot. They replace what is in `out`.
+/// the thinning leaves, in slot order and in the given order within a slot. They replace what is in
+/// `out`.
 void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
                  std::vector<SlotPoint>& out);
 
