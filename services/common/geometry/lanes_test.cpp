@@ -49,6 +49,33 @@ TEST(Lanes, BelowNeedsEveryLane) {
   }
 }
 
+TEST(Lanes, WithinHasItsLowerEndAndNeedsEveryLane) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(all_within(Double2{-8.0, 7.0}, Double2{0.0, -8.0}, 8.0));
+  for (int lane = 0; lane < 4; ++lane) {
+    for (const double out : {8.0, -9.0, 1e30, kNan}) {
+      Double2 v[2] = {Double2{-8.0, 7.0}, Double2{0.0, -8.0}};
+      v[lane / 2][lane % 2] = out;
+      EXPECT_FALSE(all_within(v[0], v[1], 8.0)) << lane << ' ' << out;
+    }
+  }
+}
+
+TEST(Lanes, FloorIsStdFloorInEachLane) {
+  for (const double x : {-2.0, -1.5, -0.25, 0.0, 0.75, 1.0, 3.999, 1e9 + 0.5, -1e9 - 0.5}) {
+    const Double2 two = floor_of(Double2{x, -x});
+    EXPECT_EQ(two[0], std::floor(x));
+    EXPECT_EQ(two[1], std::floor(-x));
+  }
+  for (const float x : {-2.0f, -1.5f, -0.25f, 0.0f, 0.75f, 1.0f, 3.999f, 12345.5f, -12345.5f}) {
+    const Int4 four = floor_to_int(Float4{x, -x, x + 0.5f, 1.0f});
+    EXPECT_EQ(four[0], std::floor(x));
+    EXPECT_EQ(four[1], std::floor(-x));
+    EXPECT_EQ(four[2], std::floor(x + 0.5f));
+    EXPECT_EQ(four[3], 1);
+  }
+}
+
 TEST(Floor, IsStdFloor) {
   for (const double x : {-2.0, -1.5, -1.0, -0.25, -0.0, 0.0, 0.75, 1.0, 1e9 + 0.5, -1e9 - 0.5}) {
     EXPECT_EQ(floor_to<std::int64_t>(x), static_cast<std::int64_t>(std::floor(x))) << x;

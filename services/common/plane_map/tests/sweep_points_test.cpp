@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 
 namespace zloam::plane_map {
@@ -65,6 +66,26 @@ TEST(SweepPoints, AllPointsHaveTheirTurn) {
     EXPECT_EQ(times, point.first == 0 && point.second <= 100.0F ? 2 : 1);
   }
   EXPECT_EQ(taken.size(), 301U);
+}
+
+// One firing after the other, and over the end of the first part.
+TEST(SweepPoints, NeighboursAreTakenTogether) {
+  const PointVector edges = full_sweep(1, 101);
+  PointVector planes = full_sweep(1, 150);
+  for (Point& p : planes) p.x += 101.0F;
+  constexpr std::size_t kStride = 3, kTogether = 4;
+  std::vector<SlotPoint> points;
+  for (std::size_t first = 0; first < 2 * kStride; ++first) {
+    take_points(input_of(edges, planes), 0.5, {kStride, first, kTogether}, points);
+    std::vector<int> taken;
+    for (const SlotPoint& p : points) taken.push_back(static_cast<int>(p.x) - 1);
+    std::sort(taken.begin(), taken.end());
+    std::vector<int> expected;
+    for (std::size_t i = 0; i < edges.size() + planes.size(); ++i) {
+      if (i / kTogether % kStride == first % kStride) expected.push_back(static_cast<int>(i));
+    }
+    EXPECT_EQ(taken, expected) << first;
+  }
 }
 
 TEST(SweepPoints, AreInOrderOfTheirTimes) {
