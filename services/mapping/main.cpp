@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "common/containers/block_size.hpp"
 #include "mapping/mapping_stage.hpp"
 
 int main(int argc, char** argv) {
@@ -20,5 +21,5 @@ int main(int argc, char** argv) {
            },
        // Between sweeps that come and go its map grows: kept blocks, a VLP-16's messages among
        // them, would leave holes in it.
-       .kept_block_bytes = 512 << 10});
+       .kept_block_bytes = zloam::kReturnedBlock_bytes});
 }

@@ -33,14 +33,6 @@ Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& x) {
   return Eigen::Matrix3d::Identity() - 0.5 * w + w2 / 6.0 - w * w2 / 24.0 + w2 * w2 / 120.0;
 }
 
-// The adjoint's columns for a turn.
-Eigen::Matrix<double, 6, 3> turn_adjoint(const Pose& pose) {
-  const Eigen::Matrix3d r = pose.linear();
-  Eigen::Matrix<double, 6, 3> out;
-  out << hat(pose.translation()) * r, r;
-  return out;
-}
-
 // Collects J J^T and J r of the residuals of one time bin, J = (R^T n, q x R^T n), and folds them
 // into the system when the bin changes: dr/dv = J^T (s J_left(s v) + what the bend turns by).
 class Accumulator {
@@ -91,7 +83,7 @@ class Accumulator {
     if (bends_) {
       const double bent = bent_at(s);
       jacobian.rightCols<3>() +=
-          bent * turn_adjoint(table_[bin_]) * right_jacobian(bent * bend_) * bend_share_;
+          bent * adjoint_of_turn(table_[bin_]) * right_jacobian(bent * bend_) * bend_share_;
     }
     // The lower left block of the Jacobian is zero.
     Matrix6 cross;

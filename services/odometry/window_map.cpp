@@ -41,6 +41,15 @@ std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
 
 }  // namespace
 
+// Where the search for a key begins.
+inline std::size_t WindowMap::slot_of(std::uint64_t key) const {
+  return mix(key) & (table_.size() - 1);
+}
+
+inline void WindowMap::fetch_slot(std::uint64_t key) const {
+  __builtin_prefetch(&table_[slot_of(key)]);
+}
+
 WindowMap::WindowMap(const OdometryConfig& config, double range_noise_m)
     : config_(config),
       range_noise_m_(range_noise_m),
@@ -76,7 +85,7 @@ WindowMap::Cell WindowMap::cell_of(const Grid& position, int level) const {
 
 std::uint32_t WindowMap::find_voxel(std::uint64_t key) const {
   const std::size_t mask = table_.size() - 1;
-  for (std::size_t slot = mix(key) & mask; table_[slot].key != 0; slot = (slot + 1) & mask) {
+  for (std::size_t slot = slot_of(key); table_[slot].key != 0; slot = (slot + 1) & mask) {
     if (table_[slot].key == key) {
       return table_[slot].voxel;
     }
@@ -127,7 +136,7 @@ void WindowMap::rebuild_table(std::size_t more_voxels) {
 
 void WindowMap::enter(std::uint64_t key, std::uint32_t voxel) {
   const std::size_t mask = table_.size() - 1;
-  std::size_t slot = mix(key) & mask;
+  std::size_t slot = slot_of(key);
   while (table_[slot].key != 0) {
     slot = (slot + 1) & mask;
   }
@@ -206,10 +215,9 @@ void WindowMap::close_run(int level, std::vector<Run>& runs) {
 // needed.
 void WindowMap::find_voxels(std::vector<Run>& runs) {
   make_room(runs.size());
-  const std::size_t mask = table_.size() - 1;
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (i + kFetchAhead < runs.size()) {
-      __builtin_prefetch(&table_[mix(run_keys_[i + kFetchAhead]) & mask]);
+      fetch_slot(run_keys_[i + kFetchAhead]);
     }
     runs[i].voxel = make_voxel(run_keys_[i]);
   }
@@ -230,13 +238,13 @@ void WindowMap::count(const std::vector<Run>& runs) {
 }
 
 bool WindowMap::lies_in(const Hint& hint, const Eigen::Vector3d& units) const {
-  const double half = 0.5 * (1 << shift_of(levels_ - 1));
+  const double half = half_units();
   const Eigen::Vector3d off = units - hint.centre_units;
   return std::abs(off.x()) < half && std::abs(off.y()) < half && std::abs(off.z()) < half;
 }
 
 WindowMap::Hint WindowMap::looked_up(const Grid& position) {
-  const double half = 0.5 * (1 << shift_of(levels_ - 1));
+  const double half = half_units();
   const Cell cell = cell_of(position, levels_ - 1);
   const Eigen::Vector3d corner(cell[0], cell[1], cell[2]);
   return {2.0 * half * corner + Eigen::Vector3d::Constant(half), look_up(position)};
@@ -262,10 +270,7 @@ void WindowMap::find(std::span<const Eigen::Vector3d> points_odom, std::span<Hin
 }
 
 void WindowMap::fetch_slots(const Grid& position) const {
-  const std::size_t mask = table_.size() - 1;
-  for (int level = 0; level < levels_; ++level) {
-    __builtin_prefetch(&table_[mix(key_of(cell_of(position, level), level)) & mask]);
-  }
+  for (int level = 0; level < levels_; ++level) fetch_slot(key_of(cell_of(position, level), level));
 }
 
 void WindowMap::fetch_voxels(const Grid& position) const {

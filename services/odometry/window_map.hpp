@@ -83,6 +83,10 @@ class WindowMap {
   };
 
   int shift_of(int level) const { return kRootBits - level; }
+  /// Of the finest voxels' edges.
+  double half_units() const { return 0.5 * (1 << shift_of(levels_ - 1)); }
+  std::size_t slot_of(std::uint64_t key) const;
+  void fetch_slot(std::uint64_t key) const;
   Cell cell_of(const Grid& position, int level) const;
   std::uint32_t find_voxel(std::uint64_t key) const;
   std::uint32_t make_voxel(std::uint64_t key);

@@ -10,6 +10,9 @@ namespace zloam {
 /// stays.
 inline constexpr std::size_t kBlockStep_bytes = std::size_t{64} << 10;
 
+/// Blocks from here on a small heap (mapping's) gives back to the kernel as soon as they are free.
+inline constexpr std::size_t kReturnedBlock_bytes = std::size_t{512} << 10;
+
 /// Of at least so many bytes; small ones as they are.
 constexpr std::size_t block_size(std::size_t bytes) {
   if (bytes < kBlockStep_bytes) return bytes;

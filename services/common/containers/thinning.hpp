@@ -34,7 +34,7 @@ struct Thinning {
 };
 
 /// Of points that are counted in voxels: neighbours of one ring mostly share their voxel, so that
-/// fewer are touched (HDL-64E: an eighth less time of odometry and mapping; the same errors).
+/// fewer are touched (HDL-64E: a seventh less time of odometry and mapping; the same errors).
 inline constexpr std::size_t kCountedTogether = 4;
 
 }  // namespace zloam

@@ -211,7 +211,7 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   matched.residuals.clear();
   matched.residuals.reserve(points.size());
   Accumulator planes(gate, weak);
-  Accumulator blobs({10.0 * noise, 3.0 * noise, 3.0 * noise, gate.crowd_points}, {});
+  Accumulator blobs({10.0 * noise, 3.0 * noise, gate.crowd_points}, {});
   const bool with_blobs = map.config().distributions;
   std::uint16_t slot = points.empty() ? std::uint16_t{0} : points.front().slot;
   const auto end_slot = [&] {
@@ -240,19 +240,16 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   return {planes.finish(motion.T_mid.linear()), blobs.finish(motion.T_mid.linear())};
 }
 
-ResidualAccount account_of(std::span<const PlaneResidual> residuals, const Gate& gate) {
-  const float kernel2 = squared(gate.kernel_m);
-  const float residual_kernel2 = squared(gate.residual_kernel_m);
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m) {
+  const float kernel2 = squared(kernel_m);
   ResidualAccount out;
   for (const PlaneResidual& r : residuals) {
-    const float told = residual_kernel2 / (residual_kernel2 + r.squared_m2);
+    const float told = kernel2 / (kernel2 + r.squared_m2);
     out.told_weight += told * told;
     out.told_root += told;
     out.told_squared += told * told * r.squared_m2;
     out.told_root_squared += told * r.squared_m2;
     out.lever2 += r.weight * r.lever2_m2;
-    // The weight is the square of k^2 / (k^2 + r^2), shared by a crowd.
-    out.cost += 0.5 * r.weight * r.squared_m2 * (1.0 + r.squared_m2 / kernel2);
   }
   return out;
 }

@@ -55,11 +55,10 @@ struct PlaneResidual {
   float squared_m2, weight, lever2_m2;
 };
 
-/// What is asked of the residuals of the last iteration only. With the residual kernel: sums of the
-/// weights and of their roots, and of the squared residuals (m^2) with the weights and with their
-/// roots.
+/// What is asked of the residuals of the last iteration only. With a kernel of its own, as that of
+/// the iteration may be so fine that nothing is far off: sums of the weights and of their roots,
+/// and of the squared residuals (m^2) with the weights and with their roots.
 struct ResidualAccount {
-  double cost = 0.0;  // sum of robust costs, m^2
   double told_weight = 0.0, told_root = 0.0;
   double told_squared = 0.0, told_root_squared = 0.0;
   double lever2 = 0.0;  // sum of weighted squared lever arms, m^2
@@ -82,13 +81,11 @@ struct MatchedPoints {
 };
 
 /// Residuals above the limit are rejected; the others weigh (k^2 / (k^2 + r^2))^2 with the kernel k
-/// (Geman-McClure). How far off points are is told with a kernel of its own, so that sweeps can be
-/// compared whose kernels differ. Of a crowd (Match::crowd) of n points each counts 1 / (1 + n /
+/// (Geman-McClure). Of a crowd (Match::crowd) of n points each counts 1 / (1 + n /
 /// crowd_points); 0: each for itself.
 struct Gate {
   double limit_m = 0.0;
   double kernel_m = 0.0;
-  double residual_kernel_m = 0.0;
   double crowd_points = 0.0;
 };
 
@@ -100,7 +97,6 @@ void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, const Gate& gate, const WeakAxis& weak = {});
 
-/// gate: the one that they were accumulated with.
-ResidualAccount account_of(std::span<const PlaneResidual> residuals, const Gate& gate);
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m);
 
 }  // namespace zloam::plane_map

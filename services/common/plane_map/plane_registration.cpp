@@ -213,11 +213,10 @@ void PlaneRegistration::follow_gate(const RegistrationResult& result) {
 
 MatchGates PlaneRegistration::gates() const {
   const double kernel_m = gate_m_ / 3.0;
-  const Gate first{gate_m_, kernel_m, kernel_m, config_.crowd_points};
   const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
-  return {first,
+  return {{gate_m_, kernel_m, config_.crowd_points},
           {std::min(gate_m_, wider * config_.fine_gate_m),
-           std::min(kernel_m, wider * config_.fine_kernel_m), kernel_m, config_.crowd_points}};
+           std::min(kernel_m, wider * config_.fine_kernel_m), config_.crowd_points}};
 }
 
 RegistrationResult PlaneRegistration::result_of(const MatchResult& match,

@@ -129,8 +129,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.valid = true;
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
-  const ResidualAccount account =
-      account_of(matched_.residuals, result.iterations == 1 ? gates.first : gates.then);
+  const ResidualAccount account = account_of(matched_.residuals, gates.first.kernel_m);
   result.degeneracy =
       judge(sums.planes, account.lever2, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m = std::sqrt(account.told_root_squared / std::max(account.told_root, 1e-12));

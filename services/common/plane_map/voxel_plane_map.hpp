@@ -21,7 +21,6 @@
 #include <vector>
 
 #include "common/containers/pool.hpp"
-#include "common/geometry/floor.hpp"
 #include "common/geometry/lanes.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/config.hpp"
@@ -220,10 +219,8 @@ class VoxelPlaneMap {
   /// Whether there are cells so far out; not of NaN.
   static bool has_cell(Float4 point) { return all_below(point, kMaxLocal_m); }
   Int4 cell_lanes(Float4 point) const { return floor_to_int(point * leaf_per_m_); }
-  Cell cell_of(const LocalPoint& point) const {
-    const Int4 cell = cell_lanes(point.lanes());
-    return {cell[0], cell[1], cell[2]};
-  }
+  static Cell cell_of(Int4 lanes) { return {lanes[0], lanes[1], lanes[2]}; }
+  Cell cell_of(const LocalPoint& point) const { return cell_of(cell_lanes(point.lanes())); }
   std::uint64_t root_key(const Cell& cell) const;
   std::uint32_t find_root(std::uint64_t key) const;
   std::uint32_t take_root(std::uint64_t key);
@@ -244,10 +241,10 @@ class VoxelPlaneMap {
                              std::span<const Placed> placed, const Offset& centre);
   Match look_up(const Cell& cell);
   void look_up(Float4 point, Hint& hint);
-  /// In finest voxels; of (x, y, z, 0).
-  Float4 cell_centre(Float4 point) const {
+  /// In finest voxels, and 0.
+  static Float4 centre_of(Int4 cell) {
     constexpr Float4 kHalf{0.5f, 0.5f, 0.5f, 0.0f};
-    return __builtin_convertvector(cell_lanes(point), Float4) + kHalf;
+    return __builtin_convertvector(cell, Float4) + kHalf;
   }
   // Points that a look-up has brought to one place: a finest voxel, or none; and what a coarser one
   // gives: a plane, with which the way ends, or a post for a finest voxel that is nothing itself.

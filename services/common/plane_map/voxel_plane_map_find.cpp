@@ -22,10 +22,8 @@ Float4 VoxelPlaneMap::root_lanes(const Cell& cell) const {
   return Float4{root[0], root[1], root[2], 1.0f};
 }
 
+// Of a voxel that is something.
 inline Match VoxelPlaneMap::match_of(const Counted& voxel, Float4 root) const {
-  if (voxel.kind == Kind::kNone) {
-    return {};
-  }
   if (voxel.is_plane()) {
     const Plane& plane = planes_[voxel.fit];
     return {&plane.row, 1, true, plane.normal_variance, 0.0f, root};
@@ -44,7 +42,7 @@ void VoxelPlaneMap::look_up(Float4 point, Hint& hint) {
   hint = Hint();
   if (has_cell(point)) {
     const Int4 cell = cell_lanes(point);
-    hint = {cell_centre(point), look_up(Cell{cell[0], cell[1], cell[2]})};
+    hint = {centre_of(cell), look_up(cell_of(cell))};
   }
   hint.match.crowd = crowd;
 }
@@ -137,7 +135,7 @@ void VoxelPlaneMap::find_all(std::span<const LocalPoint> points, std::span<Hint>
     count_crowds();
     for (const Found& found : found_) {
       for (const Placed& p : found.points) {
-        hints[p.point] = {cell_centre(points[p.point].lanes()), found.match};
+        hints[p.point] = {centre_of(cell_lanes(points[p.point].lanes())), found.match};
       }
     }
   }

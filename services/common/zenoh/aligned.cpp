@@ -11,9 +11,6 @@ namespace zloam::zenoh {
 namespace {
 
 constexpr std::align_val_t kAlignment{kCopyAlignment};
-// Blocks from here on mapping's heap (StageSpec::kept_block_bytes) takes from the kernel and gives
-// back.
-constexpr std::size_t kLarge = 512 << 10;
 
 struct Block {
   std::uint8_t* memory = nullptr;
@@ -50,13 +47,13 @@ class Spare {
 std::shared_ptr<std::uint8_t> allocate(std::size_t size) {
   // Outlives whoever holds a message at the end of the process.
   static const auto kSpare = std::make_shared<Spare>();
-  Block block = size < kLarge ? Block{} : kSpare->take(size);
+  Block block = size < kReturnedBlock_bytes ? Block{} : kSpare->take(size);
   if (block.memory == nullptr) {
     const std::size_t capacity = block_size(size);
     block = {static_cast<std::uint8_t*>(::operator new(capacity, kAlignment)), capacity};
   }
   return {block.memory, [block, spare = kSpare](std::uint8_t*) {
-            block.capacity < kLarge ? free_block(block) : spare->give(block);
+            block.capacity < kReturnedBlock_bytes ? free_block(block) : spare->give(block);
           }};
 }
 

@@ -57,12 +57,19 @@ struct Problem {
     return accumulate(map, points, matched, at, gate(), weak);
   }
 
+  // Of Geman and McClure's costs, k^2 r^2 / (k^2 + r^2) / 2, shared by a crowd: the weight is the
+  // square of k^2 / (k^2 + r^2), so shared.
   double cost(const SweepMotion& at) {
     sums(at);
-    return account_of(matched.residuals, gate()).cost;
+    const double kernel2 = gate().kernel_m * gate().kernel_m;
+    double sum = 0.0;
+    for (const PlaneResidual& r : matched.residuals) {
+      sum += 0.5 * r.weight * r.squared_m2 * (1.0 + r.squared_m2 / kernel2);
+    }
+    return sum;
   }
 
-  Gate gate() const { return {0.3, 0.1, 0.1, crowd_points}; }
+  Gate gate() const { return {0.3, 0.1, crowd_points}; }
 
   MatchedPoints matched;
 
