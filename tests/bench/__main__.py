@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tests.bench import (
     decode,
+    drive,
     framework,
     live,
     memory,
@@ -27,7 +28,7 @@ from tests.bench.versus.rows import Options
 
 def all_benchmarks(setting: BenchSetting, options: Options) -> list[framework.Benchmark]:
     """In the order of the report."""
-    modules = (transport, live, replay, memory, decode, simulator, peers, scaling)
+    modules = (transport, live, replay, memory, decode, simulator, peers, scaling, drive)
     rows = [b for module in modules for b in module.benchmarks(setting)]
     return rows + versus.benchmarks(setting, options)
 
