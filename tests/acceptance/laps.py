@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import statistics
 import subprocess
 import time
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from zloam_monitor.robot_file import names
 
 LAPS, SEED = 10, 1
 GROWTH = 1.1
+#: of the ten laps: on a shared host a stage's CPU time wanders by a fifth from minute to minute
+RUNS = 3
 #: of the run; it is several times faster than real time
 LONGEST_S = 1800.0
 
@@ -46,7 +49,7 @@ def checks(setting: Setting) -> list[Check]:
         Check(
             "laps-cost",
             f"{LAPS} laps of the city: CPU per sweep of each stage, lap {LAPS} beside lap 2",
-            f"≤ {GROWTH} ×",
+            f"≤ {GROWTH} ×, median of {RUNS} runs",
             "make accept ONLY=laps",
             functools.partial(_cost, setting),
         ),
@@ -76,6 +79,10 @@ def _note(status: StatusRecord | None, history: list[Spent]) -> None:
 
 
 @functools.cache
+def _histories(build: Path, packets: Path, out: Path) -> list[History]:
+    return [_history(build, packets, out) for _ in range(RUNS)]
+
+
 def _history(build: Path, packets: Path, out: Path) -> History:
     config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
     robot = names(config, [])
@@ -98,13 +105,15 @@ def _history(build: Path, packets: Path, out: Path) -> History:
     return found
 
 
-def _laps(s: Setting) -> tuple[History, int]:
+def _runs(s: Setting) -> list[History]:
     if not (s.build / "bin" / "zloam-simulator").exists():
         raise Skip("zloam-simulator is not built")
-    history = _history(s.build, capture(s), s.out / "accept" / "laps")
+    return _histories(s.build, capture(s), s.out / "accept" / "laps")
+
+
+def _sweeps_a_lap(history: History) -> int:
     # A lap alone takes longer: it stands and stops besides.
-    sweeps = min(spent[-1].sweep for spent in history.values()) + 1
-    return history, sweeps // LAPS
+    return (min(spent[-1].sweep for spent in history.values()) + 1) // LAPS
 
 
 def _after(history: list[Spent], sweep: int) -> Spent:
@@ -112,27 +121,31 @@ def _after(history: list[Spent], sweep: int) -> Spent:
     return next((spent for spent in history if spent.sweep >= sweep), history[-1])
 
 
+def _memory_grown(history: History, stage: str) -> float:
+    spent = history[stage]
+    return spent[-1].rss_mib / _after(spent, 2 * _sweeps_a_lap(history)).rss_mib
+
+
 def _memory(s: Setting) -> Measured:
-    history, lap = _laps(s)
-    ratios = {
-        stage: spent[-1].rss_mib / _after(spent, 2 * lap).rss_mib
-        for stage, spent in history.items()
-    }
+    runs = _runs(s)
+    ratios = {stage: max(_memory_grown(history, stage) for history in runs) for stage in STAGES}
     figure = ", ".join(f"{stage} {ratio:.2f}" for stage, ratio in ratios.items())
-    return Measured(figure, all(ratio <= GROWTH for ratio in ratios.values()))
+    return Measured(f"{figure} (largest of {RUNS} runs)", max(ratios.values()) <= GROWTH)
 
 
-def _cost_ms(history: list[Spent], first: int, last: int) -> float:
-    begin, end = _after(history, first), _after(history, last)
+def _cost_ms(history: History, stage: str, number: int) -> float:
+    """Of a sweep in a lap, counted from 1."""
+    lap, spent = _sweeps_a_lap(history), history[stage]
+    begin, end = _after(spent, (number - 1) * lap), _after(spent, number * lap)
     return (end.cpu_ms - begin.cpu_ms) / (end.sweep - begin.sweep)
 
 
 def _cost(s: Setting) -> Measured:
-    history, lap = _laps(s)
-    parts, held = [], True
-    for stage, spent in history.items():
-        second = _cost_ms(spent, lap, 2 * lap)
-        last = _cost_ms(spent, (LAPS - 1) * lap, LAPS * lap)
-        held = held and last <= GROWTH * second
-        parts.append(f"{stage} {second:.2f} → {last:.2f} ms")
-    return Measured(", ".join(parts), held)
+    runs, parts, held = _runs(s), [], True
+    for stage in STAGES:
+        last = [_cost_ms(history, stage, LAPS) for history in runs]
+        ratios = [ms / _cost_ms(history, stage, 2) for ms, history in zip(last, runs, strict=True)]
+        held = held and statistics.median(ratios) <= GROWTH
+        each = ", ".join(f"{ratio:.2f}" for ratio in sorted(ratios))
+        parts.append(f"{stage} {each} × ({statistics.median(last):.2f} ms)")
+    return Measured("; ".join(parts), held)
