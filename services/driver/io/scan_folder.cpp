@@ -26,14 +26,18 @@ std::vector<std::string> scan_files(const fs::path& path) {
   return files;
 }
 
-std::vector<std::byte> read_whole(const std::string& path) {
+/// Into memory that is used again; returns the file's size, of which whole items are read.
+template <typename Item>
+std::size_t read_whole(const std::string& path, std::vector<Item>& items) {
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) throw SourceError(path + ": " + std::strerror(errno));
-  std::vector<std::byte> bytes(static_cast<std::size_t>(file.tellg()));
+  const auto size_bytes = static_cast<std::size_t>(file.tellg());
+  items.resize(size_bytes / sizeof(Item));
   file.seekg(0);
-  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  file.read(reinterpret_cast<char*>(items.data()),
+            static_cast<std::streamsize>(items.size() * sizeof(Item)));
   if (!file) throw SourceError(path + ": cannot be read to its end");
-  return bytes;
+  return size_bytes;
 }
 
 /// Seconds by line, columns of them a line, in ns.
@@ -72,18 +76,16 @@ class KittiFolder : public ScanFolder {
   bool next(DecodedSweep& sweep) override {
     if (index_ == scans_) return false;
     const std::string& file = files_[index_];
-    const std::vector<std::byte> bytes = read_whole(file);
-    if (bytes.size() % 16 != 0) {
-      throw SourceError(file + ": " + std::to_string(bytes.size()) +
+    const std::size_t size_bytes = read_whole(file, xyzi_);
+    if (size_bytes % 16 != 0) {
+      throw SourceError(file + ": " + std::to_string(size_bytes) +
                         " bytes are no whole number of points of 16");
     }
-    std::vector<float> values(bytes.size() / sizeof(float));
-    std::memcpy(values.data(), bytes.data(), bytes.size());
     const std::int64_t start_ns =
         stamps_ns_.empty() ? std::llround(1e9 * timing_.period_s * static_cast<double>(index_))
                            : stamps_ns_[index_];
     KittiDiagnostics diagnostics;
-    sweep = kitti_sweep(values, timing_, start_ns, &diagnostics);
+    sweep = kitti_sweep(xyzi_, timing_, start_ns, &diagnostics);
     zero_range_ += diagnostics.dropped_zero_range;
     not_finite_ += diagnostics.dropped_not_finite;
     if (diagnostics.rings_found > 64) ++odd_rings_;
@@ -103,6 +105,7 @@ class KittiFolder : public ScanFolder {
  private:
   ScanTiming timing_;
   std::vector<std::string> files_;
+  std::vector<float> xyzi_;
   std::size_t scans_ = 0;
   std::vector<std::int64_t> stamps_ns_;
   std::size_t index_ = 0;
@@ -124,10 +127,10 @@ class SynthFolder : public ScanFolder {
   bool next(DecodedSweep& sweep) override {
     if (index_ == scans_) return false;
     const std::string& file = files_[index_];
-    const std::vector<std::byte> bytes = read_whole(file);
-    auto scan = synth_sweep(bytes, stamps_ns_[2 * index_], stamps_ns_[2 * index_ + 1]);
+    read_whole(file, records_);
+    auto scan = synth_sweep(records_, stamps_ns_[2 * index_], stamps_ns_[2 * index_ + 1]);
     if (!scan) {
-      throw SourceError(file + ": " + std::to_string(bytes.size()) +
+      throw SourceError(file + ": " + std::to_string(records_.size()) +
                         " bytes are no whole number of points of 16");
     }
     sweep = std::move(*scan);
@@ -140,6 +143,7 @@ class SynthFolder : public ScanFolder {
 
  private:
   std::vector<std::string> files_;
+  std::vector<std::byte> records_;
   std::size_t scans_ = 0;
   std::vector<std::int64_t> stamps_ns_;
   std::size_t index_ = 0;

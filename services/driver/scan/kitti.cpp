@@ -126,20 +126,62 @@ std::uint32_t time_of(double azimuth, const ScanTiming& timing, double period_ns
   double turned = 0.0;
   if (timing.model == TimeModel::kClockwise) turned = timing.seam_deg - azimuth;
   if (timing.model == TimeModel::kCounterClockwise) turned = azimuth - timing.seam_deg;
-  turned -= 360.0 * std::floor(turned / 360.0);
+  if (turned < 0.0 || turned >= 360.0) turned -= 360.0 * std::floor(turned / 360.0);
   return static_cast<std::uint32_t>(turned / 360.0 * period_ns);
 }
 
+/// A return: when it was measured, and where it stands in the file.
+struct Timed {
+  std::uint32_t time_ns;
+  std::uint32_t index;
+};
+
+/// The returns by their time within the turn. What is sorted is a third of a point's size.
+std::vector<Timed> in_time_order(const std::vector<double>& azimuths_deg, const ScanTiming& timing,
+                                 double period_ns) {
+  std::vector<Timed> timed;
+  timed.reserve(azimuths_deg.size());
+  for (std::size_t i = 0; i < azimuths_deg.size(); ++i) {
+    if (std::isnan(azimuths_deg[i])) continue;
+    timed.push_back({time_of(azimuths_deg[i], timing, period_ns), static_cast<std::uint32_t>(i)});
+  }
+  std::vector<Timed> spare;
+  radix_sort(timed, spare, 32, [](const Timed& t) { return t.time_ns; });
+  return timed;
+}
+
+void count_dropped(std::span<const float> xyzi, const std::vector<double>& azimuths_deg,
+                   KittiDiagnostics& noted) {
+  for (std::size_t i = 0; i < azimuths_deg.size(); ++i) {
+    if (!std::isnan(azimuths_deg[i])) continue;
+    const float* p = &xyzi[4 * i];
+    const bool zero = p[0] == 0.0F && p[1] == 0.0F && p[2] == 0.0F;
+    zero ? ++noted.dropped_zero_range : ++noted.dropped_not_finite;
+  }
+}
+
 /// Stamp and times from the first point; columns by the time within the turn.
-void number_by_time(DecodedSweep& sweep, double period_ns) {
+void fill(DecodedSweep& sweep, std::span<const float> xyzi, const std::vector<Timed>& timed,
+          const std::vector<std::uint16_t>& from_top, int top_ring, double period_ns) {
+  constexpr std::size_t kAhead = 24;
   constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
-  PointVector spare;
-  radix_sort(sweep.points, spare, 32, [](const Point& p) { return p.time_ns; });
-  const std::uint32_t first_ns = sweep.points.empty() ? 0 : sweep.points.front().time_ns;
+  const std::uint32_t first_ns = timed.empty() ? 0 : timed.front().time_ns;
   sweep.stamp_ns += first_ns;
-  for (Point& p : sweep.points) {
-    sweep.columns.push_back(static_cast<std::uint16_t>(p.time_ns / period_ns * kColumns));
-    p.time_ns -= first_ns;
+  sweep.points.reserve(timed.size());
+  sweep.columns.reserve(timed.size());
+  for (std::size_t i = 0; i < timed.size(); ++i) {
+    // Neighbours in time are of other rings, each in another place of the file.
+    if (i + kAhead < timed.size()) {
+      __builtin_prefetch(&xyzi[4 * std::size_t{timed[i + kAhead].index}]);
+      __builtin_prefetch(&from_top[timed[i + kAhead].index]);
+    }
+    const auto [time_ns, index] = timed[i];
+    const float* p = &xyzi[4 * std::size_t{index}];
+    const int ring = std::max(top_ring - static_cast<int>(from_top[index]), 0);
+    sweep.points.push_back({p[0], p[1], p[2], std::isfinite(p[3]) ? 255.0F * p[3] : 0.0F,
+                            time_ns - first_ns, static_cast<std::uint16_t>(ring),
+                            ReturnType::kStrongest, 0});
+    sweep.columns.push_back(static_cast<std::uint16_t>(time_ns / period_ns * kColumns));
   }
 }
 
@@ -157,23 +199,11 @@ DecodedSweep kitti_sweep(std::span<const float> xyzi, const ScanTiming& timing,
   const int missing = rings_missing_on_top(xyzi, from_top, noted.rings_found);
   const int rings = std::max(noted.rings_found, kHdl64Rings);
   const double period_ns = timing.period_s * 1e9;
+  count_dropped(xyzi, azimuths, noted);
   DecodedSweep sweep;
-  sweep.points.reserve(from_top.size());
-  for (std::size_t i = 0; i < from_top.size(); ++i) {
-    const float* p = &xyzi[4 * i];
-    if (std::isnan(azimuths[i])) {
-      const bool zero = p[0] == 0.0F && p[1] == 0.0F && p[2] == 0.0F;
-      zero ? ++noted.dropped_zero_range : ++noted.dropped_not_finite;
-      continue;
-    }
-    const int ring = rings - 1 - missing - static_cast<int>(from_top[i]);
-    sweep.points.push_back({p[0], p[1], p[2], std::isfinite(p[3]) ? 255.0F * p[3] : 0.0F,
-                            time_of(azimuths[i], timing, period_ns),
-                            static_cast<std::uint16_t>(std::max(ring, 0)), ReturnType::kStrongest,
-                            0});
-  }
   sweep.stamp_ns = start_ns;
-  number_by_time(sweep, period_ns);
+  fill(sweep, xyzi, in_time_order(azimuths, timing, period_ns), from_top, rings - 1 - missing,
+       period_ns);
   sweep.period_ns = static_cast<std::uint32_t>(std::llround(period_ns));
   sweep.rings = static_cast<std::uint16_t>(rings);
   sweep.model = "hdl64e";
