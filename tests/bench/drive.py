@@ -12,6 +12,7 @@ Nothing of ours is in it.
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import tempfile
 from collections.abc import Iterator
@@ -25,7 +26,7 @@ from tests.bench import consistency
 from tests.bench.consistency import Array, Misfit
 from tests.bench.framework import Benchmark, Outcome
 from tests.bench.setting import BenchSetting
-from tests.bench.versus import data, systems
+from tests.bench.versus import data, peer, systems
 from tests.bench.versus.data import Scans
 from zloam_monitor import evaluation, trajectory
 from zloam_monitor.trajectory import Trajectory
@@ -40,7 +41,7 @@ DESKEWED_ATE_M = 0.08
 #: times that a peer's scans are deskewed by the path it found before; a third changes 1 mm
 PASSES = 2
 #: part of the sweep that poses of scans without times are taken for: when the sensor looks ahead
-MIDDLE = 0.5
+MIDDLE = evaluation.SWEEP_PART_OF_REFERENCE
 PERIOD_S = data.PERIOD_S
 
 
@@ -48,15 +49,14 @@ class DriveScans:
     """KITTI's layout; times as the drive's sensor turns: clockwise, from the rear (hdl64e.yaml)."""
 
     def __init__(self, scans: Scans, deskewed: bool) -> None:
-        self._files = sorted(next(scans.folder.glob("**/velodyne")).glob("*.bin"))
+        self._files = peer.Data.at(scans.folder).files
         self._deskewed = deskewed
 
     def __len__(self) -> int:
         return len(self._files)
 
     def __call__(self, sweep: int) -> tuple[Array, Array]:
-        rows = np.fromfile(self._files[sweep], "<f4").reshape(-1, 4)[:, :3].astype(np.float64)
-        points = rows[np.any(rows != 0.0, axis=1)]
+        points = peer.untimed_points(self._files[sweep])
         part = np.full(len(points), MIDDLE)
         if self._deskewed:
             part = (np.pi - np.arctan2(points[:, 1], points[:, 0])) / (2 * np.pi)
@@ -85,28 +85,42 @@ def _references(setting: BenchSetting) -> Iterator[tuple[str, Array]]:
         yield name, trajectory.read(file).transforms
 
 
-def _others(setting: BenchSetting, scans: Scans, out: Path) -> Iterator[tuple[str, Array]]:
-    yield from _references(setting)
-    for peer in systems.PEERS:
-        try:
-            yield peer, systems.run_peer(peer, scans, out).scored.trajectory.transforms
-        except Skip as skip:
-            print(f"  {peer}: {skip}", flush=True)
+class _Drive:
+    """The scans as they are, and what every system made of them; each is run once."""
+
+    def __init__(self, setting: BenchSetting) -> None:
+        self.setting, self.out = setting, setting.out / "drive"
+        self._poses: dict[str, Array] = {}
+
+    @functools.cached_property
+    def scans(self) -> Scans:
+        self.out.mkdir(parents=True, exist_ok=True)
+        return data.chosen(data.all_sets(self.setting), "drive")[0].get()
+
+    def ours(self) -> Array:
+        if systems.OURS not in self._poses:
+            found = systems.run_ours(self.setting, self.scans, self.out)
+            self._poses[systems.OURS] = found.scored.trajectory.transforms
+        return self._poses[systems.OURS]
+
+    def peers(self) -> Iterator[tuple[str, Array]]:
+        for name in systems.PEERS:
+            try:
+                if name not in self._poses:
+                    self._poses[name] = _peer_over(name, self.scans, self.out)
+                yield name, self._poses[name]
+            except Skip as skip:
+                print(f"  {name}: {skip}", flush=True)
 
 
-def _scans_and_ours(setting: BenchSetting, name: str) -> tuple[Scans, Array, Path]:
-    scans = next(s for s in data.all_sets(setting) if s.name == "drive").get()
-    out = setting.out / name
-    out.mkdir(parents=True, exist_ok=True)
-    ours = systems.run_ours(setting, scans, out).scored.trajectory
-    return scans, ours.transforms, out
+def _peer_over(name: str, scans: Scans, out: Path) -> Array:
+    return systems.run_peer(name, scans, out).scored.trajectory.transforms
 
 
-def _consistency(setting: BenchSetting) -> Outcome:
-    scans, ours, out = _scans_and_ours(setting, CONSISTENCY)
-    found = {systems.OURS: misfits(scans, ours, 1.0, deskewed=True)}
-    for name, transforms in _others(setting, scans, out):
-        found[name] = _kinder(scans, transforms)
+def _consistency(drive: _Drive) -> Outcome:
+    found = {systems.OURS: misfits(drive.scans, drive.ours(), 1.0, deskewed=True)}
+    for name, transforms in itertools.chain(_references(drive.setting), drive.peers()):
+        found[name] = _kinder(drive.scans, transforms)
         print(f"  {name}: {consistency.rms_m(found[name]):.4f} m", flush=True)
     return _judged(found)
 
@@ -144,12 +158,11 @@ def write_deskewed(scans: Scans, transforms: Array, out: Path) -> Scans:
     return replace(scans, folder=out)
 
 
-def _deskewed_by_itself(peer: str, scans: Scans, out: Path) -> Array:
-    transforms = systems.run_peer(peer, scans, out).scored.trajectory.transforms
+def _deskewed_by_itself(name: str, transforms: Array, scans: Scans, out: Path) -> Array:
     for _ in range(PASSES):
         with tempfile.TemporaryDirectory(dir=out) as place:
             again = write_deskewed(scans, transforms, Path(place) / "drive-deskewed")
-            transforms = systems.run_peer(peer, again, out).scored.trajectory.transforms
+            transforms = _peer_over(name, again, out)
     return transforms
 
 
@@ -169,19 +182,14 @@ def at_middles(transforms: Array) -> Array:
     return out
 
 
-def _deskewed(setting: BenchSetting) -> Outcome:
-    scans, ours, out = _scans_and_ours(setting, DESKEWED)
-    compared = {systems.OURS: at_middles(ours), **dict(_references(setting))}
+def _deskewed(drive: _Drive) -> Outcome:
+    compared = {systems.OURS: at_middles(drive.ours()), **dict(_references(drive.setting))}
     ate_m: dict[str, dict[str, float]] = {}
-    for peer in systems.PEERS:
-        try:
-            truth = _deskewed_by_itself(peer, scans, out)
-        except Skip as skip:
-            print(f"  {peer}: {skip}", flush=True)
-            continue
-        ate_m[peer] = {name: _ate_m(poses, truth) for name, poses in compared.items()}
-        words = ", ".join(f"{name} {m:.4f}" for name, m in ate_m[peer].items())
-        print(f"  {peer}: {words} m", flush=True)
+    for name, transforms in drive.peers():
+        truth = _deskewed_by_itself(name, transforms, drive.scans, drive.out)
+        ate_m[name] = {other: _ate_m(poses, truth) for other, poses in compared.items()}
+        words = ", ".join(f"{other} {m:.4f}" for other, m in ate_m[name].items())
+        print(f"  {name}: {words} m", flush=True)
     if not ate_m:
         raise Skip("no peer can be run here")
     ranges = {name: [of[name] for of in ate_m.values()] for name in compared}
@@ -192,17 +200,18 @@ def _deskewed(setting: BenchSetting) -> Outcome:
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
     """Two rows."""
+    drive = _Drive(setting)
     return [
         Benchmark(
             CONSISTENCY,
             "the recorded drive: what correction its own scans, 2 s apart, ask of each path",
-            functools.partial(_consistency, setting),
+            functools.partial(_consistency, drive),
             f"≤ {CONSISTENCY_LIMIT} × any other's",
         ),
         Benchmark(
             DESKEWED,
             "the recorded drive: ATE of ours against peers whose scans their own path deskewed",
-            functools.partial(_deskewed, setting),
+            functools.partial(_deskewed, drive),
             f"≤ {DESKEWED_ATE_M} m",
         ),
     ]

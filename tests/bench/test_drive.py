@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,8 @@ def scans(tmp_path: Path) -> Scans:
         # the last record of a scan can be all zeros: no return
         rows[:-1, :3] = hit
         rows.tofile(folder / "velodyne" / f"{sweep:06d}.bin")
-    (folder / "meta.json").write_text('{"rings": 64, "scans_in": "velodyne"}')
+    meta = {"rings": 64, "period": 0.1, "timestamps": False, "scans_in": "velodyne"}
+    (folder / "meta.json").write_text(json.dumps(meta))
     none = Trajectory(np.empty((0, 4, 4)), None, np.empty(0, np.int64))
     return Scans(folder, (), none, None)
 

@@ -36,6 +36,12 @@ MOST_RANGE_M = 120.0
 SMALL_GICP_THREADS, MAD_THREADS = 1, 4
 
 
+def untimed_points(file: Path) -> Array:
+    """Of a scan of x y z reflectance; zeros are no return."""
+    rows = np.fromfile(file, "<f4").reshape(-1, 4)[:, :3]
+    return np.ascontiguousarray(rows[np.any(rows != 0.0, axis=1)], np.float64)
+
+
 @dataclass(frozen=True)
 class Data:
     """A folder of scans: 16-byte records with times, or KITTI's x y z reflectance without."""
@@ -63,9 +69,8 @@ class Data:
                 points = np.ascontiguousarray(scan["xyz"], np.float64)
                 yield points, scan["t"] * (1e-9 * SYNTH_TICK_NS / self.period_s)
             else:
-                rows = np.fromfile(file, "<f4").reshape(-1, 4)[:, :3]
-                rows = rows[np.any(rows != 0.0, axis=1)]
-                yield np.ascontiguousarray(rows, np.float64), np.zeros(len(rows))
+                points = untimed_points(file)
+                yield points, np.zeros(len(points))
 
 
 class Kiss:
