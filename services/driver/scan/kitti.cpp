@@ -126,6 +126,7 @@ std::uint32_t time_of(double azimuth, const ScanTiming& timing, double period_ns
   double turned = 0.0;
   if (timing.model == TimeModel::kClockwise) turned = timing.seam_deg - azimuth;
   if (timing.model == TimeModel::kCounterClockwise) turned = azimuth - timing.seam_deg;
+  // half of the points lie within the turn, and floor is a call where SSE4.1 is not asked for
   if (turned < 0.0 || turned >= 360.0) turned -= 360.0 * std::floor(turned / 360.0);
   return static_cast<std::uint32_t>(turned / 360.0 * period_ns);
 }
@@ -163,7 +164,7 @@ void count_dropped(std::span<const float> xyzi, const std::vector<double>& azimu
 /// Stamp and times from the first point; columns by the time within the turn.
 void fill(DecodedSweep& sweep, std::span<const float> xyzi, const std::vector<Timed>& timed,
           const std::vector<std::uint16_t>& from_top, int top_ring, double period_ns) {
-  constexpr std::size_t kAhead = 24;
+  constexpr std::size_t kAhead = 24;  // points; a few hundred ns, as memory takes
   constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
   const std::uint32_t first_ns = timed.empty() ? 0 : timed.front().time_ns;
   sweep.stamp_ns += first_ns;
