@@ -164,7 +164,8 @@ void count_dropped(std::span<const float> xyzi, const std::vector<double>& azimu
 /// Stamp and times from the first point; columns by the time within the turn.
 void fill(DecodedSweep& sweep, std::span<const float> xyzi, const std::vector<Timed>& timed,
           const std::vector<std::uint16_t>& from_top, int top_ring, double period_ns) {
-  constexpr std::size_t kAhead = 24;  // points; a few hundred ns, as memory takes
+  // points; a few hundred ns, as memory takes
+  constexpr std::size_t kAhead = 24;
   constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
   const std::uint32_t first_ns = timed.empty() ? 0 : timed.front().time_ns;
   sweep.stamp_ns += first_ns;
