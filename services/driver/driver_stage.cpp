@@ -6,9 +6,9 @@
 #include <thread>
 
 #include "common/runtime/fault.hpp"
+#include "driver/io/message_fields.hpp"
 #include "driver/io/scan_folder.hpp"
 #include "schemas/packets_generated.h"
-#include "schemas/sweep_generated.h"
 
 namespace zloam::driver {
 namespace {
@@ -21,34 +21,6 @@ constexpr std::int64_t kFlushAfterNs = 300'000'000;
 constexpr int kProgressSeconds = 5;
 // A live sweep waits so long for inertial readings that are under way.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
-
-msg::ReturnMode to_message(ReturnMode mode) { return static_cast<msg::ReturnMode>(mode); }
-msg::ClockSource to_message(ClockSource source) { return static_cast<msg::ClockSource>(source); }
-
-Health health_of(const DecodedSweep& sweep) {
-  if (sweep.points.empty()) return Health::kEmpty;
-  return sweep.complete ? Health::kOk : Health::kIncomplete;
-}
-
-SweepFields fields_of(const DecodedSweep& sweep) {
-  SweepFields fields;
-  fields.points = sweep.points;
-  fields.columns = sweep.columns;
-  fields.period_ns = sweep.period_ns;
-  fields.rings = sweep.rings;
-  fields.model = sweep.model;
-  fields.return_mode = to_message(sweep.return_mode);
-  fields.clock_source = to_message(sweep.clock_source);
-  fields.complete = sweep.complete;
-  fields.packets = sweep.packets;
-  fields.packets_lost = sweep.packets_lost;
-  fields.deskewed = sweep.deskewed;
-  fields.first_packet_toh_us = sweep.first_packet_toh_us;
-  fields.last_packet_toh_us = sweep.last_packet_toh_us;
-  fields.packet_period_ns = sweep.packet_period_ns;
-  fields.health = health_of(sweep);
-  return fields;
-}
 
 std::string counted(const NamedCounts& counts) {
   std::string text;
@@ -306,17 +278,7 @@ void DriverStage::publish_positions() {
     watch_clock(position.packet);
     if (position.packet.nmea.empty() || position.packet.nmea == last_sentence_) continue;
     last_sentence_ = position.packet.nmea;
-    GnssFixFields fix;
-    fix.received_ns = position.received_ns;
-    fix.pps = static_cast<msg::PpsStatus>(position.packet.pps);
-    fix.sentence = position.packet.nmea;
-    if (const auto rmc = parse_rmc(fix.sentence)) {
-      fix.utc_ns = rmc->utc_ns;
-      fix.latitude_deg = rmc->latitude_deg;
-      fix.longitude_deg = rmc->longitude_deg;
-      fix.valid = rmc->valid;
-    }
-    fixes.push_back(fix);
+    fixes.push_back(fields_of(position));
   }
   if (fixes.empty()) return;
   const std::int64_t now_ns = stage_.now_ns();

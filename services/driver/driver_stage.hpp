@@ -23,7 +23,6 @@ class DriverStage {
   struct Outgoing {
     DecodedSweep sweep;
     std::vector<RawPacket> packets;
-    std::int64_t received_ns = 0;
   };
 
   void open_finite();

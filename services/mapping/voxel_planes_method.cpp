@@ -96,8 +96,8 @@ class VoxelPlanesMethod : public MappingMethod {
                                              const MappingInput& input,
                                              const Prediction& prediction,
                                              const plane_map::MotionPrediction& odometry) const;
-  static PointSpan thinned(PointSpan points, std::size_t stride, std::uint64_t sweep,
-                           const DeskewTable& table, PointVector& out);
+  static PointSpan thinned(PointSpan points, const Thinning& thinning, const DeskewTable& table,
+                           PointVector& out);
 
   VoxelPlanesConfig config_;
   std::optional<plane_map::PlaneRegistration> registration_;
@@ -298,8 +298,8 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
   const DeskewTable table = own.in_place_of(odometry);
   const std::size_t stride = std::max(config_.tile_stride, 1U);
   const std::size_t enough = stride_to(config_.enough_tile_points, input.planes.size());
-  return {thinned(input.edges, stride, input.sweep, table, tile_edges_),
-          thinned(input.planes, std::max(stride, enough), input.sweep, table, tile_planes_)};
+  return {thinned(input.edges, {stride, input.sweep}, table, tile_edges_),
+          thinned(input.planes, {std::max(stride, enough), input.sweep}, table, tile_planes_)};
 }
 
 std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double growth) {
@@ -311,19 +311,18 @@ void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {
   tiles_.keep_for_loading(tiles);
 }
 
-// Every stride-th point, moved by the table.
-PointSpan VoxelPlanesMethod::thinned(PointSpan points, std::size_t stride, std::uint64_t sweep,
+// What the thinning leaves, moved by the table.
+PointSpan VoxelPlanesMethod::thinned(PointSpan points, const Thinning& thinning,
                                      const DeskewTable& table, PointVector& out) {
   out.clear();
-  for (std::size_t i = sweep % stride; i < points.size(); i += stride) {
-    Point p = points[i];
+  thinning.each(points, [&](Point p) {
     const Eigen::Vector3f moved =
         (table.motion_at(p.time_ns) * p.position().cast<double>()).cast<float>();
     p.x = moved.x();
     p.y = moved.y();
     p.z = moved.z();
     out.push_back(p);
-  }
+  });
   return out;
 }
 

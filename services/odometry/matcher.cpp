@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/containers/thinning.hpp"
 #include "odometry/degeneracy.hpp"
 
 namespace zloam::odometry {
@@ -23,13 +24,12 @@ std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
   return static_cast<std::uint16_t>(std::lround(std::min(turn, 1.0) * kTimeBins));
 }
 
-void append(PointSpan points, std::size_t first, std::size_t stride, const FeatureSweep& sweep,
+void append(PointSpan points, const Thinning& thinning, const FeatureSweep& sweep,
             const Pose& T_base_lidar, std::vector<SourcePoint>& out) {
-  for (std::size_t i = first; i < points.size(); i += stride) {
-    if (is_usable(points[i])) {
-      out.push_back({T_base_lidar * points[i].position().cast<double>(), bin_of(points[i], sweep)});
-    }
-  }
+  thinning.each(points, [&](const Point& p) {
+    if (!is_usable(p)) return;
+    out.push_back({T_base_lidar * p.position().cast<double>(), bin_of(p, sweep)});
+  });
 }
 
 void sort_by_time(std::vector<SourcePoint>& points) {
@@ -159,10 +159,10 @@ Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
     const auto wanted = static_cast<std::size_t>(std::max(1, config.max_matched_points));
     const std::size_t n = sweep.less_flat.size();
     const std::size_t stride = std::max<std::size_t>(1, (n + wanted - 1) / wanted);
-    append(sweep.less_flat, sweep.sweep % stride, stride, sweep, T_base_lidar, source.planes);
+    append(sweep.less_flat, {stride, sweep.sweep}, sweep, T_base_lidar, source.planes);
   } else {
-    append(sweep.flat, 0, 1, sweep, T_base_lidar, source.planes);
-    append(sweep.sharp, 0, 1, sweep, T_base_lidar, source.edges);
+    append(sweep.flat, {}, sweep, T_base_lidar, source.planes);
+    append(sweep.sharp, {}, sweep, T_base_lidar, source.edges);
   }
   sort_by_time(source.planes);
   sort_by_time(source.edges);

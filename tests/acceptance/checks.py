@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import shutil
 import subprocess
-import sys
 
 from tests.acceptance import (
     accuracy,
     benches,
     consistency,
     decoded,
+    determinism,
     faults,
     flags,
     laps,
@@ -31,7 +30,6 @@ ALOAM_CPU_RATIO = 3.3
 LIVE_P99_MS, FUSED_P99_MS, MAPPED_P99_MS = 100.0, 50.0, 150.0
 REPLAY_FACTOR = 3.0
 ALGORITHMS = ("registration", "odometry", "mapping")
-RESULT_FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
 
 
 def all_checks(setting: Setting) -> list[Check]:
@@ -48,7 +46,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *_decoding(setting),
         *faults.checks(setting),
         *udp_rate.checks(setting),
-        *_determinism(setting),
+        *determinism.checks(setting),
         *_live(setting),
         *benches.checks(setting),
         *_robustness(setting),
@@ -216,56 +214,6 @@ def _decoding(s: Setting) -> list[Check]:
             ("vlp16_single", "BIN", "packets.bin"),
             ("vlp16_dual", "BIN", "packets.bin"),
         )
-    ]
-
-
-def _digests(demo: Demo) -> dict[str, str]:
-    if demo.code != 0:
-        raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
-    return {f: hashlib.sha256((demo.out / f).read_bytes()).hexdigest()[:12] for f in RESULT_FILES}
-
-
-def _same_bytes(first: Demo, second: Demo) -> Measured:
-    a, b = _digests(first), _digests(second)
-    differing = [f for f in RESULT_FILES if a[f] != b[f]]
-    return Measured(
-        f"differ: {', '.join(differing)}" if differing else f"same ({', '.join(RESULT_FILES)})",
-        not differing,
-    )
-
-
-def _replayed(s: Setting, name: str) -> Demo:
-    return s.demo(name, "--pcap", s.capture())
-
-
-def _under_load(s: Setting) -> Measured:
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
-    try:
-        loaded = _replayed(s, "replay-loaded")
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
-    return _same_bytes(_replayed(s, "replay-a"), loaded)
-
-
-def _determinism(s: Setting) -> list[Check]:
-    command = "make demo PCAP=out/accept/city/capture.pcap, twice"
-    return [
-        Check(
-            "replay-twice",
-            "replay twice: trajectory and map",
-            "same bytes",
-            command,
-            lambda: _same_bytes(_replayed(s, "replay-a"), _replayed(s, "replay-b")),
-        ),
-        Check(
-            "replay-loaded",
-            "replay while another program loads both cores",
-            "same bytes",
-            command,
-            lambda: _under_load(s),
-        ),
     ]
 
 

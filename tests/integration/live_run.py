@@ -123,7 +123,18 @@ class LiveRun:
         deadline = time.monotonic() + PATIENCE_S
         while not done():
             self._poll()
-            assert time.monotonic() < deadline, "it never happened"
+            assert time.monotonic() < deadline, f"it never happened; {self._heard()}"
+
+    def _heard(self) -> str:
+        """What came here, for whoever looks why something did not."""
+        link = self.chain.link
+        stages = ", ".join(f"{s} {self._health(s) or 'silent'}" for s in (*STAGES, "driver"))
+        peers = len(link.session.info.peers_zid())
+        return (
+            f"poses {len(self.poses)}, mapped {len(self.mapped)}, "
+            f"odometry {sum(map(len, self.odometry_poses.values()))}, unread {link.garbage}; "
+            f"{stages}; connected to {peers}; sender {self._sender.is_alive()}"
+        )
 
     def until_poses(self, count: int) -> None:
         """And until mapping is past the sweep at which it last gave its voxels to the store."""

@@ -31,6 +31,14 @@ struct Thinning {
       take(begin, std::min(begin + together, items));
     }
   }
+
+  /// take(item) for each one that is left, in order.
+  template <typename Items, typename Take>
+  void each(const Items& items, const Take& take) const {
+    each_stretch(items.size(), [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) take(items[i]);
+    });
+  }
 };
 
 /// Of points that are counted in voxels: neighbours of one ring mostly share their voxel, so that

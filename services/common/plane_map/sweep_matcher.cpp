@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/containers/thinning.hpp"
 #include "common/geometry/motion_covariance.hpp"
 
 namespace zloam::plane_map {
@@ -94,7 +95,9 @@ double SweepMatcher::information_scale(const VoxelPlaneMap& map) const {
 
 SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep,
                                     const MotionPrior& prior, const Gate& gate) const {
-  const std::vector<SlotPoint> few = every_nth(sweep.points(), kCoarseStride, 0);
+  std::vector<SlotPoint> few;
+  few.reserve(sweep.points().size() / kCoarseStride + 1);
+  Thinning{kCoarseStride}.each(sweep.points(), [&](const SlotPoint& p) { few.push_back(p); });
   if (few.size() < kLeastCoarsePoints) return prior.start;
   MatchedPoints matched;
   matched.begin(few);

@@ -67,16 +67,6 @@ void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinnin
   }
 }
 
-std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
-                                 std::size_t phase) {
-  std::vector<SlotPoint> out;
-  out.reserve(points.size() / stride + 1);
-  for (std::size_t i = phase % stride; i < points.size(); i += stride) {
-    out.push_back(points[i]);
-  }
-  return out;
-}
-
 SlotMotions SweepPoints::motions(const Eigen::Matrix3d& rotation,
                                  const Vector6& twist_per_sweep) const {
   Pose start = Pose::Identity();

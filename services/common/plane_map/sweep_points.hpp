@@ -52,10 +52,6 @@ struct SlotPoint {
 /// Of each slot boundary.
 using SlotMotions = std::vector<MotionLanes>;
 
-/// Every stride-th point, the first one chosen by `phase`.
-std::vector<SlotPoint> every_nth(const std::vector<SlotPoint>& points, std::size_t stride,
-                                 std::size_t phase);
-
 /// Valid points of a sweep (finite, at least min_range_m from the frame's origin), of those that
 /// the thinning leaves, in slot order and in the given order within a slot. They replace what is in
 /// `out`.

@@ -5,9 +5,6 @@
 
 #include "driver/sweep/azimuth.hpp"
 
-// What is done for each of a packet's twelve groups: calls are half of it.
-#define ZLOAM_EACH_GROUP __attribute__((always_inline)) inline
-
 namespace zloam::driver {
 namespace {
 
@@ -109,8 +106,10 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   decode_groups(plan, sensor_ns_, packet.received_ns);
 }
 
+// The next three are done for each of a packet's twelve groups, where calls would be half of it.
+
 /// Once in each sweep that the packet has groups in.
-ZLOAM_EACH_GROUP void SweepAssembler::count_packet(const PacketPlan& plan) {
+__attribute__((always_inline)) inline void SweepAssembler::count_packet(const PacketPlan& plan) {
   if (packet_counted_) return;
   packet_counted_ = true;
   if (sweep_.packets++ == 0) sweep_.first_packet_toh_us = plan.toh_us;
@@ -119,8 +118,9 @@ ZLOAM_EACH_GROUP void SweepAssembler::count_packet(const PacketPlan& plan) {
 }
 
 /// Cuts before this group when it has passed the seam, or when no cut came for too long.
-ZLOAM_EACH_GROUP void SweepAssembler::advance_to(const PacketPlan& plan, int group,
-                                                 std::int64_t time_ns) {
+__attribute__((always_inline)) inline void SweepAssembler::advance_to(const PacketPlan& plan,
+                                                                      int group,
+                                                                      std::int64_t time_ns) {
   const int phase_cdeg = ahead(seam_cdeg_, plan.group[group].azimuth_cdeg);
   if (!open_) {
     open(time_ns, phase_cdeg, false);
@@ -144,7 +144,8 @@ ZLOAM_EACH_GROUP void SweepAssembler::advance_to(const PacketPlan& plan, int gro
 }
 
 /// The groups of a packet are decoded together, up to a cut: one call in place of twelve.
-ZLOAM_EACH_GROUP void SweepAssembler::place_group(int group, std::int64_t time_ns) {
+__attribute__((always_inline)) inline void SweepAssembler::place_group(int group,
+                                                                       std::int64_t time_ns) {
   // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
   const auto groups = static_cast<std::int64_t>(
       static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + kToNearest);

@@ -117,7 +117,7 @@ def kept_file(name: str, version: str, scans: Scans) -> Path:
     digest.update(version.encode())
     meta = json.loads((scans.folder / "meta.json").read_text())
     digest.update(json.dumps(meta, sort_keys=True).encode())
-    files = sorted((scans.folder / meta.get("scans_in", "scans")).glob("*.bin"))
+    files = peer_program.Data.at(scans.folder).files
     for file in (files[0], files[-1]):
         digest.update(file.read_bytes())
     return KEPT / f"{scans.folder.name}-{name}-{digest.hexdigest()[:16]}.npz"
