@@ -9,7 +9,7 @@
 // covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row), cost.csv (points
 // and CPU time of each sweep, points in the map), and prints the CPU time of each stage per sweep.
 // --thin keeps the returns of every N-th part of the turn. The options from --seam on are for scans
-// in KITTI's layout.
+// in KITTI's layout; --deskewed (all points hold for the end of the sweep) for any folder.
 
 #include <time.h>
 
@@ -177,6 +177,7 @@ class Run {
     input.sweep = number;
     input.stamp_ns = scan.stamp_ns;
     input.period_ns = scan.period_ns;
+    input.deskewed = scan.deskewed;
     input.range_noise_m = o_.settings.registration.range_noise_m;
     input.sharp = features.sharp;
     input.less_sharp = features.less_sharp;

@@ -54,6 +54,8 @@ bool ScanReader::next(Scan& scan) {
   scan.stamp_ns = sweep.stamp_ns;
   scan.period_ns = sweep.period_ns;
   scan.rings = sweep.rings;
+  // the 16-byte layout can't say it of itself
+  scan.deskewed = sweep.deskewed || options_.timing.model == driver::TimeModel::kDeskewed;
   scan.points = std::move(sweep.points);
   bend(scan.points, options_);
   return true;

@@ -17,6 +17,8 @@ struct Scan {
   std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100000000;
   std::uint16_t rings = 16;
+  /// all points hold for one instant, the end of the sweep
+  bool deskewed = false;
   PointVector points;  ///< frame lidar, in time order
 };
 

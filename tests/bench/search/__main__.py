@@ -1,0 +1,70 @@
+"""python -m tests.bench.search [SETS] [--binary PATH] [--set key=value ...]: one row a drive.
+
+SETS: comma-separated names, patterns over them (swung-*), or the groups table, normal, worlds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import json
+import os
+import sys
+from pathlib import Path
+
+from tests.acceptance.runs import ROOT
+from tests.bench.search import runner, sets
+from tests.bench.search.sets import DataSet, Places
+
+
+def chosen(known: list[DataSet], wanted: str) -> list[DataSet]:
+    """In the known order; ends the program when a part matches nothing."""
+    found: set[str] = set()
+    for part in (p.strip() for p in wanted.split(",")):
+        names = {d.name for d in known if fnmatch.fnmatch(d.name, part) or part == d.group}
+        if not names:
+            raise SystemExit(f"no drive or group {part}; --list names all")
+        found |= names
+    return [d for d in known if d.name in found]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="tests.bench.search", description=__doc__)
+    parser.add_argument("sets", nargs="?", default="table,normal,worlds")
+    parser.add_argument("--preset-dir", type=Path, default=Path("build/release"))
+    parser.add_argument("--binary", type=Path, help="a zloam-offline, of this tree or another")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--arg", action="append", default=[], help="further arguments, as given")
+    parser.add_argument("--out", type=Path, default=Path("out/search"))
+    parser.add_argument("--json", type=Path, help="default: OUT/rows.json")
+    parser.add_argument("--jobs", type=int, default=runner.JOBS, help="two at most")
+    parser.add_argument("--list", action="store_true")
+    args = parser.parse_args()
+    wanted = chosen(sets.all_sets(), args.sets)
+    if args.list:
+        print("\n".join(f"{d.name:<18} {d.group}" for d in wanted))
+        return 0
+    shared = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared"))
+    places = Places(args.preset_dir.resolve(), shared)
+    binary = args.binary or places.build / "bin" / "zloam-offline"
+    more = (*(f"--set={s}" for s in args.set), *args.arg)
+    print(runner.HEAD, flush=True)
+    rows = []
+    each = lambda data: runner.run(data, places, binary.resolve(), args.out.resolve(), more)  # noqa: E731
+    for row in runner.run_all(wanted, each, args.jobs):
+        rows.append(row)
+        print(runner.line(row), flush=True)
+    print(runner.totals(rows))
+    found = [
+        {"drive": r.name, "failure": r.failure, **(r.verdict.as_dict() if r.verdict else {})}
+        for r in rows
+    ]
+    path = args.json or args.out / "rows.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    said = {"binary": str(binary), "more": more, "drives": found}
+    path.write_text(json.dumps(said, indent=1) + "\n")
+    return 1 if any(r.verdict is None and not r.failure.startswith("skip") for r in rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""zloam-offline over drives, two at a time, each judged."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.acceptance.framework import Skip
+from tests.bench.search import judge
+from tests.bench.search.judge import Verdict
+from tests.bench.search.sets import DataSet, Places, ran
+from zloam_monitor import trajectory
+
+JOBS = 2
+
+
+@dataclass(frozen=True)
+class Row:
+    """One drive after its run; `failure` says why there is no verdict."""
+
+    name: str
+    verdict: Verdict | None
+    failure: str
+    seconds: float
+
+
+def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str, ...]) -> Row:
+    """What it throws is the row's failure."""
+    began = time.monotonic()
+    found, failure = None, ""
+    try:
+        drive = data.make(places)
+        folder = out / data.name.replace("/", "-every")
+        ran(binary, drive.input, folder, *_options(drive.arguments), *_options(more))
+        truth = trajectory.read(drive.truth)
+        found = judge.verdict(folder, truth, data.open_direction)
+    except Skip as skip:
+        failure = f"skipped: {skip}"
+    except Exception as error:
+        failure = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    return Row(data.name, found, failure, time.monotonic() - began)
+
+
+def _options(arguments: tuple[str, ...]) -> Iterator[str]:
+    """--set=KEY=VALUE as the program takes it."""
+    for argument in arguments:
+        option, equals, value = argument.partition("=")
+        yield option
+        if equals:
+            yield value
+
+
+def run_all(sets: list[DataSet], each: Callable[[DataSet], Row], jobs: int = JOBS) -> Iterator[Row]:
+    """In the given order, as they come."""
+    with concurrent.futures.ThreadPoolExecutor(min(jobs, JOBS)) as pool:
+        yield from pool.map(each, sets)
+
+
+HEAD = (
+    f"{'drive':<18} {'odom':>8} {'map':>8} {'fused':>8} {'worst':>7} | {'poses':>5} {'ok':>5} "
+    f"{'degen':>5} {'pred':>4} {'lost':>4} {'othr':>4} {'jump':>4} | {'silent':>6} {'1st':>4} "
+    f"{'by m':>7} {'vague':>5} {'false':>5} | {'reg':>5} {'odo':>5} {'map ms':>6}"
+)
+
+
+def line(row: Row) -> str:
+    """For the terminal; * where the fused pose is above what issue 36 allows."""
+    v = row.verdict
+    if v is None:
+        return f"{row.name:<18} {row.failure}"
+    mark = " " if v.fused_m <= v.bound_m else "*"
+    return (
+        f"{row.name:<18} {v.odometry_m:8.4f} {v.map_m:8.4f} {v.fused_m:8.4f}{mark}{v.worst_m:7.3f} "
+        f"| {v.poses:5d} {v.ok:5d} {v.degenerate:5d} {v.predicted:4d} {v.lost:4d} {v.other:4d} "
+        f"{v.jumps:4d} | {v.silent:6d} {v.first_silent:4d} {v.worst_silent_m:7.3f} {v.vague:5d} "
+        f"{v.false_flags:5d} | {v.registration_ms:5.2f} {v.odometry_ms:5.2f} {v.mapping_ms:6.2f}"
+    )
+
+
+def totals(rows: list[Row]) -> str:
+    """Of all drives that have a verdict."""
+    found = [r.verdict for r in rows if r.verdict is not None]
+    poses, right = sum(v.poses for v in found), sum(v.right for v in found)
+    silent, false = sum(v.silent for v in found), sum(v.false_flags for v in found)
+    above = sum(not v.fused_m <= v.bound_m for v in found)
+    drives = sum(v.silent > 0 for v in found)
+    share = 100.0 * false / max(1, right)
+    return (
+        f"{len(found)} drives, {poses} poses: silently wrong {silent} in {drives} drives; "
+        f"false flags {false} of {right} right poses ({share:.2f} %); "
+        f"fused above 1.2 x the better + 5 mm in {above} drives"
+    )

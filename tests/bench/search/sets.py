@@ -1,0 +1,274 @@
+"""Named drives with a truth, made once and kept outside the repository.
+
+The name says all: `hand5hz-911` is a world and a rate of our simulator and a seed, `city/5-307` a
+scene and seed of the reference generator of which only every fifth scan is left.
+"""
+
+from __future__ import annotations
+
+import functools
+import lzma
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tests.acceptance.framework import Skip
+from tests.acceptance.point_files import SYNTH_POINT
+from zloam_monitor import trajectory
+
+CACHE = Path(os.environ.get("ZLOAM_SEARCH_CACHE", Path.home() / ".cache" / "zloam-search"))
+#: as deploy/robots/vlp16-handheld.yaml has it for what is carried or walks
+CARRIED = (
+    "--set=odometry.acceleration_sigma_mps2=6",
+    "--set=odometry.angular_acceleration_sigma_radps2=8",
+)
+TABLE, NORMAL, WORLDS = "table", "normal", "worlds"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What zloam-offline reads, and the lidar's true path."""
+
+    input: Path
+    truth: Path
+    #: further arguments of zloam-offline
+    arguments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """A drive that is made when it is asked for."""
+
+    name: str
+    group: str
+    make: Callable[[Places], Drive] = field(compare=False)
+    #: the scene really leaves a direction open: that Degenerate is said there is right
+    open_direction: bool = False
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where programs and shared files are."""
+
+    build: Path
+    shared: Path
+
+    def simulator(self) -> Path:
+        found = self.build / "bin" / "zloam-simulator"
+        if not found.exists():
+            raise Skip(f"{found} is not built")
+        return found
+
+    def needed(self, name: str) -> Path:
+        found = self.shared / name
+        if not found.exists():
+            raise Skip(f"{found} is missing; set ZLOAM_SHARED")
+        return found
+
+
+def ran(*command: object) -> str:
+    """Runs a program; what it says on stdout."""
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{command[0]} ended with {done.returncode}: {done.stderr[-300:]}")
+    return done.stdout
+
+
+def kept(name: str, make: Callable[[Path], None]) -> Path:
+    """A folder of the cache: what stands under its name is complete."""
+    folder = CACHE / name
+    if folder.exists():
+        return folder
+    CACHE.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=CACHE) as beside:
+        made = Path(beside) / "made"
+        made.mkdir()
+        make(made)
+        if not folder.exists():
+            made.rename(folder)
+    return folder
+
+
+def simulated(
+    stem: str,
+    world: str,
+    seed: int,
+    options: tuple[object, ...] = (),
+    arguments: tuple[str, ...] = (),
+    imu: bool = False,
+) -> Callable[[Places], Drive]:
+    """A world of the simulator; one that ends in .yaml is looked for among the shared cases."""
+
+    def make(places: Places) -> Drive:
+        def fill(out: Path) -> None:
+            where = places.needed(f"cases/worlds/{world}") if world.endswith(".yaml") else world
+            files: tuple[object, ...] = (
+                "--out",
+                out / "capture.pcap",
+                "--truth",
+                out / "truth.tum",
+            )
+            if imu:
+                files += ("--imu", out / "imu.csv")
+            ran(
+                *(places.simulator(), "--world", where, "--seed", seed, "--quiet"),
+                *(*files, *options),
+            )
+
+        folder = kept(f"{stem}-{seed}", fill)
+        more = ("--imu", str(folder / "imu.csv")) if imu else ()
+        return Drive(folder / "capture.pcap", folder / "truth.tum", (*more, *arguments))
+
+    return make
+
+
+def synthetic(scene: str, seed: int, every: int = 1) -> Callable[[Places], Drive]:
+    """The reference generator's scans; of them only every so many-th."""
+
+    def make(places: Places) -> Drive:
+        def fill(out: Path) -> None:
+            generator = places.needed("reference/synth/synth_gen.py")
+            ran(sys.executable, generator, scene, out, "--seed", seed)
+
+        whole = kept(f"{scene}-{seed}", fill)
+        if every == 1:
+            return Drive(whole, whole / "gt_dense.tum")
+        part = kept(f"{scene}-every{every}-{seed}", functools.partial(_every, whole, every))
+        return Drive(part, part / "gt_dense.tum")
+
+    return make
+
+
+def _every(whole: Path, every: int, out: Path) -> None:
+    (out / "scans").mkdir()
+    stamps = (whole / "stamps.txt").read_text().splitlines()
+    scans = sorted((whole / "scans").glob("*.bin"))
+    for scan in scans[::every]:
+        (out / "scans" / scan.name).symlink_to(scan)
+    (out / "stamps.txt").write_text("\n".join(stamps[::every]) + "\n")
+    shutil.copy(whole / "gt_dense.tum", out)
+
+
+def changed(stem: str, case: str, base: Callable[[Places], Drive]) -> Callable[[Places], Drive]:
+    """A capture changed by captures.py of the shared cases."""
+
+    def make(places: Places) -> Drive:
+        drive = base(places)
+
+        def fill(out: Path) -> None:
+            ran(sys.executable, places.needed("cases/captures.py"), drive.input, out, case)
+            (out / f"{case}.pcap").rename(out / "capture.pcap")
+
+        folder = kept(f"{stem}-{drive.input.parent.name}", fill)
+        return Drive(folder / "capture.pcap", drive.truth, drive.arguments)
+
+    return make
+
+
+def own_box(stem: str, base: Callable[[Places], Drive]) -> Callable[[Places], Drive]:
+    """A flat plate of the robot itself, 1.3 m behind the sensor, hides 120 degrees of the view."""
+
+    def make(places: Places) -> Drive:
+        drive = base(places)
+
+        def fill(out: Path) -> None:
+            ran(
+                *(sys.executable, "-m", "tests.bench.search.own_box"),
+                *(places.needed("cases/tools.py"), drive.input, out / "capture.pcap"),
+            )
+
+        folder = kept(f"{stem}-{drive.input.parent.name}", fill)
+        return Drive(folder / "capture.pcap", drive.truth, drive.arguments)
+
+    return make
+
+
+#: a record of ouster_hand's clouds, in 4 mm
+CLOUD_POINT = np.dtype([("xyz", "<i2", 3), ("intensity", "u1"), ("ring", "u1")])
+CLOUD_UNIT_M = 0.004
+TURN_NS = 100_000_000
+
+
+def ouster_hand(places: Places) -> Drive:
+    """A real walk at 2 Hz, the clouds deskewed: every point holds for its cloud's stamp."""
+    recording = places.needed("data/ouster_hand")
+
+    def fill(out: Path) -> None:
+        (out / "scans").mkdir()
+        stamps = trajectory.read(recording / "poses.tum").stamps_ns
+        with lzma.open(recording / "clouds.tar.xz") as file, tarfile.open(fileobj=file) as archive:
+            # in the archive's order: going back would unpack it again from its start
+            for member in archive:
+                if member.isfile():
+                    cloud = np.frombuffer(archive.extractfile(member).read(), CLOUD_POINT)
+                    scan = np.zeros(len(cloud), SYNTH_POINT)
+                    scan["xyz"] = cloud["xyz"] * CLOUD_UNIT_M
+                    scan["intensity"], scan["ring"] = cloud["intensity"], cloud["ring"]
+                    scan.tofile(out / "scans" / Path(member.name).name)
+        assert len(list((out / "scans").glob("*.bin"))) == len(stamps)
+        # the poses of a sweep hold at its end
+        spans = [(int(s) - TURN_NS, int(s)) for s in stamps]
+        texts = [" ".join(trajectory.stamp_text(s) for s in span) for span in spans]
+        (out / "stamps.txt").write_text("\n".join(texts) + "\n")
+        shutil.copy(recording / "poses.tum", out / "truth.tum")
+
+    folder = kept("ouster-hand", fill)
+    return Drive(folder, folder / "truth.tum", ("--deskewed", *CARRIED))
+
+
+def _table() -> Iterable[DataSet]:
+    """What issue 36 lists, and neighbours of it."""
+    for seed in (911, 912, 913, 1, 2):
+        slow = ("--rpm", 300)
+        yield DataSet(
+            f"hand5hz-{seed}", TABLE, simulated("hand5hz", "handheld", seed, slow, CARRIED)
+        )
+    for seed in (307, 308):
+        yield DataSet(f"fastrot/2-{seed}", TABLE, synthetic("fastrot", seed, 2))
+    for world in ("swung", "legged"):
+        for seed in range(1, 6):
+            make = simulated(world, f"{world}.yaml", seed, (), CARRIED)
+            yield DataSet(f"{world}-{seed}", TABLE, make)
+    for scene in ("city", "indoor"):
+        for every in (3, 5):
+            for seed in (307, 308):
+                yield DataSet(f"{scene}/{every}-{seed}", TABLE, synthetic(scene, seed, every))
+    yield DataSet("ouster-hand", TABLE, ouster_hand)
+    for seed in (911, 912, *range(1, 11)):
+        make = simulated("tunnel-imu", "tunnel", seed, imu=True)
+        yield DataSet(f"tunnel-imu-{seed}", TABLE, make, open_direction=True)
+    for world in ("indoor", "flat"):
+        base = simulated(f"sim-{world}", world, 1)
+        yield DataSet(f"crowd-{world}-1", TABLE, changed("crowd", "crowd_moving_with", base))
+        yield DataSet(f"box-{world}-1", TABLE, own_box("box", base))
+
+
+def _normal() -> Iterable[DataSet]:
+    """What it was built on: nothing may become worse here."""
+    for scene in ("city", "indoor", "fastrot", "tunnel"):
+        for seed in (307, 308):
+            yield DataSet(
+                f"{scene}-{seed}",
+                NORMAL,
+                synthetic(scene, seed),
+                open_direction=scene == "tunnel",
+            )
+
+
+def _worlds() -> Iterable[DataSet]:
+    for world in ("city", "indoor", "flat", "field", "park", "moving", "tunnel_weak"):
+        yield DataSet(f"sim-{world}-1", WORLDS, simulated(f"sim-{world}", world, 1))
+    yield DataSet("sim-handheld-1", WORLDS, simulated("sim-handheld", "handheld", 1, (), CARRIED))
+
+
+def all_sets() -> list[DataSet]:
+    """In the order of the report."""
+    return [*_table(), *_normal(), *_worlds()]

@@ -1,0 +1,89 @@
+"""What the search says of a run, on runs written here whose errors are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bench.search import judge
+from tests.bench.search.judge import DEGENERATE, LOST, OK
+from zloam_monitor.trajectory import Trajectory, write_tum
+
+STEP_M, STEP_NS = 0.5, 100_000_000
+POSES = 60
+
+
+def line_along_x(offsets_m: dict[int, float]) -> Trajectory:
+    """0.5 m a pose; from the given poses on it is off by so much to the side."""
+    transforms = np.tile(np.eye(4), (POSES, 1, 1))
+    transforms[:, 0, 3] = STEP_M * np.arange(POSES)
+    transforms[:, 2, 3] = 0.1 * np.sin(
+        0.1 * np.arange(POSES)
+    )  # else the alignment could turn about x
+    for pose, offset in offsets_m.items():
+        transforms[pose:, 1, 3] += offset
+    return Trajectory(transforms, STEP_NS * np.arange(POSES, dtype=np.int64), np.arange(POSES))
+
+
+def write_run(
+    folder: Path, offsets_m: dict[int, float], health: dict[int, int], sigma_m: float
+) -> Path:
+    """As zloam-offline leaves it."""
+    estimate = line_along_x(offsets_m)
+    for name in ("odom.tum", "est.tum", "fused.tum"):
+        write_tum(folder / name, estimate)
+    rows = [f"{i},{health.get(i, OK)},0,0,0,0,{int(i in offsets_m)}" for i in range(POSES)]
+    (folder / "fused.csv").write_text("head\n" + "\n".join(rows) + "\n")
+    cells = ",".join(str(v) for v in (np.eye(6) * sigma_m**2).ravel())
+    covariances = "".join(f"{i},{cells}\n" for i in range(POSES))
+    (folder / "fused_covariance.csv").write_text(covariances)
+    (folder / "cost.csv").write_text("head\n" + "".join(f"{i},9,1,2,3,9\n" for i in range(POSES)))
+    return folder
+
+
+def test_a_step_aside_that_says_ok_is_silently_wrong(tmp_path: Path) -> None:
+    run = write_run(tmp_path, {20: 0.2}, {}, sigma_m=0.01)
+    found = judge.verdict(run, line_along_x({}))
+    assert (found.silent, found.first_silent, found.jumps) == (1, 20, 1)
+    assert found.worst_silent_m == pytest.approx(0.2 - 0.03 - 0.02, abs=1e-6)
+    assert found.false_flags == 0
+
+
+def test_an_error_within_three_sigmas_is_not(tmp_path: Path) -> None:
+    run = write_run(tmp_path, {20: 0.2}, {}, sigma_m=0.0601)
+    found = judge.verdict(run, line_along_x({}))
+    assert (found.silent, found.vague) == (0, 0)
+
+
+def test_a_sigma_beyond_what_a_user_asks_for_is_vague(tmp_path: Path) -> None:
+    run = write_run(tmp_path, {20: 0.2}, {3: LOST}, sigma_m=0.11)
+    found = judge.verdict(run, line_along_x({}))
+    assert (found.silent, found.vague) == (0, POSES - 1)
+
+
+def test_lost_hides_an_error_only_while_it_is_said(tmp_path: Path) -> None:
+    lost = dict.fromkeys(range(20, 25), LOST)
+    found = judge.verdict(write_run(tmp_path, {20: 0.2}, lost, 0.01), line_along_x({}))
+    assert (found.silent, found.first_silent) == (1, 25)
+    back = {20: 0.2, 25: -0.2}
+    found = judge.verdict(write_run(tmp_path, back, lost, 0.01), line_along_x({}))
+    assert found.silent == 0
+
+
+def test_a_flag_is_false_where_the_last_ten_metres_are_right(tmp_path: Path) -> None:
+    flags = {5: DEGENERATE, 21: LOST, 39: DEGENERATE, 41: LOST}
+    found = judge.verdict(write_run(tmp_path, {20: 0.2}, flags, 0.01), line_along_x({}))
+    # the step aside at pose 20 is in the last ten metres (twenty poses) of 20 to 39
+    assert (found.false_flags, found.right) == (2, POSES - 20)
+    open_way = judge.verdict(tmp_path, line_along_x({}), open_direction=True)
+    assert open_way.false_flags == 1
+
+
+def test_missing_poses_are_not_passed_over(tmp_path: Path) -> None:
+    run = write_run(tmp_path, {}, {}, 0.01)
+    lines = (run / "fused.csv").read_text().splitlines()
+    (run / "fused.csv").write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(RuntimeError, match="60 poses, 59 flags"):
+        judge.verdict(run, line_along_x({}))
