@@ -2,12 +2,13 @@
 // yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
 // [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
 //
-// Registration, odometry and, when it is built in, mapping over a capture or a folder of scans
-// (scan_reader.hpp), in one process and without any messages. Writes odom.tum and est.tum (poses of
-// base_link stamped with the instant they hold for; est is the mapped one), fused.tum (as
-// integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says of itself),
-// covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row), cost.csv (points
-// and CPU time of each sweep, points in the map), and prints the CPU time of each stage per sweep.
+// Registration, odometry and, when it is built in, mapping over a capture, a folder of scans or a
+// simulated drive (scan_reader.hpp), in one process and without any messages. Writes odom.tum and
+// est.tum (poses of base_link stamped with the instant they hold for; est is the mapped one),
+// fused.tum (as integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says
+// of itself), covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row),
+// cost.csv (points and CPU time of each sweep, points in the map), and prints the CPU time of each
+// stage per sweep.
 // --thin keeps the returns of every N-th part of the turn. The options from --seam on are for scans
 // in KITTI's layout; --deskewed (all points hold for the end of the sweep) for any folder.
 
@@ -342,6 +343,7 @@ int run(const std::vector<std::string>& args) {
   const Options options = parse_options(args);
   ScanReader reader(options.input, options.reading);
   Run run(options);
+  reader.write_truth(options.out);
   Scan scan;
   for (std::size_t i = 0; reader.next(scan); ++i) {
     if (i < options.first) continue;

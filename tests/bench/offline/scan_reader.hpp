@@ -2,7 +2,8 @@
 // Sweeps for the offline chain, read and decoded as the driver does it:
 //  - a capture (.pcap) or a file of bare payloads (.bin);
 //  - a folder of the synthetic layout (it has a stamps.txt);
-//  - a folder in KITTI's layout, with times after ScanTiming.
+//  - a folder in KITTI's layout, with times after ScanTiming;
+//  - a drive to simulate (.yaml, tests/bench/search), where the simulator is built too.
 
 #include <cstdint>
 #include <filesystem>
@@ -37,6 +38,8 @@ class ScanReader {
   ScanReader(const std::filesystem::path& path, const ReadOptions& options);
   /// The next sweep; false at the end. Incomplete sweeps come too, as in a replay.
   bool next(Scan& scan);
+  /// truth.tum and motion.txt of a simulated drive; of a recording nothing.
+  void write_truth(const std::filesystem::path& folder) const;
 
  private:
   ReadOptions options_;

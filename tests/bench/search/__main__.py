@@ -1,6 +1,7 @@
 """python -m tests.bench.search [SETS] [--binary PATH] [--set key=value ...]: one row a drive.
 
-SETS: comma-separated names, patterns over them (swung-*), or the groups table, normal, worlds.
+SETS: comma-separated names, patterns over them (swung-*), the groups table, normal, worlds, or
+random drives: drive-SEED-NUMBER.
 """
 
 from __future__ import annotations
@@ -20,12 +21,16 @@ from tests.bench.search.sets import DataSet, Places
 def chosen(known: list[DataSet], wanted: str) -> list[DataSet]:
     """In the known order; ends the program when a part matches nothing."""
     found: set[str] = set()
+    random: list[DataSet] = []
     for part in (p.strip() for p in wanted.split(",")):
+        if drive := sets.by_name(part):
+            random.append(drive)
+            continue
         names = {d.name for d in known if fnmatch.fnmatch(d.name, part) or part == d.group}
         if not names:
             raise SystemExit(f"no drive or group {part}; --list names all")
         found |= names
-    return [d for d in known if d.name in found]
+    return [d for d in known if d.name in found] + random
 
 
 def main() -> int:

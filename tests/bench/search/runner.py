@@ -35,7 +35,7 @@ def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str,
         drive = data.make(places)
         folder = out / data.name.replace("/", "-every")
         ran(binary, drive.input, folder, *_options(drive.arguments), *_options(more))
-        truth = trajectory.read(drive.truth)
+        truth = trajectory.read(drive.truth or folder / "truth.tum")
         found = judge.verdict(folder, truth, data.open_direction)
     except Skip as skip:
         failure = f"skipped: {skip}"

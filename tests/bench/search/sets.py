@@ -7,8 +7,10 @@ scene and seed of the reference generator of which only every fifth scan is left
 from __future__ import annotations
 
 import functools
+import hashlib
 import lzma
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,9 +21,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from tests.acceptance.framework import Skip
 from tests.acceptance.point_files import SYNTH_POINT
+from tests.bench.search import drawing
 from zloam_monitor import trajectory
 
 CACHE = Path(os.environ.get("ZLOAM_SEARCH_CACHE", Path.home() / ".cache" / "zloam-search"))
@@ -30,7 +34,7 @@ CARRIED = (
     "--set=odometry.acceleration_sigma_mps2=6",
     "--set=odometry.angular_acceleration_sigma_radps2=8",
 )
-TABLE, NORMAL, WORLDS = "table", "normal", "worlds"
+TABLE, NORMAL, WORLDS, SEARCH = "table", "normal", "worlds", "search"
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class Drive:
     """What zloam-offline reads, and the lidar's true path."""
 
     input: Path
-    truth: Path
+    #: None: the run writes it, truth.tum
+    truth: Path | None
     #: further arguments of zloam-offline
     arguments: tuple[str, ...] = ()
 
@@ -222,6 +227,30 @@ def ouster_hand(places: Places) -> Drive:
 
     folder = kept("ouster-hand", fill)
     return Drive(folder, folder / "truth.tum", ("--deskewed", *CARRIED))
+
+
+def drawn(seed: int, number: int) -> DataSet:
+    """A random drive of the search, simulated as it is run."""
+    description, kind = drawing.draw(seed, number)
+
+    def make(_: Places) -> Drive:
+        def fill(out: Path) -> None:
+            text = yaml.safe_dump(description, sort_keys=False)
+            (out / "drive.yaml").write_text(f"# {drawing.in_words(description, kind)}\n{text}")
+
+        # by what it is: another version may draw another drive from the same seed
+        mark = hashlib.sha256(repr(description).encode()).hexdigest()[:8]
+        folder = kept(f"drive-{seed}-{number}-{mark}", fill)
+        return Drive(folder / "drive.yaml", None, CARRIED if kind.carried else ())
+
+    open_direction = description["world"] in drawing.OPEN_DIRECTION
+    return DataSet(f"drive-{seed}-{number}", SEARCH, make, open_direction)
+
+
+def by_name(name: str) -> DataSet | None:
+    """A random drive by its name."""
+    found = re.fullmatch(r"drive-(\d+)-(\d+)", name)
+    return drawn(int(found[1]), int(found[2])) if found else None
 
 
 def _table() -> Iterable[DataSet]:
