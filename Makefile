@@ -79,8 +79,10 @@ arm64: build venv ## the images for arm64, by cross compilers (minutes: Rust onc
 accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
 
-# ONLY=pattern over names; DATA=city-7,sim-*, RUNS=n: data sets and rounds of versus-*.
-BENCH_ARGS = --preset-dir $(BUILD) $(if $(DATA),--data "$(DATA)") $(if $(RUNS),--runs $(RUNS))
+# ONLY=pattern over names; DATA=city-7,sim-*, RUNS=n: data sets and rounds of versus-*;
+# DRIVES=n, SEED=n: random drives of search-*.
+BENCH_ARGS = --preset-dir $(BUILD) $(if $(DATA),--data "$(DATA)") $(if $(RUNS),--runs $(RUNS)) \
+  $(if $(DRIVES),--drives $(DRIVES)) $(if $(SEED),--seed $(SEED))
 
 bench: build venv ## speed, as ratios in one run: out/bench (ONLY=pattern)
 	@$(PY) -m tests.bench $(BENCH_ARGS) $(if $(ONLY),--only "$(ONLY)")

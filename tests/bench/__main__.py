@@ -22,15 +22,18 @@ from tests.bench import (
     transport,
     versus,
 )
+from tests.bench.search import rows as search
 from tests.bench.setting import BenchSetting
 from tests.bench.versus.rows import Options
 
 
-def all_benchmarks(setting: BenchSetting, options: Options) -> list[framework.Benchmark]:
+def all_benchmarks(
+    setting: BenchSetting, options: Options, drives: search.Options
+) -> list[framework.Benchmark]:
     """In the order of the report."""
     modules = (transport, live, replay, memory, decode, simulator, peers, scaling, drive)
     rows = [b for module in modules for b in module.benchmarks(setting)]
-    return rows + versus.benchmarks(setting, options)
+    return rows + versus.benchmarks(setting, options) + search.benchmarks(setting, drives)
 
 
 def options_of(args: argparse.Namespace) -> Options:
@@ -58,9 +61,12 @@ def main() -> int:
         help="versus-*: peers' errors as kept, no CPU",
     )
     parser.add_argument("--systems", help="versus-*: comma-separated")
+    parser.add_argument("--drives", type=int, default=search.DRIVES, help="search-*: how many")
+    parser.add_argument("--seed", type=int, default=search.SEED, help="search-*: of the drives")
     args = parser.parse_args()
     setting = BenchSetting.at(args.preset_dir, args.out)
-    benchmarks = framework.chosen(all_benchmarks(setting, options_of(args)), args.only)
+    drives = search.Options(args.drives, args.seed)
+    benchmarks = framework.chosen(all_benchmarks(setting, options_of(args), drives), args.only)
     if args.list or not benchmarks:
         print("\n".join(f"{b.name:<20} {b.what}" for b in benchmarks) or "nothing matches")
         return 0 if benchmarks else 2

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-import json
+import functools
 import os
 import sys
 from pathlib import Path
 
 from tests.acceptance.runs import ROOT
-from tests.bench.search import runner, sets
+from tests.bench.search import report, runner, sets
 from tests.bench.search.sets import DataSet, Places
 
 
@@ -43,9 +43,15 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/search"))
     parser.add_argument("--json", type=Path, help="default: OUT/rows.json")
     parser.add_argument("--jobs", type=int, default=runner.JOBS, help="two at most")
+    parser.add_argument("--drives", type=int, help="so many random drives instead of SETS")
+    parser.add_argument("--seed", type=int, default=1, help="of the random drives")
     parser.add_argument("--list", action="store_true")
     args = parser.parse_args()
-    wanted = chosen(sets.all_sets(), args.sets)
+    wanted = (
+        [sets.drawn(args.seed, n) for n in range(args.drives)]
+        if args.drives
+        else chosen(sets.all_sets(), args.sets)
+    )
     if args.list:
         print("\n".join(f"{d.name:<18} {d.group}" for d in wanted))
         return 0
@@ -55,20 +61,18 @@ def main() -> int:
     more = (*(f"--set={s}" for s in args.set), *args.arg)
     print(runner.HEAD, flush=True)
     rows = []
-    each = lambda data: runner.run(data, places, binary.resolve(), args.out.resolve(), more)  # noqa: E731
+    each = functools.partial(
+        runner.run, places=places, binary=binary.resolve(), out=args.out.resolve(), more=more
+    )
     for row in runner.run_all(wanted, each, args.jobs):
         rows.append(row)
         print(runner.line(row), flush=True)
-    print(runner.totals(rows))
-    found = [
-        {"drive": r.name, "failure": r.failure, **(r.verdict.as_dict() if r.verdict else {})}
-        for r in rows
-    ]
-    path = args.json or args.out / "rows.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    said = {"binary": str(binary), "more": more, "drives": found}
-    path.write_text(json.dumps(said, indent=1) + "\n")
-    return 1 if any(r.verdict is None and not r.failure.startswith("skip") for r in rows) else 0
+    print(report.summary(report.found_in(rows)))
+    runner.write_json(args.json or args.out / "rows.json", rows, binary, more)
+    if all(d.group == sets.SEARCH for d in wanted):
+        report.write(args.out / "report.md", rows)
+    failed = any(r.verdict is None and not r.failure.startswith("skipped") for r in rows)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

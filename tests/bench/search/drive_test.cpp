@@ -135,6 +135,21 @@ TEST(Drive, VehiclesReachTheirSpeedAndKeepTheirLimits) {
   EXPECT_NO_THROW(require_possible(found, Limits{}));
 }
 
+TEST(Drive, ASecondLapBeginsWithoutAJerk) {
+  for (const char* world : {"park", "handheld"}) {
+    DriveConfig drive;
+    drive.world = world;
+    drive.speed_mps = world == std::string("park") ? 12.0 : 1.0;
+    drive.lateral_mps2 = drive.acceleration_mps2 = 1.0;
+    drive.start_share = 0.9;
+    drive.duration_s = 40.0;
+    const auto trajectory = scene_of(drive).trajectory;
+    for (double t = 1.0; t < 40.0; t += 0.002) {
+      EXPECT_LT(trajectory.at(t).acceleration_world.head<2>().norm(), 2.5) << world << ' ' << t;
+    }
+  }
+}
+
 TEST(Drive, BeginsElsewhereAndInMotion) {
   DriveConfig drive = walk_indoors();
   drive.start_share = 0.5;

@@ -63,6 +63,10 @@ class Verdict:
         return 1.2 * min(self.odometry_m, self.map_m) + 0.005
 
     @property
+    def within_bound(self) -> bool:
+        return self.fused_m <= self.bound_m
+
+    @property
     def cpu_ms(self) -> float:
         return self.registration_ms + self.odometry_ms + self.mapping_ms
 

@@ -29,12 +29,12 @@ double step(double u) {
   return c * c * c * (10.0 + c * (6.0 * c - 15.0));
 }
 
-// The way that the world's own drive takes, without its times.
-Path way_of(const Trajectory& trajectory) {
+// Points every so much along a way; what is left at its end goes to rest_m.
+Path spaced(const Trajectory& trajectory, double spacing_m, double& rest_m) {
   constexpr double kSampleS = 0.0005;
-  Path path{kPathSpacingM, {trajectory.at(0.0).T_world_body.translation().head<2>()}};
+  Path path{spacing_m, {trajectory.at(0.0).T_world_body.translation().head<2>()}};
   Vector2d before = path.points.front();
-  double to_next = kPathSpacingM;
+  double to_next = spacing_m;
   for (double t = kSampleS; t < trajectory.duration_s(); t += kSampleS) {
     const Vector2d here = trajectory.at(t).T_world_body.translation().head<2>();
     double rest = (here - before).norm();
@@ -42,12 +42,24 @@ Path way_of(const Trajectory& trajectory) {
       before += to_next / rest * (here - before);
       rest = (here - before).norm();
       path.points.push_back(before);
-      to_next = kPathSpacingM;
+      to_next = spacing_m;
     }
     to_next -= rest;
     before = here;
   }
+  rest_m = spacing_m - to_next;
   return path;
+}
+
+// The way that the world's own drive takes, without its times. Its spacing divides its length, or a
+// second lap would begin with a jerk.
+Path way_of(const Trajectory& trajectory) {
+  double rest_m = 0.0;
+  const Path rough = spaced(trajectory, kPathSpacingM, rest_m);
+  const double length_m = rough.length_m() + rest_m;
+  const double exact_m = length_m / std::round(length_m / kPathSpacingM);
+  // a hair less, that the last point is reached
+  return spaced(trajectory, exact_m * (1.0 - 1e-9), rest_m);
 }
 
 bool closed(const Path& path) {
@@ -151,6 +163,12 @@ Trajectory shaken(const Trajectory& smooth, const DriveConfig& config) {
   return {std::move(knots), kKnotStepS};
 }
 
+// Leaves may be brushed.
+bool is_foliage(const simulator::World& world, int surface) {
+  const auto i = static_cast<std::size_t>(surface);
+  return surface >= 0 && i < world.shapes().size() && world.shapes()[i].density_per_m > 0.0;
+}
+
 double nearest(const Scene& scene, const Vector3d& place, double time_s) {
   const auto moving = scene.world.moving_at(time_s);
   double found = 1e9;
@@ -158,7 +176,8 @@ double nearest(const Scene& scene, const Vector3d& place, double time_s) {
     const Vector3d towards(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1);
     if (towards.isZero()) continue;
     const auto hit = scene.world.cast({place, towards.normalized()}, 5.0, moving, 0.0);
-    if (hit) found = std::min(found, hit.range_m);
+    const bool solid = hit && !is_foliage(scene.world, hit.surface);
+    if (solid) found = std::min(found, hit.range_m);
   }
   return found;
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ class Row:
     seconds: float
 
 
-def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str, ...]) -> Row:
+def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str, ...] = ()) -> Row:
     """What it throws is the row's failure."""
     began = time.monotonic()
     found, failure = None, ""
@@ -71,7 +72,7 @@ def line(row: Row) -> str:
     v = row.verdict
     if v is None:
         return f"{row.name:<18} {row.failure}"
-    mark = " " if v.fused_m <= v.bound_m else "*"
+    mark = " " if v.within_bound else "*"
     return (
         f"{row.name:<18} {v.odometry_m:8.4f} {v.map_m:8.4f} {v.fused_m:8.4f}{mark}{v.worst_m:7.3f} "
         f"| {v.poses:5d} {v.ok:5d} {v.degenerate:5d} {v.predicted:4d} {v.lost:4d} {v.other:4d} "
@@ -80,16 +81,12 @@ def line(row: Row) -> str:
     )
 
 
-def totals(rows: list[Row]) -> str:
-    """Of all drives that have a verdict."""
-    found = [r.verdict for r in rows if r.verdict is not None]
-    poses, right = sum(v.poses for v in found), sum(v.right for v in found)
-    silent, false = sum(v.silent for v in found), sum(v.false_flags for v in found)
-    above = sum(not v.fused_m <= v.bound_m for v in found)
-    drives = sum(v.silent > 0 for v in found)
-    share = 100.0 * false / max(1, right)
-    return (
-        f"{len(found)} drives, {poses} poses: silently wrong {silent} in {drives} drives; "
-        f"false flags {false} of {right} right poses ({share:.2f} %); "
-        f"fused above 1.2 x the better + 5 mm in {above} drives"
-    )
+def write_json(path: Path, rows: list[Row], binary: Path, more: tuple[str, ...]) -> None:
+    """All figures."""
+    drives = [
+        {"drive": r.name, "failure": r.failure, **(r.verdict.as_dict() if r.verdict else {})}
+        for r in rows
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    said = {"binary": str(binary), "more": more, "drives": drives}
+    path.write_text(json.dumps(said, indent=1) + "\n")
