@@ -28,13 +28,18 @@ class Row:
     seconds: float
 
 
+def folder_of(name: str) -> str:
+    """Where a drive's files lie."""
+    return name.replace("/", "-every")
+
+
 def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str, ...] = ()) -> Row:
     """What it throws is the row's failure."""
     began = time.monotonic()
     found, failure = None, ""
     try:
         drive = data.make(places)
-        folder = out / data.name.replace("/", "-every")
+        folder = out / folder_of(data.name)
         ran(binary, drive.input, folder, *_options(drive.arguments), *_options(more))
         truth = trajectory.read(drive.truth or folder / "truth.tum")
         found = judge.verdict(folder, truth, data.open_direction)
