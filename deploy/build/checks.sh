@@ -2,7 +2,8 @@
 # The rules of the structure that a program can hold (CONTRIBUTING.md draws them):
 #  - an algorithm library includes no Zenoh, FlatBuffers, logger, clock or thread;
 #  - no stage includes anything of another;
-#  - schemas carry explicit ids and conform to the released state.
+#  - schemas carry explicit ids and conform to the released state;
+#  - the subject of a commit has at most 72 characters.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 fail=0
@@ -47,6 +48,18 @@ if [ -d "$released" ]; then
   done
 else
   complain "$released is missing"
+fi
+# The rule begins after this commit. A clone without it (shallow, exported) is judged by its tip alone.
+rule_begins=a7b444ca52a48b2708a3c4b0d839604adc16f841
+longest_subject=72
+if git rev-parse -q --verify HEAD >/dev/null 2>&1; then
+  range=HEAD~1..HEAD
+  ! git merge-base --is-ancestor "$rule_begins" HEAD 2>/dev/null || range=$rule_begins..HEAD
+  while IFS= read -r line; do
+    subject=${line#* }
+    [ "${#subject}" -le $longest_subject ] ||
+      complain "commit ${line%% *}: its subject has ${#subject} characters, $longest_subject are allowed: $subject"
+  done < <(git log --no-merges --format='%h %s' "$range" 2>/dev/null)
 fi
 [ $fail -eq 0 ] && echo "checks: layers and schemas hold"
 exit $fail
