@@ -21,6 +21,9 @@ Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
   return scale.asDiagonal() * finite_or_zero(step) * scale.asDiagonal();
 }
 
+// Live. Mapping, at 10 Hz, is at most a few sweeps behind.
+constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
+
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
 Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
@@ -43,6 +46,7 @@ void Integrator::reset() { *this = Integrator(config_); }
 
 void Integrator::new_run() {
   newest_pose_.reset();
+  corrected_ns_.reset();
   waiting_.clear();
   corrections_.clear();
   recent_.clear();
@@ -213,6 +217,17 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   return covariance;
 }
 
+// Without one, the run's first pose is as sure as the map's frame itself.
+bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
+  if (!corrected_ns_) corrected_ns_ = pose.instant_ns;
+  if (correction != nullptr) {
+    for (const OdometryPose& p : recent_) {
+      if (p.sweep == correction->sweep) corrected_ns_ = std::max(*corrected_ns_, p.instant_ns);
+    }
+  }
+  return !pose.replay && pose.instant_ns - *corrected_ns_ > kOldCorrection_ns;
+}
+
 FusedPose Integrator::fuse(const OdometryPose& pose) {
   const Correction* correction = correction_for(pose);
   if (!recent_.empty() && recent_.back().odom_epoch != pose.odom_epoch) recent_.clear();
@@ -235,6 +250,7 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   } else if (pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch)) {
     fused.health = Health::kBridging;
   }
+  if (fused.health == Health::kOk && old(pose, correction)) fused.health = Health::kPredicted;
   if (!first_epoch_) first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
   last_fused_ = fused;

@@ -105,6 +105,8 @@ class Integrator {
   std::optional<Pose> carried_on(const OdometryPose& pose, const Correction& correction) const;
   Weak weak_of(const OdometryPose& pose, const Correction* correction) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
+  /// The map has not corrected the pose for long: it hangs on the odometry alone.
+  bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
 
   IntegrationConfig config_;
@@ -126,6 +128,8 @@ class Integrator {
   std::optional<FusedPose> last_fused_;
   std::optional<Pose> last_T_map_odom_;
   std::optional<std::uint32_t> first_epoch_;
+  /// of the newest sweep that the map has corrected
+  std::optional<std::int64_t> corrected_ns_;
 };
 
 }  // namespace zloam::integration

@@ -65,7 +65,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
     if (write_files().empty()) journal_.remove();
   });
   stage.on_stop([this] {
-    if (unsaved_) write_files();
+    if (!unsaved_) return;
+    if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
   });
 }
 

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
 
 namespace zloam::integration {
 namespace {
@@ -360,6 +361,38 @@ TEST(Integration, ResetForgetsTheRun) {
   const auto pose = integrator.add(odometry(0, false)).at(0);
   EXPECT_FALSE(pose.has_correction);
   EXPECT_FALSE(pose.jump);
+}
+
+TEST(Integration, APoseSaysThatItsCorrectionIsOld) {
+  for (const bool any_correction : {true, false}) {
+    Integrator integrator{IntegrationConfig{}};
+    std::string healths;
+    const auto go = [&](std::uint64_t sweep) {
+      for (const FusedPose& pose : integrator.add(odometry(sweep, false))) {
+        healths += std::to_string(static_cast<int>(pose.health));
+      }
+    };
+    go(0);
+    if (any_correction) integrator.add(correction(0, along(0)));
+    for (std::uint64_t sweep = 1; sweep <= 13; ++sweep) go(sweep);
+    // Ten sweeps of 100 ms are a second, with it as old as that; from then on it is the odometry's.
+    EXPECT_EQ(healths, "00000000000555");
+    integrator.add(correction(12, along(0)));
+    go(14);
+    EXPECT_EQ(healths.back(), '0');
+  }
+}
+
+TEST(Integration, InReplayACorrectionIsNeverOld) {
+  IntegrationConfig config;
+  config.mapping_every = 30;
+  Integrator integrator{config};
+  integrator.add(correction(0, along(0)));
+  for (std::uint64_t sweep = 0; sweep < 30; ++sweep) {
+    for (const FusedPose& pose : integrator.add(odometry(sweep, true))) {
+      EXPECT_EQ(pose.health, Health::kOk) << sweep;
+    }
+  }
 }
 
 }  // namespace

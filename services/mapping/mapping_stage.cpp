@@ -58,10 +58,14 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   declare_answers();
   declare_commands();
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
-  stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.on_end_of_run([this](std::uint64_t) {
+    // What could not be written is tried again at the stage's end.
+    unsaved_ |= !write_files().empty();
+  });
   stage.on_stop([this] {
     if (last_mapped_) publish_map(*last_mapped_, true);
-    if (unsaved_) write_files();
+    if (!unsaved_) return;
+    if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
   });
 }
 

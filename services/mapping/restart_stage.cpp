@@ -184,6 +184,8 @@ void MappingStage::restart(const msg::Header& first) {
                                " is lost: no store has it; a new one is founded in its frame");
   }
   mapper_.restore(saved);
+  // A file that the instance before did not come to, also when nothing is added to the map.
+  unsaved_ = mapper_.point_count() > 0;
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
   const std::size_t points = mapper_.point_count();
   stage_.figure("map_points_taken_back", static_cast<double>(points));

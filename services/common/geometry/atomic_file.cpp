@@ -35,6 +35,13 @@ bool write_pieces(int descriptor, const std::function<std::string_view()>& next)
   return true;
 }
 
+/// What is replaced keeps its own.
+mode_t mode_of(const std::string& path) {
+  struct stat about {};
+  const bool is_file = ::lstat(path.c_str(), &about) == 0 && S_ISREG(about.st_mode);
+  return is_file ? about.st_mode & 07777 : 0644;
+}
+
 void sync_folder(const std::filesystem::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor < 0) return;
@@ -57,7 +64,7 @@ std::string write_file_atomically(const std::string& path,
   std::string temporary = path + ".XXXXXX";
   const int descriptor = ::mkostemp(temporary.data(), O_CLOEXEC);
   if (descriptor < 0) return failure("cannot create a file beside", path);
-  ::fchmod(descriptor, 0644);
+  ::fchmod(descriptor, mode_of(path));
   bool good = write_pieces(descriptor, next) && ::fsync(descriptor) == 0;
   std::string reason = good ? std::string() : failure("cannot write", path);
   if (::close(descriptor) != 0 && good) {

@@ -53,6 +53,10 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Account account() const override;
   /// For a snapshot of several: the caller holds Shared::mutex.
   Account account_locked() const { return account_; }
+  /// Each sweep of a run has one.
+  bool of_each_sweep() const {
+    return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
+  }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;

@@ -1,8 +1,12 @@
 #include "common/runtime/memory_lock.hpp"
 
 #include <sys/resource.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <sstream>
@@ -44,6 +48,27 @@ std::uint64_t lockable_bytes() {
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib) {
   const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
   return lockable_bytes / std::size(kStageOrder) >= pool;
+}
+
+// A file there takes its room only as it is written: a pool that was made and finds none then ends
+// its process with SIGBUS.
+std::string no_place_for_pools(const std::string& folder, int pool_mib) {
+  struct statvfs about {};
+  if (statvfs(folder.c_str(), &about) != 0 || access(folder.c_str(), W_OK) != 0) {
+    return folder + ": " + std::strerror(errno);
+  }
+  const std::uint64_t whole = std::uint64_t{about.f_blocks} * about.f_frsize;
+  const std::uint64_t left = std::uint64_t{about.f_bavail} * about.f_frsize;
+  const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
+  if (whole < pool * std::size(kStageOrder)) {
+    return folder + " has " + std::to_string(whole >> 20) + " MiB, and the stages' pools take " +
+           std::to_string((pool * std::size(kStageOrder)) >> 20);
+  }
+  if (left < pool) {
+    return folder + " has " + std::to_string(left >> 20) + " MiB left, and a pool takes " +
+           std::to_string(pool_mib);
+  }
+  return {};
 }
 
 }  // namespace zloam::runtime

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <string>
 #include <string_view>
 
 namespace zloam::runtime {
@@ -18,5 +19,12 @@ std::uint64_t lockable_bytes(std::string_view process_status, std::uint64_t limi
 
 /// Whether a stage can lock its own pool and those of all stages that it may read from.
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib);
+
+/// Where shared memory lies.
+inline constexpr const char* kSharedMemoryFolder = "/dev/shm";
+
+/// Why the pools have no place there: it is not there, may not be written, or is too small for all
+/// stages' pools or too full for this one's. Empty: they have.
+std::string no_place_for_pools(const std::string& folder, int pool_mib);
 
 }  // namespace zloam::runtime

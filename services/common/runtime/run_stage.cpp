@@ -88,10 +88,20 @@ Identity identity_of(const StageSpec& spec, const CommandLine& line, const Share
   return id;
 }
 
-/// Without shared memory where it could not be locked.
-ZenohConfig lockable(ZenohConfig config) {
+/// Without shared memory where it has no place or could not be locked.
+ZenohConfig shareable(ZenohConfig config) {
+  if (!config.shared_memory) return config;
+  if (const std::string why = no_place_for_pools(kSharedMemoryFolder, config.pool_mib);
+      !why.empty()) {
+    log_warning(
+        "messages go through sockets: no room for the stages' shared memory (give more, as with "
+        "docker's --shm-size, or lower zenoh.pool_mib)",
+        {{"reason", why}});
+    config.shared_memory = false;
+    return config;
+  }
   const std::uint64_t bytes = lockable_bytes();
-  if (!config.shared_memory || pools_fit(bytes, config.pool_mib)) return config;
+  if (pools_fit(bytes, config.pool_mib)) return config;
   log_warning(
       "messages go through sockets: the stages' shared memory can't be locked (raise ulimit "
       "-l, grant IPC_LOCK, or lower zenoh.pool_mib)",
@@ -102,12 +112,29 @@ ZenohConfig lockable(ZenohConfig config) {
 
 zenoh::Session open_session(const SharedConfig& shared, const std::string& stage) {
   const Endpoints endpoints = endpoints_of(shared.zenoh, stage);
-  std::string listen;
-  for (const std::string& e : endpoints.listen) listen += (listen.empty() ? "" : ", ") + e;
-  zenoh::Config config = session_config(lockable(shared.zenoh), endpoints);
+  ZenohConfig config = shareable(shared.zenoh);
+  std::string reason;
   try {
-    return zenoh::Session::open(config);
+    return zenoh::Session::open(session_config(config, endpoints));
   } catch (const zenoh::ZenohError& e) {
+    if (!config.shared_memory) throw;
+    reason = e.what();
+  }
+  // Only the second try tells whether it was the pool that could not be made.
+  config.shared_memory = false;
+  zenoh::Session session = zenoh::Session::open(session_config(config, endpoints));
+  log_warning("messages go through sockets: no shared memory is to be had", {{"reason", reason}});
+  return session;
+}
+
+zenoh::Session listening_session(const SharedConfig& shared, const std::string& stage) {
+  try {
+    return open_session(shared, stage);
+  } catch (const zenoh::ZenohError& e) {
+    std::string listen;
+    for (const std::string& endpoint : endpoints_of(shared.zenoh, stage).listen) {
+      listen += (listen.empty() ? "" : ", ") + endpoint;
+    }
     throw IoError("can't listen on " + listen + " (zenoh.base_port, zenoh.listen): " + e.what());
   }
 }
@@ -115,15 +142,15 @@ zenoh::Session open_session(const SharedConfig& shared, const std::string& stage
 /// What the stage throws while it is wired and run becomes its exit code in main().
 int work(const StageSpec& spec, StageSetup setup) {
   zenoh::init_log("error");
-  zenoh::Session session = open_session(setup.shared, spec.name);
+  zenoh::Session session = listening_session(setup.shared, spec.name);
   session.set_error_handler([](std::string_view what) {
     log_error("exception in a callback", {{"what", what}});
   });
   int code = kExitFailure;
   {
     StageCore stage(std::move(setup), session);
-    const SignalWatch watch([&stage](const char* name) {
-      log_info("stopping", {{"signal", name}});
+    const SignalWatch watch([&stage](const char* cause) {
+      log_info("stopping", {{"cause", cause}});
       stage.stop();
     });
     spec.wire(stage);

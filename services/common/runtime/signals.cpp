@@ -4,12 +4,16 @@
 #include <pthread.h>
 #include <sys/eventfd.h>
 #include <sys/signalfd.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <charconv>
 #include <chrono>
 #include <csignal>
 #include <cstdint>
+#include <cstdlib>
+#include <cstring>
 #include <stdexcept>
 
 #include "common/runtime/log.hpp"
@@ -25,7 +29,32 @@ sigset_t stop_signals() {
   sigemptyset(&set);
   sigaddset(&set, SIGTERM);
   sigaddset(&set, SIGINT);
+  struct sigaction hangup {};
+  sigaction(SIGHUP, nullptr, &hangup);
+  if (hangup.sa_handler != SIG_IGN) sigaddset(&set, SIGHUP);
   return set;
+}
+
+const char* name_of(std::uint32_t number) {
+  if (number == SIGINT) return "SIGINT";
+  return number == SIGHUP ? "SIGHUP" : "SIGTERM";
+}
+
+/// -1: nobody to end with.
+int parent_pipe() {
+  const char* text = std::getenv("ZLOAM_PARENT_PIPE");
+  if (text == nullptr) return -1;
+  int descriptor = -1;
+  const char* end = text + std::strlen(text);
+  struct stat about {};
+  const bool is_pipe = std::from_chars(text, end, descriptor).ptr == end &&
+                       fstat(descriptor, &about) == 0 && S_ISFIFO(about.st_mode);
+  if (!is_pipe) {
+    log_warning("ZLOAM_PARENT_PIPE names no pipe: the stage does not end with its parent",
+                {{"value", text}});
+    return -1;
+  }
+  return descriptor;
 }
 
 }  // namespace
@@ -54,19 +83,25 @@ SignalWatch::~SignalWatch() {
 
 void SignalWatch::watch() {
   bool stopping = false;
+  int parent = parent_pipe();
   for (;;) {
-    pollfd fds[2] = {{signals_, POLLIN, 0}, {end_, POLLIN, 0}};
-    const int n = poll(fds, 2, stopping ? static_cast<int>(kStopDeadline.count()) : -1);
+    // A negative descriptor is passed over.
+    pollfd fds[3] = {{signals_, POLLIN, 0}, {end_, POLLIN, 0}, {parent, 0, 0}};
+    const int n = poll(fds, 3, stopping ? static_cast<int>(kStopDeadline.count()) : -1);
     if (n < 0 && errno == EINTR) continue;
     if ((fds[1].revents & POLLIN) != 0) return;
+    const bool orphaned = fds[2].revents != 0;
+    // It closes once, and a parent that stops its stages and ends is no second signal.
+    if (orphaned) parent = -1;
+    if (orphaned && stopping) continue;
     if (stopping) {
       log_error(n == 0 ? "did not end in time" : "second signal");
       _exit(1);
     }
     signalfd_siginfo info{};
-    if (read(signals_, &info, sizeof info) != sizeof info) continue;
+    if (!orphaned && read(signals_, &info, sizeof info) != sizeof info) continue;
     stopping = true;
-    on_stop_(info.ssi_signo == SIGINT ? "SIGINT" : "SIGTERM");
+    on_stop_(orphaned ? "who started it is gone" : name_of(info.ssi_signo));
   }
 }
 

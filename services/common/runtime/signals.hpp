@@ -1,19 +1,23 @@
 #pragma once
-// SIGTERM and SIGINT as events of a thread of their own: nothing runs in a signal handler.
+// What ends a stage, as events of a thread of its own: nothing runs in a signal handler.
+//
+// SIGTERM, SIGINT, SIGHUP (unless it is ignored, as under nohup), and the end of whoever started
+// the stage: ZLOAM_PARENT_PIPE names the inherited end of a pipe whose other end only the parent
+// has. It closes with the parent, whatever the parent dies of.
 
 #include <functional>
 #include <thread>
 
 namespace zloam::runtime {
 
-/// Blocks both signals in the calling thread, and so in all threads made after it. Call it first.
+/// Blocks the signals in the calling thread, and so in all threads made after it. Call it first.
 void block_stop_signals();
 
 /// Calls on_stop at the first signal. A second one, or no end within the deadline, ends the process
 /// with exit code 1: a stage that hangs must not keep its place.
 class SignalWatch {
  public:
-  explicit SignalWatch(std::function<void(const char* name)> on_stop);
+  explicit SignalWatch(std::function<void(const char* cause)> on_stop);
   ~SignalWatch();
   SignalWatch(const SignalWatch&) = delete;
   SignalWatch& operator=(const SignalWatch&) = delete;

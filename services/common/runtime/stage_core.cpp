@@ -67,6 +67,7 @@ bool StageCore::before_message(const Message& message) {
     in_run_ = true;
     run_ = run;
     has_sweep_ = run_ended_ = false;
+    replay_ = message.header->replay();
   }
   output_at_.clear();
   log_info("new run", {{"run", run}, {"replay", message.header->replay()}});
@@ -200,6 +201,9 @@ int StageCore::run() {
   for (const auto& task : on_stop_) {
     try {
       task();
+    } catch (const IoError& e) {
+      log_error("a file is missing at the end", {{"reason", e.what()}});
+      exit_code_ = kExitIo;
     } catch (const std::exception& e) {
       log_error("could not be finished", {{"what", e.what()}});
       exit_code_ = kExitFailure;

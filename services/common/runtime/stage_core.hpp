@@ -14,6 +14,7 @@
 #include "common/runtime/flow_core.hpp"
 #include "common/runtime/host_times.hpp"
 #include "common/runtime/inlet_core.hpp"
+#include "common/runtime/input_watch.hpp"
 #include "common/runtime/live_config.hpp"
 #include "common/runtime/outlet_core.hpp"
 #include "common/runtime/stage.hpp"
@@ -113,6 +114,7 @@ class StageCore final : public Stage, private InletEvents {
   void post(std::function<void()> task);
   void status_loop();
   void watch_overload();
+  void watch_inputs();
   /// Asks other hosts for their time, and says how far off they are.
   void watch_clocks();
   void publish_status();
@@ -164,6 +166,7 @@ class StageCore final : public Stage, private InletEvents {
   std::uint64_t last_sweep_ = 0;
   bool has_sweep_ = false;
   bool run_ended_ = false;
+  bool replay_ = false;
   bool declared_ = false;
   bool own_ready_ = true;
   std::string own_reason_;
@@ -175,6 +178,7 @@ class StageCore final : public Stage, private InletEvents {
   // Of the status thread.
   std::uint64_t overload_dropped_ = 0;
   int looks_without_drop_ = 0;
+  InputWatch input_watch_;
 
   std::optional<zenoh::LivelinessToken> alive_;
   std::optional<zenoh::Publisher> status_publisher_;

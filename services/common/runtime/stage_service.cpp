@@ -170,6 +170,7 @@ void StageCore::status_loop() {
   while (!status_end_) {
     lock.unlock();
     watch_overload();
+    watch_inputs();
     watch_clocks();
     publish_status();
     lock.lock();
@@ -191,6 +192,25 @@ void StageCore::watch_overload() {
                              "there is not the time that the sensor's pace needs");
   } else if (looks_without_drop_ == kLooksUntilCalm) {
     degraded("overload", "");
+  }
+}
+
+/// A replay waits for its slowest stage, and none of its inputs has a pace.
+void StageCore::watch_inputs() {
+  bool paced = false;
+  {
+    const std::lock_guard lock(mutex_);
+    paced = in_run_ && !run_ended_ && !replay_;
+  }
+  std::vector<InputWatch::Input> inputs;
+  {
+    const std::lock_guard lock(bell_->mutex);
+    for (const auto& inlet : inlets_) {
+      inputs.push_back({inlet->account_locked(), paced && inlet->of_each_sweep()});
+    }
+  }
+  for (const auto& [topic, reason] : input_watch_.look(inputs, steady_ns())) {
+    degraded(topic, reason);
   }
 }
 

@@ -18,7 +18,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from zloam_monitor import clouds, compose
+from zloam_monitor import clouds, compose, trajectory
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import MAP_POINT, STAMPED_POSE
 from zloam_monitor.processes import PORT_ORDER
@@ -180,8 +180,16 @@ def main() -> int:
         fake.turn()
     fake.session.close()  # type: ignore[no-untyped-call]
     named = [a.partition("=")[2] for a in sys.argv if a.startswith("mapping.map_path=")]
-    if stage == "mapping":
+    if stage == "mapping" and not wants("FULL_DISK", stage):
         clouds.write_pcd(Path(named[-1]), fake.points, np.ones(len(fake.points), np.uint8))
+    folders = [a.partition("=")[2] for a in sys.argv if a.startswith("integration.output_dir=")]
+    if stage == "integration" and folders and fake.sent and not wants("FULL_DISK", stage):
+        transforms = np.tile(np.eye(4), (fake.sent, 1, 1))
+        transforms[:, :3, 3] = fake.positions[: fake.sent]
+        stamps = START_NS + (np.arange(fake.sent) + 1) * 100_000_000
+        poses = trajectory.Trajectory(transforms, stamps, np.arange(fake.sent))
+        trajectory.write_tum(Path(folders[-1]) / "trajectory.tum", poses)
+        trajectory.write_kitti(Path(folders[-1]) / "trajectory.kitti", poses)
     return 7 if wants("ENDS_BADLY", stage) else 0
 
 

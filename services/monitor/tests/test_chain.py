@@ -138,6 +138,23 @@ def test_a_bad_exit_code_fails_the_run(
     assert "integration ended with 7" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("stage", "name"), [("integration", "trajectory"), ("mapping", "map")])
+def test_a_file_that_a_stage_did_not_write_fails_the_run(
+    build: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    stage: str,
+    name: str,
+) -> None:
+    monkeypatch.setenv("FAKE_FULL_DISK", stage)
+    assert demo(build) == 3
+    said = capsys.readouterr().out
+    assert "accounted for: NO: not written:" in said
+    assert f"/{name}." in said
+    # nothing empty is put in its place
+    assert not (build / "out" / "map.pcd").exists() or stage != "mapping"
+
+
 def test_missing_binaries_and_truth_are_said_before_the_start(
     build: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

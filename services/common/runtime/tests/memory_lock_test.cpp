@@ -2,6 +2,7 @@
 
 #include "common/runtime/memory_lock.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace zloam::runtime {
@@ -21,6 +22,14 @@ TEST(MemoryLock, AStageLocksThePoolsOfTheOthersToo) {
   EXPECT_TRUE(pools_fit(24 * kMib, 4));  // six programs
   EXPECT_FALSE(pools_fit(24 * kMib - 1, 4));
   EXPECT_FALSE(pools_fit(8 * kMib, 4));
+}
+
+TEST(MemoryLock, PoolsNeedAPlace) {
+  const std::string folder = testing::TempDir();
+  EXPECT_EQ(no_place_for_pools(folder, 1), "");
+  // 6 PiB for six programs: nobody's disk.
+  EXPECT_THAT(no_place_for_pools(folder, 1 << 30), testing::HasSubstr(folder));
+  EXPECT_THAT(no_place_for_pools("/nowhere", 1), testing::HasSubstr("/nowhere: No such file"));
 }
 
 }  // namespace

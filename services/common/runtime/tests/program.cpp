@@ -13,13 +13,16 @@ int main(int argc, char** argv) {
        .bind =
            [&](runtime::Parameters& p) {
              p.add("registration.value", &value, {0.0, 2.0}, "m", "a value");
-             p.add("registration.fail", &fail, {"", "io", "other", "later"}, "how to fail");
+             p.add("registration.fail", &fail, {"", "io", "other", "later", "unsaved"},
+                   "how to fail");
            },
        .wire =
            [&](runtime::Stage& stage) {
              if (fail == "io") throw runtime::IoError("the disk is gone");
              if (fail == "other") throw std::runtime_error("anything else");
              if (fail == "later") stage.fail("gave up");
+             if (fail == "unsaved")
+               stage.on_stop([] { throw runtime::IoError("the disk is full"); });
              stage.on_stop([] { runtime::log_info("saved before the end"); });
            }});
 }

@@ -25,7 +25,8 @@ using testing::HasSubstr;
 /// A child process whose output is read through a pipe.
 class Program {
  public:
-  explicit Program(std::vector<std::string> arguments) {
+  /// inherits: descriptors that the child gets beside the standard ones
+  explicit Program(std::vector<std::string> arguments, const std::vector<int>& inherits = {}) {
     arguments.insert(arguments.begin(), ZLOAM_TEST_PROGRAM);
     std::vector<char*> argv;
     for (std::string& a : arguments) argv.push_back(a.data());
@@ -36,6 +37,8 @@ class Program {
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, ends[1], 1);
     posix_spawn_file_actions_adddup2(&actions, ends[1], 2);
+    // Onto itself: kept open.
+    for (const int each : inherits) posix_spawn_file_actions_adddup2(&actions, each, each);
     if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0) {
       throw std::runtime_error("spawn");
     }
@@ -156,8 +159,52 @@ TEST(Program, AnythingElseEndsWithOne) {
   EXPECT_THAT(later.output(), HasSubstr("gave up"));
 }
 
+TEST(Program, AFileThatIsMissingAtTheEndEndsWithThree) {
+  Program program({"--set=registration.fail=unsaved", set_port(0)});
+  ASSERT_TRUE(program.read_until("started"));
+  program.signal(SIGTERM);
+  EXPECT_EQ(program.exit_code(), 3);
+  EXPECT_THAT(program.output(), HasSubstr("the disk is full"));
+  // What can be saved is.
+  EXPECT_THAT(program.output(), HasSubstr("saved before the end"));
+}
+
+TEST(Program, EndsWhenWhoStartedItIsGone) {
+  std::array<int, 2> pipe{};
+  ASSERT_EQ(pipe2(pipe.data(), O_CLOEXEC), 0);
+  setenv("ZLOAM_PARENT_PIPE", std::to_string(pipe[0]).c_str(), 1);
+  Program program({set_port(0)}, {pipe[0]});
+  unsetenv("ZLOAM_PARENT_PIPE");
+  close(pipe[0]);
+  ASSERT_TRUE(program.read_until("started"));
+  close(pipe[1]);  // as the kernel does for a process that dies of whatever
+  EXPECT_EQ(program.exit_code(), 0);
+  EXPECT_THAT(program.output(), HasSubstr("saved before the end"));
+}
+
+TEST(Program, APipeThatIsNoneIsSaid) {
+  setenv("ZLOAM_PARENT_PIPE", "77x", 1);
+  Program program({set_port(0)});
+  unsetenv("ZLOAM_PARENT_PIPE");
+  ASSERT_TRUE(program.read_until("started"));
+  program.signal(SIGTERM);
+  EXPECT_EQ(program.exit_code(), 0);
+  EXPECT_THAT(program.output(), HasSubstr("ZLOAM_PARENT_PIPE names no pipe"));
+}
+
+TEST(Program, AHangUpThatIsIgnoredEndsNothing) {  // as under nohup
+  std::signal(SIGHUP, SIG_IGN);
+  Program program({set_port(0)});
+  std::signal(SIGHUP, SIG_DFL);
+  ASSERT_TRUE(program.read_until("started"));
+  program.signal(SIGHUP);
+  program.signal(SIGTERM);
+  EXPECT_EQ(program.exit_code(), 0);
+  EXPECT_THAT(program.output(), HasSubstr("SIGTERM"));
+}
+
 TEST(Program, EndsCleanlyOnSignals) {
-  for (const int number : {SIGTERM, SIGINT}) {
+  for (const int number : {SIGTERM, SIGINT, SIGHUP}) {
     Program program({set_port(0), "--set=log.format=json"});
     ASSERT_TRUE(program.read_until("started"));
     program.signal(number);

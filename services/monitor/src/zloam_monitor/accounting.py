@@ -49,7 +49,9 @@ class Accounts:
         """What does not add up, in words."""
         found = [f"no status of {stage}" for stage in self.without_status]
         found += [f"the account of {key} does not balance" for key in self.unbalanced]
-        if not self.sweeps_accounted:
+        if self.sweeps == 0:
+            found.append("no sweep came: there is nothing to account for")
+        elif not self.sweeps_accounted:
             found.append(
                 f"{self.sweeps} sweeps, but {self.poses} poses and "
                 f"{sum(self.given_up.values())} given up"

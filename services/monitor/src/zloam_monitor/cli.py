@@ -10,6 +10,7 @@ from pathlib import Path
 
 from zloam_monitor import (
     demo,
+    ending,
     evaluation,
     follow,
     live,
@@ -31,6 +32,9 @@ from zloam_monitor.trajectory import TrajectoryError
 
 #: integration at the default ports
 ANY_STAGE = "tcp/127.0.0.1:7464"
+
+#: a file could not be read or written, as with the stages
+FILE_MISSING = 3
 
 #: refused for a reason that the text names; not worth a trace
 EXPECTED = (
@@ -167,7 +171,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     print(report.table(found))
     print(f"files: {args.out}/")
-    return 0 if report.accounted(found) else 1
+    return report.exit_code(found)
 
 
 def _watch(args: argparse.Namespace) -> int:
@@ -199,7 +203,7 @@ def _follow(args: argparse.Namespace) -> int:
         ready_file=args.ready_file,
     )
     found = follow.follow(options)
-    return 0 if report.accounted(found) else 1
+    return report.exit_code(found)
 
 
 def _follow_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -273,16 +277,23 @@ def main(arguments: list[str] | None = None) -> int:
     args = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = args.run
     try:
-        return command(args)
+        with ending.handled(ending.raised):
+            return command(args)
     except StageDied as died:
         print(f"\n{died}", file=sys.stderr)
         return died.code if died.code in (2, 3) else 1
     except EXPECTED as error:
         print(f"\n{error}", file=sys.stderr)
         return 1
+    except ending.EndAsked as asked:
+        print(f"\nended by {asked}", file=sys.stderr)
+        return ending.SIGNAL_CODE + asked.number
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        print(f"\ncannot be read or written: {error}", file=sys.stderr)
+        return FILE_MISSING
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1

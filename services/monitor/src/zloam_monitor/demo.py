@@ -117,4 +117,4 @@ def finish(found: dict[str, Any], out: Path) -> int:
     """Prints the table; 0 only if everything is accounted for."""
     print(report.table(found))
     print(f"files: {out}/")
-    return 0 if report.accounted(found) else 1
+    return report.exit_code(found)

@@ -78,6 +78,6 @@ def follow(options: FollowOptions) -> dict[str, Any]:
     finally:
         link.close()
         session.close()
-    found = outputs.write_all(options.out, options.title, seen)
+    found = outputs.write_all(options.out, options.title, seen, stages_write_here=False)
     print(report.table(found))
     return found

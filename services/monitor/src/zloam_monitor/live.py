@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs
+from zloam_monitor import ending, outputs
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import Link
 from zloam_monitor.report import Run
+from zloam_monitor.supervision import Supervisor
 from zloam_monitor.terminal import ProgressLine
 
 #: so long without a sweep is said
@@ -75,19 +76,18 @@ def state_line(link: Link, began: float, now: float) -> str:
 
 
 class _Interrupt:
-    """Ctrl-C and SIGTERM ask for the end; the loop ends at its next turn."""
+    """A signal asks for the end; the loop ends at its next turn."""
 
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
 
-    def _ask(self, number: int, frame: object) -> None:
+    def ask(self, number: int) -> None:
         self.asked = True
 
 
-def _watch(chain: Chain, options: LiveOptions) -> float:
-    interrupt, line = _Interrupt(), ProgressLine()
+def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt) -> float:
+    line = ProgressLine()
+    supervisor = Supervisor(chain)
     port = next(
         (
             v
@@ -102,8 +102,10 @@ def _watch(chain: Chain, options: LiveOptions) -> float:
     print("running; Ctrl-C writes trajectory and map and ends")
     while not interrupt.asked:
         chain.link.poll(0.2)
-        chain.processes.check()
         now = time.monotonic()
+        for said_of_stage in supervisor.look(now):
+            line.end()
+            print(said_of_stage, flush=True)
         if options.seconds is not None and now - began > options.seconds:
             break
         missing = diagnosis.words(chain.link, now)
@@ -114,6 +116,11 @@ def _watch(chain: Chain, options: LiveOptions) -> float:
         line.show(state_line(chain.link, began, now))
     line.end()
     return time.monotonic() - began
+
+
+def ending_signals() -> tuple[int, ...]:
+    """What ends a live run with its files."""
+    return signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 
 
 def run(options: LiveOptions) -> dict[str, Any]:
@@ -130,10 +137,12 @@ def run(options: LiveOptions) -> dict[str, Any]:
     )
     with chain:
         chain.wait_ready()
-        wall_s = _watch(chain, options)
-        print("writing trajectory and map")
-        chain.link.query_statuses()
-        chain.link.query_revisions()
-        codes = chain.stop()
+        interrupt = _Interrupt()
+        with ending.handled(interrupt.ask, ending_signals()):
+            wall_s = _watch(chain, options, interrupt)
+            print("writing trajectory and map", flush=True)
+            chain.link.query_statuses()
+            chain.link.query_revisions()
+            codes = chain.stop()
         seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
     return outputs.write_all(options.out, "live run", seen)

@@ -114,11 +114,9 @@ def collected(folder: Path, run: Run) -> Run:
 
 
 def map_points(folder: Path) -> np.ndarray[Any, Any]:
-    """What mapping wrote; empty when nothing was mapped."""
+    """What mapping wrote, for the picture; none when it wrote nothing: that is said elsewhere."""
     path = Files(folder).map
-    if not path.exists():
-        clouds.write_pcd(path, np.empty(0, MAP_POINT), np.empty(0, np.uint8))
-    return clouds.read_pcd(path)
+    return clouds.read_pcd(path) if path.exists() else np.empty(0, MAP_POINT)
 
 
 def write_picture(folder: Path, title: str, run: Run) -> None:
@@ -151,16 +149,31 @@ def write_poses(path: Path, run: Run) -> None:
             out.write(",".join([*map(str, said), *numbers]) + "\n")
 
 
-def write_all(folder: Path, title: str, run: Run) -> dict[str, Any]:
-    """What the stages do not write themselves; returns the report."""
-    run = collected(folder, run)
+def missing_files(folder: Path, run: Run) -> list[str]:
+    """Which of the stages' files are not there though there was something to write."""
     files = Files(folder)
+    missing = []
+    if len(run.trajectory) and not files.trajectory_tum.exists():
+        missing.append(f"{files.trajectory_tum} by integration (what was heard is in its place)")
+    if run.mapped and not files.map.exists():
+        missing.append(f"{files.map} by mapping")
+    return missing
+
+
+def write_all(
+    folder: Path, title: str, run: Run, *, stages_write_here: bool = True
+) -> dict[str, Any]:
+    """What the stages do not write themselves; returns the report."""
+    files = Files(folder)
+    missing = missing_files(folder, run) if stages_write_here else []
+    run = collected(folder, run)
     for truth in list(run.truths.values())[:1]:
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:
             trajectory.write_tum(files.ground_truth, stamped)
     write_poses(files.poses, run)
     found = report.build(run)
+    found["not_written"] = missing
     report.write(files.report, found)
     write_picture(folder, title, run)
     return found

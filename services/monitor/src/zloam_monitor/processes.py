@@ -16,6 +16,8 @@ from typing import IO
 #: order of the ports: stage i listens on base port + i
 PORT_ORDER = ("driver", "registration", "odometry", "mapping", "integration", "simulator")
 LOG_LINES = 12
+#: tells a stage which descriptor ends with this program
+PARENT_PIPE = "ZLOAM_PARENT_PIPE"
 _PSS_LINE = re.compile(r"^Pss:\s+(\d+) kB$", re.MULTILINE)
 #: what a stage's exit code means
 EXIT_CODES = {0: "ended well", 1: "failed", 2: "configuration refused", 3: "file or port"}
@@ -82,18 +84,24 @@ class Process:
     environment: dict[str, str] = field(default_factory=dict)
     _process: subprocess.Popen[bytes] = field(init=False)
     _log: IO[bytes] = field(init=False)
+    _alive: int = field(init=False)
 
     def __post_init__(self) -> None:
         self.log_path.parent.mkdir(parents=True, exist_ok=True)
-        self._log = self.log_path.open("wb")
+        # one that is started again goes on in its log
+        self._log = self.log_path.open("ab")
+        # The other end closes with this program, whatever it dies of: then the stage ends too.
+        inherited, self._alive = os.pipe()
         # a session of its own: Ctrl-C reaches this program, which then ends the stages in order
         self._process = subprocess.Popen(
             self.command,
             stdout=self._log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            env={**os.environ, **self.environment},
+            env={**os.environ, **self.environment, PARENT_PIPE: str(inherited)},
+            pass_fds=[inherited],
         )
+        os.close(inherited)
 
     @property
     def pid(self) -> int:
@@ -117,8 +125,9 @@ class Process:
         except subprocess.TimeoutExpired:
             return None
         finally:
-            if self._process.poll() is not None:
+            if self._process.poll() is not None and not self._log.closed:
                 self._log.close()
+                os.close(self._alive)
 
 
 class Processes:

@@ -17,6 +17,8 @@ from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
 from zloam_monitor.settings import as_set_at
 from zloam_monitor.trajectory import Trajectory
 
+#: a file that could not be written
+FILE_CODE = 3
 #: name in the report -> name in Scores
 SCORE_NAMES = ("ate_rmse_m", "drift_percent", "rpe_1m_m")
 
@@ -146,12 +148,20 @@ def build(run: Run) -> dict[str, Any]:
     return report
 
 
+def exit_code(report: dict[str, Any]) -> int:
+    """3 when a file is missing, as with the stages; 1 when anything else is wrong."""
+    if report.get("not_written") or FILE_CODE in report["exit_codes"].values():
+        return FILE_CODE
+    return 0 if accounted(report) else 1
+
+
 def accounted(report: dict[str, Any]) -> bool:
     """Whether everything is accounted for and every process ended well."""
     identities = report["identities"]
     return (
         identities["inputs_balanced"]
         and identities["sweeps_accounted"]
+        and not report.get("not_written")
         and all(code == 0 for code in report["exit_codes"].values())
     )
 
@@ -227,6 +237,9 @@ def table(report: dict[str, Any]) -> str:
         + (f", {factor:.1f} × real time" if factor else "")
     )
     complaints = report["identities"]["complaints"] + [
+        f"not written: {each}" for each in report.get("not_written", [])
+    ]
+    complaints += [
         f"{stage} ended with {code}" for stage, code in report["exit_codes"].items() if code != 0
     ]
     lines.append("accounted for: " + ("yes" if not complaints else "NO: " + "; ".join(complaints)))

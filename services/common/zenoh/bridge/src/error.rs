@@ -30,7 +30,7 @@ fn panic_text(payload: &(dyn Any + Send)) -> &str {
     } else if let Some(text) = payload.downcast_ref::<String>() {
         text
     } else {
-        "panic without a text"
+        "it gave no reason"
     }
 }
 
@@ -43,7 +43,7 @@ pub fn guard(body: impl FnOnce() -> Result<()>) -> Status {
             Status::Error
         }
         Err(payload) => {
-            set_last_error(&format!("panic in the Zenoh bridge: {}", panic_text(payload.as_ref())));
+            set_last_error(&format!("Zenoh failed: {}", panic_text(payload.as_ref())));
             Status::Panic
         }
     }

@@ -111,6 +111,8 @@ pub unsafe extern "C" fn zloam_session_zid(
 pub unsafe extern "C" fn zloam_init_log(fallback_level: Slice) -> Status {
     guard(|| {
         zenoh::init_log_from_env_or(fallback_level.text()?);
+        // What a user is to know of it comes as the failed call's text.
+        std::panic::set_hook(Box::new(|_| {}));
         Ok(())
     })
 }

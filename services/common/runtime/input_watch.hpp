@@ -1,0 +1,39 @@
+#pragma once
+// What is wrong with a stage's inputs, by their accounts: one that has gone silent, one whose
+// messages are refused. Looked at every second; a reason is gone soon after its cause.
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "common/runtime/account.hpp"
+
+namespace zloam::runtime {
+
+class InputWatch {
+ public:
+  struct Input {
+    Account account;
+    /// of each sweep of a live run that goes on: it must keep coming
+    bool expected = false;
+  };
+  /// By topic, as for Stage::degraded(); an empty reason: over.
+  std::map<std::string, std::string> look(const std::vector<Input>& inputs, std::int64_t now_ns);
+
+ private:
+  struct Seen {
+    Account last;
+    bool known = false;
+    std::int64_t first_ns = 0, last_ns = 0;
+    std::uint64_t came = 0;
+    int looks_since_refusal = 0;
+    std::string refusal;
+  };
+  std::string silence(Seen& seen, const Input& input, std::int64_t now_ns) const;
+  std::string refusal(Seen& seen, const Account& now) const;
+
+  std::map<std::string, Seen> seen_;
+};
+
+}  // namespace zloam::runtime
