@@ -44,6 +44,9 @@ zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoin
   c.insert_json5("transport/link/tx/lease", std::to_string(config.lease_ms));
   const std::string shm = "transport/shared_memory/";
   c.insert_json5(shm + "enabled", config.shared_memory ? "true" : "false");
+  // Else Zenoh makes a segment for its own bookkeeping whatever "enabled" says, and ends where
+  // there is no room for it.
+  if (!config.shared_memory) c.insert_json5(shm + "mode", "\"lazy\"");
   const std::string optimization = shm + "transport_optimization/";
   c.insert_json5(optimization + "pool_size", std::to_string(std::int64_t{config.pool_mib} << 20));
   c.insert_json5(optimization + "message_size_threshold",

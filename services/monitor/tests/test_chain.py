@@ -182,8 +182,12 @@ def test_live_run_says_what_is_missing_and_writes_at_the_end(
         ]
     )
     assert code == 1  # nothing came: not accounted for
-    assert "no packets on UDP 2368 for 3 s" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "no packets on UDP 2368 for 3 s" in said
+    assert "accounted for: NO: no sweep came: there is nothing to account for" in said
     assert (build / "out" / "report.json").exists()
+    # nothing empty stands for a drive
+    assert not list((build / "out").glob("*.tum"))
 
 
 def test_interrupted_live_run_writes_what_it_has(build: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from zloam_monitor import ending
+from zloam_monitor import cli, ending
 from zloam_monitor.processes import Process, Processes
 from zloam_monitor.supervision import Supervisor
 
@@ -120,3 +120,8 @@ def test_the_pipe_is_closed_with_the_process(tmp_path: Path) -> None:
         process = Process("x", DIES, tmp_path / "x.log")
         assert process.wait(PATIENCE_S) == 5
     assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_link_that_cannot_be_opened_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["watch", "--connect", "nonsense", "--seconds", "0.1"]) == 1
+    assert "no link to the stages" in capsys.readouterr().err

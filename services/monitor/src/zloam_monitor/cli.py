@@ -24,6 +24,7 @@ from zloam_monitor import (
 )
 from zloam_monitor.chain import BinariesMissing, ChainError, binary
 from zloam_monitor.keys import Keys
+from zloam_monitor.link import LinkError
 from zloam_monitor.messages import SchemasMissing
 from zloam_monitor.processes import StageDied
 from zloam_monitor.robot_file import RobotFileError, names
@@ -40,6 +41,7 @@ FILE_MISSING = 3
 EXPECTED = (
     BinariesMissing,
     ChainError,
+    LinkError,
     RobotFileError,
     SchemasMissing,
     SourceError,

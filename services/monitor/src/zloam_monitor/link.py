@@ -9,6 +9,7 @@ import json
 import queue
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,28 @@ from zloam_monitor.trajectory import Trajectory, from_records
 QUERY_SECONDS = 5.0
 
 
+class LinkError(RuntimeError):
+    """Zenoh did not start."""
+
+
+@contextmanager
+def _said() -> Iterator[None]:
+    try:
+        yield
+    except zenoh.ZError as error:
+        raise LinkError(f"no link to the stages: {error}") from error
+
+
+def _opened(config: Any) -> Any:
+    """Without shared memory where there is no room for it: all messages come by socket then."""
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError:
+        config.insert_json5("transport/shared_memory/enabled", "false")
+    return zenoh.open(config)
+
+
+@_said()
 def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
     """A peer that connects to these endpoints and goes on trying; no multicast."""
     config = zenoh.Config()
@@ -34,16 +57,17 @@ def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
     config.insert_json5("connect/retry", "{period_init_ms: 100, period_max_ms: 500}")
     config.insert_json5("listen/endpoints", json.dumps([listen]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
+    return _opened(config)
 
 
+@_said()
 def open_client(endpoints: list[str]) -> Any:
     """A client of a router: what is outside the robot."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps(endpoints))
     config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
+    return _opened(config)
 
 
 class Link:

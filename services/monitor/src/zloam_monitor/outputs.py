@@ -101,7 +101,9 @@ def numbered(path: Path, heard: Trajectory) -> Trajectory:
 def collected(folder: Path, run: Run) -> Run:
     """The run with the trajectories that the stages wrote; without them, what was heard."""
     files = Files(folder)
-    if files.trajectory_tum.exists() and len(run.trajectory):
+    if not len(run.trajectory):
+        return run  # an empty file would stand for a drive
+    if files.trajectory_tum.exists():
         run = replace(run, trajectory=numbered(files.trajectory_tum, run.trajectory))
     else:
         trajectory.write_tum(files.trajectory_tum, run.trajectory)
