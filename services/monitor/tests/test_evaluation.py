@@ -167,3 +167,25 @@ def test_ape_equals_evo_by_its_own_association() -> None:
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, path))
     assert scores.ate_rmse_m == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse))
+
+
+def test_a_hole_in_the_reference_is_not_bridged() -> None:
+    truth = loop()
+    keep = np.r_[0:400, 1400:2001]
+    assert truth.stamps_ns is not None
+    holed = Trajectory(truth.transforms[keep], truth.stamps_ns[keep], np.arange(len(keep)))
+    scores = evaluation.evaluate(truth, holed)
+    assert scores.matched == len(keep)
+    assert scores.ate_rmse_m == pytest.approx(0, abs=1e-6)
+    assert scores.remark == "no truth for 1000 of 2001 poses, which do not count"
+
+
+def test_a_reference_of_another_time_or_of_one_pose_says_so() -> None:
+    truth = loop()
+    assert truth.stamps_ns is not None
+    late = Trajectory(truth.transforms, truth.stamps_ns + 3600 * 10**9, truth.sweeps)
+    one = Trajectory(truth.transforms[:1], truth.stamps_ns[:1], truth.sweeps[:1])
+    for reference in (late, one):
+        scores = evaluation.evaluate(truth, reference)
+        assert scores.ate_rmse_m is None
+        assert str(scores.remark).startswith("fewer than 3 poses have a truth: poses 2001 from")

@@ -73,3 +73,77 @@ def test_a_missing_file_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stamp", [0, 1, -1_500_000_000, 1_700_000_000_123_456_789])
 def test_stamp_text(stamp: int) -> None:
     assert trajectory.parse_stamp(trajectory.stamp_text(stamp)) == stamp
+
+
+LINES = [f"1704067210.{i}00000000 {i} 0 0 0 0 0 1" for i in range(5)]
+FIRST_NS = 1704067210000000000
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "\n".join(LINES).encode("utf-8-sig"),
+        ("# x y z\n" + "\n".join(LINES)).encode("utf-8-sig"),
+        "# Straße\n".encode("latin1") + "\n".join(LINES).encode(),
+        "\n".join(LINES).encode("utf-16"),
+        "\r\n".join(LINES).encode(),
+        "\n".join(line.replace(" ", ",") for line in LINES).encode(),
+        "\n".join(line.replace(" ", "; ") for line in LINES).encode(),
+        ("timestamp tx ty tz qx qy qz qw\n" + "\n".join(LINES)).encode(),
+        "\n".join(f"  {line} # fine" for line in ["#", *LINES]).encode(),
+        "\n".join(f"{1704067210000 + 100 * i} {i} 0 0 0 0 0 1" for i in range(5)).encode(),
+        "\n".join(f"{1704067210000000 + 10**5 * i} {i} 0 0 0 0 0 1" for i in range(5)).encode(),
+        "\n".join(f"{FIRST_NS + 10**8 * i} {i} 0 0 0 0 0 1" for i in range(5)).encode(),
+    ],
+)
+def test_what_other_programs_write_is_the_same_trajectory(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "a.tum").write_bytes(data)
+    got = trajectory.read(tmp_path / "a.tum")
+    assert got.stamps_ns is not None
+    assert got.stamps_ns.tolist() == [FIRST_NS + 100_000_000 * i for i in range(5)]
+    np.testing.assert_array_equal(got.positions[:, 0], range(5))
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("1704067211 nan nan nan nan nan nan nan", "line 6: 'nan' is no finite number"),
+        ("1704067211 inf 0 0 0 0 0 1", "line 6: 'inf' is no finite number"),
+        ("1704067211 0 0 0 0 0 0 0", "line 6: the quaternion .* length 0, not 1"),
+        ("1704067211 0 0 0 0 0 0", "line 6: 7 columns, 8 in the first pose"),
+        ("1704067211,5;0;0;0;0;0;0;1", "line 6: decimal commas"),
+        ("1e30 0 0 0 0 0 0 1", "1e.30 is no time"),
+    ],
+)
+def test_a_line_that_is_no_pose_is_named(tmp_path: Path, line: str, reason: str) -> None:
+    (tmp_path / "a.tum").write_text("\n".join([*LINES, line]))
+    with pytest.raises(trajectory.TrajectoryError, match=reason):
+        trajectory.read(tmp_path / "a.tum")
+
+
+def test_a_mirror_is_no_rotation(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("1 0 0 0 0 1 0 0 0 0 -1 0\n")
+    with pytest.raises(trajectory.TrajectoryError, match=r"line 1: .* no rotation"):
+        trajectory.read(tmp_path / "a.txt")
+
+
+def test_damaged_files_are_read_or_refused_never_anything_else(tmp_path: Path) -> None:
+    rng = np.random.default_rng(37)
+    good = "\n".join(LINES).encode()
+    path = tmp_path / "a.tum"
+    outcomes = set()
+    for _ in range(500):
+        data = bytearray(good)
+        for at in rng.integers(0, len(data), rng.integers(1, 5)):
+            data[at] = rng.choice(list(b"-+.e0 9\n;,#_n\xef\xff\x00"))
+        path.write_bytes(bytes(data[: rng.integers(1, len(data) + 1)]))
+        outcomes.add(read_or_refused(path))
+    assert outcomes == {"finite", "refused by name"}
+
+
+def read_or_refused(path: Path) -> str:
+    try:
+        got = trajectory.read(path)
+    except trajectory.TrajectoryError as error:
+        return "refused by name" if str(path) in str(error) else str(error)
+    return "finite" if np.isfinite(got.transforms).all() else "not finite"

@@ -222,12 +222,16 @@ def _follow_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.set_defaults(run=_follow)
 
 
+def _score(value: float | str | None) -> float | str:
+    return "–" if value is None else value if isinstance(value, str) else round(value, 4)
+
+
 def _evaluate(args: argparse.Namespace) -> int:
     T_base_sensor = se3.from_xyz_rpy_deg(args.mounting[:3], args.mounting[3:])
     truth = trajectory.read(args.truth).carried(se3.inverse(T_base_sensor))
     scores = evaluation.evaluate(trajectory.read(args.trajectory), truth)
     for name, value in scores.as_dict().items():
-        print(f"{name}: {'–' if value is None else round(value, 4)}")
+        print(f"{name}: {_score(value)}")
     return 0 if scores.ate_rmse_m is not None else 1
 
 

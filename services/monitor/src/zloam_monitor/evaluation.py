@@ -18,7 +18,13 @@ from evo.core.trajectory import PosePath3D
 from numpy.typing import NDArray
 
 from zloam_monitor import se3
-from zloam_monitor.trajectory import Trajectory, interpolate, path_m
+from zloam_monitor.trajectory import (
+    Trajectory,
+    interpolate,
+    longest_step_ns,
+    path_m,
+    stamp_text,
+)
 
 Array = NDArray[np.float64]
 #: every so many poses a sub-length starts, as the KITTI development kit does
@@ -41,6 +47,8 @@ class Scores:
     drift_deg_per_m: float | None = None
     rpe_1m_m: float | None = None
     path_m: float | None = None
+    #: why there are no errors, or for how many poses there is no truth
+    remark: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -78,7 +86,7 @@ def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, ND
     if stamps is None:
         stamps = estimate.sweeps
     if truth.stamps_ns is not None and estimate.stamps_ns is not None:
-        at, inside = interpolate(truth, estimate.stamps_ns)
+        at, inside = interpolate(truth, estimate.stamps_ns, longest_step_ns(truth))
         return at.transforms, estimate.transforms[inside], stamps[inside]
     if estimate.stamps_ns is not None:
         estimate, stamps = at_part_of_sweep(estimate, SWEEP_PART_OF_REFERENCE)
@@ -163,7 +171,7 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Scores:
     """All scores of one trajectory. `truth` must be of the same frame (see Trajectory.carried)."""
     compared = compare(estimate, truth)
     if compared is None:
-        return Scores(len(estimate), 0)
+        return Scores(len(estimate), 0, remark=_too_few(estimate, truth))
     reference = _path(compared.truth)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, _path(compared.aligned)))
@@ -177,4 +185,26 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Scores:
         drift_deg_per_m=degrees,
         rpe_1m_m=_rpe_over_1m(reference, _path(compared.estimate)),
         path_m=float(path_m(compared.truth)[-1]),
+        remark=_not_covered(estimate, truth, len(compared.truth)),
     )
+
+
+def _too_few(estimate: Trajectory, truth: Trajectory) -> str:
+    """Why nothing could be compared."""
+    text = f"fewer than {MIN_POSES} poses have a truth"
+    if estimate.stamps_ns is None or truth.stamps_ns is None or not len(estimate):
+        return text
+    return f"{text}: poses {_span(estimate)}, reference {_span(truth)}"
+
+
+def _not_covered(estimate: Trajectory, truth: Trajectory, matched: int) -> str | None:
+    if matched == len(estimate) or truth.stamps_ns is None:
+        return None
+    return f"no truth for {len(estimate) - matched} of {len(estimate)} poses, which do not count"
+
+
+def _span(trajectory: Trajectory) -> str:
+    stamps = trajectory.stamps_ns
+    assert stamps is not None
+    first, last = stamp_text(int(stamps[0])), stamp_text(int(stamps[-1]))
+    return f"{len(trajectory)} from {first} to {last} s"

@@ -226,6 +226,7 @@ def table(report: dict[str, Any]) -> str:
                 f"{kind} against {name}: ATE {_number(s['ate_rmse_m'], 3)} m, "
                 f"drift {_number(s['drift_percent'], 3)} %, "
                 f"RPE over 1 m {_number(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
+                + (f"; {s['remark']}" if s["remark"] else "")
             )
     if not report["references"]:
         lines.append("no truth was given: no error can be stated")

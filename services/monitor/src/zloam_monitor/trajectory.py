@@ -12,13 +12,23 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from zloam_monitor import se3
 from zloam_monitor.files import written_whole
+from zloam_monitor.pose_rows import (
+    Row,
+    TrajectoryError,
+    parse_stamp,
+    read_rows,
+    stamps_ns,
+    unit_quaternions,
+    unit_rotations,
+)
+
+__all__ = ["Trajectory", "TrajectoryError", "parse_stamp", "read"]
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-
-class TrajectoryError(ValueError):
-    """A trajectory file that cannot be used, with the reason."""
+#: poses further apart than so many usual steps have a hole between them, which nobody measured
+HOLE_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -68,18 +78,35 @@ def path_m(transforms: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def interpolate(truth: Trajectory, stamps_ns: Int64) -> tuple[Trajectory, NDArray[np.bool_]]:
-    """Truth at the given instants (linear, slerp), and which instants lie within it."""
+def longest_step_ns(truth: Trajectory) -> int:
+    """The longest time between two poses that is no hole."""
+    if truth.stamps_ns is None or len(truth) < 2:
+        return 0
+    return round(HOLE_STEPS * float(np.median(np.diff(truth.stamps_ns))))
+
+
+def interpolate(
+    truth: Trajectory, stamps_ns: Int64, longest_ns: int | None = None
+) -> tuple[Trajectory, NDArray[np.bool_]]:
+    """Truth at the given instants (linear, slerp), and which instants lie within it.
+
+    Between poses further apart than longest_ns there is no truth.
+    """
     if truth.stamps_ns is None:
         raise TrajectoryError("truth without time stamps cannot be interpolated")
     known = truth.stamps_ns
     inside = (stamps_ns >= known[0]) & (stamps_ns <= known[-1])
+    if longest_ns is not None:
+        after = np.minimum(np.searchsorted(known, stamps_ns), len(known) - 1)
+        step = known[after] - known[np.maximum(after - 1, 0)]
+        inside &= (step <= longest_ns) | np.isin(stamps_ns, known)
     wanted = stamps_ns[inside]
-    # differences of integers first: a double holds Unix nanoseconds only to a quarter of a us
-    origin = known[0]
-    t_known, t = (known - origin) * 1e-9, (wanted - origin) * 1e-9
     out = np.tile(np.eye(4), (len(wanted), 1, 1))
-    if len(wanted):
+    if len(known) == 1:
+        out[:] = truth.transforms[0]
+    elif len(wanted):
+        # differences of integers first: a double holds Unix nanoseconds only to a quarter of a us
+        t_known, t = (known - known[0]) * 1e-9, (wanted - known[0]) * 1e-9
         turn = Slerp(t_known, Rotation.from_matrix(truth.transforms[:, :3, :3]))
         out[:, :3, :3] = turn(t).as_matrix()
         for axis in range(3):
@@ -92,15 +119,6 @@ def stamp_text(stamp_ns: int) -> str:
     sign = "-" if stamp_ns < 0 else ""
     seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
     return f"{sign}{seconds}.{nanoseconds:09d}"
-
-
-def parse_stamp(text: str) -> int:
-    """Seconds as text to ns, exact when written with up to nine digits."""
-    if "e" in text.lower() or "." not in text:
-        return round(float(text) * 1e9)
-    whole, fraction = text.split(".")
-    sign = -1 if whole.startswith("-") else 1
-    return sign * (abs(int(whole or "0")) * 1_000_000_000 + int((fraction + "0" * 9)[:9]))
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -121,39 +139,21 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
 
 
 def read(path: Path) -> Trajectory:
-    """A TUM (8 columns) or KITTI (12 columns) file."""
-    rows = _rows(path)
-    columns = {len(row) for row in rows}
-    if columns == {8}:
-        return _from_tum(rows, path)
-    if columns == {12}:
-        return _from_kitti(rows)
+    """A TUM (8 columns) or KITTI (12 columns) file; a line that is no pose is refused."""
+    rows, values = read_rows(path)
+    columns = len(rows[0].cells)
+    if columns == 8:
+        return _from_tum(rows, values)
+    if columns == 12:
+        return _from_kitti(rows, values)
     raise TrajectoryError(
-        f"{path}: {sorted(columns)} columns; a trajectory has 8 (TUM) or 12 (KITTI) in each line"
+        f"{path}: {columns} columns; a trajectory has 8 (TUM) or 12 (KITTI) in each line"
     )
 
 
-def _rows(path: Path) -> list[list[str]]:
-    try:
-        lines = path.read_text().splitlines()
-    except OSError as error:
-        raise TrajectoryError(f"{path}: {error.strerror}") from error
-    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
-    if not rows:
-        raise TrajectoryError(f"{path}: no poses")
-    return rows
-
-
-def _numbers(rows: list[list[str]], path: Path) -> Array:
-    try:
-        return np.array([[float(cell) for cell in row] for row in rows])
-    except ValueError as error:
-        raise TrajectoryError(f"{path}: {error}") from error
-
-
-def _from_tum(rows: list[list[str]], path: Path) -> Trajectory:
-    values = _numbers(rows, path)
-    stamps = np.array([parse_stamp(row[0]) for row in rows], np.int64)
+def _from_tum(rows: list[Row], values: Array) -> Trajectory:
+    unit_quaternions(rows, values[:, 4:8])
+    stamps = stamps_ns(rows, values[:, 0])
     order = np.argsort(stamps, kind="stable")
     keep = np.concatenate(([True], np.diff(stamps[order]) > 0))
     order = order[keep]
@@ -161,10 +161,10 @@ def _from_tum(rows: list[list[str]], path: Path) -> Trajectory:
     return Trajectory(transforms, stamps[order], np.arange(len(order), dtype=np.int64))
 
 
-def _from_kitti(rows: list[list[str]]) -> Trajectory:
-    values = _numbers(rows, Path("KITTI poses"))
+def _from_kitti(rows: list[Row], values: Array) -> Trajectory:
     transforms = np.tile(np.eye(4), (len(values), 1, 1))
     transforms[:, :3, :] = values.reshape(-1, 3, 4)
+    unit_rotations(rows, transforms[:, :3, :3])
     return Trajectory(transforms, None, np.arange(len(values), dtype=np.int64))
 
 

@@ -1,0 +1,129 @@
+"""Rows of numbers of a file of poses, as other programs write them; what is no pose is refused.
+
+Blanks, tabs, commas or semicolons part the columns; `#` begins a comment; a byte order mark, other
+encodings in comments and one line of column names are passed over.
+"""
+
+from __future__ import annotations
+
+import codecs
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NS_PER_S = 1_000_000_000
+#: seconds since 1970 stay below this until the year 5138, so a greater number has another unit
+LARGEST_SECONDS = 1e11
+#: a quaternion or rotation written with two digits is this far from unit length
+UNIT_TOLERANCE = 0.01
+
+
+class TrajectoryError(ValueError):
+    """A trajectory file that cannot be used, with the reason."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells of one line, and where it stands."""
+
+    where: str
+    cells: list[str]
+
+
+def read_rows(path: Path) -> tuple[list[Row], Array]:
+    """All rows, with as many columns each, and their numbers; finite all of them."""
+    try:
+        text = _text(path.read_bytes())
+    except OSError as error:
+        raise TrajectoryError(f"{path}: {error.strerror}") from error
+    rows = [
+        Row(f"{path}, line {number}", cells)
+        for number, line in enumerate(text.splitlines(), 1)
+        if (cells := _cells(line, f"{path}, line {number}"))
+    ]
+    if rows and not any(_is_number(cell) for cell in rows[0].cells):
+        rows = rows[1:]  # names of columns
+    if not rows:
+        raise TrajectoryError(f"{path}: no poses")
+    for row in rows:
+        if len(row.cells) != len(rows[0].cells):
+            raise TrajectoryError(
+                f"{row.where}: {len(row.cells)} columns, {len(rows[0].cells)} in the first pose"
+            )
+    return rows, np.array([_numbers(row) for row in rows])
+
+
+def _text(data: bytes) -> str:
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", errors="replace")
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def _cells(line: str, where: str) -> list[str]:
+    values = line.partition("#")[0]
+    if ";" in values and "," in values:
+        raise TrajectoryError(f"{where}: decimal commas; write numbers with a point")
+    return values.replace(",", " ").replace(";", " ").split()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(row: Row) -> list[float]:
+    numbers = []
+    for cell in row.cells:
+        if not _is_number(cell) or not np.isfinite(float(cell)):
+            raise TrajectoryError(f"{row.where}: '{cell}' is no finite number; leave the line out")
+        numbers.append(float(cell))
+    return numbers
+
+
+def unit_quaternions(rows: list[Row], quaternions: Array) -> None:
+    """Refuses what is no rotation."""
+    lengths = np.linalg.norm(quaternions, axis=1)
+    for i in np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)[:1]:
+        raise TrajectoryError(
+            f"{rows[i].where}: the quaternion (columns 5 to 8) has length {lengths[i]:.3g}, not 1"
+        )
+
+
+def unit_rotations(rows: list[Row], rotations: Array) -> None:
+    """Refuses what is no rotation, a mirror included."""
+    off = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > UNIT_TOLERANCE) | (np.linalg.det(rotations) < 0)
+    for i in np.flatnonzero(wrong)[:1]:
+        raise TrajectoryError(f"{rows[i].where}: the left three columns are no rotation")
+
+
+def parse_stamp(text: str) -> int:
+    """Seconds as text to ns, exact when written with up to nine digits."""
+    return _scaled(text, NS_PER_S)
+
+
+def _scaled(text: str, unit_ns: int) -> int:
+    return int((Decimal(text) * unit_ns).to_integral_value())
+
+
+def _times(rows: list[Row], unit_ns: int) -> NDArray[np.int64]:
+    return np.array([_scaled(row.cells[0], unit_ns) for row in rows], np.int64)
+
+
+def stamps_ns(rows: list[Row], values: Array) -> NDArray[np.int64]:
+    """Stamps of a whole file, in s, or in ms, us or ns since 1970: no time in s is that large."""
+    largest = float(np.abs(values).max())
+    if largest < LARGEST_SECONDS:
+        return _times(rows, NS_PER_S)
+    for unit_ns in (1_000_000, 1_000, 1):
+        if largest * unit_ns < min(LARGEST_SECONDS * NS_PER_S, np.iinfo(np.int64).max):
+            return _times(rows, unit_ns)
+    raise TrajectoryError(f"{rows[0].where}: {largest:g} is no time, in s, ms, us or ns")
