@@ -38,10 +38,11 @@ def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
 def names(path: Path, settings: list[str]) -> RobotNames:
     """Reads the names; what is wrong elsewhere in the file is the stages' to refuse."""
     try:
-        tree = yaml.safe_load(path.read_text()) or {}
+        # the stages take a value's text, so `01` is a name and no number
+        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
     except OSError as error:
         raise RobotFileError(f"{path}: {error.strerror}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise RobotFileError(f"{path}: {error}") from error
     plain = RobotNames()
     port = _value(tree, settings, "zenoh.base_port", plain.base_port)

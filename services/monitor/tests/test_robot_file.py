@@ -1,0 +1,27 @@
+"""Names are the text that stands in the file, as the stages read them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from zloam_monitor.robot_file import RobotFileError, RobotNames, names
+
+
+@pytest.mark.parametrize("text", ["01", "1e3", "0x10", "yes", "off", "2024-01-01", "1_000"])
+def test_a_name_is_text_whatever_it_looks_like(tmp_path: Path, text: str) -> None:
+    (tmp_path / "r.yaml").write_text(f"robot: {text}\nsensor:\n  name: {text}\n")
+    assert names(tmp_path / "r.yaml", []) == RobotNames(robot=text, sensor=text)
+
+
+def test_a_port_is_a_number_and_a_setting_beats_the_file(tmp_path: Path) -> None:
+    (tmp_path / "r.yaml").write_text("zenoh:\n  base_port: 8000\nrobot: a\n")
+    assert names(tmp_path / "r.yaml", ["robot=b"]) == RobotNames(robot="b", base_port=8000)
+
+
+@pytest.mark.parametrize("data", [b"robot: [", b"robot: \xdf\n", b"zenoh: {base_port: x}"])
+def test_what_cannot_be_read_is_named(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "r.yaml").write_bytes(data)
+    with pytest.raises(RobotFileError, match=r"r\.yaml"):
+        names(tmp_path / "r.yaml", [])
