@@ -105,7 +105,7 @@ class Integrator {
   std::optional<Pose> carried_on(const OdometryPose& pose, const Correction& correction) const;
   Weak weak_of(const OdometryPose& pose, const Correction* correction) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
-  /// The map has not corrected the pose for long: it hangs on the odometry alone.
+  /// The map has not corrected the pose for long: it depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
 

@@ -11,7 +11,7 @@ namespace {
 // Of the input's own period, and at least.
 constexpr double kSilentPeriods = 3.0;
 constexpr double kSilent_s = 0.5;
-// Before an input that has been silent counts anew: a slow one is not two that came at once.
+// Messages that a period takes after a silence: fewer would make a slow input look fast.
 constexpr std::uint64_t kEnoughForPeriod = 3;
 // Looks without a refused message before it is over.
 constexpr int kLooksUntilCalm = 5;

@@ -4,7 +4,7 @@ about themselves is right.
 A pose is silently wrong when it says Ok while the motion since the last pose that said Ok is off by
 more than three of its own sigmas and 2 cm. It is vague when it says Ok with a sigma above what a
 user asks for: that cannot be called wrong, and helps nobody. A flag is false when Degenerate,
-Predicted, Bridging or Lost is said of a pose whose motion over the last ten metres of way is right
+Predicted, Bridging or Lost is reported for a pose whose motion over the last 10 m of way is right
 to 1 %, or 2 cm.
 """
 

@@ -55,7 +55,7 @@ class DataSet:
     name: str
     group: str
     make: Callable[[Places], Drive] = field(compare=False)
-    #: the scene really leaves a direction open: that Degenerate is said there is right
+    #: the scene really leaves a direction open: Degenerate is right there
     open_direction: bool = False
 
 

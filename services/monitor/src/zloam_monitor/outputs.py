@@ -116,7 +116,7 @@ def collected(folder: Path, run: Run) -> Run:
 
 
 def map_points(folder: Path) -> np.ndarray[Any, Any]:
-    """What mapping wrote, for the picture; none when it wrote nothing: that is said elsewhere."""
+    """What mapping wrote, for the picture; nothing when there is none, which the report names."""
     path = Files(folder).map
     return clouds.read_pcd(path) if path.exists() else np.empty(0, MAP_POINT)
 
