@@ -149,24 +149,54 @@ def test_standing_still_is_an_answer() -> None:
     assert evaluation.evaluate(still, still).ate_rmse_m == pytest.approx(0, abs=1e-9)
 
 
-def test_ape_equals_evo_by_its_own_association() -> None:
-    truth = loop(2001)
+def as_evo(t: Trajectory) -> Any:
+    return evo_trajectory.PoseTrajectory3D(
+        poses_se3=list(t.transforms), timestamps=t.times_s(START_NS)
+    )
+
+
+def drifting(truth: Trajectory) -> Trajectory:
+    """Every fifth pose, with a random walk in position and heading."""
     rng = np.random.default_rng(5)
+    off = np.cumsum(rng.normal(0, 0.002, (len(truth), 6)), axis=0)
     bent = truth.transforms.copy()
-    bent[:, :3, 3] += np.cumsum(rng.normal(0, 0.002, (len(truth), 3)), axis=0)
-    estimate = Trajectory(bent[::5], truth.stamps_ns[::5], truth.sweeps[::5])
+    bent[:, :3, :3] = bent[:, :3, :3] @ Rotation.from_rotvec(off[:, 3:] / 10).as_matrix()
+    bent[:, :3, 3] += off[:, :3]
+    return Trajectory(bent[::5], truth.stamps_ns[::5], truth.sweeps[::5])
+
+
+def test_errors_equal_those_of_evo_by_its_own_association() -> None:
+    truth = loop(2001)
+    estimate = drifting(truth)
     scores = evaluation.evaluate(estimate, truth)
-
-    def as_evo(t: Trajectory) -> Any:
-        return evo_trajectory.PoseTrajectory3D(
-            poses_se3=list(t.transforms), timestamps=t.times_s(START_NS)
-        )
-
     reference, path = sync.associate_trajectories(as_evo(truth), as_evo(estimate), max_diff=0.001)
+    rpe = metrics.RPE(
+        metrics.PoseRelation.translation_part, 1.0, metrics.Unit.meters, pairs_from_reference=True
+    )
+    rpe.process_data((reference, path))
     path.align(reference, correct_scale=False)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, path))
-    assert scores.ate_rmse_m == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse))
+    for ours, evos in (
+        (scores.ate_rmse_m, ape.get_statistic(metrics.StatisticsType.rmse)),
+        (scores.ate_max_m, ape.get_statistic(metrics.StatisticsType.max)),
+        (scores.rpe_1m_m, rpe.get_statistic(metrics.StatisticsType.rmse)),
+    ):
+        assert ours == pytest.approx(evos, rel=1e-9)
+
+
+def test_steps_of_the_relative_error_are_those_of_evo_on_a_regular_grid() -> None:
+    # 0.1 m a pose: whether ten of them make a metre is a matter of rounding
+    truth = straight(1001, 0.1)
+    estimate = drifting(truth)
+    reference, path = sync.associate_trajectories(as_evo(truth), as_evo(estimate), max_diff=0.001)
+    rpe = metrics.RPE(
+        metrics.PoseRelation.translation_part, 1.0, metrics.Unit.meters, pairs_from_reference=True
+    )
+    rpe.process_data((reference, path))
+    assert evaluation.evaluate(estimate, truth).rpe_1m_m == pytest.approx(
+        rpe.get_statistic(metrics.StatisticsType.rmse), rel=1e-9
+    )
 
 
 def test_a_hole_in_the_reference_is_not_bridged() -> None:

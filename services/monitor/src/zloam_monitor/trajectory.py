@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from zloam_monitor import se3
 from zloam_monitor.files import written_whole
@@ -107,8 +106,9 @@ def interpolate(
     elif len(wanted):
         # differences of integers first: a double holds Unix nanoseconds only to a quarter of a us
         t_known, t = (known - known[0]) * 1e-9, (wanted - known[0]) * 1e-9
-        turn = Slerp(t_known, Rotation.from_matrix(truth.transforms[:, :3, :3]))
-        out[:, :3, :3] = turn(t).as_matrix()
+        at = np.clip(np.searchsorted(known, wanted, side="right"), 1, len(known) - 1)
+        part = (t - t_known[at - 1]) / (t_known[at] - t_known[at - 1])
+        out[:, :3, :3] = se3.slerp(truth.transforms[at - 1], truth.transforms[at], part)
         for axis in range(3):
             out[:, axis, 3] = np.interp(t, t_known, truth.positions[:, axis])
     return Trajectory(out, wanted), inside
