@@ -14,27 +14,42 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps tools venv build unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system arm64 fuzz fmt lint clean
+.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-deps: ## install what is missing from the distribution (prints the list first)
+# Light by default: a command installs and builds what it needs itself, and nothing for the others.
+deps: ## install what building and running needs from the distribution (prints the list first)
 	@$(STEP) "system packages" deploy/build/deps.sh
 
-tools: ## deps, and the tools for formatting, linting and fuzzing
+test-deps: # deps, and what unit tests, benchmarks and fuzzing need
+	@$(STEP) "system packages, for tests too" deploy/build/deps.sh --tests
+
+tools: ## deps, and the tools for testing, formatting, linting and fuzzing
 	@$(STEP) "system packages and tools" deploy/build/deps.sh --tools
 
 venv: deps
 	@$(STEP) "python packages" deploy/build/venv.sh
 
+test-venv: test-deps
+	@$(STEP) "python packages, for tests too" deploy/build/venv.sh --tests
+
+# A build folder that once had the tests keeps them.
 $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | deps
-	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET)
+	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF)
 
-build: deps $(BUILD)/build.ninja ## build everything (PRESET=release|debug|asan-ubsan|tsan)
-	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS)
+configure-tests: test-deps
+	@grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt || \
+	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON
 
-unit-tests: deps $(BUILD)/build.ninja # only the tests' programs
+build: deps $(BUILD)/build.ninja ## build the programs (PRESET=release|debug|asan-ubsan|tsan)
+	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs
+
+build-all: configure-tests ## build unit tests and benchmarks too
+	@$(STEP) "build $(PRESET) with tests" cmake --build $(BUILD) -j $(JOBS)
+
+unit-tests: configure-tests # only the tests' programs
 	@$(STEP) "build unit tests, $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target unit_tests
 
 # PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
@@ -53,11 +68,10 @@ run: build venv ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
 	@$(PY) -m zloam_monitor run --preset-dir $(BUILD) --config "$(or $(CONFIG),deploy/robots/vlp16-outdoor.yaml)" \
 	  $(foreach s,$(SET),--set "$(s)") $(if $(OUT),--out "$(OUT)")
 
-test: build venv ## unit and integration tests, layers, schemas
+test: build-all test-venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
 	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow" -n $(TEST_JOBS) --dist loadscope
-	@$(STEP) "system packages for fuzzing" deploy/build/deps.sh --tests
 	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
 	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
 
@@ -67,16 +81,16 @@ test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, ac
 	  $(STEP) "make $$part" $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
 	done; echo "test-full: of $(FULL) failed:$${failed:- none}"; [ -z "$$failed" ]
 
-slow-tests: build venv # the integration tests that make test leaves out
+slow-tests: build-all test-venv # the integration tests that make test leaves out
 	@$(STEP) "slow integration tests" $(PY) -m pytest -q -m slow
 
-system: build venv ## the deployment in containers; skipped with the reason where Docker is not there
+system: build-all test-venv ## the deployment in containers; skipped with the reason where Docker is not there
 	@$(STEP) "system tests" $(PY) -m pytest -q -m "not arm64" tests/system
 
-arm64: build venv ## the images for arm64, by cross compilers (minutes: Rust once more, for that processor)
+arm64: build-all test-venv ## the images for arm64, by cross compilers (minutes: Rust once more, for that processor)
 	@$(STEP) "arm64" $(PY) -m pytest -q -rs -m arm64 tests/system
 
-accept: build venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
+accept: build-all test-venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
 
 # ONLY=pattern over names; DATA=city-7,sim-*, RUNS=n: data sets and rounds of versus-*;
@@ -84,11 +98,11 @@ accept: build venv ## every acceptance line a program can judge: out/accept.md (
 BENCH_ARGS = --preset-dir $(BUILD) $(if $(DATA),--data "$(DATA)") $(if $(RUNS),--runs $(RUNS)) \
   $(if $(DRIVES),--drives $(DRIVES)) $(if $(SEED),--seed $(SEED))
 
-bench: build venv ## speed, as ratios in one run: out/bench (ONLY=pattern)
+bench: build-all test-venv ## speed, as ratios in one run: out/bench (ONLY=pattern)
 	@$(PY) -m tests.bench $(BENCH_ARGS) $(if $(ONLY),--only "$(ONLY)")
 
 bench-peers: DATA ?= all
-bench-peers: build venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
+bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
 	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
 
 reference: build venv ## deploy/robots: reference and comments from what the programs say
@@ -107,12 +121,12 @@ FUZZ_SECONDS ?= 60
 fuzz: tools ## libFuzzer on packets, position packets, NMEA and pcap (FUZZ_SECONDS= each)
 	@$(STEP) "fuzz" tests/fuzz/run.sh $(FUZZ_SECONDS)
 
-fmt: tools venv ## format C++, Rust and Python
+fmt: tools test-venv ## format C++, Rust and Python
 	@git ls-files '*.cpp' '*.hpp' | xargs clang-format -i
 	@cd services/common/zenoh/bridge && cargo fmt
 	@.venv/bin/ruff format -q . && .venv/bin/ruff check -q --fix .
 
-lint: tools build venv ## formatting, clang-tidy, ruff, types, layers, the ten largest functions and files
+lint: tools build-all test-venv ## formatting, clang-tidy, ruff, types, layers, the ten largest functions and files
 	@$(STEP) "format" deploy/build/lint.sh format
 	@$(STEP) "python" deploy/build/lint.sh python
 	@$(STEP) "layers and schemas" deploy/build/checks.sh

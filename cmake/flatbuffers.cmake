@@ -21,6 +21,7 @@ add_custom_command(
   COMMENT "flatc: C++ and Python from schemas/"
   VERBATIM)
 add_custom_target(zloam_schema_files ALL DEPENDS ${ZLOAM_SCHEMA_HEADERS})
+add_dependencies(programs zloam_schema_files)
 find_path(FLATBUFFERS_INCLUDE_DIR flatbuffers/flatbuffers.h REQUIRED)
 find_library(FLATBUFFERS_LIBRARY NAMES flatbuffers REQUIRED)
 add_library(zloam_schemas INTERFACE)

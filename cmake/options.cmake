@@ -9,6 +9,7 @@ endif()
 
 option(ZLOAM_WERROR "Warnings are errors" ON)
 option(ZLOAM_NATIVE "Optimise for this machine's CPU (-march=native): not portable, changes last bits" OFF)
+option(ZLOAM_TESTS "Unit tests and benchmarks, and GTest, Ceres and PCL for them" ON)
 option(ZLOAM_PEERS "Also what compares with PCL, in tests and benchmarks" ON)
 set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
 
@@ -47,11 +48,22 @@ set(ZLOAM_TEST_ENVIRONMENT UBSAN_OPTIONS=print_stacktrace=1)
 if(ZLOAM_SANITIZE MATCHES "thread")
   set(ZLOAM_TEST_ENVIRONMENT TSAN_OPTIONS=ignore_noninstrumented_modules=1:suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp)
 endif()
+# What a robot runs, without tests and benchmarks (make build).
+add_custom_target(programs)
 # All unit tests and what they need, without the programs (make sanitize).
 add_custom_target(unit_tests)
 
+# A program that runs on a robot, or beside one.
+function(zloam_program name)
+  add_executable(${name} ${ARGN})
+  add_dependencies(programs ${name})
+endfunction()
+
 # A unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)
 function(zloam_test)
+  if(NOT ZLOAM_TESTS)
+    return()
+  endif()
   cmake_parse_arguments(T "" "NAME" "SOURCES;LIBS" ${ARGN})
   add_executable(${T_NAME} ${T_SOURCES})
   target_link_libraries(${T_NAME} PRIVATE ${T_LIBS} GTest::gtest_main GTest::gmock)

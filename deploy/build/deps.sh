@@ -1,21 +1,25 @@
 #!/usr/bin/env bash
-# Installs what building and running needs from the distribution (Debian 12 or 13), and nothing that is
-# there already. Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
-#   deps.sh            build and run
-#   deps.sh --tests    also fuzzing
+# Installs what is needed from the distribution (Debian 12 or 13), and nothing that is there already.
+# Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
+#   deps.sh            build and run the programs
+#   deps.sh --tests    also unit tests, benchmarks and fuzzing
 #   deps.sh --tools    also formatting and linting
-# Where a Docker Engine answers, also what makes base images without a registry.
+# Where a Docker Engine answers, tests also need what makes base images without a registry.
+# The log of the installation is shown only if it fails.
 set -euo pipefail
+cd "$(dirname "$0")"
 
-packages=(build-essential cmake ninja-build ccache pkg-config git ca-certificates
-  libeigen3-dev libceres-dev libpcl-dev libflatbuffers-dev flatbuffers-compiler libyaml-cpp-dev
-  libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev libgtest-dev
-  libgmock-dev python3 python3-venv)
+packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libflatbuffers-dev flatbuffers-compiler
+  libyaml-cpp-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
+  python3 python3-venv)
+tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev)
 case "${1:-}" in
-  --tests) packages+=(clang libclang-rt-dev) ;;
-  --tools) packages+=(clang libclang-rt-dev clang-format clang-tidy) ;;
+  "") ;;
+  --tests) packages+=("${tests[@]}") ;;
+  --tools) packages+=("${tests[@]}" clang-format clang-tidy) ;;
+  *) echo "usage: deps.sh [--tests | --tools]" >&2; exit 2 ;;
 esac
-docker info >/dev/null 2>&1 && packages+=(mmdebstrap)
+[ -z "${1:-}" ] || ! docker info >/dev/null 2>&1 || packages+=(mmdebstrap)
 
 # Zenoh's crates need a recent compiler; one that is in PATH (rustup) is used as it is.
 rust_minimum=1.85
@@ -41,14 +45,12 @@ if [ ! -r /etc/debian_version ]; then
   exit 1
 fi
 echo "deps: to be installed from the distribution (as root, without recommended packages):"
-printf '  %s\n' "${missing[@]}"
+printf '%s\n' "${missing[*]}" | fold -s -w 100 | sed 's/^/  /'
 as_root=()
 if [ "$(id -u)" -ne 0 ]; then
   command -v sudo >/dev/null || { echo "deps: run as root, or install sudo" >&2; exit 1; }
   as_root=(sudo)
+  sudo -v
 fi
-# Slim images have no folder for manuals, without which Java, which PCL's VTK brings along, can't be set up.
-"${as_root[@]}" mkdir -p /usr/share/man/man1
-"${as_root[@]}" apt-get update -q
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}"
+./apt.sh "${as_root[@]}" -- "${missing[@]}"
 have_rust || { echo "deps: rustc >= $rust_minimum is needed and was not found after installation" >&2; exit 1; }

@@ -1,12 +1,25 @@
 #!/usr/bin/env bash
-# Makes ./.venv with the pinned Python packages; does nothing when it already has just these.
+# Makes ./.venv with the pinned Python packages; does nothing when it already has them.
+#   venv.sh            what the programs need to run
+#   venv.sh --tests    also what tests and lint need
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-requirements=services/monitor/requirements.txt
+run=services/monitor/requirements.txt
+tests=services/monitor/requirements-tests.txt
 stamp=.venv/requirements.sha256
-wanted=$(sha256sum "$requirements" | cut -d' ' -f1)
-[ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ] && exit 0
-echo "venv: installing Python packages into .venv"
+hash_of() { cat "$@" | sha256sum | cut -d' ' -f1; }
+has=$(cat "$stamp" 2>/dev/null || true)
+[ "$has" != "$(hash_of $run $tests)" ] || exit 0
+case "${1:-}" in
+  "")
+    [ "$has" != "$(hash_of $run)" ] || exit 0
+    wanted=$run made=$(hash_of $run)
+    ;;
+  --tests) wanted=$tests made=$(hash_of $run $tests) ;;
+  *) echo "usage: venv.sh [--tests]" >&2; exit 2 ;;
+esac
+echo "venv: installing $(cat $run "$wanted" | grep -E '^[^#-].*==' | sort -u | wc -l) Python packages into .venv"
 [ -x .venv/bin/python ] || python3 -m venv .venv
-.venv/bin/pip install --quiet --disable-pip-version-check -r "$requirements"
-echo "$wanted" > "$stamp"
+# Python compiles what is imported, a third of it, at its first start.
+.venv/bin/pip install --quiet --disable-pip-version-check --no-compile -r "$wanted"
+echo "$made" > "$stamp"

@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# apt.sh [sudo] -- PACKAGE...: installs packages with one progress line (on a terminal; elsewhere with one line
+# at the end); what apt said is shown only if it fails.
+set -euo pipefail
+as_root=()
+while [ "$1" != -- ]; do as_root+=("$1"); shift; done
+shift
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+
+# apt tells of itself as kind:package:percent:text.
+progress() {
+  local kind percent text shown=""
+  while IFS=: read -r kind _ percent text; do
+    [ -t 1 ] || continue
+    case $kind in
+      dlstatus) shown="downloading" ;;
+      pmstatus) shown="installing" ;;
+      *) continue ;;
+    esac
+    printf '\r\033[Kdeps: %s, %.0f %%: %.60s' "$shown" "$percent" "$text"
+  done
+  [ -z "$shown" ] || printf '\r\033[K'
+}
+
+apt() {
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o APT::Status-Fd=1 -o Dpkg::Use-Pty=0 "$@" 2>>"$log" |
+    tee -a "$log" | progress
+}
+
+fail() {
+  echo "deps: apt failed:" >&2
+  grep -vE '^(dl|pm)status:' "$log" | tail -n 30 >&2
+  exit 1
+}
+
+# Slim images have no folder for manuals, without which Java, which PCL's VTK brings along, can't be set up.
+"${as_root[@]}" mkdir -p /usr/share/man/man1
+apt update -q || fail
+apt install -y -q --no-install-recommends "$@" || fail
+echo "deps: $(grep -E '^(Need to get|After this operation)' "$log" | paste -sd ' ')"
