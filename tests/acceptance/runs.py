@@ -69,7 +69,12 @@ class Setting:
         return subprocess.run(
             [sys.executable, *map(str, arguments)],
             cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": paths, "ZLOAM_BUILD": str(self.build)},
+            env={
+                **os.environ,
+                "PYTHONPATH": paths,
+                "ZLOAM_BUILD": str(self.build),
+                "ZLOAM_FREE_PORTS": "1",
+            },
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

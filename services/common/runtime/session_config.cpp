@@ -8,15 +8,24 @@ namespace {
 
 std::string text(const std::vector<std::string>& list) { return nlohmann::json(list).dump(); }
 
+/// Where siblings that listen on this address are reached: "all interfaces" is no destination.
+std::string destination(const std::string& host) {
+  if (host == "0.0.0.0") return "127.0.0.1";
+  return host == "[::]" ? "[::1]" : host;
+}
+
 }  // namespace
 
 Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage) {
   Endpoints e;
   if (config.base_port > 0) {
     for (std::size_t i = 0; i < std::size(kStageOrder); ++i) {
-      const std::string endpoint =
-          "tcp/" + config.host + ":" + std::to_string(config.base_port + static_cast<int>(i));
-      (stage == kStageOrder[i] ? e.listen : e.connect).push_back(endpoint);
+      const std::string port = ":" + std::to_string(config.base_port + static_cast<int>(i));
+      if (stage == kStageOrder[i]) {
+        e.listen.push_back("tcp/" + config.host + port);
+      } else {
+        e.connect.push_back("tcp/" + destination(config.host) + port);
+      }
     }
   }
   if (!config.listen.empty()) {

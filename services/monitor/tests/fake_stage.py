@@ -72,6 +72,9 @@ class Fake:
         self.listener = self.session.declare_subscriber(self.keys.sweep, self.heard)
         self.positions, self.points = loop(), wall()
         below = self.keys.below
+        self.alive = self.session.liveliness().declare_token(
+            self.keys.below(f"service/{stage}/{stage}-1/alive")
+        )
         self.answers = [
             self.answer(below(f"service/{stage}/{stage}-1/status"), self.status),
             self.answer(below(f"service/{stage}/{stage}-1/config"), self.config),

@@ -124,4 +124,4 @@ def test_the_pipe_is_closed_with_the_process(tmp_path: Path) -> None:
 
 def test_a_link_that_cannot_be_opened_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["watch", "--connect", "nonsense", "--seconds", "0.1"]) == 1
-    assert "no link to the stages" in capsys.readouterr().err
+    assert "nothing answers at tcp/nonsense:7464 (" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The five stages on this machine: peer to peer on free ports, without a router."""
+"""The five stages on this machine: peer to peer, without a router."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Self
 
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link, open_session
-from zloam_monitor.processes import PORT_ORDER, Processes, free_base_port
+from zloam_monitor.ports import Ports
+from zloam_monitor.processes import Processes, free_base_port, free_port
 from zloam_monitor.records import StatusRecord
 
 #: consumers first, so that the first sweep finds its readers
@@ -48,9 +49,12 @@ class Chain:
         logs: Path,
         sensor: str = "lidar",
         set_at: Sequence[str] = (),
+        ports: Ports | None = None,
     ) -> None:
+        """Without `ports` the stages listen on free ones of this machine."""
         self.processes = Processes()
-        self.base_port = free_base_port()
+        self.ports = ports or Ports(free_base_port())
+        self._own_port = free_port()
         self.exit_codes: dict[str, int] = {}
         #: as stop() found it
         self.pss_mib: dict[str, float] = {}
@@ -62,15 +66,19 @@ class Chain:
         self._logs = logs
         self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))
 
+    @property
+    def base_port(self) -> int:
+        return self.ports.base
+
     def _own_endpoint(self) -> str:
         """The stages find this process when they start, so that it misses none of a run."""
-        return f"tcp/127.0.0.1:{self.base_port + len(PORT_ORDER)}"
+        return f"tcp/127.0.0.1:{self._own_port}"
 
     def _command(
         self, program: Path, config: Path, settings: Sequence[str], set_at: Sequence[str]
     ) -> list[str]:
         command = [str(program), "--config", str(config)]
-        own = (f"zenoh.base_port={self.base_port}", f"zenoh.connect=[{self._own_endpoint()}]")
+        own = (*self.ports.settings(), f"zenoh.connect=[{self._own_endpoint()}]")
         for setting in (*settings, *own):
             command += ["--set", setting]
         for change in set_at:

@@ -10,10 +10,12 @@ from pathlib import Path
 
 from zloam_monitor import (
     demo,
+    discovery,
     ending,
     evaluation,
     follow,
     live,
+    ports,
     report,
     robot_files,
     se3,
@@ -31,9 +33,6 @@ from zloam_monitor.robot_file import RobotFileError, names
 from zloam_monitor.sources import Source, SourceError
 from zloam_monitor.trajectory import TrajectoryError
 
-#: integration at the default ports
-ANY_STAGE = "tcp/127.0.0.1:7464"
-
 #: a file could not be read or written, as with the stages
 FILE_MISSING = 3
 
@@ -42,6 +41,7 @@ EXPECTED = (
     BinariesMissing,
     ChainError,
     LinkError,
+    discovery.NothingAnswers,
     RobotFileError,
     SchemasMissing,
     SourceError,
@@ -66,6 +66,23 @@ def _chain_options(parser: argparse.ArgumentParser, out: str) -> None:
         help="single value of the configuration; may be repeated",
     )
     parser.add_argument("--out", type=Path, default=Path(out), help="default: %(default)s")
+    parser.add_argument(
+        "--listen",
+        metavar="ADDRESS",
+        help=f"where the stages listen: {ports.ANY_HOST} for other machines "
+        "(default: zenoh.host, this machine only)",
+    )
+
+
+def _robot_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--robot", help="its name (default: the only one that answers)")
+    parser.add_argument(
+        "--connect",
+        nargs="+",
+        default=[],
+        metavar="ENDPOINT",
+        help="e.g. tcp/192.168.1.5:7464 (default: robots of this machine)",
+    )
 
 
 def _demo_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -151,6 +168,7 @@ def _demo(args: argparse.Namespace) -> int:
         settings=args.settings,
         truth=source.truth if args.truth is None else args.truth,
         set_at=args.set_at,
+        ports=ports.configured(robot, args.listen),
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -169,6 +187,7 @@ def _run(args: argparse.Namespace) -> int:
             sensor=robot.sensor,
             settings=args.settings,
             seconds=args.seconds,
+            ports=ports.configured(robot, args.listen),
         )
     )
     print(report.table(found))
@@ -177,22 +196,71 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _watch(args: argparse.Namespace) -> int:
-    return watch.watch(Keys(args.robot), args.connect, args.seconds, args.every)
+    with discovery.linked(args.robot, args.connect) as link:
+        return watch.watch(link, args.seconds, args.every)
+
+
+def _status(args: argparse.Namespace) -> int:
+    with discovery.linked(args.robot, args.connect) as link:
+        return watch.look(link)
+
+
+def _robots(args: argparse.Namespace) -> int:
+    found = discovery.robots(args.connect)
+    if not found:
+        discovery.choose(None, args.connect)
+    print("\n".join(map(str, found)))
+    return 0
 
 
 def _set(args: argparse.Namespace) -> int:
-    return settings.set_values(Keys(args.robot), args.connect, args.stage, args.values)
+    values = settings.pairs(args.values)
+    with discovery.linked(args.robot, args.connect) as link:
+        return settings.set_values(link, args.stage, values)
+
+
+def _get(args: argparse.Namespace) -> int:
+    with discovery.linked(args.robot, args.connect) as link:
+        return settings.show(link, args.stage, args.key)
+
+
+def _save(args: argparse.Namespace) -> int:
+    with discovery.linked(args.robot, args.connect) as link:
+        return settings.save(link, args.folder)
+
+
+def _reset(args: argparse.Namespace) -> int:
+    with discovery.linked(args.robot, args.connect) as link:
+        return settings.reset(link, args.stages or ("odometry", "mapping"))
 
 
 def _set_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser("set", help="change a stage's configuration while it runs")
     parser.add_argument("stage")
     parser.add_argument("values", nargs="+", metavar="KEY=VALUE")
-    parser.add_argument("--robot", default="robot")
-    parser.add_argument(
-        "--connect", nargs="+", default=[ANY_STAGE], metavar="ENDPOINT", help="default: %(default)s"
-    )
+    _robot_options(parser)
     parser.set_defaults(run=_set)
+    parser = commands.add_parser("get", help="the configuration in force")
+    parser.add_argument("stage", nargs="?")
+    parser.add_argument("key", nargs="?", help="a key, or what several begin with")
+    _robot_options(parser)
+    parser.set_defaults(run=_get)
+    parser = commands.add_parser("save", help="map and trajectory, while the stages go on")
+    parser.add_argument("folder", nargs="?", type=Path, help="default: where they are configured")
+    _robot_options(parser)
+    parser.set_defaults(run=_save)
+    parser = commands.add_parser("reset", help="empty the map; the trajectory goes on")
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help="default: odometry mapping")
+    _robot_options(parser)
+    parser.set_defaults(run=_reset)
+    parser = commands.add_parser(
+        "robots", help="robots that answer on this machine, or at endpoints"
+    )
+    parser.add_argument("--connect", nargs="+", default=[], metavar="ENDPOINT")
+    parser.set_defaults(run=_robots)
+    parser = commands.add_parser("status", help="one look; exit code 1 when a stage is missing")
+    _robot_options(parser)
+    parser.set_defaults(run=_status)
 
 
 def _follow(args: argparse.Namespace) -> int:
@@ -251,8 +319,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
     run.set_defaults(run=_run)
     look = commands.add_parser("watch", help="statuses and pose of a robot, as any third party")
-    look.add_argument("--robot", default="robot")
-    look.add_argument("--connect", nargs="+", default=[ANY_STAGE], metavar="ENDPOINT")
+    _robot_options(look)
     look.add_argument("--seconds", type=float)
     look.add_argument("--every", type=float, default=2.0, help="s between two looks")
     look.set_defaults(run=_watch)
@@ -288,6 +355,9 @@ def main(arguments: list[str] | None = None) -> int:
     except StageDied as died:
         print(f"\n{died}", file=sys.stderr)
         return died.code if died.code in (2, 3) else 1
+    except ports.PortTaken as error:
+        print(f"\n{error}", file=sys.stderr)
+        return FILE_MISSING
     except EXPECTED as error:
         print(f"\n{error}", file=sys.stderr)
         return 1

@@ -9,6 +9,7 @@ from typing import Any
 
 from zloam_monitor import outputs, report
 from zloam_monitor.chain import Chain, ChainError
+from zloam_monitor.ports import Ports
 from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
@@ -36,6 +37,8 @@ class DemoOptions:
     picture: bool = True
     #: SWEEP:KEY=VALUE, in force from that sweep on
     set_at: list[str] = field(default_factory=list)
+    #: None: any free ones
+    ports: Ports | None = None
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -97,9 +100,11 @@ def run(options: DemoOptions) -> dict[str, Any]:
         files.logs,
         options.sensor,
         options.set_at,
+        options.ports,
     )
     with chain:
         chain.wait_ready()
+        print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
         try:
             wall_s = _follow(chain, options.source, line)

@@ -11,6 +11,7 @@ from typing import Any
 from zloam_monitor import ending, outputs
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import Link
+from zloam_monitor.ports import Ports
 from zloam_monitor.report import Run
 from zloam_monitor.supervision import Supervisor
 from zloam_monitor.terminal import ProgressLine
@@ -36,6 +37,8 @@ class LiveOptions:
     settings: list[str] = field(default_factory=list)
     #: ends by itself after so long; None: at Ctrl-C
     seconds: float | None = None
+    #: None: any free ones
+    ports: Ports | None = None
 
 
 class Diagnosis:
@@ -134,9 +137,11 @@ def run(options: LiveOptions) -> dict[str, Any]:
         settings,
         outputs.Files(options.out).logs,
         options.sensor,
+        ports=options.ports,
     )
     with chain:
         chain.wait_ready()
+        print(chain.ports.announcement(options.robot), flush=True)
         interrupt = _Interrupt()
         with ending.handled(interrupt.ask, ending_signals()):
             wall_s = _watch(chain, options, interrupt)

@@ -39,22 +39,30 @@ def describe_code(code: int) -> str:
     return f"exit code {code} ({EXIT_CODES.get(code, 'unknown')})"
 
 
-def free_base_port(count: int = len(PORT_ORDER) + 1) -> int:
+def free_base_port(count: int = len(PORT_ORDER)) -> int:
     """A port from which `count` ports in a row are free on the loopback interface."""
     start = 20_000 + (os.getpid() * 61) % 9_000
     base: int
     for base in itertools.chain(range(start, 32_000, count), range(20_000, start, count)):
-        if all(_is_free(base + i) for i in range(count)):
+        if all(is_free(base + i) for i in range(count)):
             return base
     raise RuntimeError("no free ports on 127.0.0.1")
 
 
-def _is_free(port: int) -> bool:
+def free_port() -> int:
+    """One port that is free on the loopback interface."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def is_free(port: int, host: str = "127.0.0.1") -> bool:
+    """Whether a program could listen there."""
     with socket.socket() as probe:
         # as a listener would: a port in TIME_WAIT is usable
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind(("127.0.0.1", port))
+            probe.bind((host, port))
         except OSError:
             return False
         return True

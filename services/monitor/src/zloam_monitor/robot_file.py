@@ -15,11 +15,12 @@ class RobotFileError(RuntimeError):
 
 @dataclass(frozen=True)
 class RobotNames:
-    """Names below which the keys lie, and the first port."""
+    """Names below which the keys lie, and where the stages listen."""
 
     robot: str = "robot"
     sensor: str = "lidar"
     base_port: int = 7460
+    host: str = "127.0.0.1"
 
 
 def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
@@ -51,6 +52,7 @@ def names(path: Path, settings: list[str]) -> RobotNames:
             robot=str(_value(tree, settings, "robot", plain.robot)),
             sensor=str(_value(tree, settings, "sensor.name", plain.sensor)),
             base_port=int(port),
+            host=str(_value(tree, settings, "zenoh.host", plain.host)),
         )
     except ValueError as error:
         raise RobotFileError(f"{path}: zenoh.base_port {port!r} is no number") from error

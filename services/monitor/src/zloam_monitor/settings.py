@@ -1,17 +1,18 @@
-"""`set`: changes a running stage's configuration (protocols.md, section 13), as an operator."""
+"""Commands to running stages: `set` changes a configuration (protocols.md, section 13), `save`
+writes files, `reset` empties the map."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from pathlib import Path
 
 from zloam_monitor.chain import ChainError
-from zloam_monitor.keys import Keys
-from zloam_monitor.link import Link, open_session
+from zloam_monitor.link import Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
 
 #: a link takes a moment to come up; then an instance that is there answers at once
-PATIENCE_SECONDS = 5.0
+PATIENCE_SECONDS = 2.0
 
 
 def pairs(texts: Iterable[str]) -> dict[str, str]:
@@ -25,28 +26,64 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def change(link: Link, stage: str, values: dict[str, str]) -> ReplyRecord:
+def commanded(link: Link, stage: str, verb: str, arguments: dict[str, str]) -> ReplyRecord:
     """The stage's answer; raises when there is none."""
     deadline = time.monotonic() + PATIENCE_SECONDS
-    while (reply := link.command(stage, "set", dict(values))) is None:
+    while (reply := link.command(stage, verb, dict(arguments))) is None:
         if time.monotonic() > deadline:
-            raise ChainError(f"set: no instance of {stage} answered")
+            raise ChainError(f"{verb}: no instance of {stage} answered")
         time.sleep(0.1)
     return reply
 
 
-def set_values(keys: Keys, endpoints: list[str], stage: str, texts: Sequence[str]) -> int:
+def change(link: Link, stage: str, values: dict[str, str]) -> ReplyRecord:
+    """The stage's answer to `set`; raises when there is none."""
+    return commanded(link, stage, "set", values)
+
+
+def set_values(link: Link, stage: str, values: dict[str, str]) -> int:
     """Prints what the stage said; 0 when it accepted."""
-    values = pairs(texts)
-    session = open_session(endpoints)
-    link = Link(session, keys)
-    try:
-        reply = change(link, stage, values)
-    finally:
-        link.close()
-        session.close()
+    reply = change(link, stage, values)
     print(reply.message)
     return 0 if reply.ok else 1
+
+
+def save(link: Link, folder: Path | None) -> int:
+    """Map and trajectories, into a folder or where the stages' configuration says."""
+    targets = {"mapping": "map.pcd", "integration": ""}
+    codes = []
+    for stage, name in targets.items():
+        path = {} if folder is None else {"path": str(folder.resolve() / name)}
+        reply = commanded(link, stage, "save", path)
+        print(f"{stage}: {reply.message}")
+        codes.append(0 if reply.ok else 1)
+    return max(codes)
+
+
+def reset(link: Link, stages: Iterable[str]) -> int:
+    """Empties what the stages have gathered."""
+    codes = []
+    for stage in stages:
+        reply = commanded(link, stage, "reset", {})
+        print(f"{stage}: {reply.message}")
+        codes.append(0 if reply.ok else 1)
+    return max(codes)
+
+
+def show(link: Link, stage: str | None, key: str | None) -> int:
+    """The values in force."""
+    configs = link.query_configs()
+    if stage is not None and stage not in configs:
+        raise ChainError(f"get: {stage} does not answer; {', '.join(sorted(configs))} do")
+    shown = 0
+    for name, values in sorted(configs.items()):
+        for each, value in sorted(values.items()):
+            if stage in (None, name) and (key is None or each == key or each.startswith(f"{key}.")):
+                print(f"{name} {each}={_text(value)}")
+                shown += 1
+    if not shown:
+        raise ChainError(f"get: no key {key}; without a key all are listed")
+    return 0
 
 
 def _text(value: object) -> str:

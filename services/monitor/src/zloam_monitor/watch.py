@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
-from zloam_monitor.keys import STAGES, Keys
-from zloam_monitor.link import Link, open_session
+from zloam_monitor.keys import STAGES
+from zloam_monitor.link import Link
 from zloam_monitor.live import state_line
 from zloam_monitor.records import StatusRecord
 
@@ -47,22 +47,34 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
         yield f"{link.garbage} messages could not be read"
 
 
-def watch(keys: Keys, endpoints: list[str], seconds: float | None, every_s: float) -> int:
-    """Prints a look every so often; exit code 1 when nothing at all was heard."""
-    session = open_session(endpoints)
-    link = Link(session, keys)
-    began = shown = time.monotonic()
+def look(link: Link) -> int:
+    """One look; exit code 1 when a stage has failed or says nothing."""
+    link.query_statuses()
+    link.poll()
+    now = time.monotonic()
+    print("\n".join(view(link, now, now)), flush=True)
+    found = link.newest_statuses()
+    return (
+        0
+        if len(found) == len(STAGES) and not any(s.health == "failed" for s in found.values())
+        else 1
+    )
+
+
+def watch(link: Link, seconds: float | None, every_s: float) -> int:
+    """Prints a look at once and then every so often; exit code 1 when nothing at all was heard."""
+    link.query_statuses()
+    link.poll()
+    began = time.monotonic()
+    shown = began - every_s
     try:
         while seconds is None or time.monotonic() - began < seconds:
-            link.poll(0.2)
             now = time.monotonic()
             if now - shown >= every_s:
                 shown = now
                 print("\n".join(view(link, began, now)), flush=True)
                 print(flush=True)
+            link.poll(0.2)
     except KeyboardInterrupt:
         pass
-    finally:
-        link.close()
-        session.close()
     return 0 if link.statuses or link.poses else 1

@@ -1,0 +1,93 @@
+"""Robots are found without being told where, and nothing is answered by what to check."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from zloam_monitor import cli, discovery, ports
+from zloam_monitor.discovery import NothingAnswers, endpoint_of
+from zloam_monitor.processes import endpoints, free_base_port, free_port
+from zloam_monitor.robot_file import RobotNames
+
+
+@pytest.mark.parametrize(
+    ("text", "endpoint"),
+    [
+        ("tcp/10.0.0.5:7464", "tcp/10.0.0.5:7464"),
+        ("tls/robot:7448", "tls/robot:7448"),
+        ("tcp/[::1]:7464", "tcp/[::1]:7464"),
+        ("robot", "tcp/robot:7464"),
+        ("10.0.0.5:7500", "tcp/10.0.0.5:7500"),
+        ("[::1]", "tcp/[::1]:7464"),
+    ],
+)
+def test_endpoints_as_people_write_them(text: str, endpoint: str) -> None:
+    assert endpoint_of(text) == endpoint
+
+
+@pytest.mark.parametrize(
+    "text", ["", "tcp/", "tcp/host", "tcp://host:7464", "host:0", "tcp/h:99999", "a b", "::1:7464"]
+)
+def test_what_is_no_endpoint_is_said_without_a_trace(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command in (["watch"], ["status"], ["set", "odometry", "a=1"], ["save"], ["robots"]):
+        assert cli.main([*command, "--connect", text]) == 1
+        assert f"'{text}' is no endpoint" in capsys.readouterr().err
+
+
+@pytest.fixture
+def deaf() -> Iterator[int]:
+    """A port that takes connections and says nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+@pytest.mark.parametrize("command", [["watch"], ["status"], ["get"], ["robots"], ["reset"]])
+def test_nobody_there_is_one_helpful_line(
+    command: list[str], deaf: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*command, "--connect", f"127.0.0.1:{free_port()}"]) == 1
+    said = capsys.readouterr().err
+    assert "(Connection refused): check that stages run there" in said
+    assert cli.main([*command, "--connect", f"127.0.0.1:{deaf}"]) == 1
+    said = capsys.readouterr().err
+    assert f"nothing of a robot answers at tcp/127.0.0.1:{deaf}" in said
+
+
+def test_a_taken_port_is_refused_with_its_number() -> None:
+    base = free_base_port()
+    assert ports.configured(RobotNames(base_port=base)).base == base
+    refused = pytest.raises(ports.PortTaken, match=f"mapping can't listen on .*:{base + 3}; ")
+    with socket.create_server(("127.0.0.1", base + 3)), refused:
+        ports.configured(RobotNames(base_port=base))
+
+
+def test_what_is_open_to_the_network_says_so() -> None:
+    inside = ports.Ports(7460)
+    assert inside.announcement("car") == "robot car listens on tcp/127.0.0.1:7464"
+    outside = ports.Ports(7460, "0.0.0.0").announcement("car")
+    assert "open to the network: whoever reaches ports 7460 to 7464" in outside
+
+
+def test_the_environment_names_endpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ZLOAM_CONNECT", "tcp/router:7447, robot")
+    assert discovery.candidates() == ["tcp/router:7447", "tcp/robot:7464"]
+
+
+def test_without_endpoints_this_machine_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZLOAM_CONNECT", raising=False)
+    assert discovery.candidates()[:2] == ["tcp/127.0.0.1:7464", "tcp/127.0.0.1:7447"]
+
+
+def test_another_robot_than_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = [discovery.Found(name, endpoints(7460)[4], (("odometry", name),)) for name in "ab"]
+    monkeypatch.setattr(discovery, "robots", lambda _: heard)
+    assert discovery.choose("b") == heard[1]
+    with pytest.raises(NothingAnswers, match="robot c does not answer; these do:\n  robot a at"):
+        discovery.choose("c")
+    with pytest.raises(NothingAnswers, match="say which by --robot"):
+        discovery.choose(None)
