@@ -43,7 +43,7 @@ configure-tests: test-deps
 	@grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt || \
 	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON
 
-build: deps $(BUILD)/build.ninja ## build the programs (PRESET=release|debug|asan-ubsan|tsan)
+build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs
 
 build-all: configure-tests ## build unit tests and benchmarks too
@@ -54,19 +54,20 @@ unit-tests: configure-tests # only the tests' programs
 
 # PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
-# CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor.
+# CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
+# LISTEN=0.0.0.0 lets other machines connect (demo and run).
 DEMO_ARGS = $(if $(PCAP),--pcap "$(PCAP)") $(if $(BIN),--bin "$(BIN)") $(if $(KITTI),--kitti "$(KITTI)") \
   $(if $(SCANS),--scans "$(SCANS)") $(if $(IMU),--imu "$(IMU)") \
-  $(if $(TRUTH),--truth $(TRUTH)) $(if $(CONFIG),--config "$(CONFIG)") \
-  $(if $(RATE),--rate $(RATE)) $(if $(OUT),--out "$(OUT)") $(foreach s,$(SET),--set "$(s)") \
+  $(foreach t,$(TRUTH),--truth "$(t)") $(if $(CONFIG),--config "$(CONFIG)") \
+  $(if $(RATE),--rate $(RATE)) $(if $(OUT),--out "$(OUT)") $(if $(LISTEN),--listen "$(LISTEN)") $(foreach s,$(SET),--set "$(s)") \
   $(foreach s,$(SET_AT),--set-at "$(s)")
 
-demo: build venv ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
-	@$(PY) -m zloam_monitor demo --preset-dir $(BUILD) $(DEMO_ARGS)
+demo: build ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
+	@bin/zloam demo $(DEMO_ARGS)
 
-run: build venv ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
-	@$(PY) -m zloam_monitor run --preset-dir $(BUILD) --config "$(or $(CONFIG),deploy/robots/vlp16-outdoor.yaml)" \
-	  $(foreach s,$(SET),--set "$(s)") $(if $(OUT),--out "$(OUT)")
+run: build ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
+	@bin/zloam run $(if $(CONFIG),--config "$(CONFIG)") \
+	  $(foreach s,$(SET),--set "$(s)") $(if $(OUT),--out "$(OUT)") $(if $(LISTEN),--listen "$(LISTEN)")
 
 test: build-all test-venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
@@ -105,8 +106,8 @@ bench-peers: DATA ?= all
 bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
 	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
 
-reference: build venv ## deploy/robots: reference and comments from what the programs say
-	@$(PY) -m zloam_monitor robot-files --preset-dir $(BUILD)
+reference: build ## deploy/robots: reference and comments from what the programs say
+	@bin/zloam robot-files
 
 # What has threads of its own.
 THREADED := zenoh_test runtime_unit_test runtime_stage_test runtime_program_test simulator_zenoh_test

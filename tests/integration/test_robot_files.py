@@ -30,4 +30,4 @@ def test_every_stage_accepts_it(build: Path, path: Path) -> None:
 
 def test_comments_are_up_to_date(build: Path) -> None:
     stale = robot_files.refresh(build, ROBOTS, check=True)
-    assert not stale, "run: python -m zloam_monitor robot-files"
+    assert not stale, "run: make reference"

@@ -21,9 +21,7 @@ constexpr const char* kFooter =
     "Configuration: YAML sections robot, sensor, mounting, zenoh, log, flow, recovery and the "
     "stage's "
     "own; --describe-config lists every key with unit, range, default and meaning.\n"
-    "Environment: ZLOAM_FAULT_DROP_EVERY=<k> throws every k-th received message of each input away "
-    "(to test recovery), ZLOAM_FAULT_CLOCK_AHEAD_MS=<ms> makes it stand for another host with such "
-    "a clock; RUST_LOG sets Zenoh's own log.\n"
+    "Environment: RUST_LOG sets Zenoh's own log.\n"
     "Exit codes: 0 ended as asked; 2 wrong command line or configuration; 3 a file can't be read "
     "or "
     "written, or a port is taken; 1 anything else.";

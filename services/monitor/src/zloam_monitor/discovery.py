@@ -7,7 +7,6 @@ its own: one session linked to two robots would introduce their stages to each o
 
 from __future__ import annotations
 
-import os
 import re
 import socket
 import threading
@@ -24,8 +23,6 @@ from zloam_monitor.link import Link, LinkError, open_session
 HOST = "127.0.0.1"
 #: of integration, and of the router in docker-compose.yml
 DEFAULT_PORTS = (7464, 7447)
-#: endpoints, with blanks or commas between them, that hold when none is named
-CONNECT_VARIABLE = "ZLOAM_CONNECT"
 #: an answer of a program on this machine takes milliseconds; a link over a network some hundred
 CONNECT_SECONDS = 0.7
 ANSWER_SECONDS = 2.0
@@ -124,9 +121,6 @@ def listeners() -> dict[int, tuple[int, str]]:
 
 def candidates() -> list[str]:
     """Where a robot may answer; one whose ports are others' is found by its integration first."""
-    named = os.environ.get(CONNECT_VARIABLE, "").replace(",", " ").split()
-    if named:
-        return [endpoint_of(each) for each in named]
     own = sorted(listeners().items(), key=lambda each: not each[1][1].startswith("zloam-integ"))
     ports = dict.fromkeys([*DEFAULT_PORTS, *(port for port, _ in own)])
     return [f"tcp/{HOST}:{port}" for port in ports]
@@ -238,17 +232,23 @@ def _nobody(endpoints: Sequence[str]) -> str:
 
 def choose(robot: str | None, endpoints: Sequence[str] = ()) -> Found:
     """The one robot that is meant; raises NothingAnswers."""
-    wanted = [endpoint_of(each) for each in endpoints]
-    found = robots(wanted)
+    found = present(endpoints)
     meant = [each for each in found if robot in (None, each.robot)]
     if len(meant) == 1:
         return meant[0]
-    if not found:
-        raise NothingAnswers(_nobody(wanted or candidates()))
     listed = "\n".join(f"  {each}" for each in found)
     if not meant:
         raise NothingAnswers(f"robot {robot} does not answer; these do:\n{listed}")
     raise NothingAnswers(f"several robots answer; say which by --robot or --connect:\n{listed}")
+
+
+def present(endpoints: Sequence[str] = ()) -> list[Found]:
+    """All that are found; raises NothingAnswers."""
+    wanted = [endpoint_of(each) for each in endpoints]
+    found = robots(wanted)
+    if not found:
+        raise NothingAnswers(_nobody(wanted or candidates()))
+    return found
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from zloam_monitor.ports import Ports
 from zloam_monitor.report import Run
 from zloam_monitor.supervision import Supervisor
 from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.watch import state_line
 
 #: so long without a sweep is said
 QUIET_SECONDS = 3.0
@@ -65,17 +66,6 @@ class Diagnosis:
             what = "no packets" if self._sweeps == 0 else "no more sweeps"
             reasons.insert(0, f"{what} on UDP {self._port} for {quiet:.0f} s: {NO_PACKETS_HELP}")
         return "; ".join(reasons)
-
-
-def state_line(link: Link, began: float, now: float) -> str:
-    """Where the robot is, and how the chain keeps up."""
-    if not link.poses:
-        return "no pose yet"
-    newest = link.poses[max(link.poses)]
-    x, y, z = newest.translation
-    rate = len(link.poses) / max(now - began, 1e-9)
-    marks = ", degenerate" if newest.degenerate else ""
-    return f"sweep {newest.sweep}, {rate:.1f} poses/s, at {x:.2f} {y:.2f} {z:.2f} m{marks}"
 
 
 class _Interrupt:

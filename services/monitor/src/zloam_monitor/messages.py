@@ -17,6 +17,8 @@ import flatbuffers
 import numpy as np
 from numpy.typing import NDArray
 
+from zloam_monitor import places
+
 VEC3 = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
 QUAT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("w", "<f8")])
 POSE = np.dtype([("translation", VEC3), ("rotation", QUAT)])
@@ -102,7 +104,10 @@ def _candidates() -> Iterator[Path]:
         yield Path(named)
     if build := os.environ.get("ZLOAM_BUILD"):
         yield Path(build) / "generated" / "python"
-    root = Path(__file__).resolve().parents[4]
+    root = places.checkout()
+    if root is None:
+        yield places.BUNDLED / "python"
+        return
     for preset in ("release", "debug", "asan-ubsan"):
         yield root / "build" / preset / "generated" / "python"
 

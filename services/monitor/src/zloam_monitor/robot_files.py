@@ -24,8 +24,7 @@ HEAD = (
     "Above each key: [unit; what is allowed; default] meaning. A key behind # has its default; a"
     ' key that is set says why after "Here:". An unknown key, a wrong type or a value out of range'
     " is refused with file and line. --set key=value overrides one value. What is `live` may change"
-    " while running (`python -m zloam_monitor set`). The comments are made by"
-    " `python -m zloam_monitor robot-files`."
+    " while running (`zloam set`). The comments are made by `make reference`."
 )
 #: order of the sections, and what each is about
 SECTIONS = {
@@ -173,8 +172,8 @@ def render(robot: RobotFile, said: dict[str, dict[str, Any]]) -> str:
 
 def reference(said: dict[str, dict[str, Any]]) -> str:
     """All keys as Markdown tables."""
-    lines = ["# Configuration reference", "", "Made by `python -m zloam_monitor robot-files`."]
-    lines += ["Live: may change while running, `python -m zloam_monitor set STAGE key=value`.", ""]
+    lines = ["# Configuration reference", "", "Made by `make reference`."]
+    lines += ["Live: may change while running, `zloam set STAGE key=value`.", ""]
     for name, about in SECTIONS.items():
         keys = [k for k in said if (k.split(".")[0] if "." in k else "") == name]
         if not keys:

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from zloam_monitor import places
 from zloam_monitor.processes import describe_code
 
-ROBOTS = Path("deploy/robots")
+ROBOTS = places.robots()
 #: in place of a file of inertial readings: the simulator's own
 SIMULATED_IMU = "simulated"
 

@@ -7,11 +7,21 @@ from collections.abc import Iterator
 
 from zloam_monitor.keys import STAGES
 from zloam_monitor.link import Link
-from zloam_monitor.live import state_line
 from zloam_monitor.records import StatusRecord
 
 #: stages say how they are once a second: more than a few of these lost is no chance
 STALE_SECONDS = 5.0
+
+
+def state_line(link: Link, began: float, now: float) -> str:
+    """Where the robot is, and how the chain keeps up."""
+    if not link.poses:
+        return "no pose yet"
+    newest = link.poses[max(link.poses)]
+    x, y, z = newest.translation
+    rate = len(link.poses) / max(now - began, 1e-9)
+    marks = ", degenerate" if newest.degenerate else ""
+    return f"sweep {newest.sweep}, {rate:.1f} poses/s, at {x:.2f} {y:.2f} {z:.2f} m{marks}"
 
 
 def _stage_line(status: StatusRecord, silent_s: float) -> str:

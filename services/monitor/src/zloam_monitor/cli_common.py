@@ -1,0 +1,148 @@
+"""What all commands share: options, and how a failure is told."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec
+
+import typer
+
+from zloam_monitor import ending, places
+
+#: the headings under which `zloam --help` lists the commands
+RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Robots that run", "Files", "Programs (each has a --help)"
+P = ParamSpec("P")
+#: a file could not be read or written, as with the stages
+FILE_MISSING = 3
+
+
+def said(error: object) -> None:
+    print(f"\n{error}", file=sys.stderr)
+
+
+def _failed(error: BaseException) -> int | None:
+    """The exit code of a failure that its text explains; None: a fault of this program."""
+    from zloam_monitor.chain import BinariesMissing, ChainError
+    from zloam_monitor.discovery import NothingAnswers
+    from zloam_monitor.link import LinkError
+    from zloam_monitor.messages import SchemasMissing
+    from zloam_monitor.ports import PortTaken
+    from zloam_monitor.pose_rows import TrajectoryError
+    from zloam_monitor.processes import StageDied
+    from zloam_monitor.robot_file import RobotFileError
+    from zloam_monitor.sources import SourceError
+
+    if isinstance(error, StageDied):
+        return error.code if error.code in (2, FILE_MISSING) else 1
+    if isinstance(error, PortTaken):
+        return FILE_MISSING
+    expected = (BinariesMissing, ChainError, LinkError, NothingAnswers, RobotFileError)
+    if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
+        return 1
+    return None
+
+
+def command(run: Callable[P, int]) -> Callable[P, None]:
+    """Ends with the command's exit code; what a user can mend is told without a trace."""
+
+    @functools.wraps(run)
+    def ended(*args: P.args, **kwargs: P.kwargs) -> None:
+        raise typer.Exit(_code(lambda: run(*args, **kwargs)))
+
+    return ended
+
+
+def _code(run: Callable[[], int]) -> int:
+    try:
+        with ending.handled(ending.raised):
+            return run()
+    except ending.EndAsked as asked:
+        said(f"ended by {asked}")
+        return ending.SIGNAL_CODE + asked.number
+    except KeyboardInterrupt:
+        said("interrupted")
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        said(f"cannot be read or written: {error}")
+        return FILE_MISSING
+    except Exception as error:
+        code = _failed(error)
+        if code is None:
+            raise
+        said(error)
+        return code
+
+
+def examples(*lines: str) -> str:
+    """For the end of a help text."""
+    return "Examples:\n\n" + "\n\n".join(f"  {line}" for line in lines)
+
+
+def split(values: list[str] | None) -> list[str]:
+    """Of an option that may be repeated, with commas too."""
+    return [each for value in values or [] for each in value.replace(",", " ").split() or [value]]
+
+
+def robot_names() -> list[str]:
+    return sorted(path.stem for path in places.robots().glob("*.yaml"))
+
+
+def stage_names() -> list[str]:
+    return ["driver", "registration", "odometry", "mapping", "integration"]
+
+
+def _config(text: str) -> Path:
+    return places.robot_file(text)
+
+
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        envvar="ZLOAM_CONNECT",
+        help="Where to look, e.g. 192.168.1.5 or tcp/robot:7464; may be repeated. "
+        "Default: this machine.",
+    ),
+]
+Robot = Annotated[str | None, typer.Option(help="Its name. Default: the only one that answers.")]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        parser=_config,
+        metavar="FILE",
+        help="The robot's file, or the name of one of deploy/robots.",
+        autocompletion=robot_names,
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="One value over the file; may be repeated."),
+]
+Listen = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Address that the stages listen on; 0.0.0.0 lets other machines in. "
+        "Default: zenoh.host of the robot's file, this machine only.",
+    ),
+]
+PresetDir = Annotated[
+    Path | None, typer.Option("--preset-dir", hidden=True, help="Folder with bin/.")
+]
+
+
+def kept(value: Path | None) -> Path:
+    """The folder with the programs."""
+    return value or places.build()
+
+
+def options(**more: Any) -> dict[str, Any]:
+    """Of a command that hands its words on."""
+    return {"allow_extra_args": True, "ignore_unknown_options": True, **more}

@@ -1,0 +1,95 @@
+"""evaluate, config, robot-files, and the stages' own programs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zloam_monitor import cli_common as common
+from zloam_monitor.cli_common import command, examples
+
+#: programs that take their own options
+PROGRAMS = (
+    ("driver", "Packets or scans to sweeps."),
+    ("registration", "Sweeps to features."),
+    ("odometry", "Motion from sweep to sweep."),
+    ("mapping", "The map, and the pose in it."),
+    ("integration", "The fused pose, and trajectories as files."),
+    ("store", "Map tiles at rest."),
+    ("simulator", "Packets of a simulated sensor, and the truth."),
+    ("decode", "Points of a capture as text."),
+)
+
+
+def _score(value: float | str | None) -> float | str:
+    return "–" if value is None else value if isinstance(value, str) else round(value, 4)
+
+
+@command
+def evaluate(
+    estimate: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="TUM or KITTI file.")],
+    truth: Annotated[Path, typer.Argument(help="TUM or KITTI file.")],
+    mounting: Annotated[
+        tuple[float, float, float, float, float, float],
+        typer.Option(
+            metavar="X Y Z ROLL PITCH YAW",
+            help="Pose of the truth's sensor in the trajectory's frame, m and deg.",
+        ),
+    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+) -> int:
+    """Errors of a trajectory against another."""
+    from zloam_monitor import evaluation, se3, trajectory
+
+    T_base_sensor = se3.from_xyz_rpy_deg(mounting[:3], mounting[3:])
+    of_base = trajectory.read(truth).carried(se3.inverse(T_base_sensor))
+    scores = evaluation.evaluate(trajectory.read(estimate), of_base)
+    for name, value in scores.as_dict().items():
+        print(f"{name}: {_score(value)}")
+    return 0 if scores.ate_rmse_m is not None else 1
+
+
+@command
+def refresh_robot_files(
+    folder: Annotated[Path | None, typer.Option(help="Default: deploy/robots.")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Only say what is out of date.")] = False,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Bring the comments of robot files up to date."""
+    from zloam_monitor import places
+    from zloam_monitor import robot_files as files
+
+    stale = files.refresh(common.kept(preset_dir), folder or places.robots(), check)
+    for path in stale:
+        print(f"{path}: {'out of date' if check else 'written'}")
+    return 1 if check and stale else 0
+
+
+def _program(app: typer.Typer, name: str, about: str) -> None:
+    @command
+    def run(context: typer.Context, preset_dir: common.PresetDir = None) -> int:
+        from zloam_monitor.chain import binary
+
+        path = binary(common.kept(preset_dir), name)
+        os.execv(path, [str(path), *context.args])
+
+    app.command(
+        name,
+        help=about,
+        add_help_option=False,
+        context_settings=common.options(),
+        rich_help_panel=common.PROGRAMS,
+    )(run)
+
+
+def add(app: typer.Typer) -> None:
+    """The commands under their headings."""
+    app.command(
+        rich_help_panel=common.FILES,
+        epilog=examples("zloam evaluate out/demo/trajectory.tum out/demo/ground_truth.tum"),
+    )(evaluate)
+    app.command("robot-files", rich_help_panel=common.FILES, hidden=True)(refresh_robot_files)
+    for name, about in PROGRAMS:
+        _program(app, name, about)

@@ -1,0 +1,126 @@
+"""robots, status, watch, get, set, save, reset: of robots that run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zloam_monitor import cli_common as common
+from zloam_monitor.cli_common import command, examples
+
+Stage = Annotated[str, typer.Argument(autocompletion=common.stage_names)]
+
+
+@command
+def robots(connect: common.Connect = None) -> int:
+    """List the robots that answer."""
+    from zloam_monitor import discovery
+
+    print("\n".join(map(str, discovery.present(common.split(connect)))))
+    return 0
+
+
+@command
+def status(connect: common.Connect = None, robot: common.Robot = None) -> int:
+    """Look once: pose, and how each stage is; exit code 1 when one fails or is silent."""
+    from zloam_monitor import discovery, watch
+
+    with discovery.linked(robot, common.split(connect)) as link:
+        return watch.look(link)
+
+
+@command
+def watch(
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
+    ] = None,
+    every: Annotated[float, typer.Option(help="Seconds between two looks.")] = 2.0,
+) -> int:
+    """Look again and again."""
+    from zloam_monitor import discovery
+    from zloam_monitor import watch as watcher
+
+    with discovery.linked(robot, common.split(connect)) as link:
+        return watcher.watch(link, seconds, every)
+
+
+@command
+def get(
+    stage: Annotated[
+        str | None,
+        typer.Argument(autocompletion=common.stage_names, help="Default: all of them."),
+    ] = None,
+    key: Annotated[str | None, typer.Argument(help="A key, or what several begin with.")] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Show the configuration in force."""
+    from zloam_monitor import discovery, settings
+
+    with discovery.linked(robot, common.split(connect)) as link:
+        return settings.show(link, stage, key)
+
+
+@command
+def set_(
+    stage: Stage,
+    values: Annotated[list[str], typer.Argument(metavar="KEY=VALUE...")],
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Change what is live in a stage; says from which sweep on, or what is allowed."""
+    from zloam_monitor import discovery, settings
+
+    wanted = settings.pairs(values)
+    with discovery.linked(robot, common.split(connect)) as link:
+        return settings.set_values(link, stage, wanted)
+
+
+@command
+def save(
+    folder: Annotated[
+        Path | None, typer.Argument(help="On the robot's machine. Default: as configured.")
+    ] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Write map and trajectories now; the run goes on."""
+    from zloam_monitor import discovery, settings
+
+    with discovery.linked(robot, common.split(connect)) as link:
+        return settings.save(link, folder)
+
+
+@command
+def reset(
+    stages: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[STAGE]...", help="Default: odometry and mapping."),
+    ] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Empty the map and begin a new one."""
+    from zloam_monitor import discovery, settings
+
+    with discovery.linked(robot, common.split(connect)) as link:
+        return settings.reset(link, stages or ("odometry", "mapping"))
+
+
+def add(app: typer.Typer) -> None:
+    """The commands under their heading."""
+    listed = (
+        (robots, "robots", ("zloam robots", "zloam robots --connect 192.168.1.5")),
+        (status, "status", ("zloam status",)),
+        (watch, "watch", ("zloam watch", "zloam watch --connect 192.168.1.5 --every 1")),
+        (get, "get", ("zloam get odometry", "zloam get mapping mapping.voxel_m")),
+        (set_, "set", ("zloam set odometry odometry.kernel_m=0.2",)),
+        (save, "save", ("zloam save", "zloam save maps/today")),
+        (reset, "reset", ("zloam reset", "zloam reset mapping")),
+    )
+    for run, name, shown in listed:
+        app.command(name, rich_help_panel=common.ROBOTS, epilog=examples(*shown))(run)

@@ -1,0 +1,214 @@
+"""demo, run, follow: what brings a robot to life, or sees one run through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from zloam_monitor import cli_common as common
+from zloam_monitor.cli_common import command, examples
+
+if TYPE_CHECKING:
+    from zloam_monitor.sources import Source
+
+SIMULATED_IMU = "simulated"
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """What is replayed, at most one of them; none: the simulator's world."""
+
+    pcap: Path | None
+    bin: Path | None
+    kitti: Path | None
+    scans: Path | None
+    imu: str | None
+
+    def source(self) -> Source | None:
+        from zloam_monitor import sources
+
+        named = [name for name in ("pcap", "bin", "kitti", "scans") if getattr(self, name)]
+        if len(named) > 1:
+            raise sources.SourceError(f"only one of --{' and --'.join(named)} can be replayed")
+        if named and self.imu == SIMULATED_IMU:
+            raise sources.SourceError(
+                f"--imu {SIMULATED_IMU}: the recording's own are wanted, a file"
+            )
+        if self.pcap:
+            return sources.from_pcap(self.pcap)
+        if self.bin:
+            return sources.from_bin(self.bin)
+        if self.kitti:
+            return sources.from_kitti(self.kitti, Path("out/unpacked"))
+        return sources.from_scans(self.scans) if self.scans else None
+
+
+@command
+def demo(
+    pcap: Annotated[Path | None, typer.Option(help="Capture, pcap or pcapng.")] = None,
+    bin: Annotated[Path | None, typer.Option(help="Bare payloads end to end.")] = None,
+    kitti: Annotated[
+        Path | None, typer.Option(help="KITTI folder: velodyne/*.bin or velodyne.tar.xz.")
+    ] = None,
+    scans: Annotated[Path | None, typer.Option(help="Folder of scans with point times.")] = None,
+    world: Annotated[str, typer.Option(help="Simulated without a recording.")] = "city",
+    seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
+    simulate: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OPTION", help="One more of zloam-simulator; may be repeated."),
+    ] = None,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Inertial readings of the recording's time (CSV, services/driver/README.md); "
+            f"without a recording: {SIMULATED_IMU}.",
+        ),
+    ] = None,
+    truth: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="TUM or KITTI poses of the sensor; may be repeated. Default: beside the recording."
+        ),
+    ] = None,
+    rate: Annotated[
+        str, typer.Option(help="max (as fast as acknowledged), realtime, or a factor.")
+    ] = "max",
+    config: common.Config = None,
+    settings: common.Settings = None,
+    set_at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SWEEP:KEY=VALUE",
+            help="In force from that sweep on, as by `zloam set`; may be repeated.",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
+    listen: common.Listen = None,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Replay a recording, or a simulated drive round a city block, and map it."""
+    from zloam_monitor import demo as runner
+    from zloam_monitor import ports, sources, trajectory
+    from zloam_monitor.chain import binary
+    from zloam_monitor.robot_file import names
+
+    source = _Recorded(pcap, bin, kitti, scans, imu).source()
+    build = common.kept(preset_dir)
+    binary(build, "driver")
+    if source is None:
+        print(f"simulating {world}, seed {seed}", flush=True)
+        with_imu = imu == SIMULATED_IMU
+        simulator = binary(build, "simulator")
+        source = sources.simulated(simulator, out, world, seed, simulate or [], with_imu)
+    if imu and imu != SIMULATED_IMU:
+        source = sources.with_imu(source, Path(imu))
+    robot = names(config or source.config, settings or [])
+    options = runner.DemoOptions(
+        build=build,
+        out=out,
+        source=source,
+        config=config or source.config,
+        robot=robot.robot,
+        sensor=robot.sensor,
+        rate=rate,
+        settings=settings or [],
+        truth=source.truth if truth is None else truth,
+        set_at=set_at or [],
+        ports=ports.configured(robot, listen),
+    )
+    for path in options.truth:
+        trajectory.read(path)  # a wrong file is said before the run, not after
+    return runner.finish(runner.run(options), out)
+
+
+@command
+def run(
+    config: common.Config = None,
+    settings: common.Settings = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
+    listen: common.Listen = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
+    ] = None,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Run on a live sensor until Ctrl-C, which writes trajectory and map."""
+    from zloam_monitor import live, places, ports, report
+    from zloam_monitor.robot_file import names
+
+    file = config or places.robot_file("vlp16-outdoor")
+    robot = names(file, settings or [])
+    found = live.run(
+        live.LiveOptions(
+            build=common.kept(preset_dir),
+            out=out,
+            config=file,
+            robot=robot.robot,
+            sensor=robot.sensor,
+            settings=settings or [],
+            seconds=seconds,
+            ports=ports.configured(robot, listen),
+        )
+    )
+    print(report.table(found))
+    print(f"files: {out}/")
+    return report.exit_code(found)
+
+
+@command
+def follow(
+    connect: common.Connect = None,
+    robot: Annotated[str, typer.Option(help="Its name.")] = "robot",
+    sensor: Annotated[str, typer.Option(help="The lidar's name.")] = "lidar",
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out"),
+    truth: Annotated[
+        list[Path] | None, typer.Option(help="Poses of the sensor; may be repeated.")
+    ] = None,
+    title: Annotated[str, typer.Option(help="Of the picture.")] = "run",
+    ready_file: Annotated[
+        Path | None,
+        typer.Option(help="Is made when all stages were heard: the source may start."),
+    ] = None,
+) -> int:
+    """Follow one run of stages that somebody else started, and write picture and report."""
+    from zloam_monitor import discovery, report
+    from zloam_monitor import follow as follower
+    from zloam_monitor.keys import Keys
+
+    endpoints = [discovery.endpoint_of(each) for each in common.split(connect)]
+    options = follower.FollowOptions(
+        keys=Keys(robot, sensor),
+        connect=endpoints or discovery.candidates(),
+        out=out,
+        title=title,
+        truth=truth or [],
+        ready_file=ready_file,
+    )
+    return report.exit_code(follower.follow(options))
+
+
+def add(app: typer.Typer) -> None:
+    """The commands under their heading."""
+    app.command(
+        rich_help_panel=common.RUNS,
+        epilog=examples(
+            "zloam demo",
+            "zloam demo --pcap drive.pcap --set driver.model=VLP-16",
+            "zloam demo --kitti 2011_09_26_drive_0001 --truth poses.txt",
+            "zloam demo --world tunnel --imu simulated --rate realtime",
+        ),
+    )(demo)
+    app.command(
+        rich_help_panel=common.RUNS,
+        epilog=examples(
+            "zloam run --config vlp16-indoor", "zloam run --config my.yaml --listen 0.0.0.0"
+        ),
+    )(run)
+    app.command(
+        rich_help_panel=common.RUNS,
+        epilog=examples("zloam follow --connect tcp/robot:7464 --out drive"),
+    )(follow)

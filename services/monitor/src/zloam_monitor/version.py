@@ -1,0 +1,23 @@
+"""The version of the whole, as CMakeLists.txt has it."""
+
+from __future__ import annotations
+
+import re
+from importlib import metadata
+
+from zloam_monitor import places
+
+
+def version() -> str:
+    """Of the checkout, or of the installed package."""
+    root = places.checkout()
+    if root is not None:
+        found = re.search(
+            r"^project\(\S+ VERSION (\S+)", (root / "CMakeLists.txt").read_text(), re.M
+        )
+        if found:
+            return found[1]
+    try:
+        return metadata.version("zloam")
+    except metadata.PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,146 @@
+"""The command line: help with examples, completion, and mistakes told without a trace."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from zloam_monitor import cli, cli_common, places
+from zloam_monitor.cli_files import PROGRAMS
+
+ROOT = Path(__file__).resolve().parents[3]
+OWN = ("demo", "run", "follow", "robots", "status", "watch", "get", "set", "save", "reset")
+COMMANDS = (*OWN, "evaluate")
+
+
+def zloam(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """As from a shell, in any folder."""
+    return subprocess.run(
+        [sys.executable, "-m", "zloam_monitor", *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src"), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_examples_that_name_the_command(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([command, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert f"zloam {command}" in said.split("Examples:")[1]
+    assert "ZLOAM_FAULT" not in said
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    listed = [
+        line[2:].split(maxsplit=1)[0]
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("│ ") and line[2] not in " -"
+    ]
+    assert listed == [*COMMANDS, *(name for name, _ in PROGRAMS)]
+
+
+def test_the_version_is_that_of_the_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    said = capsys.readouterr().out.strip()
+    assert (
+        f"project(zenoh_loam VERSION {said.removeprefix('zloam ')} "
+        in (ROOT / "CMakeLists.txt").read_text()
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(shell: str, tmp_path: Path) -> None:
+    # the shell is found out by the parent process, which is none here
+    script = zloam("--show-completion", shell, _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert script.returncode == 0, script.stderr
+    assert "_ZLOAM_COMPLETE=complete_" + shell in script.stdout
+    asked = {
+        "bash": {"COMP_WORDS": "zloam r", "COMP_CWORD": "1"},
+        "zsh": {"_TYPER_COMPLETE_ARGS": "zloam r"},
+        "fish": {"_TYPER_COMPLETE_ARGS": "zloam r", "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+    }[shell]
+    offered = zloam(_ZLOAM_COMPLETE=f"complete_{shell}", **asked).stdout
+    for command in ("run", "robots", "reset"):
+        assert command in offered
+
+
+MISTAKES: list[tuple[tuple[str, ...], int, str]] = [
+    (("dmo",), 2, "No such command"),
+    (("demo", "--rat", "max"), 2, "No such option"),
+    (("demo", "--seed", "many"), 2, "--seed"),
+    (("demo", "--pcap", "a", "--bin", "b"), 1, "only one of --pcap and --bin"),
+    (("demo", "--kitti", "nowhere"), 1, "the folder nowhere does not exist"),
+    (("demo", "--pcap", "a.pcap", "--config", "nowhere.yaml"), 1, "nowhere.yaml: No such file"),
+    (("demo", "--pcap", "a.pcap", "--imu", "simulated"), 1, "the recording's own are wanted"),
+    (("run", "--config", "nowhere"), 1, "nowhere: No such file"),
+    (("run", "--set", "zenoh.base_port=many"), 1, "zenoh.base_port 'many' is no number"),
+    (("run", "--set", "zenoh.base_port=70000"), 3, "can't listen on"),
+    (
+        ("run", "--listen", "no such address", "--set", "zenoh.base_port=7999"),
+        3,
+        "can't listen on no such address",
+    ),
+    (("set", "odometry", "novalue"), 1, "'novalue': key=value is expected"),
+    (("set", "odometry"), 2, "Missing argument"),
+    (("watch", "--connect", "tcp//"), 1, "is no endpoint"),
+    (("evaluate", "none.tum", "none.tum"), 1, "none.tum: No such file"),
+    (("evaluate", ".", "."), 1, "Is a directory"),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "text"), MISTAKES, ids=lambda each: str(each)[:60])
+def test_a_mistake_is_told_without_a_trace(
+    words: tuple[str, ...], code: int, text: str, tmp_path: Path
+) -> None:
+    (tmp_path / "bin").mkdir()
+    for name in ("driver", "simulator", "registration", "odometry", "mapping", "integration"):
+        (tmp_path / "bin" / f"zloam-{name}").write_text("#!/bin/false\n")
+        (tmp_path / "bin" / f"zloam-{name}").chmod(0o755)
+    done = zloam(*words, ZLOAM_BUILD=str(tmp_path), COLUMNS="200")
+    assert done.returncode == code, done.stderr
+    assert text in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_programs_that_are_not_built(tmp_path: Path) -> None:
+    done = zloam("demo", ZLOAM_BUILD=str(tmp_path))
+    assert done.returncode == 1
+    assert "make build" in done.stderr
+
+
+def test_a_program_takes_its_own_options(tmp_path: Path) -> None:
+    program = tmp_path / "bin" / "zloam-driver"
+    program.parent.mkdir()
+    program.write_text('#!/bin/sh\necho "driver was given: $*"\nexit 7\n')
+    program.chmod(0o755)
+    done = zloam("driver", "--help", "--set", "a=b", ZLOAM_BUILD=str(tmp_path))
+    assert (done.returncode, done.stdout) == (7, "driver was given: --help --set a=b\n")
+
+
+def test_robot_files_are_known_by_name() -> None:
+    assert "vlp16-outdoor" in cli_common.robot_names()
+    assert places.robot_file("vlp16-outdoor") == ROOT / "deploy/robots/vlp16-outdoor.yaml"
+    assert places.robot_file("deploy/robots/x.yaml") == Path("deploy/robots/x.yaml")
+
+
+def test_lists_with_commas_or_repeated() -> None:
+    assert cli_common.split(["a,b", "c"]) == ["a", "b", "c"]
+    assert cli_common.split(None) == []
+
+
+def test_the_command_of_the_checkout_works_from_any_folder(tmp_path: Path) -> None:
+    if not (ROOT / ".venv/bin/python").exists():
+        pytest.skip("no .venv in the checkout: it is made by make build")
+    link = tmp_path / "zloam"
+    link.symlink_to(ROOT / "bin/zloam")
+    done = subprocess.run([link, "--version"], cwd="/", capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("zloam ")
