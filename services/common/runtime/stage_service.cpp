@@ -83,8 +83,11 @@ ServiceHealth StageCore::health(std::string* reason) const {
   if (!declared_) return because("starting", ServiceHealth::kStarting);
   if (!own_ready_) return because(own_reason_, ServiceHealth::kStarting);
   if (!degraded_.empty()) {
-    return because(degraded_.begin()->first + ": " + degraded_.begin()->second,
-                   ServiceHealth::kDegraded);
+    std::string all;
+    for (const auto& [topic, why] : degraded_) {
+      all += (all.empty() ? "" : "; ") + topic + ": " + why;
+    }
+    return because(all, ServiceHealth::kDegraded);
   }
   if (!lonely.empty()) {
     // Whom it had and lost is not who is yet to come.

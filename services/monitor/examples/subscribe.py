@@ -1,20 +1,23 @@
 """Prints the pose of a robot. Needs eclipse-zenoh, flatbuffers and the generated code:
 PYTHONPATH=build/release/generated/python python subscribe.py [ENDPOINT [ROBOT [COUNT]]]"""
 
+import json
 import sys
 
 import zenoh
 from zloam.msg.MapPose import MapPose
 from zloam.msg.Vec3 import Vec3
 
-endpoint, robot, count = sys.argv[1:] + ["tcp/127.0.0.1:7464", "robot", "0"][len(sys.argv) - 1 :]
+given = dict(enumerate(sys.argv))
+# on this machine: the stages themselves (make run, make demo), or the containers' router
+here = ["tcp/127.0.0.1:7464", "tcp/127.0.0.1:7447"]
 config = zenoh.Config()
-config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+config.insert_json5("connect/endpoints", json.dumps([given[1]] if 1 in given else here))
 with zenoh.open(config) as session:
-    poses = session.declare_subscriber(f"loam/{robot}/pose")
+    poses = session.declare_subscriber(f"loam/{given.get(2, 'robot')}/pose")
     for seen, sample in enumerate(poses, start=1):
         pose = MapPose.GetRootAs(sample.payload.to_bytes())
         p = pose.PoseMapBase().Translation(Vec3())
         print(pose.Header().Sweep(), pose.InstantNs(), p.X(), p.Y(), p.Z(), flush=True)
-        if seen == int(count):
+        if seen == int(given.get(3, 0)):
             break

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs, report
+from zloam_monitor import outputs, remarks, report
 from zloam_monitor.chain import Chain, ChainError
 from zloam_monitor.ports import Ports
+from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
@@ -57,7 +58,7 @@ def _line(chain: Chain, source: Source, began: float) -> str:
     return f"sweep {newest + 1}{whole}, {rate:.1f} poses/s, {drops} dropped"
 
 
-def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
+def _follow(chain: Chain, source: Source, line: ProgressLine, noted: Remarks, logs: Logs) -> float:
     """Until the run's end; wall seconds."""
     began = time.monotonic()
     moved, seen = began, chain.progress()
@@ -70,6 +71,10 @@ def _follow(chain: Chain, source: Source, line: ProgressLine) -> float:
             moved, seen = now, progress
         if now - moved > STALL_SECONDS:
             raise ChainError(_stalled(chain))
+        said = [*remarks.reasons(chain.link.statuses.values()), *logs.new_warnings()]
+        for news in noted.news(said, now):
+            line.end()
+            print(news, flush=True)
         line.show(_line(chain, source, began))
     return time.monotonic() - began
 
@@ -91,7 +96,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         *options.source.driver_settings(options.rate),
         *options.settings,
     ]
-    line = ProgressLine()
+    line, noted, logs = ProgressLine(), Remarks(), Logs(files.logs)
     chain = Chain(
         options.build,
         options.config,
@@ -107,14 +112,16 @@ def run(options: DemoOptions) -> dict[str, Any]:
         print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
         try:
-            wall_s = _follow(chain, options.source, line)
+            wall_s = _follow(chain, options.source, line, noted, logs)
         finally:
             line.end()
         chain.link.query_statuses()
         chain.link.query_revisions()
         codes = chain.stop()
         truths = outputs.truths_of_base(options.truth, outputs.mounting(configs))
+        noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
+        seen = replace(seen, remarks=noted.summary())
     return outputs.write_all(options.out, options.source.title, seen)
 
 

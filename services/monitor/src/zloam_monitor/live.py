@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import signal
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, outputs
+from zloam_monitor import ending, outputs, remarks
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import Link
 from zloam_monitor.ports import Ports
+from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
 from zloam_monitor.supervision import Supervisor
 from zloam_monitor.terminal import ProgressLine
@@ -48,24 +49,23 @@ class Diagnosis:
     def __init__(self, port: Any) -> None:
         self._port = port
         self._sweeps = 0
-        self._moved = time.monotonic()
+        self._moved = self._began = time.monotonic()
 
-    def words(self, link: Link, now: float) -> str:
-        """Empty when all is well."""
+    def words(self, link: Link, now: float) -> list[str]:
+        """Nothing when all is well."""
         driver = link.stage("driver")
         sweeps = driver.published.get(link.keys.sweep, 0) if driver is not None else 0
         if sweeps != self._sweeps:
             self._sweeps, self._moved = sweeps, now
-        reasons = [
-            f"{s.stage}: {s.reason}"
-            for s in link.statuses.values()
-            if s.reason and s.health in ("degraded", "failed", "starting")
-        ]
+        healths: tuple[str, ...] = remarks.TROUBLED
+        if now - self._began > QUIET_SECONDS:
+            healths = (*healths, "starting")
+        said = remarks.reasons(link.statuses.values(), healths)
         quiet = now - self._moved
-        if quiet > QUIET_SECONDS and not any(r.startswith("driver:") for r in reasons):
+        if quiet > QUIET_SECONDS and not any(each.startswith("driver:") for each in said):
             what = "no packets" if self._sweeps == 0 else "no more sweeps"
-            reasons.insert(0, f"{what} on UDP {self._port} for {quiet:.0f} s: {NO_PACKETS_HELP}")
-        return "; ".join(reasons)
+            said.insert(0, f"{what} on UDP {self._port} for {quiet:.0f} s: {NO_PACKETS_HELP}")
+        return said
 
 
 class _Interrupt:
@@ -78,8 +78,9 @@ class _Interrupt:
         self.asked = True
 
 
-def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt) -> float:
+def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Remarks) -> float:
     line = ProgressLine()
+    logs = Logs(outputs.Files(options.out).logs)
     supervisor = Supervisor(chain)
     port = next(
         (
@@ -90,22 +91,18 @@ def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt) -> float:
         ),
         2368,
     )
-    diagnosis, said = Diagnosis(port), ""
+    diagnosis = Diagnosis(port)
     began = time.monotonic()
     print("running; Ctrl-C writes trajectory and map and ends")
     while not interrupt.asked:
         chain.link.poll(0.2)
         now = time.monotonic()
-        for said_of_stage in supervisor.look(now):
-            line.end()
-            print(said_of_stage, flush=True)
         if options.seconds is not None and now - began > options.seconds:
             break
-        missing = diagnosis.words(chain.link, now)
-        if missing and missing.split(" for ")[0] != said:
+        said = [*diagnosis.words(chain.link, now), *logs.new_warnings()]
+        for news in (*supervisor.look(now), *noted.news(said, now)):
             line.end()
-            print(missing, flush=True)
-        said = missing.split(" for ")[0]
+            print(news, flush=True)
         line.show(state_line(chain.link, began, now))
     line.end()
     return time.monotonic() - began
@@ -132,12 +129,13 @@ def run(options: LiveOptions) -> dict[str, Any]:
     with chain:
         chain.wait_ready()
         print(chain.ports.announcement(options.robot), flush=True)
-        interrupt = _Interrupt()
+        interrupt, noted = _Interrupt(), Remarks()
         with ending.handled(interrupt.ask, ending_signals()):
-            wall_s = _watch(chain, options, interrupt)
+            wall_s = _watch(chain, options, interrupt, noted)
             print("writing trajectory and map", flush=True)
             chain.link.query_statuses()
             chain.link.query_revisions()
             codes = chain.stop()
         seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
+        seen = replace(seen, remarks=noted.summary())
     return outputs.write_all(options.out, "live run", seen)

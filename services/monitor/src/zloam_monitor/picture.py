@@ -21,6 +21,8 @@ from matplotlib.patches import Rectangle
 Array = NDArray[np.float64]
 #: more points than this are thinned evenly: the picture has fewer pixels
 MOST_POINTS = 600_000
+#: a map wider than this lies above the other panels
+WIDE_RATIO = 1.9
 ESTIMATE_COLOUR = "#d62728"
 TRUTH_COLOUR = "#111111"
 
@@ -39,11 +41,7 @@ class Scene:
 
 def draw(path: Path, scene: Scene) -> None:
     """Writes the PNG."""
-    figure = plt.figure(figsize=(16, 10), dpi=110, layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=[1.7, 1.0])
-    whole = figure.add_subplot(grid[:, 0])
-    close = figure.add_subplot(grid[0, 1])
-    below = figure.add_subplot(grid[1, 1])
+    figure, whole, close, below = _panels(_map_ratio(scene))
     figure.suptitle(scene.title)
     window = _close_window(scene.positions)
     _draw_map(figure, whole, scene)
@@ -71,8 +69,41 @@ def draw(path: Path, scene: Scene) -> None:
     temporary.replace(path)
 
 
+def _map_ratio(scene: Scene) -> float:
+    """Width over height of what the map shows."""
+    xy = np.r_[
+        np.c_[scene.points["x"], scene.points["y"]].reshape(-1, 2)[:: _step(scene.points)],
+        scene.positions[:, :2],
+    ]
+    if len(xy) < 2:
+        return 1.0
+    width, height = np.maximum(np.ptp(xy, axis=0), 1.0)
+    return float(np.clip(width / height, 0.6, 4.0))
+
+
+def _panels(map_ratio: float) -> tuple[Figure, Axes, Axes, Axes]:
+    """Map, close view, curve: beside each other, or below a map that is wide."""
+    if map_ratio > WIDE_RATIO:
+        figure = plt.figure(figsize=(16, 16 / map_ratio + 6.5), dpi=110, layout="constrained")
+        grid = figure.add_gridspec(
+            2, 2, height_ratios=[16 / map_ratio + 0.5, 6], width_ratios=[1, 2]
+        )
+        cells = (grid[0, :], grid[1, 0], grid[1, 1])
+    else:
+        width = 9 * map_ratio + 1.5
+        figure = plt.figure(figsize=(width + 5.5, 10), dpi=110, layout="constrained")
+        grid = figure.add_gridspec(2, 2, width_ratios=[width, 5.5])
+        cells = (grid[:, 0], grid[0, 1], grid[1, 1])
+    whole, close, below = (figure.add_subplot(cell) for cell in cells)
+    return figure, whole, close, below
+
+
+def _step(points: NDArray[Any]) -> int:
+    return max(1, -(-len(points) // MOST_POINTS))
+
+
 def _thinned(points: NDArray[Any]) -> NDArray[Any]:
-    return points[:: max(1, -(-len(points) // MOST_POINTS))]
+    return points[:: _step(points)]
 
 
 def _truth_in_map(scene: Scene) -> Array | None:
@@ -86,11 +117,12 @@ def _truth_in_map(scene: Scene) -> Array | None:
 
 
 def _draw_paths(axes: Axes, scene: Scene, width: float) -> None:
+    p = scene.positions
+    axes.plot(p[:, 0], p[:, 1], "-", color=ESTIMATE_COLOUR, lw=width + 2.0, label="trajectory")
     truth = _truth_in_map(scene)
     if truth is not None:
-        axes.plot(truth[:, 0], truth[:, 1], "-", color=TRUTH_COLOUR, lw=width + 1.2, label="truth")
-    p = scene.positions
-    axes.plot(p[:, 0], p[:, 1], "-", color=ESTIMATE_COLOUR, lw=width, label="trajectory")
+        # thin and broken over the wide estimate: both are seen where they agree
+        axes.plot(truth[:, 0], truth[:, 1], "--", color=TRUTH_COLOUR, lw=width, label="truth")
     if len(p):
         axes.plot(*p[0, :2], "o", color="#2ca02c", ms=7, label="start")
         axes.plot(*p[-1, :2], "s", color="#9467bd", ms=6, label="end")
@@ -113,10 +145,10 @@ def _draw_map(figure: Figure, axes: Axes, scene: Scene) -> None:
             rasterized=True,
         )
         label = "reflectivity (0–255)" if scene.intensity else "height (m, frame map)"
-        figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, location="bottom", aspect=40)
+        figure.colorbar(drawn, ax=axes, label=label, location="right", aspect=50, pad=0.01)
     _draw_paths(axes, scene, 1.2)
     axes.set(title=f"map from above, {len(scene.points):,} points", xlabel="x (m)", ylabel="y (m)")
-    axes.set_aspect("equal", adjustable="box")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25)
 
 

@@ -39,6 +39,8 @@ class Run:
     exit_codes: dict[str, int] = field(default_factory=dict)
     #: what was changed while it ran, as texts for --set-at
     set_at: list[str] = field(default_factory=list)
+    #: what stages said of themselves, each cause once
+    remarks: list[str] = field(default_factory=list)
     #: of the stages that still ran at the end
     pss_mib: dict[str, float] = field(default_factory=dict)
 
@@ -139,6 +141,7 @@ def build(run: Run) -> dict[str, Any]:
         "path_m": run.trajectory.path_length_m(),
         "exit_codes": run.exit_codes,
         "set_at": run.set_at,
+        "remarks": run.remarks,
         "references": {
             name: {kind: scores[kind][name].as_dict() for kind in scores} for name in run.truths
         },
@@ -237,6 +240,8 @@ def table(report: dict[str, Any]) -> str:
         f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
         + (f", {factor:.1f} × real time" if factor else "")
     )
+    if report.get("remarks"):
+        lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
     complaints = report["identities"]["complaints"] + [
         f"not written: {each}" for each in report.get("not_written", [])
     ]

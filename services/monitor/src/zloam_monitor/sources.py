@@ -14,6 +14,12 @@ from zloam_monitor.processes import describe_code
 ROBOTS = places.robots()
 #: in place of a file of inertial readings: the simulator's own
 SIMULATED_IMU = "simulated"
+#: first bytes of recordings that are no captures
+BAGS = (
+    (b"#ROSBAG V", "a ROS 1 bag"),
+    (b"SQLite format 3", "a ROS 2 bag (SQLite)"),
+    (b"\x89MCAP", "a ROS 2 bag (MCAP)"),
+)
 
 
 class SourceError(RuntimeError):
@@ -50,13 +56,36 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
+def _bag(path: Path) -> str | None:
+    """What kind of ROS recording it is, if any."""
+    if (path / "metadata.yaml").is_file():
+        return "a ROS 2 bag"
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        begin = file.read(16)
+    return next((kind for magic, kind in BAGS if begin.startswith(magic)), None)
+
+
+def _refuse_bag(path: Path) -> None:
+    if kind := _bag(path):
+        raise SourceError(
+            f"{path} is {kind}; what is replayed are the sensor's packets. Where it has them "
+            "(velodyne_packets), `pip install rosbags` and services/monitor/examples/"
+            f"rosbag_to_pcap.py {path} drive.pcap make a capture of them; clouds alone can't be "
+            "used"
+        )
+
+
 def from_pcap(path: Path) -> Source:
     """A pcap or pcapng capture; a file that can't be read is the driver's to refuse."""
+    _refuse_bag(path)
     return Source(path.name, "pcap", path, ROBOTS / "vlp16-outdoor.yaml")
 
 
 def from_bin(path: Path) -> Source:
     """Bare 1206-byte payloads end to end."""
+    _refuse_bag(path)
     return Source(path.name, "bin", path, ROBOTS / "vlp16-outdoor.yaml")
 
 

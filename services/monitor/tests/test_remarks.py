@@ -1,0 +1,43 @@
+"""What stages say is shown once, numbers aside, and summed up by cause."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from zloam_monitor.remarks import AWAY_SECONDS, Logs, Remarks
+
+
+def test_numbers_that_change_are_no_news() -> None:
+    remarks = Remarks()
+    shown = []
+    for second in range(60):
+        dropped = f"odometry: overload: {second + 3} sweeps dropped in a second"
+        quiet = f"driver: no packets on UDP 2368 for {second}.5 s"
+        shown += remarks.news([dropped, quiet], float(second))
+    assert shown == [
+        "odometry: overload: 3 sweeps dropped in a second",
+        "driver: no packets on UDP 2368 for 0.5 s",
+    ]
+    assert remarks.summary()[0] == f"{shown[0]} (said 60 times)"
+
+
+def test_what_comes_again_after_a_while_is_news() -> None:
+    remarks = Remarks()
+    assert remarks.news(["driver: no packets for 3 s"], 0.0)
+    assert not remarks.news(["driver: no packets for 9 s"], AWAY_SECONDS)
+    assert remarks.news(["driver: no packets for 3 s"], 3 * AWAY_SECONDS)
+
+
+def test_warnings_of_logs_line_by_line(tmp_path: Path) -> None:
+    log, logs = tmp_path / "driver.log", Logs(tmp_path)
+    assert logs.new_warnings() == []
+    stamp = "2026-11-25T10:00:00.123456Z"
+    log.write_text(f"{stamp} info    driver: ready\n{stamp} warning driver: the product byte lies")
+    assert logs.new_warnings() == []  # not a whole line yet
+    with log.open("a") as more:
+        more.write(f' model="VLP-16"\nnot a line of ours\n{stamp} error   driver: gone\n')
+    assert logs.new_warnings() == [
+        'driver: the product byte lies model="VLP-16"',
+        "driver: gone",
+    ]
+    assert logs.new_warnings() == []

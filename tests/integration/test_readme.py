@@ -1,0 +1,125 @@
+"""What README.md says of a run is what a run leaves and lets others see."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.integration.conftest import ROOT, monitor
+from zloam_monitor import discovery
+from zloam_monitor.processes import free_base_port
+
+README = (ROOT / "README.md").read_text()
+
+
+def listed_files() -> set[str]:
+    """Names in the table of what a demo leaves."""
+    table = README.split("leaves in")[1].split("| file | what |")[1].split("\n\n")[0]
+    cells = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
+    return {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+
+
+def test_the_table_names_every_file_that_a_demo_leaves(build: Path, tmp_path: Path) -> None:
+    length = ("--simulate", "--duration", "--simulate", "3")
+    out = tmp_path / "out"
+    done = monitor("demo", "--preset-dir", build, "--imu", "simulated", *length, "--out", out)
+    assert done.code == 0, done.said
+    left = {path.name + ("/" if path.is_dir() else "") for path in out.iterdir()}
+    assert left == listed_files()
+
+
+@dataclass(frozen=True)
+class Live:
+    """A demo that goes on at the sensor's pace."""
+
+    robot: str
+    base_port: int
+    out: Path
+
+    @property
+    def endpoint(self) -> str:
+        return f"tcp/127.0.0.1:{self.base_port + 4}"
+
+
+@pytest.fixture(scope="module")
+def live(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    out = tmp_path_factory.mktemp("live")
+    run = Live(f"readme-{os.getpid()}", free_base_port(), out)
+    words = ["demo", "--preset-dir", build, "--rate", "realtime", "--out", out / "demo"]
+    words += ["--set", f"robot={run.robot}", "--set", f"zenoh.base_port={run.base_port}"]
+    words += ["--simulate", "--duration", "--simulate", "60"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with (
+        (out / "log").open("w") as log,
+        subprocess.Popen(
+            [ROOT / "bin/zloam", *map(str, words)], stdout=log, stderr=log, env=environment
+        ) as process,
+    ):
+        deadline = time.monotonic() + 120
+        while "poses/s" not in (out / "log").read_text():
+            assert process.poll() is None, (out / "log").read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        yield run
+        process.terminate()
+
+
+def test_the_endpoint_is_printed(live: Live) -> None:
+    assert f"robot {live.robot} listens on {live.endpoint}\n" in (live.out / "log").read_text()
+
+
+def test_the_subscriber_by_copy_and_paste(live: Live, build: Path, tmp_path: Path) -> None:
+    text = re.search(r"```python\n(\"\"\"Prints the pose.*?)```", README, re.DOTALL)
+    assert text is not None
+    example = ROOT / "services" / "monitor" / "examples" / "subscribe.py"
+    assert text[1] == example.read_text()
+    (tmp_path / "subscribe.py").write_text(text[1])
+    said = subprocess.run(
+        [sys.executable, tmp_path / "subscribe.py", live.endpoint, live.robot, "5"],
+        env={**os.environ, "PYTHONPATH": str(build / "generated" / "python")},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout
+    assert len(said.splitlines()) == 5
+
+
+def test_without_an_endpoint_the_robots_of_this_machine_are_found(live: Live) -> None:
+    (found,) = (each for each in discovery.robots() if each.robot == live.robot)
+    assert found.stages == ["driver", "registration", "odometry", "mapping", "integration"]
+
+
+@pytest.mark.parametrize("words", [("status",), ("watch", "--seconds", "1"), ("get", "odometry")])
+def test_looking(live: Live, words: tuple[str, ...]) -> None:
+    done = monitor(*words, "--connect", live.endpoint)
+    assert done.code == 0, done.said
+    assert f"connected to robot {live.robot} at {live.endpoint} (driver, " in done.said
+
+
+def test_changing_and_saving(live: Live, tmp_path: Path) -> None:
+    changed = monitor("set", "odometry", "odometry.kernel_m=0.2", "--connect", live.endpoint)
+    assert changed.code == 0, changed.said
+    shown = monitor("get", "odometry", "odometry.kernel_m", "--connect", live.endpoint)
+    assert "odometry odometry.kernel_m=0.2" in shown.said
+    saved = monitor("save", tmp_path / "maps", "--connect", live.endpoint)
+    assert saved.code == 0, saved.said
+    names = {path.name for path in (tmp_path / "maps").iterdir()}
+    assert names == {"map.pcd", "trajectory.tum", "trajectory.kitti", "odometry.tum"}
+    emptied = monitor("reset", "mapping", "--connect", live.endpoint)
+    assert (emptied.code, "mapping: map emptied" in emptied.said) == (0, True)
+
+
+def test_a_second_run_on_the_same_ports_is_refused(live: Live, build: Path) -> None:
+    port = f"zenoh.base_port={live.base_port}"
+    done = monitor("run", "--preset-dir", build, "--set", port, "--out", live.out / "second")
+    assert done.code == 3
+    assert f"driver can't listen on 127.0.0.1:{live.base_port}; zloam-driver (process " in done.said
