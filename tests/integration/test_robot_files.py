@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
+import jsonschema
 import pytest
+import yaml
 
-from tests.integration.conftest import ROOT
+from tests.integration.conftest import ROOT, monitor
 from zloam_monitor import robot_files
 from zloam_monitor.keys import STAGES
 
@@ -31,3 +34,55 @@ def test_every_stage_accepts_it(build: Path, path: Path) -> None:
 def test_comments_are_up_to_date(build: Path) -> None:
     stale = robot_files.refresh(build, ROBOTS, check=True)
     assert not stale, "run: make reference"
+
+
+def refused_by_schema(path: Path) -> bool:
+    schema = json.loads((ROBOTS / robot_files.SCHEMA).read_text())
+    checker = jsonschema.Draft7Validator(schema)
+    return not checker.is_valid(yaml.safe_load(path.read_text()))
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_editors_accept_it_by_the_schema(path: Path) -> None:
+    assert not refused_by_schema(path)
+    assert path.read_text().startswith(robot_files.MODELINE)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("robot: car\n", False),
+        ("robot: 01\n", False),
+        ("driver:\n", False),
+        ("driver:\n  port: 2369\n  rate: 2\n  model: VLP-16\n", False),
+        ("mounting:\n  xyz_m: [0, 0.1, 2]\n", False),
+        ("zenoh:\n  connect: [tcp/10.0.0.1:7447]\n  shared_memory: false\n", False),
+        ("driver:\n  prt: 2369\n", True),
+        ("speed: 3\n", True),
+        ("driver:\n  port: 70000\n", True),
+        ("driver:\n  port: 2368.5\n", True),
+        ("driver:\n  port: many\n", True),
+        ("driver:\n  model: VLP-17\n", True),
+        ("mounting:\n  xyz_m: [0, 0.1]\n", True),
+        ("mounting:\n  xyz_m: 3\n", True),
+        ("zenoh:\n  shared_memory: maybe\n", True),
+    ],
+)
+def test_schema_and_stages_are_of_one_mind(
+    text: str, wrong: bool, build: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    assert refused_by_schema(path) == wrong
+    asked = monitor("config", "check", "--preset-dir", build, path)
+    assert asked.code == (2 if wrong else 0), asked.said
+    assert ("robot.yaml:" in asked.said) == wrong or "accepted by all stages" in asked.said
+
+
+def test_a_check_says_each_refusal_once_and_what_is_not_the_default(build: Path) -> None:
+    asked = monitor("config", "check", "--preset-dir", build, "hdl64e", "--set", "robot=car")
+    assert asked.code == 0, asked.said
+    assert "robot: car" in asked.said
+    wrong = monitor("config", "check", "--preset-dir", build, "hdl64e", "--set", "robot=a/b")
+    assert wrong.code == 2
+    assert wrong.said.count("a/b") == 1

@@ -45,7 +45,7 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         for line in capsys.readouterr().out.splitlines()
         if line.startswith("│ ") and line[2] not in " -"
     ]
-    assert listed == [*COMMANDS, *(name for name, _ in PROGRAMS)]
+    assert listed == [*COMMANDS, "config", *(name for name, _ in PROGRAMS)]
 
 
 def test_the_version_is_that_of_the_programs(capsys: pytest.CaptureFixture[str]) -> None:

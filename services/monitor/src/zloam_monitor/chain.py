@@ -6,13 +6,16 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING
 
 from zloam_monitor.keys import STAGES, Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
 from zloam_monitor.processes import Processes, free_base_port, free_port
 from zloam_monitor.records import StatusRecord
+
+if TYPE_CHECKING:
+    from typing import Self
 
 #: consumers first, so that the first sweep finds its readers
 START_ORDER = ("integration", "mapping", "odometry", "registration", "driver")

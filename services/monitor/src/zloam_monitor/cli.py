@@ -51,3 +51,8 @@ def main(arguments: list[str] | None = None) -> int:
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0
     return 0
+
+
+def entry() -> None:
+    """The console script of the installed package."""
+    sys.exit(main())

@@ -98,7 +98,8 @@ def stage_names() -> list[str]:
     return ["driver", "registration", "odometry", "mapping", "integration"]
 
 
-def _config(text: str) -> Path:
+def robot_path(text: str) -> Path:
+    """A path, or the name of one of the robots' files."""
     return places.robot_file(text)
 
 
@@ -115,7 +116,7 @@ Robot = Annotated[str | None, typer.Option(help="Its name. Default: the only one
 Config = Annotated[
     Path | None,
     typer.Option(
-        parser=_config,
+        parser=robot_path,
         metavar="FILE",
         help="The robot's file, or the name of one of deploy/robots.",
         autocompletion=robot_names,

@@ -67,6 +67,52 @@ def refresh_robot_files(
     return 1 if check and stale else 0
 
 
+config = typer.Typer(
+    no_args_is_help=True, help="A robot's file: check it, or the schema that editors use."
+)
+
+
+@command
+def config_check(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            parser=common.robot_path,
+            metavar="FILE",
+            help="A robot's file, or the name of one of deploy/robots.",
+            autocompletion=common.robot_names,
+        ),
+    ],
+    settings: common.Settings = None,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Ask all stages whether they accept it; list what differs from the default."""
+    from zloam_monitor import config_check as checker
+    from zloam_monitor import robot_files as files
+
+    build = common.kept(preset_dir)
+    verdict = checker.check(build, file, settings or [])
+    for refusal in verdict.refusals:
+        common.said(refusal)
+    if verdict.refusals:
+        return 2
+    said = files.described(build)
+    changed = {k: v for k, v in verdict.values.items() if k in said and v != said[k]["default"]}
+    print(f"{file}: accepted by all stages; {len(changed)} values are not the default")
+    for key, value in sorted(changed.items()):
+        print(f"  {key}: {value}   [{said[key]['allowed']}; default {said[key]['default']}]")
+    return 0
+
+
+@command
+def config_schema(preset_dir: common.PresetDir = None) -> int:
+    """Print the JSON Schema of robot files (deploy/robots/schema.json)."""
+    from zloam_monitor import robot_files as files
+
+    print(files.schema_text(files.described(common.kept(preset_dir))), end="")
+    return 0
+
+
 def _program(app: typer.Typer, name: str, about: str) -> None:
     @command
     def run(context: typer.Context, preset_dir: common.PresetDir = None) -> int:
@@ -90,6 +136,9 @@ def add(app: typer.Typer) -> None:
         rich_help_panel=common.FILES,
         epilog=examples("zloam evaluate out/demo/trajectory.tum out/demo/ground_truth.tum"),
     )(evaluate)
+    config.command("check", epilog=examples("zloam config check my.yaml"))(config_check)
+    config.command("schema", epilog=examples("zloam config schema > schema.json"))(config_schema)
+    app.add_typer(config, name="config", rich_help_panel=common.FILES)
     app.command("robot-files", rich_help_panel=common.FILES, hidden=True)(refresh_robot_files)
     for name, about in PROGRAMS:
         _program(app, name, about)

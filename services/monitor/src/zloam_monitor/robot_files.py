@@ -16,10 +16,31 @@ from typing import Any
 
 import yaml
 
+from zloam_monitor import config_schema
 from zloam_monitor.chain import binary
 from zloam_monitor.keys import STAGES
 
 WIDTH = 100
+#: beside the robots' files
+SCHEMA = "schema.json"
+#: by which editors find it
+MODELINE = f"# yaml-language-server: $schema={SCHEMA}\n"
+#: to begin with: what differs from robot to robot
+ESSENTIAL = (
+    "robot",
+    "mounting.xyz_m",
+    "mounting.rpy_deg",
+    "driver.model",
+    "driver.port",
+    "driver.body_box_min_m",
+    "driver.body_box_max_m",
+    "driver.imu",
+    "registration.min_range_m",
+    "registration.max_range_m",
+    "mapping.map_path",
+    "integration.output_dir",
+    "zenoh.host",
+)
 HEAD = (
     "Above each key: [unit; what is allowed; default] meaning. A key behind # has its default; a"
     ' key that is set says why after "Here:". An unknown key, a wrong type or a value out of range'
@@ -91,7 +112,7 @@ def read(text: str) -> RobotFile:
             comment += " " + words.lstrip("#").strip()
         else:
             comment = ""
-    first = text.split("\n#\n", 1)[0]
+    first = text.split("\n#\n", 1)[0].removeprefix(MODELINE)
     about = " ".join(line.lstrip("# ") for line in first.splitlines() if line.startswith("#"))
     return RobotFile(about, _flat(yaml.safe_load(text)), reasons)
 
@@ -160,7 +181,7 @@ def render(robot: RobotFile, said: dict[str, dict[str, Any]]) -> str:
     if unknown := sorted(set(robot.values) - set(said)):
         raise ValueError(f"no stage knows {', '.join(unknown)}")
     head = [*_wrapped(robot.about, 0), "#", *_wrapped(HEAD, 0)]
-    parts = ["\n".join(head)]
+    parts = [MODELINE + "\n".join(head)]
     for name in SECTIONS:
         keys = [k for k in said if (k.split(".")[0] if "." in k else "") == name]
         # in the order of declaration, but plain keys before nested ones
@@ -170,28 +191,40 @@ def render(robot: RobotFile, said: dict[str, dict[str, Any]]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _table(keys: list[str], said: dict[str, dict[str, Any]]) -> list[str]:
+    lines = ["| key | unit | allowed | default | live | meaning |", "|---|---|---|---|---|---|"]
+    for key in keys:
+        s = said[key]
+        live = "live" if s["live"] else ""
+        default = f"`{_value(s['default'])}`"
+        cells = (f"`{key}`", s["unit"], s["allowed"], default, live, s["doc"])
+        lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+    return [*lines, ""]
+
+
 def reference(said: dict[str, dict[str, Any]]) -> str:
-    """All keys as Markdown tables."""
+    """All keys as Markdown tables, those first that matter first."""
     lines = ["# Configuration reference", "", "Made by `make reference`."]
-    lines += ["Live: may change while running, `zloam set STAGE key=value`.", ""]
+    lines += ["Live: may change while running, `zloam set STAGE key=value`."]
+    lines += ["`zloam config check FILE` asks the stages; editors check by `schema.json`.", ""]
+    lines += [
+        "## To begin with",
+        "",
+        "What differs from robot to robot; the rest has defaults.",
+        "",
+    ]
+    lines += _table([key for key in ESSENTIAL if key in said], said)
     for name, about in SECTIONS.items():
         keys = [k for k in said if (k.split(".")[0] if "." in k else "") == name]
-        if not keys:
-            continue
-        title = name or "general"
-        lines += [f"## {title}", "", *([about, ""] if about else [])]
-        lines += [
-            "| key | unit | allowed | default | live | meaning |",
-            "|---|---|---|---|---|---|",
-        ]
-        for key in keys:
-            s = said[key]
-            live = "live" if s["live"] else ""
-            default = f"`{_value(s['default'])}`"
-            cells = (f"`{key}`", s["unit"], s["allowed"], default, live, s["doc"])
-            lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
-        lines.append("")
+        if keys:
+            lines += [f"## {name or 'general'}", "", *([about, ""] if about else [])]
+            lines += _table(keys, said)
     return "\n".join(lines)
+
+
+def schema_text(said: dict[str, dict[str, Any]]) -> str:
+    """JSON Schema of the files, as text."""
+    return json.dumps(config_schema.schema(said, SECTIONS), indent=1, ensure_ascii=False) + "\n"
 
 
 def refresh(build: Path, folder: Path, check: bool) -> list[Path]:
@@ -200,6 +233,7 @@ def refresh(build: Path, folder: Path, check: bool) -> list[Path]:
     stale = []
     wanted = {p: render(read(p.read_text()), said) for p in sorted(folder.glob("*.yaml"))}
     wanted[folder / "REFERENCE.md"] = reference(said)
+    wanted[folder / SCHEMA] = schema_text(said)
     for path, text in wanted.items():
         if not path.exists() or path.read_text() != text:
             stale.append(path)
