@@ -3,7 +3,8 @@
 # --router zloam-router, built from services/router. Both share what their lock files have in common.
 # A product is built once for each (sources, lock file, compiler, flags) and kept in
 # ~/.cache/zenoh-loam/rust/<hash>/ (ZLOAM_CACHE names another place), so that all build directories and
-# presets share it. Without a change this costs a hash. The first build takes some minutes.
+# presets share it. Without a change this costs a hash. The first build takes some minutes. What cargo made on the
+# way (700 MB) is removed, unless ZLOAM_KEEP_CARGO is set: for work on the crate, or for both products in a row.
 set -euo pipefail
 folder=services/common/zenoh/bridge
 name=libzloam_zenoh.so
@@ -39,6 +40,7 @@ build() {
   mkdir -p "$(dirname "$built")"
   cp "$made/$name" "$built.$$"
   mv "$built.$$" "$built"
+  [ -n "${ZLOAM_KEEP_CARGO:-}" ] || rm -rf "$target"
 }
 
 if [ ! -f "$built" ]; then

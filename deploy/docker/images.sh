@@ -12,7 +12,7 @@ cd "$(dirname "$0")/../.."
 source deploy/docker/base.sh
 if [ "${1:-}" = --prebuilt ]; then
   export ZLOAM_RUST=prebuilt
-  deploy/build/rust.sh deploy/docker/prebuilt/libzloam_zenoh.so
+  ZLOAM_KEEP_CARGO=1 deploy/build/rust.sh deploy/docker/prebuilt/libzloam_zenoh.so
   deploy/build/rust.sh --router deploy/docker/prebuilt/zloam-router
 fi
 docker compose build prepare router monitor
