@@ -18,6 +18,9 @@ struct IntegrationConfig {
   /// covariance (from comparison with ground truth, mapping/EXPERIMENTS.md)
   double step_scale_m = 0.1;
   double step_scale_rad = 0.22;
+  /// the pose is degenerate when the points leave a direction open by more than this share of 10 m,
+  /// or when its own position is known worse than that
+  double drift_limit = 0.01;
   /// files of a run, in this folder: trajectory.tum, trajectory.kitti, odometry.tum; empty: none
   std::string output_dir = "out";
 };

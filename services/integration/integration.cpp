@@ -1,6 +1,8 @@
 #include "integration/integration.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cmath>
 
 namespace zloam::integration {
 namespace {
@@ -119,11 +121,13 @@ void Integrator::follow_map(const Correction& correction) {
   if (mapped_ && mapped_->sweep == correction.sweep) return;
   for (const OdometryPose& p : recent_) {
     if (p.sweep != correction.sweep || p.odom_epoch != correction.odom_epoch) continue;
-    const MappedPose now{p.sweep, p.odom_epoch, p.instant_ns,
-                         normalised(correction.T_map_odom * p.T_odom_base), p.T_odom_base};
+    const MappedPose now{p.sweep,       p.odom_epoch,
+                         p.instant_ns,  normalised(correction.T_map_odom * p.T_odom_base),
+                         p.T_odom_base, finite_or_zero(correction.covariance)};
     const bool sound = correction.health == Health::kOk || correction.health == Health::kDegenerate;
     if (sound && mapped_ && mapped_->odom_epoch == now.odom_epoch && mapped_->sweep < now.sweep) {
       steps_.observe(mapped_->T_map_base.inverse() * now.T_map_base,
+                     mapped_->covariance + now.covariance,
                      mapped_->T_odom_base.inverse() * now.T_odom_base,
                      seconds(now.instant_ns - mapped_->instant_ns),
                      static_cast<int>(now.sweep - mapped_->sweep));
@@ -181,19 +185,57 @@ void Integrator::place(const OdometryPose& pose, const Correction* correction, F
   last_T_map_odom_ = T_map_odom;
 }
 
-// What the map does not see stays open in every pose that hangs on it; what only the odometry does
-// not see is open until the next correction.
-Weak Integrator::weak_of(const OdometryPose& pose, const Correction* correction) const {
-  if (correction == nullptr || !correction->weak.degenerate) return pose.weak;
-  Weak weak = correction->weak;
+// What the map does not see stays open in every pose that hangs on it, given at the pose.
+Weak Integrator::weak_of(const OdometryPose& pose, const Correction& correction) const {
+  Weak weak = correction.weak;
   for (const OdometryPose& p : recent_) {
-    if (p.sweep != correction->sweep || p.odom_epoch != pose.odom_epoch) continue;
+    if (p.sweep != correction.sweep || p.odom_epoch != pose.odom_epoch) continue;
     const Eigen::Matrix3d R_now_then =
         pose.T_odom_base.linear().transpose() * p.T_odom_base.linear();
     weak.translation = R_now_then * weak.translation;
     weak.rotation = R_now_then * weak.rotation;
   }
   return weak;
+}
+
+// The map holds the pose, and the odometry carries it on over a sweep or two: what that does not
+// see counts as far as the pose is less sure by it.
+Weak Integrator::judged(const OdometryPose& pose, const Correction* correction,
+                        const Matrix6& covariance) const {
+  if (correction == nullptr) return pose.weak;
+  if (correction->weak.degenerate) return weak_of(pose, *correction);
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> position;
+  position.computeDirect(Eigen::Matrix3d(covariance.topLeftCorner<3, 3>()));
+  const double worst_m = std::sqrt(std::max(0.0, position.eigenvalues()[2]));
+  Weak weak;
+  weak.sigma_measured = worst_m;
+  weak.sigma_predicted = worst_m;
+  weak.degenerate = worst_m > config_.drift_limit * kJudgedWay_m;
+  if (weak.degenerate) weak.translation = position.eigenvectors().col(2);
+  return weak;
+}
+
+// Of the odometry's words and the map's, what holds for the pose made of both.
+Health Integrator::health_of(const OdometryPose& pose, const Correction* correction,
+                             const Weak& weak) {
+  const bool uncorrected = old(pose, correction);
+  const bool new_frame = pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch);
+  if (correction == nullptr) {
+    if (new_frame) return Health::kBridging;
+  } else if (correction->health == Health::kBridging || correction->health == Health::kLost) {
+    return correction->health;
+  }
+  const bool located = pose.health == Health::kOk || pose.health == Health::kDegenerate;
+  if (!located) return pose.health;
+  if (weak.degenerate) return Health::kDegenerate;
+  return uncorrected ? Health::kPredicted : Health::kOk;
+}
+
+Matrix6 Integrator::step_covariance(const OdometryPose& pose) const {
+  if (mapped_ && mapped_->odom_epoch == pose.odom_epoch) {
+    if (const auto lately = steps_.covariance()) return *lately;
+  }
+  return counted(pose.step_covariance, config_);
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
@@ -209,8 +251,8 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   const OdometryPose* from = nullptr;
   for (const OdometryPose& p : recent_) {
     if (p.sweep > correction->sweep && from != nullptr) {
-      covariance = carried(covariance, p.T_odom_base.inverse() * from->T_odom_base) +
-                   counted(p.step_covariance, config_);
+      covariance =
+          carried(covariance, p.T_odom_base.inverse() * from->T_odom_base) + step_covariance(p);
     }
     if (p.sweep >= correction->sweep) from = &p;
   }
@@ -240,17 +282,8 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   place(pose, correction, fused);
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
-  fused.health = pose.health;
-  fused.weak = weak_of(pose, correction);
-  if (correction != nullptr) {
-    const bool lasting =
-        correction->health == Health::kBridging || correction->health == Health::kLost;
-    if (lasting) fused.health = correction->health;
-    if (fused.health == Health::kOk && fused.weak.degenerate) fused.health = Health::kDegenerate;
-  } else if (pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch)) {
-    fused.health = Health::kBridging;
-  }
-  if (fused.health == Health::kOk && old(pose, correction)) fused.health = Health::kPredicted;
+  fused.weak = judged(pose, correction, fused.covariance);
+  fused.health = health_of(pose, correction, fused.weak);
   if (!first_epoch_) first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
   last_fused_ = fused;

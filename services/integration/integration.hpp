@@ -103,7 +103,11 @@ class Integrator {
   /// T_map_base of the pose, by the steps from the correction's sweep; nothing when that sweep's
   /// odometry is not at hand
   std::optional<Pose> carried_on(const OdometryPose& pose, const Correction& correction) const;
-  Weak weak_of(const OdometryPose& pose, const Correction* correction) const;
+  Weak weak_of(const OdometryPose& pose, const Correction& correction) const;
+  Weak judged(const OdometryPose& pose, const Correction* correction,
+              const Matrix6& covariance) const;
+  Health health_of(const OdometryPose& pose, const Correction* correction, const Weak& weak);
+  Matrix6 step_covariance(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   /// The map has not corrected the pose for long: it depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
@@ -121,6 +125,7 @@ class Integrator {
     std::int64_t instant_ns = 0;
     Pose T_map_base = Pose::Identity();
     Pose T_odom_base = Pose::Identity();
+    Matrix6 covariance = Matrix6::Zero();
   };
   std::optional<MappedPose> mapped_;
   StepFusion steps_;

@@ -31,6 +31,8 @@ void bind(runtime::Parameters& p, IntegrationConfig& c) {
         "sigmas of the odometry's steps count by this much in the pose's covariance");
   p.add("integration.step_scale_rad", &c.step_scale_rad, {0.01, 100.0}, "",
         "and of their rotation");
+  p.add("integration.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
+        "degenerate: the pose is known worse along a direction than this share of 10 m");
   p.add("integration.output_dir", &c.output_dir,
         "folder of trajectory.tum, trajectory.kitti and odometry.tum; empty: none",
         runtime::Effect::kNone);

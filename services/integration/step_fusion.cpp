@@ -8,11 +8,6 @@ namespace {
 
 // A motion that was taken over more time, or is older, predicts nothing.
 constexpr double kFreshMotion_s = 0.5;
-// Part of a record that stays when a new error comes in, once it is a mean of so many; before, each
-// counts as much as what was assumed at first. An odometry that was started in the middle of a
-// street is off by decimetres a sweep, and would be believed for as long as a record of long memory
-// takes to learn it.
-constexpr double kMemory = 0.9;
 // More than this in one sweep is a break, not an error to learn from.
 constexpr double kBreak_m = 2.0;
 constexpr double kBreak_rad = 0.5;
@@ -36,21 +31,8 @@ Eigen::Vector3d weighed(const Eigen::Vector3d& ahead, const Eigen::Matrix3d& odo
 
 }  // namespace
 
-StepFusion::Record::Record(double sigma_m, double sigma_rad)
-    : translation(sigma_m * sigma_m * Eigen::Matrix3d::Identity()),
-      rotation(sigma_rad * sigma_rad * Eigen::Matrix3d::Identity()) {}
-
-void StepFusion::Record::add(const Vector6& error) {
-  const Eigen::Vector3d t = error.head<3>();
-  const Eigen::Vector3d r = error.tail<3>();
-  ++errors;
-  const double stays = std::min(kMemory, errors / (errors + 1.0));
-  translation = stays * translation + (1.0 - stays) * t * t.transpose();
-  rotation = stays * rotation + (1.0 - stays) * r * r.transpose();
-}
-
-void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, double over_s,
-                         int sweeps) {
+void StepFusion::observe(const Pose& mapped_step, const Matrix6& mapped_covariance,
+                         const Pose& odometry_step, double over_s, int sweeps) {
   if (!(over_s > 0.0) || over_s > kFreshMotion_s || sweeps < 1) {
     forget_motion();
     return;
@@ -60,6 +42,8 @@ void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, dou
     forget_motion();
     return;
   }
+  const Pose fused_step = step(odometry_step, {}, over_s, over_s);
+  fused_.add(unexplained(log_se3(fused_step.inverse() * mapped_step), mapped_covariance) / sweeps);
   odometry_.add(odometry_error);
   if (twist_per_s_) {
     const Vector6 error = log_se3(exp_se3(-*twist_per_s_ * over_s) * mapped_step) / sweeps;
@@ -71,7 +55,7 @@ void StepFusion::observe(const Pose& mapped_step, const Pose& odometry_step, dou
 Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s,
                       double age_s) const {
   if (!twist_per_s_ || age_s > kFreshMotion_s) return odometry_step;
-  if (odometry_.errors < kFewest && !weak.degenerate) return odometry_step;
+  if (odometry_.errors() < kFewest && !weak.degenerate) return odometry_step;
   const Vector6 ahead = log_se3(odometry_step.inverse() * exp_se3(*twist_per_s_ * over_s));
   if (is_break(ahead)) return odometry_step;
   Eigen::Matrix3d unseen = Eigen::Matrix3d::Zero();
@@ -80,9 +64,15 @@ Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s
     unseen = sigma_m * sigma_m * weak.translation * weak.translation.transpose();
   }
   Vector6 change;
-  change << weighed(ahead.head<3>(), odometry_.translation + unseen, map_.translation, kFloor_m),
-      weighed(ahead.tail<3>(), odometry_.rotation, map_.rotation, kFloor_rad);
+  change << weighed(ahead.head<3>(), odometry_.translation() + unseen, map_.translation(),
+                    kFloor_m),
+      weighed(ahead.tail<3>(), odometry_.rotation(), map_.rotation(), kFloor_rad);
   return change.allFinite() ? odometry_step * exp_se3(change) : odometry_step;
+}
+
+std::optional<Matrix6> StepFusion::covariance() const {
+  if (fused_.errors() < kFewest) return std::nullopt;
+  return fused_.covariance();
 }
 
 }  // namespace zloam::integration

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "common/geometry/error_record.hpp"
 #include "common/geometry/se3.hpp"
 
 namespace zloam::integration {
@@ -24,28 +25,25 @@ struct Weak {
 
 class StepFusion {
  public:
-  /// A mapped pose followed the one before by mapped_step, where the odometry had odometry_step,
-  /// over so many sweeps.
-  void observe(const Pose& mapped_step, const Pose& odometry_step, double over_s, int sweeps);
+  /// A mapped pose followed the one before by mapped_step, known to the covariance of both, where
+  /// the odometry had odometry_step, over so many sweeps.
+  void observe(const Pose& mapped_step, const Matrix6& mapped_covariance, const Pose& odometry_step,
+               double over_s, int sweeps);
   /// The next mapped pose does not follow the last one.
   void forget_motion() { twist_per_s_.reset(); }
 
   /// One sweep's step: over_s long, ending age_s after the last mapped pose.
   Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
 
+  /// Of such a step, as they did lately beyond the errors of the mapped poses; none before a few of
+  /// these.
+  std::optional<Matrix6> covariance() const;
+
  private:
-  // Mean squares of what a prediction was off by in one sweep.
-  struct Record {
-    Eigen::Matrix3d translation;
-    Eigen::Matrix3d rotation;
-    int errors = 0;
-
-    Record(double sigma_m, double sigma_rad);
-    void add(const Vector6& error);
-  };
-
-  Record odometry_{0.003, 0.001};
-  Record map_{0.05, 0.015};
+  // Of the errors in one sweep.
+  ErrorRecord odometry_{0.003, 0.001};
+  ErrorRecord map_{0.05, 0.015};
+  ErrorRecord fused_{0.003, 0.001};
   std::optional<Vector6> twist_per_s_;
 };
 

@@ -2,12 +2,16 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace zloam::integration {
 namespace {
 
 constexpr double kPeriod_s = 0.1;
 
 Pose forward(double x_m) { return pose_from_xyz_rpy_deg({x_m, 0.0, 0.0}, {0.0, 0.0, 0.0}); }
+
+const Matrix6 kExact = Matrix6::Zero();
 
 double off_m(const StepFusion& fusion, const Pose& odometry_step, const Weak& weak) {
   const Pose step = fusion.step(odometry_step, weak, kPeriod_s, kPeriod_s);
@@ -22,19 +26,36 @@ TEST(StepFusion, AnOdometryThatIsFarOffIsLearntOfAtOnce) {
   weak.sigma_measured = 0.01;
   const Pose too_short = forward(0.66);
   StepFusion fusion;
-  fusion.observe(forward(0.8), too_short, kPeriod_s, 1);
+  fusion.observe(forward(0.8), kExact, too_short, kPeriod_s, 1);
   EXPECT_LT(off_m(fusion, too_short, weak), 0.05);
-  for (int i = 0; i < 3; ++i) fusion.observe(forward(0.8), too_short, kPeriod_s, 1);
+  for (int i = 0; i < 3; ++i) fusion.observe(forward(0.8), kExact, too_short, kPeriod_s, 1);
   EXPECT_LT(off_m(fusion, too_short, weak), 0.01);
 }
 
 TEST(StepFusion, OneWhoseStepsAreGoodLeads) {
   StepFusion fusion;
   for (int i = 0; i < 8; ++i) {
-    fusion.observe(forward(i % 2 == 0 ? 0.82 : 0.78), forward(i % 2 == 0 ? 0.82 : 0.78), kPeriod_s,
-                   1);
+    const Pose step = forward(i % 2 == 0 ? 0.82 : 0.78);
+    fusion.observe(step, kExact, step, kPeriod_s, 1);
   }
   EXPECT_LT(off_m(fusion, forward(0.8), Weak{}), 0.001);
+}
+
+// Sigma along x after steps that neither prediction foresees, beside mapped poses known to 1 cm.
+double sigma_after_m(double off_m) {
+  StepFusion fusion;
+  for (int i = 0; i < 60; ++i) {
+    const double sign = i % 4 < 2 ? 1.0 : -1.0;
+    fusion.observe(forward(0.8 + sign * off_m), 1e-4 * Matrix6::Identity(), forward(0.8), kPeriod_s,
+                   1);
+  }
+  return std::sqrt(fusion.covariance().value()(0, 0));
+}
+
+TEST(StepFusion, TheCovarianceIsWhatTheMappedPosesDoNotExplain) {
+  EXPECT_LT(sigma_after_m(0.005), 0.002);
+  EXPECT_NEAR(sigma_after_m(0.1), 0.1, 0.02);
+  EXPECT_FALSE(StepFusion().covariance());
 }
 
 }  // namespace

@@ -58,22 +58,6 @@ struct LoamConfig {
 struct VoxelPlanesConfig {
   plane_map::PlaneMapConfig map;
   plane_map::MatcherConfig matcher;
-  /// the odometry's pose is the start and a prior of each sweep it saw well (true), or only of the
-  /// first ones and of those after a break
-  bool use_prediction = false;
-  /// sigmas of the odometry's twist as a prior; 0: none
-  double twist_sigma_mps = 0.0;
-  double twist_sigma_radps = 0.0;
-  /// a turn that differs from the odometry's by more than this is looked for from the odometry's
-  /// too: of two places that the sweep fits, the better; by more than the second, one of both is
-  /// lost, and the fit does not tell which
-  double second_start_rad = 0.003;
-  double second_start_most_rad = 0.05;
-  /// steps that differ from the odometry's by more than this say that the map's motion is lost:
-  /// more than an odometry that slips between smooth walls is off by (0.4 m), which the map must
-  /// not follow
-  double lost_step_m = 3.0;
-  double lost_step_rad = 0.3;
   /// every so many points of a sweep are put into the tiles, which hold the points to look at
   std::uint32_t tile_stride = 4;
   /// of a dense sweep's surfaces fewer, but no fewer than these
@@ -113,12 +97,16 @@ struct MappingConfig {
   double covariance_map_m = 0.0;
   /// and, of the rotation, this share of the change of the turn from the sweep before: the motion
   /// within a sweep is taken as constant
-  double covariance_turn_share = 0.02;
+  double covariance_turn_share = 0.018;
   /// a rotation known worse than this was drawn into the map, too, by the poses before: its
   /// variance v is published as v (1 + v / this^2); 0: the map's turn is taken as exact
-  double covariance_map_turn_rad = 0.002;
+  double covariance_map_turn_rad = 0.0025;
   WeakDirections weak_directions = WeakDirections::kPrior;
-  /// a direction is flagged when measured sigma > on * predicted sigma, until below off * predicted
+  /// a direction is degenerate when the points leave it open by more than this share of 10 m, or of
+  /// a radian
+  double drift_limit = 0.01;
+  /// method loam: a direction is flagged when measured sigma > on * predicted sigma, until below
+  /// off * predicted
   double degenerate_on = 1.0;
   double degenerate_off = 0.7;
   /// not inserted when the residual is above so many times its recent median

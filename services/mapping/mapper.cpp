@@ -123,7 +123,9 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
 
 Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
                                             const Prediction& prediction) const {
-  if (!last || bridging) return prediction.covariance;
+  if (bridging) return prediction.covariance;
+  // The first pose is the map's frame.
+  if (!last) return prior_covariance(config, Matrix6::Zero());
   const Matrix6 carry = adjoint(input.T_odom_base.inverse() * last->T_odom_base);
   return carry * last->covariance * carry.transpose() + prediction.covariance;
 }

@@ -66,8 +66,12 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
         {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
         "weak directions: weighed against the prediction, or cut from each step")
       .live();
+  p.add(
+       "mapping.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
+       "degenerate: the points leave a direction open by more than this share of 10 m, or of 1 rad")
+      .live();
   p.add("mapping.degenerate_on", &c.degenerate_on, {0.01, 100.0}, "",
-        "flagged when measured sigma exceeds this many predicted ones")
+        "loam: flagged when measured sigma exceeds this many predicted ones")
       .live();
   p.add("mapping.degenerate_off", &c.degenerate_off, {0.01, 100.0}, "", "until below this many")
       .live();
@@ -202,32 +206,8 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.change_sigma_rad", &m.change_sigma_rad, {1e-5, 1.0}, "rad",
         "and of the turn")
       .live();
-  p.add("mapping.voxel_planes.weak_ratio", &m.weak_ratio, {0.01, 100.0}, "",
-        "flagged when measured sigma exceeds this many predicted ones")
-      .live();
-  p.add("mapping.voxel_planes.strong_ratio", &m.strong_ratio, {0.01, 100.0}, "",
-        "until below this many")
-      .live();
   p.add("mapping.voxel_planes.weak_least_cosine", &m.weak_least_cosine, {0.0, 1.0}, "",
         "between walls, planes count along a weak direction that face it by at least this cosine");
-  p.add(
-       "mapping.voxel_planes.use_prediction", &c.use_prediction,
-       "the odometry's pose is start and prior of every sweep, or only where the motion is unknown")
-      .live();
-  p.add("mapping.voxel_planes.second_start_rad", &c.second_start_rad, {0.0, 3.2}, "rad",
-        "a turn that differs from the odometry's by more is looked for from the odometry's as "
-        "well, and the better fit is taken")
-      .live();
-  p.add("mapping.voxel_planes.second_start_most_rad", &c.second_start_most_rad, {0.0, 3.2}, "rad",
-        "but by more than this it is not: one of both is lost then")
-      .live();
-  p.add("mapping.voxel_planes.lost_step_m", &c.lost_step_m, {0.01, 100.0}, "m",
-        "a step that differs from the odometry's by more is matched again from the odometry's, and "
-        "the better is taken; the odometry's where it saw well")
-      .live();
-  p.add("mapping.voxel_planes.lost_step_rad", &c.lost_step_rad, {0.001, 3.2}, "rad",
-        "and of the turn")
-      .live();
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
         "every so many points of a sweep go into the tiles")
       .live();

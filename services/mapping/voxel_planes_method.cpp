@@ -6,6 +6,7 @@
 
 #include "common/containers/thinning.hpp"
 #include "common/geometry/deskew.hpp"
+#include "common/geometry/health.hpp"
 #include "common/plane_map/plane_registration.hpp"
 #include "mapping/voxel_tiles.hpp"
 
@@ -18,6 +19,9 @@ constexpr double kLeastNoise_m = 1e-3;
 constexpr double kRestChiSquared = 12.59;
 // Over one missing sweep the map's own motion still goes on; over several it is metres off.
 constexpr double kLongestStep = 2.5;
+// Of two predictions that are both right as far as they say: 99.9 % of them are nearer to each
+// other (chi-squared with six degrees of freedom).
+constexpr double kContradiction = 22.46;
 // Sums of weights that differ by less are the same: both starts came to one place, or to two of
 // which neither is known to be better.
 constexpr double kBetterFit = 1.02;
@@ -43,30 +47,26 @@ plane_map::SweepInput sweep_of(const MappingInput& input) {
   return sweep;
 }
 
-// By how much the result's step differs from the odometry's: m and rad.
-Vector6 difference_of(const plane_map::RegistrationResult& result, const MappingInput& input,
-                      const Prediction& prediction) {
-  const Pose T_map_base = result.at(input.instant_ns, input.period_ns);
-  return log_se3(prediction.T_map_base.inverse() * T_map_base);
-}
-
 class VoxelPlanesMethod : public MappingMethod {
  public:
-  explicit VoxelPlanesMethod(const MappingConfig& config) : config_(config.voxel_planes) {}
+  explicit VoxelPlanesMethod(const MappingConfig& config)
+      : VoxelPlanesMethod(config.voxel_planes, config.drift_limit) {}
 
   Match match(const MappingInput& input, const Prediction& prediction,
               const TileMap& tiles) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
-  void reset() override { *this = VoxelPlanesMethod(config_); }
+  void reset() override { *this = VoxelPlanesMethod(config_, drift_limit_); }
   void configure(const MappingConfig& config) override {
     config_ = config.voxel_planes;
+    drift_limit_ = config.drift_limit;
     if (registration_) registration_->configure(config_.matcher);
   }
   std::vector<VoxelTile> take_changed(double growth) override;
   void restore(const std::vector<VoxelTile>& tiles) override;
 
  private:
-  explicit VoxelPlanesMethod(const VoxelPlanesConfig& config) : config_(config) {}
+  VoxelPlanesMethod(const VoxelPlanesConfig& config, double drift_limit)
+      : config_(config), drift_limit_(drift_limit) {}
 
   // A result and the pose that was made of it.
   struct Tried {
@@ -83,24 +83,20 @@ class VoxelPlanesMethod : public MappingMethod {
 
   void begin(const MappingInput& input, const Prediction& prediction);
   void found_anew(const MappingInput& input);
+  void learn(const MappingInput& input, const Pose& T_map_base);
   plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
   plane_map::RegistrationResult registered(const MappingInput& input, const Prediction& prediction);
-  plane_map::RegistrationResult from_own_motion(const plane_map::SweepInput& sweep,
-                                                const MappingInput& input,
-                                                const Prediction& prediction,
-                                                plane_map::MotionPrediction odometry);
-  bool disagrees(const plane_map::RegistrationResult& result, const MappingInput& input,
-                 const Prediction& prediction) const;
   plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
-  plane_map::RegistrationResult as_predicted(const plane_map::RegistrationResult& matched,
-                                             const MappingInput& input,
-                                             const Prediction& prediction,
-                                             const plane_map::MotionPrediction& odometry) const;
+  Degeneracy judged(const plane_map::Degeneracy& d, const Eigen::Matrix3d& R_base_mid) const;
   static PointSpan thinned(PointSpan points, const Thinning& thinning, const DeskewTable& table,
                            PointVector& out);
 
   VoxelPlanesConfig config_;
+  double drift_limit_;
   std::optional<plane_map::PlaneRegistration> registration_;
+  // What the odometry's step was off by lately, m/s and rad/s.
+  ErrorRecord odometry_error_{0.0, 0.0};
+  Pose T_map_base_predicted_ = Pose::Identity();
   std::optional<MappingInput> open_;  // the sweep whose results wait; spans are not to be read
   std::vector<Tried> tried_;
   std::optional<Founding> founding_;
@@ -117,84 +113,31 @@ plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
   out.instant_ns = input.instant_ns;
   out.twist_per_s = input.twist_per_s;
   out.pose_covariance = prediction.covariance;
-  const double v = config_.twist_sigma_mps;
-  const double w = config_.twist_sigma_radps;
-  if (v > 0.0 && w > 0.0) {
-    out.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
-  }
+  const double step_s = 1e-9 * input.period_ns;
+  out.pose_covariance += step_s * step_s * odometry_error_.covariance();
   return out;
 }
 
-bool VoxelPlanesMethod::disagrees(const plane_map::RegistrationResult& result,
-                                  const MappingInput& input, const Prediction& prediction) const {
-  if (result.outcome != plane_map::Outcome::kRegistered) return false;
-  const Vector6 difference = difference_of(result, input, prediction);
-  return difference.head<3>().norm() > config_.lost_step_m ||
-         difference.tail<3>().norm() > config_.lost_step_rad;
-}
-
-// Who swings, or turns into a corner, has turned by degrees more than in the sweep before: at ten
-// metres most points then lie in other voxels than those that they belong to, and among leaves,
-// where voxels are small, the pose stays where it was looked for. Where the
-// odometry is lost its place may fit better all the same: so only within limits (EXPERIMENTS.md).
-plane_map::RegistrationResult VoxelPlanesMethod::from_own_motion(
-    const plane_map::SweepInput& sweep, const MappingInput& input, const Prediction& prediction,
-    plane_map::MotionPrediction odometry) {
-  auto result = registration_->match(sweep);
-  if (result.outcome != plane_map::Outcome::kRegistered) return result;
-  const double turn_rad = difference_of(result, input, prediction).tail<3>().norm();
-  if (turn_rad <= config_.second_start_rad || turn_rad > config_.second_start_most_rad) {
-    return result;
-  }
-  odometry.use = plane_map::PredictionUse::kTurnToTry;
-  auto second = registration_->match(sweep, odometry);
-  const bool better = second.outcome == plane_map::Outcome::kRegistered &&
-                      second.matched_weight > kBetterFit * result.matched_weight;
-  return better ? second : result;
-}
-
-// Once moving, the map's own last motion predicts better than the odometry: in a direction that the
-// odometry does not see it drifts by centimetres a sweep, always the same way, and a map that once
-// followed it stays wrong. But where neither ground nor walls hold the map's motion, each sweep's
-// error is the next one's prediction. Steps that differ by more than an odometry is ever wrong by
-// say that it is lost: then it begins again with the odometry's.
+// One estimate from two predictions of the motion: the odometry's, and that of the sweeps mapped
+// before, each weighed by what it was off by lately. Where they contradict each other one of them
+// is wrong, and their mean is nowhere: then the sweep is matched from each, and the better fit
+// counts.
 plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& input,
                                                             const Prediction& prediction) {
   const plane_map::SweepInput sweep = sweep_of(input);
   plane_map::MotionPrediction odometry = advice(input, prediction);
-  const bool own = registration_->knows_motion() && (!config_.use_prediction || input.degenerate);
-  if (!own) return registration_->match(sweep, odometry);
-  auto result = from_own_motion(sweep, input, prediction, odometry);
-  if (!disagrees(result, input, prediction)) return result;
+  if (!registration_->knows_motion()) return registration_->match(sweep, odometry);
+  if (registration_->disagreement(sweep, odometry) <= kContradiction) {
+    return input.degenerate ? registration_->match(sweep) : registration_->match(sweep, odometry);
+  }
+  const auto own = registration_->match(sweep);
   odometry.use = plane_map::PredictionUse::kInstead;
   const double per_s = 1e9 / std::max<double>(input.period_ns, 1.0);
   const double v = per_s * config_.matcher.change_sigma_m;
   const double w = per_s * config_.matcher.change_sigma_rad;
   odometry.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
-  auto again = registration_->match(sweep, odometry);
-  if (again.outcome != plane_map::Outcome::kRegistered) {
-    return input.degenerate ? result : as_predicted(result, input, prediction, odometry);
-  }
-  if (input.degenerate) return again.matched_weight > result.matched_weight ? again : result;
-  return disagrees(again, input, prediction) ? as_predicted(again, input, prediction, odometry)
-                                             : again;
-}
-
-// What was drawn while the motion was lost leads astray even from there: then the sweep is put
-// where the odometry says, so that something right grows beside it.
-plane_map::RegistrationResult VoxelPlanesMethod::as_predicted(
-    const plane_map::RegistrationResult& matched, const MappingInput& input,
-    const Prediction& prediction, const plane_map::MotionPrediction& odometry) const {
-  plane_map::RegistrationResult result = matched;
-  const plane_map::RegistrationResult placed = placed_at(input, prediction.T_map_base);
-  result.T_map_base_mid = placed.T_map_base_mid;
-  result.twist_per_s = placed.twist_per_s;
-  result.twist_change_per_s.setZero();
-  result.covariance.setZero();
-  result.covariance.topLeftCorner<6, 6>() = odometry.pose_covariance;
-  result.covariance.bottomRightCorner<6, 6>() = odometry.twist_covariance;
-  result.degeneracy.weak = true;
-  return result;
+  const auto by_odometry = registration_->match(sweep, odometry);
+  return by_odometry.matched_weight > kBetterFit * own.matched_weight ? by_odometry : own;
 }
 
 // What registration would say of a sweep whose pose and twist are as predicted.
@@ -248,10 +191,27 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   open_ = input;
 }
 
+// A direction that the points alone leave open by more than the limit.
+Degeneracy VoxelPlanesMethod::judged(const plane_map::Degeneracy& d,
+                                     const Eigen::Matrix3d& R_base_mid) const {
+  const bool weak_translation = d.measured_sigma_m > drift_limit_ * kJudgedWay_m;
+  const bool weak_rotation = d.measured_sigma_rad > drift_limit_;
+  const bool in_rad = weak_rotation && !weak_translation;
+  Degeneracy out;
+  out.degenerate = weak_translation || weak_rotation;
+  if (weak_translation) out.weak_translation = R_base_mid * d.axis;
+  if (weak_rotation) out.weak_rotation = R_base_mid * d.rotation_axis;
+  out.sigma_measured = in_rad ? d.measured_sigma_rad : d.measured_sigma_m;
+  out.sigma_predicted = in_rad ? d.predicted_sigma_rad : d.predicted_sigma_m;
+  out.share = d.share;
+  return out;
+}
+
 Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction,
                                const TileMap& /*tiles*/) {
   const bool same = open_ && open_->sweep == input.sweep && open_->stamp_ns == input.stamp_ns;
   if (!same) begin(input, prediction);
+  T_map_base_predicted_ = prediction.T_map_base;
   const auto result = registered(input, prediction);
   Match match;
   match.T_map_base = prediction.T_map_base;
@@ -271,13 +231,15 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
   const plane_map::Degeneracy& d = result.degeneracy;
   const Eigen::Matrix3d R_base_mid =
       match.T_map_base.linear().transpose() * result.T_map_base_mid.linear();
-  match.degeneracy.degenerate = d.weak;
-  match.degeneracy.share = d.share;
-  match.degeneracy.sigma_measured = d.measured_sigma_m;
-  match.degeneracy.sigma_predicted = d.predicted_sigma_m;
-  if (d.weak) match.degeneracy.weak_translation = R_base_mid * d.axis;
+  match.degeneracy = judged(d, R_base_mid);
   tried_.push_back({result, match.T_map_base});
   return match;
+}
+
+// By how much the odometry's step from the sweep mapped before was off.
+void VoxelPlanesMethod::learn(const MappingInput& input, const Pose& T_map_base) {
+  const double step_s = 1e-9 * input.period_ns;
+  odometry_error_.add(log_se3(T_map_base_predicted_.inverse() * T_map_base) / step_s);
 }
 
 InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& match) {
@@ -290,6 +252,7 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
     points.insert(points.end(), input.planes.begin(), input.planes.end());
     founding_ = Founding{std::move(points), match.T_map_base, input};
   }
+  if (registration_->knows_motion() && tried_.size() == 1) learn(input, match.T_map_base);
   registration_->commit(sweep_of(input), result, true);
   open_.reset();
   // Deskewed with the sweep's own motion in place of the odometry's.

@@ -43,9 +43,6 @@ struct OdometryConfig {
   double continuity_sigma_m = 0.0003;
   double continuity_sigma_rad = 0.0002;
   double continuity_share = 0.03;
-  /// Within a sweep the turn goes on changing as it did from the sweep before, as far as that was
-  /// measured: beside this, one sigma, from sweep to sweep. 0: a constant twist, as LOAM has it.
-  double bend_sigma_rad = 0.001;
   /// The twist changes from sweep to sweep by about this acceleration, one sigma.
   double acceleration_sigma_mps2 = 3.0;
   double angular_acceleration_sigma_radps2 = 2.0;
@@ -54,7 +51,7 @@ struct OdometryConfig {
   double initial_rate_sigma_radps = 2.0;
   /// No platform turns faster: a solution that does is none, and the next sweep is looked for from
   /// rest. On bare ground, which looks the same after any turn, one wrong turn predicts the next.
-  double max_turn_radps = 8.0;
+  double max_turn_radps = 20.0;
 
   // --- inertial sensor, where one comes with the sweeps --------------------------------------
   bool use_imu = true;
@@ -114,10 +111,9 @@ struct OdometryConfig {
   double edge_weight = 1.0;
 
   // --- what is said about the result --------------------------------------------------------
-  /// A direction is flagged when its measured sigma exceeds weak_on times the predicted one, until
-  /// it falls below weak_off times it.
-  double weak_on = 1.2;
-  double weak_off = 0.9;
+  /// A direction is degenerate when the points leave it open by more than this share of 10 m, or
+  /// of a radian.
+  double drift_limit = 0.01;
   /// Published covariance: the solver's, times this (from comparison with ground truth).
   double covariance_scale = 1.0;
   /// Restart the target after so many sweeps in a row with points and without a match.

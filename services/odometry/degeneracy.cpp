@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/health.hpp"
 #include "common/geometry/motion_covariance.hpp"
 
 namespace zloam::odometry {
@@ -64,7 +65,7 @@ void discount_spurious(double normal_error_rad, NormalEquations& data) {
 }
 
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
-                                bool was_degenerate, const OdometryConfig& config) {
+                                const OdometryConfig& config) {
   const Matrix6 own = data.H.topLeftCorner<6, 6>();
   const Matrix6 cross = data.H.topRightCorner<6, 6>();
   const Vector6 twist_information = prior.twist_sigma.array().square().inverse();
@@ -76,14 +77,15 @@ Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& 
   const Eigen::Matrix3d rr = pose.bottomRightCorner<3, 3>();
   const Weakest translation = weakest(schur(tt, tr, rr));
   const Weakest rotation = weakest(schur(rr, tr.transpose(), tt));
+  const double pretended = std::pow(config.plane_normal_error_rad, 2) * tt.trace();
+  const double measured_m = 1.0 / std::sqrt(std::max(1e-12, translation.information - pretended));
   // The middle of the sweep, from its begin and half of its twist.
   const Vector6 predicted =
       (prior.begin_sigma.array().square() + 0.25 * prior.twist_sigma.array().square()).sqrt();
   const double predicted_m = predicted.head<3>().maxCoeff();
   const double predicted_rad = predicted.tail<3>().maxCoeff();
-  const double limit = was_degenerate ? config.weak_off : config.weak_on;
-  const bool weak_translation = translation.sigma > limit * predicted_m;
-  const bool weak_rotation = rotation.sigma > limit * predicted_rad;
+  const bool weak_translation = measured_m > config.drift_limit * kJudgedWay_m;
+  const bool weak_rotation = rotation.sigma > config.drift_limit;
 
   Degeneracy out;
   out.degenerate = weak_translation || weak_rotation;
@@ -94,7 +96,7 @@ Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& 
     out.weak_rotation = rotation.direction;
   }
   const bool in_rad = weak_rotation && !weak_translation;
-  out.sigma_measured = in_rad ? rotation.sigma : translation.sigma;
+  out.sigma_measured = in_rad ? rotation.sigma : measured_m;
   out.sigma_predicted = in_rad ? predicted_rad : predicted_m;
   out.share = translation.information / std::max(1e-12, tt.trace());
   return out;

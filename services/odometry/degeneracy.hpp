@@ -1,8 +1,8 @@
 #pragma once
 // Which direction the data leave open. The information about translation and about rotation is
-// taken apart by Schur complements (no mixture of metres and radians), and the weakest eigenvector
-// of each is compared with what the prediction knows: a direction is weak when measuring it is
-// worse than predicting it. After Zhang, Kaess and Singh (ICRA 2016), with units.
+// taken apart by Schur complements (no mixture of metres and radians; after Zhang, Kaess and Singh,
+// ICRA 2016). A direction is weak when the points alone leave it open by more than the limit that
+// the user sets, after what errors of their normals may pretend to is taken off.
 
 #include <Eigen/Core>
 
@@ -26,9 +26,9 @@ struct Degeneracy {
   double share = 0.0;
 };
 
-/// data: the residuals' H at the solution. was_degenerate: of the sweep before (hysteresis).
+/// data: the residuals' H at the solution.
 Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& prior,
-                                bool was_degenerate, const OdometryConfig& config);
+                                const OdometryConfig& config);
 
 /// The unit vector along which a pose (translation, rotation) of this information is held least,
 /// its rotation left free.

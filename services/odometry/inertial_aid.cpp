@@ -55,8 +55,9 @@ void InertialAid::foresee(const MotionBefore& before, const Vector6& begin_varia
   prior.information = *information;
   prior.twist = felt_->period_s * foreseen_->twist_per_s;
   initial.twist = prior.twist;
-  initial.known_bend = felt_->bend_rad;
-  initial.bend_share.setZero();
+  prior.bend << Eigen::Vector3d::Zero(), felt_->bend_rad;
+  prior.bend_sigma.setZero();
+  initial.bend = prior.bend;
   initial.T_odom_mid = prior.T_odom_begin * exp_se3(0.5 * prior.twist);
 }
 

@@ -107,12 +107,13 @@ TEST(OdometryWithImu, KnowsTheWayThroughABareTunnelFromRest) {
   const Ride with = ride(kTunnel, through_the_tunnel, mems(), kSweeps);
   EXPECT_LT(with.end_error_m, 0.15);
   EXPECT_LT(with.worst_step_m, 0.02);
-  // Known, but not by the points: that is still said.
-  const auto flagged =
-      std::count_if(with.results.begin() + 2, with.results.end(), [](const auto& r) {
-        return r.degeneracy.degenerate && std::abs(r.degeneracy.weak_translation.x()) > 0.98;
-      });
-  EXPECT_GT(flagged, (kSweeps - 2) * 95 / 100);
+  // Known, but not by the points: that is still said from where it moves on. At rest the rings'
+  // own traces hold it.
+  constexpr int kMoving = 12;
+  for (int k = kMoving; k < kSweeps; ++k) {
+    const Degeneracy& d = with.results[std::size_t(k)].degeneracy;
+    EXPECT_TRUE(d.degenerate && std::abs(d.weak_translation.x()) > 0.98) << k;
+  }
 }
 
 double rms_rotation_error_rad(const Ride& r, std::size_t from) {

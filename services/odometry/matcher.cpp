@@ -15,6 +15,8 @@ constexpr double kGateWidths = 3.0;
 // While the kernel is still wide so many points stand for one: the steps only have to come near.
 constexpr std::size_t kCoarseStride = 4;
 constexpr std::size_t kLeastForCoarse = 1000;
+// Enough to tell a rate of turn from another.
+constexpr std::size_t kPointsToCompare = 500;
 
 std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
   if (sweep.deskewed || sweep.period_ns == 0) {
@@ -169,6 +171,32 @@ Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
   return source;
 }
 
+MotionState nearest_start(const Source& source, const MotionState& first,
+                          const std::vector<MotionState>& others, double range_noise_m,
+                          const OdometryConfig& config, WindowMap& recent, const RingTarget& last) {
+  if (others.empty()) return first;
+  const double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
+  const std::size_t stride = stride_to(kPointsToCompare, source.planes.size());
+  Association association(config, range_noise_m, recent, last);
+  Residuals residuals;
+  const auto cost_at = [&](const MotionState& state) {
+    const MotionTable table(state);
+    association.run(source, state, table, kGateWidths * kernel_m, stride, residuals);
+    NormalEquations sums;
+    add_residuals(state, table, residuals, kernel_m, false, sums);
+    return sums.cost + association.cost_of_unmatched(source, residuals, stride, kernel_m);
+  };
+  const MotionState* best = &first;
+  double least = cost_at(first);
+  for (const MotionState& other : others) {
+    const double cost = cost_at(other);
+    if (cost >= least) continue;
+    least = cost;
+    best = &other;
+  }
+  return *best;
+}
+
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
                      double range_noise_m, const OdometryConfig& config, WindowMap& recent,
                      const RingTarget& last) {
@@ -178,6 +206,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
   Association association(config, range_noise_m, recent, last);
   double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
   const bool many = source.planes.size() > kLeastForCoarse;
+  const bool with_bend = prior.bend_sigma.minCoeff() > 0.0;
   for (int i = 0; i < config.max_iterations; ++i) {
     const MotionTable table(out.state);
     const std::size_t stride = kernel_m > config.kernel_m && many ? kCoarseStride : 1;
@@ -190,16 +219,18 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
       return out;
     }
     out.data = {};
-    add_residuals(out.state, table, residuals, kernel_m, out.data);
+    add_residuals(out.state, table, residuals, kernel_m, with_bend, out.data);
     NormalEquations equations = out.data;
     if (prior.normal_error_rad > 0.0) discount_spurious(prior.normal_error_rad, equations);
     add_prior(out.state, prior, equations);
+    const EliminatedBend bend(out.state, prior, equations);
     const double unmatched = association.cost_of_unmatched(source, residuals, stride, kernel_m);
     out.cost = equations.cost + unmatched;
     out.fit = (out.data.cost + unmatched) / static_cast<double>(std::max<std::size_t>(
                                                 1, source.planes.size() + source.edges.size()));
     const Vector12 step = solve_step(equations);
     out.state = moved(out.state, step);
+    out.state.bend += bend.step(step);
     out.covariance = equations.H.ldlt().solve(Matrix12::Identity());
     out.iterations = static_cast<std::uint32_t>(i + 1);
     if (kernel_m <= config.kernel_m && is_small(step, config)) {

@@ -49,6 +49,11 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
                      double range_noise_m, const OdometryConfig& config, WindowMap& recent,
                      const RingTarget& last);
 
+/// Of `first` and the others the one whose points fit best, looked up as they lie there.
+MotionState nearest_start(const Source& source, const MotionState& first,
+                          const std::vector<MotionState>& others, double range_noise_m,
+                          const OdometryConfig& config, WindowMap& recent, const RingTarget& last);
+
 /// Finite and nearer than any sensor sees.
 bool is_usable(const Point& point);
 bool any_usable(PointSpan points);

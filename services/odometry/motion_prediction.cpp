@@ -17,6 +17,34 @@ double gap_before_s(const MotionMemory& before, const SweepTime& sweep) {
   return before.started ? std::clamp(gap_s, -period_s, kMaxGap_s) : 0.0;
 }
 
+// Of the last sweeps, root mean square in each axis.
+Vector6 recent_acceleration(const MotionMemory& before) {
+  Vector6 squares = Vector6::Zero();
+  int n = 0;
+  for (const auto& a : before.accelerations) {
+    if (!a) continue;
+    squares += a->sure.array().square().matrix();
+    ++n;
+  }
+  return (squares / std::max(1, n)).array().sqrt();
+}
+
+// A platform accelerates as platforms do, and as this one did lately.
+Vector6 acceleration_sigma(const MotionMemory& before, const OdometryConfig& config) {
+  const Vector6 any =
+      sigmas(config.acceleration_sigma_mps2, config.angular_acceleration_sigma_radps2);
+  return (any.array().square() + recent_acceleration(before).array().square()).sqrt();
+}
+
+// Of a sweep in which the twist changes as it did lately; none where that moves nothing.
+Vector6 bend_sigma(const MotionMemory& before, double period_s) {
+  constexpr double kNothing = 1e-4;  // an eighth of it at most, m or rad
+  constexpr double kLeast = 1e-6;    // in an axis beside one that counts
+  const Vector6 sigma = period_s * period_s * recent_acceleration(before);
+  if (!(sigma.maxCoeff() > kNothing)) return Vector6::Zero();
+  return sigma.cwiseMax(kLeast);
+}
+
 // What a begin may differ by from the end before it.
 Vector6 continuity_sigmas(const MotionMemory& before, const OdometryConfig& config,
                           double period_s) {
@@ -24,18 +52,6 @@ Vector6 continuity_sigmas(const MotionMemory& before, const OdometryConfig& conf
          config.continuity_share * period_s *
              sigmas(before.twist_change_per_s.head<3>().norm(),
                     before.twist_change_per_s.tail<3>().norm());
-}
-
-// How much of the difference between two measured turns is the turn's own change: the rest is what
-// their covariances say. Where a turn is hardly seen (a flat yard, leaves) a bend made of noise
-// would deskew the next sweep wrongly, and that its turn.
-Eigen::Matrix3d bend_share(const Matrix12& state_covariance, const OdometryConfig& config,
-                           double period_s) {
-  const double own = config.bend_sigma_rad * config.bend_sigma_rad;
-  const Eigen::Matrix3d measured =
-      2.0 * period_s * period_s * state_covariance.bottomRightCorner<3, 3>();
-  if (!(own > 0.0) || !measured.allFinite()) return Eigen::Matrix3d::Zero();
-  return own * (measured + own * Eigen::Matrix3d::Identity()).inverse();
 }
 
 // The end of the sweep before and its twist err together: where most of what a sweep saw of a
@@ -52,7 +68,44 @@ void carry_on(const MotionMemory& before, const OdometryConfig& config, double g
   change << continuity_sigmas(before, config, period_s) + strayed, prior.twist_sigma;
   Matrix12 covariance = F * *before.state_covariance * F.transpose();
   covariance.diagonal() += change.array().square().matrix();
+  // One acceleration has done both: where the sweep lies tells how fast it is.
+  const Vector6 together = strayed.cwiseProduct(prior.twist_sigma);
+  covariance.topRightCorner<6, 6>().diagonal() += together;
+  covariance.bottomLeftCorner<6, 6>().diagonal() += together;
   prior.information = information_of(covariance).value_or(prior.information);
+}
+
+// The matching finds home from a turn that is off by this much: half a metre at five metres.
+constexpr double kFoundTurn_rad = 0.1;
+constexpr double kSearchedSigmas = 2.0;
+constexpr int kMostStarts = 15;
+
+// Rates of turn that the platform may have instead of the predicted one, along the axis in which
+// that changed most lately.
+std::vector<MotionState> turned_starts(const MotionMemory& before, const OdometryConfig& config,
+                                       double gap_s, double period_s, double blind_s,
+                                       const MotionState& predicted) {
+  const double over_s = period_s + blind_s;
+  Eigen::Index axis = 0;
+  const double alpha = acceleration_sigma(before, config).tail<3>().maxCoeff(&axis);
+  // At the middle of the sweep, by a change of rate spread over the time since.
+  const double turn_per_rate_s = 0.5 * std::max(0.0, gap_s) + 0.5 * period_s;
+  const double reach_rad = kSearchedSigmas * alpha * over_s * turn_per_rate_s;
+  std::vector<MotionState> starts;
+  const int reach = std::min(kMostStarts, static_cast<int>(reach_rad / kFoundTurn_rad));
+  for (int i = -reach; i <= reach; ++i) {
+    if (i == 0) continue;
+    Vector6 twist_per_s = before.twist_per_s;
+    const double change = i * kFoundTurn_rad / turn_per_rate_s;
+    twist_per_s[3 + axis] += change;
+    Vector6 gap_twist = before.twist_per_s;
+    gap_twist[3 + axis] += 0.5 * change;
+    MotionState start = predicted;
+    start.twist = period_s * twist_per_s;
+    start.T_odom_mid = before.T_odom_base * exp_se3(gap_s * gap_twist) * exp_se3(0.5 * start.twist);
+    starts.push_back(start);
+  }
+  return starts;
 }
 
 }  // namespace
@@ -63,9 +116,9 @@ Vector6 sigmas(double translation, double rotation) {
   return s;
 }
 
-Vector6 moving_twist_sigma(const OdometryConfig& config, double period_s, double over_s) {
-  return period_s * over_s *
-         sigmas(config.acceleration_sigma_mps2, config.angular_acceleration_sigma_radps2);
+Vector6 moving_twist_sigma(const MotionMemory& before, const OdometryConfig& config,
+                           double period_s, double over_s) {
+  return period_s * over_s * acceleration_sigma(before, config);
 }
 
 Prediction predict(const MotionMemory& before, const SweepTime& sweep,
@@ -73,26 +126,23 @@ Prediction predict(const MotionMemory& before, const SweepTime& sweep,
   const double period_s = sweep.period_ns * 1e-9;
   const double gap_s = gap_before_s(before, sweep);
   const double blind_s = std::max(0.0, gap_s) + before.predicted_in_row * period_s;
-  const double a = config.acceleration_sigma_mps2;
-  const double alpha = config.angular_acceleration_sigma_radps2;
-  const Vector6 strayed = sigmas(0.5 * a * blind_s * blind_s, 0.5 * alpha * blind_s * blind_s);
+  const Vector6 strayed = 0.5 * blind_s * blind_s * acceleration_sigma(before, config);
   Prediction p;
   p.prior.T_odom_begin = before.T_odom_base * exp_se3(before.twist_per_s * gap_s);
   p.prior.twist = before.twist_per_s * period_s;
   p.prior.begin_sigma = sigmas(config.begin_sigma_m, config.begin_sigma_rad) + strayed;
   p.prior.twist_sigma = before.twist_known
-                            ? moving_twist_sigma(config, period_s, period_s + blind_s)
+                            ? moving_twist_sigma(before, config, period_s, period_s + blind_s)
                             : sigmas(config.initial_speed_sigma_mps * period_s,
                                      config.initial_rate_sigma_radps * period_s);
   p.prior.information = independent(p.prior.begin_sigma, p.prior.twist_sigma);
   const bool state_known = before.twist_known && before.state_covariance;
   if (state_known) carry_on(before, config, gap_s, period_s, strayed, p.prior);
   p.state.twist = p.prior.twist;
-  if (state_known && gap_s < kAdjoining * period_s) {
-    p.state.turn_before = period_s * before.twist_per_s.tail<3>();
-    p.state.bend_share = bend_share(*before.state_covariance, config, period_s);
-  }
+  p.prior.bend_sigma = bend_sigma(before, period_s);
   p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
+  if (before.twist_known)
+    p.starts = turned_starts(before, config, gap_s, period_s, blind_s, p.state);
   return p;
 }
 

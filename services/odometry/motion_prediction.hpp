@@ -3,13 +3,21 @@
 // an inertial sensor foretells.
 
 #include <cstdint>
+#include <deque>
 #include <optional>
+#include <vector>
 
 #include "odometry/config.hpp"
 #include "odometry/inertial_aid.hpp"
 #include "odometry/motion_solver.hpp"
 
 namespace zloam::odometry {
+
+/// A change of the twist from one sweep to the next, m/s^2 and rad/s^2.
+struct Acceleration {
+  Vector6 measured;
+  Vector6 sure;  ///< the part that is no error of either twist
+};
 
 /// What the sweeps before left behind of the motion.
 struct MotionMemory {
@@ -22,7 +30,11 @@ struct MotionMemory {
   std::optional<Matrix12> state_covariance = {};  ///< of both
   Vector6 twist_change_per_s = Vector6::Zero();
   int predicted_in_row = 0;
+  /// Of the last kAccelerations sweeps, as many as restore() has; nothing where it was not
+  /// measured.
+  std::deque<std::optional<Acceleration>> accelerations;
 };
+inline constexpr std::size_t kAccelerations = 10;
 
 struct SweepTime {
   std::int64_t stamp_ns = 0;
@@ -32,6 +44,9 @@ struct SweepTime {
 struct Prediction {
   MotionState state;
   MotionPrior prior;
+  /// Where else the motion may be than at `state`, which is the first of them: the platform may
+  /// have turned faster or slower by more than the matching finds home from.
+  std::vector<MotionState> starts;
 };
 
 /// The motion before, carried on.
@@ -41,8 +56,9 @@ Prediction predict(const MotionMemory& before, const SweepTime& sweep,
 Prediction foresee(const MotionMemory& before, const SweepTime& sweep, const OdometryConfig& config,
                    InertialAid& inertial);
 
-/// What a known twist, over a period, may have changed by over a time.
-Vector6 moving_twist_sigma(const OdometryConfig& config, double period_s, double over_s);
+/// What a known twist, over a period, may have changed by over a time, one sigma.
+Vector6 moving_twist_sigma(const MotionMemory& before, const OdometryConfig& config,
+                           double period_s, double over_s);
 
 /// The same for each translation and for each rotation.
 Vector6 sigmas(double translation, double rotation);

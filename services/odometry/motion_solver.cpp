@@ -26,23 +26,17 @@ Matrix6 inverse_right_jacobian(const Vector6& e) {
          ad2 * ad2 * ad2 / 30240.0;
 }
 
-// Right Jacobian of SO(3): Exp(x + dx) = Exp(x) Exp(J(x) dx). Power series; x is far below 1.
-Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& x) {
-  const Eigen::Matrix3d w = hat(x);
-  const Eigen::Matrix3d w2 = w * w;
-  return Eigen::Matrix3d::Identity() - 0.5 * w + w2 / 6.0 - w * w2 / 24.0 + w2 * w2 / 120.0;
-}
-
 // Collects J J^T and J r of the residuals of one time bin, J = (R^T n, q x R^T n), and folds them
-// into the system when the bin changes: dr/dv = J^T (s J_left(s v) + what the bend turns by).
+// into the system when the bin changes: dr/dv = J^T s J_left(s v), dr/db = J^T f Ad(M(s))
+// J_left(-f b), f = (s^2 - 1/4) / 2.
 class Accumulator {
  public:
-  Accumulator(const MotionState& state, const MotionTable& table, NormalEquations& equations)
+  Accumulator(const MotionState& state, const MotionTable& table, bool with_bend,
+              NormalEquations& equations)
       : rotation_t_(state.T_odom_mid.linear().transpose()),
         left_jacobian_(state.twist),
-        bend_(state.bend()),
-        bend_share_(state.bend_share),
-        bends_(!bend_share_.isZero(0.0)),
+        of_bend_(state.bend),
+        with_bend_(with_bend),
         table_(table),
         equations_(equations) {}
 
@@ -79,12 +73,7 @@ class Accumulator {
     Vector6 gradient;
     gradient << gradient_[0][0], gradient_[0][1], gradient_[1][0], gradient_[1][1], gradient_[2][0],
         gradient_[2][1];
-    Matrix6 jacobian = s * left_jacobian_.at(s);
-    if (bends_) {
-      const double bent = bent_at(s);
-      jacobian.rightCols<3>() +=
-          bent * adjoint_of_turn(table_[bin_]) * right_jacobian(bent * bend_) * bend_share_;
-    }
+    const Matrix6 jacobian = s * left_jacobian_.at(s);
     // The lower left block of the Jacobian is zero.
     Matrix6 cross;
     cross.leftCols<3>() = a.leftCols<3>() * jacobian.topLeftCorner<3, 3>();
@@ -95,12 +84,23 @@ class Accumulator {
     equations_.H.bottomRightCorner<6, 6>() += jacobian.transpose() * cross;
     equations_.g.head<6>() += gradient;
     equations_.g.tail<6>() += jacobian.transpose() * gradient;
+    if (with_bend_) add_bend(a, jacobian, gradient, s);
     square_ = {};
     gradient_ = {};
     filled_ = false;
   }
 
  private:
+  void add_bend(const Matrix6& a, const Matrix6& jacobian, const Vector6& gradient, double s) {
+    const double bent = bent_at(s);
+    const Matrix6 of_bend = bent * adjoint(table_[bin_]) * of_bend_.at(-bent);
+    const Matrix6 cross = a * of_bend;
+    equations_.H_bend.topRows<6>() += cross;
+    equations_.H_bend.bottomRows<6>() += jacobian.transpose() * cross;
+    equations_.H_bends += of_bend.transpose() * cross;
+    equations_.g_bend += of_bend.transpose() * gradient;
+  }
+
   Matrix6 whole_square() const {
     Matrix6 out;
     for (std::size_t c = 0; c < 6; ++c) {
@@ -114,9 +114,8 @@ class Accumulator {
 
   Eigen::Matrix3d rotation_t_;
   LeftJacobian left_jacobian_;
-  Eigen::Vector3d bend_;
-  Eigen::Matrix3d bend_share_;
-  bool bends_;
+  LeftJacobian of_bend_;
+  bool with_bend_;
   const MotionTable& table_;
   NormalEquations& equations_;
   // Columns of J J^T down to the diagonal, two numbers at once, and J r.
@@ -140,7 +139,7 @@ double robust_weight(double squared, double weight, double kernel2, NormalEquati
 
 MotionTable::MotionTable(const MotionState& state)
     : motions_(exp_se3_along(state.twist, fraction_of_bin(0), 1.0 / kTimeBins, kTimeBins + 1)) {
-  bend_motions(state.bend(), motions_);
+  bend_motions(state.bend, motions_);
 }
 
 LeftJacobian::LeftJacobian(const Vector6& twist) {
@@ -167,9 +166,9 @@ Matrix6 LeftJacobian::at(double s) const {
 }
 
 void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
-                   double kernel_m, NormalEquations& equations) {
+                   double kernel_m, bool with_bend, NormalEquations& equations) {
   const double kernel2 = kernel_m * kernel_m;
-  Accumulator accumulator(state, table, equations);
+  Accumulator accumulator(state, table, with_bend, equations);
   for (const PlaneResidual& p : residuals.planes) {
     const Eigen::Vector3d q = table[p.bin] * p.point;
     const double r = p.normal.dot(state.T_odom_mid * q) - p.offset;
@@ -216,6 +215,21 @@ void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquatio
   equations.H += weighed * jacobian;
   equations.g += weighed * e;
   equations.cost += 0.5 * e.dot(prior.information * e);
+}
+
+EliminatedBend::EliminatedBend(const MotionState& state, const MotionPrior& prior,
+                               NormalEquations& equations) {
+  if (!(prior.bend_sigma.minCoeff() > 0.0)) return;
+  const Vector6 information = prior.bend_sigma.array().square().inverse();
+  const Vector6 off = state.bend - prior.bend;
+  Matrix6 h = equations.H_bends;
+  h.diagonal() += information;
+  const Eigen::LDLT<Matrix6> ldlt(h);
+  own_ = -ldlt.solve(equations.g_bend + information.cwiseProduct(off));
+  by_others_ = ldlt.solve(equations.H_bend.transpose());
+  equations.H -= equations.H_bend * by_others_;
+  equations.g += equations.H_bend * own_;
+  equations.cost += 0.5 * off.dot(information.cwiseProduct(off));
 }
 
 Vector12 solve_step(const NormalEquations& equations) {

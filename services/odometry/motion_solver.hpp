@@ -1,14 +1,15 @@
 #pragma once
 // Motion of one sweep from point-to-plane and point-to-line residuals.
 //
-// Unknowns: T = T_odom_mid, the pose of base_link halfway between begin and end, and v, the body
-// twist over the sweep (per sweep, not per second). A point p measured at the fraction s of the
-// sweep, s in [-1/2, 1/2], lies at T M(s) p, M(s) = Exp(s v) Exp(0, (s^2 - 1/4) / 2 b): the turn's
-// rate changes by b over the sweep, b = S (w - w_before), w the turn of v, S a matrix. Begin and
-// end do not hang on b. About the middle the two unknowns nearly decouple.
+// Unknowns: T = T_odom_mid, the pose of base_link halfway between begin and end, v, the body twist
+// over the sweep (per sweep, not per second), and b, what that changes by over it. A point p
+// measured at the fraction s of the sweep, s in [-1/2, 1/2], lies at T M(s) p,
+// M(s) = Exp(s v) Exp((s^2 - 1/4) / 2 b): begin and end do not hang on b, which is eliminated from
+// the system. About the middle T and v nearly decouple.
 //   plane   r = n . (T M(s) p) - d
 //   line    r = (a . w - d_a, b . w - d_b), a and b across the line, w as above
-//   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior
+//   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior,   e_bend = b -
+//   b_prior
 // Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
 // (Geman-McClure). Minimised by Gauss-Newton with re-weighting; perturbations T <- T Exp(x_T),
 // v <- v + x_v. The soft tie to the sweep before is CT-ICP's (Dellenbach et al. 2022) in place of
@@ -27,14 +28,8 @@ namespace zloam::odometry {
 struct MotionState {
   Pose T_odom_mid = Pose::Identity();
   Vector6 twist = Vector6::Zero();  ///< per sweep
-  /// The turn of the motion before, rad per sweep, and the share of the change that lies within
-  /// this sweep.
-  Eigen::Vector3d turn_before = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d bend_share = Eigen::Matrix3d::Zero();
-  /// The change within this sweep where it was measured otherwise: b is the sum of both.
-  Eigen::Vector3d known_bend = Eigen::Vector3d::Zero();
+  Vector6 bend = Vector6::Zero();   ///< what the twist changes by within the sweep
 
-  Eigen::Vector3d bend() const { return known_bend + bend_share * (twist.tail<3>() - turn_before); }
   Pose T_odom_begin() const { return T_odom_mid * exp_se3(-0.5 * twist); }
   Pose T_odom_end() const { return T_odom_mid * exp_se3(0.5 * twist); }
 };
@@ -74,6 +69,9 @@ struct MotionPrior {
   Vector6 twist_sigma = Vector6::Ones();
   /// How sure they are together, begin (tangent at the begin) before twist: what the solver uses.
   Matrix12 information = Matrix12::Identity();
+  /// Of the change of the twist within the sweep. A sigma of 0: it is known.
+  Vector6 bend = Vector6::Zero();
+  Vector6 bend_sigma = Vector6::Zero();
   /// Where the motion is known better than from the sweep before: what errors of normals this large
   /// may pretend to along the direction held least is not taken from the points (degeneracy.hpp).
   double normal_error_rad = 0.0;
@@ -100,6 +98,10 @@ class MotionTable {
 struct NormalEquations {
   Matrix12 H = Matrix12::Zero();
   Vector12 g = Vector12::Zero();
+  /// The part of the bend: with the other unknowns, with itself, and of its gradient.
+  Eigen::Matrix<double, 12, 6> H_bend = Eigen::Matrix<double, 12, 6>::Zero();
+  Matrix6 H_bends = Matrix6::Zero();
+  Vector6 g_bend = Vector6::Zero();
   double cost = 0.0;
   double weight_sum = 0.0;   ///< of robust weights in [0, 1]
   double squared_sum = 0.0;  ///< of the residuals, each by its robust weight, m^2
@@ -120,12 +122,24 @@ class LeftJacobian {
   std::size_t used_ = 1;
 };
 
-/// Adds the residuals' part at the state, whose twist the table is of.
+/// Adds the residuals' part at the state, which the table is of; of the bend when it is asked for.
 void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
-                   double kernel_m, NormalEquations& equations);
+                   double kernel_m, bool with_bend, NormalEquations& equations);
 
 /// Adds the prior's part at the state.
 void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations);
+
+/// Takes the bend, with its prior, out of the system. The step of the bend hangs on that of the
+/// other unknowns.
+class EliminatedBend {
+ public:
+  EliminatedBend(const MotionState& state, const MotionPrior& prior, NormalEquations& equations);
+  Vector6 step(const Vector12& of_others) const { return own_ - by_others_ * of_others; }
+
+ private:
+  Vector6 own_ = Vector6::Zero();
+  Eigen::Matrix<double, 6, 12> by_others_ = Eigen::Matrix<double, 6, 12>::Zero();
+};
 
 /// The step -H^-1 g, and the state after it.
 Vector12 solve_step(const NormalEquations& equations);

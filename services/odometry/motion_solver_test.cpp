@@ -46,7 +46,10 @@ struct Problem {
   double kernel_m = 0.1;
 };
 
-// x: perturbation of T (right) and the twist itself.
+using Vector18 = Eigen::Matrix<double, 18, 1>;
+using Matrix18 = Eigen::Matrix<double, 18, 18>;
+
+// x: perturbation of T (right), the twist and the bend themselves.
 template <typename T>
 Vec3<T> moved_point(const Problem& problem, const T* x, const Eigen::Vector3d& point, int bin) {
   const T s(fraction_of_bin(bin));
@@ -54,13 +57,12 @@ Vec3<T> moved_point(const Problem& problem, const T* x, const Eigen::Vector3d& p
   Vec3<T> t;
   exponential<T>(Vec3<T>(s * x[6], s * x[7], s * x[8]), Vec3<T>(s * x[9], s * x[10], s * x[11]), R,
                  t);
-  const Vec3<T> turn(x[9], x[10], x[11]);
-  const Vec3<T> bend = problem.start.bend_share.cast<T>() *
-                       (turn - problem.start.turn_before.cast<T>()) * (T(0.5) * (s * s - T(0.25)));
+  const T f = T(0.5) * (s * s - T(0.25));
   Mat3<T> bent;
-  Vec3<T> nowhere;
-  exponential<T>(Vec3<T>(T(0), T(0), T(0)), bend, bent, nowhere);
-  const Vec3<T> q = R * (bent * point.cast<T>()) + t;
+  Vec3<T> shifted;
+  exponential<T>(Vec3<T>(f * x[12], f * x[13], f * x[14]), Vec3<T>(f * x[15], f * x[16], f * x[17]),
+                 bent, shifted);
+  const Vec3<T> q = R * (bent * point.cast<T>() + shifted) + t;
   exponential<T>(Vec3<T>(x[0], x[1], x[2]), Vec3<T>(x[3], x[4], x[5]), R, t);
   const Vec3<T> local = R * q + t;
   return problem.start.T_odom_mid.linear().cast<T>() * local +
@@ -126,6 +128,17 @@ struct PriorCost {
   }
 };
 
+struct BendCost {
+  const Problem* problem;
+  template <typename T>
+  bool operator()(const T* x, T* out) const {
+    for (int i = 0; i < 6; ++i) {
+      out[i] = (x[12 + i] - T(problem->prior.bend[i])) / T(problem->prior.bend_sigma[i]);
+    }
+    return true;
+  }
+};
+
 // rho(x) = k^2 x / (k^2 + x) with x in units of the weight.
 class GemanMcClure : public ceres::LossFunction {
  public:
@@ -154,9 +167,7 @@ Problem random_problem(unsigned seed, double rate) {
   Vector6 pose;
   pose << random3(5.0), random3(1.0);
   MotionState truth{exp_se3(pose), twist};
-  truth.turn_before = twist.tail<3>() + random3(0.2);
-  truth.bend_share = Eigen::Matrix3d::Identity() * 0.7 +
-                     0.1 * Eigen::Matrix3d::NullaryExpr([&](auto, auto) { return u(rng); });
+  truth.bend << random3(0.1), random3(0.2);
   const MotionTable motions(truth);
   Problem p;
   for (int i = 0; i < 300; ++i) {
@@ -182,6 +193,9 @@ Problem random_problem(unsigned seed, double rate) {
   p.prior.begin_sigma << 0.003, 0.003, 0.003, 0.002, 0.002, 0.002;
   p.prior.twist = truth.twist + 0.3 * offset;
   p.prior.twist_sigma << 0.03, 0.03, 0.03, 0.02, 0.02, 0.02;
+  p.start.bend = truth.bend + offset;
+  p.prior.bend = truth.bend - offset;
+  p.prior.bend_sigma << 0.02, 0.03, 0.02, 0.03, 0.02, 0.03;
   // Begin and twist know of each other, as after a sweep.
   Matrix12 hang_together = Matrix12::Identity();
   hang_together.topRightCorner<6, 6>() =
@@ -194,37 +208,56 @@ Problem random_problem(unsigned seed, double rate) {
 struct CeresProblem {
   explicit CeresProblem(const Problem& p, bool robust) {
     x.setZero();
-    x.tail<6>() = p.start.twist;
+    x.segment<6>(6) = p.start.twist;
+    x.tail<6>() = p.start.bend;
     for (const PlaneResidual& r : p.residuals.planes) {
       problem.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<PlaneCost, 1, 12>(new PlaneCost{&p, r}),
+          new ceres::AutoDiffCostFunction<PlaneCost, 1, 18>(new PlaneCost{&p, r}),
           robust ? new GemanMcClure(p.kernel_m * p.kernel_m * r.weight) : nullptr, x.data());
     }
     for (const LineResidual& r : p.residuals.lines) {
       problem.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<LineCost, 2, 12>(new LineCost{&p, r}),
+          new ceres::AutoDiffCostFunction<LineCost, 2, 18>(new LineCost{&p, r}),
           robust ? new GemanMcClure(p.kernel_m * p.kernel_m * r.weight) : nullptr, x.data());
     }
-    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorCost, 12, 12>(new PriorCost{&p}),
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorCost, 12, 18>(new PriorCost{&p}),
+                             nullptr, x.data());
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<BendCost, 6, 18>(new BendCost{&p}),
                              nullptr, x.data());
   }
-  Vector12 x;
+  Vector18 x;
   ceres::Problem problem;
+};
+
+// The system with the bend in it, as the prior has it.
+struct Whole {
+  explicit Whole(const NormalEquations& sums, const Problem& p) {
+    const Vector6 information = p.prior.bend_sigma.array().square().inverse();
+    const Vector6 off = p.start.bend - p.prior.bend;
+    H << sums.H, sums.H_bend, sums.H_bend.transpose(), sums.H_bends;
+    H.bottomRightCorner<6, 6>().diagonal() += information;
+    g << sums.g, sums.g_bend + information.cwiseProduct(off);
+    cost = sums.cost + 0.5 * off.dot(information.cwiseProduct(off));
+  }
+  Matrix18 H;
+  Vector18 g;
+  double cost;
 };
 
 TEST(MotionSolver, GradientAndCostMatchAutomaticDerivatives) {
   for (unsigned seed = 1; seed <= 6; ++seed) {
     const Problem p = random_problem(seed, 0.3);
     NormalEquations own;
-    add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, own);
+    add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, true, own);
     add_prior(p.start, p.prior, own);
+    const Whole whole(own, p);
     CeresProblem other(p, true);
     double cost = 0.0;
     std::vector<double> gradient;
     other.problem.Evaluate({}, &cost, nullptr, &gradient, nullptr);
-    EXPECT_NEAR(own.cost, cost, 1e-9 * cost);
-    const Eigen::Map<const Vector12> g(gradient.data());
-    EXPECT_LT((own.g - g).norm(), 1e-8 * g.norm()) << seed;
+    EXPECT_NEAR(whole.cost, cost, 1e-9 * cost);
+    const Eigen::Map<const Vector18> g(gradient.data());
+    EXPECT_LT((whole.g - g).norm(), 1e-8 * g.norm()) << seed;
   }
 }
 
@@ -233,7 +266,7 @@ TEST(MotionSolver, GaussNewtonMatrixMatchesAutomaticDerivatives) {
     Problem p = random_problem(seed, 0.3);
     NormalEquations own;
     // A kernel beyond all residuals: the matrix is J^T J.
-    add_residuals(p.start, MotionTable(p.start), p.residuals, 1e6, own);
+    add_residuals(p.start, MotionTable(p.start), p.residuals, 1e6, true, own);
     add_prior(p.start, p.prior, own);
     CeresProblem other(p, false);
     ceres::CRSMatrix crs;
@@ -244,8 +277,12 @@ TEST(MotionSolver, GaussNewtonMatrixMatchesAutomaticDerivatives) {
         jacobian(row, crs.cols[std::size_t(k)]) = crs.values[std::size_t(k)];
       }
     }
-    const Matrix12 H = jacobian.transpose() * jacobian;
-    EXPECT_LT((own.H - H).norm(), 1e-8 * H.norm()) << seed;
+    const Matrix18 H = jacobian.transpose() * jacobian;
+    EXPECT_LT((Whole(own, p).H - H).norm(), 1e-8 * H.norm()) << seed;
+    // Without the bend what is left is the inverse of its part of the inverse.
+    EliminatedBend(p.start, p.prior, own);
+    const Matrix12 covariance = Matrix18(H.inverse()).topLeftCorner<12, 12>();
+    EXPECT_LT((own.H.inverse() - covariance).norm(), 1e-6 * covariance.norm()) << seed;
   }
 }
 
@@ -255,9 +292,12 @@ TEST(MotionSolver, ConvergesToTheSameMotionAsCeres) {
     MotionState own = p.start;
     for (int i = 0; i < 200; ++i) {
       NormalEquations equations;
-      add_residuals(own, MotionTable(own), p.residuals, p.kernel_m, equations);
+      add_residuals(own, MotionTable(own), p.residuals, p.kernel_m, true, equations);
       add_prior(own, p.prior, equations);
-      own = moved(own, solve_step(equations));
+      const EliminatedBend bend(own, p.prior, equations);
+      const Vector12 step = solve_step(equations);
+      own = moved(own, step);
+      own.bend += bend.step(step);
     }
     CeresProblem other(p, true);
     ceres::Solver::Options options;
@@ -271,7 +311,8 @@ TEST(MotionSolver, ConvergesToTheSameMotionAsCeres) {
     ceres::Solve(options, &other.problem, &summary);
     const Pose T = p.start.T_odom_mid * exp_se3(other.x.head<6>());
     EXPECT_LT(log_se3(T.inverse() * own.T_odom_mid).norm(), 1e-9) << summary.BriefReport();
-    EXPECT_LT((own.twist - other.x.tail<6>()).norm(), 1e-9);
+    EXPECT_LT((own.twist - other.x.segment<6>(6)).norm(), 1e-9);
+    EXPECT_LT((own.bend - other.x.tail<6>()).norm(), 1e-8);
   }
 }
 
@@ -295,7 +336,7 @@ TEST(MotionSolver, LeftJacobianMatchesDifferences) {
 TEST(MotionSolver, EndCovarianceMatchesSampling) {
   const Problem p = random_problem(3, 0.3);
   NormalEquations equations;
-  add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, equations);
+  add_residuals(p.start, MotionTable(p.start), p.residuals, p.kernel_m, false, equations);
   add_prior(p.start, p.prior, equations);
   const Matrix12 covariance = equations.H.inverse();
   const Eigen::LLT<Matrix12> root(covariance);

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/geometry/deskew.hpp"
+#include "common/geometry/error_record.hpp"
 #include "common/geometry/motion_covariance.hpp"
 #include "odometry/matcher.hpp"
 #include "odometry/motion_prediction.hpp"
@@ -47,7 +48,6 @@ struct Odometry::State : MotionMemory {
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
-  bool degenerate = false;
   // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
   PointVector founding_edges, founding_planes;
   std::uint32_t founding_period_ns = 0;
@@ -143,7 +143,7 @@ struct Odometry::State : MotionMemory {
     MotionPrior prior = predicted.prior;
     prior.twist =
         log_se3(founding_pose.inverse() * solution.state.T_odom_mid) * (period_s / step_s);
-    prior.twist_sigma = moving_twist_sigma(config, period_s, period_s);
+    prior.twist_sigma = moving_twist_sigma(*this, config, period_s, period_s);
     prior.information = independent(prior.begin_sigma, prior.twist_sigma);
     solution.state.twist = prior.twist;
     std::optional<Solution> best;
@@ -182,10 +182,13 @@ struct Odometry::State : MotionMemory {
 
   Solution solve(const FeatureSweep& sweep, const Source& source, const Prediction& predicted) {
     recent.set_range_noise(sweep.range_noise_m);
+    recent.set_use_rough(!inertial.felt());
     if (founding_pending() && sweep.period_ns > 0 && !sweep.deskewed) {
       return solve_second(sweep, source, predicted);
     }
-    return match(sweep, source, predicted.state, predicted.prior);
+    const MotionState start = nearest_start(source, predicted.state, predicted.starts,
+                                            sweep.range_noise_m, config, recent, last);
+    return match(sweep, source, start, predicted.prior);
   }
 
   /// With what the inertial sensor foretells, unless the points say otherwise.
@@ -193,6 +196,7 @@ struct Odometry::State : MotionMemory {
   /// Where there is nothing to match with, or no platform moves as the match says: the prediction.
   Solution solve_within_bounds(const FeatureSweep& sweep, const Prediction& predicted);
   void commit(const OdometryResult& result, std::uint32_t period_ns);
+  void note_acceleration(const OdometryResult& result, bool measured);
 
   Pose founding_pose = Pose::Identity();
 };
@@ -207,6 +211,7 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_ns) {
   const bool has_points = !result.planes.empty() || !result.edges.empty();
   const bool solved = result.health == Health::kOk || result.health == Health::kDegenerate;
+  note_acceleration(result, solved && twist_known && predicted_in_row == 0);
   predicted_in_row = solved ? 0 : predicted_in_row + 1;
   if (target_empty() || (has_points && predicted_in_row >= config.restart_after)) {
     if (has_points) {
@@ -225,8 +230,19 @@ void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_
   twist_change_per_s = result.twist_per_s - twist_per_s;
   twist_per_s = result.twist_per_s;
   state_covariance = result.state_covariance;
-  degenerate = result.degeneracy.degenerate;
   inertial.take(result.inertia);
+}
+
+void Odometry::State::note_acceleration(const OdometryResult& result, bool measured) {
+  const double between_s = (result.instant_ns - prev_instant_ns) * 1e-9;
+  std::optional<Acceleration> change;
+  if (measured && started && between_s > 0.0 && state_covariance && result.state_covariance) {
+    const Matrix6 errors = (*state_covariance + *result.state_covariance).bottomRightCorner<6, 6>();
+    const Vector6 a = (result.twist_per_s - twist_per_s) / between_s;
+    change = Acceleration{a, unexplained(a, errors / (between_s * between_s))};
+  }
+  accelerations.push_back(change);
+  if (accelerations.size() > kAccelerations) accelerations.pop_front();
 }
 
 OdometryResult Odometry::process(const FeatureSweep& sweep) {
@@ -295,10 +311,10 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   }
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
-  if (solution.solved || s.inertial.foreseen()) result.bend_rad = solution.state.bend();
+  if (solution.solved || s.inertial.foreseen()) result.bend = solution.state.bend;
   const Matrix12 covariance = end_covariance(solution.state, solution.covariance);
   result.covariance = s.config.covariance_scale * covariance.topLeftCorner<6, 6>();
-  result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.degenerate, s.config);
+  result.degeneracy = find_weak_directions(solution.data, predicted.prior, s.config);
   if (solution.solved) {
     result.state_covariance = s.state_covariance_of(solution, result.degeneracy, sweep);
   } else if (s.inertial.foreseen()) {
@@ -335,13 +351,16 @@ void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
     return;
   }
   const Vector6 twist_per_s = sweep.deskewed ? Vector6(Vector6::Zero()) : result.twist_per_s;
-  const Eigen::Vector3d bend_rad =
-      sweep.deskewed ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : result.bend_rad;
-  const DeskewTable table =
-      DeskewTable(twist_per_s, sweep.period_ns, sweep.period_ns).bent(bend_rad);
+  const Vector6 bend = sweep.deskewed ? Vector6(Vector6::Zero()) : result.bend;
+  const DeskewTable table = DeskewTable(twist_per_s, sweep.period_ns, sweep.period_ns).bent(bend);
   const std::vector<MotionLanes> motions = table.lanes(s.T_base_lidar);
   result.edges = moved_by(motions, table, sweep.less_sharp);
   result.planes = moved_by(motions, table, sweep.less_flat);
+  if (sweep.deskewed) {
+    for (PointVector* points : {&result.edges, &result.planes}) {
+      for (Point& p : *points) p.time_ns = sweep.period_ns;
+    }
+  }
   s.commit(result, sweep.period_ns);
 }
 
@@ -359,13 +378,12 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.T_odom_base = sweep.T_odom_base;
     result.twist_per_s = sweep.twist_per_s;
     result.health = sweep.health;
-    result.degeneracy.degenerate = sweep.degenerate;
     result.state_covariance = sweep.state_covariance;
     result.inertia = sweep.inertia;
     result.edges.assign(sweep.edges.begin(), sweep.edges.end());
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.
-    state_->twist_known = sweep.prev_sweep != sweep.sweep;
+    if (!state_->started) state_->twist_known = sweep.prev_sweep != sweep.sweep;
     if (state_->founding_pending() &&
         (sweep.health == Health::kOk || sweep.health == Health::kDegenerate)) {
       state_->deskew_founding_sweep(sweep.twist_per_s);
@@ -382,7 +400,8 @@ void Odometry::reset() {
 }
 
 std::size_t Odometry::restore_depth() const {
-  return static_cast<std::size_t>(std::max(1, state_->config.window_sweeps)) + 1;
+  const auto window = static_cast<std::size_t>(std::max(1, state_->config.window_sweeps));
+  return std::max(window, kAccelerations) + 1;
 }
 
 }  // namespace zloam::odometry

@@ -62,9 +62,9 @@ struct OdometryResult {
   /// body twist of base_link from the sweep's begin to its end, m/s and rad/s:
   /// p(instant) = Exp(twist * (t_point - instant)) p(t_point) but for the bend
   Vector6 twist_per_s = Vector6::Zero();
-  /// what the turn's rate changed by over the sweep, rad per sweep, as the deskewing has it: beside
-  /// the motion of the twist a turn by bend_rad (s^2 - 1/4) / 2, s in [-1/2, 1/2] from the middle
-  Eigen::Vector3d bend_rad = Eigen::Vector3d::Zero();
+  /// what the twist changed by over the sweep, m and rad per sweep, as the deskewing has it: after
+  /// the motion of the twist one by bend (s^2 - 1/4) / 2, s in [-1/2, 1/2] from the middle
+  Vector6 bend = Vector6::Zero();
   /// of the step from prev_sweep's pose, tangent at base_link
   Matrix6 covariance = Matrix6::Zero();
   /// of T_odom_base and twist_per_s together, which the next sweep begins with; none when the sweep
@@ -91,7 +91,6 @@ struct CommittedSweep {
   Pose T_odom_base = Pose::Identity();
   Vector6 twist_per_s = Vector6::Zero();
   Health health = Health::kOk;
-  bool degenerate = false;
   std::optional<Matrix12> state_covariance;
   PointSpan edges, planes;
   std::optional<InertialState> inertia = {};
@@ -118,7 +117,7 @@ class Odometry {
   void complete(const FeatureSweep& sweep, OdometryResult& result);
 
   /// Takes up the state from the results of the last sweeps, in ascending order, as another
-  /// instance published them; config.window_sweeps + 1 of them give the very same continuation.
+  /// instance published them; restore_depth() of them give the very same continuation.
   void restore(std::span<const CommittedSweep> sweeps);
 
   /// From the next sweep on. What the targets were built with (config.hpp says which) stays.

@@ -53,9 +53,6 @@ void bind_prior(runtime::Parameters& p, OdometryConfig& c) {
   p.add("odometry.continuity_share", &c.continuity_share, {0.0, 10.0}, "",
         "and by this share of what the last two twists differ by")
       .live();
-  p.add("odometry.bend_sigma_rad", &c.bend_sigma_rad, {0.0, 1.0}, "rad",
-        "the turn's change counts within the sweep as far as it is measured better than this")
-      .live();
   p.add("odometry.acceleration_sigma_mps2", &c.acceleration_sigma_mps2, {1e-3, 1e3}, "m/s^2",
         "how fast the speed usually changes")
       .live();
@@ -139,18 +136,15 @@ void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
 }
 
 void bind_result(runtime::Parameters& p, OdometryConfig& c) {
-  p.add("odometry.weak_on", &c.weak_on, {0.0, 1e6}, "",
-        "a direction is flagged when its measured sigma exceeds this times the predicted one")
-      .live();
-  p.add("odometry.weak_off", &c.weak_off, {0.0, 1e6}, "", "and until it falls below this times it")
+  p.add(
+       "odometry.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
+       "degenerate: the points leave a direction open by more than this share of 10 m, or of 1 rad")
       .live();
   p.add("odometry.covariance_scale", &c.covariance_scale, {1e-6, 1e6}, "",
         "factor on the published covariance, from comparison with ground truth")
       .live();
   p.add("odometry.restart_after", &c.restart_after, {1, 1e6}, "sweeps",
         "with points and no match, after which the target is founded anew");
-  p.check("odometry.weak_off",
-          [&c] { return c.weak_off <= c.weak_on ? "" : "must not be above odometry.weak_on"; });
 }
 
 }  // namespace

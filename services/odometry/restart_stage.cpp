@@ -36,7 +36,6 @@ CommittedSweep committed(const Commit& commit) {
   sweep.T_odom_base = pose_of(commit->pose_odom_base());
   sweep.twist_per_s = twist_of(commit->twist());
   sweep.health = own_health(health_of(commit->health()));
-  sweep.degenerate = commit->degenerate();
   sweep.state_covariance = state_covariance_of(commit->state_covariance());
   sweep.edges = points_of(commit->edges());
   sweep.planes = points_of(commit->planes());

@@ -118,8 +118,8 @@ TEST(OdometryStart, WhoTakesOverAfterAPieceGoesOnWithTheSameBytes) {
     for (std::size_t i = 0; i < taken_at; ++i) {
       const OdometryResult& r = start.results[i];
       commits.push_back({r.sweep, r.prev_sweep, r.instant_ns, start.sweeps[i].period_ns,
-                         r.T_odom_base, r.twist_per_s, r.health, r.degeneracy.degenerate,
-                         r.state_covariance, r.edges, r.planes});
+                         r.T_odom_base, r.twist_per_s, r.health, r.state_covariance, r.edges,
+                         r.planes});
     }
     Odometry second({}, Pose::Identity());
     second.restore(commits);

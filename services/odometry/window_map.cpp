@@ -13,6 +13,7 @@ namespace {
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
 constexpr std::size_t kInitialTable = 1U << 16;
 constexpr std::size_t kFetchAhead = 8;
+constexpr double kRoughSigmas = 3.0;
 
 std::uint64_t key_of(const std::array<std::int32_t, 3>& cell, int level) {
   constexpr std::uint64_t kMask = (1U << 20) - 1;
@@ -282,12 +283,16 @@ void WindowMap::fetch_voxels(const Grid& position) const {
   }
 }
 
+// A voxel that is thicker than its noise may hold more than one surface, which its finer ones tell
+// apart. Where these have no plane either it is a rough surface, or one drawn from poses that are
+// off, and still better than nothing.
 const FittedPlane* WindowMap::look_up(const Grid& position) {
+  const FittedPlane* rough = nullptr;
   for (int level = 0; level < levels_; ++level) {
     const Cell cell = cell_of(position, level);
     const std::uint32_t index = find_voxel(key_of(cell, level));
     if (index == kNoVoxel || voxels_[index].sums.count < config_.plane_min_points) {
-      return nullptr;  // a finer voxel has no more points than a coarser one
+      break;  // a finer voxel has no more points than a coarser one
     }
     Voxel& voxel = voxels_[index];
     if (voxel.fit == Fit::kStale) {
@@ -296,8 +301,11 @@ const FittedPlane* WindowMap::look_up(const Grid& position) {
     if (voxel.fit == Fit::kPlane) {
       return &voxel.plane;
     }
+    if (use_rough_ && voxel.fit == Fit::kRough) {
+      rough = &voxel.plane;
+    }
   }
-  return nullptr;
+  return rough;
 }
 
 bool WindowMap::covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Matrix3d& cov) const {
@@ -327,10 +335,11 @@ void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
   solver.computeDirect(cov);
   const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(0.0);
   const double thick2 = std::pow(config_.plane_thickness_sigmas * range_noise_m_, 2);
+  const double rough2 = std::pow(kRoughSigmas * range_noise_m_, 2);
   const double wide2 = std::pow(config_.plane_width_sigmas * range_noise_m_, 2);
   const double normal_error2 =
       values[0] / (static_cast<double>(voxel.sums.count) * std::max(1e-12, values[1]));
-  if (values[0] > thick2 || values[1] < wide2 || values[1] < kAspect * values[0] ||
+  if (values[0] > rough2 || values[1] < wide2 || values[1] < kAspect * values[0] ||
       normal_error2 > config_.plane_normal_error_rad * config_.plane_normal_error_rad) {
     return;
   }
@@ -341,7 +350,7 @@ void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
   voxel.plane.offset =
       voxel.plane.normal.dot(R_grid_odom_.transpose() * (centre_grid - t_grid_odom_));
   voxel.plane.sigma_m = std::sqrt(values[0]);
-  voxel.fit = Fit::kPlane;
+  voxel.fit = values[0] > thick2 ? Fit::kRough : Fit::kPlane;
 }
 
 }  // namespace zloam::odometry

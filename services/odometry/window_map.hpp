@@ -54,11 +54,14 @@ class WindowMap {
   void clear();
   bool empty() const { return sweeps_.empty(); }
   void set_range_noise(double range_noise_m);
+  /// Whether rough surfaces count where there is no plane. Beside an inertial sensor they do not:
+  /// what their normals are off by would hold a tunnel's open direction.
+  void set_use_rough(bool use_rough) { use_rough_ = use_rough; }
 
  private:
   static constexpr int kRootBits = 15;
   static constexpr int kMaxLevels = 5;
-  enum class Fit : std::uint8_t { kStale, kPlane, kNone };
+  enum class Fit : std::uint8_t { kStale, kPlane, kRough, kNone };
   using Grid = std::array<std::int32_t, 3>;  // a point in units
 
   struct Voxel {
@@ -108,6 +111,7 @@ class WindowMap {
 
   OdometryConfig config_;
   double range_noise_m_;
+  bool use_rough_ = true;
   double units_per_m_;
   int levels_;
   Eigen::Matrix3d R_grid_odom_;

@@ -250,7 +250,6 @@ REFUSED = [
     ("odometry.kernel_m", "wide", ["a number is expected", "0.001 to 100 m"]),
     ("odometry.kernel_m", "1000", ["out of range", "0.001 to 100 m"]),
     ("odometry.kernel_m", "[1, 2]", ["a single value is expected", "0.001 to 100 m"]),
-    ("odometry.weak_off", "5", ["must not be above odometry.weak_on"]),
     ("odometry.voxel_m", "1", ["can't change while running", "allowed: ", "odometry.kernel_m"]),
     ("zenoh.base_port", "1", ["can't change while running", "allowed: ", "odometry.kernel_m"]),
 ]
@@ -266,7 +265,7 @@ def test_what_is_refused_says_key_value_and_what_is_allowed(
             assert not reply.ok, reply
             for word in [key, *words]:
                 assert word in reply.message
-            assert value in reply.message or "must not" in reply.message
+            assert value in reply.message
         reply = chain.command("integration", {"integration.jump_m": "1"})
         assert not reply.ok
         assert "allowed: nothing" in reply.message

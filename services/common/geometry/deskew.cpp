@@ -2,16 +2,16 @@
 
 namespace zloam {
 
-void bend_motions(const Eigen::Vector3d& bend_rad, std::vector<Pose>& motions) {
-  if (bend_rad.isZero(0.0)) return;
+void bend_motions(const Vector6& bend, std::vector<Pose>& motions) {
+  if (bend.isZero(0.0)) return;
   const double steps = static_cast<double>(motions.size()) - 1.0;
   // As much before the middle as after it.
   for (std::size_t i = 0; 2 * i < motions.size(); ++i) {
     const std::size_t k = motions.size() - 1 - i;
     const double s = static_cast<double>(i) / steps - 0.5;
-    const Eigen::Matrix3d turn = exp_so3(bent_at(s) * bend_rad);
-    motions[i].linear() *= turn;
-    if (k > i) motions[k].linear() *= turn;
+    const Pose bent = exp_se3(bent_at(s) * bend);
+    motions[i] = motions[i] * bent;
+    if (k > i) motions[k] = motions[k] * bent;
   }
 }
 
@@ -21,9 +21,9 @@ DeskewTable::DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns,
       motions_(
           exp_se3_along(twist_per_s, -1e-9 * instant_ns, 1e-9 * period_ns / kSteps, kSteps + 1)) {}
 
-DeskewTable DeskewTable::bent(const Eigen::Vector3d& bend_rad) const {
+DeskewTable DeskewTable::bent(const Vector6& bend) const {
   DeskewTable out = *this;
-  bend_motions(bend_rad, out.motions_);
+  bend_motions(bend, out.motions_);
   return out;
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-// Moves the points of a sweep to one instant under a constant body twist, or one whose turn bends.
+// Moves the points of a sweep to one instant under a constant body twist, or one that changes.
 
 #include <algorithm>
 #include <cstdint>
@@ -15,9 +15,9 @@ namespace zloam {
 /// ends, at the fraction s in [-1/2, 1/2] of the sweep.
 inline double bent_at(double s) { return 0.5 * (s * s - 0.25); }
 
-/// Motions at even steps from a sweep's first to its last moment, the turn's rate changing by
-/// bend_rad (rad per sweep) over it; the first and the last stay as they are.
-void bend_motions(const Eigen::Vector3d& bend_rad, std::vector<Pose>& motions);
+/// Motions at even steps from a sweep's first to its last moment, the twist changing by `bend` (m
+/// and rad per sweep) over it; the first and the last stay as they are.
+void bend_motions(const Vector6& bend, std::vector<Pose>& motions);
 
 /// Table of motions p(instant) = Exp(twist * (t - instant)) * p(t) over one sweep. A point is moved
 /// by the nearest of kSteps + 1 entries: off by at most half a step, 1 mm at 20 m/s in a 0.1 s
@@ -31,8 +31,8 @@ class DeskewTable {
   /// after the sweep's first point. Times outside [0, period_ns] use the nearest end.
   DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns, std::uint32_t instant_ns);
 
-  /// The same between the same ends, with a turn whose rate changes by bend_rad over the period.
-  DeskewTable bent(const Eigen::Vector3d& bend_rad) const;
+  /// The same between the same ends, with a twist that changes by `bend` over the period.
+  DeskewTable bent(const Vector6& bend) const;
 
   /// Carries points that `before`, of the same sweep, has moved to where this would have.
   DeskewTable in_place_of(const DeskewTable& before) const;

@@ -95,7 +95,9 @@ TEST(Deskew, ATurnOfChangingRateBecomesOnePoint) {
   };
   Vector6 twist = Vector6::Zero();
   twist[5] = 10.0 * (0.5 + 0.5 * 0.6);
-  const DeskewTable table = DeskewTable(twist, period, period).bent({0.0, 0.0, 0.6});
+  Vector6 bend = Vector6::Zero();
+  bend[5] = 0.6;
+  const DeskewTable table = DeskewTable(twist, period, period).bent(bend);
   const Eigen::Vector3d world(12.0, -4.0, 1.5);
   const Eigen::Vector3d expected = turned(1.0).transpose() * world;
   for (int i = 0; i <= 16; ++i) {

@@ -32,12 +32,16 @@ inline Matrix12 with_bounded(const Matrix12& covariance, const Vector12& directi
   return covariance - along * along.transpose() / (direction.dot(along) + sigma * sigma);
 }
 
-/// Of normal equations in (pose, twist), H x = -g: of what they say along a translation, a unit
-/// vector, the share `kept` stays.
-inline void keep_along(const Eigen::Vector3d& direction, double kept, Matrix12& H, Vector12& g) {
-  Matrix12 P = Matrix12::Identity();
-  P.block<3, 3>(0, 0) -= (1.0 - std::sqrt(kept)) * direction * direction.transpose();
-  P.block<3, 3>(6, 6) = P.block<3, 3>(0, 0);
+/// Of normal equations in a pose and its derivatives, H x = -g: of what they say along a
+/// translation, a unit vector, the share `kept` stays.
+template <int kSize>
+void keep_along(const Eigen::Vector3d& direction, double kept,
+                Eigen::Matrix<double, kSize, kSize>& H, Eigen::Matrix<double, kSize, 1>& g) {
+  static_assert(kSize % 6 == 0);
+  Eigen::Matrix<double, kSize, kSize> P = Eigen::Matrix<double, kSize, kSize>::Identity();
+  for (int at = 0; at < kSize; at += 6) {
+    P.template block<3, 3>(at, at) -= (1.0 - std::sqrt(kept)) * direction * direction.transpose();
+  }
   H = (P * H * P).eval();
   g = (P * g).eval();
 }

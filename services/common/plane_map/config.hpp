@@ -130,12 +130,8 @@ struct MatcherConfig {
   /// Fewer matched points than this leave the sweep predicted, and out of the map.
   std::size_t min_matches = 30;
 
-  /// A direction is weak when its measured standard deviation exceeds weak_ratio times the
-  /// predicted one, and well again below strong_ratio times it. Errors of the map's normals
-  /// (corners in a voxel, noise) make an empty direction look seen: their variance is taken off
-  /// first, at least that of normal_error_rad.
-  double weak_ratio = 0.7;
-  double strong_ratio = 0.5;
+  /// Errors of the map's normals (corners in a voxel, noise) make an empty direction look seen:
+  /// their variance is taken off first, at least that of normal_error_rad.
   double normal_error_rad = 0.035;
   /// Between walls (the next weakest direction has at least this mean squared share of the normals)
   /// only planes count along a weak direction whose normal's cosine with it is at least so much:

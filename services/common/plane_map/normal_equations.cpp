@@ -48,7 +48,7 @@ struct SlotSums {
   }
 };
 
-// Sums of the slots: their rows, those of 6 columns and the right-hand side, times 1, s, s^2.
+// Sums of the slots: their rows, those of 6 columns and the right-hand side, times powers of s.
 class SweepRows {
  public:
   void add(const SlotSums& slot, double s) {
@@ -60,19 +60,22 @@ class SweepRows {
     sums.a0 = symmetric(0);
     sums.a1 = symmetric(1);
     sums.a2 = symmetric(2);
+    sums.a3 = symmetric(3);
+    sums.a4 = symmetric(4);
     for (std::size_t i = 0; i < 6; ++i) {
       sums.g0[static_cast<Eigen::Index>(i)] = powers_[0][i][6];
       sums.g1[static_cast<Eigen::Index>(i)] = powers_[1][i][6];
+      sums.g2[static_cast<Eigen::Index>(i)] = powers_[2][i][6];
     }
   }
 
  private:
   void add(Float4 four, double s, std::size_t row, std::size_t column) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      const double a = four[k];
-      powers_[0][row][column + k] += a;
-      powers_[1][row][column + k] += s * a;
-      powers_[2][row][column + k] += s * s * a;
+    const double factors[kPowers] = {1.0, s, s * s, s * s * s, s * s * s * s};
+    for (std::size_t power = 0; power < kPowers; ++power) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        powers_[power][row][column + k] += factors[power] * four[k];
+      }
     }
   }
 
@@ -87,7 +90,8 @@ class SweepRows {
     return out;
   }
 
-  double powers_[3][6][8] = {};
+  static constexpr std::size_t kPowers = 5;
+  double powers_[kPowers][6][8] = {};
 };
 
 // From axes of the grid to axes of base_link.
@@ -95,11 +99,10 @@ void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
   Matrix6 b = Matrix6::Zero();
   b.topLeftCorner<3, 3>() = rotation;
   b.bottomRightCorner<3, 3>() = rotation;
-  for (Matrix6* a : {&sums.a0, &sums.a1, &sums.a2}) {
+  for (Matrix6* a : {&sums.a0, &sums.a1, &sums.a2, &sums.a3, &sums.a4}) {
     *a = (b.transpose() * *a * b).eval();
   }
-  sums.g0 = (b.transpose() * sums.g0).eval();
-  sums.g1 = (b.transpose() * sums.g1).eval();
+  for (Vector6* g : {&sums.g0, &sums.g1, &sums.g2}) *g = (b.transpose() * *g).eval();
 }
 
 // Points of one kind of match.
@@ -173,15 +176,15 @@ class Accumulator {
 
 }  // namespace
 
-Matrix12 NormalSums::hessian() const {
-  Matrix12 h;
-  h << a0, a1, a1, a2;
+Matrix18 NormalSums::hessian() const {
+  Matrix18 h;
+  h << a0, a1, 0.5 * a2, a1, a2, 0.5 * a3, 0.5 * a2, 0.5 * a3, 0.25 * a4;
   return h;
 }
 
-Vector12 NormalSums::gradient() const {
-  Vector12 g;
-  g << g0, g1;
+Vector18 NormalSums::gradient() const {
+  Vector18 g;
+  g << g0, g1, 0.5 * g2;
   return g;
 }
 
@@ -199,7 +202,7 @@ void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, const Gate& gate, const WeakAxis& weak) {
   const std::span<const SlotPoint> points = matched.points;
-  const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist);
+  const SlotMotions motions = sweep.motions(motion.T_mid.linear(), motion.twist, motion.bend);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map.anchor_grid()).cast<float>();
   if (std::exchange(matched.are_new, false)) {
     std::vector<LocalPoint> local;

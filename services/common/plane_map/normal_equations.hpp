@@ -12,29 +12,38 @@
 
 namespace zloam::plane_map {
 
-/// Motion of base_link over one sweep: T_mid * Exp(s * twist), s in [-1/2, 1/2] of the sweep.
+/// Motion of base_link over one sweep: T_mid * Exp(s twist + s^2 bend / 2), s in [-1/2, 1/2] of the
+/// sweep.
 struct SweepMotion {
   Pose T_mid = Pose::Identity();
-  Vector6 twist = Vector6::Zero();  // over the whole sweep: m, rad
+  Vector6 twist = Vector6::Zero();  // at the middle, over the whole sweep: m, rad
+  Vector6 bend = Vector6::Zero();   // what the twist changes by from begin to end: m, rad
 
-  Pose at(double s) const { return T_mid * exp_se3(s * twist); }
+  Pose at(double s) const { return T_mid * exp_se3(s * twist + 0.5 * s * s * bend); }
 };
 
+using Matrix18 = Eigen::Matrix<double, 18, 18>;
+using Vector18 = Eigen::Matrix<double, 18, 1>;
+
 /// With the row J of one residual against a right perturbation of T_mid, s J is its row against the
-/// twist (to first order in the sweep's motion). So three sums of 6x6 hold the 12x12 problem:
-/// H = sum w [[JJ', s JJ'], [s JJ', s^2 JJ']], g = sum w r [J, s J].
+/// twist and s^2 J / 2 that against the bend (to first order in the sweep's motion). So sums of
+/// 6x6, a_k = sum w s^k JJ', g_k = sum w r s^k J, hold the problem.
 struct NormalSums {
   Matrix6 a0 = Matrix6::Zero();
   Matrix6 a1 = Matrix6::Zero();
   Matrix6 a2 = Matrix6::Zero();
+  Matrix6 a3 = Matrix6::Zero();
+  Matrix6 a4 = Matrix6::Zero();
   Vector6 g0 = Vector6::Zero();
   Vector6 g1 = Vector6::Zero();
+  Vector6 g2 = Vector6::Zero();
   double weight = 0.0;           // sum of weights
   double normal_variance = 0.0;  // sum of weighted variances of normals, rad^2
   std::size_t matches = 0;
 
-  Matrix12 hessian() const;
-  Vector12 gradient() const;
+  /// Against pose, twist and bend.
+  Matrix18 hessian() const;
+  Vector18 gradient() const;
 };
 
 /// Sums of the points that met a plane, and of those that met a distribution.

@@ -41,6 +41,19 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
   return ldlt.solve(Matrix6::Identity());
 }
 
+// The mean of both predictions: one step of Gauss-Newton from the second.
+SweepMotion most_likely(const MotionPrior& prior) {
+  Matrix12 h = Matrix12::Zero();
+  Vector12 g = Vector12::Zero();
+  add_priors(prior, prior.advised, h, g);
+  const Vector12 step = -h.ldlt().solve(g);
+  if (!step.allFinite()) return prior.advised;
+  SweepMotion out = prior.advised;
+  out.T_mid = normalised(out.T_mid * exp_se3(step.head<6>()));
+  out.twist += step.tail<6>();
+  return out;
+}
+
 // Of a platform that is known to rest: the twist is nothing.
 Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& motion) {
   motion.twist.setZero();
@@ -66,7 +79,12 @@ Matrix6 RegistrationResult::covariance_at(std::uint32_t instant_ns, std::uint32_
   const double since_mid_s = instant_ns * 1e-9 - 0.5 * seconds(period_ns);
   Eigen::Matrix<double, 6, 12> jacobian;
   jacobian << adjoint(exp_se3(-since_mid_s * twist_per_s)), since_mid_s * Matrix6::Identity();
-  return jacobian * covariance * jacobian.transpose();
+  const double period_s = seconds(period_ns);
+  const double of_bend = 0.5 * squared(since_mid_s / period_s);
+  Eigen::Matrix<double, 6, 12> by_motion = bend.by_motion;
+  by_motion.rightCols<6>() *= period_s;
+  jacobian -= of_bend * by_motion;
+  return jacobian * covariance * jacobian.transpose() + squared(of_bend) * bend.own_covariance;
 }
 
 PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
@@ -93,11 +111,18 @@ Matrix12 PlaneRegistration::carried_on(double steps, double rate) const {
   F.topLeftCorner<6, 6>() = adjoint(exp_se3(-steps * previous_->motion.twist));
   F.topRightCorner<6, 6>() = steps * Matrix6::Identity();
   F.bottomRightCorner<6, 6>() = rate * Matrix6::Identity();
-  const Matrix6 change = steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad);
+  const Matrix6 change = this->change(steps);
   const Matrix6 cross = 0.5 * rate * steps * change;
   Matrix12 grown;
   grown << squared(steps) * (0.25 * change + continuity()), cross, cross, squared(rate) * change;
   return F * before * F.transpose() + grown;
+}
+
+// Of the twist over so many sweeps: white acceleration, and what the record has of it.
+Matrix6 PlaneRegistration::change(double steps) const {
+  const double period_s = seconds(previous_->period_ns);
+  return steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad) +
+         squared(steps * period_s * period_s) * acceleration_.covariance();
 }
 
 // What the poses of two middles may differ by from the mean of both motions.
@@ -152,9 +177,10 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
     const double since_s =
         std::max(static_cast<double>(sweep.stamp_ns - previous_->stamp_ns) * 1e-9, 0.5 * last_s);
     const double steps = std::max(0.5, (since_s + 0.5 * (now_s - last_s)) / last_s);
-    prior.predicted.T_mid = previous_->motion.at(steps);
+    prior.predicted.T_mid = previous_->motion.T_mid * exp_se3(steps * previous_->motion.twist);
     prior.predicted.twist = previous_->motion.twist * (now_s / last_s);
     const double rate = now_s / last_s;
+    prior.bend_sigma = squared(now_s) * acceleration_.covariance().diagonal().cwiseSqrt();
     prior.information = carried_on(steps, rate).ldlt().solve(Matrix12::Identity());
     if (sweep.inertial && adjoins(sweep)) foresee(sweep, prior);
   }
@@ -175,15 +201,23 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
   prior.advised.T_mid =
       map_.T_grid_map() * prediction.T_map_base * exp_se3(to_mid_s * prediction.twist_per_s);
   prior.advised.twist = prediction.twist_per_s * period_s;
-  if (prediction.use == PredictionUse::kTurnToTry) {
-    prior.start.T_mid.linear() = prior.advised.T_mid.linear();
-    prior.start.twist.tail<3>() = prior.advised.twist.tail<3>();
-    return;
-  }
   prior.advice_information.block<6, 6>(0, 0) = inverse_or_zero(prediction.pose_covariance);
   prior.advice_information.block<6, 6>(6, 6) =
       inverse_or_zero(prediction.twist_covariance * squared(period_s));
   prior.start = prior.advised;
+  if (previous_ && prediction.use == PredictionUse::kBeside) {
+    prior.start = most_likely(prior);
+    prior.advice_information.setZero();
+  }
+}
+
+double PlaneRegistration::disagreement(const SweepInput& sweep,
+                                       const MotionPrediction& prediction) const {
+  if (!previous_) return 0.0;
+  const MotionPrior prior = make_prior(sweep, prediction);
+  const Matrix6 own = prior.information.ldlt().solve(Matrix12::Identity()).topLeftCorner<6, 6>();
+  const Vector6 apart = log_se3(prior.predicted.T_mid.inverse() * prior.advised.T_mid);
+  return apart.dot((own + prediction.pose_covariance).ldlt().solve(apart));
 }
 
 MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
@@ -197,7 +231,8 @@ void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motio
   take_points(sweep, config_.min_range_m, thinning, inserted_points_);
   map_.set_anchor(motion.T_mid.translation());
   // All points of a sweep move alike.
-  const SlotMotions motions = matched_points_of(sweep).motions(motion.T_mid.linear(), motion.twist);
+  const SlotMotions motions =
+      matched_points_of(sweep).motions(motion.T_mid.linear(), motion.twist, motion.bend);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
   to_local(inserted_points_, motions, shift, inserted_);
   map_.insert(inserted_);
@@ -227,12 +262,10 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   out.outcome = match.valid ? Outcome::kRegistered : Outcome::kPredicted;
   out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
   out.twist_per_s = match.motion.twist / period_s;
-  // Turns are measured well enough for a difference of two sweeps to help; translations are not.
-  if (previous_ && !sweep.deskewed) {
-    out.twist_change_per_s.tail<3>() = (out.twist_per_s - previous_twist_per_s()).tail<3>();
-  }
+  out.twist_change_per_s = match.motion.bend / period_s;
   out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);
   out.covariance = with_twist_scaled(match.covariance, 1.0 / period_s);
+  out.bend = match.bend;
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
   out.inlier_rms_m = match.inlier_rms_m;
@@ -267,8 +300,8 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
   }
   Degeneracy& d = match.degeneracy;
   // Hysteresis: a weak direction stays so until it is clearly strong.
-  d.weak = match.valid &&
-           (d.weak || (weak_ && d.measured_sigma_m > config_.strong_ratio * d.predicted_sigma_m));
+  d.weak =
+      match.valid && (d.weak || (weak_ && d.measured_sigma_m > kStrongRatio * d.predicted_sigma_m));
   RegistrationResult result = result_of(match, sweep);
   const Vector6 error = log_se3(prior.start.T_mid.inverse() * match.motion.T_mid);
   result.prediction_error_m =
@@ -282,10 +315,10 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
 
 void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult& result,
                                bool insert) {
-  const double period_s = seconds(sweep.period_ns);
   SweepMotion motion;
   motion.T_mid = map_.T_grid_map() * result.T_map_base_mid;
-  motion.twist = result.twist_per_s * period_s;
+  motion.twist = result.twist_per_s * seconds(sweep.period_ns);
+  motion.bend = result.twist_change_per_s * seconds(sweep.period_ns);
   if (result.outcome == Outcome::kRegistered) {
     follow_gate(result);
     weak_ = result.degeneracy.weak;
@@ -299,17 +332,37 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
   if (insert) {
     this->insert(sweep, motion);
   }
-  if (previous_ || !map_.empty()) {
-    // Points that lie further off than their noise say less than the solver makes of them.
-    const double off = result.residual_rms_m / map_.config().range_noise_m;
-    const Matrix12 covariance =
-        std::max(1.0, squared(off)) * with_twist_scaled(result.covariance, period_s);
-    Vector6 change = Vector6::Zero();
-    if (previous_) change = motion.twist - previous_->motion.twist;
-    previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
-  }
+  if (previous_ || !map_.empty()) remember(sweep, result, motion);
   matched_stamp_ns_.reset();
   ++sweeps_;
+}
+
+void PlaneRegistration::remember(const SweepInput& sweep, const RegistrationResult& result,
+                                 const SweepMotion& motion) {
+  // Points that lie further off than their noise say less than the solver makes of them.
+  const double off = std::max(1.0, result.residual_rms_m / map_.config().range_noise_m);
+  const Matrix12 covariance =
+      squared(off) * with_twist_scaled(result.covariance, seconds(sweep.period_ns));
+  Vector6 change = Vector6::Zero();
+  if (previous_) {
+    change = motion.twist - previous_->motion.twist;
+    if (result.outcome == Outcome::kRegistered) {
+      learn_acceleration(sweep, result, squared(off) * result.covariance);
+    }
+  }
+  previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
+}
+
+// covariance: of (pose, twist per second)
+void PlaneRegistration::learn_acceleration(const SweepInput& sweep,
+                                           const RegistrationResult& result,
+                                           const Matrix12& covariance) {
+  const double between_s = 1e-9 * static_cast<double>(sweep.stamp_ns - previous_->stamp_ns);
+  if (!(between_s > 0.0)) return;
+  const Matrix12 before =
+      with_twist_scaled(previous_->covariance, 1.0 / seconds(previous_->period_ns));
+  const Matrix6 errors = (before + covariance).bottomRightCorner<6, 6>() / squared(between_s);
+  acceleration_.add(unexplained((result.twist_per_s - previous_twist_per_s()) / between_s, errors));
 }
 
 void PlaneRegistration::configure(const MatcherConfig& matcher) {

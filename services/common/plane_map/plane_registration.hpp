@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/geometry/error_record.hpp"
 #include "common/plane_map/config.hpp"
 #include "common/plane_map/sweep_matcher.hpp"
 #include "common/plane_map/sweep_points.hpp"
@@ -14,9 +15,11 @@
 namespace zloam::plane_map {
 
 enum class PredictionUse {
-  kBeside,     ///< the start, and known beside what the sweep before says of this one's motion
-  kInstead,    ///< the start, and known instead of that
-  kTurnToTry,  ///< its turn alone, and for the start alone: the sum that is minimised is the same
+  /// Where the motion of the sweep before is known: both are weighed by their covariances for the
+  /// start of the iteration, and only that motion counts as a prior. Odometry has seen the same
+  /// points, and its slow drift would be drawn into the map.
+  kBeside,
+  kInstead,  ///< start and prior alone
 };
 
 /// What another estimator (odometry) says of the sweep's motion.
@@ -40,11 +43,10 @@ struct RegistrationResult {
   Pose T_map_base_mid = Pose::Identity();  // at stamp + period / 2
   Pose T_map_base_end = Pose::Identity();  // at stamp + period
   Vector6 twist_per_s = Vector6::Zero();   // body twist, constant over the sweep
-  /// Change of the turn rate against the sweep before (translation: 0), of points that come as they
-  /// were seen. Registration takes the twist as constant over a sweep, which is best in the middle;
-  /// poses away from it use this. Points that come deskewed have it taken out: 0.
+  /// What the twist changes by within the sweep.
   Vector6 twist_change_per_s = Vector6::Zero();
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
+  Bend bend;                               // of what is known of twist_change_per_s, per sweep
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;  // of planes, see MatchResult
   double inlier_rms_m = 0.0;
@@ -87,6 +89,10 @@ class PlaneRegistration {
   }
   bool knows_motion() const { return previous_.has_value(); }
 
+  /// Squared Mahalanobis distance (six degrees of freedom) between the poses that the prediction
+  /// and the motion of the sweep before expect; 0 without such a motion.
+  double disagreement(const SweepInput& sweep, const MotionPrediction& prediction) const;
+
   /// From the next sweep on.
   void configure(const MatcherConfig& matcher);
 
@@ -104,6 +110,11 @@ class PlaneRegistration {
 
   Vector6 previous_twist_per_s() const;
   Matrix12 carried_on(double steps, double rate) const;
+  Matrix6 change(double steps) const;
+  void remember(const SweepInput& sweep, const RegistrationResult& result,
+                const SweepMotion& motion);
+  void learn_acceleration(const SweepInput& sweep, const RegistrationResult& result,
+                          const Matrix12& covariance);
   bool adjoins(const SweepInput& sweep) const;
   void foresee(const SweepInput& sweep, MotionPrior& prior) const;
   Matrix6 continuity() const;
@@ -123,6 +134,9 @@ class PlaneRegistration {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
+  // Of the change of the twist, m/s^2 and rad/s^2: what the motion of the sweep before was off by
+  // lately as a prediction, beside config_.change_sigma_*.
+  ErrorRecord acceleration_{0.0, 0.0};
   SweepPoints matched_points_;                    // of the sweep that was matched last
   std::optional<std::int64_t> matched_stamp_ns_;  // until it is committed
   std::vector<SlotPoint> inserted_points_;

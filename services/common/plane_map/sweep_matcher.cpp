@@ -19,6 +19,9 @@ constexpr std::size_t kCoarseStride = 8;
 constexpr std::size_t kLeastCoarsePoints = 200;
 constexpr int kLeastIterations = 2;
 
+// A platform that was never seen to accelerate: m, rad over a sweep.
+constexpr double kLeastBend = 1e-6;
+
 bool is_small(const Vector12& step, const MatcherConfig& c) {
   const double translation = step.segment<3>(0).norm() + step.segment<3>(6).norm();
   const double rotation = step.segment<3>(3).norm() + step.segment<3>(9).norm();
@@ -27,10 +30,11 @@ bool is_small(const Vector12& step, const MatcherConfig& c) {
 
 bool is_sound(const Vector12& step) { return step.allFinite() && step.norm() <= 1e3; }
 
-SweepMotion moved(const SweepMotion& motion, const Vector12& step) {
+SweepMotion moved(const SweepMotion& motion, const Vector12& step, const Vector6& bend_step) {
   SweepMotion out = motion;
   out.T_mid = normalised(motion.T_mid * exp_se3(step.head<6>()));
   out.twist += step.tail<6>();
+  out.bend += bend_step;
   return out;
 }
 
@@ -77,14 +81,25 @@ SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlane
   Step out;
   out.sums = accumulate(map, sweep, matched, motion, gate, weak);
   const double scale = information_scale(map);
-  out.h = out.sums.planes.hessian();
-  Vector12 g = out.sums.planes.gradient();
+  Matrix18 h = out.sums.planes.hessian();
+  Vector18 g = out.sums.planes.gradient();
   // An inertial sensor knows better what is left open then.
-  if (prior.usual_information) discount_spurious(out.sums.planes, out.h, g);
-  out.h = (scale * (out.h + out.sums.blobs.hessian())).eval();
+  if (prior.usual_information) discount_spurious(out.sums.planes, h, g);
+  h = (scale * (h + out.sums.blobs.hessian())).eval();
   g = (scale * (g + out.sums.blobs.gradient())).eval();
-  add_priors(prior, motion, out.h, g);
-  out.step = -out.h.ldlt().solve(g);
+  out.h = h.topLeftCorner<12, 12>();
+  Vector12 g12 = g.head<12>();
+  add_priors(prior, motion, out.h, g12);
+  Vector6 bend_information = prior.bend_sigma.array().max(kLeastBend).square().inverse();
+  Matrix6 h_bend = h.bottomRightCorner<6, 6>();
+  h_bend.diagonal() += bend_information;
+  const Vector6 g_bend = g.tail<6>() + bend_information.cwiseProduct(motion.bend);
+  out.bend.own_covariance = h_bend.ldlt().solve(Matrix6::Identity());
+  out.bend.by_motion = out.bend.own_covariance * h.bottomLeftCorner<6, 12>();
+  out.h -= h.topRightCorner<12, 6>() * out.bend.by_motion;
+  g12 -= out.bend.by_motion.transpose() * g_bend;
+  out.step = -out.h.ldlt().solve(g12);
+  out.bend_step = -out.bend.own_covariance * g_bend - out.bend.by_motion * out.step;
   return out;
 }
 
@@ -102,7 +117,7 @@ SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep
   MatchedPoints matched;
   matched.begin(few);
   const Step first = step_from(prior.start, map, sweep, matched, prior, gate);
-  return is_sound(first.step) ? moved(prior.start, first.step) : prior.start;
+  return is_sound(first.step) ? moved(prior.start, first.step, first.bend_step) : prior.start;
 }
 
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
@@ -119,7 +134,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
     if (!is_sound(last.step)) {
       return result;
     }
-    motion = moved(motion, last.step);
+    motion = moved(motion, last.step, last.bend_step);
     result.converged = i + 1 >= kLeastIterations && is_small(last.step, config_);
   }
   const SweepSums& sums = last.sums;
@@ -132,6 +147,7 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.valid = true;
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
+  result.bend = last.bend;
   const ResidualAccount account = account_of(matched_.residuals, gates.first.kernel_m);
   result.degeneracy =
       judge(sums.planes, account.lever2, predicted_covariance(prior), information_scale(map));
@@ -147,7 +163,7 @@ double SweepMatcher::spurious(const NormalSums& sums) const {
                   sums.weight * config_.normal_error_rad * config_.normal_error_rad);
 }
 
-void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix12& h, Vector12& g) const {
+void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix18& h, Vector18& g) const {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> held(schur(sums.a0, 0, 3));
   if (held.eigenvalues()[1] < config_.walls_least_share * sums.weight) return;
   const double least = std::max(held.eigenvalues()[0], 1e-12);
@@ -177,8 +193,7 @@ Degeneracy SweepMatcher::judge(const NormalSums& sums, double lever2, const Matr
   out.rotation_axis = rotation.eigenvectors().col(0);
   out.measured_sigma_rad = sigma(rotation.eigenvalues()[0]) / lever;
   out.predicted_sigma_rad = sigma_along(predicted.block<3, 3>(3, 3), out.rotation_axis);
-  out.weak = out.measured_sigma_m > config_.weak_ratio * out.predicted_sigma_m;
-  out.weak_rotation = out.measured_sigma_rad > config_.weak_ratio * out.predicted_sigma_rad;
+  out.weak = out.measured_sigma_m > kWeakRatio * out.predicted_sigma_m;
   return out;
 }
 

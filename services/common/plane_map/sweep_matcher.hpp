@@ -26,6 +26,9 @@ struct MotionPrior {
   /// is measured worse than this, and not because the sensor knows it better still.
   std::optional<Matrix12> usual_information;
 
+  /// Of the bend about none, in each axis.
+  Vector6 bend_sigma = Vector6::Zero();
+
   /// The same from another estimator (odometry).
   SweepMotion advised;
   Matrix12 advice_information = Matrix12::Zero();
@@ -33,6 +36,11 @@ struct MotionPrior {
   /// Of the sweep before, in the grid; zero: none was weak.
   Eigen::Vector3d weak_axis_grid = Eigen::Vector3d::Zero();
 };
+
+/// A direction is weak for the matching when measuring it is little better than predicting it, and
+/// well again when it is clearly better: both sigmas then count alike in the sum.
+inline constexpr double kWeakRatio = 0.7;
+inline constexpr double kStrongRatio = 0.5;
 
 /// The weakest translation direction as the data see it, without the priors.
 struct Degeneracy {
@@ -43,16 +51,22 @@ struct Degeneracy {
   double share = 0.0;         // mean squared share of the normals along the axis, [0, 1]
   double second_share = 0.0;  // the same along the next weakest direction
   /// The weakest rotation, with lever arm (m) = rms distance of the matched points.
-  bool weak_rotation = false;
   Eigen::Vector3d rotation_axis = Eigen::Vector3d::Zero();
   double measured_sigma_rad = 0.0;
   double predicted_sigma_rad = 0.0;
+};
+
+/// The bend beside the other unknowns x: off by -by_motion x, and by an error of its own.
+struct Bend {
+  Eigen::Matrix<double, 6, 12> by_motion = Eigen::Matrix<double, 6, 12>::Zero();
+  Matrix6 own_covariance = Matrix6::Zero();
 };
 
 struct MatchResult {
   bool valid = false;  // false: too few matches or no finite solution; motion = prior.start
   SweepMotion motion;
   Matrix12 covariance = Matrix12::Zero();  // of (T_mid right perturbation, twist per sweep)
+  Bend bend;
   Degeneracy degeneracy;
   /// Of points against planes, weighted by the roots of what the first gate's kernel gives: with a
   /// fine kernel, three times the noise, nothing would be far off. inlier_rms_m: by its whole
@@ -85,8 +99,10 @@ class SweepMatcher {
  private:
   struct Step {
     SweepSums sums;
-    Matrix12 h = Matrix12::Zero();  // with the priors
+    Matrix12 h = Matrix12::Zero();  // with the priors, the bend eliminated
     Vector12 step = Vector12::Zero();
+    Vector6 bend_step = Vector6::Zero();
+    Bend bend;
   };
 
   Step step_from(const SweepMotion& motion, VoxelPlaneMap& map, const SweepPoints& sweep,
@@ -98,7 +114,7 @@ class SweepMatcher {
   /// Of the squared normals along one direction that may be nothing but their errors.
   double spurious(const NormalSums& sums) const;
   /// Takes off what those say along the translation that is held least, between walls.
-  void discount_spurious(const NormalSums& sums, Matrix12& h, Vector12& g) const;
+  void discount_spurious(const NormalSums& sums, Matrix18& h, Vector18& g) const;
   /// lever2: sum of the weighted squared lever arms, m^2.
   Degeneracy judge(const NormalSums& sums, double lever2, const Matrix12& predicted,
                    double scale) const;

@@ -19,6 +19,18 @@ bool usable(const Point& p, float min_range2) {
   return range2 >= min_range2 && range2 < 1e12f;  // false for NaN
 }
 
+// base_link at the knots, from its middle.
+std::vector<Pose> at_knots(const Vector6& twist, const Vector6& bend) {
+  if (bend.isZero(0.0)) return exp_se3_along(twist, slot_fraction(0), 1.0 / kKnots, kKnots + 1);
+  std::vector<Pose> knots;
+  knots.reserve(kKnots + 1);
+  for (int k = 0; k <= kKnots; ++k) {
+    const double s = slot_fraction(k * kSlotsPerKnot);
+    knots.push_back(exp_se3(s * twist + 0.5 * s * s * bend));
+  }
+  return knots;
+}
+
 }  // namespace
 
 void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
@@ -67,12 +79,11 @@ void SweepPoints::set(const SweepInput& sweep, double min_range_m, const Thinnin
   }
 }
 
-SlotMotions SweepPoints::motions(const Eigen::Matrix3d& rotation,
-                                 const Vector6& twist_per_sweep) const {
+SlotMotions SweepPoints::motions(const Eigen::Matrix3d& rotation, const Vector6& twist,
+                                 const Vector6& bend) const {
   Pose start = Pose::Identity();
   start.linear() = rotation;
-  std::vector<Pose> knots =
-      exp_se3_along(twist_per_sweep, slot_fraction(0), 1.0 / kKnots, kKnots + 1);
+  std::vector<Pose> knots = at_knots(twist, bend);
   for (Pose& knot : knots) knot = start * knot;
   SlotMotions out;
   out.reserve(kSlots + 1);

@@ -70,9 +70,10 @@ class SweepPoints {
   const std::vector<SlotPoint>& points() const { return points_; }
 
   /// Motions that carry points as given to the frame that T_mid's parent names, rotated but not
-  /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s *
-  /// twist), twist over the whole sweep. What an earlier deskewing did is undone.
-  SlotMotions motions(const Eigen::Matrix3d& rotation, const Vector6& twist_per_sweep) const;
+  /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s twist +
+  /// s^2 bend / 2), both over the whole sweep. What an earlier deskewing did is undone.
+  SlotMotions motions(const Eigen::Matrix3d& rotation, const Vector6& twist,
+                      const Vector6& bend = Vector6::Zero()) const;
 
  private:
   std::vector<SlotPoint> points_;

@@ -61,7 +61,6 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, continuity_sigma_m);
   ZLOAM_FIELD("odometry.", c, continuity_sigma_rad);
   ZLOAM_FIELD("odometry.", c, continuity_share);
-  ZLOAM_FIELD("odometry.", c, bend_sigma_rad);
   ZLOAM_FIELD("odometry.", c, acceleration_sigma_mps2);
   ZLOAM_FIELD("odometry.", c, angular_acceleration_sigma_radps2);
   ZLOAM_FIELD("odometry.", c, initial_speed_sigma_mps);
@@ -88,14 +87,14 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, enough_inserted_points);
   ZLOAM_FIELD("odometry.", c, plane_min_points);
   ZLOAM_FIELD("odometry.", c, plane_thickness_sigmas);
+  ZLOAM_FIELD("odometry.", c, max_turn_radps);
   ZLOAM_FIELD("odometry.", c, plane_width_sigmas);
   ZLOAM_FIELD("odometry.", c, plane_normal_error_rad);
   ZLOAM_FIELD("odometry.", c, match_radius_m);
   ZLOAM_FIELD("odometry.", c, ring_reach);
   ZLOAM_FIELD("odometry.", c, target_leaf_m);
   ZLOAM_FIELD("odometry.", c, edge_weight);
-  ZLOAM_FIELD("odometry.", c, weak_on);
-  ZLOAM_FIELD("odometry.", c, weak_off);
+  ZLOAM_FIELD("odometry.", c, drift_limit);
   ZLOAM_FIELD("odometry.", c, covariance_scale);
 }
 
@@ -145,8 +144,6 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, continuity_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, pose_sigma_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, pose_sigma_rad);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, weak_ratio);
-  ZLOAM_FIELD("mapping.voxel_planes.", c, strong_ratio);
   ZLOAM_FIELD("mapping.voxel_planes.", c, walls_least_share);
   ZLOAM_FIELD("mapping.voxel_planes.", c, weak_least_cosine);
   fields["mapping.voxel_planes.weak_normal_error_rad"] = &c.normal_error_rad;
@@ -158,6 +155,7 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, every);
   ZLOAM_FIELD("mapping.", c, leaf_edge_m);
   ZLOAM_FIELD("mapping.", c, leaf_plane_m);
+  ZLOAM_FIELD("mapping.", c, drift_limit);
   ZLOAM_FIELD("mapping.", c, prior_sigma_m);
   ZLOAM_FIELD("mapping.", c, prior_sigma_rad);
   ZLOAM_FIELD("mapping.", c, prior_scale);
@@ -175,13 +173,6 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, loam.max_iterations);
   ZLOAM_FIELD("mapping.", c, loam.kernel_m);
   ZLOAM_FIELD("mapping.", c, loam.edge_weight);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.use_prediction);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.second_start_rad);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.second_start_most_rad);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_m);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.lost_step_rad);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_mps);
-  ZLOAM_FIELD("mapping.", c, voxel_planes.twist_sigma_radps);
   ZLOAM_FIELD("mapping.", c, voxel_planes.tile_stride);
   add_plane_map(c.voxel_planes.map, fields);
   add_plane_matcher(c.voxel_planes.matcher, fields);

@@ -82,29 +82,31 @@ INSTANTIATE_TEST_SUITE_P(Crowds, GradientOf, ::testing::Values(0.0, 20.0));
 TEST_P(GradientOf, MatchesNumericDifferences) {
   Problem problem;
   problem.crowd_points = GetParam();
-  const Vector12 gradient = problem.sums(problem.motion).planes.gradient();
+  const Vector18 gradient = problem.sums(problem.motion).planes.gradient();
   ASSERT_GT(problem.cloud.size(), 4000u);
   constexpr double kStep = 2e-4;
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 18; ++i) {
+    // A bend moves the points by an eighth at most.
+    const double scale = i < 12 ? 1.0 : 8.0;
     const auto cost = [&](double step) {
       SweepMotion moved = problem.motion;
       if (i < 6) {
         moved.T_mid = moved.T_mid * exp_se3(step * Vector6::Unit(i));
       } else {
-        moved.twist[i - 6] += step;
+        (i < 12 ? moved.twist : moved.bend)[i % 6] += scale * step;
       }
       return problem.cost(moved);
     };
-    const double numeric = (cost(kStep) - cost(-kStep)) / (2.0 * kStep);
-    EXPECT_NEAR(gradient[i], numeric, 0.03 * gradient.segment<6>(i < 6 ? 0 : 6).norm()) << i;
+    const double numeric = (cost(kStep) - cost(-kStep)) / (2.0 * scale * kStep);
+    EXPECT_NEAR(gradient[i], numeric, 0.03 * gradient.segment<6>(i / 6 * 6).norm()) << i;
   }
 }
 
 TEST(NormalEquations, HessianIsSymmetricAndPositive) {
   Problem problem;
-  const Matrix12 h = problem.sums(problem.motion).planes.hessian();
+  const Matrix18 h = problem.sums(problem.motion).planes.hessian();
   EXPECT_LT((h - h.transpose()).norm(), 1e-3 * h.norm());
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 18; ++i) {
     EXPECT_GT(h(i, i), 0.0);
   }
 }
