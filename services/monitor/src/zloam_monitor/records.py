@@ -77,6 +77,8 @@ class PoseRecord:
     end_of_run: bool
     trace: tuple[TraceStep, ...]
     degenerate: bool = False
+    #: a correction moved it by more than the configured step
+    jump: bool = False
     #: the weakest translation in base_link, zero when none is weak
     weak_translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: 6x6 row by row, translation before rotation, tangent at base_link; empty when not said
@@ -157,6 +159,7 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
         end_of_run=bool(header.EndOfRun()),
         trace=_trace(header),
         degenerate=bool(table.Degenerate()),
+        jump=bool(table.Jump()) if hasattr(table, "Jump") else False,
         weak_translation=_vector(table.WeakTranslation()),
         covariance=tuple(table.Covariance(i) for i in range(table.CovarianceLength())),
         config_rev=header.ConfigRev(),

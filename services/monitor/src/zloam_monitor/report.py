@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import evaluation, latency
+from zloam_monitor import evaluation, latency, pose_health
 from zloam_monitor.accounting import Accounts, account
 from zloam_monitor.evaluation import Scores
 from zloam_monitor.files import written_whole
@@ -139,6 +139,7 @@ def build(run: Run) -> dict[str, Any]:
         "wall_s": run.wall_s,
         "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
         "path_m": run.trajectory.path_length_m(),
+        "health": pose_health.judge(run.poses.values()).as_dict(),
         "exit_codes": run.exit_codes,
         "set_at": run.set_at,
         "remarks": run.remarks,
@@ -240,6 +241,7 @@ def table(report: dict[str, Any]) -> str:
         f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
         + (f", {factor:.1f} × real time" if factor else "")
     )
+    lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
     complaints = report["identities"]["complaints"] + [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from zloam_monitor import pose_health
 from zloam_monitor.keys import STAGES
 from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
@@ -53,6 +54,8 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
             yield f"{stage:<13}nothing heard"
         else:
             yield _stage_line(status, link.silent_s(status, now))
+    if link.poses:
+        yield pose_health.line(pose_health.judge(link.poses.values()).as_dict())
     if link.garbage:
         yield f"{link.garbage} messages could not be read"
 
