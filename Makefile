@@ -7,6 +7,7 @@ JOBS ?= $(shell nproc)
 TEST_JOBS ?= 2
 STEP := deploy/build/step.sh
 PY := .venv/bin/python
+ZLOAM := bin/zloam
 export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
 export ZLOAM_BUILD := $(CURDIR)/$(BUILD)
 export ZLOAM_SHARED ?= $(abspath ../shared)
@@ -56,18 +57,20 @@ unit-tests: configure-tests # only the tests' programs
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # LISTEN=0.0.0.0 lets other machines connect (demo and run).
-DEMO_ARGS = $(if $(PCAP),--pcap "$(PCAP)") $(if $(BIN),--bin "$(BIN)") $(if $(KITTI),--kitti "$(KITTI)") \
-  $(if $(SCANS),--scans "$(SCANS)") $(if $(IMU),--imu "$(IMU)") \
-  $(foreach t,$(TRUTH),--truth "$(t)") $(if $(CONFIG),--config "$(CONFIG)") \
-  $(if $(RATE),--rate $(RATE)) $(if $(OUT),--out "$(OUT)") $(if $(LISTEN),--listen "$(LISTEN)") $(foreach s,$(SET),--set "$(s)") \
-  $(foreach s,$(SET_AT),--set-at "$(s)")
+# Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
+PASSED := PCAP BIN KITTI SCANS IMU TRUTH CONFIG RATE OUT LISTEN SET SET_AT
+$(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
+passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
+CHAIN_ARGS = $(call passed,OUT,--out) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
+DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
+  $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
+  $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(CHAIN_ARGS)
 
 demo: build ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
-	@bin/zloam demo $(DEMO_ARGS)
+	@$(ZLOAM) demo $(DEMO_ARGS)
 
 run: build ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
-	@bin/zloam run $(if $(CONFIG),--config "$(CONFIG)") \
-	  $(foreach s,$(SET),--set "$(s)") $(if $(OUT),--out "$(OUT)") $(if $(LISTEN),--listen "$(LISTEN)")
+	@$(ZLOAM) run $(call passed,CONFIG,--config) $(CHAIN_ARGS)
 
 test: build-all test-venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from zloam_monitor.chain import ChainError
 from zloam_monitor.records import RevisionRecord
-from zloam_monitor.settings import as_set_at, pairs
+from zloam_monitor.settings import as_set_at, existing_files, pairs, several
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def revision(rev: int, run: int, from_sweep: int, values: dict[str, Any]) -> RevisionRecord:
@@ -32,3 +39,50 @@ def test_a_replay_is_given_what_was_in_force() -> None:
     ]
     assert as_set_at(found, run=7) == ["0:a=true", "30:a=false", "30:b=[1, 2.5]"]
     assert as_set_at([revision(1, run=0, from_sweep=9, values={"c": "x"})], run=7) == ["9:c=x"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a.b=1", ["a.b=1"]),
+        ("a.b=1 robot=x  c.d_e=[1, 2, 3]", ["a.b=1", "robot=x", "c.d_e=[1, 2, 3]"]),
+        ("driver.path=/my data/day #2: a=b.pcap", ["driver.path=/my data/day #2: a=b.pcap"]),
+        ("10:mapping.m=2 200:mapping.m=[3, 4]", ["10:mapping.m=2", "200:mapping.m=[3, 4]"]),
+        ("  ", []),
+    ],
+)
+def test_a_setting_begins_with_its_key(text: str, expected: list[str]) -> None:
+    assert several(text) == expected
+
+
+def test_names_of_files_are_the_longest_that_exist(tmp_path: Path) -> None:
+    for name in ("a", "a b", "a b c.tum", "d"):
+        (tmp_path / name).touch()
+    text = f"{tmp_path}/a b c.tum {tmp_path}/d {tmp_path}/a {tmp_path}/none"
+    assert [p.name for p in existing_files(text)] == ["a b c.tum", "d", "a", "none"]
+
+
+def test_make_passes_texts_as_they_are(tmp_path: Path) -> None:
+    truth = tmp_path / "my truth.tum"
+    truth.touch()
+    said = tmp_path / "said.py"
+    said.write_text(f"#!{sys.executable}\nimport json, sys\nprint(json.dumps(sys.argv))\n")
+    said.chmod(0o755)
+    capture = '/d/my "run" #2: `x`.pcap'
+    settings = "mounting.xyz_m=[0, 0, 1] driver.path=/a b"
+    done = subprocess.run(
+        [
+            *("make", "-s", "-o", "build", "demo", f"ZLOAM={said}", f"PCAP={capture}"),
+            *(f"SET={settings}", f"TRUTH={truth}", "SET_AT=5:a.b=[1, 2]"),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    passed = json.loads(done.stdout)
+    given = dict(pairwise(passed))
+    assert given["--pcap"] == capture
+    assert given["--settings"] == settings
+    assert given["--truths"] == str(truth)
+    assert given["--settings-at"] == "5:a.b=[1, 2]"

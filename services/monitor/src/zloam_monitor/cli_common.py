@@ -27,6 +27,7 @@ def said(error: object) -> None:
 def _failed(error: BaseException) -> int | None:
     """The exit code of a failure that its text explains; None: a fault of this program."""
     from zloam_monitor.chain import BinariesMissing, ChainError
+    from zloam_monitor.claims import NotOurs
     from zloam_monitor.discovery import NothingAnswers
     from zloam_monitor.link import LinkError
     from zloam_monitor.messages import SchemasMissing
@@ -40,7 +41,7 @@ def _failed(error: BaseException) -> int | None:
         return error.code if error.code in (2, FILE_MISSING) else 1
     if isinstance(error, PortTaken):
         return FILE_MISSING
-    expected = (BinariesMissing, ChainError, LinkError, NothingAnswers, RobotFileError)
+    expected = (BinariesMissing, ChainError, LinkError, NothingAnswers, NotOurs, RobotFileError)
     if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
         return 1
     return None
@@ -126,6 +127,10 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="One value over the file; may be repeated."),
 ]
+#: several of them in one text, as make has them
+ManySettings = Annotated[str, typer.Option("--settings", hidden=True)]
+ManySettingsAt = Annotated[str, typer.Option("--settings-at", hidden=True)]
+ManyFiles = Annotated[str, typer.Option("--truths", hidden=True)]
 Listen = Annotated[
     str | None,
     typer.Option(

@@ -89,13 +89,19 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
     listen: common.Listen = None,
     preset_dir: common.PresetDir = None,
+    many_settings: common.ManySettings = "",
+    many_settings_at: common.ManySettingsAt = "",
+    truths: common.ManyFiles = "",
 ) -> int:
     """Replay a recording, or a simulated drive round a city block, and map it."""
     from zloam_monitor import demo as runner
     from zloam_monitor import ports, sources, trajectory
     from zloam_monitor.chain import binary
     from zloam_monitor.robot_file import names
+    from zloam_monitor.settings import existing_files, several
 
+    settings = [*(settings or []), *several(many_settings)]
+    truth = [*(truth or []), *existing_files(truths)] or None
     source = _Recorded(pcap, bin, kitti, scans, imu).source()
     build = common.kept(preset_dir)
     binary(build, "driver")
@@ -103,10 +109,11 @@ def demo(
         print(f"simulating {world}, seed {seed}", flush=True)
         with_imu = imu == SIMULATED_IMU
         simulator = binary(build, "simulator")
-        source = sources.simulated(simulator, out, world, seed, simulate or [], with_imu)
+        inputs = [*(truth or []), *([config] if config else [])]
+        source = sources.simulated(simulator, out, world, seed, simulate or [], with_imu, inputs)
     if imu and imu != SIMULATED_IMU:
         source = sources.with_imu(source, Path(imu))
-    robot = names(config or source.config, settings or [])
+    robot = names(config or source.config, settings)
     options = runner.DemoOptions(
         build=build,
         out=out,
@@ -115,9 +122,9 @@ def demo(
         robot=robot.robot,
         sensor=robot.sensor,
         rate=rate,
-        settings=settings or [],
+        settings=settings,
         truth=source.truth if truth is None else truth,
-        set_at=set_at or [],
+        set_at=[*(set_at or []), *several(many_settings_at)],
         ports=ports.configured(robot, listen),
     )
     for path in options.truth:
@@ -135,13 +142,16 @@ def run(
         float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
     ] = None,
     preset_dir: common.PresetDir = None,
+    many_settings: common.ManySettings = "",
 ) -> int:
     """Run on a live sensor until Ctrl-C, which writes trajectory and map."""
     from zloam_monitor import live, places, ports, report
     from zloam_monitor.robot_file import names
+    from zloam_monitor.settings import several
 
+    settings = [*(settings or []), *several(many_settings)]
     file = config or places.robot_file("vlp16-outdoor")
-    robot = names(file, settings or [])
+    robot = names(file, settings)
     found = live.run(
         live.LiveOptions(
             build=common.kept(preset_dir),
@@ -149,7 +159,7 @@ def run(
             config=file,
             robot=robot.robot,
             sensor=robot.sensor,
-            settings=settings or [],
+            settings=settings,
             seconds=seconds,
             ports=ports.configured(robot, listen),
         )

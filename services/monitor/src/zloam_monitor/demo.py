@@ -90,7 +90,7 @@ def _stalled(chain: Chain) -> str:
 def run(options: DemoOptions) -> dict[str, Any]:
     """Does it all; raises what went wrong, returns the report."""
     files = outputs.Files(options.out)
-    outputs.forget(options.out)
+    claim = outputs.claim(options.out, [*options.truth, *options.source.files])
     settings = [
         *outputs.stage_settings(options.out),
         *options.source.driver_settings(options.rate),
@@ -122,7 +122,10 @@ def run(options: DemoOptions) -> dict[str, Any]:
         noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
         seen = replace(seen, remarks=noted.summary())
-    return outputs.write_all(options.out, options.source.title, seen)
+    try:
+        return outputs.write_all(options.out, options.source.title, seen)
+    finally:
+        claim.record(outputs.FURTHER)
 
 
 def finish(found: dict[str, Any], out: Path) -> int:

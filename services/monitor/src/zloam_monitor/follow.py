@@ -59,6 +59,7 @@ def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
 
 def follow(options: FollowOptions) -> dict[str, Any]:
     """Waits for a run and its end; writes report and picture; returns the report."""
+    claim = outputs.claim_own(options.out, options.truth)
     line = ProgressLine()
     session = open_session(options.connect)
     link = Link(session, options.keys)
@@ -78,6 +79,9 @@ def follow(options: FollowOptions) -> dict[str, Any]:
     finally:
         link.close()
         session.close()
-    found = outputs.write_all(options.out, options.title, seen, stages_write_here=False)
+    try:
+        found = outputs.write_all(options.out, options.title, seen, stages_write_here=False)
+    finally:
+        claim.record()
     print(report.table(found))
     return found

@@ -115,7 +115,7 @@ def ending_signals() -> tuple[int, ...]:
 
 def run(options: LiveOptions) -> dict[str, Any]:
     """Until Ctrl-C; raises when a stage dies; returns the report."""
-    outputs.forget(options.out)
+    claim = outputs.claim(options.out, [options.config])
     settings = [*outputs.stage_settings(options.out), *options.settings]
     chain = Chain(
         options.build,
@@ -138,4 +138,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
             codes = chain.stop()
         seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
         seen = replace(seen, remarks=noted.summary())
-    return outputs.write_all(options.out, "live run", seen)
+    try:
+        return outputs.write_all(options.out, "live run", seen)
+    finally:
+        claim.record(outputs.FURTHER)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zloam_monitor import clouds, evaluation, picture, report, se3, trajectory
+from zloam_monitor import claims, clouds, evaluation, picture, report, se3, trajectory
+from zloam_monitor.claims import Claim
 from zloam_monitor.files import written_whole
+from zloam_monitor.keys import STAGES
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
-from zloam_monitor.trajectory import Trajectory
+from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 
 @dataclass(frozen=True)
@@ -71,21 +73,34 @@ def stage_settings(folder: Path) -> list[str]:
     return [f"integration.output_dir={files.folder}", f"mapping.map_path={files.map}"]
 
 
-def forget(folder: Path) -> None:
-    """Removes what an earlier run left, so that nothing old is taken for new."""
-    files = Files(folder)
-    for path in (
-        files.trajectory_tum,
-        files.trajectory_kitti,
-        files.odometry_tum,
-        files.map,
-        files.ground_truth,
-        files.picture,
-        files.report,
-        files.poses,
-    ):
-        path.unlink(missing_ok=True)
-    shutil.rmtree(files.logs, ignore_errors=True)
+#: what the stages write, and this program after them
+MADE_BY_STAGES = (
+    "trajectory.tum",
+    "trajectory.kitti",
+    "odometry.tum",
+    "map.pcd",
+    "trajectory.journal",
+    *(f"logs/{stage}.log" for stage in STAGES),
+)
+MADE_HERE = ("ground_truth.tum", "picture.png", "report.json", "poses.csv")
+#: of the further runs that the stages saw, and of further instances
+FURTHER = (
+    "trajectory_[0-9]*.tum",
+    "trajectory_[0-9]*.kitti",
+    "odometry_[0-9]*.tum",
+    "map_[0-9]*.pcd",
+    "logs/*.log",
+)
+
+
+def claim(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
+    """For a run: removes what an earlier one left, so that nothing old is taken for new."""
+    return claims.claim(folder, (*MADE_BY_STAGES, *MADE_HERE), inputs)
+
+
+def claim_own(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
+    """Where the stages write for themselves: only what is written here."""
+    return claims.claim(folder, MADE_HERE, inputs)
 
 
 def numbered(path: Path, heard: Trajectory) -> Trajectory:
@@ -98,21 +113,45 @@ def numbered(path: Path, heard: Trajectory) -> Trajectory:
     return Trajectory(written.transforms, written.stamps_ns, sweeps)
 
 
+def of_run(plain: Path, heard: Trajectory) -> Path:
+    """Of a stage's files the one with most of the poses that were heard: each run has its own."""
+
+    def common(path: Path) -> int:
+        try:
+            return int((numbered(path, heard).sweeps >= 0).sum())
+        except TrajectoryError:
+            return -1
+
+    further = sorted(plain.parent.glob(f"{plain.stem}_[0-9]*{plain.suffix}"))
+    found = [path for path in (plain, *further) if path.exists()]
+    return plain if len(found) < 2 else max(found, key=common)
+
+
 def collected(folder: Path, run: Run) -> Run:
     """The run with the trajectories that the stages wrote; without them, what was heard."""
     files = Files(folder)
     if not len(run.trajectory):
         return run  # an empty file would stand for a drive
-    if files.trajectory_tum.exists():
-        run = replace(run, trajectory=numbered(files.trajectory_tum, run.trajectory))
+    written = of_run(files.trajectory_tum, run.trajectory)
+    if written.exists():
+        run = replace(run, trajectory=numbered(written, run.trajectory))
     else:
         trajectory.write_tum(files.trajectory_tum, run.trajectory)
         trajectory.write_kitti(files.trajectory_kitti, run.trajectory)
-    if files.odometry_tum.exists() and len(run.odometry):
-        run = replace(run, odometry=numbered(files.odometry_tum, run.odometry))
-    else:
+    written = of_run(files.odometry_tum, run.odometry)
+    if not written.exists():
         trajectory.write_tum(files.odometry_tum, run.odometry)
+    elif len(run.odometry):
+        run = replace(run, odometry=numbered(written, run.odometry))
     return run
+
+
+def earlier_runs(folder: Path, run: Run) -> list[str]:
+    """Files with the poses of runs before the one that is reported."""
+    plain = Files(folder).trajectory_tum
+    own = of_run(plain, run.trajectory)
+    named = [plain, *sorted(plain.parent.glob(f"{plain.stem}_[0-9]*{plain.suffix}"))]
+    return [f"{p.name} ({len(trajectory.read(p))} poses)" for p in named if p.exists() and p != own]
 
 
 def map_points(folder: Path) -> np.ndarray[Any, Any]:
@@ -176,6 +215,7 @@ def write_all(
     write_poses(files.poses, run)
     found = report.build(run)
     found["not_written"] = missing
+    found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)
     write_picture(folder, title, run)
     return found

@@ -3,6 +3,7 @@ writes files, `reset` empties the map."""
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +14,26 @@ from zloam_monitor.records import ReplyRecord, RevisionRecord
 
 #: a link takes a moment to come up; then an instance that is there answers at once
 PATIENCE_SECONDS = 2.0
+#: where a setting begins, or one that holds from a sweep on
+_BEGIN = re.compile(r"\s+(?=(?:[0-9]+:)?(?:robot|[a-z_]+(?:\.[a-z0-9_]+)+)=)")
+
+
+def several(text: str) -> list[str]:
+    """`key=value key=value` as single settings; a value may hold blanks, but for ` key=`."""
+    return [each.strip() for each in _BEGIN.split(text.strip()) if each.strip()]
+
+
+def existing_files(text: str) -> list[Path]:
+    """Names of files with blanks between them, and perhaps in them: the longest that exist."""
+    words = text.split(" ")
+    found = []
+    while words:
+        ends = range(len(words), 0, -1)
+        end = next((e for e in ends if Path(" ".join(words[:e])).is_file()), 1)
+        if name := " ".join(words[:end]):
+            found.append(Path(name))
+        words = words[end:]
+    return found
 
 
 def pairs(texts: Iterable[str]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from zloam_monitor import places
+from zloam_monitor import claims, places
 from zloam_monitor.processes import describe_code
 
 ROBOTS = places.robots()
@@ -39,6 +39,13 @@ class Source:
     #: sweeps in it, where that is known beforehand
     sweeps: int | None = None
     settings: list[str] = field(default_factory=list)
+    #: further files that it is read from
+    readings: list[Path] = field(default_factory=list)
+
+    @property
+    def files(self) -> list[Path]:
+        """What is read."""
+        return [self.path, self.config, *self.truth, *self.readings]
 
     def driver_settings(self, rate: str) -> list[str]:
         """As --set of the driver."""
@@ -125,16 +132,22 @@ def from_scans(folder: Path) -> Source:
 def with_imu(source: Source, readings: Path) -> Source:
     """The same with inertial readings; a file that can't be read is the driver's to refuse."""
     settings = ["driver.imu=file", f"driver.imu_path={readings.resolve()}"]
-    return replace(source, settings=[*source.settings, *settings])
+    return replace(source, settings=[*source.settings, *settings], readings=[readings])
 
 
 def simulated(
-    simulator: Path, out: Path, world: str, seed: int, extra: Iterable[str], imu: bool = False
+    simulator: Path,
+    out: Path,
+    world: str,
+    seed: int,
+    extra: Iterable[str],
+    imu: bool = False,
+    inputs: Iterable[Path] = (),
 ) -> Source:
     """A capture made by the simulator, its truth, and its inertial readings where wanted."""
-    out.mkdir(parents=True, exist_ok=True)
-    capture, truth = out / "capture.pcap", out / "simulated_truth.tum"
-    readings = out / "imu.csv"
+    made = ("capture.pcap", "simulated_truth.tum", "imu.csv")
+    claim = claims.claim(out, made[: 3 if imu else 2], inputs)
+    capture, truth, readings = (out / name for name in made)
     command = [
         str(simulator),
         "--world",
@@ -149,6 +162,7 @@ def simulated(
         *extra,
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
+    claim.record()
     if done.returncode != 0:
         raise SourceError(
             f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
