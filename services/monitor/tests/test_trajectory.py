@@ -147,3 +147,10 @@ def read_or_refused(path: Path) -> str:
     except trajectory.TrajectoryError as error:
         return "refused by name" if str(path) in str(error) else str(error)
     return "finite" if np.isfinite(got.transforms).all() else "not finite"
+
+
+def test_a_stamp_beyond_all_times_is_refused_by_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    path.write_text("1704067210.2 0 0 0 0 0 0 1\n17040677210.3 1 0 0 0 0 0 1\n")
+    with pytest.raises(trajectory.TrajectoryError, match=r"a\.tum, line 2: .* is no time"):
+        trajectory.read(path)

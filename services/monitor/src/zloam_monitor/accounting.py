@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from zloam_monitor.keys import POSE_PATH, STAGES, Keys
 from zloam_monitor.records import StatusRecord
@@ -79,18 +80,42 @@ def _nonzero(counts: Counter[str]) -> dict[str, int]:
     return {reason: n for reason, n in sorted(counts.items()) if n}
 
 
+def _reasons(sweeps: StageSweeps) -> Counter[str]:
+    """Why a stage may have given sweeps up, and how often at most."""
+    found = Counter({r: n for r, n in sweeps.dropped.items() if r not in NO_SWEEP_GIVEN_UP})
+    found["lost"] = sweeps.lost
+    return found
+
+
+def _vanished(stages: dict[str, StageSweeps], sweeps: int, poses: int) -> dict[str, int] | None:
+    """Each sweep without a pose at the stage that it did not come out of. One that registration
+    gave up comes out of it all the same, as an empty one, and may be lost further on: counters of
+    drops would count it twice. None where a stage counts from a later start than the others."""
+    outs = [stages[stage].went_out for stage in POSE_PATH if stage in stages][:-1]
+    steps = list(pairwise([sweeps, *outs, poses]))
+    if len(outs) != len(POSE_PATH) - 1 or any(came < went for came, went in steps):
+        return None
+    found: dict[str, int] = {}
+    for stage, (came, went) in zip(POSE_PATH, steps, strict=True):
+        missing = came - went
+        for reason, most in _reasons(stages[stage]).most_common():
+            given = min(missing, most)
+            if given:
+                found[f"{stage}.{reason}"] = given
+            missing -= given
+    return dict(sorted(found.items()))
+
+
 def _given_up(
-    stages: dict[str, StageSweeps], sweeps: int, predicted_for_dropped: int
+    stages: dict[str, StageSweeps], sweeps: int, poses: int, predicted_for_dropped: int
 ) -> dict[str, int]:
+    vanished = _vanished(stages, sweeps, poses)
+    if vanished is not None:
+        return vanished
     found: Counter[str] = Counter()
     for stage in POSE_PATH:
-        if stage not in stages:
-            continue
-        for reason, count in stages[stage].dropped.items():
-            if reason not in NO_SWEEP_GIVEN_UP:
-                found[f"{stage}.{reason}"] += count
-        if stages[stage].lost:
-            found[f"{stage}.lost"] += stages[stage].lost
+        if stage in stages:
+            found.update({f"{stage}.{r}": n for r, n in _reasons(stages[stage]).items()})
     # a sweep that registration gave up still has a predicted pose, marked `dropped`
     if predicted_for_dropped and found:
         largest = max(found, key=lambda name: found[name])
@@ -114,7 +139,7 @@ def account(
         stages,
         sweeps,
         poses,
-        _given_up(stages, sweeps, predicted_for_dropped),
+        _given_up(stages, sweeps, poses, predicted_for_dropped),
         unbalanced,
         [s for s in STAGES if s not in statuses],
     )

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: what 64 bits hold
+LATEST_NS = int(np.iinfo(np.int64).max)
 NS_PER_S = 1_000_000_000
 #: seconds since 1970 stay below this until the year 5138, so a greater number has another unit
 LARGEST_SECONDS = 1e11
@@ -115,7 +117,11 @@ def _scaled(text: str, unit_ns: int) -> int:
 
 
 def _times(rows: list[Row], unit_ns: int) -> NDArray[np.int64]:
-    return np.array([_scaled(row.cells[0], unit_ns) for row in rows], np.int64)
+    times = [_scaled(row.cells[0], unit_ns) for row in rows]
+    for row, time in zip(rows, times, strict=True):
+        if abs(time) > LATEST_NS:
+            raise TrajectoryError(f"{row.where}: {row.cells[0]} is no time, in s, ms, us or ns")
+    return np.array(times, np.int64)
 
 
 def stamps_ns(rows: list[Row], values: Array) -> NDArray[np.int64]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from zloam_monitor import evaluation, latency, pose_health
 from zloam_monitor.accounting import Accounts, account
 from zloam_monitor.evaluation import Scores
@@ -76,12 +78,40 @@ def _worst(scores: list[Scores], name: str) -> float | None:
     return max(known) if known else None
 
 
-def _data_seconds(run: Run) -> float:
-    stamps = run.trajectory.stamps_ns
+def _data_seconds(poses: Trajectory) -> float:
+    stamps = poses.stamps_ns
     if stamps is None or len(stamps) < 2:
         return 0.0
     # the first sweep lasted about as long as the others
     return float(stamps[-1] - stamps[0]) * 1e-9 * len(stamps) / (len(stamps) - 1)
+
+
+def _went_back(poses: dict[int, PoseRecord]) -> list[int]:
+    """Sweeps whose instant is not after those of all before."""
+    latest, found = None, []
+    for sweep, pose in sorted(poses.items()):
+        if latest is not None and pose.instant_ns <= latest:
+            found.append(sweep)
+        else:
+            latest = pose.instant_ns
+    return found
+
+
+def _without(trajectory: Trajectory, sweeps: list[int]) -> Trajectory:
+    """What times and lengths are taken of."""
+    kept = ~np.isin(trajectory.sweeps, sweeps)
+    stamps = trajectory.stamps_ns
+    return Trajectory(
+        trajectory.transforms[kept],
+        None if stamps is None else stamps[kept],
+        trajectory.sweeps[kept],
+    )
+
+
+def _of_stamps(went_back: list[int]) -> list[str]:
+    if not went_back:
+        return []
+    return [f"{len(went_back)} stamps are not after those before, first of sweep {went_back[0]}"]
 
 
 def accounts_of(run: Run) -> Accounts:
@@ -101,7 +131,9 @@ def build(run: Run) -> dict[str, Any]:
     end_to_end = latency.from_last_packet(run.poses.values(), "integration")
     mapped_pose = latency.from_last_packet(run.mapped.values(), "mapping")
     sweeps = max(accounts.sweeps, 1)
-    seconds = _data_seconds(run)
+    went_back = _went_back(run.poses)
+    poses = _without(run.trajectory, went_back)
+    seconds = _data_seconds(poses)
     known = [stage for stage in STAGES if stage in run.statuses]
     report: dict[str, Any] = {
         "sweeps": {
@@ -120,7 +152,7 @@ def build(run: Run) -> dict[str, Any]:
             "sweeps": accounts.sweeps,
             "poses": accounts.poses,
             "given_up": accounts.given_up,
-            "complaints": accounts.complaints(),
+            "complaints": [*accounts.complaints(), *_of_stamps(went_back)],
         },
         "latency_ms": {**whole, "end_to_end": end_to_end, "mapped_pose": mapped_pose},
         "work_ms": work,
@@ -138,7 +170,8 @@ def build(run: Run) -> dict[str, Any]:
         },
         "wall_s": run.wall_s,
         "realtime_factor": seconds / run.wall_s if run.wall_s > 0 and seconds > 0 else None,
-        "path_m": run.trajectory.path_length_m(),
+        "path_m": poses.path_length_m(),
+        "stamps_went_back": went_back,
         "health": pose_health.judge(run.poses.values()).as_dict(),
         "exit_codes": run.exit_codes,
         "set_at": run.set_at,
@@ -165,6 +198,7 @@ def accounted(report: dict[str, Any]) -> bool:
     return (
         identities["inputs_balanced"]
         and identities["sweeps_accounted"]
+        and not report.get("stamps_went_back")
         and not report.get("not_written")
         and all(code == 0 for code in report["exit_codes"].values())
     )
@@ -244,6 +278,8 @@ def table(report: dict[str, Any]) -> str:
     lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
+    if earlier := report.get("earlier_runs"):
+        lines.append("files of earlier runs: " + ", ".join(earlier))
     complaints = report["identities"]["complaints"] + [
         f"not written: {each}" for each in report.get("not_written", [])
     ]

@@ -1,0 +1,95 @@
+"""Each sweep without a pose is counted once, at the stage that it did not come out of."""
+
+from __future__ import annotations
+
+import pytest
+
+from zloam_monitor.accounting import Accounts, account
+from zloam_monitor.keys import Keys
+from zloam_monitor.records import Input, StatusRecord
+
+KEYS = Keys("robot", "lidar")
+SWEEPS = 131
+
+
+def status(stage: str, out: int, lost: int = 0, **dropped: int) -> StatusRecord:
+    """A stage that has done with all that came."""
+    name = KEYS.main_input(stage)
+    received = out + sum(dropped.values())
+    inputs = (Input(name, received, out, 0, 0, 0, dropped, lost, 0),) if name else ()
+    return StatusRecord(
+        stage=stage,
+        instance="a",
+        health="ready",
+        reason="",
+        stamp_ns=1,
+        run=1,
+        last_sweep=SWEEPS - 1,
+        end_of_run=True,
+        inputs=inputs,
+        published={KEYS.main_output(stage): out},
+        latencies={},
+        figures={},
+        cpu_ms=0.0,
+        rss_mib={},
+    )
+
+
+def books(*found: StatusRecord, poses: int) -> Accounts:
+    return account({s.stage: s for s in found}, KEYS, poses)
+
+
+def test_a_sweep_that_is_given_up_twice_is_counted_once() -> None:
+    found = books(
+        status("driver", SWEEPS),
+        # 50 were dropped, and said so by empty messages
+        status("registration", SWEEPS, queue_full=50),
+        # 48 of the messages never came, 7 of them after they were asked for; some came too late
+        status("odometry", 83, lost=48, late=7),
+        status("mapping", 60, queue_full=23),
+        status("integration", 83),
+        poses=83,
+    )
+    assert found.given_up == {"odometry.lost": 48}
+    assert found.sweeps_accounted
+
+
+def test_drops_of_sweeps_that_have_poses_are_no_loss() -> None:
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", SWEEPS),
+        status("odometry", SWEEPS, queue_full=40),
+        status("mapping", SWEEPS),
+        status("integration", SWEEPS),
+        poses=SWEEPS,
+    )
+    assert found.given_up == {}
+    assert found.sweeps_accounted
+
+
+def test_what_has_no_reason_is_not_accounted_for() -> None:
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", SWEEPS),
+        status("odometry", 100, lost=10),
+        status("mapping", 100),
+        status("integration", 100),
+        poses=99,
+    )
+    assert found.given_up == {"odometry.lost": 10}
+    assert not found.sweeps_accounted
+    assert "131 sweeps, but 99 poses and 10 given up" in found.complaints()
+
+
+@pytest.mark.parametrize("out", [20, 200])
+def test_a_stage_that_counts_from_a_later_start_is_judged_by_its_drops(out: int) -> None:
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", out),
+        status("odometry", SWEEPS - 5, lost=5),
+        status("mapping", SWEEPS - 5),
+        status("integration", SWEEPS - 5),
+        poses=SWEEPS - 5,
+    )
+    assert found.given_up == {"odometry.lost": 5}
+    assert found.sweeps_accounted
