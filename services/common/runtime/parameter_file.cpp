@@ -147,8 +147,14 @@ struct Parameters::Loader {
       return std::nullopt;
     }
     if (is_foreign(key)) return std::nullopt;
+    std::string value = text.substr(equals + 1);
+    // A text is taken as it stands: a path may hold " #" or ": ", which are YAML's.
+    const Entry* entry = parameters.find(key);
+    if (entry != nullptr && entry->type == kTextType) {
+      return Setting{key, {RawValue::Shape::kScalar, {std::move(value)}}};
+    }
     try {
-      return Setting{key, raw_value(YAML::Load(text.substr(equals + 1)))};
+      return Setting{key, raw_value(YAML::Load(value))};
     } catch (const YAML::Exception& e) {
       complain(place, key, "not a YAML value: " + e.msg);
       return std::nullopt;

@@ -9,6 +9,9 @@
 
 namespace zloam::runtime {
 
+/// Type of a parameter whose value on the command line is any text, as it stands.
+inline constexpr const char* kTextType = "text";
+
 /// The range in words.
 std::string range_text(Range range);
 

@@ -97,7 +97,7 @@ Parameters::Added Parameters::add(const std::string& key, std::string* field,
     *field = value.items[0];
     return {};
   };
-  return add_entry(key, "text", "", "any text", doc, effect, set,
+  return add_entry(key, kTextType, "", "any text", doc, effect, set,
                    [field] { return Json(*field).dump(); });
 }
 

@@ -158,6 +158,15 @@ TEST_F(ParameterFile, SettingsOverrideTheFileAndAreCheckedAlike) {
   EXPECT_THAT(error("", {"stage.range_m=101"}), HasSubstr("0 to 100 m"));
 }
 
+TEST_F(ParameterFile, ATextOnTheCommandLineIsTakenAsItStands) {
+  for (const char* text :
+       {"/data/day #2: hall.pcap", "[a", "{b}", "\"q\"", "'", "01", "~", "null", "- x", "*x", "&x",
+        "!x", "a: b", "%", " two  blanks ", "", "line\nbreak", "\xC3\xBC"}) {
+    EXPECT_EQ(error("", {std::string("stage.name=") + text}), "");
+    EXPECT_EQ(c.name, text);
+  }
+}
+
 TEST_F(ParameterFile, ConditionsOverFieldsNameTheirKeyAndPlace) {
   EXPECT_EQ(error("stage:\n  big: 13\n"), "robot.yaml:2: stage.big: must not be 13");
   EXPECT_EQ(error("stage:\n  big: 1\n", {"stage.big=13"}),
