@@ -1,5 +1,6 @@
 #include "integration/integration_stage.hpp"
 
+#include <array>
 #include <nlohmann/json.hpp>
 #include <tuple>
 
@@ -8,6 +9,8 @@
 
 namespace zloam::integration {
 namespace {
+
+constexpr std::array kNames = {"trajectory.tum", "trajectory.kitti", "odometry.tum"};
 
 // Odometry and MapCorrection name these fields alike.
 template <typename Table>
@@ -44,7 +47,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
       integrator_(config),
       pose_(stage.outlet(Key::kPose)),
       ack_(stage.flow_ack("integration")),
-      journal_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.journal") {
+      journal_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.journal"),
+      files_(config.output_dir, ".zloam-trajectory-runs") {
   runtime::InletOptions odometry;
   odometry.sweeps = runtime::SweepSet::kPublisherDecides;
   odometry.lossless = true;
@@ -60,7 +64,7 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   corrections.ends_run = false;
   stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,
                                   [this](const CorrectionMessage& message) { take(message); });
-  // {"path": "..."} for another folder than integration.output_dir.
+  // {"path": "..."} for a folder below integration.output_dir.
   stage.command("save", [this](const std::string& arguments) { return save(arguments); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
@@ -85,6 +89,7 @@ void IntegrationStage::new_run(const msg::Header& first) {
   integrator_.reset();
   trajectory_.clear();
   odometry_.clear();
+  run_ = {first.run(), first.replay(), 0};
   if (was_in_run) {
     note_journal(journal_.begin({}));
   } else {
@@ -179,43 +184,62 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   ack_.done_below(header.run, header.sweep + 1);
 }
 
-std::string IntegrationStage::write_into(const std::string& folder) const {
+std::string IntegrationStage::write_to(
+    const std::function<std::string(const std::string&)>& path_of,
+    const runtime::OutputFiles::Run& run, const Trajectory& trajectory,
+    const Trajectory& odometry) {
   const std::tuple<const char*, TrajectoryText::Line, const Trajectory&> files[] = {
-      {"/trajectory.tum", tum_line, trajectory_},
-      {"/trajectory.kitti", kitti_line, trajectory_},
-      {"/odometry.tum", tum_line, odometry_},
+      {kNames[0], tum_line, trajectory},
+      {kNames[1], kitti_line, trajectory},
+      {kNames[2], tum_line, odometry},
   };
   for (const auto& [name, line, poses] : files) {
     TrajectoryText text(poses, line);
-    std::string error = write_file_atomically(folder + name, [&] { return text.next(); });
+    std::string error = write_file_atomically(path_of(name), [&] { return text.next(); });
+    if (error.empty()) error = files_.made(path_of(name), run);
     if (!error.empty()) return error;
   }
   return {};
 }
 
-std::string IntegrationStage::write_files() {
-  if (config_.output_dir.empty()) return {};
-  std::string error = write_into(config_.output_dir);
+std::string IntegrationStage::write_run(const runtime::OutputFiles::Run& run,
+                                        const Trajectory& trajectory, const Trajectory& odometry) {
+  const std::string suffix = files_.suffix(run, {kNames.begin(), kNames.end()});
+  const auto path_of = [&](const std::string& name) { return files_.path(name, suffix); };
+  std::string error = write_to(path_of, run, trajectory, odometry);
   stage_.degraded("trajectory", error);
   if (!error.empty()) {
     runtime::log_error("trajectory not written", {{"reason", error}});
     return error;
   }
-  unsaved_ = false;
   runtime::log_info("trajectory written",
-                    {{"folder", config_.output_dir}, {"poses", trajectory_.size()}});
+                    {{"file", path_of(kNames[0])}, {"poses", trajectory.size()}});
   return {};
 }
 
+std::string IntegrationStage::write_files() {
+  if (config_.output_dir.empty()) return {};
+  run_.count = trajectory_.size();
+  std::string error = write_run(run_, trajectory_, odometry_);
+  if (error.empty()) unsaved_ = false;
+  return error;
+}
+
 runtime::CommandReply IntegrationStage::save(const std::string& arguments_json) {
-  std::string folder = config_.output_dir;
-  if (!arguments_json.empty()) {
-    folder = nlohmann::json::parse(arguments_json).value("path", folder);
+  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
+  const auto [folder, refusal] = files_.place(arguments.value("path", "."));
+  if (!refusal.empty()) return {false, refusal, "{}"};
+  run_.count = trajectory_.size();
+  const auto path_of = [&](const std::string& name) { return folder + "/" + name; };
+  std::string error;
+  if (!arguments.contains("path")) {
+    error = write_files();
+  } else {
+    for (const char* name : kNames) {
+      if (error.empty()) error = files_.in_the_way(path_of(name));
+    }
+    if (error.empty()) error = write_to(path_of, run_, trajectory_, odometry_);
   }
-  if (folder.empty()) {
-    return {false, "no folder: neither path nor integration.output_dir is set", "{}"};
-  }
-  const std::string error = write_into(folder);
   if (!error.empty()) return {false, error, "{}"};
   const nlohmann::json results = {{"path", folder}, {"poses", trajectory_.size()}};
   return {true, "trajectories written to " + folder, results.dump()};

@@ -1,9 +1,12 @@
 #pragma once
 // Wires the integrator to the runtime. Runs on the stage's one worker thread.
 
+#include <functional>
 #include <map>
+#include <string>
 #include <vector>
 
+#include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "integration/integration.hpp"
 #include "integration/journal.hpp"
@@ -25,6 +28,8 @@ class IntegrationStage {
   /// Goes on with the trajectory of an instance that was killed; restart_stage.cpp.
   void restart(const msg::Header& first);
   void take_up(const std::vector<JournalPose>& poses, bool same_run);
+  /// What an instance that was killed left of a run that does not go on.
+  void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
   void note_journal(const std::string& error);
   runtime::Outcome take(const OdometryMessage& message);
@@ -35,7 +40,12 @@ class IntegrationStage {
   void publish(const FusedPose& fused, const runtime::Message& cause);
   std::string write_files();
   runtime::CommandReply save(const std::string& arguments_json);
-  std::string write_into(const std::string& folder) const;
+  /// Empty, or a sentence that says what failed.
+  std::string write_run(const runtime::OutputFiles::Run& run, const Trajectory& trajectory,
+                        const Trajectory& odometry);
+  std::string write_to(const std::function<std::string(const std::string&)>& path_of,
+                       const runtime::OutputFiles::Run& run, const Trajectory& trajectory,
+                       const Trajectory& odometry);
 
   runtime::Stage& stage_;
   IntegrationConfig config_;
@@ -47,6 +57,9 @@ class IntegrationStage {
   Trajectory trajectory_;
   Trajectory odometry_;
   Journal journal_;
+  runtime::OutputFiles files_;
+  /// in which the trajectory began
+  runtime::OutputFiles::Run run_;
   std::int64_t last_instant_ns_ = 0;
   /// of this run: what is below was given out, by this instance or the one before
   std::uint64_t next_sweep_ = 0;

@@ -23,6 +23,7 @@ void IntegrationStage::restart(const msg::Header& first) {
           : same_run || (!poses.empty() && runtime::goes_on(first, poses.back().instant_ns,
                                                             runtime::kLongestSearch_ns));
   if (!goes_on) {
+    if (!first.replay()) write_left(poses);
     note_journal(journal_.begin({}));
     return;
   }
@@ -35,11 +36,24 @@ void IntegrationStage::restart(const msg::Header& first) {
   }
 }
 
+void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
+  if (poses.empty()) return;
+  Trajectory trajectory, odometry;
+  for (const JournalPose& pose : poses) {
+    trajectory.push_back({pose.instant_ns, pose.T_map_base});
+    odometry.push_back({pose.instant_ns, pose.T_odom_base});
+  }
+  runtime::log_warning("an instance before left poses of another run, which are written",
+                       {{"poses", poses.size()}});
+  write_run({poses.front().run, false, poses.size()}, trajectory, odometry);
+}
+
 void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_run) {
   for (const JournalPose& pose : poses) {
     trajectory_.push_back({pose.instant_ns, pose.T_map_base});
     odometry_.push_back({pose.instant_ns, pose.T_odom_base});
   }
+  run_.id = poses.front().run;
   const JournalPose& last = poses.back();
   OdometryPose pose;
   pose.sweep = last.sweep;

@@ -1,6 +1,7 @@
 #include "mapping/mapping_stage.hpp"
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "common/runtime/recall.hpp"
@@ -28,6 +29,12 @@ void append_in_map(std::vector<MapPoint>& out, PointSpan points, const Pose& T_m
   }
 }
 
+std::string folder_of(const std::string& map_path) {
+  if (map_path.empty()) return {};
+  const std::string folder = std::filesystem::path(map_path).parent_path().string();
+  return folder.empty() ? "." : folder;
+}
+
 // For an odometry that is killed: its window of 20 sweeps, the one before them, and the last one,
 // which it says again. Each takes a megabyte.
 constexpr std::size_t kCommitsKept = 22;
@@ -46,7 +53,8 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
       surround_(stage.outlet(Key::kMapSurround)),
       cloud_(stage.outlet(Key::kMapCloud)),
       registered_(stage.outlet(Key::kSweepRegistered)),
-      ack_(stage.flow_ack("mapping")) {
+      ack_(stage.flow_ack("mapping")),
+      files_(folder_of(output.map_path), ".zloam-map-runs") {
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
@@ -78,7 +86,7 @@ void MappingStage::declare_answers() {
 }
 
 void MappingStage::declare_commands() {
-  // {"path": "..."} for another file than mapping.map_path.
+  // {"path": "..."} for another file in the folder of mapping.map_path, or below.
   stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
   // Empties the map; the next sweep founds a new one where it is.
   stage_.command("reset", [this](const std::string&) { return reset(); });
@@ -100,6 +108,7 @@ void MappingStage::new_run(const msg::Header& first) {
   forget_published();
   // The map is named after the run that founded it.
   map_id_ = first.run();
+  replay_ = first.replay();
   if (was_in_run) return;
   if (!(first.replay() && first.sweep() == 0)) restart(first);
   // Not before: while it asks for its own tiles it can't answer.
@@ -315,14 +324,21 @@ void MappingStage::answer_path(runtime::Answer& answer) {
 }
 
 runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
-  std::string path = output_.map_path;
-  if (!arguments_json.empty()) {
-    path = nlohmann::json::parse(arguments_json).value("path", path);
+  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
+  std::string path, error;
+  if (arguments.contains("path")) {
+    const auto place = files_.place(arguments.at("path").get<std::string>());
+    path = place.path;
+    error = place.error.empty() ? files_.in_the_way(path) : place.error;
+    if (error.empty()) error = write_to(path);
+    if (error.empty()) error = files_.made(path, file_run());
+  } else if (files_.folder().empty()) {
+    error = "no file: mapping.map_path is not set";
+  } else {
+    error = write_files();
+    path = own_path();
   }
-  if (path.empty()) return {false, "no file: neither path nor mapping.map_path is set", "{}"};
-  const std::string error = write_to(path);
   if (!error.empty()) return {false, error, "{}"};
-  if (path == output_.map_path) unsaved_ = false;
   const nlohmann::json results = {{"path", path}, {"points", mapper_.point_count()}};
   return {true, "map written to " + path, results.dump()};
 }
@@ -346,16 +362,28 @@ std::string MappingStage::write_to(const std::string& path) const {
   });
 }
 
+runtime::OutputFiles::Run MappingStage::file_run() const {
+  return {map_id_, replay_, mapper_.point_count()};
+}
+
+/// Of this map's file; each map has its own.
+std::string MappingStage::own_path() const {
+  const std::string name = std::filesystem::path(output_.map_path).filename().string();
+  return files_.path(name, files_.suffix(file_run(), {name}));
+}
+
 std::string MappingStage::write_files() {
   if (output_.map_path.empty()) return {};
-  std::string error = write_to(output_.map_path);
+  const std::string path = own_path();
+  std::string error = write_to(path);
+  if (error.empty()) error = files_.made(path, file_run());
   stage_.degraded("map", error);
   if (!error.empty()) {
     runtime::log_error("map not written", {{"reason", error}});
     return error;
   }
   unsaved_ = false;
-  runtime::log_info("map written", {{"path", output_.map_path}, {"points", mapper_.point_count()}});
+  runtime::log_info("map written", {{"path", path}, {"points", mapper_.point_count()}});
   return {};
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <set>
 
+#include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
 #include "mapping/mapping_parameters.hpp"
@@ -50,6 +51,8 @@ class MappingStage {
   runtime::CommandReply reset();
   /// Empty when written; the stage is degraded until it succeeds.
   std::string write_to(const std::string& path) const;
+  runtime::OutputFiles::Run file_run() const;
+  std::string own_path() const;
   std::string write_files();
 
   runtime::Stage& stage_;
@@ -69,6 +72,7 @@ class MappingStage {
   std::uint64_t prev_mapped_ = 0;
   std::uint64_t mapped_ = 0;
   std::uint64_t map_id_ = 0;
+  bool replay_ = false;
   /// of this run: what is below was done by the instance before
   std::uint64_t next_sweep_ = 0;
   bool in_run_ = false;
@@ -78,6 +82,7 @@ class MappingStage {
   std::map<TileId, std::uint64_t> published_;
   std::optional<Sweep> last_mapped_;
   bool unsaved_ = false;
+  runtime::OutputFiles files_;
   // Of the last mapped sweep, for replies.
   HeaderFields last_header_;
   std::int64_t last_instant_ns_ = 0;

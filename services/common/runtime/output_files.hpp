@@ -1,0 +1,73 @@
+#pragma once
+// A stage's files in its output folder: each run has its own, nothing that was written is replaced
+// by less, and what others put there is never touched. A list in the folder says what is whose.
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace zloam::runtime {
+
+class OutputFiles {
+ public:
+  /// Of what the files are.
+  struct Run {
+    std::uint64_t id = 0;
+    bool replay = false;
+    /// poses or points: more of one run replaces less
+    std::uint64_t count = 0;
+  };
+
+  /// An empty folder: there is none, and nothing can be saved. `list`: name of the list's file.
+  OutputFiles(std::string folder, std::string list);
+
+  const std::string& folder() const { return folder_; }
+
+  /// What stands before the extension of a run's files: nothing for the first run, then _2, _3 ...
+  /// A replay replaces another replay's.
+  std::string suffix(const Run& run, const std::vector<std::string>& names) const;
+  /// Whole path of a file with the suffix.
+  std::string path(const std::string& name, const std::string& suffix = {}) const;
+
+  /// The file was written: it is this run's. A sentence on what failed, or empty.
+  std::string made(const std::string& path, const Run& run);
+
+  struct Place {
+    std::string path;
+    /// why not; empty: it may be written
+    std::string error;
+  };
+  /// Where a command may write: below the folder, through no symbolic link, over no file of others.
+  Place place(const std::string& asked) const;
+  /// The same for a file in a folder that place() gave.
+  std::string in_the_way(const std::string& path) const;
+
+ private:
+  struct Entry {
+    Run run;
+    std::uint64_t bytes = 0;
+    std::int64_t changed_ns = 0;
+  };
+  using Entries = std::map<std::string, Entry>;
+
+  struct Stat {
+    bool regular = false;
+    std::uint64_t bytes = 0;
+    std::int64_t changed_ns = 0;
+  };
+
+  static std::optional<Stat> stat_of(const std::string& path);
+  static bool is_as_made(const Stat& there, const Entries& entries, const std::string& name);
+  Entries read() const;
+  std::string name_of(const std::string& path) const;
+  bool is_free(const std::string& path, const Run& run, const Entries& entries) const;
+
+  std::string folder_;
+  std::string list_;
+  /// by this process
+  std::map<std::string, std::uint64_t> written_;
+};
+
+}  // namespace zloam::runtime
