@@ -1,7 +1,9 @@
 #include "driver/driver_stage.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdio>
 #include <filesystem>
 #include <thread>
 
@@ -19,6 +21,8 @@ using runtime::Turn;
 constexpr int kSocketWaitMs = 5;
 constexpr std::int64_t kFlushAfterNs = 300'000'000;
 constexpr int kProgressSeconds = 5;
+// A clock that was set is named in the health for so long.
+constexpr int kStepSaidSeconds = 10;
 // A live sweep waits so long for inertial readings that are under way.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
 
@@ -105,7 +109,9 @@ void DriverStage::open_finite() {
     }
   }
   if (!fetch()) {
-    throw SourceError(config_.path + ": gives no sweep; seen: " + counted(counts()));
+    std::string text = config_.path + ": gives no sweep; seen: " + counted(counts());
+    for (const std::string& remark : source_->remarks()) text += "; " + remark;
+    throw SourceError(text);
   }
   first_stamp_ns_ = current_->sweep.stamp_ns;
   imu_->check_time_of(first_stamp_ns_);
@@ -251,6 +257,7 @@ void DriverStage::publish(const Outgoing& outgoing, bool last) {
   fields.imu = imu_->over(sweep.stamp_ns, sweep.stamp_ns + sweep.period_ns);
   fields.imu_incomplete = imu_->incomplete();
   sweeps_.publish(header, build(header, fields));
+  report_steps(sweep);
   if (!outgoing.packets.empty()) publish_packets(outgoing);
 }
 
@@ -306,6 +313,24 @@ void DriverStage::watch_clock(const PositionPacket& packet) {
   stage_.degraded("clock", text);
 }
 
+void DriverStage::report_steps(const DecodedSweep& sweep) {
+  report_step("host", sweep.host_clock_step_ns);
+  report_step("sensor", sweep.sensor_clock_step_ns);
+}
+
+/// The stamps of a run go on over a clock that was set; who compares them with other times must
+/// know.
+void DriverStage::report_step(const std::string& whose, std::int64_t step_ns) {
+  if (step_ns == 0) return;
+  std::array<char, 160> text{};
+  std::snprintf(text.data(), text.size(),
+                "the %s's clock was set by %+.3f s: the stamps of this run go on without the step",
+                whose.c_str(), 1e-9 * static_cast<double>(step_ns));
+  runtime::log_warning(text.data(), {{"sweep", number_}});
+  stage_.degraded("clock step", text.data());
+  step_said_until_ = seconds_ + kStepSaidSeconds;
+}
+
 void DriverStage::watch_quiet(bool sweep_came) {
   const std::int64_t now_ns = stage_.now_ns();
   const std::uint64_t datagrams =
@@ -337,6 +362,10 @@ void DriverStage::watch_quiet(bool sweep_came) {
         "tells); is the port right (driver.port) and the sender (driver.sensor_address); does a "
         "firewall drop them; is it a model with 1206-byte packets? Seen so far: " +
         counted(counts());
+    if (const std::uint32_t other = source_->other_sender(); other != 0) {
+      text += "; packets of such a sensor come from " + ipv4_text(other) +
+              ", which is not this one (driver.sensor_address)";
+    }
   }
   runtime::log_warning(text);
   stage_.degraded("packets", text);
@@ -345,10 +374,13 @@ void DriverStage::watch_quiet(bool sweep_came) {
 NamedCounts DriverStage::counts() const { return source_ ? source_->counts() : stream_->counts(); }
 
 void DriverStage::say_remarks() {
-  const std::vector<std::string> remarks = source_ ? source_->remarks() : stream_->remarks();
-  for (; remarks_said_ < remarks.size(); ++remarks_said_) {
-    runtime::log_warning(remarks[remarks_said_]);
-    stage_.degraded("source " + std::to_string(remarks_said_), remarks[remarks_said_]);
+  for (const std::string& remark : source_ ? source_->remarks() : stream_->remarks()) {
+    if (std::find(remarks_said_.begin(), remarks_said_.end(), remark) != remarks_said_.end()) {
+      continue;
+    }
+    runtime::log_warning(remark);
+    stage_.degraded("source " + std::to_string(remarks_said_.size()), remark);
+    remarks_said_.push_back(remark);
   }
 }
 
@@ -362,6 +394,7 @@ void DriverStage::say_counts() {
 void DriverStage::every_second() {
   say_counts();
   say_remarks();
+  if (seconds_ == step_said_until_) stage_.degraded("clock step", "");
   if (++seconds_ % kProgressSeconds == 0 && number_ > 0 && !last_published_) {
     const NamedCounts all = counts();
     runtime::log_info("progress", {{"sweeps", number_},

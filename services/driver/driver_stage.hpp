@@ -45,6 +45,8 @@ class DriverStage {
   void publish_packets(const Outgoing& outgoing);
   void publish_positions();
   void watch_clock(const PositionPacket& packet);
+  void report_steps(const DecodedSweep& sweep);
+  void report_step(const std::string& whose, std::int64_t step_ns);
   void watch_quiet(bool sweep_came);
   void every_second();
   void say_remarks();
@@ -79,8 +81,10 @@ class DriverStage {
   std::int64_t last_datagram_ns_ = 0;
   bool quiet_ = false;
   bool flushed_ = true;
-  std::size_t remarks_said_ = 0;
+  std::vector<std::string> remarks_said_;
   int seconds_ = 0;
+  /// when the last step of a clock is no news any more
+  int step_said_until_ = 0;
 };
 
 }  // namespace zloam::driver

@@ -79,6 +79,8 @@ Buffer build(const HeaderFields& header, const SweepFields& f) {
   m.add_first_packet_toh_us(f.first_packet_toh_us);
   m.add_last_packet_toh_us(f.last_packet_toh_us);
   m.add_packet_period_ns(f.packet_period_ns);
+  m.add_host_clock_step_ns(f.host_clock_step_ns);
+  m.add_sensor_clock_step_ns(f.sensor_clock_step_ns);
   return finish(b, m.Finish());
 }
 

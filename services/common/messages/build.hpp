@@ -39,6 +39,8 @@ struct SweepFields {
   std::uint32_t first_packet_toh_us = 0;
   std::uint32_t last_packet_toh_us = 0;
   std::uint32_t packet_period_ns = 0;
+  std::int64_t host_clock_step_ns = 0;
+  std::int64_t sensor_clock_step_ns = 0;
 };
 
 struct FeaturesFields {

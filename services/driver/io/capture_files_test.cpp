@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "driver/io/link_layer.hpp"
 #include "driver/io/test_sources.hpp"
 
@@ -90,28 +92,89 @@ Bytes pcap_file(std::uint32_t magic, std::uint32_t link_type, const std::vector<
   return file;
 }
 
-/// Little-endian pcapng: section header, one interface in microseconds, one block a frame.
-Bytes pcapng_file(const std::vector<Bytes>& frames) {
+/// A pcapng file, block by block.
+class Pcapng {
+ public:
   Bytes file;
-  for (const std::uint32_t word : {0x0A0D0D0AU, 28U, 0x1A2B3C4DU, 1U, 0xFFFFFFFFU, 0xFFFFFFFFU, 28U,
-                                   1U, 20U, 1U, 65535U, 20U}) {
-    add_little(file, word);
+
+  void section(bool big_endian = false) {
+    big_ = big_endian;
+    block(0x0A0D0D0A, [&](Bytes& body) {
+      word(body, 0x1A2B3C4D);
+      half(body, 1), half(body, 0);
+      word(body, 0xFFFFFFFF), word(body, 0xFFFFFFFF);
+    });
   }
-  for (const Bytes& frame : frames) {
-    const auto padded = static_cast<std::uint32_t>((frame.size() + 3) / 4 * 4);
-    const std::uint64_t stamp_us = 1'700'000'000'000'007;
-    add_little<std::uint32_t>(file, 6);
-    add_little(file, 32 + padded);
-    add_little<std::uint32_t>(file, 0);
-    add_little(file, static_cast<std::uint32_t>(stamp_us >> 32));
-    add_little(file, static_cast<std::uint32_t>(stamp_us));
-    add_little(file, static_cast<std::uint32_t>(frame.size()));
-    add_little(file, static_cast<std::uint32_t>(frame.size()));
-    file.insert(file.end(), frame.begin(), frame.end());
-    file.resize(file.size() + padded - frame.size(), 0);
-    add_little(file, 32 + padded);
+  /// resolution: of if_tsresol, 0: the option is left out
+  void interface(unsigned link_type, std::uint32_t snap_bytes = 65535, unsigned resolution = 0,
+                 std::uint32_t offset_s = 0) {
+    block(1, [&](Bytes& body) {
+      half(body, link_type), half(body, 0);
+      word(body, snap_bytes);
+      if (resolution != 0) {
+        half(body, 9), half(body, 1);
+        body.push_back(static_cast<std::uint8_t>(resolution));
+        body.resize(body.size() + 3);
+      }
+      if (offset_s != 0) {
+        half(body, 14), half(body, 8);
+        word(body, big_ ? 0 : offset_s), word(body, big_ ? offset_s : 0);
+      }
+      half(body, 0), half(body, 0);
+    });
   }
-  return file;
+  void packet(unsigned interface, std::uint64_t units, const Bytes& frame) {
+    block(6, [&](Bytes& body) {
+      word(body, interface);
+      word(body, static_cast<std::uint32_t>(units >> 32));
+      word(body, static_cast<std::uint32_t>(units));
+      word(body, static_cast<std::uint32_t>(frame.size()));
+      word(body, static_cast<std::uint32_t>(frame.size()));
+      body.insert(body.end(), frame.begin(), frame.end());
+    });
+  }
+  void other(std::uint32_t type, std::size_t bytes) {
+    block(type, [&](Bytes& body) { body.resize(bytes, 0x55); });
+  }
+  void simple_packet(const Bytes& frame) {
+    block(3, [&](Bytes& body) {
+      word(body, static_cast<std::uint32_t>(frame.size()));
+      body.insert(body.end(), frame.begin(), frame.end());
+    });
+  }
+
+ private:
+  void put(Bytes& bytes, std::uint32_t value, int count) const {
+    for (int i = 0; i < count; ++i) {
+      const int place = big_ ? count - 1 - i : i;
+      bytes.push_back(static_cast<std::uint8_t>(value >> (8 * place)));
+    }
+  }
+  void word(Bytes& bytes, std::uint32_t value) const { put(bytes, value, 4); }
+  void half(Bytes& bytes, unsigned value) const { put(bytes, value, 2); }
+
+  template <class Fill>
+  void block(std::uint32_t type, Fill fill) {
+    Bytes body;
+    fill(body);
+    body.resize((body.size() + 3) / 4 * 4);
+    const auto length = static_cast<std::uint32_t>(body.size() + 12);
+    word(file, type);
+    word(file, length);
+    file.insert(file.end(), body.begin(), body.end());
+    word(file, length);
+  }
+
+  bool big_ = false;
+};
+
+/// In microseconds, one block a frame.
+Bytes pcapng_file(const std::vector<Bytes>& frames) {
+  Pcapng capture;
+  capture.section();
+  capture.interface(1);
+  for (const Bytes& frame : frames) capture.packet(0, 1'700'000'000'000'007, frame);
+  return capture.file;
 }
 
 TEST_F(Sources, EveryLinkLayerGivesThePayload) {
@@ -165,7 +228,7 @@ TEST_F(Sources, FragmentsAndOtherTrafficArePassedOverAndCounted) {
   const auto source =
       open_pcap(write("a.pcap", pcap_file(kMicroseconds, 1,
                                           {ethernet(ipv4(packet_, {.fragment = 0x2000})),
-                                           ethernet(ipv4(packet_, {.fragment = 0x00B9})),
+                                           ethernet(ipv4(packet_, {.fragment = 0x20B9})),
                                            ethernet(ipv4(packet_, {.protocol = 6})),
                                            ipv6,
                                            cut,
@@ -224,6 +287,114 @@ TEST_F(Sources, PayloadFilesReadEndToEndAndNameALeftOver) {
   EXPECT_EQ(packets, 600);
   EXPECT_EQ(datagram.received_ns, 0);
   EXPECT_THAT(source->complaint(), HasSubstr("100 bytes"));
+}
+
+TEST_F(Sources, EveryInterfaceOfAPcapngFileIsReadByItsOwnKind) {
+  const Bytes frame = ethernet(ipv4(packet_));
+  const Bytes cooked =
+      behind({0, 0, 0, 1, 0, 6, 1, 2, 3, 4, 5, 6, 0, 0, 0x08, 0x00}, ipv4(packet_));
+  Pcapng capture;
+  capture.section();
+  capture.interface(147, 65535);             // of no kind that is known here
+  capture.interface(1, 262144, 9);           // ns
+  capture.interface(113, 2048);              // us
+  capture.interface(1, 0, 0x80 | 20, 1000);  // 2^-20 s, from second 1000 on
+  capture.other(4, 40);                      // names
+  capture.packet(0, 1, frame);
+  capture.packet(1, 1'700'000'000'000'000'009, frame);
+  capture.packet(2, 1'700'000'000'000'007, cooked);
+  capture.packet(3, std::uint64_t{3} << 19, frame);
+  capture.other(5, 12);  // statistics
+  capture.section(true);
+  capture.interface(1, 65535, 3, 2000);  // ms; interfaces count anew
+  capture.packet(0, 1'500, frame);
+  capture.simple_packet(frame);
+  const auto source = open_pcap(write("many.pcapng", capture.file));
+  Datagram datagram;
+  for (const std::int64_t expected_ns : {1'700'000'000'000'000'009, 1'700'000'000'000'007'000,
+                                         1'001'500'000'000, 2'001'500'000'000, std::int64_t{0}}) {
+    ASSERT_EQ(source->next(datagram, 0), Read::kDatagram);
+    EXPECT_EQ(datagram.received_ns, expected_ns);
+    EXPECT_EQ(Bytes(datagram.payload.begin(), datagram.payload.end()), packet_);
+  }
+  EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+  EXPECT_EQ(count_of(*source, "frames_other_link"), 1U);
+  EXPECT_THAT(source->complaint(), HasSubstr("147"));
+}
+
+TEST_F(Sources, ADamagedPcapngFileKeepsWhatCameBeforeAndSaysWhy) {
+  const Bytes whole = pcapng_file({ethernet(ipv4(packet_)), ethernet(ipv4(packet_))});
+  for (std::size_t bytes = 4; bytes < whole.size(); ++bytes) {
+    const auto source =
+        open_pcap(write("cut.pcapng", Bytes(whole.begin(), whole.begin() + std::ptrdiff_t(bytes))));
+    Datagram datagram;
+    while (source->next(datagram, 0) == Read::kDatagram) {
+    }
+    const bool between_blocks = bytes == 28 || bytes == 52 || bytes == (whole.size() + 52) / 2;
+    ASSERT_EQ(source->complaint().empty(), between_blocks) << bytes << source->complaint();
+  }
+}
+
+/// The parts of one datagram of 1234 bytes, in frames of a tunnel.
+std::vector<Bytes> in_fragments(const Bytes& payload, unsigned number) {
+  const Bytes whole = ipv4(payload);
+  std::vector<Bytes> frames;
+  for (std::size_t at = 20; at < whole.size(); at += 552) {
+    const std::size_t end = std::min(at + 552, whole.size());
+    Bytes ip(whole.begin(), whole.begin() + 20);
+    const auto length = static_cast<unsigned>(20 + end - at);
+    const unsigned field = (end < whole.size() ? 0x2000U : 0U) | static_cast<unsigned>(at - 20) / 8;
+    ip[2] = static_cast<std::uint8_t>(length >> 8), ip[3] = static_cast<std::uint8_t>(length);
+    ip[4] = static_cast<std::uint8_t>(number >> 8), ip[5] = static_cast<std::uint8_t>(number);
+    ip[6] = static_cast<std::uint8_t>(field >> 8), ip[7] = static_cast<std::uint8_t>(field);
+    ip.insert(ip.end(), whole.begin() + std::ptrdiff_t(at), whole.begin() + std::ptrdiff_t(end));
+    frames.push_back(ethernet(ip));
+    // as short frames are padded on the wire
+    frames.back().resize(std::max<std::size_t>(frames.back().size(), 60) + 4);
+  }
+  return frames;
+}
+
+TEST_F(Sources, FragmentsAreOneDatagramInWhateverOrderTheyCome) {
+  Bytes second = packet_;
+  second[1200] ^= 1;
+  const std::vector<Bytes> a = in_fragments(packet_, 7), b = in_fragments(second, 8);
+  ASSERT_EQ(a.size(), 3U);
+  const auto source = open_pcap(write(
+      "f.pcap",
+      pcap_file(kMicroseconds, 1, {a[0], a[1], a[2], b[2], a[0], b[0], b[0], b[1], a[2], a[1]})));
+  Datagram datagram;
+  for (const Bytes& expected : {packet_, second, packet_}) {
+    ASSERT_EQ(source->next(datagram, 0), Read::kDatagram);
+    EXPECT_EQ(Bytes(datagram.payload.begin(), datagram.payload.end()), expected);
+    EXPECT_EQ(datagram.port, 2368);
+    EXPECT_EQ(ipv4_text(datagram.sender), "192.168.1.201");
+  }
+  EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+  EXPECT_EQ(source->complaint(), "");
+}
+
+TEST_F(Sources, FragmentsWithoutTheirRestAreBoundedAndSaid) {
+  std::vector<Bytes> frames;
+  for (unsigned number = 0; number < 1000; ++number) {
+    frames.push_back(in_fragments(packet_, number).front());
+  }
+  for (const Bytes& frame : in_fragments(packet_, 2000)) frames.push_back(frame);
+  const auto source = open_pcap(write("f.pcap", pcap_file(kMicroseconds, 1, frames)));
+  Datagram datagram;
+  ASSERT_EQ(source->next(datagram, 0), Read::kDatagram);
+  EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+  EXPECT_EQ(count_of(*source, "datagrams_not_whole"), 1000U);
+  EXPECT_THAT(source->complaint(), HasSubstr("1000 datagrams lack"));
+}
+
+TEST_F(Sources, ACaptureOfHeadsOnlySaysSo) {
+  Bytes head = ethernet(ipv4(packet_));
+  head.resize(512);
+  const auto source = open_pcap(write("s.pcap", pcap_file(kMicroseconds, 1, {head, head})));
+  Datagram datagram;
+  EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+  EXPECT_THAT(source->complaint(), HasSubstr("snap length"));
 }
 
 }  // namespace

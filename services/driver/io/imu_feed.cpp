@@ -35,6 +35,10 @@ ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
   if (config_.imu == ImuChoice::kFile) {
     const std::vector<ImuReading> readings = read_imu_file(config_.imu_path);
     refuse_wrong_units(of_first(readings, kJudge_ns));
+    if (const std::string text = standstill_in(readings); !text.empty()) {
+      runtime::log_warning(config_.imu_path + ": " + text);
+      stage_.degraded("imu file", config_.imu_path + ": " + text);
+    }
     for (const ImuReading& r : readings) buffer_.add(r);
   } else if (config_.imu == ImuChoice::kZenoh) {
     runtime::InletOptions options;
@@ -55,10 +59,15 @@ void ImuFeed::refuse_wrong_units(const std::vector<ImuReading>& first) const {
 void ImuFeed::check_time_of(std::int64_t stamp_ns) const {
   if (config_.imu != ImuChoice::kFile) return;
   if (stamp_ns >= buffer_.first_ns() - kJudge_ns && stamp_ns <= buffer_.last_ns()) return;
+  const bool after = stamp_ns < buffer_.first_ns();
+  const double apart_s = 1e-9 * static_cast<double>(after ? buffer_.first_ns() - stamp_ns
+                                                          : stamp_ns - buffer_.last_ns());
   throw SourceError(config_.imu_path + ": its readings are of " +
                     std::to_string(buffer_.first_ns()) + " to " +
                     std::to_string(buffer_.last_ns()) + " ns, the first sweep is of " +
-                    std::to_string(stamp_ns) + " ns: times of one clock are wanted");
+                    std::to_string(stamp_ns) + " ns: they " + (after ? "begin " : "end ") +
+                    std::to_string(apart_s) + " s " + (after ? "after" : "before") +
+                    " it; times of one clock are wanted, and readings from the first sweep on");
 }
 
 void ImuFeed::on_batch(const runtime::Received<msg::ImuBatch>& batch) {

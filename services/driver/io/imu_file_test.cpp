@@ -54,6 +54,58 @@ TEST_F(ImuFile, TakesColumnsByName) {
   EXPECT_EQ(readings[0].rate_radps, Eigen::Vector3d(6.0, 5.0, 4.0));
 }
 
+TEST_F(ImuFile, TablesOfOtherProgramsAreRead) {
+  const std::string rows = "100000000,+0.5,-0.25,1e-3,0.1,0.2,9.8\n105000000,0,0,0,1,2,3\n";
+  const auto with = [](std::string text, char from, const std::string& to) {
+    std::string out;
+    for (const char c : text) c == from ? out += to : out += c;
+    return out;
+  };
+  const std::string plain = std::string(kNames) + "\n" + rows;
+  const std::string decimal_comma =
+      with(kNames, ',', ";") + "\n" + with(with(rows, ',', ";"), '.', ",");
+  for (const std::string& text :
+       {plain, "\xEF\xBB\xBF" + plain, with(plain, '\n', "\r\n"), with(plain, ',', ", "),
+        with(plain, ',', " ,"), with(plain, ',', ";"), with(plain, ',', "\t"), decimal_comma,
+        "#" + plain, "# " + plain, "\"" + with(kNames, ',', "\",\"") + "\"\n" + rows,
+        plain + " \n\r\n", std::string(kNames) + "\n# gap\n" + rows,
+        std::string(kNames) + "\n" + kNames + "\n" + rows}) {
+    const auto readings = read(text);
+    ASSERT_EQ(readings.size(), 2U) << text;
+    EXPECT_EQ(readings[0].stamp_ns, 100'000'000);
+    EXPECT_EQ(readings[0].rate_radps, Eigen::Vector3d(0.5, -0.25, 1e-3));
+    EXPECT_EQ(readings[0].force_mps2, Eigen::Vector3d(0.1, 0.2, 9.8));
+  }
+}
+
+TEST_F(ImuFile, NamesTheUnitAndTheOrderOfStamps) {
+  const auto rows = [](const std::vector<std::string>& stamps) {
+    std::string text = std::string(kNames) + "\n";
+    for (const std::string& stamp : stamps) text += stamp + ",0,0,0,0,0,9.8\n";
+    return text;
+  };
+  EXPECT_EQ(refusal(rows({"1704067210.005", "1704067210.010"})),
+            path_ + ":2: t_ns: \"1704067210.005\" is no whole number of nanoseconds");
+  EXPECT_EQ(refusal(rows({"1.7e18", "1.8e18"})),
+            path_ + ":2: t_ns: \"1.7e18\" is no whole number of nanoseconds");
+  EXPECT_EQ(refusal(rows({"1704067210005000", "1704067210010000", "1704067210015000"})),
+            path_ + ": its stamps are 5000 apart: t_ns is in nanoseconds, as if they were us");
+  EXPECT_EQ(refusal(rows({"1704067210005", "1704067210010", "1704067210015"})),
+            path_ + ": its stamps are 5 apart: t_ns is in nanoseconds, as if they were ms");
+  EXPECT_EQ(refusal(rows({"30000000", "20000000", "10000000"})),
+            path_ + ": the stamps descend: sort the lines by t_ns");
+  EXPECT_EQ(refusal("\xFF\xFEt"), path_ + ": is UTF-16; UTF-8 is expected");
+}
+
+TEST_F(ImuFile, SaysWhenTheSensorHung) {
+  std::string text = std::string(kNames) + "\n";
+  for (int i = 0; i < 200; ++i) {
+    text += std::to_string(5'000'000LL * (i + 1)) + "," + std::to_string(std::min(i, 100)) +
+            ",0,0,0,0,9.8\n";
+  }
+  EXPECT_NE(standstill_in(read(text)).find("from 505000000 ns on"), std::string::npos);
+}
+
 TEST_F(ImuFile, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(refusal("t_ns,wx_rad_s\n1,2\n"), path_ + ":1: no column wy_rad_s in the line of names");
   EXPECT_EQ(refusal(std::string(kNames) + "\n1,0,0,0,0,0,9.8\n2,0,0,0,0,zero,9.8\n"),

@@ -20,6 +20,8 @@ constexpr std::array kKnown = {kLoopback,        kEthernet, kRawIp,    kRawIpFil
 constexpr unsigned kTypeIpv4 = 0x0800;
 constexpr unsigned kProtocolUdp = 17;
 constexpr std::size_t kUdpHeader = 8;
+constexpr unsigned kMoreFragments = 0x2000;
+constexpr unsigned kFragmentOffset = 0x1FFF;
 
 using Bytes = std::span<const std::uint8_t>;
 
@@ -62,31 +64,45 @@ Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
   }
 }
 
+FrameKind parse_udp(Bytes udp, Datagram& datagram) {
+  if (udp.size() < kUdpHeader) return FrameKind::kCut;
+  const std::size_t length = big16(udp, 4);
+  if (length < kUdpHeader) return FrameKind::kOther;
+  if (udp.size() < length) return FrameKind::kCut;
+  datagram.payload = udp.subspan(kUdpHeader, length - kUdpHeader);
+  datagram.port = static_cast<std::uint16_t>(big16(udp, 2));
+  return FrameKind::kUdp;
+}
+
 }  // namespace
 
 bool link_type_known(int link_type) {
   return std::find(kKnown.begin(), kKnown.end(), link_type) != kKnown.end();
 }
 
-FrameKind parse_frame(int link_type, Bytes frame, Datagram& datagram) {
+FrameKind parse_frame(int link_type, Bytes frame, IpFragments& fragments, Datagram& datagram) {
   unsigned type = 0;
   const Bytes ip = network_layer(link_type, frame, type);
   if (type != kTypeIpv4) return FrameKind::kOther;
   if (ip.size() < 20) return FrameKind::kCut;
-  if (ip[0] >> 4 != 4) return FrameKind::kOther;
-  if (ip[9] != kProtocolUdp) return FrameKind::kOther;
-  // More fragments, or not the first one.
-  if ((big16(ip, 6) & 0x3FFF) != 0) return FrameKind::kFragment;
+  if (ip[0] >> 4 != 4 || ip[9] != kProtocolUdp) return FrameKind::kOther;
   const std::size_t header = std::size_t{4} * (ip[0] & 0x0FU);
   if (header < 20) return FrameKind::kOther;
-  if (ip.size() < header + kUdpHeader) return FrameKind::kCut;
-  const std::size_t length = big16(ip, header + 4);
-  if (length < kUdpHeader) return FrameKind::kOther;
-  if (ip.size() < header + length) return FrameKind::kCut;
-  datagram.payload = ip.subspan(header + kUdpHeader, length - kUdpHeader);
-  datagram.port = static_cast<std::uint16_t>(big16(ip, header + 2));
+  if (ip.size() < header) return FrameKind::kCut;
   datagram.sender = static_cast<std::uint32_t>(big16(ip, 12) << 16 | big16(ip, 14));
-  return FrameKind::kUdp;
+  const unsigned fragment = big16(ip, 6);
+  if ((fragment & (kMoreFragments | kFragmentOffset)) == 0) {
+    return parse_udp(ip.subspan(header), datagram);
+  }
+  // Ethernet's padding is no part of it.
+  const std::size_t length = big16(ip, 2);
+  if (length < header || ip.size() < length) return FrameKind::kCut;
+  const auto receiver = static_cast<std::uint32_t>(big16(ip, 16) << 16 | big16(ip, 18));
+  const Bytes whole =
+      fragments.add({datagram.sender, receiver, static_cast<std::uint16_t>(big16(ip, 4))},
+                    std::size_t{8} * (fragment & kFragmentOffset), (fragment & kMoreFragments) != 0,
+                    ip.subspan(header, length - header));
+  return whole.empty() ? FrameKind::kFragment : parse_udp(whole, datagram);
 }
 
 }  // namespace zloam::driver

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "driver/io/ip_fragments.hpp"
 #include "driver/io/packet_source.hpp"
 
 namespace zloam::driver {
@@ -11,7 +12,7 @@ namespace zloam::driver {
 enum class FrameKind : std::uint8_t {
   kUdp,
   kOther,     // not IPv4, or not UDP
-  kFragment,  // part of a larger datagram: no packet of this sensor family is so large
+  kFragment,  // part of a datagram that is not whole yet
   kCut,       // the capture kept less of the frame than its headers say
 };
 
@@ -19,7 +20,9 @@ enum class FrameKind : std::uint8_t {
 /// loopback 0 and 108.
 bool link_type_known(int link_type);
 
-/// Sets payload, port and sender.
-FrameKind parse_frame(int link_type, std::span<const std::uint8_t> frame, Datagram& datagram);
+/// Sets payload, port and sender. The payload lies in the frame, or in the fragments' last whole
+/// datagram.
+FrameKind parse_frame(int link_type, std::span<const std::uint8_t> frame, IpFragments& fragments,
+                      Datagram& datagram);
 
 }  // namespace zloam::driver

@@ -32,6 +32,8 @@ SweepFields fields_of(const DecodedSweep& sweep) {
   fields.first_packet_toh_us = sweep.first_packet_toh_us;
   fields.last_packet_toh_us = sweep.last_packet_toh_us;
   fields.packet_period_ns = sweep.packet_period_ns;
+  fields.host_clock_step_ns = sweep.host_clock_step_ns;
+  fields.sensor_clock_step_ns = sweep.sensor_clock_step_ns;
   fields.health = health_of(sweep);
   return fields;
 }

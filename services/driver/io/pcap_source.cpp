@@ -6,6 +6,7 @@
 
 #include "driver/io/link_layer.hpp"
 #include "driver/io/packet_source.hpp"
+#include "driver/io/pcapng_reader.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -14,13 +15,20 @@ struct PcapClose {
   void operator()(pcap_t* pcap) const { pcap_close(pcap); }
 };
 
-class PcapSource : public PacketSource {
+constexpr const char* kNoneOfOurs = ", which is none of Ethernet, Linux cooked, raw IP, loopback";
+
+/// Frames of a file, whichever of the two formats it has.
+class Frames {
  public:
-  explicit PcapSource(const std::string& path) : path_(path) {
-    struct stat status {};
-    if (stat(path.c_str(), &status) != 0) throw SourceError(path + ": " + std::strerror(errno));
-    if (S_ISDIR(status.st_mode)) throw SourceError(path + ": is a directory, not a capture file");
-    if (status.st_size == 0) throw SourceError(path + ": the file is empty");
+  virtual ~Frames() = default;
+  /// False at the end, with error() when the file ends early.
+  virtual bool next(CapturedFrame& frame) = 0;
+  virtual std::string error() const = 0;
+};
+
+class PcapFrames : public Frames {
+ public:
+  explicit PcapFrames(const std::string& path) {
     char error[PCAP_ERRBUF_SIZE] = {};
     // Microsecond files are scaled by the library.
     pcap_.reset(
@@ -28,56 +36,125 @@ class PcapSource : public PacketSource {
     if (!pcap_) throw SourceError(path + ": not a pcap or pcapng file (" + error + ")");
     link_type_ = pcap_datalink(pcap_.get());
     if (!link_type_known(link_type_)) {
-      throw SourceError(path + ": link type " + std::to_string(link_type_) +
-                        " is none of Ethernet, Linux cooked, raw IP, loopback");
+      throw SourceError(path + ": link type " + std::to_string(link_type_) + kNoneOfOurs);
     }
   }
 
-  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+  bool next(CapturedFrame& frame) override {
     pcap_pkthdr* header = nullptr;
     const u_char* data = nullptr;
-    while (complaint_.empty()) {
-      const int result = pcap_next_ex(pcap_.get(), &header, &data);
-      if (result == PCAP_ERROR_BREAK) break;
-      if (result != 1) {
-        complaint_ = path_ + ": ends early after " + std::to_string(frames_) +
-                     " frames: " + pcap_geterr(pcap_.get());
+    const int result = pcap_next_ex(pcap_.get(), &header, &data);
+    if (result != 1) {
+      failed_ = result != PCAP_ERROR_BREAK;
+      return false;
+    }
+    frame.link_type = link_type_;
+    frame.data = {data, header->caplen};
+    // The library was asked for nanoseconds in this field.
+    frame.received_ns = static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 +
+                        static_cast<std::int64_t>(header->ts.tv_usec);
+    return true;
+  }
+
+  std::string error() const override { return failed_ ? pcap_geterr(pcap_.get()) : ""; }
+
+ private:
+  std::unique_ptr<pcap_t, PcapClose> pcap_;
+  int link_type_ = 0;
+  bool failed_ = false;
+};
+
+class PcapngFrames : public Frames {
+ public:
+  explicit PcapngFrames(const std::string& path) : reader_(path) {}
+  bool next(CapturedFrame& frame) override { return reader_.next(frame); }
+  std::string error() const override { return reader_.error(); }
+
+ private:
+  PcapngReader reader_;
+};
+
+std::unique_ptr<Frames> open_frames(const std::string& path) {
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0) throw SourceError(path + ": " + std::strerror(errno));
+  if (S_ISDIR(status.st_mode)) throw SourceError(path + ": is a directory, not a capture file");
+  if (status.st_size == 0) throw SourceError(path + ": the file is empty");
+  if (PcapngReader::is_pcapng(path)) return std::make_unique<PcapngFrames>(path);
+  return std::make_unique<PcapFrames>(path);
+}
+
+class PcapSource : public PacketSource {
+ public:
+  explicit PcapSource(const std::string& path) : path_(path), frames_(open_frames(path)) {}
+
+  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+    CapturedFrame frame;
+    while (!ended_) {
+      if (!frames_->next(frame)) {
+        ended_ = true;
         break;
       }
-      ++frames_;
-      if (!count(parse_frame(link_type_, {data, header->caplen}, datagram))) continue;
-      // The library was asked for nanoseconds in this field.
-      datagram.received_ns = static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 +
-                             static_cast<std::int64_t>(header->ts.tv_usec);
-      return Read::kDatagram;
+      ++read_;
+      if (!link_type_known(frame.link_type)) {
+        ++other_link_;
+        unknown_link_type_ = frame.link_type;
+      } else if (count(parse_frame(frame.link_type, frame.data, fragments_, datagram))) {
+        datagram.received_ns = frame.received_ns;
+        return Read::kDatagram;
+      }
     }
     return Read::kEnd;
   }
 
   NamedCounts counts() const override {
-    return {{"frames_read", frames_},
+    return {{"frames_read", read_},
             {"frames_not_udp", other_},
-            {"frames_fragment", fragments_},
+            {"frames_other_link", other_link_},
+            {"frames_fragment", fragment_frames_},
+            {"datagrams_not_whole", fragments_.incomplete()},
             {"frames_cut", cut_}};
   }
 
-  std::string complaint() const override { return complaint_; }
+  std::string complaint() const override {
+    std::string text;
+    const auto add = [&](const std::string& sentence) {
+      text += (text.empty() ? path_ + ": " : "; ") + sentence;
+    };
+    if (const std::string error = frames_->error(); !error.empty()) {
+      add("ends early after " + std::to_string(read_) + " frames: " + error);
+    }
+    if (!ended_) return text;
+    if (other_link_ > 0) {
+      add(std::to_string(other_link_) + " frames of link type " +
+          std::to_string(unknown_link_type_) + kNoneOfOurs + ", were passed over");
+    }
+    if (cut_ > 0) {
+      add(std::to_string(cut_) +
+          " frames hold less than their packet: record with a greater snap length (tcpdump -s 0)");
+    }
+    if (fragments_.incomplete() > 0) {
+      add(std::to_string(fragments_.incomplete()) + " datagrams lack some of their IP fragments");
+    }
+    return text;
+  }
 
  private:
   bool count(FrameKind kind) {
     other_ += kind == FrameKind::kOther;
-    fragments_ += kind == FrameKind::kFragment;
+    fragment_frames_ += kind == FrameKind::kFragment;
     cut_ += kind == FrameKind::kCut;
     return kind == FrameKind::kUdp;
   }
 
   std::string path_;
-  std::unique_ptr<pcap_t, PcapClose> pcap_;
-  int link_type_ = 0;
-  std::string complaint_;
-  std::uint64_t frames_ = 0;
+  std::unique_ptr<Frames> frames_;
+  IpFragments fragments_;
+  bool ended_ = false;
+  std::uint64_t read_ = 0;
   std::uint64_t other_ = 0;
-  std::uint64_t fragments_ = 0;
+  std::uint64_t other_link_ = 0;
+  int unknown_link_type_ = 0;
+  std::uint64_t fragment_frames_ = 0;
   std::uint64_t cut_ = 0;
 };
 

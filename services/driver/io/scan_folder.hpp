@@ -1,5 +1,6 @@
 #pragma once
-// Folders of scan files, read in the order of their names.
+// Folders of scan files, read in the order of the numbers in their names. What is whole of a scan
+// is used; what is not, and scans that are missing, is said.
 
 #include <cstdint>
 #include <memory>
@@ -19,11 +20,13 @@ class ScanFolder {
   /// All files that the sweeps depend on, for the identity of a replay.
   virtual const std::vector<std::string>& files() const = 0;
   virtual NamedCounts counts() const = 0;
+  /// Sentences about what is not as it should be; grows.
+  virtual std::vector<std::string> remarks() const = 0;
 };
 
 /// <path>/velodyne/*.bin, or *.bin in path itself. Times: <path>/times.txt (seconds, one a line, of
-/// the turn's begin) where it is there, otherwise scan k begins at k periods. A timing without a
-/// model is refused.
+/// the turn's begin) where it is there, otherwise what the names tell, or scan k begins at k
+/// periods. A timing without a model is refused, and so are scans that no lidar can have seen.
 std::unique_ptr<ScanFolder> open_kitti(const std::string& path, const ScanTiming& timing);
 
 /// <path>/scans/*.bin and <path>/stamps.txt (begin and end of each scan, s).

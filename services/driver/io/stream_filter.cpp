@@ -1,26 +1,88 @@
 #include "driver/io/stream_filter.hpp"
 
+#include <algorithm>
+
 #include "driver/velodyne/decoder.hpp"
 
 namespace zloam::driver {
+namespace {
+
+// A sensor is silent when nothing of it came for so long, or among so many packets of a newcomer
+// where no receive times are known.
+constexpr std::int64_t kSilentNs = 200'000'000;
+constexpr int kNewcomerPackets = 16;
+constexpr int kNewcomerPacketsWithoutTimes = 256;
+constexpr std::size_t kMostOthers = 64;
+
+}  // namespace
 
 DatagramKind StreamFilter::classify(const Datagram& datagram) {
   const std::size_t size = datagram.payload.size();
-  if (sender_ != 0 && datagram.sender != 0 && datagram.sender != sender_) return stranger();
+  if (!of_sensor(datagram)) return other_sender(datagram);
   if (size == kPositionPacketBytes) return DatagramKind::kPosition;
   const bool own_port = port_ == 0 || datagram.port == 0 || datagram.port == port_;
   if (!own_port) return stranger();
-  if (size != kDataPacketBytes) {
-    const bool surely_ours = locked_ || (port_ != 0 && datagram.port == port_);
-    return surely_ours ? DatagramKind::kMalformed : stranger();
-  }
+  if (size == kDataPacketBytes) return data(datagram);
+  const bool surely_ours = locked_ || (port_ != 0 && datagram.port == port_);
+  return surely_ours ? DatagramKind::kMalformed : stranger();
+}
+
+DatagramKind StreamFilter::data(const Datagram& datagram) {
   // From now on only this sensor, so that two in one capture are not mixed.
   if (!locked_) {
     locked_ = true;
-    sender_ = datagram.sender;
+    sender_ = first_sender_ = datagram.sender;
     port_ = datagram.port;
   }
+  no_newcomer();
+  last_received_ns_ = datagram.received_ns;
   return DatagramKind::kData;
+}
+
+DatagramKind StreamFilter::other_sender(const Datagram& datagram) {
+  const bool data_packet = datagram.payload.size() == kDataPacketBytes &&
+                           (port_ == 0 || datagram.port == 0 || datagram.port == port_);
+  if (!data_packet) return stranger();
+  other_sender_ = datagram.sender;
+  if (!any_sender_ || !locked_) return stranger();
+  if (datagram.sender == first_sender_) {
+    newcomer_ = sender_;
+    no_newcomer();
+    sender_ = first_sender_;
+    last_received_ns_ = datagram.received_ns;
+    return DatagramKind::kReturned;
+  }
+  if (std::find(others_.begin(), others_.end(), datagram.sender) != others_.end()) {
+    return stranger();
+  }
+  if (newcomer_ != datagram.sender) {
+    no_newcomer();
+    newcomer_ = datagram.sender;
+  }
+  ++newcomer_packets_;
+  if (!silent_until(datagram.received_ns)) return DatagramKind::kNewcomer;
+  sender_ = newcomer_;
+  newcomer_ = 0;
+  newcomer_packets_ = 0;
+  last_received_ns_ = datagram.received_ns;
+  return DatagramKind::kAdopted;
+}
+
+/// The newcomer, if there is one, is another sensor.
+void StreamFilter::no_newcomer() {
+  if (newcomer_ == 0) return;
+  if (others_.size() == kMostOthers) others_.erase(others_.begin());
+  others_.push_back(newcomer_);
+  foreign_ += static_cast<std::uint64_t>(newcomer_packets_);
+  newcomer_ = 0;
+  newcomer_packets_ = 0;
+}
+
+bool StreamFilter::silent_until(std::int64_t received_ns) const {
+  const bool times_known = last_received_ns_ != 0 && received_ns > last_received_ns_;
+  return times_known
+             ? newcomer_packets_ >= kNewcomerPackets && received_ns - last_received_ns_ >= kSilentNs
+             : newcomer_packets_ >= kNewcomerPacketsWithoutTimes;
 }
 
 }  // namespace zloam::driver

@@ -3,34 +3,63 @@
 // one sensor only.
 
 #include <cstdint>
+#include <vector>
 
 #include "driver/io/packet_source.hpp"
 
 namespace zloam::driver {
 
-enum class DatagramKind : std::uint8_t { kData, kPosition, kMalformed, kForeign };
+enum class DatagramKind : std::uint8_t {
+  kData,
+  kPosition,
+  kMalformed,  // on the sensor's own port, with the length of no packet
+  kForeign,
+  kNewcomer,  // a data packet of another sender while the sensor is silent: perhaps the sensor
+  kAdopted,   // as kData: the newcomer is the sensor, with another address
+  kReturned,  // as kData: the sensor has its first address again, no newcomer was it
+};
 
+/// The sensor is the first sender of a data packet. Another one takes its place only while it is
+/// silent, and only if it was not heard beside it: that is how a sensor comes back from a restart
+/// with another address, and how a second sensor does not.
 class StreamFilter {
  public:
   /// port 0: any; sender 0: that of the first data packet.
-  StreamFilter(std::uint16_t port, std::uint32_t sender) : port_(port), sender_(sender) {}
+  StreamFilter(std::uint16_t port, std::uint32_t sender)
+      : port_(port), sender_(sender), any_sender_(sender == 0) {}
 
-  /// kMalformed: on the sensor's own port, with the length of no packet.
   DatagramKind classify(const Datagram& datagram);
 
-  std::uint64_t foreign() const { return foreign_; }
+  std::uint64_t foreign() const { return foreign_ + static_cast<std::uint64_t>(newcomer_packets_); }
   std::uint32_t sender() const { return sender_; }
   std::uint16_t port() const { return port_; }
+  /// Sender of a data packet that was passed over last; 0: none.
+  std::uint32_t other_sender() const { return other_sender_; }
 
  private:
   DatagramKind stranger() {
     ++foreign_;
     return DatagramKind::kForeign;
   }
+  bool of_sensor(const Datagram& datagram) const {
+    return sender_ == 0 || datagram.sender == 0 || datagram.sender == sender_;
+  }
+  DatagramKind other_sender(const Datagram& datagram);
+  DatagramKind data(const Datagram& datagram);
+  void no_newcomer();
+  bool silent_until(std::int64_t received_ns) const;
 
   std::uint16_t port_;
   std::uint32_t sender_;
+  bool any_sender_;
   bool locked_ = false;
+  std::uint32_t first_sender_ = 0;
+  std::uint32_t other_sender_ = 0;
+  std::int64_t last_received_ns_ = 0;
+  std::uint32_t newcomer_ = 0;
+  int newcomer_packets_ = 0;
+  /// heard beside the sensor
+  std::vector<std::uint32_t> others_;
   std::uint64_t foreign_ = 0;
 };
 

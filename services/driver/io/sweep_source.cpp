@@ -1,5 +1,6 @@
 #include "driver/io/sweep_source.hpp"
 
+#include "driver/io/look_ahead.hpp"
 #include "driver/velodyne/model_check.hpp"
 
 namespace zloam::driver {
@@ -7,19 +8,24 @@ namespace {
 
 // A call for the next sweep of a live source comes back after this many packets at most.
 constexpr int kPacketsPerPull = 256;
+// Packets kept of a sender that may be the sensor.
+constexpr std::size_t kMostOfNewcomer = 2048;
 
 class PacketSweeps : public SweepSource {
  public:
   PacketSweeps(std::unique_ptr<PacketSource> packets, const PacketStreamConfig& config,
                int timeout_ms)
-      : packets_(std::move(packets)), stream_(config), timeout_ms_(timeout_ms) {}
+      : packets_(std::move(packets)),
+        ahead_(timeout_ms == 0 ? std::make_unique<LookAhead>(*packets_) : nullptr),
+        stream_(tied(config, ahead_.get())),
+        timeout_ms_(timeout_ms) {}
 
   Pull pull(DecodedSweep& sweep) override {
     Datagram datagram;
     for (int i = 0; timeout_ms_ == 0 || i < kPacketsPerPull; ++i) {
       if (stream_.take(sweep)) return Pull::kSweep;
       if (ended_) return Pull::kEnd;
-      switch (packets_->next(datagram, timeout_ms_)) {
+      switch (ahead_ ? ahead_->next(datagram) : packets_->next(datagram, timeout_ms_)) {
         case Read::kDatagram:
           stream_.add(datagram);
           break;
@@ -35,6 +41,7 @@ class PacketSweeps : public SweepSource {
   }
 
   void flush() override { stream_.flush(); }
+  std::uint32_t other_sender() const override { return stream_.other_sender(); }
   void record(bool on) override { stream_.record(on); }
   std::vector<RawPacket> take_packets() override { return stream_.take_packets(); }
   std::vector<ReceivedPosition> take_positions() override { return stream_.take_positions(); }
@@ -53,7 +60,14 @@ class PacketSweeps : public SweepSource {
   }
 
  private:
+  static PacketStreamConfig tied(PacketStreamConfig config, const LookAhead* ahead) {
+    if (ahead != nullptr) config.assembler.first_received_ns = ahead->first_received_ns();
+    return config;
+  }
+
   std::unique_ptr<PacketSource> packets_;
+  /// of a recording
+  std::unique_ptr<LookAhead> ahead_;
   PacketStream stream_;
   int timeout_ms_;
   bool ended_ = false;
@@ -75,6 +89,7 @@ class ScanSweeps : public SweepSource {
     all.emplace_back("points_masked", masked_);
     return all;
   }
+  std::vector<std::string> remarks() const override { return scans_->remarks(); }
 
  private:
   void leave_out(DecodedSweep& sweep) {
@@ -105,22 +120,45 @@ PacketStream::PacketStream(const PacketStreamConfig& config)
 void PacketStream::add(const Datagram& datagram) {
   const DatagramKind kind = filter_.classify(datagram);
   if (kind == DatagramKind::kForeign) return;
+  if (kind == DatagramKind::kNewcomer) return keep_newcomer(datagram);
   if (recording_) {
     packets_.push_back(
         {{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns, datagram.port});
   }
-  if (kind == DatagramKind::kPosition) {
-    keep_position(datagram);
-    return;
+  if (kind == DatagramKind::kPosition) return keep_position(datagram);
+  if (kind != DatagramKind::kMalformed) {
+    if (kind != DatagramKind::kData) adopt(datagram, kind);
+    newcomer_.clear();
+    ++data_packets_;
   }
-  data_packets_ += kind == DatagramKind::kData;
+  add_data(datagram.payload, datagram.received_ns);
+}
+
+void PacketStream::add_data(std::span<const std::uint8_t> payload, std::int64_t received_ns) {
   if (assembler_) {
-    assembler_->add(datagram.payload, datagram.received_ns);
+    assembler_->add(payload, received_ns);
     return;
   }
-  first_.emplace_back(datagram.payload.begin(), datagram.payload.end());
-  first_received_ns_.push_back(datagram.received_ns);
+  first_.emplace_back(payload.begin(), payload.end());
+  first_received_ns_.push_back(received_ns);
   if (first_.size() == kTimingPackets) begin();
+}
+
+void PacketStream::keep_newcomer(const Datagram& datagram) {
+  if (datagram.sender != newcomer_sender_) newcomer_.clear();
+  newcomer_sender_ = datagram.sender;
+  if (newcomer_.size() == kMostOfNewcomer) return;
+  newcomer_.push_back({{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns});
+}
+
+/// The sensor sends from another address; what it sent until that was sure is its own.
+void PacketStream::adopt(const Datagram& datagram, DatagramKind kind) {
+  remarks_.push_back("the sensor's packets come from " + ipv4_text(datagram.sender) +
+                     " now: was it restarted, or is there a second sensor? Then set "
+                     "driver.sensor_address");
+  if (kind != DatagramKind::kAdopted) return;
+  for (const Kept& kept : newcomer_) add_data(kept.payload, kept.received_ns);
+  data_packets_ += newcomer_.size();
 }
 
 /// Enough packets are there to know the model by their timing, too.
@@ -129,6 +167,7 @@ void PacketStream::begin() {
   if (!decoder.model) {
     decoder.model = model_by_timing(first_, config_.declared_model);
     if (decoder.model) {
+      model_by_timing_ = true;
       remarks_.push_back("the packets come at the rate of a " +
                          std::string(model_table(*decoder.model).label) +
                          ", as sensor.model says, but their product byte says " +
@@ -171,7 +210,7 @@ NamedCounts PacketStream::counts() const {
 
 std::vector<std::string> PacketStream::remarks() const {
   std::vector<std::string> all = remarks_;
-  if (assembler_ && remarks_.empty()) {
+  if (assembler_ && !model_by_timing_) {
     const auto& more = assembler_->decoder().contradictions();
     all.insert(all.end(), more.begin(), more.end());
   }

@@ -39,6 +39,9 @@ class SweepSource {
   /// Sentences about what is not as it should be; grows.
   virtual std::vector<std::string> remarks() const { return {}; }
 
+  /// Another sender of the sensor's kind of packets, which are passed over; 0: there is none.
+  virtual std::uint32_t other_sender() const { return 0; }
+
   /// Packets that came since the last sweep, while recording.
   virtual void record(bool /*on*/) {}
   virtual std::vector<RawPacket> take_packets() { return {}; }
@@ -77,8 +80,18 @@ class PacketStream {
   NamedCounts counts() const;
   std::vector<std::string> remarks() const;
   std::uint64_t data_packets() const { return data_packets_; }
+  /// Another sender of data packets, which are passed over; 0: there is none.
+  std::uint32_t other_sender() const { return filter_.other_sender(); }
 
  private:
+  struct Kept {
+    std::vector<std::uint8_t> payload;
+    std::int64_t received_ns;
+  };
+
+  void add_data(std::span<const std::uint8_t> payload, std::int64_t received_ns);
+  void keep_newcomer(const Datagram& datagram);
+  void adopt(const Datagram& datagram, DatagramKind kind);
   void begin();
   void keep_position(const Datagram& datagram);
 
@@ -87,8 +100,12 @@ class PacketStream {
   /// the first packets, until their timing is known
   std::vector<std::vector<std::uint8_t>> first_;
   std::vector<std::int64_t> first_received_ns_;
+  /// of a sender that may be the sensor with another address, and of which one
+  std::vector<Kept> newcomer_;
+  std::uint32_t newcomer_sender_ = 0;
   std::unique_ptr<SweepAssembler> assembler_;
   std::vector<std::string> remarks_;
+  bool model_by_timing_ = false;
   bool recording_ = false;
   std::vector<RawPacket> packets_;
   std::vector<ReceivedPosition> positions_;

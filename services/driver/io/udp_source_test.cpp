@@ -121,24 +121,5 @@ TEST_F(Sources, APortInUseIsSaidSo) {
   EXPECT_THAT(error_of([] { open_udp({.bind_address = "no address"}); }), HasSubstr("no address"));
 }
 
-TEST(StreamFilter, ByLengthAndOneSensorOnly) {
-  const Bytes data(1206), position(512), other(100);
-  const auto at = [](const Bytes& bytes, unsigned port, std::uint32_t sender) {
-    return Datagram{bytes, 0, static_cast<std::uint16_t>(port), sender};
-  };
-  StreamFilter filter(0, 0);
-  EXPECT_EQ(filter.classify(at(other, 53, 9)), DatagramKind::kForeign);
-  EXPECT_EQ(filter.classify(at(data, 4000, 1)), DatagramKind::kData);
-  EXPECT_EQ(filter.classify(at(data, 4000, 2)), DatagramKind::kForeign);
-  EXPECT_EQ(filter.classify(at(data, 4001, 1)), DatagramKind::kForeign);
-  EXPECT_EQ(filter.classify(at(position, 8308, 1)), DatagramKind::kPosition);
-  EXPECT_EQ(filter.classify(at(other, 4000, 1)), DatagramKind::kMalformed);
-  EXPECT_EQ(filter.foreign(), 3U);
-  StreamFilter fixed(2368, 7);
-  EXPECT_EQ(fixed.classify(at(data, 2369, 7)), DatagramKind::kForeign);
-  EXPECT_EQ(fixed.classify(at(data, 2368, 8)), DatagramKind::kForeign);
-  EXPECT_EQ(fixed.classify(at(data, 2368, 7)), DatagramKind::kData);
-}
-
 }  // namespace
 }  // namespace zloam::driver

@@ -35,6 +35,7 @@ std::vector<std::pair<std::string_view, std::uint64_t>> PacketCounts::named() co
           {"packets_reordered", reordered},
           {"blocks_bad", bad_blocks},
           {"clock_steps", clock_steps},
+          {"host_clock_steps", host_clock_steps},
           {"points_masked", points_masked}};
 }
 
@@ -99,6 +100,10 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   last_received_ns_ = packet.received_ns;
   const PacketPlan plan = decoder_.plan(packet.payload, packet.tail.mode);
   clock_.observe(sensor_ns_, packet.received_ns, plan.duration_ns);
+  if (const std::int64_t step_ns = clock_.take_host_step_ns(); step_ns != 0) {
+    ++counts_.host_clock_steps;
+    sweep_.host_clock_step_ns += step_ns;
+  }
   counts_.bad_blocks += static_cast<std::uint64_t>(plan.bad_blocks);
   ++counts_.decoded;
   expected_ahead_ns_ = plan.duration_ns;

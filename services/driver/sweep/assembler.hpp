@@ -25,6 +25,8 @@ struct AssemblerConfig {
   /// packets held back at a gap, for a packet that was overtaken
   int reorder_packets = 4;
   ClockMode clock_mode = ClockMode::kReceive;
+  /// when the first packet was received, where that is known better than from its own receive time
+  std::int64_t first_received_ns = 0;
   /// written to the sweeps
   ClockSource clock_source = ClockSource::kUnknown;
   /// added to every stamp; e.g. for an HDL-32E that stamps its last firing: -542592
@@ -54,6 +56,8 @@ struct PacketCounts {
   std::uint64_t bad_blocks = 0;
   /// the sensor's clock was set; the sweep was begun anew
   std::uint64_t clock_steps = 0;
+  /// the host's clock was set; the sweeps' times go on
+  std::uint64_t host_clock_steps = 0;
   /// returns left out by the mask
   std::uint64_t points_masked = 0;
 
@@ -102,7 +106,8 @@ class SweepAssembler {
   void release_held(std::size_t keep);
   void release_contiguous();
   void process_first_held();
-  void restart(const Packet& packet);
+  std::int64_t elapsed_ns(const Packet& packet) const;
+  void restart(const Packet& packet, std::int64_t ahead_ns);
   void process(const Packet& packet, std::int64_t ahead_ns);
   std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
   bool across_view_gap(std::span<const std::uint8_t> payload) const;

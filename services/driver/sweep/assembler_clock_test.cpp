@@ -132,6 +132,129 @@ TEST(Assembler, AStepForwardIsKnownByTheReceiveTimes) {
   EXPECT_NEAR(static_cast<double>(sweeps.back().stamp_ns), 1.7e18 + 0.2e9, 0.1e9);
 }
 
+constexpr std::int64_t kStartNs = 1'700'000'000'000'000'000;
+constexpr std::int64_t kPacketNs = 1'327'104;
+constexpr std::int64_t kSecondNs = 1'000'000'000;
+
+/// Packets of a sensor without a flaw, received as the function of when they were sent has it.
+template <class Received>
+std::vector<DecodedSweep> received_as(Received received_ns, std::int64_t packets,
+                                      PacketCounts* counts) {
+  TurningSensor sensor;
+  SweepAssembler assembler({}, {});
+  for (std::int64_t i = 0; i < packets; ++i) {
+    assembler.add(sensor.next(), received_ns(kStartNs + kPacketNs * (i + 1)));
+  }
+  assembler.flush();
+  *counts = assembler.counts();
+  return sweeps_of(assembler);
+}
+
+/// As far apart as the sensor says: with drift followed by 100 parts in a million at most.
+void expect_the_sensors_own_times(const std::vector<DecodedSweep>& sweeps) {
+  expect_in_time_order(sweeps);
+  for (std::size_t i = 2; i + 1 < sweeps.size(); ++i) {
+    ASSERT_NEAR(static_cast<double>(sweeps[i].stamp_ns - sweeps[i - 1].stamp_ns), 1e8, 1.4e5);
+    ASSERT_TRUE(sweeps[i].complete);
+  }
+}
+
+TEST(AssemblerClock, PacketsThatWereHeldUpChangeNoTime) {
+  for (const std::int64_t hold_ns : {800'000'000LL, 5'000'000'000LL}) {
+    SCOPED_TRACE(hold_ns);
+    PacketCounts counts;
+    const auto sweeps = received_as(
+        [&](std::int64_t sent_ns) {
+          const std::int64_t from_ns = kStartNs + 3 * kSecondNs;
+          const bool held = sent_ns >= from_ns && sent_ns < from_ns + hold_ns;
+          return held ? from_ns + hold_ns + (sent_ns - from_ns) / 500 : sent_ns;
+        },
+        9000, &counts);
+    EXPECT_EQ(counts.clock_steps, 0U);
+    EXPECT_EQ(counts.host_clock_steps, 0U);
+    EXPECT_EQ(counts.lost + counts.late, 0U);
+    expect_the_sensors_own_times(sweeps);
+    EXPECT_EQ(sweeps.front().stamp_ns, kStartNs);
+  }
+}
+
+TEST(AssemblerClock, AHostThatIsSetIsSaidAndMovesNoStamp) {
+  for (const std::int64_t step_s : {2LL, -1LL, -30LL, 1'700'000'000LL}) {
+    SCOPED_TRACE(step_s);
+    PacketCounts counts;
+    const auto sweeps = received_as(
+        [&](std::int64_t sent_ns) {
+          const std::int64_t host_ns = step_s > 1000 ? sent_ns - kStartNs + kSecondNs : sent_ns;
+          return sent_ns < kStartNs + 5 * kSecondNs ? host_ns : host_ns + step_s * kSecondNs;
+        },
+        12'000, &counts);
+    EXPECT_EQ(counts.clock_steps, 0U);
+    EXPECT_EQ(counts.host_clock_steps, 1U);
+    EXPECT_EQ(counts.lost + counts.late, 0U);
+    expect_the_sensors_own_times(sweeps);
+    std::int64_t said_ns = 0;
+    for (const DecodedSweep& sweep : sweeps) said_ns += sweep.host_clock_step_ns;
+    EXPECT_NEAR(1e-9 * static_cast<double>(said_ns), static_cast<double>(step_s), 1e-3);
+  }
+}
+
+TEST(AssemblerClock, ReceiveTimesOfWholeSecondsGiveTheTrueStart) {
+  PacketCounts counts;
+  // The first packet comes 0.7 s before the second changes.
+  const auto sweeps = received_as(
+      [](std::int64_t sent_ns) { return (sent_ns + 300'000'000) / kSecondNs * kSecondNs; }, 12'000,
+      &counts);
+  EXPECT_EQ(counts.clock_steps + counts.host_clock_steps + counts.lost, 0U);
+  expect_the_sensors_own_times(sweeps);
+}
+
+TEST(AssemblerClock, ReceiveTimesThatStandStillAreNoClock) {
+  PacketCounts counts;
+  const auto sweeps = received_as([](std::int64_t) { return kStartNs; }, 12'000, &counts);
+  EXPECT_EQ(counts.clock_steps + counts.host_clock_steps + counts.lost, 0U);
+  expect_the_sensors_own_times(sweeps);
+  EXPECT_NEAR(static_cast<double>(sweeps.back().stamp_ns - sweeps.front().stamp_ns),
+              12'000.0 * kPacketNs, 1e8);
+}
+
+TEST(AssemblerClock, LostInABurstIsLostAndASensorThatIsSetTakesAsLongAsTheHostWaited) {
+  TurningSensor sensor;
+  SweepAssembler lossy({}, {});
+  for (std::int64_t i = 0; i < 4000; ++i) {
+    const Payload packet = sensor.next();
+    const std::int64_t sent_ns = kStartNs + kPacketNs * (i + 1);
+    // Held up for 2 s, of which the first 1.5 s are lost.
+    const bool held = i >= 1000 && i < 2500;
+    if (i < 1000 || i >= 2130) lossy.add(packet, held ? kStartNs + kPacketNs * 2501 : sent_ns);
+  }
+  lossy.flush();
+  EXPECT_EQ(lossy.counts().clock_steps, 0U);
+  EXPECT_EQ(lossy.counts().lost, 1130U);
+  expect_in_time_order(sweeps_of(lossy));
+
+  TurningSensor restarted;
+  restarted.time_us = 2'000e6;
+  SweepAssembler assembler({}, {});
+  for (std::int64_t i = 0; i < 300; ++i) {
+    assembler.add(restarted.next(), kStartNs + kPacketNs * (i + 1));
+  }
+  restarted.time_us = 5e6;
+  const std::int64_t again_ns = kStartNs + 20 * kSecondNs;
+  for (std::int64_t i = 0; i < 300; ++i) {
+    assembler.add(restarted.next(), again_ns + kPacketNs * (i + 1));
+  }
+  assembler.flush();
+  EXPECT_EQ(assembler.counts().clock_steps, 1U);
+  const auto sweeps = sweeps_of(assembler);
+  std::int64_t step_ns = 0;
+  for (const DecodedSweep& sweep : sweeps) {
+    step_ns += sweep.sensor_clock_step_ns;
+    if (sweep.sensor_clock_step_ns == 0) continue;
+    EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - again_ns), 0.0, 2e6);
+  }
+  EXPECT_NEAR(1e-9 * static_cast<double>(step_ns), 5.0 - 2000.0 - 19.6 + 3600.0, 0.5);
+}
+
 TEST(Assembler, TheTopOfTheHourIsNoStep) {
   TurningSensor sensor;
   sensor.time_us = 3'599'900'000.0;

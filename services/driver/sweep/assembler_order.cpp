@@ -13,6 +13,8 @@ namespace {
 constexpr std::int64_t kClockStepUs = 500'000;
 // So many packets in a row that are all older than what was: neither.
 constexpr int kLateInARow = 16;
+// A receiver that waited longer was set meanwhile.
+constexpr std::int64_t kLongestOutageNs = 86'400'000'000'000;
 // Two edges of a restricted field of view within this are the same.
 constexpr int kViewEdgeCdeg = 100;
 
@@ -23,7 +25,12 @@ int first_azimuth(std::span<const std::uint8_t> payload) { return payload[2] | (
 void SweepAssembler::process_first_held() {
   const Held first = held_.front();
   held_.erase(held_.begin());
-  restart({first.payload, first.tail, first.received_ns});
+  const std::int64_t received_ns =
+      config_.first_received_ns != 0 ? config_.first_received_ns : first.received_ns;
+  clock_.anchor(sensor_ns_, first.tail.toh_us, received_ns,
+                decoder_.packet_period_ns(first.tail.mode));
+  started_ = true;
+  restart({first.payload, first.tail, first.received_ns}, 0);
   release_contiguous();
 }
 
@@ -45,12 +52,18 @@ void SweepAssembler::order(const Packet& packet) {
   }
 }
 
+/// The sensor's own time decides. Stamps that go on a little are believed whatever the host says; a
+/// leap forward is packets lost, unless the packet came before it could have been sent.
 bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) const {
   if (ahead_us < -kClockStepUs) return true;
   if (ahead_us < 0 && late_in_a_row_ >= kLateInARow) return true;
-  if (packet.received_ns == 0 || last_received_ns_ == 0) return false;
+  if (ahead_us <= kClockStepUs || packet.received_ns == 0 || last_received_ns_ == 0) return false;
   const std::int64_t waited_us = (packet.received_ns - last_received_ns_) / 1000;
-  return std::abs(ahead_us - waited_us) > kClockStepUs;
+  const bool host_went_back = waited_us < 0;
+  const bool waited_as_long = ahead_us - waited_us <= kClockStepUs;
+  const bool delayed_less =
+      clock_.delay_ns(sensor_ns_ + 1000 * ahead_us, packet.received_ns) > -1000 * kClockStepUs;
+  return !host_went_back && !waited_as_long && !delayed_less;
 }
 
 /// One packet with a stamp from elsewhere may be damaged, or from before the clock was set. Two
@@ -83,7 +96,20 @@ void SweepAssembler::confirm_step() {
   ++counts_.clock_steps;
   const Held first = suspect_.front();
   suspect_.clear();
-  restart({first.payload, first.tail, first.received_ns});
+  const Packet packet{first.payload, first.tail, first.received_ns};
+  const std::int64_t ahead_ns = elapsed_ns(packet);
+  const std::int64_t by_stamps_ns = 1000 * toh_difference_us(first.tail.toh_us, last_toh_us_);
+  restart(packet, ahead_ns);
+  sweep_.sensor_clock_step_ns += by_stamps_ns - ahead_ns;
+}
+
+/// From the packet before to one with a stamp of another time: as the receiver waited, where that
+/// can be.
+std::int64_t SweepAssembler::elapsed_ns(const Packet& packet) const {
+  if (packet.received_ns == 0 || last_received_ns_ == 0) return expected_ahead_ns_;
+  const std::int64_t waited_ns = packet.received_ns - last_received_ns_;
+  return waited_ns > kLongestOutageNs ? expected_ahead_ns_
+                                      : std::max(waited_ns, expected_ahead_ns_);
 }
 
 void SweepAssembler::drop_suspect() {
@@ -168,14 +194,9 @@ void SweepAssembler::release_contiguous() {
   }
 }
 
-/// Begins anew with this packet; the sensor's own time goes on, so that stamps stay ascending.
-void SweepAssembler::restart(const Packet& packet) {
+/// Begins a sweep anew with this packet, so long after the one before.
+void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
   close(false);
-  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
-  const std::int64_t ahead_ns = started_ ? expected_ahead_ns_ : 0;
-  clock_.anchor(sensor_ns_ + ahead_ns, packet.tail.toh_us, packet.received_ns, period_ns);
-  started_ = true;
-  last_received_ns_ = packet.received_ns;
   view_gap_from_cdeg_ = -1;
   gaps_ = {};
   expected_ahead_ns_ = ahead_ns;

@@ -2,6 +2,7 @@
 // From a sensor's time since the top of the hour to time since the Unix epoch.
 
 #include <cstdint>
+#include <utility>
 
 #include "driver/sweep/decoded_sweep.hpp"
 
@@ -21,18 +22,19 @@ std::int64_t resolve_hour_ns(std::int64_t toh_us, std::int64_t reference_ns);
 /// (a - b) of two times of the hour, across its rollover: -1800 s ... +1800 s.
 std::int64_t toh_difference_us(std::uint32_t a_us, std::uint32_t b_us);
 
-/// Maps the sensor's unwrapped time to the epoch. The offset changes only in advance(), which is
-/// called between sweeps, so that times within a sweep are the sensor's own.
+/// Maps the sensor's unwrapped time to the epoch. Tied once, at the first packet: from then on two
+/// instants are as far apart as the sensor says, whatever the host's clock does. Only the drift
+/// between both is followed, slowly, in advance(), which is called between sweeps, so that times
+/// within a sweep are the sensor's own.
 class SensorClock {
  public:
   explicit SensorClock(ClockMode mode) : mode_(mode) {}
 
-  /// Ties the clock anew: at the start, and when the sensor's clock was set. received_ns 0:
-  /// unknown.
+  /// Ties the clock. received_ns 0: unknown.
   void anchor(std::int64_t sensor_ns, std::uint32_t toh_us, std::int64_t received_ns,
               std::int64_t packet_duration_ns);
 
-  /// Watches the delay of a packet (mode kReceive).
+  /// Watches the delay of a packet, and by it whether the host's clock was set.
   void observe(std::int64_t sensor_ns, std::int64_t received_ns, std::int64_t packet_duration_ns);
 
   /// Follows the drift between sensor and receiver, by at most 100 parts in a million.
@@ -40,16 +42,45 @@ class SensorClock {
 
   std::int64_t to_epoch_ns(std::int64_t sensor_ns) const { return sensor_ns + offset_ns_; }
 
+  /// By how much a packet came later than this clock would have it. Much below 0 it came before it
+  /// was sent, by this host's clock.
+  std::int64_t delay_ns(std::int64_t sensor_ns, std::int64_t received_ns) const {
+    return received_ns - host_set_ns_ - first_delay_ns_ - to_epoch_ns(sensor_ns);
+  }
+
+  /// By how much the host's clock was found set since the last call; 0: it was not.
+  std::int64_t take_host_step_ns() { return std::exchange(host_step_ns_, 0); }
+
  private:
+  /// Least and greatest delay over a stretch of both clocks.
+  struct Window {
+    bool open = false;
+    std::int64_t sensor_start_ns = 0;
+    std::int64_t received_start_ns = 0;
+    std::int64_t least_ns = 0;
+    std::int64_t most_ns = 0;
+
+    void add(std::int64_t sensor_ns, std::int64_t received_ns, std::int64_t offset_ns);
+    bool spans(std::int64_t sensor_ns, std::int64_t received_ns, std::int64_t span_ns) const;
+  };
+
+  void watch_host(std::int64_t sensor_ns, std::int64_t received_ns, std::int64_t offset_ns);
+  std::int64_t truncated_ns() const;
+
   ClockMode mode_;
-  bool anchored_ = false;
   std::int64_t offset_ns_ = 0;
   std::int64_t target_offset_ns_ = 0;
-  std::int64_t window_start_ns_ = 0;
-  std::int64_t window_least_ns_ = 0;
-  bool window_open_ = false;
+  /// from the sensor's time to the host's when tied; another than offset_ns_ in UTC mode
+  std::int64_t first_delay_ns_ = 0;
   std::int64_t last_advance_ns_ = 0;
-  std::int64_t last_sensor_ns_ = 0;
+  /// by how much the host's clock was set since then, and what of it was not taken yet
+  std::int64_t host_set_ns_ = 0;
+  std::int64_t host_step_ns_ = 0;
+  /// receive times are multiples of it, counted from the first one
+  std::int64_t first_received_ns_ = 0;
+  std::int64_t grain_ns_ = 0;
+  Window drift_;
+  Window step_;
 };
 
 }  // namespace zloam::driver

@@ -45,6 +45,10 @@ struct DecodedSweep {
   std::uint32_t packet_period_ns = 0;
   /// receive time of the last packet, ns since the Unix epoch; 0 when unknown
   std::int64_t last_packet_ns = 0;
+  /// by how much the host's and the sensor's clock were found set since the sweep before; the
+  /// stamps do not follow
+  std::int64_t host_clock_step_ns = 0;
+  std::int64_t sensor_clock_step_ns = 0;
   /// true when the source moved the points to one instant already
   bool deskewed = false;
 };

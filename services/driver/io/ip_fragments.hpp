@@ -1,0 +1,50 @@
+#pragma once
+// Datagrams that came in several IPv4 fragments (RFC 791, section 3.2): one bounded table.
+
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace zloam::driver {
+
+class IpFragments {
+ public:
+  /// What belongs together.
+  struct Id {
+    std::uint32_t sender = 0;
+    std::uint32_t receiver = 0;
+    std::uint16_t number = 0;
+    bool operator==(const Id&) const = default;
+  };
+
+  /// `part` begins at `offset` of the datagram's bytes. The whole datagram when it was the last one
+  /// missing, valid until the next call; otherwise nothing.
+  std::span<const std::uint8_t> add(const Id& id, std::size_t offset, bool more,
+                                    std::span<const std::uint8_t> part);
+
+  /// Datagrams given up, as others came before their last part.
+  std::uint64_t incomplete() const { return incomplete_ + open_.size(); }
+
+ private:
+  static constexpr std::size_t kMostOpen = 64;
+  static constexpr std::size_t kMostBytes = 65'535;
+
+  struct Datagram {
+    Id id;
+    std::vector<std::uint8_t> bytes;
+    /// from, to of what is there, ascending, apart from each other
+    std::vector<std::pair<std::size_t, std::size_t>> there;
+    /// 0: the last part has not come
+    std::size_t size = 0;
+  };
+
+  static void put(Datagram& datagram, std::size_t offset, std::span<const std::uint8_t> part);
+
+  std::deque<Datagram> open_;
+  std::vector<std::uint8_t> whole_;
+  std::uint64_t incomplete_ = 0;
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,74 @@
+#include "driver/io/look_ahead.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "driver/sweep/clock.hpp"
+#include "driver/velodyne/packet.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::int64_t kLookAheadNs = 1'500'000'000;
+// A second and a half of any model, and what else a capture holds.
+constexpr std::size_t kMostKept = 65'536;
+constexpr std::size_t kStampAt = 1200;
+// A first packet that came later than others by less is taken as it came.
+constexpr std::int64_t kLateStartNs = 50'000'000;
+
+}  // namespace
+
+LookAhead::LookAhead(PacketSource& source) : source_(source) {
+  Datagram datagram;
+  bool enough = false;
+  while (!enough && kept_.size() < kMostKept) {
+    if (source_.next(datagram, 0) != Read::kDatagram) {
+      ended_ = true;
+      break;
+    }
+    kept_.push_back({{datagram.payload.begin(), datagram.payload.end()}, datagram});
+    enough = add(datagram);
+  }
+  first_received_ns_ = least_late();
+}
+
+/// Whether it is enough.
+bool LookAhead::add(const Datagram& datagram) {
+  if (datagram.payload.size() != kDataPacketBytes) return false;
+  if (datagram.received_ns == 0) return true;
+  const std::uint32_t toh_us = read_u32(&datagram.payload[kStampAt]);
+  if (arrivals_.empty()) {
+    sender_ = datagram.sender;
+    first_toh_us_ = toh_us;
+  }
+  if (datagram.sender != sender_) return false;
+  arrivals_.push_back({datagram.received_ns, 1000 * toh_difference_us(toh_us, first_toh_us_)});
+  return arrivals_.back().after_ns >= kLookAheadNs;
+}
+
+std::int64_t LookAhead::least_late() const {
+  if (arrivals_.size() < 2) return 0;
+  const std::int64_t own_ns = arrivals_.front().received_ns;
+  // Of receive times that were truncated only those tell that follow a change.
+  const bool coarse = arrivals_[1].received_ns == own_ns;
+  std::int64_t least_ns = coarse ? std::numeric_limits<std::int64_t>::max() : own_ns;
+  for (std::size_t i = 1; i < arrivals_.size(); ++i) {
+    const auto [received_ns, after_ns] = arrivals_[i];
+    const bool changed = received_ns > arrivals_[i - 1].received_ns;
+    if (after_ns <= 0 || after_ns > 2 * kLookAheadNs || (coarse && !changed)) continue;
+    least_ns = std::min(least_ns, received_ns - after_ns);
+  }
+  if (least_ns == std::numeric_limits<std::int64_t>::max()) return 0;
+  return coarse || own_ns - least_ns > kLateStartNs ? least_ns : 0;
+}
+
+Read LookAhead::next(Datagram& datagram) {
+  if (kept_.empty()) return ended_ ? Read::kEnd : source_.next(datagram, 0);
+  current_ = std::move(kept_.front());
+  kept_.pop_front();
+  datagram = current_.datagram;
+  datagram.payload = current_.payload;
+  return Read::kDatagram;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,169 @@
+// Which datagrams are the sensor's, and a sensor that comes back with another address.
+#include "driver/io/stream_filter.hpp"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "driver/io/sweep_source.hpp"
+#include "driver/velodyne/test_packets.hpp"
+
+namespace zloam::driver {
+namespace {
+
+using test::Payload;
+using test::TurningSensor;
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr std::int64_t kStartNs = 1'700'000'000'000'000'000;
+constexpr std::int64_t kPacketNs = 1'327'104;
+constexpr std::uint32_t kFirst = 201;
+constexpr std::uint32_t kOther = 77;
+
+const Bytes kData(1206);
+
+Datagram from(std::uint32_t sender, std::int64_t packet) {
+  return {kData, kStartNs + kPacketNs * packet, 2368, sender};
+}
+
+TEST(StreamFilter, ByLengthAndOneSensorOnly) {
+  const Bytes position(512), other(100);
+  const auto at = [](const Bytes& bytes, unsigned port, std::uint32_t sender) {
+    return Datagram{bytes, 0, static_cast<std::uint16_t>(port), sender};
+  };
+  StreamFilter filter(0, 0);
+  EXPECT_EQ(filter.classify(at(other, 53, 9)), DatagramKind::kForeign);
+  EXPECT_EQ(filter.classify(at(kData, 4000, 1)), DatagramKind::kData);
+  EXPECT_EQ(filter.classify(at(kData, 4000, 2)), DatagramKind::kNewcomer);
+  EXPECT_EQ(filter.classify(at(kData, 4001, 1)), DatagramKind::kForeign);
+  EXPECT_EQ(filter.classify(at(position, 8308, 1)), DatagramKind::kPosition);
+  EXPECT_EQ(filter.classify(at(other, 4000, 1)), DatagramKind::kMalformed);
+  EXPECT_EQ(filter.foreign(), 3U);
+  StreamFilter fixed(2368, 7);
+  EXPECT_EQ(fixed.classify(at(kData, 2369, 7)), DatagramKind::kForeign);
+  EXPECT_EQ(fixed.classify(at(kData, 2368, 8)), DatagramKind::kForeign);
+  EXPECT_EQ(fixed.other_sender(), 8U);
+  EXPECT_EQ(fixed.classify(at(kData, 2368, 7)), DatagramKind::kData);
+}
+
+TEST(StreamFilter, ASecondSensorIsNeverTaken) {
+  StreamFilter filter(0, 0);
+  for (std::int64_t i = 0; i < 100; ++i) {
+    EXPECT_EQ(filter.classify(from(kFirst, i)), DatagramKind::kData);
+    EXPECT_NE(filter.classify(from(kOther, i)), DatagramKind::kData);
+  }
+  // Also when the first is silent for good.
+  for (std::int64_t i = 100; i < 5000; ++i) {
+    ASSERT_EQ(filter.classify(from(kOther, i)), DatagramKind::kForeign);
+  }
+  EXPECT_EQ(filter.foreign(), 5000U);
+}
+
+TEST(StreamFilter, ABurstOfAStrangerTakesNoPlace) {
+  StreamFilter filter(0, 0);
+  EXPECT_EQ(filter.classify(from(kFirst, 0)), DatagramKind::kData);
+  for (int i = 0; i < 10'000; ++i) {
+    ASSERT_EQ(filter.classify(from(kOther, 1)), DatagramKind::kNewcomer);
+  }
+  EXPECT_EQ(filter.classify(from(kFirst, 2)), DatagramKind::kData);
+  EXPECT_EQ(filter.classify(from(kOther, 3)), DatagramKind::kForeign);
+}
+
+TEST(StreamFilter, TheFirstSenderTakesItsPlaceBack) {
+  StreamFilter filter(0, 0);
+  EXPECT_EQ(filter.classify(from(kFirst, 0)), DatagramKind::kData);
+  std::int64_t packet = 1;
+  while (filter.classify(from(kOther, packet)) == DatagramKind::kNewcomer) ++packet;
+  EXPECT_EQ(filter.sender(), kOther);
+  EXPECT_NEAR(static_cast<double>(packet * kPacketNs), 0.2e9, 2e6);
+  EXPECT_EQ(filter.classify(from(kFirst, packet + 1)), DatagramKind::kReturned);
+  EXPECT_EQ(filter.classify(from(kFirst, packet + 2)), DatagramKind::kData);
+  EXPECT_EQ(filter.classify(from(kOther, packet + 3)), DatagramKind::kForeign);
+}
+
+std::size_t points_with_address_changed_at(std::int64_t change, bool with_times,
+                                           PacketStream& stream) {
+  TurningSensor sensor;
+  for (std::int64_t i = 0; i < 1000; ++i) {
+    const Payload payload = sensor.next();
+    const std::int64_t received_ns = with_times ? kStartNs + kPacketNs * (i + 1) : 0;
+    stream.add({payload, received_ns, 2368, i < change ? kFirst : kOther});
+  }
+  stream.flush();
+  std::size_t points = 0;
+  DecodedSweep sweep;
+  while (stream.take(sweep)) points += sweep.points.size();
+  return points;
+}
+
+TEST(PacketStream, NothingIsLostWhenTheSensorHasAnotherAddress) {
+  for (const bool with_times : {true, false}) {
+    SCOPED_TRACE(with_times);
+    PacketStream stream({});
+    EXPECT_EQ(points_with_address_changed_at(500, with_times, stream), 1000U * 384U);
+    ASSERT_EQ(stream.remarks().size(), 1U);
+    EXPECT_NE(stream.remarks()[0].find("0.0.0.77"), std::string::npos);
+    EXPECT_EQ(stream.data_packets(), 1000U);
+  }
+}
+
+TEST(PacketStream, ASensorThatWasNamedIsNoOther) {
+  PacketStreamConfig config;
+  config.sender = kFirst;
+  PacketStream stream(config);
+  EXPECT_EQ(points_with_address_changed_at(500, true, stream), 500U * 384U);
+  EXPECT_EQ(stream.other_sender(), kOther);
+}
+
+/// A recording of a sensor without a flaw, received as the function of when it sent has it.
+class Recording : public PacketSource {
+ public:
+  explicit Recording(std::function<std::int64_t(std::int64_t)> received_ns)
+      : received_ns_(std::move(received_ns)) {}
+
+  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+    if (packets_ == 3000) return Read::kEnd;
+    payload_ = sensor_.next();
+    datagram = {payload_, received_ns_(kStartNs + kPacketNs * ++packets_), 2368, kFirst};
+    return Read::kDatagram;
+  }
+  NamedCounts counts() const override { return {}; }
+
+ private:
+  std::function<std::int64_t(std::int64_t)> received_ns_;
+  TurningSensor sensor_;
+  Payload payload_;
+  std::int64_t packets_ = 0;
+};
+
+TEST(LookAhead, GivesTheTrueStartAndLeavesNothingOut) {
+  const std::int64_t whole_s = 1'000'000'000;
+  const std::vector<std::function<std::int64_t(std::int64_t)>> arrivals = {
+      [](std::int64_t sent_ns) { return sent_ns; },
+      [](std::int64_t sent_ns) { return sent_ns + sent_ns % 1'000'000; },
+      [&](std::int64_t sent_ns) {
+        return (sent_ns + whole_s / 3) / whole_s * whole_s - whole_s / 3;
+      },
+      [](std::int64_t sent_ns) { return std::max(sent_ns, kStartNs + 800'000'000); },
+      [](std::int64_t sent_ns) {
+        return sent_ns < kStartNs + kPacketNs * 2 ? sent_ns + 300'000'000 : sent_ns;
+      },
+  };
+  for (std::size_t i = 0; i < arrivals.size(); ++i) {
+    SCOPED_TRACE(i);
+    const auto source = sweeps_of_packets(std::make_unique<Recording>(arrivals[i]), {}, 0);
+    DecodedSweep sweep;
+    std::size_t points = 0;
+    while (source->pull(sweep) == Pull::kSweep) {
+      if (points == 0) EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - kStartNs), 0.0, 1.4e6);
+      points += sweep.points.size();
+    }
+    EXPECT_EQ(points, 3000U * 384U);
+  }
+}
+
+}  // namespace
+}  // namespace zloam::driver
