@@ -26,6 +26,11 @@ constexpr int kStepSaidSeconds = 10;
 // A live sweep waits so long for inertial readings that are under way.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
 
+/// For waiting and pacing: the host's clock may be set meanwhile.
+std::int64_t steady_ns() {
+  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
 std::string counted(const NamedCounts& counts) {
   std::string text;
   for (const auto& [name, count] : counts) {
@@ -65,7 +70,7 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
     throw runtime::IoError(error.what());
   }
   say_remarks();
-  last_datagram_ns_ = stage_.now_ns();
+  last_datagram_ns_ = steady_ns();
   stage_.every(std::chrono::seconds(1), [this] { every_second(); });
   stage_.on_turn([this] { return window_.replay() ? turn_replay() : turn_live(); });
   stage_.ready(true, "");
@@ -141,7 +146,7 @@ bool DriverStage::fetch() {
 Turn DriverStage::turn_replay() {
   if (last_published_) return finish_replay();
   if (!window_.begun()) return Turn::kWait;
-  if (pace_start_ns_ == 0) pace_start_ns_ = stage_.now_ns();
+  if (pace_start_ns_ == 0) pace_start_ns_ = steady_ns();
   if (number_ >= window_.resume_at()) {
     if (!window_.may_send(number_)) return Turn::kWait;
     if (!due()) return Turn::kAgain;
@@ -174,7 +179,7 @@ bool DriverStage::due() {
   const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
   const auto due_ns = pace_start_ns_ + static_cast<std::int64_t>(
                                            static_cast<double>(end_ns - first_stamp_ns_) / *rate_);
-  const std::int64_t left_ns = due_ns - stage_.now_ns();
+  const std::int64_t left_ns = due_ns - steady_ns();
   if (left_ns <= 0) return true;
   std::this_thread::sleep_for(std::min<std::chrono::nanoseconds>(
       std::chrono::nanoseconds(left_ns), std::chrono::milliseconds(kSocketWaitMs)));
@@ -196,7 +201,7 @@ bool DriverStage::pull_live(Outgoing& outgoing) {
 void DriverStage::publish_waiting() {
   if (!waiting_) return;
   const DecodedSweep& sweep = waiting_->sweep;
-  const bool late = stage_.now_ns() - waiting_since_ns_ > kImuWaitNs;
+  const bool late = steady_ns() - waiting_since_ns_ > kImuWaitNs;
   if (!late && imu_->lacks(sweep.stamp_ns + sweep.period_ns)) return;
   publish(*waiting_, false);
   ++number_;
@@ -217,7 +222,7 @@ Turn DriverStage::turn_live() {
     if (waiting_) waiting_since_ns_ = 0;
     publish_waiting();
     waiting_ = std::move(outgoing);
-    waiting_since_ns_ = stage_.now_ns();
+    waiting_since_ns_ = steady_ns();
   }
   publish_waiting();
   publish_positions();
@@ -332,7 +337,7 @@ void DriverStage::report_step(const std::string& whose, std::int64_t step_ns) {
 }
 
 void DriverStage::watch_quiet(bool sweep_came) {
-  const std::int64_t now_ns = stage_.now_ns();
+  const std::int64_t now_ns = steady_ns();
   const std::uint64_t datagrams =
       source_ ? count_of(source_->counts(), "packets_received") : stream_->data_packets();
   if (sweep_came || datagrams != seen_datagrams_) {

@@ -15,7 +15,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::span<const std::uint8_t> bytes(data, size);
   for (const int link_type : {0, 1, 12, 101, 108, 113, 228, 276}) {
     Datagram datagram;
-    if (parse_frame(link_type, bytes, datagram) != FrameKind::kUdp) continue;
+    IpFragments fragments;
+    if (parse_frame(link_type, bytes, fragments, datagram) != FrameKind::kUdp) continue;
     const bool inside = datagram.payload.data() >= data &&
                         datagram.payload.data() + datagram.payload.size() <= data + size;
     if (!inside) std::abort();

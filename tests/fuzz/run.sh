@@ -25,15 +25,16 @@ fi
 driver=services/driver
 sources=("$driver"/velodyne/{model,beams,motor,decoder,mask,position}.cpp
   "$driver"/velodyne/block_points{,_avx2,_avx512}.cpp
-  "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,pcap_source}.cpp)
-targets=(packets position nmea pcap)
+  "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,ip_fragments,pcapng_reader,pcap_source,imu_file,scan_list}.cpp
+  services/common/runtime/parameter{_file,_text,_types,s}.cpp)
+targets=(packets position nmea pcap tables settings)
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"
 }
 
 command="$(command -v ccache || true) $compiler ${flags[*]}"
 compile() { $command -c "$1" -o "$out/objects/${1//\//_}.o"; }
-link() { $command "$out/objects/tests_fuzz_$1_fuzz.cpp.o" "$out"/objects/services_*.o -lpcap -o "$out/$1"; }
+link() { $command "$out/objects/tests_fuzz_$1_fuzz.cpp.o" "$out"/objects/services_*.o -lpcap -lyaml-cpp -o "$out/$1"; }
 fuzz() {
   mkdir -p "$out/corpus/$1" "$out/found"
   echo "fuzz: $1 for $seconds s"
@@ -55,3 +56,4 @@ each compile "${sources[@]}" tests/fuzz/*_fuzz.cpp
 each link "${targets[@]}"
 python3 tests/fuzz/seeds.py "$out/seeds"
 each fuzz "${targets[@]}"
+if [ -x .venv/bin/python ]; then .venv/bin/python tests/fuzz/readers.py "$seconds"; fi

@@ -24,6 +24,24 @@ def frame(payload: bytes) -> bytes:
     return bytes(12) + b"\x08\x00" + ip + udp
 
 
+def block(kind: int, body: bytes) -> bytes:
+    """One block of a pcapng file."""
+    body += bytes(-len(body) % 4)
+    return struct.pack("<II", kind, len(body) + 12) + body + struct.pack("<I", len(body) + 12)
+
+
+def pcapng(wire: bytes) -> bytes:
+    """Two interfaces, a packet of each."""
+    section = block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    nanoseconds = struct.pack("<HHBxxxHH", 9, 1, 9, 0, 0)
+    interfaces = block(1, struct.pack("<HHI", 1, 0, 65535) + nanoseconds)
+    interfaces += block(1, struct.pack("<HHI", 113, 0, 2048))
+    packets = b"".join(
+        block(6, struct.pack("<IIIII", i, 1, 2, len(wire), len(wire)) + wire) for i in range(2)
+    )
+    return section + interfaces + packets
+
+
 def write(folder: Path, name: str, content: bytes) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / name).write_bytes(content)
@@ -42,6 +60,18 @@ def main(target: Path) -> None:
     record = struct.pack("<IIII", 1, 2, len(wire), len(wire)) + wire
     write(target / "pcap", "two", head + record * 2)
     write(target / "pcap", "frame", wire)
+    write(target / "pcap", "ng", pcapng(wire))
+    names = b"t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n"
+    write(
+        target / "tables", "imu", names + b"5000000,0,0.1,-1e-3,0,0,9.8\n10000000,0,0,0,0,0,9.8\n"
+    )
+    write(target / "tables", "semicolons", names.replace(b",", b";") + b"5;0,5;0;0;0;0;9,8\n")
+    write(target / "tables", "times", b"# begin\n5.0\n5.1\n5.2\n")
+    write(target / "tables", "spans", b"5.0 5.1\n5.1 5.2\n")
+    text = b"s: {number: 2, deep: {count: 3}, flag: true, place: [0, 0, 1], list: [a, b]}\n"
+    write(target / "settings", "yaml", text)
+    write(target / "settings", "json", b'{"s.number": 2.5, "s.place": [0, 0, 1], "s.flag": true}')
+    write(target / "settings", "live", b"s.number=3")
 
 
 if __name__ == "__main__":
