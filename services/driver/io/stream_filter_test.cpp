@@ -158,7 +158,9 @@ TEST(LookAhead, GivesTheTrueStartAndLeavesNothingOut) {
     DecodedSweep sweep;
     std::size_t points = 0;
     while (source->pull(sweep) == Pull::kSweep) {
-      if (points == 0) EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - kStartNs), 0.0, 1.4e6);
+      if (points == 0) {
+        EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - kStartNs), 0.0, 1.4e6);
+      }
       points += sweep.points.size();
     }
     EXPECT_EQ(points, 3000U * 384U);
