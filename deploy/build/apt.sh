@@ -24,7 +24,8 @@ progress() {
 }
 
 apt() {
-  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o APT::Status-Fd=1 -o Dpkg::Use-Pty=0 "$@" 2>>"$log" |
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o APT::Status-Fd=1 -o Dpkg::Use-Pty=0 \
+    -o APT::Keep-Downloaded-Packages=false "$@" 2>>"$log" |
     tee -a "$log" | progress
 }
 

@@ -4,7 +4,8 @@
 # A product is built once for each (sources, lock file, compiler, flags) and kept in
 # ~/.cache/zenoh-loam/rust/<hash>/ (ZLOAM_CACHE names another place), so that all build directories and
 # presets share it. Without a change this costs a hash. The first build takes some minutes. What cargo made on the
-# way (700 MB) is removed, unless ZLOAM_KEEP_CARGO is set: for work on the crate, or for both products in a row.
+# way (700 MB; the crates' sources too where cargo had none before) is removed, unless ZLOAM_KEEP_CARGO is set: for
+# work on the crate, or for both products in a row.
 set -euo pipefail
 folder=services/common/zenoh/bridge
 name=libzloam_zenoh.so
@@ -32,7 +33,9 @@ built=$cache/rust/$hash/$name
 
 build() {
   echo "rust.sh: building $name ($hash); later builds take it from $cache/rust"
-  local target=$cache/cargo-target
+  local target=$cache/cargo-target registry=${CARGO_HOME:-$HOME/.cargo}/registry
+  local own=$registry
+  [ ! -e "$registry" ] || own=""
   # Other checkouts build to the same file, and cargo would take theirs for ours.
   local made=$target/${CARGO_BUILD_TARGET:+$CARGO_BUILD_TARGET/}release
   rm -f "$made/$name" "$made/deps/$name"
@@ -40,7 +43,7 @@ build() {
   mkdir -p "$(dirname "$built")"
   cp "$made/$name" "$built.$$"
   mv "$built.$$" "$built"
-  [ -n "${ZLOAM_KEEP_CARGO:-}" ] || rm -rf "$target"
+  [ -n "${ZLOAM_KEEP_CARGO:-}" ] || rm -rf "$target" ${own:+"$own"}
 }
 
 if [ ! -f "$built" ]; then
