@@ -15,7 +15,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all unit-tests demo run test test-full slow-tests accept bench bench-peers reference sanitize system arm64 fuzz fmt lint clean
+.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -108,6 +108,9 @@ bench: build-all test-venv ## speed, as ratios in one run: out/bench (ONLY=patte
 bench-peers: DATA ?= all
 bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
 	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
+
+packages: build ## wheel and Debian packages with the programs inside: out/packages
+	@$(STEP) "packages" deploy/build/packages.sh $(BUILD) out/packages
 
 reference: build ## deploy/robots: reference and comments from what the programs say
 	@bin/zloam robot-files

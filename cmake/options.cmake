@@ -57,6 +57,7 @@ add_custom_target(unit_tests)
 function(zloam_program name)
   add_executable(${name} ${ARGN})
   add_dependencies(programs ${name})
+  install(TARGETS ${name} RUNTIME DESTINATION lib/zenoh-loam/zloam_monitor/bundled/bin COMPONENT programs)
 endfunction()
 
 # A unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)

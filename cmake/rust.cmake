@@ -25,4 +25,4 @@ endif()
 set_target_properties(zloam_zenoh_bridge PROPERTIES
   IMPORTED_LOCATION ${zloam_bridge_library}
   IMPORTED_SONAME libzloam_zenoh.so)
-install(PROGRAMS ${zloam_bridge_library} DESTINATION lib)
+install(PROGRAMS ${zloam_bridge_library} DESTINATION lib/zenoh-loam/zloam_monitor/bundled/lib COMPONENT programs)

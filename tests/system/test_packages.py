@@ -1,0 +1,104 @@
+"""Packages in bare containers: installed, the demo run by a stranger, removed without a trace."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = Path(os.environ.get("ZLOAM_PACKAGES", ROOT / "out" / "packages"))
+#: authorities of this machine, for containers behind its proxy
+CA = Path(os.environ.get("PIP_CERT") or os.environ.get("SSL_CERT_FILE") or "/nonexistent")
+LENGTH = "--simulate --duration --simulate 10"
+
+pytestmark = [pytest.mark.system]
+
+
+def packages(pattern: str) -> list[Path]:
+    found = sorted(PACKAGES.glob(pattern))
+    if not found:
+        pytest.skip(f"no {pattern} in {PACKAGES}: make packages")
+    return found
+
+
+def in_container(image: str, script: str) -> str:
+    """What a shell in a bare container says; packages lie in /packages."""
+    if subprocess.run(["docker", "image", "inspect", image], capture_output=True).returncode:
+        pytest.skip(f"no image {image}: deploy/docker/base-image.sh makes it")
+    authorities = (
+        ["--volume", f"{CA}:/ca.crt:ro", "--env", "PIP_CERT=/ca.crt"] if CA.is_file() else []
+    )
+    network = os.environ.get("ZLOAM_BUILD_NETWORK", "host")
+    done = subprocess.run(
+        ["docker", "run", "--rm", "--network", network, *authorities, "--volume",
+         f"{PACKAGES}:/packages:ro", image, "bash", "-euc", script],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+WHEEL = f"""
+apt-get update -qq && apt-get install -y -qq --no-install-recommends python3-venv >/dev/null 2>&1
+if command -v gcc; then exit 1; fi
+python3 -m venv /venv
+/venv/bin/pip freeze --all > /before
+/venv/bin/pip install --quiet /packages/WHEEL
+cd /tmp
+/venv/bin/zloam --version
+/venv/bin/zloam demo {LENGTH} --set zenoh.base_port=0
+ls out/demo
+/venv/bin/zloam config check vlp16-indoor
+/venv/bin/pip uninstall --quiet --yes zloam
+find /venv -iname '*zloam*'
+"""
+
+
+@pytest.mark.parametrize("suite", ["bookworm", "trixie"])
+def test_the_wheel_runs_the_demo_without_a_compiler(suite: str) -> None:
+    (wheel,) = packages("zloam-*.whl")
+    said = in_container(f"debian:{suite}-slim", WHEEL.replace("WHEEL", wheel.name))
+    assert "accounted for: yes" in said
+    assert "picture.png" in said
+    assert "accepted by all stages" in said
+    # after its removal nothing of it is found
+    assert not said.rstrip().splitlines()[-1].startswith("/venv")
+
+
+DEB = f"""
+apt-get update -qq
+apt-get install -y -qq --no-install-recommends /packages/DEB >/dev/null 2>&1
+if command -v gcc; then exit 1; fi
+cd /tmp
+zloam --version
+zloam demo {LENGTH} --set zenoh.base_port=0
+ls out/demo
+zloam config check vlp16-indoor
+apt-get purge -y -qq --auto-remove zenoh-loam >/dev/null 2>&1
+find / -xdev \\( -iname '*zloam*' -o -iname '*zenoh-loam*' \\) -not -path '/tmp/*'
+echo end
+"""
+
+
+def test_the_debian_package_runs_the_demo_without_a_compiler() -> None:
+    (package,) = packages("zenoh-loam_*.deb")
+    suite = os.environ.get("ZLOAM_SUITE") or suite_of_this_machine()
+    said = in_container(f"debian:{suite}-slim", DEB.replace("DEB", package.name))
+    assert "accounted for: yes" in said
+    assert "picture.png" in said
+    # after its removal nothing of it is found
+    left = said.split("accepted by all stages")[1].splitlines()
+    assert [line for line in left if line.startswith("/")] == []
+
+
+def suite_of_this_machine() -> str:
+    """The package is for the distribution that it was made on."""
+    words = dict(
+        line.split("=", 1)
+        for line in Path("/etc/os-release").read_text().splitlines()
+        if "=" in line
+    )
+    return words.get("VERSION_CODENAME", "").strip('"')
