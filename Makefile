@@ -38,11 +38,11 @@ test-venv: test-deps
 
 # A build folder that once had the tests keeps them.
 $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | deps
-	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF)
+	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF -DZLOAM_ALOAM=OFF)
 
 configure-tests: test-deps
 	@grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt || \
-	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON
+	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON -DZLOAM_ALOAM=ON
 
 build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs

@@ -12,7 +12,7 @@ complain() { printf 'checks: %s\n' "$1" >&2; fail=1; }
 # What a library of algorithms may not see. Shells (main.cpp, *_stage.*, *_parameters.*, io/) may.
 forbidden='(common/zenoh|common/runtime|common/messages|flatbuffers|_generated\.h|spdlog|<chrono>|<thread>|<mutex>|<atomic>|<condition_variable>|<future>|<ctime>|<sys/time\.h>)'
 stages="driver registration odometry mapping integration simulator store"
-for stage in $stages common/containers common/geometry common/plane_map; do
+for stage in $stages aloam/core common/containers common/geometry common/plane_map; do
   [ -d "services/$stage" ] || continue
   while IFS= read -r file; do
     hits=$(grep -nE "^\s*#\s*include.*$forbidden" "$file" || true)
@@ -21,6 +21,7 @@ for stage in $stages common/containers common/geometry common/plane_map; do
              ! -name main.cpp ! -name '*_stage.*' ! -name '*_parameters.*' ! -name '*_test.cpp' \
              ! -path '*/io/*' ! -path '*/tools/*' ! -path '*/tests/*')
 done
+stages="$stages aloam"
 for stage in $stages; do
   for other in $stages; do
     [ "$stage" = "$other" ] && continue
@@ -34,7 +35,7 @@ hits=$(grep -rnE '^[^#]*(pcl_io|vtk)' --include=CMakeLists.txt services tests CM
 [ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
 for entry in services/*; do
   case $(basename "$entry") in
-    common | driver | registration | odometry | mapping | integration | simulator | monitor | router | store | README.md) ;;
+    common | driver | registration | odometry | mapping | integration | simulator | monitor | router | store | aloam | README.md) ;;
     *) complain "unexpected $entry" ;;
   esac
 done

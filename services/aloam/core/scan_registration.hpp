@@ -1,0 +1,31 @@
+#pragma once
+// A-LOAM's scan registration: the feature points of each ring by a fixed threshold of curvature.
+//
+// c_i = |sum of p_j - p_i over the five points before and after|^2, not divided by anything. Each
+// ring, less five points at either end, is cut into 6 parts; in each at most 2 sharp and 20 less
+// sharp points (c > 0.1, largest first) and 4 flat ones (c < 0.1, smallest first). A pick keeps its
+// 5 neighbours on either side from being picked, as far as they lie within 0.22 m of each other.
+// What is no less sharp point is averaged ring by ring in voxels of 0.2 m: the less flat points.
+//
+// Differences, as the messages have what A-LOAM has to guess: ring and time are the sensor's own;
+// of two returns of a firing the stronger one is taken.
+
+#include <cstdint>
+#include <limits>
+
+#include "common/geometry/point.hpp"
+
+namespace zloam::aloam {
+
+struct ScanFeatures {
+  /// frame lidar, each at its own time, ordered by ring; sharp is part of less_sharp
+  PointVector sharp, less_sharp, flat, less_flat;
+  /// not finite, too near, or the weaker of two returns
+  std::uint32_t rejected = 0;
+};
+
+/// `rings`: what lies in a ring not below it is left out.
+ScanFeatures extract_features(PointSpan sweep, double min_range_m,
+                              std::uint32_t rings = std::numeric_limits<std::uint16_t>::max());
+
+}  // namespace zloam::aloam

@@ -1,0 +1,134 @@
+// Scan registration against the geometry of a room, and A-LOAM's quotas counted anew.
+
+#include "aloam/core/scan_registration.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "aloam/core/test_room.hpp"
+
+namespace zloam::aloam {
+namespace {
+
+// One ring in a square room of 10 x 10 m, counter to the clock from the middle of a wall.
+PointVector square_ring(int columns, std::uint16_t ring = 0) {
+  PointVector out;
+  for (int i = 0; i < columns; ++i) {
+    const double azimuth = 2.0 * M_PI * i / columns;
+    const double range = 5.0 / std::max(std::abs(std::cos(azimuth)), std::abs(std::sin(azimuth)));
+    out.push_back({static_cast<float>(range * std::cos(azimuth)),
+                   static_cast<float>(range * std::sin(azimuth)), 0.0F, 7.0F,
+                   static_cast<std::uint32_t>(i * 1000), ring, ReturnType::kStrongest, 0});
+  }
+  return out;
+}
+
+double from_corner_m(const Point& p) {
+  return std::hypot(5.0 - std::abs(static_cast<double>(p.x)),
+                    5.0 - std::abs(static_cast<double>(p.y)));
+}
+
+std::map<std::uint16_t, int> by_ring(const PointVector& points) {
+  std::map<std::uint16_t, int> count;
+  for (const Point& p : points) ++count[p.ring];
+  return count;
+}
+
+TEST(ScanRegistration, SharpPointsAreTheCornersOfASquare) {
+  const ScanFeatures f = extract_features(square_ring(720), 0.3);
+  ASSERT_GE(f.sharp.size(), 4u);
+  std::set<std::pair<bool, bool>> corners;
+  for (const Point& p : f.sharp) {
+    EXPECT_LT(from_corner_m(p), 0.2);
+    corners.emplace(p.x > 0.0F, p.y > 0.0F);
+  }
+  EXPECT_EQ(corners.size(), 4u);
+}
+
+TEST(ScanRegistration, FlatPointsAreFourASegmentAndOnWalls) {
+  const ScanFeatures f = extract_features(square_ring(720), 0.3);
+  EXPECT_EQ(f.flat.size(), 24u);
+  for (const Point& p : f.flat) EXPECT_GT(from_corner_m(p), 0.15);
+}
+
+TEST(ScanRegistration, QuotasHoldForEachRing) {
+  const ScanFeatures f = extract_features(test::sweep_at(Pose::Identity(), 0.02), 0.3);
+  for (const auto& [ring, n] : by_ring(f.sharp)) EXPECT_LE(n, 12) << ring;
+  for (const auto& [ring, n] : by_ring(f.less_sharp)) EXPECT_LE(n, 120) << ring;
+  for (const auto& [ring, n] : by_ring(f.flat)) EXPECT_LE(n, 24) << ring;
+  EXPECT_EQ(by_ring(f.less_flat).size(), 16u);
+}
+
+TEST(ScanRegistration, PicksLieMoreThanFiveColumnsApart) {
+  const ScanFeatures f = extract_features(test::sweep_at(Pose::Identity(), 0.02), 0.3);
+  std::map<std::uint16_t, std::set<long>> columns;
+  for (const Point& p : f.less_sharp) {
+    columns[p.ring].insert(std::lround(p.time_ns * 1.0 * test::kColumns / test::kPeriod_ns));
+  }
+  // Steps of more than 0.22 m end the suppression: only in what is nearer it is sure.
+  for (const auto& [ring, picked] : columns) {
+    long before = -100;
+    for (const long column : picked) {
+      EXPECT_GT(column - before, 0) << ring;
+      before = column;
+    }
+  }
+  const ScanFeatures square = extract_features(square_ring(720), 0.3);
+  long before = -100;
+  std::set<std::uint32_t> times;
+  for (const Point& p : square.less_sharp) times.insert(p.time_ns / 1000);
+  for (const std::uint32_t column : times) {
+    EXPECT_GT(static_cast<long>(column) - before, 5);
+    before = static_cast<long>(column);
+  }
+}
+
+TEST(ScanRegistration, LessFlatPointsAreOneAVoxelOfEachRing) {
+  PointVector sweep = square_ring(720, 3);
+  for (const Point& p : square_ring(720, 4)) sweep.push_back(p);
+  const ScanFeatures f = extract_features(sweep, 0.3);
+  std::set<std::tuple<int, int, int, int>> voxels;
+  for (const Point& p : f.less_flat) {
+    EXPECT_TRUE(voxels
+                    .emplace(static_cast<int>(std::floor(p.x / 0.2F)),
+                             static_cast<int>(std::floor(p.y / 0.2F)),
+                             static_cast<int>(std::floor(p.z / 0.2F)), p.ring)
+                    .second);
+    EXPECT_FLOAT_EQ(p.intensity, 7.0F);
+  }
+  EXPECT_GT(f.less_flat.size(), 200u);
+}
+
+TEST(ScanRegistration, LeavesOutWhatIsNearNotFiniteOrTheWeakerReturn) {
+  PointVector sweep = square_ring(720);
+  const std::size_t good = sweep.size();
+  Point bad = sweep.front();
+  bad.x = std::numeric_limits<float>::quiet_NaN();
+  sweep.push_back(bad);
+  bad.x = std::numeric_limits<float>::infinity();
+  sweep.push_back(bad);
+  sweep.push_back({0.1F, 0.1F, 0.1F, 0.0F, 0, 0, ReturnType::kStrongest, 0});
+  sweep.push_back({5.0F, 0.0F, 0.0F, 0.0F, 0, 0, ReturnType::kLast, 0});
+  const ScanFeatures f = extract_features(sweep, 0.3);
+  EXPECT_EQ(f.rejected, sweep.size() - good);
+  EXPECT_EQ(f.sharp.size(), extract_features(square_ring(720), 0.3).sharp.size());
+}
+
+TEST(ScanRegistration, TakesAnySweep) {
+  EXPECT_TRUE(extract_features({}, 0.3).less_flat.empty());
+  for (int n : {1, 5, 11, 16, 17, 18}) {
+    EXPECT_LE(extract_features(square_ring(n), 0.3).less_flat.size(), static_cast<std::size_t>(n));
+  }
+  const PointVector same(500, Point{1.0F, 1.0F, 1.0F, 0.0F, 5, 2, ReturnType::kStrongest, 0});
+  const ScanFeatures f = extract_features(same, 0.3);
+  EXPECT_TRUE(f.sharp.empty());
+  EXPECT_EQ(f.less_flat.size(), 1u);
+}
+
+}  // namespace
+}  // namespace zloam::aloam

@@ -1,0 +1,130 @@
+// Scan to scan against the motion with which the sweeps were cast, and the cost functions against
+// distances computed otherwise.
+
+#include "aloam/core/scan_to_scan.hpp"
+
+#include <gtest/gtest.h>
+
+#include "aloam/core/cost_functions.hpp"
+#include "aloam/core/scan_registration.hpp"
+#include "aloam/core/test_room.hpp"
+
+namespace zloam::aloam {
+namespace {
+
+ScanMotion feed(ScanToScan& odometry, const PointVector& sweep, bool deskewed = false) {
+  const ScanFeatures f = extract_features(sweep, 0.3);
+  return odometry.process({test::kPeriod_ns, deskewed, f.sharp, f.less_sharp, f.flat, f.less_flat});
+}
+
+double shift_m(const Pose& a, const Pose& b) { return (a.translation() - b.translation()).norm(); }
+double turn_rad(const Pose& a, const Pose& b) {
+  return log_so3(a.linear().transpose() * b.linear()).norm();
+}
+
+TEST(ScanToScan, FindsTheMotionBetweenSweepsOfAStandingSensor) {
+  const Pose step = exp_se3((Vector6() << 0.12, -0.05, 0.02, 0.004, -0.003, 0.02).finished());
+  ScanToScan odometry(false);
+  Pose T = Pose::Identity();
+  for (int k = 0; k < 6; ++k) {
+    const ScanMotion found = feed(odometry, test::sweep_at(T, 0.005, 1 + k));
+    EXPECT_EQ(found.matched, k > 0);
+    if (k > 0) {
+      EXPECT_LT(shift_m(found.step, step), 0.025) << k;
+      EXPECT_LT(turn_rad(found.step, step), 0.005) << k;
+    }
+    T = T * step;
+  }
+}
+
+// How far the points, seen from here, are from the room's surfaces in the mean.
+double off_surfaces_m(const PointVector& points, const Pose& T_map_lidar) {
+  double sum = 0.0;
+  for (const Point& p : points) {
+    const Eigen::Vector3d at = p.position().cast<double>();
+    const double range =
+        test::range_in_room(T_map_lidar.translation(), T_map_lidar.linear() * at.normalized());
+    sum += std::min(0.5, std::abs(range - at.norm()));
+  }
+  return sum / static_cast<double>(points.size());
+}
+
+TEST(ScanToScan, WithDeskewingFindsTheMotionWithinTheSweepsAndTheirMiddle) {
+  const Vector6 twist = (Vector6() << 0.15, 0.03, 0.0, 0.0, 0.0, 0.06).finished();
+  ScanToScan deskewing(true), rigid(false);
+  Pose begin = Pose::Identity(), middle;
+  ScanMotion found, without;
+  for (int k = 0; k < 20; ++k) {
+    const PointVector sweep = test::sweep([&](double s) { return begin * exp_se3(s * twist); });
+    found = feed(deskewing, sweep);
+    without = feed(rigid, sweep);
+    middle = begin * exp_se3(0.5 * twist);
+    begin = begin * exp_se3(twist);
+    if (k < 3) continue;
+    EXPECT_LT(shift_m(found.step, exp_se3(twist)), 0.03) << k;
+    EXPECT_LT(turn_rad(found.step, exp_se3(twist)), 0.006) << k;
+  }
+  EXPECT_LT(off_surfaces_m(found.planes, middle), 0.5 * off_surfaces_m(without.planes, middle));
+}
+
+TEST(ScanToScan, NamesTheInstantOfItsPose) {
+  const ScanView recorded{test::kPeriod_ns, false, {}, {}, {}, {}};
+  const ScanView moved_to_end{test::kPeriod_ns, true, {}, {}, {}, {}};
+  EXPECT_EQ(ScanToScan::instant_ns(recorded), test::kPeriod_ns / 2);
+  EXPECT_EQ(ScanToScan::instant_ns(moved_to_end), test::kPeriod_ns);
+}
+
+TEST(ScanToScan, GoesOnOverASweepWithoutPoints) {
+  const Pose step = exp_se3((Vector6() << 0.1, 0.0, 0.0, 0.0, 0.0, 0.01).finished());
+  ScanToScan odometry(false);
+  Pose T = Pose::Identity();
+  for (int k = 0; k < 8; ++k) {
+    const PointVector sweep = k == 5 ? PointVector{} : test::sweep_at(T);
+    const ScanMotion found = feed(odometry, sweep);
+    EXPECT_EQ(found.matched, k != 0 && k != 5) << k;
+    EXPECT_LT(shift_m(found.T_odom_lidar, T), 0.08) << k;
+    T = T * step;
+  }
+}
+
+TEST(ScanToScan, AnotherInstanceGoesOnWithTheSameBytes) {
+  const Pose step = exp_se3((Vector6() << 0.1, 0.0, 0.0, 0.0, 0.0, 0.02).finished());
+  ScanToScan one(false), other(false);
+  Pose T = Pose::Identity();
+  ScanMotion last;
+  for (int k = 0; k < 4; ++k, T = T * step) last = feed(one, test::sweep_at(T));
+  other.restore(last.T_odom_lidar, last.step, last.edges, last.planes);
+  const PointVector next = test::sweep_at(T);
+  EXPECT_EQ(feed(one, next).T_odom_lidar.matrix(), feed(other, next).T_odom_lidar.matrix());
+}
+
+TEST(CostFunctions, AreTheDistancesFromLineAndPlane) {
+  const Eigen::Vector3d point(1.0, 2.0, 3.0), a(4.0, -1.0, 0.5), b(4.5, 2.0, 0.0), c(0.0, 1.0, 7.0);
+  const Eigen::Quaterniond q(Eigen::AngleAxisd(0.3, Eigen::Vector3d(1.0, 2.0, -1.0).normalized()));
+  const Eigen::Vector3d t(0.2, -0.4, 0.1);
+  const Eigen::Vector3d p = q * point + t;
+  Eigen::Vector3d line;
+  ASSERT_TRUE(LineCost(point, a, b, 1.0)(q.coeffs().data(), t.data(), line.data()));
+  EXPECT_NEAR(line.norm(), (Eigen::ParametrizedLine<double, 3>::Through(a, b).distance(p)), 1e-12);
+  const Eigen::Vector3d normal = (a - b).cross(a - c).normalized();
+  double plane = 0.0;
+  ASSERT_TRUE(PlaneCost(point, a, normal, 1.0)(q.coeffs().data(), t.data(), &plane));
+  const auto truth = Eigen::Hyperplane<double, 3>::Through(a, b, c);
+  EXPECT_NEAR(std::abs(plane), truth.absDistance(p), 1e-12);
+  double offset = 0.0;
+  const NormalCost by_normal(point, truth.normal(), truth.offset());
+  ASSERT_TRUE(by_normal(q.coeffs().data(), t.data(), &offset));
+  EXPECT_NEAR(std::abs(offset), truth.absDistance(p), 1e-12);
+}
+
+TEST(CostFunctions, AShareOfTheMotionIsThatShareOfTurnAndShift) {
+  const Eigen::Vector3d axis = Eigen::Vector3d(0.0, 1.0, 1.0).normalized();
+  const Eigen::Quaterniond q(Eigen::AngleAxisd(0.4, axis));
+  const Eigen::Vector3d t(0.2, -0.4, 0.1), point(3.0, 1.0, 2.0);
+  const Eigen::Vector3d found = moved_by(q.coeffs().data(), t.data(), point, 0.25);
+  const Eigen::Vector3d truth = Eigen::AngleAxisd(0.1, axis) * point + 0.25 * t;
+  EXPECT_LT((found - truth).norm(), 1e-12);
+}
+
+}  // namespace
+}  // namespace zloam::aloam
