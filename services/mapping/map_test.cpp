@@ -6,11 +6,10 @@
 #include <map>
 #include <sstream>
 
+#include "common/geometry/map_file.hpp"
 #include "mapping/flat_index.hpp"
 #include "mapping/grid_index.hpp"
-#include "mapping/key_match.hpp"
 #include "mapping/layer_map.hpp"
-#include "mapping/map_writer.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -201,18 +200,6 @@ TEST(LayerMap, CountsAllPointsOfATileAlsoOfVoxelsThatMoveToTheNext) {
   }
   EXPECT_EQ(all, 4000U);
   EXPECT_EQ(map.tiles().size(), 2U);
-}
-
-TEST(KeyMatch, ChunksAndWildcards) {
-  const char* key = "loam/r/map/tile/edge/0/-1/2";
-  for (const char* yes : {"loam/r/map/tile/edge/0/-1/2", "loam/r/map/tile/**", "loam/*/map/**",
-                          "**", "loam/r/map/tile/edge/*/*/*", "**/2", "loam/**/tile/**/2"}) {
-    EXPECT_TRUE(key_matches(yes, key)) << yes;
-  }
-  for (const char* no : {"loam/r/map/tile/plane/**", "loam/r/map/tile/edge/*/*", "loam/r/map", "",
-                         "**/3", "loam/r/map/tile/edge/0/-1/2/3"}) {
-    EXPECT_FALSE(key_matches(no, key)) << no;
-  }
 }
 
 }  // namespace

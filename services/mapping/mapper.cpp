@@ -44,15 +44,6 @@ std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId
 
 }  // namespace
 
-const char* layer_name(Layer layer) { return layer == Layer::kEdge ? "edge" : "plane"; }
-
-std::optional<Layer> layer_from_name(const std::string& name) {
-  for (const Layer layer : kLayers) {
-    if (name == layer_name(layer)) return layer;
-  }
-  return std::nullopt;
-}
-
 // What is known of the sweep mapped before.
 struct LastPose {
   std::int64_t instant_ns = 0;

@@ -21,6 +21,7 @@
 
 #include "common/geometry/health.hpp"
 #include "common/geometry/inertial_step.hpp"
+#include "common/geometry/map_layer.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/saved_voxel.hpp"
@@ -56,12 +57,6 @@ struct MappingInput {
   bool degenerate = false;
   double range_noise_m = 0.02;
 };
-
-enum class Layer : std::uint8_t { kEdge = 0, kPlane = 1 };
-inline constexpr std::array<Layer, 2> kLayers = {Layer::kEdge, Layer::kPlane};
-/// "edge" or "plane", as in keys and files.
-const char* layer_name(Layer layer);
-std::optional<Layer> layer_from_name(const std::string& name);
 
 /// Cube (i, j, k) spans [i, i+1) * tile edge on x, likewise y and z, frame map.
 struct TileIndex {
@@ -110,12 +105,6 @@ struct SavedMap {
   Vector6 twist_per_s = Vector6::Zero();
   /// of that odometry epoch; unknown: the next sweep is searched for around T_map_base
   std::optional<Pose> T_map_odom;
-};
-
-/// A point of the whole map with its layer.
-struct LayeredPoint {
-  MapPoint point;
-  Layer layer;
 };
 
 /// The direction that the data fixes least. Vectors are unit in base_link, zero when none is weak.

@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "common/geometry/map_file.hpp"
+#include "common/messages/key_match.hpp"
 #include "common/runtime/recall.hpp"
-#include "mapping/key_match.hpp"
-#include "mapping/map_writer.hpp"
 
 namespace zloam::mapping {
 namespace {

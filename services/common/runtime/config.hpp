@@ -91,8 +91,8 @@ inline constexpr const char* kStageOrder[] = {"driver",  "registration", "odomet
 
 /// Sections of the robot's file that belong to single programs; each reads its own.
 inline constexpr const char* kOwnedSections[] = {
-    "driver",    "registration", "odometry", "mapping", "integration",
-    "simulator", "monitor",      "recorder", "router",  "store"};
+    "driver",  "registration", "odometry", "mapping", "integration", "simulator",
+    "monitor", "recorder",     "router",   "store",   "aloam"};
 
 void bind(Parameters& parameters, SharedConfig& config);
 

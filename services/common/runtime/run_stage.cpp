@@ -41,10 +41,14 @@ std::string host_name() {
   return clock_fault_ns() == 0 ? name : std::string(name) + "-ahead";
 }
 
+std::string program_of(const StageSpec& spec) {
+  return "zloam-" + (spec.variant.empty() ? spec.name : spec.variant + "-" + spec.name);
+}
+
 /// Empty: go on; else the process ends with the code.
 std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spec,
                          CommandLine* line) {
-  CLI::App app(spec.summary, "zloam-" + spec.name);
+  CLI::App app(spec.summary, program_of(spec));
   app.footer(kFooter);
   std::string config;
   app.add_option("--config", config, "the robot's file (YAML); without it the defaults hold");
@@ -62,7 +66,7 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   app.add_flag("--check-config", line->check, "check the configuration and end");
   app.add_flag("--health", line->health,
                "ask the instance that runs on this host with this configuration; 0: it is ready");
-  app.set_version_flag("--version", "zloam-" + spec.name + " " ZLOAM_VERSION);
+  app.set_version_flag("--version", program_of(spec) + " " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
@@ -175,7 +179,7 @@ int run(const StageSpec& spec, const CommandLine& line) {
   // Others' sections are passed over but for the keys that this stage reads as well; an unknown key
   // in its own is an error.
   std::vector<std::string> foreign(std::begin(kOwnedSections), std::end(kOwnedSections));
-  std::erase(foreign, spec.name);
+  std::erase(foreign, spec.variant.empty() ? spec.name : spec.variant);
   parameters.load(line.config, line.settings, foreign);
   std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);
   if (line.check) {

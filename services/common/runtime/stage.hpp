@@ -53,6 +53,9 @@ class Stage;
 
 struct StageSpec {
   std::string name;
+  /// of another program that takes the stage's place: what distinguishes its own name
+  /// (zloam-<variant>-<stage>), and its section of the robot's file; empty: the stage's own program
+  std::string variant = {};
   /// one sentence for --help
   std::string summary;
   /// binds the stage's own parameters

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "mapping/mapping.hpp"
+#include "common/geometry/map_layer.hpp"
 
-namespace zloam::mapping {
+namespace zloam {
 
 /// Gives a map's points part by part, so that they need never be there whole; an empty part is the
 /// end.
@@ -20,4 +20,4 @@ using NextPoints = std::function<std::vector<LayeredPoint>()>;
 /// was).
 std::string write_map(const std::string& path, std::size_t count, const NextPoints& next);
 
-}  // namespace zloam::mapping
+}  // namespace zloam

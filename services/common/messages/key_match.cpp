@@ -1,8 +1,8 @@
-#include "mapping/key_match.hpp"
+#include "common/messages/key_match.hpp"
 
 #include <cstddef>
 
-namespace zloam::mapping {
+namespace zloam {
 namespace {
 
 std::string_view first_chunk(std::string_view text) { return text.substr(0, text.find('/')); }
@@ -26,4 +26,4 @@ bool key_matches(std::string_view expression, std::string_view key) {
   return key_matches(rest, after_chunk(key));
 }
 
-}  // namespace zloam::mapping
+}  // namespace zloam

@@ -3,8 +3,8 @@
 
 #include <string_view>
 
-namespace zloam::mapping {
+namespace zloam {
 
 bool key_matches(std::string_view expression, std::string_view key);
 
-}  // namespace zloam::mapping
+}  // namespace zloam

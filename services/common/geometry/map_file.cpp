@@ -1,4 +1,4 @@
-#include "mapping/map_writer.hpp"
+#include "common/geometry/map_file.hpp"
 
 #include <bit>
 #include <cstring>
@@ -7,7 +7,7 @@
 
 #include "common/geometry/atomic_file.hpp"
 
-namespace zloam::mapping {
+namespace zloam {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "PCD's binary data is little-endian");
@@ -53,4 +53,4 @@ std::string write_map(const std::string& path, std::size_t count, const NextPoin
   });
 }
 
-}  // namespace zloam::mapping
+}  // namespace zloam

@@ -1,0 +1,60 @@
+// A mapping that was killed and started again: integration keeps its last corrections, the store
+// its tiles. Without a store a new map begins in the same frame.
+
+#include <algorithm>
+
+#include "aloam/mapping/map_points.hpp"
+#include "aloam/mapping/mapping_stage.hpp"
+#include "common/runtime/recall.hpp"
+
+namespace zloam::aloam {
+namespace {
+
+constexpr std::chrono::milliseconds kLinks{1000};
+constexpr int kTries = 5;
+
+}  // namespace
+
+void MappingStage::take_back_tiles(std::uint64_t map_id) {
+  std::map<CubeIndex, Cube> cubes;
+  for (const auto& tile :
+       runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
+    const auto layer = layer_from_name(tile->layer()->str());
+    if (!layer || tile.header().map_id() != map_id || tile->edge_m() != kCube_m) continue;
+    Cube& cube = cubes[{{tile->i(), tile->j(), tile->k()}}];
+    const Cloud::Ptr points = cloud_of(map_points_of(tile->points()));
+    (*layer == Layer::kEdge ? cube.edges : cube.planes) = points;
+    cube.version = std::max(cube.version, tile->version());
+  }
+  for (auto& [index, cube] : cubes) mapper_.map().restore(index, std::move(cube));
+}
+
+void MappingStage::restart(const msg::Header& first) {
+  if (first.sweep() > 0) {
+    runtime::wait_for_links([this] { return correction_.matching(); }, kLinks);
+  }
+  const auto corrections =
+      runtime::recall<msg::MapCorrection>(stage_, Key::kMapCorrection, runtime::kKept, 1);
+  const auto of_this_run = [&](const auto& c) { return c.run() == first.run(); };
+  const auto last = std::find_if(corrections.rbegin(), corrections.rend(), of_this_run);
+  if (last == corrections.rend()) return;
+  next_sweep_ = last->sweep() + 1;
+  map_id_ = last->header().map_id();
+  odom_epoch_ = last->header().odom_epoch();
+  const Pose T_map_odom = pose_of((*last)->pose_map_odom());
+  const auto poses =
+      runtime::recall<msg::MapPose>(stage_, Key::kPose, runtime::sweeps_from(first.run(), 0), 1);
+  // In the same odom frame the last pose itself is not asked for.
+  mapper_.restore(poses.empty() ? T_map_odom : pose_of(poses.back()->pose_map_base()), T_map_odom);
+  take_back_tiles(map_id_);
+  const std::size_t points = mapper_.map().point_count();
+  if (points == 0) {
+    stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
+                               " is lost: no store has it; a new one begins in its frame");
+  }
+  unsaved_ = points > 0;
+  if (first.replay()) ack_.done_below(first.run(), next_sweep_);
+  runtime::log_warning("the map of the instance before goes on", {{"points", points}});
+}
+
+}  // namespace zloam::aloam

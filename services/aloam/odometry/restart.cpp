@@ -1,0 +1,72 @@
+// An odometry that was killed and started again: its last sweeps are what mapping keeps of
+// odometry/features, its inputs since then what registration keeps.
+
+#include <algorithm>
+
+#include "aloam/core/clouds.hpp"
+#include "aloam/odometry/odometry_stage.hpp"
+#include "common/runtime/recall.hpp"
+
+namespace zloam::aloam {
+namespace {
+
+constexpr int kReplayTries = 5;
+constexpr std::chrono::milliseconds kLinks{500};
+
+PointVector in_lidar(PointSpan points, const Pose& T_lidar_base) {
+  PointVector out;
+  out.reserve(points.size());
+  for (const Point& p : points) out.push_back(moved(p, T_lidar_base));
+  return out;
+}
+
+}  // namespace
+
+void OdometryStage::restart(const msg::Header& first) {
+  const auto linked = [this] { return pose_.matching() && features_.matching(); };
+  if (first.sweep() > 0) runtime::wait_for_links(linked, kLinks);
+  const auto commits = runtime::recall<msg::OdometryFeatures>(
+      stage_, Key::kOdometryFeatures, runtime::kKept, first.replay() ? kReplayTries : 1);
+  if (commits.empty()) return;
+  const Commit& last = commits.back();
+  odom_epoch_ = last.header().odom_epoch();
+  const bool reaches = first.replay() || runtime::goes_on(first, last->instant_ns());
+  if (last.run() == first.run() && reaches) {
+    restore(commits);
+    catch_up(first.run(), last.sweep() + 1);
+    return;
+  }
+  // An epoch that was used must not come again.
+  ++odom_epoch_;
+  runtime::log_warning("a new odom frame begins: the one before could not be continued",
+                       {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
+}
+
+void OdometryStage::restore(const std::vector<Commit>& commits) {
+  const Commit& last = commits.back();
+  const Pose T_lidar_base = T_base_lidar_.inverse();
+  const Pose T_odom_base = pose_of(last->pose_odom_base());
+  // The first step is searched for from rest where the one before is not known.
+  Pose step = Pose::Identity();
+  if (commits.size() > 1 && commits[commits.size() - 2].sweep() == last->prev_sweep()) {
+    step = pose_of(commits[commits.size() - 2]->pose_odom_base()).inverse() * T_odom_base;
+  }
+  odometry_.restore(T_lidar_base * T_odom_base * T_base_lidar_, T_lidar_base * step * T_base_lidar_,
+                    in_lidar(points_of(last->edges()), T_lidar_base),
+                    in_lidar(points_of(last->planes()), T_lidar_base));
+  prev_sweep_ = last.sweep();
+  next_sweep_ = last.sweep() + 1;
+  last_instant_ns_ = last->instant_ns();
+  last_header_ = header_fields(last.header());
+  runtime::log_warning("the odometry goes on where the instance before this one was killed",
+                       {{"sweep", next_sweep_}});
+}
+
+void OdometryStage::catch_up(std::uint64_t run, std::uint64_t from) {
+  for (const Features& features :
+       runtime::recall<msg::Features>(stage_, Key::kFeatures, runtime::sweeps_from(run, from), 1)) {
+    if (features.sweep() >= next_sweep_) process(features);
+  }
+}
+
+}  // namespace zloam::aloam

@@ -1,0 +1,61 @@
+#include "aloam/registration/registration_stage.hpp"
+
+#include "aloam/core/scan_registration.hpp"
+
+namespace zloam::aloam {
+namespace {
+
+// Of a VLP-16's and an HDL-64E's data sheet; only stages that are not A-LOAM's make use of it.
+constexpr float kRangeNoise_m = 0.02F;
+
+FeaturesFields fields_of(const msg::Sweep& sweep, const ScanFeatures& features) {
+  FeaturesFields f;
+  f.period_ns = sweep.period_ns();
+  f.rings = sweep.rings();
+  f.sharp = features.sharp;
+  f.less_sharp = features.less_sharp;
+  f.flat = features.flat;
+  f.less_flat = features.less_flat;
+  f.points_in = sweep.points() == nullptr ? 0 : sweep.points()->size();
+  f.points_rejected = features.rejected;
+  f.deskewed = sweep.deskewed();
+  f.health = features.less_flat.empty() ? Health::kEmpty : health_of(sweep.health());
+  f.range_noise_m = kRangeNoise_m;
+  f.imu = structs_of(sweep.imu());
+  return f;
+}
+
+}  // namespace
+
+RegistrationStage::RegistrationStage(runtime::Stage& stage)
+    : stage_(stage),
+      defaults_(defaults_of(stage.shared().sensor.model)),
+      features_(stage.outlet(Key::kFeatures)) {
+  runtime::InletOptions options;
+  options.on_given_up = [this](std::uint64_t run, std::uint64_t sweep, std::string_view) {
+    publish_dropped(run, sweep);
+  };
+  stage.inlet<msg::Sweep>(Key::kSweep, options, [this](const Sweep& sweep) { process(sweep); });
+}
+
+void RegistrationStage::process(const Sweep& sweep) {
+  stage_.configure_for(sweep);
+  const ScanFeatures found =
+      extract_features(points_of(sweep->points()), defaults_.min_range_m, sweep->rings());
+  const HeaderFields header = features_.header(sweep);
+  features_.publish(header, build(header, fields_of(*sweep, found)));
+  last_ = header;
+  stage_.figure("points_in", sweep->points() == nullptr ? 0.0 : sweep->points()->size());
+}
+
+void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
+  HeaderFields header = features_.header(stage_.now_ns(), stage_.now_ns());
+  header.run = run;
+  header.sweep = sweep;
+  header.frame = "lidar";
+  header.stamp_ns = last_.stamp_ns;
+  header.config_rev = stage_.config_rev(run, sweep);
+  features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
+}
+
+}  // namespace zloam::aloam

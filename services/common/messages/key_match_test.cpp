@@ -1,0 +1,21 @@
+#include "common/messages/key_match.hpp"
+
+#include <gtest/gtest.h>
+
+namespace zloam {
+namespace {
+
+TEST(KeyMatch, ChunksAndWildcards) {
+  const char* key = "loam/r/map/tile/edge/0/-1/2";
+  for (const char* yes : {"loam/r/map/tile/edge/0/-1/2", "loam/r/map/tile/**", "loam/*/map/**",
+                          "**", "loam/r/map/tile/edge/*/*/*", "**/2", "loam/**/tile/**/2"}) {
+    EXPECT_TRUE(key_matches(yes, key)) << yes;
+  }
+  for (const char* no : {"loam/r/map/tile/plane/**", "loam/r/map/tile/edge/*/*", "loam/r/map", "",
+                         "**/3", "loam/r/map/tile/edge/0/-1/2/3"}) {
+    EXPECT_FALSE(key_matches(no, key)) << no;
+  }
+}
+
+}  // namespace
+}  // namespace zloam
