@@ -15,7 +15,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
+.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all aloam unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -47,6 +47,12 @@ configure-tests: test-deps
 build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs
 
+aloam: build # A-LOAM's programs, and PCL and Ceres for them
+	@$(STEP) "system packages, for A-LOAM" deploy/build/deps.sh --aloam
+	@grep -qs '^ZLOAM_ALOAM:BOOL=ON' $(BUILD)/CMakeCache.txt || \
+	  $(STEP) "configure $(PRESET) with A-LOAM" cmake --preset $(PRESET) -DZLOAM_ALOAM=ON
+	@$(STEP) "build A-LOAM's programs" cmake --build $(BUILD) -j $(JOBS) --target aloam_programs
+
 build-all: configure-tests ## build unit tests and benchmarks too
 	@$(STEP) "build $(PRESET) with tests" cmake --build $(BUILD) -j $(JOBS)
 
@@ -56,20 +62,21 @@ unit-tests: configure-tests # only the tests' programs
 # PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
+# METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
 # LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
-PASSED := PCAP BIN KITTI SCANS IMU TRUTH CONFIG RATE OUT LISTEN SET SET_AT
+PASSED := PCAP BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
-CHAIN_ARGS = $(call passed,OUT,--out) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
+CHAIN_ARGS = $(call passed,METHOD,--method) $(call passed,OUT,--out) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
 DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
   $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(CHAIN_ARGS)
 
-demo: build ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
+demo: build $(if $(METHOD),aloam) ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
 	@$(ZLOAM) demo $(DEMO_ARGS)
 
-run: build ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
+run: build $(if $(METHOD),aloam) ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
 	@$(ZLOAM) run $(call passed,CONFIG,--config) $(CHAIN_ARGS)
 
 test: build-all test-venv ## unit and integration tests, layers, schemas

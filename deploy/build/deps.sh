@@ -2,7 +2,8 @@
 # Installs what is needed from the distribution (Debian 12 or 13), and nothing that is there already.
 # Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
 #   deps.sh            build and run the programs
-#   deps.sh --tests    also unit tests, benchmarks and fuzzing
+#   deps.sh --aloam    also A-LOAM's programs
+#   deps.sh --tests    also those, unit tests, benchmarks and fuzzing
 #   deps.sh --tools    also formatting and linting
 # Where a Docker Engine answers, tests also need what makes base images without a registry.
 # The log of the installation is shown only if it fails.
@@ -15,9 +16,10 @@ packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libfla
 tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev)
 case "${1:-}" in
   "") ;;
+  --aloam) packages+=(libceres-dev libpcl-dev) ;;
   --tests) packages+=("${tests[@]}") ;;
   --tools) packages+=("${tests[@]}" clang-format clang-tidy) ;;
-  *) echo "usage: deps.sh [--tests | --tools]" >&2; exit 2 ;;
+  *) echo "usage: deps.sh [--aloam | --tests | --tools]" >&2; exit 2 ;;
 esac
 [ -z "${1:-}" ] || ! docker info >/dev/null 2>&1 || packages+=(mmdebstrap)
 

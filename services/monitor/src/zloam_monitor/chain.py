@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -53,8 +53,11 @@ class Chain:
         sensor: str = "lidar",
         set_at: Sequence[str] = (),
         ports: Ports | None = None,
+        programs: Mapping[str, str] | None = None,
     ) -> None:
-        """Without `ports` the stages listen on free ones of this machine."""
+        """Without `ports` the stages listen on free ones of this machine. `programs`: what stands
+        for a stage instead of its own program (methods.py)."""
+        chosen = programs or {}
         self.processes = Processes()
         self.ports = ports or Ports(free_base_port())
         self._own_port = free_port()
@@ -64,7 +67,8 @@ class Chain:
         #: stage -> variables of its environment, beside this process' own
         self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
-            stage: self._command(binary(build, stage), config, settings, set_at) for stage in STAGES
+            stage: self._command(binary(build, chosen.get(stage, stage)), config, settings, set_at)
+            for stage in STAGES
         }
         self._logs = logs
         self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))

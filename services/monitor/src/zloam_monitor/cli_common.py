@@ -31,6 +31,7 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.discovery import NothingAnswers
     from zloam_monitor.link import LinkError
     from zloam_monitor.messages import SchemasMissing
+    from zloam_monitor.methods import MethodError
     from zloam_monitor.ports import PortTaken
     from zloam_monitor.pose_rows import TrajectoryError
     from zloam_monitor.processes import StageDied
@@ -41,7 +42,15 @@ def _failed(error: BaseException) -> int | None:
         return error.code if error.code in (2, FILE_MISSING) else 1
     if isinstance(error, PortTaken):
         return FILE_MISSING
-    expected = (BinariesMissing, ChainError, LinkError, NothingAnswers, NotOurs, RobotFileError)
+    expected = (
+        BinariesMissing,
+        ChainError,
+        LinkError,
+        MethodError,
+        NothingAnswers,
+        NotOurs,
+        RobotFileError,
+    )
     if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
         return 1
     return None
@@ -137,6 +146,14 @@ Listen = Annotated[
         metavar="ADDRESS",
         help="Address that the stages listen on; 0.0.0.0 lets other machines in. "
         "Default: zenoh.host of the robot's file, this machine only.",
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        metavar="[STAGE=]NAME[,...]",
+        help="Another method's programs instead of the stages' own. aloam: registration, odometry "
+        "and mapping as in A-LOAM; mapping=aloam: mapping alone.",
     ),
 ]
 PresetDir = Annotated[

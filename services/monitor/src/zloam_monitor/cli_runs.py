@@ -86,6 +86,7 @@ def demo(
             help="In force from that sweep on, as by `zloam set`; may be repeated.",
         ),
     ] = None,
+    method: common.Method = "",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
     listen: common.Listen = None,
     preset_dir: common.PresetDir = None,
@@ -95,13 +96,14 @@ def demo(
 ) -> int:
     """Replay a recording, or a simulated drive round a city block, and map it."""
     from zloam_monitor import demo as runner
-    from zloam_monitor import ports, sources, trajectory
+    from zloam_monitor import methods, ports, sources, trajectory
     from zloam_monitor.chain import binary
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import existing_files, several
 
     settings = [*(settings or []), *several(many_settings)]
     truth = [*(truth or []), *existing_files(truths)] or None
+    programs = methods.programs(method)
     source = _Recorded(pcap, bin, kitti, scans, imu).source()
     build = common.kept(preset_dir)
     binary(build, "driver")
@@ -126,6 +128,7 @@ def demo(
         truth=source.truth if truth is None else truth,
         set_at=[*(set_at or []), *several(many_settings_at)],
         ports=ports.configured(robot, listen),
+        programs=programs,
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -136,6 +139,7 @@ def demo(
 def run(
     config: common.Config = None,
     settings: common.Settings = None,
+    method: common.Method = "",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     listen: common.Listen = None,
     seconds: Annotated[
@@ -145,7 +149,7 @@ def run(
     many_settings: common.ManySettings = "",
 ) -> int:
     """Run on a live sensor until Ctrl-C, which writes trajectory and map."""
-    from zloam_monitor import live, places, ports, report
+    from zloam_monitor import live, methods, places, ports, report
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import several
 
@@ -162,6 +166,7 @@ def run(
             settings=settings,
             seconds=seconds,
             ports=ports.configured(robot, listen),
+            programs=methods.programs(method),
         )
     )
     print(report.table(found))

@@ -40,6 +40,8 @@ class DemoOptions:
     set_at: list[str] = field(default_factory=list)
     #: None: any free ones
     ports: Ports | None = None
+    #: stage -> program that stands for it
+    programs: dict[str, str] = field(default_factory=dict)
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -106,6 +108,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         options.sensor,
         options.set_at,
         options.ports,
+        options.programs,
     )
     with chain:
         chain.wait_ready()

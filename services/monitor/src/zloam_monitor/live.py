@@ -37,6 +37,8 @@ class LiveOptions:
     robot: str
     sensor: str = "lidar"
     settings: list[str] = field(default_factory=list)
+    #: stage -> program that stands for it
+    programs: dict[str, str] = field(default_factory=dict)
     #: ends by itself after so long; None: at Ctrl-C
     seconds: float | None = None
     #: None: any free ones
@@ -125,6 +127,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
         outputs.Files(options.out).logs,
         options.sensor,
         ports=options.ports,
+        programs=options.programs,
     )
     with chain:
         chain.wait_ready()

@@ -1,0 +1,29 @@
+"""Which program stands for a stage: other methods come as programs that speak the same keys."""
+
+from __future__ import annotations
+
+#: what a method may replace, in the order of the data
+REPLACEABLE = ("registration", "odometry", "mapping")
+#: name of a method -> what is built of it
+METHODS = {"aloam": REPLACEABLE}
+
+
+class MethodError(ValueError):
+    """No such method, or not for this stage; the text says what there is."""
+
+
+def programs(text: str) -> dict[str, str]:
+    """Stage -> program. `aloam`: all stages that it has; `mapping=aloam,odometry=aloam`: these."""
+    chosen: dict[str, str] = {}
+    for part in filter(None, (each.strip() for each in text.split(","))):
+        stage, _, name = part.rpartition("=")
+        method = name.strip()
+        if method not in METHODS:
+            raise MethodError(f"no method {method!r}; there is: {', '.join(METHODS)}")
+        stages = (stage.strip(),) if stage else METHODS[method]
+        for each in stages:
+            if each not in METHODS[method]:
+                known = ", ".join(METHODS[method])
+                raise MethodError(f"{method} has no stage {each!r}; it has: {known}")
+            chosen[each] = f"{method}-{each}"
+    return chosen

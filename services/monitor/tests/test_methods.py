@@ -1,0 +1,35 @@
+"""Names of methods to programs: what is taken, and how a wrong one is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from zloam_monitor import cli
+from zloam_monitor.methods import MethodError, programs
+
+
+def test_a_method_stands_for_all_its_stages_or_for_those_named() -> None:
+    whole = {s: f"aloam-{s}" for s in ("registration", "odometry", "mapping")}
+    assert programs("") == {}
+    assert programs("aloam") == whole
+    assert programs("mapping=aloam") == {"mapping": "aloam-mapping"}
+    assert programs("odometry=aloam, registration=aloam") == {
+        "odometry": "aloam-odometry",
+        "registration": "aloam-registration",
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("floam", "aloam"), ("mapping=floam", "aloam"), ("integration=aloam", "registration")],
+)
+def test_what_is_not_there_is_refused_with_what_is(text: str, said: str) -> None:
+    with pytest.raises(MethodError, match=said):
+        programs(text)
+
+
+def test_a_wrong_method_ends_the_command_before_it_simulates(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["demo", "--method", "floam"]) == 1
+    assert "no method 'floam'" in capsys.readouterr().err

@@ -1,0 +1,99 @@
+"""A-LOAM's programs in the place of registration, odometry and mapping: all, or any one of them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.conftest import Capture, digests, kill, monitor
+from zloam_monitor import sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.keys import STAGES
+from zloam_monitor.methods import programs
+from zloam_monitor.robot_file import names
+
+ALOAM = programs("aloam")
+#: of six seconds in the city: A-LOAM's 0.1 m in a minute and what a wrong frame would be far above
+ATE_M = 0.15
+FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
+
+
+@pytest.fixture(autouse=True)
+def built(build: Path) -> None:
+    missing = [p for p in ALOAM.values() if not (build / "bin" / f"zloam-{p}").is_file()]
+    if missing:
+        pytest.skip(f"not built in {build} (PCL): {', '.join(missing)}")
+
+
+def replay(build: Path, capture: Capture, out: Path, method: str, *more: str) -> dict[str, Any]:
+    arguments = ("--pcap", capture.pcap, "--truth", capture.truth_lidar, "--out", out)
+    done = monitor("demo", "--preset-dir", build, *arguments, "--method", method, *more)
+    assert done.code == 0, done.said
+    report: dict[str, Any] = json.loads((out / "report.json").read_text())
+    return report
+
+
+def ate_m(report: dict[str, Any]) -> float:
+    return float(report["ate_rmse_m"]["pose"])
+
+
+def test_all_three_map_the_city_with_the_same_bytes_each_time(
+    build: Path, capture: Capture, tmp_path: Path
+) -> None:
+    report = replay(build, capture, tmp_path / "one", "aloam")
+    assert ate_m(report) < ATE_M
+    replay(build, capture, tmp_path / "two", "aloam")
+    assert digests(tmp_path / "one", FILES) == digests(tmp_path / "two", FILES)
+
+
+@pytest.mark.parametrize("stage", ALOAM)
+def test_each_takes_the_place_of_one_stage(
+    build: Path, capture: Capture, tmp_path: Path, stage: str
+) -> None:
+    assert ate_m(replay(build, capture, tmp_path, f"{stage}=aloam")) < ATE_M
+
+
+def test_with_deskewing(build: Path, capture: Capture, tmp_path: Path) -> None:
+    assert ate_m(replay(build, capture, tmp_path, "aloam", "--set", "aloam.deskew=true")) < ATE_M
+
+
+@pytest.mark.parametrize("stage", ALOAM)
+def test_a_killed_program_is_started_again_and_every_pose_comes(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path, stage: str
+) -> None:
+    robot = names(robot_file, [])
+    settings = [
+        *sources.from_pcap(capture.pcap).driver_settings("max"),
+        f"mapping.map_path={tmp_path / 'map.pcd'}",
+        f"integration.output_dir={tmp_path}",
+    ]
+    chain = Chain(build, robot_file, robot.robot, settings, tmp_path, robot.sensor, programs=ALOAM)
+    with chain:
+        while len(chain.link.poses) < 15:
+            chain.link.poll(0.1)
+            chain.check()
+        kill(chain, stage)
+        chain.start(stage, "second")
+        while not chain.finished():
+            chain.link.poll(0.1)
+            chain.check()
+        found = chain.link.trajectory()
+    assert found.sweeps.tolist() == list(range(len(found)))
+
+
+def test_only_they_are_linked_with_pcl_and_ceres(build: Path) -> None:
+    def libraries(program: str) -> str:
+        path = build / "bin" / f"zloam-{program}"
+        return subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
+
+    for stage, program in ALOAM.items():
+        assert "libpcl_" in libraries(program), program
+        assert "libpcl_" not in libraries(stage), stage
+    for program in (ALOAM["odometry"], ALOAM["mapping"]):
+        assert "libceres" in libraries(program), program
+    for stage in STAGES:
+        assert "libceres" not in libraries(stage), stage
