@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT
 from tests.bench import framework
-from tests.bench.versus import aloam, data, peer, score, summary, systems, table, turned
+from tests.bench.versus import data, peer, score, summary, systems, table, turned
 from zloam_monitor import trajectory
 from zloam_monitor.trajectory import Trajectory
 
@@ -135,7 +135,7 @@ def test_cpu_ratios_are_of_one_round_and_then_medians() -> None:
         {"zloam": entry(0.01, ours), "kiss-icp": entry(0.1, theirs)}
         for ours, theirs in ((10.0, 20.0), (30.0, 50.0), (10.0, 25.0))
     ]
-    found = summary.systems_of("fastrot-7", rounds)
+    found = summary.systems_of(rounds)
     ratios = summary.ratios_of(found, rounds)
     assert found["zloam"]["cpu_ms_per_sweep"] == 10.0
     assert found["zloam"]["spread"]["cpu_ms_per_sweep"] == [10.0, 30.0]
@@ -145,18 +145,25 @@ def test_cpu_ratios_are_of_one_round_and_then_medians() -> None:
     assert ratios["ate_rmse_m_to_best_peer"] == pytest.approx(0.1)
 
 
-def test_a_loam_is_scaled_by_kiss_icp_and_says_so() -> None:
-    """62 ms there beside KISS-ICP's 19: with KISS-ICP at 38 ms here, 124 ms."""
-    found = aloam.entry("fastrot-7", 38.0)
-    assert found is not None
-    assert found["cpu_ms_per_sweep"] == pytest.approx(124.0)
-    assert found["ate_rmse_m"] == 0.129
-    assert "not_measured_here" in found
-    other_seed = aloam.entry("fastrot-11", 38.0)
-    assert other_seed is not None
-    assert other_seed["ate_rmse_m"] is None
-    assert aloam.entry("sim-city-1", 38.0) is None
-    assert aloam.entry("fastrot-7-s8", 38.0) is None
+def test_a_loam_is_measured_in_the_same_rounds() -> None:
+    """Its stages run like ours: 30/90, 40/100, 50/200, and never a figure from elsewhere."""
+    rounds: list[summary.Round] = [
+        {"zloam": entry(0.01, ours), "a-loam": entry(0.2, theirs)}
+        for ours, theirs in ((30.0, 90.0), (40.0, 100.0), (50.0, 200.0))
+    ]
+    found = summary.systems_of(rounds)
+    ratios = summary.ratios_of(found, rounds)
+    assert ratios["cpu_to_a-loam"] == pytest.approx(1 / 3)
+    assert ratios["ate_rmse_m_best_peer"] == "a-loam"
+    assert "0.200" in table.errors_and_cost({"fastrot-7": found})[-1]
+    without = summary.systems_of([{"zloam": entry(0.01, 30.0)}])
+    assert "a-loam" not in without
+
+
+def test_chains_differ_in_the_method_alone() -> None:
+    assert systems.CHAINS[systems.OURS] == ()
+    assert "aloam" in systems.CHAINS[systems.ALOAM]
+    assert set(systems.CHAINS) <= set(systems.SYSTEMS)
 
 
 def test_who_is_better_in_both_is_named_and_only_that() -> None:
@@ -168,7 +175,7 @@ def test_who_is_better_in_both_is_named_and_only_that() -> None:
             "small-gicp": entry(0.019, 19.0),
         }
     ]
-    found = summary.systems_of("sim-park-1", rounds)
+    found = summary.systems_of(rounds)
     assert summary.ratios_of(found, rounds)["beaten_by"] == ["small-gicp"]
 
 
@@ -176,7 +183,7 @@ def test_a_peer_that_did_not_run_has_a_reason_and_no_figure() -> None:
     rounds: list[summary.Round] = [
         {"zloam": entry(0.02, 20.0), "mad-icp": {"skipped": "not installed"}}
     ]
-    found = summary.systems_of("sim-park-1", rounds)
+    found = summary.systems_of(rounds)
     assert found["mad-icp"] == {"skipped": "not installed"}
     assert summary.best_peer(found, "ate_rmse_m") is None
     text = table.document(
@@ -275,7 +282,7 @@ def test_rounds_of_some_systems_only_give_ratios_of_their_own() -> None:
         {"zloam": entry(0.01, 10.0), "kiss-icp": entry(0.1, 20.0)},
         {"zloam": entry(0.01, 30.0), "genz-icp": entry(0.1, 60.0)},
     ]
-    ratios = summary.ratios_of(summary.systems_of("sim-park-1", rounds), rounds)
+    ratios = summary.ratios_of(summary.systems_of(rounds), rounds)
     assert ratios["cpu_to_kiss-icp"] == pytest.approx(0.5)
     assert ratios["cpu_to_genz-icp"] == pytest.approx(0.5)
 

@@ -13,10 +13,10 @@ from typing import Any
 from tests.acceptance.framework import Skip
 from tests.bench.framework import Benchmark, Outcome, machine
 from tests.bench.setting import BenchSetting
-from tests.bench.versus import aloam, data, summary, systems, table
+from tests.bench.versus import data, summary, systems, table
 from tests.bench.versus.data import DataSet, Scans
 from tests.bench.versus.summary import Entry, Round
-from tests.bench.versus.systems import OURS, Taken
+from tests.bench.versus.systems import ALOAM, OURS, Taken
 from tests.bench.versus.table import number
 
 #: of issue 7
@@ -69,7 +69,7 @@ def benchmarks(setting: BenchSetting, options: Options) -> list[Benchmark]:
     rows = [
         Benchmark(
             f"versus-{d.name}",
-            "ours, kiss-icp, genz-icp, small-gicp, mad-icp on the same scans",
+            "ours, A-LOAM, kiss-icp, genz-icp, small-gicp, mad-icp on the same scans",
             functools.partial(_measure, session, d),
         )
         for d in data.chosen(data.all_sets(setting), options.data)
@@ -94,7 +94,7 @@ def _measure(session: Session, chosen: DataSet) -> Outcome:
             (out / "rounds.json").write_text(text + "\n")
     if not rounds:
         raise Skip("no rounds: none asked for, none kept of these programs")
-    found = summary.systems_of(chosen.name, rounds)
+    found = summary.systems_of(rounds)
     ratios = summary.ratios_of(found, rounds)
     session.found[chosen.name], session.ratios[chosen.name] = found, ratios
     session.write()
@@ -133,8 +133,8 @@ def _round(session: Session, name: str, scans: Scans, done: Round) -> Iterator[N
 
 
 def _run(session: Session, system: str, scans: Scans, out: Path) -> Taken:
-    if system == OURS:
-        return systems.run_ours(session.setting, scans, out)
+    if system in systems.CHAINS:
+        return systems.run_chain(system, session.setting, scans, out)
     if session.options.kept_peers:
         return systems.kept_peer(system, scans)
     return systems.run_peer(system, scans, out)
@@ -219,9 +219,9 @@ def _cpu(session: Session) -> Outcome:
     if mean is None:
         raise Skip("no peer was run in this call")
     other = {
-        name: r[f"cpu_to_{aloam.NAME}"]
+        name: r[f"cpu_to_{ALOAM}"]
         for name, r in session.ratios.items()
-        if r.get(f"cpu_to_{aloam.NAME}") is not None
+        if r.get(f"cpu_to_{ALOAM}") is not None
     }
     worst = max(other, key=lambda name: other[name], default=None)
     words = f"{number(mean)} × kiss-icp"
@@ -265,7 +265,7 @@ _LINES: tuple[tuple[str, str, Callable[[Session], Outcome], str], ...] = (
     ),
     (
         "cpu",
-        "CPU a sweep of the three algorithms: geometric mean to kiss-icp, worst to a-loam (scaled)",
+        "CPU a sweep of the three algorithms: geometric mean to kiss-icp, worst to a-loam",
         _cpu,
         f"≤ {CPU_TO_KISS:.0f} × kiss-icp, ≤ 1/3 a-loam",
     ),

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from tests.bench.versus import aloam
 from tests.bench.versus.score import geometric_mean, median, ratio
-from tests.bench.versus.systems import OURS, PEERS
+from tests.bench.versus.systems import ALOAM, OURS, PEERS
 
 #: what one system did in one round, or {"skipped": why}, {"failed": why}
 Entry = dict[str, Any]
@@ -19,6 +18,8 @@ MEDIANS = (
     *("cpu_ms_per_sweep", "rss_mib", "cpu_all_processes_ms_per_sweep", "rss_all_processes_mib"),
     *("realtime_factor", "instant", "sweeps"),
 )
+#: the one whose CPU time all others are stated by
+KISS = "kiss-icp"
 SPREAD = ("ate_rmse_m", "cpu_ms_per_sweep")
 
 
@@ -27,12 +28,10 @@ def _values(rounds: Iterable[Round], system: str, name: str) -> list[float]:
     return [float(v) for v in found if v is not None]
 
 
-def systems_of(data: str, rounds: list[Round]) -> dict[str, Entry]:
-    """Each system's medians over the rounds; A-LOAM's figures beside them."""
-    found = {name: _of_system(rounds, name) for name in (OURS, *PEERS)}
-    found = {name: entry for name, entry in found.items() if entry}
-    other = aloam.entry(data, found.get(aloam.KISS, {}).get("cpu_ms_per_sweep"))
-    return found | ({aloam.NAME: other} if other else {})
+def systems_of(rounds: list[Round]) -> dict[str, Entry]:
+    """Each system's medians over the rounds."""
+    found = {name: _of_system(rounds, name) for name in (OURS, ALOAM, *PEERS)}
+    return {name: entry for name, entry in found.items() if entry}
 
 
 def _of_system(rounds: list[Round], system: str) -> Entry:
@@ -67,15 +66,12 @@ def ratios_of(systems: dict[str, Entry], rounds: list[Round]) -> dict[str, Any]:
         if best:
             value = ratio(ours.get(name), systems[best][name])
             out[f"{name}_to_best_peer"], out[f"{name}_best_peer"] = value, best
-    for peer in PEERS:
+    for peer in (ALOAM, *PEERS):
         each = [_cpu_ratio(r, peer) for r in rounds]
         known = [v for v in each if v is not None]
         if known:
             out[f"cpu_to_{peer}"] = median(known)
             out[f"cpu_to_{peer}_spread"] = [min(known), max(known)]
-    other = systems.get(aloam.NAME, {}).get("cpu_ms_per_sweep")
-    if other:
-        out[f"cpu_to_{aloam.NAME}"] = ratio(ours.get("cpu_ms_per_sweep"), other)
     out["all_processes_to_algorithms"] = ratio(
         ours.get("cpu_all_processes_ms_per_sweep"), ours.get("cpu_ms_per_sweep")
     )
@@ -111,7 +107,7 @@ def over_sets(
     for data in found:
         if scene_of(data):
             scenes.setdefault(scene_of(data), []).append(data)
-    kiss = [r[f"cpu_to_{aloam.KISS}"] for r in ratios.values() if f"cpu_to_{aloam.KISS}" in r]
+    kiss = [r[f"cpu_to_{KISS}"] for r in ratios.values() if f"cpu_to_{KISS}" in r]
     return {
         "scene": {
             scene: {

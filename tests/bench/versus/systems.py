@@ -22,14 +22,22 @@ from tests.bench.versus import peer as peer_program
 from tests.bench.versus import score
 from tests.bench.versus.data import Scans
 from tests.bench.versus.score import Scored
-from zloam_monitor import se3, trajectory
+from zloam_monitor import methods, se3, trajectory
 from zloam_monitor.chain import binary
 from zloam_monitor.keys import STAGES
 from zloam_monitor.trajectory import Trajectory
 
 OURS = "zloam"
+#: its stages (services/aloam) in the place of ours
+ALOAM = "a-loam"
 PEERS = tuple(peer_program.PEERS)
-SYSTEMS = (OURS, *PEERS)
+SYSTEMS = (OURS, ALOAM, *PEERS)
+#: what a chain of processes adds to the demo's command line. A-LOAM's result is the mapped pose,
+#: and without the delay the fused pose is that
+CHAINS: dict[str, tuple[str, ...]] = {
+    OURS: (),
+    ALOAM: ("--method", "aloam", "--set", "integration.correction_delay=0"),
+}
 #: configurations that the demo takes: for scans with times, and for KITTI's
 ROBOTS = ("vlp16-outdoor", "hdl64e")
 KEPT = CACHE / "peers" / "results"
@@ -133,12 +141,17 @@ def _of_file(path: Path, scans: Scans) -> Taken:
 
 
 def run_ours(setting: BenchSetting, scans: Scans, out: Path) -> Taken:
+    """Our own stages."""
+    return run_chain(OURS, setting, scans, out)
+
+
+def run_chain(system: str, setting: BenchSetting, scans: Scans, out: Path) -> Taken:
     """The chain of processes on the same scans, with the configuration that fits the sensor."""
-    place = out / OURS
+    place = out / system
     place.mkdir(parents=True, exist_ok=True)
-    arguments = ("--preset-dir", setting.build, "--out", place, *scans.demo)
+    arguments = ("--preset-dir", setting.build, "--out", place, *scans.demo, *CHAINS[system])
     done = setting.python("-m", "zloam_monitor", "demo", *arguments)
-    (out / f"{OURS}.log").write_text(done.stdout)
+    (out / f"{system}.log").write_text(done.stdout)
     if done.returncode != 0:
         said = " / ".join(done.stdout.strip().splitlines()[-2:])
         raise RuntimeError(f"the chain ended with {done.returncode}: {said[:300]}")
@@ -173,8 +186,9 @@ def _of_chain(place: Path, scans: Scans) -> Scored:
 def last_trajectories(scans: Scans, out: Path) -> dict[str, Trajectory]:
     """What every system left in this folder, for the picture."""
     found = {}
-    if (out / OURS / "trajectory.tum").exists():
-        found[OURS] = _of_chain(out / OURS, scans).trajectory
+    for system in CHAINS:
+        if (out / system / "trajectory.tum").exists():
+            found[system] = _of_chain(out / system, scans).trajectory
     for name in PEERS:
         if (out / f"{name}.npz").exists():
             found[name] = _of_file(out / f"{name}.npz", scans).scored.trajectory
@@ -193,8 +207,8 @@ def T_base_lidar(scans: Scans) -> Any:
 def programs(build: Path) -> str:
     """What of ours is measured: the bytes of the programs and their configuration."""
     digest = hashlib.sha256()
-    for stage in STAGES:
-        digest.update(binary(build, stage).read_bytes())
+    for program in (*STAGES, *methods.programs("aloam").values()):
+        digest.update(binary(build, program).read_bytes())
     for robot in ROBOTS:
         digest.update((ROOT / f"deploy/robots/{robot}.yaml").read_bytes())
     return digest.hexdigest()[:16]

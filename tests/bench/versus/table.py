@@ -8,17 +8,16 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from tests.bench.versus import aloam
 from tests.bench.versus.data import Scans
-from tests.bench.versus.summary import Entry
-from tests.bench.versus.systems import OURS, PEERS
+from tests.bench.versus.summary import KISS, Entry
+from tests.bench.versus.systems import ALOAM, OURS, PEERS
 from zloam_monitor import evaluation
 from zloam_monitor.trajectory import Trajectory
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-COLUMNS = (OURS, *PEERS, aloam.NAME)
+COLUMNS = (OURS, *PEERS, ALOAM)
 COLOURS = dict(zip(COLUMNS, ("#d62728", "#1f77b4", "#2ca02c", "#9467bd", "#ff7f0e"), strict=False))
 #: m; an error below it is drawn at it
 LEAST_DRAWN_M = 1e-4
@@ -37,7 +36,7 @@ def number(value: float | None) -> str:
 def _cell(entry: Entry | None) -> str:
     if not entry:
         return "–"
-    if "sweeps" not in entry and "not_measured_here" not in entry:
+    if "sweeps" not in entry:
         return next(iter(entry), "–")
     ate, drift = number(entry.get("ate_rmse_m")), number(entry.get("drift_percent"))
     cpu = number(entry.get("cpu_ms_per_sweep"))
@@ -45,8 +44,7 @@ def _cell(entry: Entry | None) -> str:
     if entry.get("rounds", 1) > 1 and low is not None:
         cpu += f"; {number(low)}–{number(high)}"
     lost = " **lost**" if entry.get("lost") else ""
-    mark = "*" if "not_measured_here" in entry else ""
-    return f"{ate} / {drift} ({cpu}){mark}{lost}"
+    return f"{ate} / {drift} ({cpu}){lost}"
 
 
 def _rows(head: list[str], rows: list[list[str]]) -> list[str]:
@@ -62,14 +60,14 @@ def errors_and_cost(found: dict[str, dict[str, Entry]]) -> list[str]:
 
 def comparison(found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, Any]]) -> list[str]:
     """Ours over theirs."""
-    head = ["data set", "ATE / best peer", "drift / best peer", "CPU / kiss-icp", "CPU / a-loam*"]
+    head = ["data set", "ATE / best peer", "drift / best peer", "CPU / kiss-icp", "CPU / a-loam"]
     rows = []
     for data, r in ratios.items():
         best = [
             f"{number(r.get(f'{n}_to_best_peer'))} ({r.get(f'{n}_best_peer', '–')})"
             for n in ("ate_rmse_m", "drift_percent")
         ]
-        cpu = [number(r.get(f"cpu_to_{peer}")) for peer in (aloam.KISS, aloam.NAME)]
+        cpu = [number(r.get(f"cpu_to_{peer}")) for peer in (KISS, ALOAM)]
         ours = found[data].get(OURS, {})
         whole = number(ours.get("cpu_all_processes_ms_per_sweep"))
         name = f"{data} (without {', '.join(r['without'])})" if r.get("without") else data
@@ -79,7 +77,7 @@ def comparison(found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, A
 
 def memory(found: dict[str, dict[str, Entry]]) -> list[str]:
     """Peak of the resident set, MiB."""
-    systems = (OURS, *PEERS)
+    systems = COLUMNS
     rows = []
     for data, of in found.items():
         each = [number(of.get(name, {}).get("rss_mib")) for name in systems]
@@ -95,13 +93,11 @@ def document(
         "# Ours and the peers on the same scans",
         where,
         "ATE rmse m / drift % (CPU ms per sweep, median; least–most of the rounds). "
-        f"`{OURS}`: registration, odometry and mapping as programs, transport included.",
+        f"`{OURS}`, `{ALOAM}`: registration, odometry and mapping as programs, transport included.",
         "\n".join(errors_and_cost(found)),
-        "\\* not measured here: peers.md's errors, and its CPU time scaled by KISS-ICP here over "
-        "KISS-ICP there.",
         "\n".join(comparison(found, ratios)),
-        f"Peak RSS, MiB. `{OURS}`: the three algorithms' processes added up; a peer's includes its "
-        "Python.",
+        f"Peak RSS, MiB. `{OURS}`, `{ALOAM}`: the three algorithms' processes added up; a peer's "
+        "includes its Python.",
         "\n".join(memory(found)),
     ]
     return "\n\n".join(parts) + "\n"
