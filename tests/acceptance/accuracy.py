@@ -6,7 +6,7 @@ import functools
 import json
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import CACHE, SYNTH_SEED, Demo, Setting, write_later_part
+from tests.acceptance.runs import SYNTH_SEED, Demo, Setting, write_later_part
 
 #: position error of A-LOAM's better run on the same scans, m
 SYNTH_ATE_M = {"city": 0.176, "indoor": 0.249, "fastrot": 0.129, "tunnel": 1.0}
@@ -37,13 +37,7 @@ def checks(setting: Setting) -> list[Check]:
 
 
 def _scans(s: Setting, scene: str) -> Demo:
-    folder = CACHE / "synth" / f"{scene}-{SYNTH_SEED}"
-    if not (folder / "gt_dense.tum").exists():
-        generator = s.recording("reference/synth/synth_gen.py")
-        done = s.python(generator, scene, folder, "--seed", SYNTH_SEED)
-        if done.returncode != 0:
-            raise RuntimeError(f"{generator.name} failed: {done.stdout[-300:]}")
-    return s.demo(f"synth-{scene}", "--scans", folder)
+    return s.demo(f"synth-{scene}", "--scans", s.synth_folder(scene))
 
 
 def _scene_ate(s: Setting, scene: str) -> Measured:
@@ -54,7 +48,7 @@ def _scene_ate(s: Setting, scene: str) -> Measured:
 def _scene_cpu(s: Setting, scene: str) -> Measured:
     spent = _scans(s, scene).report["cpu_ms_per_sweep"]
     ours = sum(spent[stage] for stage in ALGORITHMS)
-    done = s.python("-m", "tests.acceptance.kiss", CACHE / "synth" / f"{scene}-{SYNTH_SEED}")
+    done = s.python("-m", "tests.acceptance.kiss", s.synth_folder(scene))
     if done.returncode != 0:
         raise Skip(f"KISS-ICP did not run: {done.stdout.strip()[-120:]}")
     kiss = float(json.loads(done.stdout.splitlines()[-1])["cpu_ms_per_sweep"])

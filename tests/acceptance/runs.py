@@ -138,12 +138,12 @@ class Setting:
     def kitti(self) -> Demo:
         return self.demo("kitti", "--kitti", self.recording("data/hdl64e_drive"))
 
-    def synth_folder(self) -> Path:
+    def synth_folder(self, scene: str = "city") -> Path:
         """Scans of the reference generator; made once (minutes), kept in the cache."""
-        folder = CACHE / "synth" / f"city-{SYNTH_SEED}"
+        folder = CACHE / "synth" / f"{scene}-{SYNTH_SEED}"
         if not (folder / "gt_dense.tum").exists():
             generator = self.recording("reference/synth/synth_gen.py")
-            done = self.python(generator, "city", folder, "--seed", SYNTH_SEED)
+            done = self.python(generator, scene, folder, "--seed", SYNTH_SEED)
             if done.returncode != 0:
                 raise RuntimeError(f"{generator.name} failed: {done.stdout[-300:]}")
         return folder
