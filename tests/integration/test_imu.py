@@ -166,9 +166,9 @@ NAMES = "t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n"
     [
         ("t_ns,wx_rad_s\n1,2\n", [":1", "wy_rad_s"]),
         (NAMES + "1,0,0,0,0,zero,9.8\n", [":2", "ay_m_s2", "zero"]),
-        (NAMES + "1,0,0,0,0,0,1.0\n2,0,0,0,0,0,1.0\n", ["in g", "9.80665"]),
-        (NAMES + "1,0,0,0,0,0,-9.8\n2,0,0,0,0,0,-9.8\n", ["sign", "mounting.imu_rpy_deg"]),
-        (NAMES + "1,0,0,0,0,0,9.8\n2,0,0,0,0,0,9.8\n", ["one clock"]),
+        (NAMES + "1,0,0,0,0,0,1.0\n10000001,0,0,0,0,0,1.0\n", ["in g", "9.80665"]),
+        (NAMES + "1,0,0,0,0,0,-9.8\n10000001,0,0,0,0,0,-9.8\n", ["sign", "mounting.imu_rpy_deg"]),
+        (NAMES + "1,0,0,0,0,0,9.8\n10000001,0,0,0,0,0,9.8\n", ["one clock"]),
         (NAMES, ["no reading"]),
     ],
     ids=["column", "number", "unit", "sign", "other clock", "nothing"],

@@ -105,14 +105,19 @@ def test_looking(live: Live, words: tuple[str, ...]) -> None:
     assert f"connected to robot {live.robot} at {live.endpoint} (driver, " in done.said
 
 
-def test_changing_and_saving(live: Live, tmp_path: Path) -> None:
+def test_changing_and_saving(live: Live) -> None:
     changed = monitor("set", "odometry", "odometry.kernel_m=0.2", "--connect", live.endpoint)
     assert changed.code == 0, changed.said
-    shown = monitor("get", "odometry", "odometry.kernel_m", "--connect", live.endpoint)
+    # It is in force from the sweep on that the answer names.
+    for _ in range(20):
+        shown = monitor("get", "odometry", "odometry.kernel_m", "--connect", live.endpoint)
+        if "odometry odometry.kernel_m=0.2" in shown.said:
+            break
+        time.sleep(0.5)
     assert "odometry odometry.kernel_m=0.2" in shown.said
-    saved = monitor("save", tmp_path / "maps", "--connect", live.endpoint)
+    saved = monitor("save", "maps/today", "--connect", live.endpoint)
     assert saved.code == 0, saved.said
-    names = {path.name for path in (tmp_path / "maps").iterdir()}
+    names = {path.name for path in (live.out / "demo/maps/today").iterdir()}
     assert names == {"map.pcd", "trajectory.tum", "trajectory.kitti", "odometry.tum"}
     emptied = monitor("reset", "mapping", "--connect", live.endpoint)
     assert (emptied.code, "mapping: map emptied" in emptied.said) == (0, True)

@@ -83,7 +83,7 @@ def set_(
 @command
 def save(
     folder: Annotated[
-        Path | None, typer.Argument(help="On the robot's machine. Default: as configured.")
+        Path | None, typer.Argument(help="Below the stages' output folder. Default: that itself.")
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,

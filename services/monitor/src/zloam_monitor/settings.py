@@ -74,7 +74,7 @@ def save(link: Link, folder: Path | None) -> int:
     targets = {"mapping": "map.pcd", "integration": ""}
     codes = []
     for stage, name in targets.items():
-        path = {} if folder is None else {"path": str(folder.resolve() / name)}
+        path = {} if folder is None else {"path": str(folder / name)}
         reply = commanded(link, stage, "save", path)
         print(f"{stage}: {reply.message}")
         codes.append(0 if reply.ok else 1)
