@@ -1,6 +1,8 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <iterator>
@@ -16,6 +18,15 @@
 
 namespace zloam::runtime {
 namespace {
+
+std::atomic<int> code_at_end = 0;
+
+// What the run was worth is decided and written. Rarely, on a busy machine, a thread of the Zenoh
+// library panics while the process goes, and would end it by SIGABRT.
+void keep_exit_code(int code) {
+  code_at_end = code;
+  std::signal(SIGABRT, [](int) { std::_Exit(code_at_end); });
+}
 
 constexpr const char* kFooter =
     "Configuration: YAML sections robot, sensor, mounting, zenoh, log, flow, recovery and the "
@@ -164,6 +175,7 @@ int work(const StageSpec& spec, StageSetup setup) {
     }
   }
   log_info("ended", {{"code", code}});
+  keep_exit_code(code);
   return code;
 }
 
