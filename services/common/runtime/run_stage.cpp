@@ -21,11 +21,12 @@ namespace {
 
 std::atomic<int> code_at_end = 0;
 
-// What the run was worth is decided and written. Rarely, on a busy machine, a thread of the Zenoh
-// library panics while the process goes, and would end it by SIGABRT.
+// While exit() runs the library's handlers, which drop its shared memory, one of its threads may
+// still end a transport that uses that memory: it panics and aborts. Only from exit() on, after
+// everything of the stage is gone, an abort leaves the exit code as it is.
 void keep_exit_code(int code) {
   code_at_end = code;
-  std::signal(SIGABRT, [](int) { std::_Exit(code_at_end); });
+  std::atexit([] { std::signal(SIGABRT, [](int) { std::_Exit(code_at_end); }); });
 }
 
 constexpr const char* kFooter =
