@@ -92,17 +92,11 @@ Vector6 log_se3(const Pose& motion) {
   return twist;
 }
 
-Eigen::Matrix<double, 6, 3> adjoint_of_turn(const Pose& pose) {
-  const Eigen::Matrix3d r = pose.linear();
-  Eigen::Matrix<double, 6, 3> out;
-  out << hat(pose.translation()) * r, r;
-  return out;
-}
-
 Matrix6 adjoint(const Pose& pose) {
+  const Eigen::Matrix3d r = pose.linear();
   Matrix6 ad = Matrix6::Zero();
-  ad.topLeftCorner<3, 3>() = pose.linear();
-  ad.rightCols<3>() = adjoint_of_turn(pose);
+  ad.topLeftCorner<3, 3>() = r;
+  ad.rightCols<3>() << hat(pose.translation()) * r, r;
   return ad;
 }
 

@@ -37,8 +37,6 @@ Vector6 log_se3(const Pose& motion);
 
 /// Ad(T): exp_se3(adjoint(T) * x) = T * exp_se3(x) * T^-1.
 Matrix6 adjoint(const Pose& pose);
-/// Its columns for a turn.
-Eigen::Matrix<double, 6, 3> adjoint_of_turn(const Pose& pose);
 
 /// The nearest rotation, against the drift of long products.
 Pose normalised(const Pose& pose);

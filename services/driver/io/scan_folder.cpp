@@ -50,7 +50,10 @@ class Damage {
     counts.emplace_back("scans_cut", cut_);
     counts.emplace_back("scans_spoilt", spoilt_);
   }
-  const std::vector<std::string>& remarks() const { return remarks_; }
+  std::vector<std::string> remarks_after(std::vector<std::string> all) const {
+    all.insert(all.end(), remarks_.begin(), remarks_.end());
+    return all;
+  }
 
  private:
   // The first few are named one by one.
@@ -159,11 +162,7 @@ class KittiFolder : public ScanFolder {
     return counts;
   }
 
-  std::vector<std::string> remarks() const override {
-    std::vector<std::string> all = list_.remarks;
-    all.insert(all.end(), damage_.remarks().begin(), damage_.remarks().end());
-    return all;
-  }
+  std::vector<std::string> remarks() const override { return damage_.remarks_after(list_.remarks); }
 
  private:
   static constexpr std::size_t kPointBytes = 16;
@@ -243,11 +242,7 @@ class SynthFolder : public ScanFolder {
     damage_.add_to(counts);
     return counts;
   }
-  std::vector<std::string> remarks() const override {
-    std::vector<std::string> all = list_.remarks;
-    all.insert(all.end(), damage_.remarks().begin(), damage_.remarks().end());
-    return all;
-  }
+  std::vector<std::string> remarks() const override { return damage_.remarks_after(list_.remarks); }
 
  private:
   static constexpr std::size_t kRecordBytes = 16;

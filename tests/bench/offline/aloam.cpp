@@ -4,8 +4,6 @@
 // any messages. Writes odom.tum and est.tum: poses of the lidar, stamped with the instant they hold
 // for; est is the mapped one. Prints the CPU time of each stage per sweep.
 
-#include <time.h>
-
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -17,16 +15,11 @@
 #include "aloam/core/scan_to_map.hpp"
 #include "aloam/core/scan_to_scan.hpp"
 #include "aloam/core/sensor_defaults.hpp"
+#include "run_files.hpp"
 #include "scan_reader.hpp"
 
 namespace zloam::offline {
 namespace {
-
-double cpu_ms() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
-}
 
 struct Options {
   std::string input, out;
@@ -58,16 +51,6 @@ Options parse_options(const std::vector<std::string>& args) {
   o.input = positional[0];
   o.out = positional[1];
   return o;
-}
-
-void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
-  const Eigen::Quaterniond q(pose.linear());
-  char line[256];
-  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-                static_cast<long long>(stamp_ns / 1000000000),
-                static_cast<long long>(stamp_ns % 1000000000), pose.translation().x(),
-                pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w());
-  file << line;
 }
 
 class Run {

@@ -12,8 +12,6 @@
 // --thin keeps the returns of every N-th part of the turn. The options from --seam on are for scans
 // in KITTI's layout; --deskewed (all points hold for the end of the sweep) for any folder.
 
-#include <time.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -28,6 +26,7 @@
 #include "driver/io/imu_file.hpp"
 #include "odometry/odometry.hpp"
 #include "registration/registration.hpp"
+#include "run_files.hpp"
 #include "scan_reader.hpp"
 #include "settings.hpp"
 #ifdef ZLOAM_WITH_MAPPING
@@ -37,12 +36,6 @@
 
 namespace zloam::offline {
 namespace {
-
-double cpu_ms() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return t.tv_sec * 1e3 + t.tv_nsec * 1e-6;
-}
 
 struct Options {
   std::string input, out;
@@ -118,16 +111,6 @@ Options parse_options(const std::vector<std::string>& args) {
   o.input = positional[0];
   o.out = positional[1];
   return o;
-}
-
-void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
-  const Eigen::Quaterniond q(pose.linear());
-  char line[256];
-  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-                static_cast<long long>(stamp_ns / 1000000000),
-                static_cast<long long>(stamp_ns % 1000000000), pose.translation().x(),
-                pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w());
-  file << line;
 }
 
 // As of a sensor that fires less often by this factor.

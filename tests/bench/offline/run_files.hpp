@@ -1,0 +1,33 @@
+#pragma once
+// What every offline run measures and writes.
+
+#include <time.h>
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <cstdio>
+#include <fstream>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::offline {
+
+/// Of the process so far.
+inline double cpu_ms() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
+}
+
+/// One line of a TUM file.
+inline void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& pose) {
+  const Eigen::Quaterniond q(pose.linear());
+  char line[256];
+  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+                static_cast<long long>(stamp_ns / 1000000000),
+                static_cast<long long>(stamp_ns % 1000000000), pose.translation().x(),
+                pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w());
+  file << line;
+}
+
+}  // namespace zloam::offline
