@@ -9,8 +9,7 @@ endif()
 
 option(ZLOAM_WERROR "Warnings are errors" ON)
 option(ZLOAM_NATIVE "Optimise for this machine's CPU (-march=native): not portable, changes last bits" OFF)
-option(ZLOAM_TESTS "Unit tests and benchmarks, and GTest, Ceres and PCL for them" ON)
-option(ZLOAM_PEERS "Also what compares with PCL, in tests and benchmarks" ON)
+option(ZLOAM_TESTS "Unit tests and benchmarks, and GTest and Ceres for them" ON)
 option(ZLOAM_ALOAM "A-LOAM's stages, and PCL and Ceres for them" ON)
 set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
 

@@ -44,14 +44,13 @@ Matrix6 bridge_covariance(const MappingConfig& config) {
 }
 
 Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const TileMap& tiles, const MappingConfig& config, double median_residual_m,
-             std::uint32_t attempt) {
+             const MappingConfig& config, double median_residual_m, std::uint32_t attempt) {
   Match best;
   bool best_accepted = false;
   for (const Pose& offset : starts(config, attempt)) {
     Prediction start = guess;
     start.T_map_base = guess.T_map_base * offset;
-    const Match match = method.match(input, start, tiles);
+    const Match match = method.match(input, start);
     const bool good = accepted(match, config, median_residual_m);
     if (good && (!best_accepted || match.inliers > best.inliers)) {
       best = match;

@@ -14,7 +14,6 @@ Matrix6 bridge_covariance(const MappingConfig& config);
 /// starts lie further out with each few of the sweeps that were searched for before (attempt), up
 /// to four times as far.
 Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const TileMap& tiles, const MappingConfig& config, double median_residual_m,
-             std::uint32_t attempt);
+             const MappingConfig& config, double median_residual_m, std::uint32_t attempt);
 
 }  // namespace zloam::mapping

@@ -9,51 +9,6 @@
 
 namespace zloam::mapping {
 
-enum class WeakDirections : std::uint8_t {
-  kPrior = 0,  ///< the prediction weighs in with its covariance everywhere (MAP)
-  kRemap = 1,  ///< steps along flagged directions are cut to zero (Zhang, Kaess, Singh, ICRA 2016)
-};
-
-/// LOAM's matching.
-struct LoamConfig {
-  /// map points looked at around a feature
-  int neighbours = 5;
-  /// a feature counts only when all of them are nearer, m
-  double neighbour_radius_m = 1.0;
-  /// line when the largest eigenvalue is more than so many times the middle one
-  double line_ratio = 3.0;
-  /// plane when all neighbours are within, m
-  double plane_distance_m = 0.2;
-  /// the middle eigenvalue must be more than so many times the smallest: no plane from points in a
-  /// row
-  double plane_spread_ratio = 3.0;
-  /// and above (so many sigmas of the range noise)^2: a single ring, thickened by noise, is no
-  /// plane
-  double plane_spread_sigmas = 3.0;
-  /// the neighbours of a plane must come from more than one ring, as in odometry: where a ring
-  /// bends around a corner it spans a plane that is no surface, goes with the sensor and holds it
-  /// back
-  bool plane_several_rings = true;
-  /// voxel filter of the sweep before matching (not before insertion), m; 0: none
-  double match_leaf_edge_m = 0.2;
-  double match_leaf_plane_m = 0.4;
-  int max_iterations = 10;
-  /// end of the iteration: step below both
-  double stop_translation_m = 1e-4;
-  double stop_rotation_rad = 1e-5;
-  /// neighbours are searched again when the feature moved by more, m
-  double reassociate_m = 0.02;
-  /// fewer matched features than this: the pose is the prediction
-  int min_correspondences = 50;
-  /// width of the Geman-McClure kernel, m; it starts wider and is halved by each iteration
-  double kernel_m = 0.1;
-  double kernel_start_m = 0.4;
-  /// residuals on one surface are correlated: their information counts this many times less
-  double correlation = 10.0;
-  /// information of an edge's residual against a plane's
-  double edge_weight = 1.0;
-};
-
 /// Matching against counted voxel planes. The range noise comes with the sweeps.
 struct VoxelPlanesConfig {
   plane_map::PlaneMapConfig map;
@@ -64,17 +19,13 @@ struct VoxelPlanesConfig {
   std::uint32_t enough_tile_points = 7000;
 };
 
-inline constexpr const char* kVoxelPlanes = "voxel_planes";
-/// its own form: the only one that matches against the points of the tiles
-inline constexpr const char* kLoam = "loam";
-
 struct MappingConfig {
-  std::string method = kVoxelPlanes;
   /// every n-th sweep by number is mapped
   std::uint32_t every = 1;
   /// edge of a cube, m
   double tile_edge_m = 50.0;
-  /// cubes kept at hand around the sensor, and cubes matched against (odd numbers)
+  /// cubes kept in memory around the sensor, and cubes of the local map that map/surround shows
+  /// (odd numbers)
   std::array<int, 3> window_tiles = {21, 21, 11};
   std::array<int, 3> local_tiles = {5, 5, 3};
   /// one map point a voxel, m
@@ -101,14 +52,9 @@ struct MappingConfig {
   /// a rotation known worse than this was drawn into the map, too, by the poses before: its
   /// variance v is published as v (1 + v / this^2); 0: the map's turn is taken as exact
   double covariance_map_turn_rad = 0.0025;
-  WeakDirections weak_directions = WeakDirections::kPrior;
   /// a direction is degenerate when the points leave it open by more than this share of 10 m, or of
   /// a radian
   double drift_limit = 0.01;
-  /// method loam: a direction is flagged when measured sigma > on * predicted sigma, until below
-  /// off * predicted
-  double degenerate_on = 1.0;
-  double degenerate_off = 0.7;
   /// not inserted when the residual is above so many times its recent median
   double insert_residual_factor = 2.0;
   /// sweeps over which the median is taken
@@ -129,7 +75,6 @@ struct MappingConfig {
   std::uint64_t archive_points = 20'000'000;
   /// empty: in memory without a bound
   std::string spill_directory;
-  LoamConfig loam;
   VoxelPlanesConfig voxel_planes;
 };
 

@@ -15,11 +15,8 @@ const Eigen::Vector3d kGridShift_m(0.137, 0.291, 0.173);
 
 }  // namespace
 
-LayerMap::LayerMap(double leaf_m, double tile_edge_m, double radius_m)
-    : leaf_m_(leaf_m), tile_edge_m_(tile_edge_m), R_grid_map_(exp_so3(kGridTurn_rad)) {
-  // A mean lies within half a diagonal of its voxel's centre.
-  if (radius_m > 0.0) neighbours_.emplace(radius_m, leaf_m * 0.5 * std::sqrt(3.0));
-}
+LayerMap::LayerMap(double leaf_m, double tile_edge_m)
+    : leaf_m_(leaf_m), tile_edge_m_(tile_edge_m), R_grid_map_(exp_so3(kGridTurn_rad)) {}
 
 TileIndex LayerMap::tile_of(const Eigen::Vector3d& point_map) const {
   return tile_index(point_map, tile_edge_m_);
@@ -34,9 +31,8 @@ std::uint64_t LayerMap::key_of(const Eigen::Vector3d& point_map) const {
   return pack_key(grid_index(R_grid_map_ * point_map + kGridShift_m, leaf_m_));
 }
 
-void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings,
-                      std::uint32_t count) {
-  if (count > 0) insert_at(key_of(point_map), {point_map, intensity, rings}, count);
+void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count) {
+  if (count > 0) insert_at(key_of(point_map), {point_map, intensity}, count);
 }
 
 // A sweep's voxels lie anywhere in memory: the index is asked for long before a voxel is needed,
@@ -63,13 +59,12 @@ void LayerMap::insert(std::span<const NewPoint> points_map) {
 void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint32_t count) {
   if (key == kNoKey) return;
   const Eigen::Vector3d centre = centre_map(unpack_key(key));
-  const std::uint32_t id = voxel_at(key, centre, point_map.rings);
+  const std::uint32_t id = voxel_at(key);
   Voxel& voxel = voxels_[id];
   voxel.sum += static_cast<double>(count) * (point_map.position - centre);
   const float intensity = point_map.intensity;
   if (std::isfinite(intensity)) voxel.intensity_sum += static_cast<float>(count) * intensity;
   const Eigen::Vector3d mean = centre + voxel.sum / static_cast<double>(voxel.count + count);
-  if (neighbours_) neighbours_->move(id, mean, point_map.rings);
   TileRecord* at = voxel.tile;
   if (at == nullptr || !lies_well_within(mean, at->index, at->index, tile_edge_m_)) {
     const TileIndex tile = tile_of(mean);
@@ -80,14 +75,12 @@ void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint
   touch(*voxel.tile);
 }
 
-std::uint32_t LayerMap::voxel_at(std::uint64_t key, const Eigen::Vector3d& centre_map,
-                                 const RingRange& rings) {
+std::uint32_t LayerMap::voxel_at(std::uint64_t key) {
   const std::uint32_t found = voxel_index_.find(key);
   if (found != FlatIndex::kNone) return found;
   const std::uint32_t id = voxels_.take();
   voxels_[id].key = key;
   voxel_index_.insert(key, id);
-  if (neighbours_) neighbours_->add(id, centre_map, rings);
   return id;
 }
 
@@ -113,14 +106,6 @@ void LayerMap::move_to_tile(std::uint32_t id, const TileIndex& index) {
   voxel.tile = &record(index);
   voxel.tile->voxels.push_back(id);
   voxel.tile->count += voxel.count;
-}
-
-std::size_t LayerMap::nearest(const Eigen::Vector3d& point_map, double radius_m,
-                              std::span<Neighbour> out) const {
-  if (!neighbours_ || !point_map.allFinite() || point_map.cwiseAbs().maxCoeff() > kFarthest_m) {
-    return 0;
-  }
-  return neighbours_->nearest(point_map, radius_m, out);
 }
 
 std::vector<TileIndex> LayerMap::take_changed() {
@@ -149,7 +134,6 @@ std::vector<CountedPoint> LayerMap::tile_points(const TileIndex& index) const {
 }
 
 void LayerMap::drop_voxel(std::uint32_t id) {
-  if (neighbours_) neighbours_->remove(id);
   voxel_index_.erase(voxels_[id].key);
   voxels_.release(id);
 }
@@ -167,7 +151,7 @@ std::vector<CountedPoint> LayerMap::remove_tile(const TileIndex& index) {
 void LayerMap::restore_tile(const TileIndex& index, std::uint64_t version,
                             std::span<const CountedPoint> points) {
   const std::vector<TileIndex> before = changed_;
-  for (const CountedPoint& point : points) insert(point.mean, point.intensity, {}, point.count);
+  for (const CountedPoint& point : points) insert(point.mean, point.intensity, point.count);
   for (const TileIndex& changed : changed_) {
     if (std::find(before.begin(), before.end(), changed) == before.end()) {
       tiles_.at(changed).changed = false;

@@ -1,5 +1,5 @@
 #pragma once
-// One layer of the map: counted voxels, found by nearest neighbour and handed out by tile.
+// One layer of the map: counted voxels, handed out by tile.
 //
 // A voxel keeps the number and the sum of all points that ever fell into it, so that its mean gets
 // better with each of them. (A voxel filter run again over old centroids and new points weighs the
@@ -9,7 +9,6 @@
 
 #include <cstdint>
 #include <map>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -17,7 +16,6 @@
 #include "mapping/flat_index.hpp"
 #include "mapping/grid_index.hpp"
 #include "mapping/mapping.hpp"
-#include "mapping/neighbour_cells.hpp"
 
 namespace zloam::mapping {
 
@@ -32,14 +30,12 @@ struct CountedPoint {
 struct NewPoint {
   Eigen::Vector3d position;
   float intensity = 0.0F;
-  RingRange rings;
 };
 
 class LayerMap {
  public:
-  /// leaf_m: edge of a voxel; radius_m: the farthest that nearest() will be asked for, 0: it will
-  /// not be, and no index is kept for it.
-  LayerMap(double leaf_m, double tile_edge_m, double radius_m);
+  /// leaf_m: edge of a voxel.
+  LayerMap(double leaf_m, double tile_edge_m);
 
   LayerMap(LayerMap&&) noexcept = default;
   LayerMap& operator=(LayerMap&&) noexcept = default;
@@ -47,16 +43,10 @@ class LayerMap {
   LayerMap& operator=(const LayerMap&) = delete;
 
   /// Points (frame map) that are not finite or farther than 100 km from the origin are left out.
-  void insert(const Eigen::Vector3d& point_map, float intensity, const RingRange& rings = {},
-              std::uint32_t count = 1);
+  void insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count = 1);
 
   /// The same, one after the other.
   void insert(std::span<const NewPoint> points_map);
-
-  /// The out.size() nearest voxel means, ascending by distance (ties: by the order of insertion).
-  /// Returns how many lie within radius_m.
-  std::size_t nearest(const Eigen::Vector3d& point_map, double radius_m,
-                      std::span<Neighbour> out) const;
 
   /// Tiles changed since the last call, ascending; their versions grow by one.
   std::vector<TileIndex> take_changed();
@@ -98,8 +88,7 @@ class LayerMap {
   std::uint64_t key_of(const Eigen::Vector3d& point_map) const;
   void insert_at(std::uint64_t key, const NewPoint& point_map, std::uint32_t count);
   void fetch_ahead(std::size_t at) const;
-  std::uint32_t voxel_at(std::uint64_t key, const Eigen::Vector3d& centre_map,
-                         const RingRange& rings);
+  std::uint32_t voxel_at(std::uint64_t key);
   Eigen::Vector3d centre_map(const GridIndex& index) const;
   void move_to_tile(std::uint32_t id, const TileIndex& index);
   TileRecord& record(const TileIndex& index);
@@ -111,7 +100,6 @@ class LayerMap {
   Eigen::Matrix3d R_grid_map_;
   Pool<Voxel> voxels_;
   FlatIndex voxel_index_;
-  std::optional<NeighbourCells> neighbours_;
   std::map<TileIndex, TileRecord> tiles_;
   std::vector<TileIndex> changed_;
   std::vector<std::uint64_t> new_keys_;  // of the points that are being inserted

@@ -137,37 +137,8 @@ TEST(GridIndex, KeysComeBack) {
   }
 }
 
-TEST(LayerMap, NearestAgreesWithLookingAtAll) {
-  LayerMap map(0.4, 50.0, 1.0);
-  std::uint64_t state = 7;
-  const auto number = [&state](double scale) {
-    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
-    return scale * (static_cast<double>(state >> 11) / 9007199254740992.0 - 0.5);
-  };
-  for (int i = 0; i < 3000; ++i) map.insert({number(8), number(8), number(3)}, 1.0F);
-  std::vector<Eigen::Vector3d> all;
-  for (const TileIndex& tile : map.tiles()) {
-    for (const CountedPoint& p : map.tile_points(tile)) all.push_back(p.mean);
-  }
-  ASSERT_EQ(all.size(), map.point_count());
-  for (int i = 0; i < 300; ++i) {
-    const Eigen::Vector3d query(number(9), number(9), number(4));
-    std::vector<double> distances;
-    for (const Eigen::Vector3d& p : all) {
-      if ((p - query).norm() < 1.0) distances.push_back((p - query).norm());
-    }
-    std::sort(distances.begin(), distances.end());
-    Neighbour out[5];
-    const std::size_t found = map.nearest(query, 1.0, out);
-    ASSERT_EQ(found, std::min<std::size_t>(5, distances.size()));
-    for (std::size_t k = 0; k < found; ++k) {
-      EXPECT_NEAR(std::sqrt(out[k].squared_m2), distances[k], 1e-5);
-    }
-  }
-}
-
 TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
-  LayerMap map(0.4, 50.0, 1.0);
+  LayerMap map(0.4, 50.0);
   const Eigen::Vector3d centre(3.05, -7.1, 1.02);
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (int i = 0; i < 1000; ++i) {
@@ -183,7 +154,7 @@ TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
 }
 
 TEST(LayerMap, CountsAllPointsOfATileAlsoOfVoxelsThatMoveToTheNext) {
-  LayerMap map(0.4, 50.0, 0.0);
+  LayerMap map(0.4, 50.0);
   // Around the border of two tiles, so that means of voxels cross it.
   std::uint64_t state = 3;
   for (int i = 0; i < 4000; ++i) {

@@ -7,6 +7,7 @@
 #include "mapping/method.hpp"
 #include "mapping/pose_covariance.hpp"
 #include "mapping/tile_map.hpp"
+#include "mapping/voxel_planes_method.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -16,6 +17,8 @@ constexpr double kLongestGap_s = 3.0;
 // A new odometry knows its first sweep's motion only from the second, and what is distorted must
 // not go into the map: so many sweeps in a row must be found in it first.
 constexpr std::uint32_t kSettling = 3;
+// A sweep of fewer is called too small; one of more that found no match is only predicted.
+constexpr std::uint32_t kFewestPoints = 50;
 
 // Below this a covariance from outside counts as none.
 Matrix6 sane_covariance(const Matrix6& covariance) {
@@ -103,9 +106,9 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 }
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
-  if (!bridging && settling == 0) return method->match(input, prediction, tiles);
+  if (!bridging && settling == 0) return method->match(input, prediction);
   Match match =
-      bridge(*method, input, prediction, tiles, config, policy.median_residual_m(), bridged_sweeps);
+      bridge(*method, input, prediction, config, policy.median_residual_m(), bridged_sweeps);
   ++bridged_sweeps;
   bridging = !match.ok;
   settling = match.ok ? settling - std::min(settling, 1U) : settling;
@@ -147,9 +150,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   } else if (founding) {
     result.health = Health::kOk;
   } else {
-    result.health = match.candidates < static_cast<std::uint32_t>(config.loam.min_correspondences)
-                        ? Health::kTooFewPoints
-                        : Health::kPredicted;
+    result.health = match.candidates < kFewestPoints ? Health::kTooFewPoints : Health::kPredicted;
     result.reason = "too few correspondences: predicted only";
   }
 }
@@ -173,9 +174,8 @@ void Mapper::State::remember(const MappingInput& input, const MappingResult& res
   path.push_back({input.sweep, instant_ns, result.T_map_base});
 }
 
-Mapper::Mapper(const MappingConfig& config) : Mapper(config, make_method(config)) {}
-Mapper::Mapper(const MappingConfig& config, std::unique_ptr<MappingMethod> method)
-    : state_(std::make_unique<State>(config, std::move(method))) {}
+Mapper::Mapper(const MappingConfig& config)
+    : state_(std::make_unique<State>(config, make_voxel_planes_method(config))) {}
 Mapper::~Mapper() = default;
 Mapper::Mapper(Mapper&&) noexcept = default;
 Mapper& Mapper::operator=(Mapper&&) noexcept = default;

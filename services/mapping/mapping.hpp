@@ -1,10 +1,10 @@
 #pragma once
 // Scan to map: keeps T_map_odom, the map in tiles and the path of mapped poses.
 //
-// Method: LOAM's mapping (Zhang and Singh, LOAM: Lidar Odometry and Mapping in Real-time, RSS 2014,
-// section VI): edge and plane clouds in cubes, a window of cubes that follows the sensor, matching
-// of each feature against the nearest map points. How a sweep is matched is a strategy
-// (method.hpp); prediction, insertion policy, tiles and path are the same for all methods.
+// The points lie in cubes and a window of them that follows the sensor, as in LOAM (Zhang and
+// Singh, LOAM: Lidar Odometry and Mapping in Real-time, RSS 2014, section VI). A sweep is matched
+// against voxel planes (voxel_planes_method.hpp) through an interface (method.hpp): prediction,
+// insertion policy, tiles and path do not know how.
 //
 // Frames: everything that comes in is in base_link at one instant of the sweep; poses are
 // T_map_base at that instant. The map's origin is the first pose of base_link in odom.
@@ -152,9 +152,7 @@ class MappingMethod;
 
 class Mapper {
  public:
-  /// The method that config.method names.
   explicit Mapper(const MappingConfig& config);
-  Mapper(const MappingConfig& config, std::unique_ptr<MappingMethod> method);
   ~Mapper();
   Mapper(Mapper&&) noexcept;
   Mapper& operator=(Mapper&&) noexcept;
@@ -164,8 +162,7 @@ class Mapper {
   /// the result's health says what was wrong, and the pose is then the prediction.
   MappingResult process(const MappingInput& input);
 
-  /// From the next sweep on. What the map was built with (its cubes, leaves, voxels, the method)
-  /// stays.
+  /// From the next sweep on. What the map was built with (its cubes, leaves and voxels) stays.
   void configure(const MappingConfig& config);
 
   /// Empties map and path; the next sweep founds a new map at its predicted pose.

@@ -1,7 +1,6 @@
 #include "mapping/mapping_parameters.hpp"
 
 #include "common/runtime/parameters.hpp"
-#include "mapping/method.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -10,13 +9,12 @@ using runtime::Effect;
 using runtime::Parameters;
 
 void bind_map(Parameters& p, MappingConfig& c) {
-  p.add("mapping.method", &c.method, method_names(), "how a sweep is matched");
   p.add("mapping.every", &c.every, {1, 1000}, "", "every n-th sweep by number is mapped");
   p.add("mapping.tile_edge_m", &c.tile_edge_m, {2.0, 1000.0}, "m", "edge of a cube of the map");
   p.add("mapping.window_tiles", &c.window_tiles, {1, 1001}, "",
-        "cubes kept at hand around the sensor, x y z (odd)");
+        "cubes kept in memory around the sensor, x y z (odd)");
   p.add("mapping.local_tiles", &c.local_tiles, {1, 1001}, "",
-        "cubes matched against around the sensor, x y z (odd)");
+        "cubes around the sensor that map/surround shows, x y z (odd)");
   p.add("mapping.leaf_edge_m", &c.leaf_edge_m, {0.02, 5.0}, "m", "one edge point a voxel");
   p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m", "one plane point a voxel");
   p.add("mapping.founding_points", &c.founding_points, {1, 1e6}, "",
@@ -62,18 +60,9 @@ void bind_prediction(Parameters& p, MappingConfig& c) {
   p.add("mapping.covariance_map_turn_rad", &c.covariance_map_turn_rad, {0.0, 1.0}, "rad",
         "a rotation known worse was drawn into the map too: variance v counts v (1 + v / this^2)")
       .live();
-  p.add("mapping.weak_directions", &c.weak_directions,
-        {{"prior", WeakDirections::kPrior}, {"remap", WeakDirections::kRemap}},
-        "weak directions: weighed against the prediction, or cut from each step")
-      .live();
   p.add(
        "mapping.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
        "degenerate: the points leave a direction open by more than this share of 10 m, or of 1 rad")
-      .live();
-  p.add("mapping.degenerate_on", &c.degenerate_on, {0.01, 100.0}, "",
-        "loam: flagged when measured sigma exceeds this many predicted ones")
-      .live();
-  p.add("mapping.degenerate_off", &c.degenerate_off, {0.01, 100.0}, "", "until below this many")
       .live();
   p.add("mapping.bridge_distance_m", &c.bridge_distance_m, {0.0, 50.0}, "m",
         "how far around the last pose a new odometry frame is searched for")
@@ -100,58 +89,6 @@ void bind_insertion(Parameters& p, MappingConfig& c) {
       .live();
   p.add("mapping.insert_rotation_rad", &c.insert_rotation_rad, {0.0, 3.15}, "rad",
         "or turned by more; 0: every sweep")
-      .live();
-}
-
-void bind_loam(Parameters& p, LoamConfig& c) {
-  p.add("mapping.loam.neighbours", &c.neighbours, {3, 16}, "", "map points around a feature")
-      .live();
-  p.add("mapping.loam.neighbour_radius_m", &c.neighbour_radius_m, {0.05, 10.0}, "m",
-        "all of them must be nearer");
-  p.add("mapping.loam.line_ratio", &c.line_ratio, {1.0, 1000.0}, "",
-        "line: largest eigenvalue over the middle one")
-      .live();
-  p.add("mapping.loam.plane_distance_m", &c.plane_distance_m, {0.005, 2.0}, "m",
-        "plane: all neighbours lie within")
-      .live();
-  p.add("mapping.loam.plane_spread_ratio", &c.plane_spread_ratio, {1.0, 1000.0}, "",
-        "plane: middle eigenvalue over the smallest")
-      .live();
-  p.add("mapping.loam.plane_spread_sigmas", &c.plane_spread_sigmas, {0.0, 100.0}, "",
-        "plane: root of the middle eigenvalue in sigmas of the range noise")
-      .live();
-  p.add("mapping.loam.plane_several_rings", &c.plane_several_rings,
-        "plane: its neighbours come from more than one ring")
-      .live();
-  p.add("mapping.loam.match_leaf_edge_m", &c.match_leaf_edge_m, {0.0, 5.0}, "m",
-        "voxel filter of a sweep's edges before matching; 0: none")
-      .live();
-  p.add("mapping.loam.match_leaf_plane_m", &c.match_leaf_plane_m, {0.0, 5.0}, "m",
-        "voxel filter of a sweep's planes before matching; 0: none")
-      .live();
-  p.add("mapping.loam.max_iterations", &c.max_iterations, {1, 100}, "", "at most").live();
-  p.add("mapping.loam.stop_translation_m", &c.stop_translation_m, {0.0, 1.0}, "m",
-        "ends when the step is below")
-      .live();
-  p.add("mapping.loam.stop_rotation_rad", &c.stop_rotation_rad, {0.0, 1.0}, "rad",
-        "and turns by less")
-      .live();
-  p.add("mapping.loam.reassociate_m", &c.reassociate_m, {0.0, 1.0}, "m",
-        "neighbours are searched again after the feature moved by")
-      .live();
-  p.add("mapping.loam.min_correspondences", &c.min_correspondences, {6, 1e6}, "",
-        "fewer: the pose is the prediction")
-      .live();
-  p.add("mapping.loam.kernel_m", &c.kernel_m, {0.001, 10.0}, "m", "width of the robust kernel")
-      .live();
-  p.add("mapping.loam.kernel_start_m", &c.kernel_start_m, {0.001, 10.0}, "m",
-        "its width in the first iteration")
-      .live();
-  p.add("mapping.loam.correlation", &c.correlation, {1.0, 1e4}, "",
-        "information of the residuals is divided by this")
-      .live();
-  p.add("mapping.loam.edge_weight", &c.edge_weight, {0.0, 100.0}, "",
-        "information of an edge's residual against a plane's")
       .live();
 }
 
@@ -222,7 +159,6 @@ void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
   bind_map(parameters, config);
   bind_prediction(parameters, config);
   bind_insertion(parameters, config);
-  bind_loam(parameters, config.loam);
   bind_voxel_planes(parameters, config.voxel_planes);
   parameters.add("mapping.map_path", &output.map_path,
                  "PCD file of the map at the end of a run; empty: none", Effect::kNone);

@@ -1,13 +1,11 @@
 #pragma once
-// What a matching method is to the mapper: it aligns one sweep with what it has been given before.
+// A matching method aligns one sweep with the sweeps it has been given before.
 
 #include <memory>
 
 #include "mapping/mapping.hpp"
 
 namespace zloam::mapping {
-
-class TileMap;
 
 /// Where the sweep should be, before it is matched.
 struct Prediction {
@@ -34,8 +32,8 @@ struct Match {
   double inlier_residual_m = 0.0;  // where the map is not known everywhere: of what it knows
 };
 
-/// The clouds to be inserted, base_link at the instant. A method that estimates the sweep's motion
-/// anew returns its own; the others return what came in.
+/// The clouds to be inserted, base_link at the instant, deskewed with the motion that the method
+/// estimated.
 struct InsertClouds {
   PointSpan edges;
   PointSpan planes;
@@ -44,9 +42,8 @@ struct InsertClouds {
 class MappingMethod {
  public:
   virtual ~MappingMethod() = default;
-  /// Aligns the sweep. The tile map is the common store of points; a method may use one of its own.
-  virtual Match match(const MappingInput& input, const Prediction& prediction,
-                      const TileMap& tiles) = 0;
+  /// Aligns the sweep with what the method has been given before.
+  virtual Match match(const MappingInput& input, const Prediction& prediction) = 0;
   /// Takes the matched sweep into the method's own structures, before the mapper puts the returned
   /// clouds into the tile map. Spans stay valid until the next call.
   virtual InsertClouds insert(const MappingInput& input, const Match& match) = 0;
@@ -55,17 +52,10 @@ class MappingMethod {
   virtual void configure(const MappingConfig& config) = 0;
 
   /// What it has counted by itself, of the cubes in which it has grown by more than this share
-  /// since it was handed out; ascending. A method that matches against the tiles' points has
-  /// nothing.
-  virtual std::vector<VoxelTile> take_changed(double /*growth*/) { return {}; }
+  /// since it was handed out; ascending.
+  virtual std::vector<VoxelTile> take_changed(double growth) = 0;
   /// Takes that back into an empty map, before the first match.
-  virtual void restore(const std::vector<VoxelTile>& /*tiles*/) {}
+  virtual void restore(const std::vector<VoxelTile>& tiles) = 0;
 };
-
-/// What mapping.method may be.
-std::vector<std::string> method_names();
-
-/// The method that the configuration names; throws std::invalid_argument for an unknown name.
-std::unique_ptr<MappingMethod> make_method(const MappingConfig& config);
 
 }  // namespace zloam::mapping

@@ -17,11 +17,10 @@ Pose truth(int sweep) {
   return exp_se3(sweep * step);
 }
 
-class Restored : public ::testing::TestWithParam<std::string> {
+class Restored : public ::testing::Test {
  protected:
   MappingConfig config() const {
     MappingConfig c;
-    c.method = GetParam();
     // several cubes, on both sides of the origin
     c.tile_edge_m = 5.0;
     return c;
@@ -61,7 +60,7 @@ class Restored : public ::testing::TestWithParam<std::string> {
   }
 };
 
-TEST_P(Restored, GoesOnInTheSameFrameOfTheOdometry) {
+TEST_F(Restored, GoesOnInTheSameFrameOfTheOdometry) {
   const test::Room room = test::furnished_room();
   const SavedMap saved = killed(room);
   std::size_t points = 0;
@@ -77,7 +76,7 @@ TEST_P(Restored, GoesOnInTheSameFrameOfTheOdometry) {
   }
 }
 
-TEST_P(Restored, FindsItselfInANewFrameOfTheOdometry) {
+TEST_F(Restored, FindsItselfInANewFrameOfTheOdometry) {
   const test::Room room = test::furnished_room();
   Mapper mapper{config()};
   mapper.restore(killed(room));
@@ -92,7 +91,7 @@ TEST_P(Restored, FindsItselfInANewFrameOfTheOdometry) {
   }
 }
 
-TEST_P(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
+TEST_F(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
   const test::Room room = test::furnished_room();
   SavedMap saved = killed(room);
   saved.T_map_odom.reset();
@@ -108,7 +107,7 @@ TEST_P(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
 }
 
 // The piece of a turn that a driver began with.
-TEST_P(Restored, ASweepWithoutPointsIsNotYetFound) {
+TEST_F(Restored, ASweepWithoutPointsIsNotYetFound) {
   const test::Room room = test::furnished_room();
   Mapper mapper{config()};
   mapper.restore(killed(room));
@@ -123,7 +122,7 @@ TEST_P(Restored, ASweepWithoutPointsIsNotYetFound) {
   EXPECT_LT(error_m(result, kBefore + 6), 0.03);
 }
 
-TEST_P(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
+TEST_F(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
   MappingConfig c = config();
   c.bridge_sweeps = 3;
   Mapper mapper{c};
@@ -141,7 +140,7 @@ TEST_P(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
   EXPECT_TRUE(mapper.take_changed_voxels(0.0).empty());
 }
 
-TEST_P(Restored, WithoutAMapANewOneIsFoundedInTheSameFrame) {
+TEST_F(Restored, WithoutAMapANewOneIsFoundedInTheSameFrame) {
   SavedMap saved;
   saved.T_map_base = truth(kBefore);
   saved.T_map_odom = truth(3);
@@ -156,7 +155,7 @@ TEST_P(Restored, WithoutAMapANewOneIsFoundedInTheSameFrame) {
   }
 }
 
-TEST_P(Restored, TheVersionsOfTheCubesGoOn) {
+TEST_F(Restored, TheVersionsOfTheCubesGoOn) {
   const test::Room room = test::furnished_room();
   const SavedMap saved = killed(room);
   Mapper mapper{config()};
@@ -205,9 +204,6 @@ TEST(VoxelTiles, ACubeIsHandedOutWhenItHasGrownEnough) {
   ASSERT_EQ(changed.size(), 1U);
   EXPECT_EQ(points_of(changed[0]), 101U);
 }
-
-INSTANTIATE_TEST_SUITE_P(Methods, Restored, ::testing::Values("voxel_planes", "loam"),
-                         [](const auto& tested) { return tested.param; });
 
 }  // namespace
 }  // namespace zloam::mapping

@@ -72,6 +72,18 @@ inline Room furnished_room() {
 /// 400 m long, 4 m wide, 3 m high, nothing in it.
 inline Room corridor() { return {{{-200.0, -2.0, -1.2}, {200.0, 2.0, 1.8}}, {}}; }
 
+/// The same with pillars on both sides, none of which stands like another.
+inline Room corridor_with_pillars() {
+  Room out = corridor();
+  double x = -40.0;
+  for (int i = 0; x < 80.0; ++i) {
+    const double y = i % 2 == 0 ? 1.4 : -2.0;
+    out.boxes.push_back({{x, y, -1.2}, {x + 0.5 + 0.1 * (i % 3), y + 0.6, 1.8}});
+    x += 1.7 + 0.37 * (i % 4);
+  }
+  return out;
+}
+
 inline Scan scan(const Room& room, const Pose& T_map_base, double noise_m, unsigned seed,
                  double max_range_m = 60.0, double plane_gap_m = 0.2) {
   std::mt19937 generator(seed);

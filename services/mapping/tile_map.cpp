@@ -25,29 +25,20 @@ Tile tile_of(const TileId& id, double edge_m, std::uint64_t version,
   return tile;
 }
 
-// How far a neighbour of a point is looked for among the tiles' points; 0: it is not.
-double searched_m(const MappingConfig& config) {
-  return config.method == kLoam ? config.loam.neighbour_radius_m : 0.0;
-}
-
 }  // namespace
 
 TileMap::TileMap(const MappingConfig& config)
     : tile_edge_m_(config.tile_edge_m),
       window_(config.window_tiles),
       local_(config.local_tiles),
-      layers_{LayerMap(config.leaf_edge_m, config.tile_edge_m, searched_m(config)),
-              LayerMap(config.leaf_plane_m, config.tile_edge_m, searched_m(config))},
+      layers_{LayerMap(config.leaf_edge_m, config.tile_edge_m),
+              LayerMap(config.leaf_plane_m, config.tile_edge_m)},
       archive_(config.archive_points, config.spill_directory) {}
 
 bool TileMap::within(const TileIndex& index, const std::array<int, 3>& extent) const {
   return std::abs(index.i - centre_.i) <= extent[0] / 2 &&
          std::abs(index.j - centre_.j) <= extent[1] / 2 &&
          std::abs(index.k - centre_.k) <= extent[2] / 2;
-}
-
-bool TileMap::is_local(const Eigen::Vector3d& point_map) const {
-  return within(layers_[0].tile_of(point_map), local_);
 }
 
 std::vector<Tile> TileMap::follow(const Eigen::Vector3d& sensor_map) {
@@ -93,7 +84,7 @@ void TileMap::insert(Layer which, PointSpan points_base, const Pose& T_map_base)
   for (const Point& p : points_base) {
     const Eigen::Vector3d point_map = T_map_base * p.position().cast<double>();
     if (!is_in_window(point_map)) continue;
-    new_points_.push_back({point_map, p.intensity, RingRange::of(p.ring)});
+    new_points_.push_back({point_map, p.intensity});
   }
   target.insert(new_points_);
 }

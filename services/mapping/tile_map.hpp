@@ -13,10 +13,6 @@ class TileMap {
  public:
   explicit TileMap(const MappingConfig& config);
 
-  const LayerMap& layer(Layer layer) const { return layers_[static_cast<std::size_t>(layer)]; }
-  /// True when the point's tile belongs to the local map around the sensor.
-  bool is_local(const Eigen::Vector3d& point_map) const;
-
   /// Shifts the window: tiles that leave it go to the archive and are returned as they were; tiles
   /// that come in again are taken back out of it.
   std::vector<Tile> follow(const Eigen::Vector3d& sensor_map);
@@ -38,6 +34,7 @@ class TileMap {
 
  private:
   bool within(const TileIndex& index, const std::array<int, 3>& extent) const;
+  const LayerMap& layer(Layer layer) const { return layers_[static_cast<std::size_t>(layer)]; }
   LayerMap& layer(Layer layer) { return layers_[static_cast<std::size_t>(layer)]; }
 
   double tile_edge_m_;

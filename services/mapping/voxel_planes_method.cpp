@@ -52,8 +52,7 @@ class VoxelPlanesMethod : public MappingMethod {
   explicit VoxelPlanesMethod(const MappingConfig& config)
       : VoxelPlanesMethod(config.voxel_planes, config.drift_limit) {}
 
-  Match match(const MappingInput& input, const Prediction& prediction,
-              const TileMap& tiles) override;
+  Match match(const MappingInput& input, const Prediction& prediction) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
   void reset() override { *this = VoxelPlanesMethod(config_, drift_limit_); }
   void configure(const MappingConfig& config) override {
@@ -207,8 +206,7 @@ Degeneracy VoxelPlanesMethod::judged(const plane_map::Degeneracy& d,
   return out;
 }
 
-Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction,
-                               const TileMap& /*tiles*/) {
+Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction) {
   const bool same = open_ && open_->sweep == input.sweep && open_->stamp_ns == input.stamp_ns;
   if (!same) begin(input, prediction);
   T_map_base_predicted_ = prediction.T_map_base;

@@ -56,19 +56,13 @@ MappingInput input_of(std::uint64_t sweep, const PointVector& planes, const Pose
   return input;
 }
 
-MappingConfig voxel_planes() {
-  MappingConfig config;
-  config.method = "voxel_planes";
-  return config;
-}
-
 const Vector6 kMotion = twist(1.5, 0.1, 0.0, 0.0, 0.02, 0.6);
 
 Pose end_of(int sweep) { return exp_se3(0.1 * sweep * kMotion); }
 
 // Odometry's pose and twist are off by a constant; the map's pose must not be.
 double worst_error_m(double noise_m, const Vector6& pose_error, const Vector6& twist_error) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   double worst = 0.0;
   for (int i = 0; i < 20; ++i) {
@@ -114,7 +108,7 @@ TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
   for (const double spread_m : {0.0, 1.0, 30.0, 1e3, 1e6}) {
     for (const bool times : {false, true}) {
       SCOPED_TRACE(testing::Message() << spread_m << " m, times " << times);
-      Mapper mapper{voxel_planes()};
+      Mapper mapper{MappingConfig{}};
       for (int i = 0; i < 14; ++i) {
         PointVector points = swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + i);
         const bool bad = i == 10;
@@ -131,7 +125,7 @@ TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
 
 // A new odometry frame whose place is further off than the first search reaches: it widens.
 TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   const Vector6 rest = Vector6::Zero();
   for (int i = 0; i < 10; ++i) {
@@ -156,7 +150,7 @@ TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
 
 // Ten sweeps did not reach mapping, in which the sensor turned the other way.
 TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   std::uint64_t sweep = 0;
   for (; sweep < 8; ++sweep) {
@@ -179,7 +173,7 @@ TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
 // From one sweep to the next the sensor turns by a radian, as it seems to a map whose own motion
 // was lost; the error of its poses afterwards, m.
 double error_after_a_jolt_m(bool seen_by_odometry) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   const Pose jolt = exp_se3(twist(0.3, 0.2, 0.0, 0.0, 0.0, 1.0));
   double worst = 0.0;
@@ -221,7 +215,7 @@ test::Room thicket() {
 // The sensor swings to and fro, turning by up to 0.12 rad more or less than in the sweep before.
 // The odometry is right.
 double worst_while_swinging_m() {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = thicket();
   Pose truth = Pose::Identity();
   double worst = 0.0;
@@ -244,7 +238,7 @@ TEST(VoxelPlanes, AnUnpredictedTurnIsFoundFromTheOdometrys) {
 }
 
 TEST(VoxelPlanes, BridgesANewOdometryFrame) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   const Vector6 still = Vector6::Zero();
   for (int i = 0; i < 8; ++i) {
@@ -265,7 +259,7 @@ TEST(VoxelPlanes, BridgesANewOdometryFrame) {
 // How far the map's pose has gone after ten sweeps over bare ground, which tells nothing of motion
 // along it, when odometry believes in one that it knows to 0.15 m a sweep.
 double gone_over_bare_ground_m(const Vector6& believed_twist_per_s) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room yard{{{-300.0, -300.0, -1.5}, {300.0, 300.0, 50.0}}, {}};
   Pose T_map_base = Pose::Identity();
   for (int i = 0; i < 10; ++i) {
@@ -290,7 +284,7 @@ TEST(VoxelPlanes, AFirstMotionBeyondItsOwnErrorIsTakenUp) {
 }
 
 TEST(VoxelPlanes, OddSweepsArePredictedAndNotInserted) {
-  Mapper mapper{voxel_planes()};
+  Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
   const Vector6 still = Vector6::Zero();
   const float nan = std::numeric_limits<float>::quiet_NaN();

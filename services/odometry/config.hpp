@@ -1,19 +1,9 @@
 #pragma once
 // Configuration of the odometry stage. Every default is written here and nowhere else.
 
-#include <cstdint>
-
 namespace zloam::odometry {
 
-/// What a sweep is matched against.
-enum class Target : std::uint8_t {
-  kLastSweep = 0,    ///< LOAM's own form: lines and planes through points of the sweep before
-  kRecentSweeps = 1  ///< planes fitted in voxels to the last window_sweeps sweeps
-};
-
 struct OdometryConfig {
-  Target target = Target::kRecentSweeps;
-
   // --- solver -------------------------------------------------------------------------------
   /// LOAM: at most 25. Ends earlier when a step is below both limits.
   int max_iterations = 25;
@@ -98,17 +88,6 @@ struct OdometryConfig {
   double plane_thickness_sigmas = 1.4;
   double plane_width_sigmas = 3.0;
   double plane_normal_error_rad = 0.05;
-
-  // --- matching against the last sweep ------------------------------------------------------
-  /// Nearest points farther than this are no match, m. A-LOAM: 5.
-  double match_radius_m = 2.0;
-  /// Rings on either side in which the other point of a line or plane may lie. A-LOAM: 2.
-  int ring_reach = 2;
-  /// Successive points of a ring within this length are averaged in the target, m. A-LOAM: voxels
-  /// of 0.2 m.
-  double target_leaf_m = 0.2;
-  /// Information of an edge point against that of a flat point.
-  double edge_weight = 1.0;
 
   // --- what is said about the result --------------------------------------------------------
   /// A direction is degenerate when the points leave it open by more than this share of 10 m, or

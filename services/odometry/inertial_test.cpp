@@ -22,7 +22,7 @@ struct Ride {
 
 // A sweep as the odometry takes it; points and readings must outlive it.
 struct SweepData {
-  PointVector points, flat;
+  PointVector points;
   std::vector<ImuReading> readings;
 
   FeatureSweep features(int k, const TestSensor& sensor) const {
@@ -31,7 +31,6 @@ struct SweepData {
     sweep.stamp_ns = kStart_ns + static_cast<std::int64_t>(k) * sensor.period_ns;
     sweep.period_ns = sensor.period_ns;
     sweep.range_noise_m = std::max(0.01, sensor.noise_m);
-    sweep.flat = flat;
     sweep.less_flat = points;
     sweep.imu = readings;
     return sweep;
@@ -43,7 +42,6 @@ SweepData sweep_data(const TestWorld& world, const TestSensor& sensor, const Mot
   const double begin_s = 0.1 * k;
   SweepData data;
   data.points = sweep_along(world, sensor, motion, begin_s, 100U + unsigned(k));
-  for (std::size_t i = 0; i < data.points.size(); i += 7) data.flat.push_back(data.points[i]);
   if (imu) {
     data.readings = readings_along(motion, *imu, begin_s - 0.03 - imu->delay_s,
                                    begin_s + 0.13 - imu->delay_s, kStart_ns);
@@ -214,7 +212,7 @@ TEST(OdometryWithImu, BridgesEmptySweeps) {
     for (int k = 0; k < 30; ++k) {
       SweepData data = sweep_data({}, sensor, swings_after_a_second, mems(), k);
       if (!with_imu) data.readings.clear();
-      if (k >= 20 && k < 25) data.points.clear(), data.flat.clear();
+      if (k >= 20 && k < 25) data.points.clear();
       const OdometryResult r = odometry.process(data.features(k, sensor));
       const Pose truth =
           swings_after_a_second(0.1).inverse() * swings_after_a_second(0.1 * (k + 1));

@@ -40,19 +40,10 @@ void sort_by_time(std::vector<SourcePoint>& points) {
                    [](const SourcePoint& a, const SourcePoint& b) { return a.bin < b.bin; });
 }
 
-// Two unit vectors across a line.
-void across(const Eigen::Vector3d& direction, Eigen::Vector3d& a, Eigen::Vector3d& b) {
-  Eigen::Index smallest = 0;
-  direction.cwiseAbs().minCoeff(&smallest);
-  a = direction.cross(Eigen::Vector3d::Unit(smallest)).normalized();
-  b = direction.cross(a);
-}
-
 class Association {
  public:
-  Association(const OdometryConfig& config, double range_noise_m, WindowMap& recent,
-              const RingTarget& last)
-      : config_(config), recent_(recent), last_(last) {
+  Association(const OdometryConfig& config, double range_noise_m, WindowMap& recent)
+      : recent_(recent) {
     const double variance = std::max(1e-4, range_noise_m) * std::max(1e-4, range_noise_m);
     plane_weight_ = 1.0 / (variance * std::max(1.0, config.correlation));
   }
@@ -60,20 +51,16 @@ class Association {
   void run(const Source& source, const MotionState& state, const MotionTable& table, double gate_m,
            std::size_t stride, Residuals& out) {
     out.planes.clear();
-    out.lines.clear();
     hints_.resize(source.planes.size());
     positions_.clear();
     for (std::size_t i = 0; i < source.planes.size(); i += stride) {
       const SourcePoint& p = source.planes[i];
       positions_.push_back(state.T_odom_mid * (table[p.bin] * p.position));
     }
-    if (config_.target == Target::kRecentSweeps) recent_.find(positions_, hints_, stride);
+    recent_.find(positions_, hints_, stride);
     for (std::size_t k = 0; k < positions_.size(); ++k) {
       const std::size_t i = k * stride;
       add_plane(source.planes[i], positions_[k], gate_m, hints_[i], out);
-    }
-    for (const SourcePoint& p : source.edges) {
-      add_line(p, state.T_odom_mid * (table[p.bin] * p.position), gate_m, out);
     }
   }
 
@@ -81,55 +68,20 @@ class Association {
                            double kernel_m) const {
     const double planes = static_cast<double>(source.planes.size()) / static_cast<double>(stride) -
                           static_cast<double>(matched.planes.size());
-    const double edges = static_cast<double>(source.edges.size() - matched.lines.size());
-    return 0.5 * plane_weight_ * kernel_m * kernel_m * (planes + config_.edge_weight * edges);
+    return 0.5 * plane_weight_ * kernel_m * kernel_m * planes;
   }
 
  private:
   void add_plane(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m,
                  const WindowMap::Hint& hint, Residuals& out) {
-    Eigen::Vector3d normal;
-    double offset;
-    if (config_.target == Target::kRecentSweeps) {
-      const FittedPlane* plane = hint.plane;
-      if (plane == nullptr) {
-        return;
-      }
-      normal = plane->normal;
-      offset = plane->offset;
-    } else {
-      const std::optional<TargetPlane> plane = last_.plane(w);
-      if (!plane) {
-        return;
-      }
-      normal = plane->normal;
-      offset = plane->offset;
-    }
-    if (std::abs(normal.dot(w) - offset) < gate_m) {
-      out.planes.push_back({p.position, normal, offset, plane_weight_, p.bin});
+    const FittedPlane* plane = hint.plane;
+    if (plane == nullptr) return;
+    if (std::abs(plane->normal.dot(w) - plane->offset) < gate_m) {
+      out.planes.push_back({p.position, plane->normal, plane->offset, plane_weight_, p.bin});
     }
   }
 
-  void add_line(const SourcePoint& p, const Eigen::Vector3d& w, double gate_m, Residuals& out) {
-    const std::optional<TargetLine> line = last_.line(w);
-    if (!line) {
-      return;
-    }
-    LineResidual r;
-    across(line->direction, r.axis_a, r.axis_b);
-    r.point = p.position;
-    r.offset_a = r.axis_a.dot(line->point);
-    r.offset_b = r.axis_b.dot(line->point);
-    r.weight = plane_weight_ * config_.edge_weight;
-    r.bin = p.bin;
-    if (std::hypot(r.axis_a.dot(w) - r.offset_a, r.axis_b.dot(w) - r.offset_b) < gate_m) {
-      out.lines.push_back(r);
-    }
-  }
-
-  const OdometryConfig& config_;
   WindowMap& recent_;
-  const RingTarget& last_;
   double plane_weight_;
   std::vector<WindowMap::Hint> hints_;      // of source.planes
   std::vector<Eigen::Vector3d> positions_;  // in odom, of those that are looked at
@@ -157,27 +109,21 @@ bool any_usable(PointSpan points) {
 Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
                      const OdometryConfig& config) {
   Source source;
-  if (config.target == Target::kRecentSweeps) {
-    const auto wanted = static_cast<std::size_t>(std::max(1, config.max_matched_points));
-    const std::size_t n = sweep.less_flat.size();
-    const std::size_t stride = std::max<std::size_t>(1, (n + wanted - 1) / wanted);
-    append(sweep.less_flat, {stride, sweep.sweep}, sweep, T_base_lidar, source.planes);
-  } else {
-    append(sweep.flat, {}, sweep, T_base_lidar, source.planes);
-    append(sweep.sharp, {}, sweep, T_base_lidar, source.edges);
-  }
+  const auto wanted = static_cast<std::size_t>(std::max(1, config.max_matched_points));
+  const std::size_t n = sweep.less_flat.size();
+  const std::size_t stride = std::max<std::size_t>(1, (n + wanted - 1) / wanted);
+  append(sweep.less_flat, {stride, sweep.sweep}, sweep, T_base_lidar, source.planes);
   sort_by_time(source.planes);
-  sort_by_time(source.edges);
   return source;
 }
 
 MotionState nearest_start(const Source& source, const MotionState& first,
                           const std::vector<MotionState>& others, double range_noise_m,
-                          const OdometryConfig& config, WindowMap& recent, const RingTarget& last) {
+                          const OdometryConfig& config, WindowMap& recent) {
   if (others.empty()) return first;
   const double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
   const std::size_t stride = stride_to(kPointsToCompare, source.planes.size());
-  Association association(config, range_noise_m, recent, last);
+  Association association(config, range_noise_m, recent);
   Residuals residuals;
   const auto cost_at = [&](const MotionState& state) {
     const MotionTable table(state);
@@ -198,12 +144,11 @@ MotionState nearest_start(const Source& source, const MotionState& first,
 }
 
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
-                     double range_noise_m, const OdometryConfig& config, WindowMap& recent,
-                     const RingTarget& last) {
+                     double range_noise_m, const OdometryConfig& config, WindowMap& recent) {
   Solution out;
   out.state = initial;
   Residuals residuals;
-  Association association(config, range_noise_m, recent, last);
+  Association association(config, range_noise_m, recent);
   double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
   const bool many = source.planes.size() > kLeastForCoarse;
   const bool with_bend = prior.bend_sigma.minCoeff() > 0.0;
@@ -212,8 +157,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     const std::size_t stride = kernel_m > config.kernel_m && many ? kCoarseStride : 1;
     association.run(source, out.state, table, kGateWidths * kernel_m, stride, residuals);
     out.planes = static_cast<std::uint32_t>(stride * residuals.planes.size());
-    out.lines = static_cast<std::uint32_t>(residuals.lines.size());
-    out.solved = out.planes + out.lines >= static_cast<std::uint32_t>(config.min_correspondences);
+    out.solved = out.planes >= static_cast<std::uint32_t>(config.min_correspondences);
     if (!out.solved) {
       out.state = initial;
       return out;
@@ -226,8 +170,8 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     const EliminatedBend bend(out.state, prior, equations);
     const double unmatched = association.cost_of_unmatched(source, residuals, stride, kernel_m);
     out.cost = equations.cost + unmatched;
-    out.fit = (out.data.cost + unmatched) / static_cast<double>(std::max<std::size_t>(
-                                                1, source.planes.size() + source.edges.size()));
+    out.fit = (out.data.cost + unmatched) /
+              static_cast<double>(std::max<std::size_t>(1, source.planes.size()));
     const Vector12 step = solve_step(equations);
     out.state = moved(out.state, step);
     out.state.bend += bend.step(step);

@@ -7,7 +7,6 @@
 #include "odometry/config.hpp"
 #include "odometry/motion_solver.hpp"
 #include "odometry/odometry.hpp"
-#include "odometry/ring_target.hpp"
 #include "odometry/window_map.hpp"
 
 namespace zloam::odometry {
@@ -20,7 +19,6 @@ struct SourcePoint {
 
 struct Source {
   std::vector<SourcePoint> planes;
-  std::vector<SourcePoint> edges;
 };
 
 struct Solution {
@@ -29,7 +27,6 @@ struct Solution {
   NormalEquations data;  ///< of the residuals alone, at the last iteration
   std::uint32_t iterations = 0;
   std::uint32_t planes = 0;
-  std::uint32_t lines = 0;
   double residual_m = 0.0;
   /// of prior and residuals, where a point without a match counts as one far off: less is better
   double cost = 0.0;
@@ -39,20 +36,18 @@ struct Solution {
   bool solved = false;
 };
 
-/// Points of a sweep that are matched, carried to base_link: flat points and an even choice of the
-/// rest for Target::kRecentSweeps, flat and sharp points for Target::kLastSweep.
+/// Points of a sweep that are matched, carried to base_link: an even choice of the less flat ones.
 Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
                      const OdometryConfig& config);
 
-/// Iterates matching and Gauss-Newton steps from the initial state. The unused target may be empty.
+/// Iterates matching and Gauss-Newton steps from the initial state.
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
-                     double range_noise_m, const OdometryConfig& config, WindowMap& recent,
-                     const RingTarget& last);
+                     double range_noise_m, const OdometryConfig& config, WindowMap& recent);
 
 /// Of `first` and the others the one whose points fit best, looked up as they lie there.
 MotionState nearest_start(const Source& source, const MotionState& first,
                           const std::vector<MotionState>& others, double range_noise_m,
-                          const OdometryConfig& config, WindowMap& recent, const RingTarget& last);
+                          const OdometryConfig& config, WindowMap& recent);
 
 /// Finite and nearer than any sensor sees.
 bool is_usable(const Point& point);

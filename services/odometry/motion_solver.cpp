@@ -175,16 +175,6 @@ void add_residuals(const MotionState& state, const MotionTable& table, const Res
     accumulator.start_bin(p.bin);
     accumulator.add(q, p.normal, r, robust_weight(r * r, p.weight, kernel2, equations));
   }
-  for (const LineResidual& l : residuals.lines) {
-    const Eigen::Vector3d q = table[l.bin] * l.point;
-    const Eigen::Vector3d w = state.T_odom_mid * q;
-    const double a = l.axis_a.dot(w) - l.offset_a;
-    const double b = l.axis_b.dot(w) - l.offset_b;
-    const double weight = robust_weight(a * a + b * b, l.weight, kernel2, equations);
-    accumulator.start_bin(l.bin);
-    accumulator.add(q, l.axis_a, a, weight);
-    accumulator.add(q, l.axis_b, b, weight);
-  }
   accumulator.fold();
 }
 

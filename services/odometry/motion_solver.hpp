@@ -1,5 +1,5 @@
 #pragma once
-// Motion of one sweep from point-to-plane and point-to-line residuals.
+// Motion of one sweep from point-to-plane residuals.
 //
 // Unknowns: T = T_odom_mid, the pose of base_link halfway between begin and end, v, the body twist
 // over the sweep (per sweep, not per second), and b, what that changes by over it. A point p
@@ -7,7 +7,6 @@
 // M(s) = Exp(s v) Exp((s^2 - 1/4) / 2 b): begin and end do not hang on b, which is eliminated from
 // the system. About the middle T and v nearly decouple.
 //   plane   r = n . (T M(s) p) - d
-//   line    r = (a . w - d_a, b . w - d_b), a and b across the line, w as above
 //   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior,   e_bend = b -
 //   b_prior
 // Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
@@ -47,17 +46,8 @@ struct PlaneResidual {
   std::uint16_t bin;
 };
 
-struct LineResidual {
-  Eigen::Vector3d point;
-  Eigen::Vector3d axis_a, axis_b;  ///< unit, across the line and each other, frame odom
-  double offset_a, offset_b;
-  double weight;
-  std::uint16_t bin;
-};
-
 struct Residuals {
   std::vector<PlaneResidual> planes;
-  std::vector<LineResidual> lines;
 };
 
 /// What is known of a sweep's begin and twist before it is looked at.

@@ -80,18 +80,6 @@ struct PlaneCost {
   }
 };
 
-struct LineCost {
-  const Problem* problem;
-  LineResidual r;
-  template <typename T>
-  bool operator()(const T* x, T* out) const {
-    const Vec3<T> w = moved_point(*problem, x, r.point, r.bin);
-    out[0] = T(std::sqrt(r.weight)) * (r.axis_a.cast<T>().dot(w) - T(r.offset_a));
-    out[1] = T(std::sqrt(r.weight)) * (r.axis_b.cast<T>().dot(w) - T(r.offset_b));
-    return true;
-  }
-};
-
 // The logarithm is taken from the difference of two nearby poses: its series needs only small
 // angles, so R = I + w + ... is inverted by the axis-angle closed form of Ceres.
 struct PriorCost {
@@ -154,7 +142,7 @@ class GemanMcClure : public ceres::LossFunction {
   double k2_;
 };
 
-// Points on random planes and lines, seen with a true motion and noise, with some outliers.
+// Points on random planes, seen with a true motion and noise, with some outliers.
 Problem random_problem(unsigned seed, double rate) {
   std::mt19937 rng(seed);
   std::uniform_real_distribution<double> u(-1.0, 1.0);
@@ -176,13 +164,7 @@ Problem random_problem(unsigned seed, double rate) {
     const Eigen::Vector3d w = truth.T_odom_mid * (motions[static_cast<std::size_t>(bin)] * point);
     const double error = g(rng) + (i % 20 == 0 ? 0.2 : 0.0);
     const Eigen::Vector3d n = random3(1.0).normalized();
-    if (i % 3 != 0) {
-      p.residuals.planes.push_back({point, n, n.dot(w) + error, 250.0, std::uint16_t(bin)});
-    } else {
-      const Eigen::Vector3d b = n.cross(random3(1.0)).normalized();
-      p.residuals.lines.push_back(
-          {point, n, b, n.dot(w) + error, b.dot(w) + g(rng), 250.0, std::uint16_t(bin)});
-    }
+    p.residuals.planes.push_back({point, n, n.dot(w) + error, 250.0, std::uint16_t(bin)});
   }
   Vector6 offset;
   offset << random3(0.02), random3(0.01);
@@ -213,11 +195,6 @@ struct CeresProblem {
     for (const PlaneResidual& r : p.residuals.planes) {
       problem.AddResidualBlock(
           new ceres::AutoDiffCostFunction<PlaneCost, 1, 18>(new PlaneCost{&p, r}),
-          robust ? new GemanMcClure(p.kernel_m * p.kernel_m * r.weight) : nullptr, x.data());
-    }
-    for (const LineResidual& r : p.residuals.lines) {
-      problem.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<LineCost, 2, 18>(new LineCost{&p, r}),
           robust ? new GemanMcClure(p.kernel_m * p.kernel_m * r.weight) : nullptr, x.data());
     }
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorCost, 12, 18>(new PriorCost{&p}),

@@ -35,26 +35,20 @@ struct Odometry::State : MotionMemory {
         T_base_lidar(mounting),
         T_base_imu(imu_mounting),
         recent(c, 0.02),
-        last(c),
         inertial(imu_mounting) {}
 
   OdometryConfig config;
   Pose T_base_lidar;
   Pose T_base_imu;
   WindowMap recent;
-  RingTarget last;
   InertialAid inertial;
 
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
   // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
-  PointVector founding_edges, founding_planes;
+  PointVector founding_planes;
   std::uint32_t founding_period_ns = 0;
-
-  bool target_empty() const {
-    return config.target == Target::kRecentSweeps ? recent.empty() : last.empty();
-  }
 
   // Points that lie further off than their noise say less than the solver makes of them.
   static Matrix12 solved_covariance(const Solution& solution, const FeatureSweep& sweep) {
@@ -78,25 +72,11 @@ struct Odometry::State : MotionMemory {
     return with_twist_scaled(covariance, 1e9 / std::max(1U, sweep.period_ns));
   }
 
-  void set_target(PointSpan edges, PointSpan planes, const Pose& T_odom) {
-    if (config.target == Target::kRecentSweeps) {
-      recent.add(planes, T_odom);
-    } else {
-      last.set(edges, planes, T_odom, T_base_lidar);
-    }
-  }
-
-  void clear_target() {
+  void found(PointSpan planes, const Pose& T_odom, std::uint32_t period_ns) {
     recent.clear();
-    last.clear();
     forget_founding_sweep();
-  }
-
-  void found(PointSpan edges, PointSpan planes, const Pose& T_odom, std::uint32_t period_ns) {
-    clear_target();
-    set_target(edges, planes, T_odom);
+    recent.add(planes, T_odom);
     if (!twist_known) {
-      founding_edges.assign(edges.begin(), edges.end());
       founding_planes.assign(planes.begin(), planes.end());
       founding_period_ns = period_ns;
       founding_pose = T_odom;
@@ -116,20 +96,16 @@ struct Odometry::State : MotionMemory {
     return is_degenerate ? Health::kDegenerate : Health::kOk;
   }
 
-  bool founding_pending() const { return !founding_planes.empty() || !founding_edges.empty(); }
+  bool founding_pending() const { return !founding_planes.empty(); }
 
   // Replaces the target by the founding sweep, deskewed by a twist.
   void deskew_founding_sweep(const Vector6& known_twist_per_s) {
     const DeskewTable table(known_twist_per_s, founding_period_ns, founding_period_ns);
     recent.clear();
-    last.clear();
-    set_target(deskewed(founding_edges, table), deskewed(founding_planes, table), founding_pose);
+    recent.add(deskewed(founding_planes, table), founding_pose);
   }
 
-  void forget_founding_sweep() {
-    founding_edges.clear();
-    founding_planes.clear();
-  }
+  void forget_founding_sweep() { founding_planes.clear(); }
 
   // The first sweep's own motion is only known from the second. Both taken as rigid, their middles
   // are one step apart; near that step the second sweep's own motion and the first one's deskewing
@@ -165,19 +141,17 @@ struct Odometry::State : MotionMemory {
   Solution match_rigidly(const FeatureSweep& sweep, const Source& source,
                          const Prediction& predicted) {
     Source rigid = source;
-    for (auto* points : {&rigid.planes, &rigid.edges}) {
-      for (SourcePoint& p : *points) p.bin = kTimeBins / 2;
-    }
+    for (SourcePoint& p : rigid.planes) p.bin = kTimeBins / 2;
     MotionPrior wide = predicted.prior;
     wide.begin_sigma = wide.twist_sigma;
     wide.information = independent(wide.begin_sigma, wide.twist_sigma);
     return match_at_any_speed(rigid, predicted.state, wide, sweep.period_ns * 1e-9,
-                              sweep.range_noise_m, config, recent, last);
+                              sweep.range_noise_m, config, recent);
   }
 
   Solution match(const FeatureSweep& sweep, const Source& source, const MotionState& initial,
                  const MotionPrior& prior) {
-    return match_sweep(source, initial, prior, sweep.range_noise_m, config, recent, last);
+    return match_sweep(source, initial, prior, sweep.range_noise_m, config, recent);
   }
 
   Solution solve(const FeatureSweep& sweep, const Source& source, const Prediction& predicted) {
@@ -187,7 +161,7 @@ struct Odometry::State : MotionMemory {
       return solve_second(sweep, source, predicted);
     }
     const MotionState start = nearest_start(source, predicted.state, predicted.starts,
-                                            sweep.range_noise_m, config, recent, last);
+                                            sweep.range_noise_m, config, recent);
     return match(sweep, source, start, predicted.prior);
   }
 
@@ -209,18 +183,18 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 
 // Takes a result into the state; the same for an own result and for one of another instance.
 void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_ns) {
-  const bool has_points = !result.planes.empty() || !result.edges.empty();
+  const bool has_points = !result.planes.empty();
   const bool solved = result.health == Health::kOk || result.health == Health::kDegenerate;
   note_acceleration(result, solved && twist_known && predicted_in_row == 0);
   predicted_in_row = solved ? 0 : predicted_in_row + 1;
-  if (target_empty() || (has_points && predicted_in_row >= config.restart_after)) {
+  if (recent.empty() || (has_points && predicted_in_row >= config.restart_after)) {
     if (has_points) {
-      found(result.edges, result.planes, result.T_odom_base, period_ns);
+      found(result.planes, result.T_odom_base, period_ns);
       predicted_in_row = 0;
     }
   } else if (solved) {
     twist_known = true;
-    set_target(result.edges, result.planes, result.T_odom_base);
+    recent.add(result.planes, result.T_odom_base);
   }
   started = true;
   prev_sweep = result.sweep;
@@ -255,7 +229,7 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
                                               const Prediction& predicted) {
   Solution solution;
   solution.state = predicted.state;
-  if (!target_empty()) {
+  if (!recent.empty()) {
     solution = solve(sweep, choose_source(sweep, T_base_lidar, config), predicted);
   }
   const double turn_rad = solution.state.twist.tail<3>().norm();
@@ -303,7 +277,7 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   s.inertial.feel(s.config.use_imu && !sweep.deskewed ? sweep.imu : ImuSpan{}, sweep.stamp_ns,
                   sweep.period_ns);
   Prediction predicted = foresee(s, {sweep.stamp_ns, sweep.period_ns}, s.config, s.inertial);
-  const bool founding = s.target_empty();
+  const bool founding = s.recent.empty();
   Solution solution = s.solve_as_foreseen(sweep, predicted);
   if (solution.solved && s.inertial.rests(solution.state, solution.covariance, s.config)) {
     hold_still(period_s * sigmas(kRestSpeed_mps, kRestRate_radps), solution.state,
@@ -333,7 +307,6 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   const Pose error = predicted.state.T_odom_end().inverse() * result.T_odom_base;
   result.diagnostics = {solution.iterations,
                         solution.planes,
-                        solution.lines,
                         solution.residual_m,
                         error.translation().norm(),
                         log_so3(error.linear()).norm(),
@@ -380,7 +353,6 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.health = sweep.health;
     result.state_covariance = sweep.state_covariance;
     result.inertia = sweep.inertia;
-    result.edges.assign(sweep.edges.begin(), sweep.edges.end());
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.
     if (!state_->started) state_->twist_known = sweep.prev_sweep != sweep.sweep;

@@ -3,7 +3,7 @@
 //
 // Each sweep's own motion is found with its distortion: a point measured at time t is moved by the
 // sweep's constant twist, inside the iteration (motion_solver.hpp). The start is softly tied to the
-// end of the sweep before. The target is either the sweep before (LOAM) or the last few
+// end of the sweep before. The target is planes of the last few sweeps
 // (window_map.hpp). Results hold for the sweep's end. odom is base_link at the first sweep's end.
 //
 // No clock, no threads, no random numbers: the same sweeps give the same bytes.
@@ -33,7 +33,7 @@ struct FeatureSweep {
   /// true when the source moved all points to the sweep's end already
   bool deskewed = false;
   double range_noise_m = 0.02;
-  PointSpan sharp, less_sharp, flat, less_flat;
+  PointSpan less_sharp, less_flat;
   /// of an inertial sensor, some readings beyond both ends; empty: there is none
   ImuSpan imu = {};
 };
@@ -41,7 +41,6 @@ struct FeatureSweep {
 struct OdometryDiagnostics {
   std::uint32_t iterations = 0;
   std::uint32_t planes = 0;
-  std::uint32_t lines = 0;
   /// rms of the residuals after the last iteration, robustly weighted, m
   double residual_m = 0.0;
   /// what the prediction of this sweep's end was off by
@@ -92,7 +91,7 @@ struct CommittedSweep {
   Vector6 twist_per_s = Vector6::Zero();
   Health health = Health::kOk;
   std::optional<Matrix12> state_covariance;
-  PointSpan edges, planes;
+  PointSpan planes;
   std::optional<InertialState> inertia = {};
 };
 

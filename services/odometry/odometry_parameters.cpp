@@ -6,9 +6,6 @@ namespace zloam::odometry {
 namespace {
 
 void bind_solver(runtime::Parameters& p, OdometryConfig& c) {
-  p.add("odometry.target", &c.target,
-        {{"last_sweep", Target::kLastSweep}, {"recent_sweeps", Target::kRecentSweeps}},
-        "what a sweep is matched against: the one before as in LOAM, or planes of the last few");
   p.add("odometry.max_iterations", &c.max_iterations, {1, 100}, "", "of matching and solving")
       .live();
   p.add("odometry.stop_translation_m", &c.stop_translation_m, {0.0, 1.0}, "m",
@@ -108,15 +105,14 @@ void bind_imu_drift(runtime::Parameters& p, OdometryConfig& c) {
 }
 
 void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
-  p.add("odometry.window_sweeps", &c.window_sweeps, {1, 1000}, "sweeps",
-        "kept in the target (recent_sweeps)");
+  p.add("odometry.window_sweeps", &c.window_sweeps, {1, 1000}, "sweeps", "kept in the target");
   p.add("odometry.voxel_m", &c.voxel_m, {0.05, 50.0}, "m", "edge of the coarsest voxels");
   p.add("odometry.voxel_levels", &c.voxel_levels, {1, 5}, "", "each halves the edge");
   p.add("odometry.max_matched_points", &c.max_matched_points, {10, 1e7}, "points",
-        "of a sweep, evenly chosen (recent_sweeps)")
+        "of a sweep, evenly chosen")
       .live();
   p.add("odometry.enough_inserted_points", &c.enough_inserted_points, {10, 1e7}, "points",
-        "a denser sweep is thinned to no fewer (recent_sweeps)");
+        "a denser sweep is thinned to no fewer");
   p.add("odometry.plane_min_points", &c.plane_min_points, {3, 1e6}, "points", "of a plane");
   p.add("odometry.plane_thickness_sigmas", &c.plane_thickness_sigmas, {0.1, 100.0}, "",
         "a plane is thinner than this many range noises");
@@ -124,15 +120,6 @@ void bind_targets(runtime::Parameters& p, OdometryConfig& c) {
         "a plane is wider than this many range noises");
   p.add("odometry.plane_normal_error_rad", &c.plane_normal_error_rad, {1e-4, 1.0}, "rad",
         "largest standard deviation of a plane's normal");
-  p.add("odometry.match_radius_m", &c.match_radius_m, {0.01, 100.0}, "m",
-        "farther points are no match (last_sweep)");
-  p.add("odometry.ring_reach", &c.ring_reach, {1, 100}, "rings",
-        "in which the other points of a line or plane may lie (last_sweep)");
-  p.add("odometry.target_leaf_m", &c.target_leaf_m, {0.0, 10.0}, "m",
-        "successive points within this are averaged (last_sweep); 0: none");
-  p.add("odometry.edge_weight", &c.edge_weight, {0.0, 1e3}, "",
-        "information of an edge point against a flat one (last_sweep)")
-      .live();
 }
 
 void bind_result(runtime::Parameters& p, OdometryConfig& c) {

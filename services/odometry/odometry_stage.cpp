@@ -107,9 +107,7 @@ FeatureSweep OdometryStage::input_of(const Features& features) {
   input.period_ns = features->period_ns();
   input.deskewed = features->deskewed();
   input.range_noise_m = static_cast<double>(features->range_noise_m());
-  input.sharp = points_of(features->sharp());
   input.less_sharp = points_of(features->less_sharp());
-  input.flat = points_of(features->flat());
   input.less_flat = points_of(features->less_flat());
   readings_ = imu_of(features->imu());
   input.imu = readings_;
@@ -149,8 +147,7 @@ void OdometryStage::publish_pose(const Features& features, const OdometryResult&
   fields.covariance = result.covariance;
   fields.weak = {d.degenerate, d.weak_translation, d.weak_rotation, d.sigma_measured,
                  d.sigma_predicted};
-  fields.solve = {result.diagnostics.iterations,
-                  result.diagnostics.planes + result.diagnostics.lines,
+  fields.solve = {result.diagnostics.iterations, result.diagnostics.planes,
                   result.diagnostics.residual_m};
   fields.health = health_with(result.health, health_of(features->health()));
   fields.prev_sweep = result.prev_sweep;
@@ -216,7 +213,7 @@ void OdometryStage::publish_progress(HeaderFields header) {
 
 void OdometryStage::note_figures(const OdometryResult& result) {
   stage_.figure("iterations", result.diagnostics.iterations);
-  stage_.figure("correspondences", result.diagnostics.planes + result.diagnostics.lines);
+  stage_.figure("correspondences", result.diagnostics.planes);
   stage_.figure("residual_m", result.diagnostics.residual_m);
   stage_.figure("prediction_error_m", result.diagnostics.prediction_error_m);
   stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);

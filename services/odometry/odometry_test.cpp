@@ -32,12 +32,6 @@ Vector6 twist_along(int axis) {
   return twist;
 }
 
-OdometryConfig config_for(Target target) {
-  OdometryConfig config;
-  config.target = target;
-  return config;
-}
-
 bool same_bytes(const OdometryResult& a, const OdometryResult& b) {
   const auto same = [](const auto& x, const auto& y) {
     return std::memcmp(x.data(), y.data(), sizeof(x)) == 0;
@@ -50,7 +44,7 @@ bool same_bytes(const OdometryResult& a, const OdometryResult& b) {
 
 TEST(Odometry, KnownMotionAlongEachAxisWithoutNoise) {
   for (int axis = 0; axis < 6; ++axis) {
-    const Drive d = drive({}, {}, config_for(Target::kRecentSweeps), twist_along(axis), 8);
+    const Drive d = drive({}, {}, {}, twist_along(axis), 8);
     const Error e = error_of(d);
     EXPECT_LT(e.position_m, 0.006) << "axis " << axis;
     EXPECT_LT(e.rotation_rad, 0.002) << "axis " << axis;
@@ -60,21 +54,10 @@ TEST(Odometry, KnownMotionAlongEachAxisWithoutNoise) {
 
 TEST(Odometry, KnownMotionAlongEachAxisWithNoise) {
   for (int axis = 0; axis < 6; ++axis) {
-    const Drive d =
-        drive({}, {.noise_m = 0.02}, config_for(Target::kRecentSweeps), twist_along(axis), 15);
+    const Drive d = drive({}, {.noise_m = 0.02}, {}, twist_along(axis), 15);
     const Error e = error_of(d);
     EXPECT_LT(e.position_m, 0.02) << "axis " << axis;
     EXPECT_LT(e.rotation_rad, 0.005) << "axis " << axis;
-  }
-}
-
-TEST(Odometry, LoamsFormFollowsTheSameMotions) {
-  for (int axis = 0; axis < 6; ++axis) {
-    const Drive d =
-        drive({}, {.noise_m = 0.01}, config_for(Target::kLastSweep), twist_along(axis), 8);
-    const Error e = error_of(d);
-    EXPECT_LT(e.position_m, 0.06) << "axis " << axis;
-    EXPECT_LT(e.rotation_rad, 0.02) << "axis " << axis;
   }
 }
 
@@ -237,22 +220,20 @@ TEST(Odometry, OddInputPassesWithAFinitePose) {
       PointVector(5000, Point{1, 2, 3, 0, 5, 1, ReturnType::kStrongest, 0}),
       PointVector(5000, Point{3e38F, -3e38F, 1e30F, 0, 4000000000U, 65535, ReturnType::kLast, 0}),
       one_ring};
-  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
-    for (const PointVector& first : odd) {
-      for (const PointVector& second : odd) {
-        Odometry odometry(config_for(target), Pose::Identity());
-        std::uint64_t number = 0;
-        for (const PointVector* points : {&first, &second, &room, &second}) {
-          FeatureSweep sweep;
-          sweep.sweep = number;
-          sweep.stamp_ns = std::int64_t(number++) * 100000000;
-          sweep.sharp = sweep.less_sharp = sweep.flat = sweep.less_flat = *points;
-          const OdometryResult r = odometry.process(sweep);
-          EXPECT_TRUE(r.T_odom_base.matrix().allFinite());
-          EXPECT_TRUE(r.covariance.allFinite());
-          EXPECT_LT(r.T_odom_base.translation().norm(), 5.0);
-          EXPECT_TRUE(!points->empty() || r.health == Health::kEmpty);
-        }
+  for (const PointVector& first : odd) {
+    for (const PointVector& second : odd) {
+      Odometry odometry({}, Pose::Identity());
+      std::uint64_t number = 0;
+      for (const PointVector* points : {&first, &second, &room, &second}) {
+        FeatureSweep sweep;
+        sweep.sweep = number;
+        sweep.stamp_ns = std::int64_t(number++) * 100000000;
+        sweep.less_sharp = sweep.less_flat = *points;
+        const OdometryResult r = odometry.process(sweep);
+        EXPECT_TRUE(r.T_odom_base.matrix().allFinite());
+        EXPECT_TRUE(r.covariance.allFinite());
+        EXPECT_LT(r.T_odom_base.translation().norm(), 5.0);
+        EXPECT_TRUE(!points->empty() || r.health == Health::kEmpty);
       }
     }
   }
@@ -277,44 +258,40 @@ TEST(Odometry, ClockJumpsAndZeroPeriodAreSurvived) {
 TEST(Odometry, SameSweepsSameBytes) {
   Vector6 twist;
   twist << 1.0, 0.0, 0.1, 0.1, 0.0, 0.5;
-  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
-    const Drive a = drive({}, {.noise_m = 0.02}, config_for(target), twist, 6);
-    const Drive b = drive({}, {.noise_m = 0.02}, config_for(target), twist, 6);
-    for (std::size_t k = 0; k < a.results.size(); ++k) {
-      EXPECT_TRUE(same_bytes(a.results[k], b.results[k])) << k;
-    }
+  const Drive a = drive({}, {.noise_m = 0.02}, {}, twist, 6);
+  const Drive b = drive({}, {.noise_m = 0.02}, {}, twist, 6);
+  for (std::size_t k = 0; k < a.results.size(); ++k) {
+    EXPECT_TRUE(same_bytes(a.results[k], b.results[k])) << k;
   }
 }
 
 TEST(Odometry, AnotherInstanceTakesOverFromTheResultsWithTheSameBytes) {
   Vector6 twist;
   twist << 1.0, 0.0, 0.1, 0.1, 0.0, 0.5;
-  for (Target target : {Target::kLastSweep, Target::kRecentSweeps}) {
-    OdometryConfig config = config_for(target);
-    config.window_sweeps = 4;
-    for (int taken_at : {1, 3, 7}) {
-      Odometry first(config, Pose::Identity());
-      Odometry second(config, Pose::Identity());
-      std::vector<OdometryResult> results;
-      for (int k = 0; k < 9; ++k) {
-        const PointVector points = sweep_of({}, {.columns = 300, .noise_m = 0.01},
-                                            exp_se3(twist * (0.1 * k)), twist, unsigned(k));
-        FeatureSweep sweep;
-        sweep.sweep = std::uint64_t(k);
-        sweep.stamp_ns = k * 100000000LL;
-        sweep.flat = sweep.less_flat = points;
-        if (k == taken_at) {
-          std::vector<CommittedSweep> commits;
-          const std::size_t depth = std::min(results.size(), second.restore_depth());
-          for (std::size_t i = results.size() - depth; i < results.size(); ++i) {
-            commits.push_back(committed(results[i], sweep.period_ns));
-          }
-          second.restore(commits);
+  OdometryConfig config;
+  config.window_sweeps = 4;
+  for (int taken_at : {1, 3, 7}) {
+    Odometry first(config, Pose::Identity());
+    Odometry second(config, Pose::Identity());
+    std::vector<OdometryResult> results;
+    for (int k = 0; k < 9; ++k) {
+      const PointVector points = sweep_of({}, {.columns = 300, .noise_m = 0.01},
+                                          exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+      FeatureSweep sweep;
+      sweep.sweep = std::uint64_t(k);
+      sweep.stamp_ns = k * 100000000LL;
+      sweep.less_flat = points;
+      if (k == taken_at) {
+        std::vector<CommittedSweep> commits;
+        const std::size_t depth = std::min(results.size(), second.restore_depth());
+        for (std::size_t i = results.size() - depth; i < results.size(); ++i) {
+          commits.push_back(committed(results[i], sweep.period_ns));
         }
-        results.push_back(first.process(sweep));
-        if (k >= taken_at) {
-          EXPECT_TRUE(same_bytes(results.back(), second.process(sweep))) << taken_at << ' ' << k;
-        }
+        second.restore(commits);
+      }
+      results.push_back(first.process(sweep));
+      if (k >= taken_at) {
+        EXPECT_TRUE(same_bytes(results.back(), second.process(sweep))) << taken_at << ' ' << k;
       }
     }
   }
@@ -345,7 +322,7 @@ TEST(Odometry, ASweepSeenInItsFirstHalfOnlyDoesNotSwing) {
 // Sweeps of a sensor at rest after one that was believed to turn by a radian and more, as bare
 // ground can make one believe; how far the last one's pose is from the first one's, rad.
 double turned_after_a_wrong_turn_rad(double max_turn_radps) {
-  OdometryConfig config = config_for(Target::kRecentSweeps);
+  OdometryConfig config;
   config.max_turn_radps = max_turn_radps;
   Odometry odometry(config, Pose::Identity());
   FeatureSweep sweep;
@@ -354,7 +331,7 @@ double turned_after_a_wrong_turn_rad(double max_turn_radps) {
                                         Vector6::Zero(), unsigned(k));
     sweep.sweep = std::uint64_t(k);
     sweep.stamp_ns = k * 100000000LL;
-    sweep.flat = sweep.less_flat = points;
+    sweep.less_flat = points;
     return odometry.process(sweep);
   };
   // What is committed points into them.

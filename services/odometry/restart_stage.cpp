@@ -37,7 +37,6 @@ CommittedSweep committed(const Commit& commit) {
   sweep.twist_per_s = twist_of(commit->twist());
   sweep.health = own_health(health_of(commit->health()));
   sweep.state_covariance = state_covariance_of(commit->state_covariance());
-  sweep.edges = points_of(commit->edges());
   sweep.planes = points_of(commit->planes());
   if (commit->inertial_state() != nullptr) {
     sweep.inertia = unpacked({commit->inertial_state()->data(), commit->inertial_state()->size()});

@@ -39,10 +39,9 @@ bool covers_turn(const FeatureSweep& sweep) {
 
 Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
                             const MotionPrior& prior, double period_s, double range_noise_m,
-                            const OdometryConfig& config, WindowMap& recent,
-                            const RingTarget& last) {
-  Solution best = match_sweep(source, at_rest, prior, range_noise_m, config, recent, last);
-  if (!best.solved || config.target != Target::kRecentSweeps) return best;
+                            const OdometryConfig& config, WindowMap& recent) {
+  Solution best = match_sweep(source, at_rest, prior, range_noise_m, config, recent);
+  if (!best.solved) return best;
   const Eigen::Vector3d along = weakest_translation(best.data.H.topLeftCorner<6, 6>());
   if (!along.allFinite()) return best;
   double least = best.cost - std::max(kClearly, kClearlyPart * best.cost);
@@ -52,7 +51,7 @@ Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
     if (i == 0) continue;
     MotionState moving = at_rest;
     moving.T_odom_mid = at_rest.T_odom_mid * Eigen::Translation3d(kSpacing_m * i * along);
-    const Solution other = match_sweep(source, moving, prior, range_noise_m, config, recent, last);
+    const Solution other = match_sweep(source, moving, prior, range_noise_m, config, recent);
     if (other.solved && other.cost < least) {
       best = other;
       least = other.cost;

@@ -14,10 +14,9 @@ bool covers_turn(const FeatureSweep& sweep);
 /// As match_sweep(), begun at rest and at speeds to either side along the direction that the points
 /// hold least: in a street the few surfaces across it are further apart than they are wide, and
 /// who begins at rest may stay there. Another one than rest's is taken where it explains the points
-/// clearly better. LOAM's own form begins at rest.
+/// clearly better.
 Solution match_at_any_speed(const Source& source, const MotionState& at_rest,
                             const MotionPrior& prior, double period_s, double range_noise_m,
-                            const OdometryConfig& config, WindowMap& recent,
-                            const RingTarget& last);
+                            const OdometryConfig& config, WindowMap& recent);
 
 }  // namespace zloam::odometry

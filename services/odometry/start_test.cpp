@@ -52,7 +52,7 @@ Start begun_after(double share, const TestWorld& world, const Vector6& twist_per
     sweep.sweep = std::uint64_t(k);
     sweep.stamp_ns = 1000000000LL * 1000 + k * 100000000LL + (k == 0 ? begin_ns : 0);
     sweep.range_noise_m = sensor.noise_m;
-    sweep.flat = sweep.less_flat = start.points[std::size_t(k)];
+    sweep.less_flat = start.points[std::size_t(k)];
     start.sweeps.push_back(sweep);
   }
   Odometry odometry({}, Pose::Identity());
@@ -118,8 +118,7 @@ TEST(OdometryStart, WhoTakesOverAfterAPieceGoesOnWithTheSameBytes) {
     for (std::size_t i = 0; i < taken_at; ++i) {
       const OdometryResult& r = start.results[i];
       commits.push_back({r.sweep, r.prev_sweep, r.instant_ns, start.sweeps[i].period_ns,
-                         r.T_odom_base, r.twist_per_s, r.health, r.state_covariance, r.edges,
-                         r.planes});
+                         r.T_odom_base, r.twist_per_s, r.health, r.state_covariance, r.planes});
     }
     Odometry second({}, Pose::Identity());
     second.restore(commits);

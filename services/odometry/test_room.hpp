@@ -61,8 +61,7 @@ struct TestSensor {
 /// T_world_base at a time, s.
 using Motion = std::function<Pose(double)>;
 
-/// One sweep that begins at begin_s, sorted by ring and time. All points are flat ones; the tests
-/// of the LOAM form thin them out themselves.
+/// One sweep that begins at begin_s, sorted by ring and time.
 inline PointVector sweep_along(const TestWorld& world, const TestSensor& sensor,
                                const Motion& motion, double begin_s, unsigned seed) {
   std::mt19937 rng(seed);
@@ -113,14 +112,11 @@ inline Drive drive_along(const TestWorld& world, const TestSensor& sensor,
   const Pose T_world_origin = motion(period_s);
   for (int k = 0; k < sweeps; ++k) {
     const PointVector points = sweep_along(world, sensor, motion, k * period_s, 100U + unsigned(k));
-    PointVector flat;
-    for (std::size_t i = 0; i < points.size(); i += 7) flat.push_back(points[i]);
     FeatureSweep sweep;
     sweep.sweep = static_cast<std::uint64_t>(k);
     sweep.stamp_ns = 1000000000LL * 1000 + static_cast<std::int64_t>(k) * sensor.period_ns;
     sweep.period_ns = sensor.period_ns;
     sweep.range_noise_m = std::max(0.01, sensor.noise_m);
-    sweep.flat = flat;
     sweep.less_flat = points;
     out.results.push_back(odometry.process(sweep));
     out.truth_end.push_back(T_world_origin.inverse() * motion((k + 1) * period_s));
@@ -138,7 +134,7 @@ inline Drive drive(const TestWorld& world, const TestSensor& sensor, const Odome
 /// As another instance gets it.
 inline CommittedSweep committed(const OdometryResult& r, std::uint32_t period_ns) {
   CommittedSweep c{r.sweep,       r.prev_sweep, r.instant_ns,       period_ns, r.T_odom_base,
-                   r.twist_per_s, r.health,     r.state_covariance, r.edges,   r.planes};
+                   r.twist_per_s, r.health,     r.state_covariance, r.planes};
   if (r.inertia) c.inertia = unpacked(packed(*r.inertia));
   return c;
 }

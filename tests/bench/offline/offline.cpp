@@ -138,7 +138,7 @@ class Run {
     odom_file_.open(o_.out + "/odom.tum");
     est_file_.open(o_.out + "/est.tum");
     csv_.open(o_.out + "/sweeps.csv");
-    csv_ << "sweep,health,iterations,planes,lines,residual_m,prediction_error_m,"
+    csv_ << "sweep,health,iterations,planes,residual_m,prediction_error_m,"
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
             "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
@@ -163,9 +163,7 @@ class Run {
     input.period_ns = scan.period_ns;
     input.deskewed = scan.deskewed;
     input.range_noise_m = o_.settings.registration.range_noise_m;
-    input.sharp = features.sharp;
     input.less_sharp = features.less_sharp;
-    input.flat = features.flat;
     input.less_flat = features.less_flat;
     const auto readings = imu_.covering(scan.stamp_ns, scan.stamp_ns + scan.period_ns);
     input.imu = readings;
@@ -206,11 +204,11 @@ class Run {
   void write_row(const registration::RegistrationResult& f, const odometry::OdometryResult& r) {
     const auto& d = r.diagnostics;
     csv_ << r.sweep << ',' << int(r.health) << ',' << d.iterations << ',' << d.planes << ','
-         << d.lines << ',' << d.residual_m << ',' << d.prediction_error_m << ','
-         << d.prediction_error_rad << ',' << r.degeneracy.degenerate << ','
-         << r.degeneracy.sigma_measured << ',' << r.degeneracy.sigma_predicted << ','
-         << r.degeneracy.share << ',' << f.sharp.size() << ',' << f.less_sharp.size() << ','
-         << f.flat.size() << ',' << f.less_flat.size() << ',' << f.diagnostics.measured_noise_m;
+         << d.residual_m << ',' << d.prediction_error_m << ',' << d.prediction_error_rad << ','
+         << r.degeneracy.degenerate << ',' << r.degeneracy.sigma_measured << ','
+         << r.degeneracy.sigma_predicted << ',' << r.degeneracy.share << ',' << f.sharp.size()
+         << ',' << f.less_sharp.size() << ',' << f.flat.size() << ',' << f.less_flat.size() << ','
+         << f.diagnostics.measured_noise_m;
   }
 
   void map(const Scan& scan, const odometry::FeatureSweep& input,

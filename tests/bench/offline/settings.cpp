@@ -46,7 +46,6 @@ void add_registration(registration::RegistrationConfig& c, Fields& fields) {
 }
 
 void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
-  fields["odometry.target"] = number_of(c.target);
   ZLOAM_FIELD("odometry.", c, max_iterations);
   ZLOAM_FIELD("odometry.", c, stop_translation_m);
   ZLOAM_FIELD("odometry.", c, stop_rotation_rad);
@@ -90,10 +89,6 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, max_turn_radps);
   ZLOAM_FIELD("odometry.", c, plane_width_sigmas);
   ZLOAM_FIELD("odometry.", c, plane_normal_error_rad);
-  ZLOAM_FIELD("odometry.", c, match_radius_m);
-  ZLOAM_FIELD("odometry.", c, ring_reach);
-  ZLOAM_FIELD("odometry.", c, target_leaf_m);
-  ZLOAM_FIELD("odometry.", c, edge_weight);
   ZLOAM_FIELD("odometry.", c, drift_limit);
   ZLOAM_FIELD("odometry.", c, covariance_scale);
 }
@@ -150,8 +145,6 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
 }
 
 void add_mapping(mapping::MappingConfig& c, Fields& fields) {
-  fields["mapping.weak_directions"] = number_of(c.weak_directions);
-  ZLOAM_FIELD("mapping.", c, method);
   ZLOAM_FIELD("mapping.", c, every);
   ZLOAM_FIELD("mapping.", c, leaf_edge_m);
   ZLOAM_FIELD("mapping.", c, leaf_plane_m);
@@ -168,11 +161,6 @@ void add_mapping(mapping::MappingConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.", c, insert_distance_m);
   ZLOAM_FIELD("mapping.", c, insert_rotation_rad);
   ZLOAM_FIELD("mapping.", c, insert_residual_factor);
-  ZLOAM_FIELD("mapping.", c, loam.match_leaf_edge_m);
-  ZLOAM_FIELD("mapping.", c, loam.match_leaf_plane_m);
-  ZLOAM_FIELD("mapping.", c, loam.max_iterations);
-  ZLOAM_FIELD("mapping.", c, loam.kernel_m);
-  ZLOAM_FIELD("mapping.", c, loam.edge_weight);
   ZLOAM_FIELD("mapping.", c, voxel_planes.tile_stride);
   add_plane_map(c.voxel_planes.map, fields);
   add_plane_matcher(c.voxel_planes.matcher, fields);
