@@ -86,11 +86,11 @@ void choose_clock(const DriverConfig& config, AssemblerConfig& assembler) {
       return;
     default:
       assembler.clock_mode = no_receive_times ? ClockMode::kFreeRunning : ClockMode::kReceive;
-      assembler.clock_source = config.source == SourceKind::kPcap ||
-                                       config.source == SourceKind::kRecording
-                                   ? ClockSource::kCapture
-                               : no_receive_times                 ? ClockSource::kSensorFreeRunning
-                                                                  : ClockSource::kHost;
+      assembler.clock_source =
+          config.source == SourceKind::kPcap || config.source == SourceKind::kRecording
+              ? ClockSource::kCapture
+          : no_receive_times ? ClockSource::kSensorFreeRunning
+                             : ClockSource::kHost;
   }
 }
 

@@ -4,10 +4,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
-#include <algorithm>
 #include <cstring>
 #include <optional>
 #include <string_view>
@@ -79,8 +79,9 @@ class Reader {
       const ssize_t got = ::read(from_, at, bytes);
       if (got < 0 && errno == EINTR) continue;
       if (got <= 0) {
-        throw SourceError(name_ + " (driver.reader) ended within the recording; its own words are "
-                                  "in this log");
+        throw SourceError(name_ +
+                          " (driver.reader) ended within the recording; its own words are "
+                          "in this log");
       }
       at += got;
       bytes -= static_cast<std::size_t>(got);
