@@ -59,21 +59,21 @@ build-all: configure-tests ## build unit tests and benchmarks too
 unit-tests: configure-tests # only the tests' programs
 	@$(STEP) "build unit tests, $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target unit_tests
 
-# PCAP=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
+# PCAP=file, BAG=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
 # LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
-PASSED := PCAP BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT LISTEN SET SET_AT
+PASSED := PCAP BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
 CHAIN_ARGS = $(call passed,METHOD,--method) $(call passed,OUT,--out) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
-DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
+DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TOPIC,--topic) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
   $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(CHAIN_ARGS)
 
-demo: build $(if $(METHOD),aloam) ## simulate a city loop (or replay PCAP=, BIN=, KITTI=, SCANS=) and map it: out/demo
+demo: build $(if $(METHOD),aloam) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
 	@$(ZLOAM) demo $(DEMO_ARGS)
 
 run: build $(if $(METHOD),aloam) ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml

@@ -31,6 +31,7 @@ REQUIRES = (
     "PyYAML>=6",
     "typer>=0.15",
     "rich>=13",
+    "rosbags>=0.11",
 )
 #: speaks to the programs: the same version as theirs
 EXACT = "eclipse-zenoh"

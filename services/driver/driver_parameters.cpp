@@ -86,9 +86,11 @@ void choose_clock(const DriverConfig& config, AssemblerConfig& assembler) {
       return;
     default:
       assembler.clock_mode = no_receive_times ? ClockMode::kFreeRunning : ClockMode::kReceive;
-      assembler.clock_source = config.source == SourceKind::kPcap ? ClockSource::kCapture
-                               : no_receive_times                 ? ClockSource::kSensorFreeRunning
-                                                                  : ClockSource::kHost;
+      assembler.clock_source =
+          config.source == SourceKind::kPcap || config.source == SourceKind::kRecording
+              ? ClockSource::kCapture
+          : no_receive_times ? ClockSource::kSensorFreeRunning
+                             : ClockSource::kHost;
   }
 }
 
@@ -99,9 +101,20 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
          {"bin", SourceKind::kBin},
          {"kitti", SourceKind::kKitti},
          {"scans", SourceKind::kScans},
+         {"recording", SourceKind::kRecording},
          {"zenoh", SourceKind::kZenoh}},
         "where packets or scans come from", Effect::kNone);
   p.add("driver.path", &c.path, "file or folder of a source that is no network", Effect::kNone);
+  p.add("driver.topic", &c.topic,
+        "of a recording: topic of the clouds or packets; empty: the only one there is",
+        Effect::kNone);
+  p.add("driver.time_field", &c.time_field,
+        "of a recording's clouds: field with the points' times; empty: known by its name",
+        Effect::kNone);
+  p.add("driver.reader", &c.reader,
+        "program that reads recordings, as `zloam recording` does: a path, or a name to be found "
+        "on the PATH",
+        Effect::kNone);
   p.add("driver.rate", &c.rate, "pace of a replay: max, realtime, or a factor", Effect::kNone);
   p.add("driver.bind_address", &c.udp.bind_address, "own address packets are received on",
         Effect::kNone);

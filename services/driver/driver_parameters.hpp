@@ -12,7 +12,7 @@
 
 namespace zloam::driver {
 
-enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kZenoh };
+enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kRecording, kZenoh };
 enum class ImuChoice : std::uint8_t { kNone, kFile, kZenoh };
 enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
 enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c, kVls128 };
@@ -22,6 +22,10 @@ struct DriverConfig {
   SourceKind source = SourceKind::kUdp;
   /// file or folder of a finite source
   std::string path;
+  /// of a recording: which clouds, and the program that reads it
+  std::string topic;
+  std::string time_field;
+  std::string reader = "zloam";
   /// "max": as fast as the chain acknowledges; "realtime"; or a factor, e.g. "0.5"
   std::string rate = "max";
   ModelChoice model = ModelChoice::kAuto;

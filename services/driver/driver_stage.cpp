@@ -9,6 +9,7 @@
 
 #include "common/runtime/fault.hpp"
 #include "driver/io/message_fields.hpp"
+#include "driver/io/recording.hpp"
 #include "driver/io/scan_folder.hpp"
 #include "schemas/packets_generated.h"
 
@@ -97,7 +98,9 @@ void DriverStage::open_zenoh() {
 
 void DriverStage::open_finite() {
   const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
+  const PointLimits limits = point_limits(config_, stage_.shared().mounting.T_base_lidar());
   std::vector<std::string> files = {config_.path};
+  std::string identity;
   switch (config_.source) {
     case SourceKind::kPcap:
       source_ = sweeps_of_packets(open_pcap(config_.path), stream, 0);
@@ -105,12 +108,20 @@ void DriverStage::open_finite() {
     case SourceKind::kBin:
       source_ = sweeps_of_packets(open_payload_file(config_.path), stream, 0);
       break;
+    case SourceKind::kRecording: {
+      Recording recording = open_recording(
+          {config_.path, config_.reader, config_.topic, config_.time_field, config_.scan});
+      identity = recording.identity;
+      files.clear();
+      source_ = recording.packets ? sweeps_of_packets(std::move(recording.packets), stream, 0)
+                                  : sweeps_of_scans(std::move(recording.clouds), limits);
+      break;
+    }
     default: {
       auto scans = config_.source == SourceKind::kKitti ? open_kitti(config_.path, config_.scan)
                                                         : open_synth(config_.path);
       files = scans->files();
-      const Pose T_base_lidar = stage_.shared().mounting.T_base_lidar();
-      source_ = sweeps_of_scans(std::move(scans), point_limits(config_, T_base_lidar));
+      source_ = sweeps_of_scans(std::move(scans), limits);
     }
   }
   if (!fetch()) {
@@ -121,7 +132,7 @@ void DriverStage::open_finite() {
   first_stamp_ns_ = current_->sweep.stamp_ns;
   imu_->check_time_of(first_stamp_ns_);
   if (imu_->on()) files.push_back(config_.imu_path);
-  window_.start_replay(hash_of_files(files));
+  window_.start_replay(identity + (files.empty() ? "" : hash_of_files(files)));
 }
 
 /// Moves on to the next sweep; false at the end.

@@ -14,7 +14,7 @@ from zloam_monitor.cli_files import PROGRAMS
 
 ROOT = Path(__file__).resolve().parents[3]
 OWN = ("demo", "run", "follow", "robots", "status", "watch", "get", "set", "save", "reset")
-COMMANDS = (*OWN, "evaluate")
+COMMANDS = (*OWN, "evaluate", "recording")
 
 
 def zloam(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -94,6 +94,8 @@ MISTAKES: list[tuple[tuple[str, ...], int, str]] = [
     (("watch", "--connect", "tcp//"), 1, "is no endpoint"),
     (("evaluate", "none.tum", "none.tum"), 1, "none.tum: No such file"),
     (("evaluate", ".", "."), 1, "Is a directory"),
+    (("recording", "pyproject.toml"), 1, "pyproject.toml: cannot be read"),
+    (("recording", "none.mcap"), 3, "No such file or directory: 'none.mcap'"),
 ]
 
 

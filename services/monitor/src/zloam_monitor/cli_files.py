@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -113,6 +114,34 @@ def config_schema(preset_dir: common.PresetDir = None) -> int:
     return 0
 
 
+@command
+def recording(
+    file: Annotated[Path, typer.Argument(metavar="BAG", help="Bag or MCAP file.")],
+    topic: Annotated[str, typer.Option(help="driver.topic")] = "",
+    time_field: Annotated[str, typer.Option(help="driver.time_field")] = "",
+    time_model: Annotated[str, typer.Option(help="driver.time_model")] = "none",
+    period_s: Annotated[float, typer.Option(help="driver.scan_period_s")] = 0.1,
+    seam_deg: Annotated[float, typer.Option(help="driver.scan_seam_deg")] = 180.0,
+    stream: Annotated[
+        bool, typer.Option("--stream", help="Write its sweeps to standard output, for the driver.")
+    ] = False,
+) -> int:
+    """List what a bag has for the driver, and how its clouds would be read."""
+    from zloam_monitor import recordings, sources
+    from zloam_monitor.recordings import stream as frames
+    from zloam_monitor.recordings.sweeps import Timing
+
+    timing = Timing(time_model, period_s, seam_deg, time_field)
+    if stream:
+        return frames.write(file, topic, timing, sys.stdout.buffer)
+    try:
+        for line in frames.described(file, topic, timing):
+            print(line)
+    except recordings.Refused as refused:
+        raise sources.SourceError(f"{file}: {refused}") from refused
+    return 0
+
+
 def _program(app: typer.Typer, name: str, about: str) -> None:
     @command
     def run(context: typer.Context, preset_dir: common.PresetDir = None) -> int:
@@ -136,6 +165,9 @@ def add(app: typer.Typer) -> None:
         rich_help_panel=common.FILES,
         epilog=examples("zloam evaluate out/demo/trajectory.tum out/demo/ground_truth.tum"),
     )(evaluate)
+    app.command(
+        rich_help_panel=common.FILES, epilog=examples("zloam recording drive.mcap --topic /points")
+    )(recording)
     config.command("check", epilog=examples("zloam config check my.yaml"))(config_check)
     config.command("schema", epilog=examples("zloam config schema > schema.json"))(config_schema)
     app.add_typer(config, name="config", rich_help_panel=common.FILES)

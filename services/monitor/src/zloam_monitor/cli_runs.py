@@ -25,12 +25,14 @@ class _Recorded:
     bin: Path | None
     kitti: Path | None
     scans: Path | None
+    bag: Path | None
     imu: str | None
+    settings: list[str]
 
     def source(self) -> Source | None:
         from zloam_monitor import sources
 
-        named = [name for name in ("pcap", "bin", "kitti", "scans") if getattr(self, name)]
+        named = [name for name in ("pcap", "bin", "kitti", "scans", "bag") if getattr(self, name)]
         if len(named) > 1:
             raise sources.SourceError(f"only one of --{' and --'.join(named)} can be replayed")
         if named and self.imu == SIMULATED_IMU:
@@ -43,6 +45,8 @@ class _Recorded:
             return sources.from_bin(self.bin)
         if self.kitti:
             return sources.from_kitti(self.kitti, Path("out/unpacked"))
+        if self.bag:
+            return sources.from_bag(self.bag, self.settings)
         return sources.from_scans(self.scans) if self.scans else None
 
 
@@ -54,6 +58,13 @@ def demo(
         Path | None, typer.Option(help="KITTI folder: velodyne/*.bin or velodyne.tar.xz.")
     ] = None,
     scans: Annotated[Path | None, typer.Option(help="Folder of scans with point times.")] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            help="Bag of ROS 1 or 2, or MCAP file, with clouds (PointCloud2) or Velodyne packets."
+        ),
+    ] = None,
+    topic: Annotated[str, typer.Option(help="Of a bag, where several have clouds.")] = "",
     world: Annotated[str, typer.Option(help="Simulated without a recording.")] = "city",
     seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
     simulate: Annotated[
@@ -104,7 +115,9 @@ def demo(
     settings = [*(settings or []), *several(many_settings)]
     truth = [*(truth or []), *existing_files(truths)] or None
     programs = methods.programs(method)
-    source = _Recorded(pcap, bin, kitti, scans, imu).source()
+    if topic:
+        settings.append(f"driver.topic={topic}")
+    source = _Recorded(pcap, bin, kitti, scans, bag, imu, settings).source()
     build = common.kept(preset_dir)
     binary(build, "driver")
     if source is None:
@@ -213,6 +226,7 @@ def add(app: typer.Typer) -> None:
         epilog=examples(
             "zloam demo",
             "zloam demo --pcap drive.pcap --set driver.model=VLP-16",
+            "zloam demo --bag drive.mcap --topic /points",
             "zloam demo --kitti 2011_09_26_drive_0001 --truth poses.txt",
             "zloam demo --world tunnel --imu simulated --rate realtime",
         ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -26,6 +27,12 @@ def build() -> Path:
         return Path(named)
     root = checkout()
     return BUNDLED if root is None else root / "build" / "release"
+
+
+def command() -> Path:
+    """The command `zloam` itself, for stages that call it."""
+    root = checkout()
+    return Path(sys.argv[0]).resolve() if root is None else root / "bin" / "zloam"
 
 
 def robots() -> Path:

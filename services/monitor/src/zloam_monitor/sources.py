@@ -8,18 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from zloam_monitor import claims, places
+from zloam_monitor import claims, places, recordings
 from zloam_monitor.processes import describe_code
+from zloam_monitor.recordings import bags, stream
+from zloam_monitor.recordings.sweeps import Timing
 
 ROBOTS = places.robots()
 #: in place of a file of inertial readings: the simulator's own
 SIMULATED_IMU = "simulated"
-#: first bytes of recordings that are no captures
-BAGS = (
-    (b"#ROSBAG V", "a ROS 1 bag"),
-    (b"SQLite format 3", "a ROS 2 bag (SQLite)"),
-    (b"\x89MCAP", "a ROS 2 bag (MCAP)"),
-)
 
 
 class SourceError(RuntimeError):
@@ -31,7 +27,7 @@ class Source:
     """One recording."""
 
     title: str
-    kind: str  # pcap, bin, kitti, scans
+    kind: str  # pcap, bin, kitti, scans, recording
     path: Path
     #: configuration when none was named
     config: Path
@@ -63,25 +59,36 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
-def _bag(path: Path) -> str | None:
-    """What kind of ROS recording it is, if any."""
-    if (path / "metadata.yaml").is_file():
-        return "a ROS 2 bag"
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        begin = file.read(16)
-    return next((kind for magic, kind in BAGS if begin.startswith(magic)), None)
-
-
 def _refuse_bag(path: Path) -> None:
-    if kind := _bag(path):
-        raise SourceError(
-            f"{path} is {kind}; what is replayed are the sensor's packets. Where it has them "
-            "(velodyne_packets), `pip install rosbags` and services/monitor/examples/"
-            f"rosbag_to_pcap.py {path} drive.pcap make a capture of them; clouds alone can't be "
-            "used"
-        )
+    if bags.is_recording(path):
+        raise SourceError(f"{path} is a bag, no capture: BAG={path}, or --bag {path}")
+
+
+def from_bag(path: Path, settings: Iterable[str]) -> Source:
+    """A bag or MCAP file; says what is in it and how it is read, or refuses it."""
+    _existing(path, "the recording")
+    if not bags.is_recording(path):
+        raise SourceError(f"{path} is no bag of ROS 1 or 2 and no MCAP file")
+    values = dict(setting.split("=", 1) for setting in settings if "=" in setting)
+    try:
+        for line in stream.described(path, *asked(values)):
+            print(f"{path.name}: {line}", flush=True)
+    except recordings.Refused as refused:
+        raise SourceError(f"{path}: {refused}") from refused
+    reader = [f"driver.reader={places.command()}"]
+    return Source(path.name, "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=reader)
+
+
+def asked(values: dict[str, str]) -> tuple[str, Timing]:
+    """Topic and timing by the driver's keys."""
+    of = {key.removeprefix("driver."): value for key, value in values.items()}
+    timing = Timing(
+        model=of.get("time_model", "none"),
+        period_s=float(of.get("scan_period_s", 0.1)),
+        seam_deg=float(of.get("scan_seam_deg", 180.0)),
+        field=of.get("time_field", ""),
+    )
+    return of.get("topic", ""), timing
 
 
 def from_pcap(path: Path) -> Source:

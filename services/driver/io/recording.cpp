@@ -1,0 +1,284 @@
+#include "driver/io/recording.hpp"
+
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <optional>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "driver/scan/plausible.hpp"
+
+extern char** environ;
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::string_view kMagic = "ZLRC";
+constexpr std::uint64_t kLongestText = 1 << 16;
+// A frame of more is none: 20 million points.
+constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * sizeof(Point);
+// Firing columns of the messages are counted so.
+constexpr double kColumns = 1800.0;
+
+const char* name_of(TimeModel model) {
+  switch (model) {
+    case TimeModel::kNone:
+      return "none";
+    case TimeModel::kClockwise:
+      return "clockwise";
+    case TimeModel::kCounterClockwise:
+      return "counter_clockwise";
+    case TimeModel::kDeskewed:
+      return "deskewed";
+  }
+  return "none";
+}
+
+/// A program whose output is read; it is ended with this.
+class Reader {
+ public:
+  explicit Reader(std::vector<std::string> words) : name_(words.front()) {
+    std::array<int, 2> ends{};
+    if (pipe(ends.data()) != 0) throw SourceError("no pipe: " + std::string(std::strerror(errno)));
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
+    posix_spawn_file_actions_addclose(&actions, ends[0]);
+    const int error =
+        posix_spawnp(&pid_, arguments[0], &actions, nullptr, arguments.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    ::close(ends[1]);
+    from_ = ends[0];
+    if (error == 0) return;
+    ::close(from_);
+    throw SourceError(name_ + " (driver.reader), which reads recordings: " + std::strerror(error));
+  }
+  ~Reader() {
+    ::close(from_);
+    ::kill(pid_, SIGTERM);
+    ::waitpid(pid_, nullptr, 0);
+  }
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+
+  /// Throws SourceError when there is less.
+  void read(void* into, std::size_t bytes) {
+    auto* at = static_cast<char*>(into);
+    while (bytes > 0) {
+      const ssize_t got = ::read(from_, at, bytes);
+      if (got < 0 && errno == EINTR) continue;
+      if (got <= 0) {
+        throw SourceError(name_ +
+                          " (driver.reader) ended within the recording; its own words are "
+                          "in this log");
+      }
+      at += got;
+      bytes -= static_cast<std::size_t>(got);
+    }
+  }
+
+ private:
+  std::string name_;
+  pid_t pid_ = 0;
+  int from_ = -1;
+};
+
+std::vector<std::string> words_of(const RecordingOptions& options) {
+  return {options.reader, "recording",
+          options.path,   "--stream",
+          "--topic",      options.topic,
+          "--time-field", options.time_field,
+          "--time-model", name_of(options.timing.model),
+          "--period-s",   std::to_string(options.timing.period_s),
+          "--seam-deg",   std::to_string(options.timing.seam_deg)};
+}
+
+/// What the reader writes, frame by frame. What is not as it should be is kept as remarks.
+class Frames {
+ public:
+  explicit Frames(const RecordingOptions& options)
+      : path_(options.path), reader_(words_of(options)) {}
+
+  const std::string& path() const { return path_; }
+
+  std::string identity() {
+    const std::optional<FrameHead> head = next();
+    if (!head || head->kind != static_cast<std::uint32_t>(FrameKind::kIdentity)) throw foreign();
+    return text_of(*head);
+  }
+
+  /// The next frame with data, of that kind; nothing at the end.
+  std::optional<FrameHead> next(FrameKind kind) {
+    const std::optional<FrameHead> head = next();
+    if (head && head->kind != static_cast<std::uint32_t>(kind)) throw foreign();
+    return head;
+  }
+
+  void read(void* into, std::size_t bytes) { reader_.read(into, bytes); }
+
+  void remark(const std::string& text) { remarks_.push_back(path_ + ": " + text); }
+  const std::vector<std::string>& remarks() const { return remarks_; }
+
+  SourceError foreign() const {
+    return SourceError(path_ +
+                       ": what driver.reader writes is not what is expected: are both of one "
+                       "version?");
+  }
+
+ private:
+  std::optional<FrameHead> next() {
+    while (!ended_) {
+      FrameHead head{};
+      reader_.read(&head, sizeof head);
+      if (std::string_view(head.magic, sizeof head.magic) != kMagic) throw foreign();
+      switch (static_cast<FrameKind>(head.kind)) {
+        case FrameKind::kRemark:
+          remark(text_of(head));
+          break;
+        case FrameKind::kRefusal:
+          throw SourceError(path_ + ": " + text_of(head));
+        case FrameKind::kEnd:
+          ended_ = true;
+          break;
+        default:
+          return head;
+      }
+    }
+    return std::nullopt;
+  }
+
+  std::string text_of(const FrameHead& head) {
+    if (head.bytes > kLongestText) throw foreign();
+    std::string text(head.bytes, '\0');
+    reader_.read(text.data(), text.size());
+    return text;
+  }
+
+  std::string path_;
+  Reader reader_;
+  std::vector<std::string> remarks_;
+  bool ended_ = false;
+};
+
+class RecordedClouds : public ScanFolder {
+ public:
+  explicit RecordedClouds(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
+
+  bool next(DecodedSweep& sweep) override {
+    const auto head = frames_->next(FrameKind::kSweep);
+    if (!head) return false;
+    read_sweep(*head, sweep);
+    if (const std::string why = implausible(sweep); !why.empty()) leave_out(why, sweep);
+    judged_ = judged_ || sweep.points.size() >= kJudgedReturns;
+    number_columns(sweep);
+    ++sweeps_;
+    return true;
+  }
+
+  const std::vector<std::string>& files() const override { return files_; }
+  NamedCounts counts() const override { return {{"scans", sweeps_}, {"scans_spoilt", spoilt_}}; }
+  std::vector<std::string> remarks() const override { return frames_->remarks(); }
+
+ private:
+  void read_sweep(const FrameHead& head, DecodedSweep& sweep) {
+    const bool sound = head.bytes >= sizeof(RecordedSweep) && head.bytes <= kLargestSweep &&
+                       (head.bytes - sizeof(RecordedSweep)) % sizeof(Point) == 0;
+    if (!sound) throw frames_->foreign();
+    RecordedSweep about{};
+    frames_->read(&about, sizeof about);
+    sweep = {};
+    sweep.points.resize((head.bytes - sizeof about) / sizeof(Point));
+    frames_->read(sweep.points.data(), head.bytes - sizeof about);
+    sweep.stamp_ns = about.stamp_ns;
+    sweep.period_ns = about.period_ns;
+    sweep.rings = about.rings;
+    sweep.model = "recorded";
+    sweep.clock_source = ClockSource::kCapture;
+    sweep.deskewed = about.deskewed != 0;
+    sweep.complete = about.complete != 0;
+  }
+
+  void leave_out(const std::string& why, DecodedSweep& sweep) {
+    if (!judged_) throw SourceError(frames_->path() + ": " + why);
+    ++spoilt_;
+    frames_->remark(why + ": the cloud is left out");
+    sweep.points.clear();
+  }
+
+  static void number_columns(DecodedSweep& sweep) {
+    const double columns_per_ns = kColumns / std::max(1U, sweep.period_ns);
+    for (const Point& p : sweep.points) {
+      sweep.columns.push_back(static_cast<std::uint16_t>(columns_per_ns * p.time_ns));
+    }
+  }
+
+  std::unique_ptr<Frames> frames_;
+  std::vector<std::string> files_;
+  std::uint64_t sweeps_ = 0;
+  std::uint64_t spoilt_ = 0;
+  bool judged_ = false;
+};
+
+class RecordedPackets : public PacketSource {
+ public:
+  explicit RecordedPackets(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
+
+  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+    while (left_ == 0) {
+      const auto head = frames_->next(FrameKind::kPackets);
+      if (!head) return Read::kEnd;
+      left_ = head->bytes;
+    }
+    RecordedPacket about{};
+    if (left_ < sizeof about) throw frames_->foreign();
+    frames_->read(&about, sizeof about);
+    left_ -= sizeof about;
+    if (left_ < about.bytes) throw frames_->foreign();
+    payload_.resize(about.bytes);
+    frames_->read(payload_.data(), payload_.size());
+    left_ -= about.bytes;
+    ++packets_;
+    datagram = {payload_, about.received_ns, 0, 0};
+    return Read::kDatagram;
+  }
+
+  NamedCounts counts() const override { return {{"packets_recorded", packets_}}; }
+  std::string complaint() const override {
+    std::string all;
+    for (const std::string& remark : frames_->remarks()) all += (all.empty() ? "" : "; ") + remark;
+    return all;
+  }
+
+ private:
+  std::unique_ptr<Frames> frames_;
+  std::vector<std::uint8_t> payload_;
+  std::uint64_t left_ = 0;
+  std::uint64_t packets_ = 0;
+};
+
+}  // namespace
+
+Recording open_recording(const RecordingOptions& options) {
+  auto frames = std::make_unique<Frames>(options);
+  Recording recording;
+  recording.identity = frames->identity();
+  if (recording.identity.starts_with("packets ")) {
+    recording.packets = std::make_unique<RecordedPackets>(std::move(frames));
+  } else {
+    recording.clouds = std::make_unique<RecordedClouds>(std::move(frames));
+  }
+  return recording;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,78 @@
+#pragma once
+// Sweeps of a recording that another program reads: bags of ROS 1 and 2, MCAP files. Their formats
+// are read by the libraries that are kept for them, in Python (`zloam recording`), which writes
+// sweeps into a pipe as it goes on: nothing of a recording is kept twice.
+//
+// The pipe holds frames, little endian: "ZLRC", uint32 kind, uint64 bytes that follow.
+//
+//   1  identity   text: "clouds" or "packets", and what the recording is known by, for a replay's
+//                 number
+//   2  sweep      RecordedSweep, then points of 24 bytes (common/geometry/point.hpp)
+//   3  remark     text: what is not as it should be
+//   4  refusal    text: why it cannot be used; nothing follows
+//   5  end        nothing follows; without it the reader has died
+//   6  packets    for each RecordedPacket, then its bytes
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "driver/io/scan_folder.hpp"
+
+namespace zloam::driver {
+
+enum class FrameKind : std::uint32_t {
+  kIdentity = 1,
+  kSweep = 2,
+  kRemark = 3,
+  kRefusal = 4,
+  kEnd = 5,
+  kPackets = 6
+};
+
+struct FrameHead {
+  char magic[4];
+  std::uint32_t kind;
+  std::uint64_t bytes;
+};
+static_assert(sizeof(FrameHead) == 16);
+
+struct RecordedSweep {
+  /// of the first point, ns since the Unix epoch
+  std::int64_t stamp_ns;
+  std::uint32_t period_ns;
+  std::uint16_t rings;
+  std::uint8_t deskewed;
+  std::uint8_t complete;
+};
+static_assert(sizeof(RecordedSweep) == 16);
+
+struct RecordedPacket {
+  std::int64_t received_ns;
+  std::uint16_t bytes;
+  std::uint16_t reserved[3];
+};
+static_assert(sizeof(RecordedPacket) == 16);
+
+struct RecordingOptions {
+  std::string path;
+  /// program that reads it
+  std::string reader;
+  /// empty: the only one of its kind
+  std::string topic;
+  /// of the points' times; empty: known by its name
+  std::string time_field;
+  ScanTiming timing;
+};
+
+/// What a recording has: one of both. Its packets are decoded as a capture's are.
+struct Recording {
+  std::string identity;
+  std::unique_ptr<ScanFolder> clouds;
+  std::unique_ptr<PacketSource> packets;
+};
+
+/// Throws SourceError, with the reader's own words where it refused.
+Recording open_recording(const RecordingOptions& options);
+
+}  // namespace zloam::driver

@@ -1,0 +1,117 @@
+"""Messages of a bag (ROS 1, ROS 2 with SQLite or MCAP) or an MCAP file, by the library rosbags."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor.recordings import Refused
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+VELODYNE = "velodyne_msgs/msg/VelodyneScan"
+#: what can be a driver's input
+KINDS = {CLOUD: "clouds", VELODYNE: "packets"}
+#: of messages that ROS 2 bags do not describe themselves
+FOREIGN = {
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data\n",
+    VELODYNE: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
+}
+#: first bytes of what is a recording
+MAGICS = (b"#ROSBAG V", b"SQLite format 3", b"\x89MCAP")
+#: of each file as much of both ends makes its identity: a bag may have 100 GB
+IDENTIFYING_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Topic:
+    name: str
+    #: CLOUD or VELODYNE
+    kind: str
+    messages: int
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.kind.split('/')[-1]}, {self.messages} messages)"
+
+
+def is_recording(path: Path) -> bool:
+    if (path / "metadata.yaml").is_file():
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(16).startswith(MAGICS)
+
+
+def files_of(path: Path) -> list[Path]:
+    return sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+
+
+def identity(path: Path) -> str:
+    """SHA-256 in hexadecimal, of both ends of each file and its size."""
+    known = hashlib.sha256()
+    for each in files_of(path):
+        size = each.stat().st_size
+        known.update(f"{each.name} {size}\n".encode())
+        with each.open("rb") as file:
+            known.update(file.read(IDENTIFYING_BYTES))
+            file.seek(max(0, size - IDENTIFYING_BYTES))
+            known.update(file.read(IDENTIFYING_BYTES))
+    return known.hexdigest()
+
+
+class Bag:
+    """Open while its context is."""
+
+    def __init__(self, path: Path, reader: Any) -> None:
+        self.path = path
+        self._reader = reader
+        self.topics = sorted(
+            (
+                Topic(c.topic, c.msgtype, c.msgcount)
+                for c in reader.connections
+                if c.msgtype in KINDS
+            ),
+            key=lambda t: t.name,
+        )
+
+    def choose(self, name: str) -> Topic:
+        """The topic of that name, or the only one; refused otherwise."""
+        meant = [t for t in self.topics if name in ("", t.name)]
+        full = [t for t in meant if t.messages]
+        # What the lidar sent says more than what a driver made of it.
+        packets = [t for t in full if t.kind != CLOUD]
+        if len(packets or full) == 1:
+            return (packets or full)[0]
+        if len(full) > 1:
+            listed = ", ".join(map(str, full))
+            raise Refused(f"several topics: {listed}; say which by driver.topic={full[0].name}")
+        listed = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
+        named = f"no messages of a lidar on {name}" if name else "no messages of a lidar"
+        raise Refused(f"{named} ({', '.join(KINDS)}) in it; it has {listed or 'no topic'}")
+
+    def messages(self, topic: Topic) -> Iterator[Any]:
+        """In the order in which they were recorded."""
+        wanted = [c for c in self._reader.connections if c.topic == topic.name]
+        for connection, _, raw in self._reader.messages(connections=wanted):
+            yield self._reader.deserialize(raw, connection.msgtype)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """Raises Refused, with the library's words, or OSError."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in FOREIGN.items():
+        store.register(get_types_from_msg(text, name))
+    path.stat()
+    try:
+        with AnyReader([path], default_typestore=store) as reader:
+            yield Bag(path, reader)
+    except AnyReaderError as error:
+        raise Refused(f"cannot be read: {error}") from error

@@ -1,0 +1,155 @@
+"""Clouds to the driver's sweeps: points in time order, each with its ring."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor.recordings import Refused, fields, rings, times
+from zloam_monitor.recordings.fields import Cloud, Names
+from zloam_monitor.recordings.rings import Lasers
+from zloam_monitor.recordings.times import Clock
+
+#: common/geometry/point.hpp
+POINT = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("time_ns", "<u4"),
+        ("ring", "<u2"),
+        ("return_type", "u1"),
+        ("reserved", "u1"),
+    ]
+)
+#: by so many clouds unit, origin and rings are settled
+JUDGED = 10
+#: a turn that differs by less from the usual one is measured; else a cloud is missing
+USUAL = 0.1
+MODELS = ("none", "clockwise", "counter_clockwise", "deskewed")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Of clouds without times: driver.time_model, scan_period_s, scan_seam_deg."""
+
+    model: str = "none"
+    period_s: float = 0.1
+    seam_deg: float = 180.0
+    #: driver.time_field
+    field: str = ""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """points.time_ns counts from stamp_ns, the first point's instant."""
+
+    stamp_ns: int
+    period_ns: int
+    rings: int
+    deskewed: bool
+    points: NDArray[Any]
+
+
+@dataclass
+class Sweeper:
+    """Settles by the first clouds what the rest is read by; `said` tells what."""
+
+    timing: Timing
+    said: list[str] = field(default_factory=list)
+    names: Names | None = None
+    lasers: Lasers | None = None
+    clock: Clock | None = None
+    period_ns: int = 0
+
+    def sweeps(self, messages: Iterable[Any]) -> Iterator[Sweep]:
+        """One a message, in the order of their instants."""
+        clouds = (self._cloud(m) for m in messages)
+        first = list(islice(clouds, JUDGED))
+        self._settle(first)
+        return self._measured(self._sweep(c) for each in (first, clouds) for c in each)
+
+    def remarks(self) -> list[str]:
+        """What was not as it should be, at the end."""
+        unknown = sorted(self.lasers.unknown) if self.lasers else []
+        if not unknown:
+            return []
+        listed = ", ".join(f"{v:g}" for v in unknown[:8])
+        return [f"rings {listed} came late: their points count as the next ring's"]
+
+    def _cloud(self, message: Any) -> Cloud:
+        if self.names is None:
+            self.names = fields.names_of(message, self.timing.field)
+        return fields.cloud_of(message, self.names)
+
+    def _settle(self, first: list[Cloud]) -> None:
+        full = [c for c in first if len(c)]
+        if not full or self.names is None:
+            raise Refused("there is no return in the first clouds")
+        self.lasers = rings.settle(full, self.names.ring)
+        self.said.append(str(self.lasers))
+        if (np.diff([c.stamp_ns for c in first]) <= 0).any():
+            raise Refused("the headers' stamps do not ascend")
+        self.period_ns = times.middle_step_ns(first) or int(1e9 * self.timing.period_s)
+        if self.timing.model != "none":
+            self.said.append(f"points' times by driver.time_model={self.timing.model}")
+        elif self.names.time is None:
+            raise Refused(
+                "there is no field with the points' times (one of "
+                f"{', '.join(fields.TIMES)}): name it by driver.time_field, or say how the sensor "
+                "turns by driver.time_model=clockwise or counter_clockwise, or by deskewed that "
+                "all points of a cloud hold for one instant"
+            )
+        else:
+            ranks = [self.lasers.ranks_of(c) for c in full]
+            self.clock = times.settle(full, ranks, self.names.time)
+            self.period_ns = self.clock.turn_ns
+            self.said.append(f"points' times by field {self.names.time} {self.clock}")
+
+    def _instants_ns(self, cloud: Cloud) -> NDArray[np.int64]:
+        if self.clock is not None:
+            return self.clock.instants_ns(cloud)
+        if self.timing.model == "deskewed":
+            return np.full(len(cloud), cloud.stamp_ns, np.int64)
+        azimuth_deg = np.degrees(np.arctan2(cloud.xyz[:, 1], cloud.xyz[:, 0]))
+        turned = (azimuth_deg - self.timing.seam_deg) % 360.0
+        if self.timing.model == "clockwise":
+            turned = -turned % 360.0
+        share = turned / 360.0
+        return cloud.stamp_ns + np.rint(share * self.period_ns).astype(np.int64)
+
+    def _sweep(self, cloud: Cloud) -> Sweep:
+        assert self.lasers is not None
+        deskewed = self.clock is None and self.timing.model == "deskewed"
+        if not len(cloud):
+            return Sweep(
+                cloud.stamp_ns, self.period_ns, self.lasers.count, deskewed, np.empty(0, POINT)
+            )
+        instants_ns = self._instants_ns(cloud)
+        order = np.argsort(instants_ns, kind="stable")
+        stamp_ns = int(instants_ns[order[0]])
+        points = np.zeros(len(cloud), POINT)
+        for axis, name in enumerate(("x", "y", "z")):
+            points[name] = cloud.xyz[order, axis]
+        points["intensity"] = cloud.intensity[order]
+        points["time_ns"] = (instants_ns[order] - stamp_ns).clip(0, 4_000_000_000)
+        points["ring"] = self.lasers.ranks_of(cloud)[order]
+        return Sweep(stamp_ns, self.period_ns, self.lasers.count, deskewed, points)
+
+    def _measured(self, sweeps: Iterable[Sweep]) -> Iterator[Sweep]:
+        """Each with the time to the next one where that is one turn."""
+        before: Sweep | None = None
+        for sweep in sweeps:
+            if before is not None:
+                step_ns = sweep.stamp_ns - before.stamp_ns
+                usual = abs(step_ns - self.period_ns) < USUAL * self.period_ns
+                yield replace(before, period_ns=step_ns) if usual else before
+            before = sweep
+        if before is not None:
+            yield before

@@ -1,0 +1,141 @@
+"""Which instant each point of a cloud is of.
+
+Drivers agree neither on the unit (s, ms, us, ns; float or integer) nor on the origin (the first
+point, the last one, the header's stamp, the Unix epoch, the sensor's start). Both follow from the
+data. The azimuth advances with the time, by one turn in 40 to 250 ms, and units differ by factors
+of 1000; clouds come once in a turn, or in several. A clock that runs goes on from cloud to cloud,
+an offset begins again with each. What does not follow is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor.recordings import Refused
+from zloam_monitor.recordings.fields import Cloud, Column
+
+Times = NDArray[np.int64]
+#: ns
+UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+#: lidars turn so fast; less apart than two units
+FASTEST_NS, SLOWEST_NS = 40_000_000, 260_000_000
+#: clouds come once a turn, or once in several; so much of a turn are they off it
+TURN_TOLERANCE = 0.08
+#: more than so many usual steps from one return of a laser to its next are a gap
+GAP = 5.0
+#: less says nothing of the rate
+LEAST_TURN_RAD = 0.1
+#: a running clock advances by what the header's does, give or take
+CLOCK_TOLERANCE = 0.3
+#: two clocks of one epoch are so near
+SAME_CLOCK_NS = 3_600 * 10**9
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How a topic's times become instants: value * unit_ns + (offset_ns or the header's stamp)."""
+
+    unit: str
+    turn_ns: int
+    #: of a clock that runs; None: the values count from each header's stamp
+    offset_ns: int | None
+
+    def instants_ns(self, cloud: Cloud) -> Times:
+        assert cloud.times is not None
+        values = in_ns(cloud.times, self.unit)
+        return values + (cloud.stamp_ns if self.offset_ns is None else self.offset_ns)
+
+    def __str__(self) -> str:
+        origin = "from the header's stamp" if self.offset_ns is None else "of a clock that runs"
+        return f"in {self.unit}, {origin}; a turn takes {1e-6 * self.turn_ns:.1f} ms"
+
+
+def in_ns(values: Column, unit: str) -> Times:
+    """Integers stay exact."""
+    if np.issubdtype(values.dtype, np.integer):
+        return values.astype(np.int64) * UNITS[unit]
+    return np.rint(values.astype(np.float64) * UNITS[unit]).astype(np.int64)
+
+
+def middle_step_ns(clouds: Sequence[Cloud]) -> int | None:
+    """From cloud to cloud; None: there is one only."""
+    steps = np.diff([c.stamp_ns for c in clouds])
+    return int(np.median(steps)) if len(steps) else None
+
+
+def _turn(cloud: Cloud, rings: NDArray[np.uint16]) -> float | None:
+    """A turn in the unit of the cloud's times, by the ring with the most returns."""
+    assert cloud.times is not None
+    of_ring = rings == np.bincount(rings).argmax()
+    times = cloud.times[of_ring].astype(np.float64)
+    order = np.argsort(times, kind="stable")
+    azimuth = np.arctan2(cloud.xyz[of_ring, 1], cloud.xyz[of_ring, 0]).astype(np.float64)[order]
+    steps, lasted = (np.diff(azimuth) + np.pi) % (2.0 * np.pi) - np.pi, np.diff(times[order])
+    # Over a gap without returns, as in a view that is cut, it may have turned either way.
+    usual = np.median(lasted[lasted > 0.0]) if (lasted > 0.0).any() else 0.0
+    seen = (lasted > 0.0) & (lasted <= GAP * usual)
+    turned = abs(steps[seen].sum())
+    return 2.0 * np.pi * float(lasted[seen].sum()) / turned if turned > LEAST_TURN_RAD else None
+
+
+def settle(clouds: Sequence[Cloud], rings: Sequence[NDArray[np.uint16]], field: str) -> Clock:
+    """The clock of a topic, by its first clouds; refused when it can't be told."""
+    columns = [c.times for c in clouds if c.times is not None and len(c) > 1]
+    if not columns:
+        raise Refused(f"field {field}: the first {len(clouds)} clouds have no point")
+    if not all(np.isfinite(column.astype(np.float64)).all() for column in columns):
+        raise Refused(f"field {field}: not all times are finite")
+    if max(float(np.ptp(column)) for column in columns) == 0.0:
+        raise Refused(
+            f"field {field}: all points of a cloud have one time. If they hold for one instant, "
+            "say so by driver.time_model=deskewed; if the field is not the time, name that one by "
+            "driver.time_field"
+        )
+    turns = [t for c, r in zip(clouds, rings, strict=True) if (t := _turn(c, r)) is not None]
+    turn = float(np.median(turns)) if turns else 0.0
+    unit = _unit(turn, middle_step_ns(clouds), field)
+    return Clock(unit, round(turn * UNITS[unit]), _offset_ns(clouds, unit, field))
+
+
+def _unit(turn: float, step_ns: int | None, field: str) -> str:
+    for unit, ns in UNITS.items():
+        if FASTEST_NS <= turn * ns <= SLOWEST_NS and _whole_turns(turn * ns, step_ns):
+            return unit
+    every = "" if step_ns is None else f", and clouds come every {1e-9 * step_ns:.3f} s"
+    raise Refused(
+        f"field {field}: its values go on by {turn:g} in a turn{every}: no unit of s, ms, us, ns "
+        "fits. If the field is not the points' time, name that one by driver.time_field; if the "
+        "points were moved to one instant, say so by driver.time_model=deskewed"
+    )
+
+
+def _whole_turns(turn_ns: float, step_ns: int | None) -> bool:
+    if step_ns is None:
+        return True
+    turns = max(1, round(step_ns / turn_ns))
+    off_ns = abs(step_ns - turns * turn_ns)
+    return off_ns < TURN_TOLERANCE * float(np.sqrt(turns)) * turn_ns
+
+
+def _offset_ns(clouds: Sequence[Cloud], unit: str, field: str) -> int | None:
+    """None: the values begin anew with each cloud."""
+    starts = np.array([in_ns(c.times, unit).min() for c in clouds if c.times is not None])
+    stamps = np.array([c.stamp_ns for c in clouds])
+    own, header = starts[-1] - starts[0], stamps[-1] - stamps[0]
+    period_ns = middle_step_ns(clouds) or SLOWEST_NS
+    apart = stamps - starts
+    if abs(own) < 0.5 * period_ns and abs(starts[0]) < 2 * period_ns:
+        return None
+    if len(clouds) > 1 and abs(own - header) > CLOCK_TOLERANCE * max(period_ns, header):
+        raise Refused(
+            f"field {field}: its times go on by {1e-9 * own:.3f} s over {len(clouds)} clouds, the "
+            f"headers' stamps by {1e-9 * header:.3f} s: neither one clock nor offsets from the "
+            "stamps"
+        )
+    if abs(apart[0]) < SAME_CLOCK_NS:
+        return 0
+    return int(np.median(apart))

@@ -1,0 +1,122 @@
+"""Bags through the real processes: as good as the capture that they were made of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import dpkt
+import numpy as np
+import pytest
+
+from tests.integration.conftest import Capture, build, capture, monitor, own_folder
+from tests.recordings import variants
+from tests.recordings.variants import CONTAINERS, PLAIN, READABLE, Scan
+from zloam_monitor import trajectory
+
+__all__ = ["build", "capture", "own_folder"]
+DATA_BYTES = 1206
+
+
+@dataclass(frozen=True)
+class Drive:
+    capture: Capture
+    scans: list[Scan]
+    #: of the capture itself
+    direct: Path
+
+
+@pytest.fixture(scope="module")
+def drive(build: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    folder = tmp_path_factory.mktemp("direct")
+    scans = variants.decoded(build, capture.pcap, folder)
+    out = folder / "out"
+    done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", out)
+    assert done.code == 0, done.said
+    return Drive(capture, scans, out / "trajectory.tum")
+
+
+def packets_of(pcap: Path) -> list[tuple[int, bytes]]:
+    found = []
+    with pcap.open("rb") as file:
+        for seconds, frame in dpkt.pcap.Reader(file):
+            data = bytes(dpkt.ethernet.Ethernet(frame).data.data.data)
+            if len(data) == DATA_BYTES:
+                found.append((round(float(seconds) * 1e9), data))
+    return found
+
+
+def clouds(drive: Drive, path: Path) -> None:
+    layout = READABLE["velodyne: time, float s to the last"][0]
+    variants.write(path, drive.scans, layout, CONTAINERS[7])
+
+
+def packets(drive: Drive, path: Path) -> None:
+    with variants.Recorder(CONTAINERS[3], path) as bag:
+        sent = packets_of(drive.capture.pcap)
+        for begin in range(0, len(sent), 76):
+            bag.put_packets("/velodyne_packets", sent[begin : begin + 76])
+        # What a driver made of the packets lies beside them.
+        for scan in drive.scans:
+            bag.put_cloud("/velodyne_points", scan, PLAIN)
+
+
+@pytest.mark.parametrize(("make", "within_m"), [(clouds, 1e-3), (packets, 1e-5)])
+def test_the_trajectory_is_that_of_the_capture(
+    build: Path,
+    drive: Drive,
+    tmp_path: Path,
+    make: Callable[[Drive, Path], None],
+    within_m: float,
+) -> None:
+    make(drive, tmp_path / "bag")
+    out = tmp_path / "out"
+    done = monitor("demo", "--preset-dir", build, "--bag", tmp_path / "bag", "--out", out)
+    assert done.code == 0, done.said
+    found, direct = trajectory.read(out / "trajectory.tum"), trajectory.read(drive.direct)
+    assert len(found) == len(direct)
+    off = found.transforms[:, :3, 3] - direct.transforms[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() < within_m
+
+
+def test_a_bag_as_a_capture_is_answered_by_what_to_do(
+    build: Path, drive: Drive, tmp_path: Path
+) -> None:
+    path = variants.write(tmp_path / "bag", drive.scans[:2], PLAIN)
+    done = monitor("demo", "--preset-dir", build, "--pcap", path, "--out", tmp_path / "out")
+    assert (done.code, f"--bag {path}" in done.said) == (1, True), done.said
+
+
+def test_what_is_refused_is_refused_before_anything_runs(
+    build: Path, drive: Drive, tmp_path: Path
+) -> None:
+    layout = variants.REFUSED["no time"][0]
+    path = variants.write(tmp_path / "bag", drive.scans[:4], layout)
+    done = monitor("demo", "--preset-dir", build, "--bag", path, "--out", tmp_path / "out")
+    assert done.code == 1
+    assert "driver.time_model" in done.said
+    assert not (tmp_path / "out" / "logs").exists()
+
+
+def test_of_a_bag_that_was_cut_off_what_is_whole_is_used_and_said(
+    build: Path, drive: Drive, tmp_path: Path
+) -> None:
+    folder = variants.write(tmp_path / "bag", drive.scans[:30], PLAIN, CONTAINERS[0])
+    whole = folder.read_bytes()
+    # A record within the last chunk is spoilt: its index is whole, what it points to is not.
+    at = int(0.9 * len(whole))
+    folder.write_bytes(whole[:at] + bytes(4096) + whole[at + 4096 :])
+    out = tmp_path / "out"
+    done = monitor("demo", "--preset-dir", build, "--bag", folder, "--out", out)
+    report = json.loads((out / "report.json").read_text()) if done.code == 0 else {}
+    poses = report.get("identities", {}).get("poses", 0)
+    assert done.code != 0 or poses == 30 or "what is whole is used" in done.said, done.said
+
+
+def test_a_reader_that_is_not_there(build: Path, drive: Drive, tmp_path: Path) -> None:
+    path = variants.write(tmp_path / "bag", drive.scans[:4], PLAIN)
+    words = ("--bag", path, "--set", "driver.reader=/nowhere/zloam", "--out", tmp_path / "out")
+    done = monitor("demo", "--preset-dir", build, *words)
+    assert (done.code, "driver.reader" in done.said) == (3, True), done.said
