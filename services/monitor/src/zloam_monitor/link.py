@@ -23,6 +23,8 @@ from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, Statu
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
+#: a link takes a moment to come up; then an instance that is there answers at once
+PATIENCE_SECONDS = 2.0
 
 
 class LinkError(RuntimeError):
@@ -191,9 +193,22 @@ class Link:
         for payload in self.get(self.keys.every_status):
             self._on_status(payload)
 
+    def living(self) -> set[str]:
+        """Stages whose token is there."""
+        replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
+        found = (reply.ok for reply in replies)
+        return {str(ok.key_expr).split("/")[-3] for ok in found if ok is not None}
+
     def query_configs(self) -> dict[str, dict[str, Any]]:
-        """Stage -> effective configuration."""
-        return dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+        """Stage -> effective configuration, of all that live: a stage's token may come over a new
+        link before its answers do."""
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        found: dict[str, dict[str, Any]] = {}
+        while True:
+            found |= dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+            if self.living() <= found.keys() or time.monotonic() > deadline:
+                return found
+            time.sleep(0.1)
 
     def query_revisions(self) -> list[RevisionRecord]:
         """All changes while running that anybody knows of, each once, by stage and number."""
