@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import queue
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -88,6 +89,8 @@ class Link:
         #: messages that could not be read
         self.garbage = 0
         self.run: int | None = None
+        #: of a run that has no pose yet
+        self._ahead: deque[tuple[dict[int, PoseRecord], PoseRecord]] = deque(maxlen=64)
         #: as last asked for
         self.revisions: list[RevisionRecord] = []
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
@@ -134,6 +137,19 @@ class Link:
             self.run = run
             for kept in (self.poses, self.odometry, self.mapped):
                 kept.clear()
+            for kept, pose in self._ahead:
+                if pose.run == run:
+                    kept.setdefault(pose.sweep, pose)
+            self._ahead.clear()
+
+    def _keep(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
+        """Which run it is the poses say: a stage refuses what is of another one."""
+        if self.run is None:
+            self._new_run(pose.run)
+        if pose.run == self.run:
+            kept.setdefault(pose.sweep, pose)
+        else:
+            self._ahead.append((kept, pose))
 
     def _on_pose(self, payload: bytes) -> None:
         pose = records.map_pose(payload)
@@ -141,14 +157,10 @@ class Link:
         self.poses.setdefault(pose.sweep, pose)
 
     def _on_odometry(self, payload: bytes) -> None:
-        pose = records.odometry(payload)
-        self._new_run(pose.run)
-        self.odometry.setdefault(pose.sweep, pose)
+        self._keep(self.odometry, records.odometry(payload))
 
     def _on_mapped(self, payload: bytes) -> None:
-        pose = records.map_pose(payload)
-        self._new_run(pose.run)
-        self.mapped.setdefault(pose.sweep, pose)
+        self._keep(self.mapped, records.map_pose(payload))
 
     def _on_status(self, payload: bytes) -> None:
         self._keep_status(records.status(payload))
