@@ -8,7 +8,8 @@ shift
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 
-# apt tells of itself as kind:package:percent:text.
+# apt tells of itself as kind:package:percent:text, in a pipe of its own: apt does not wait for its reader, and a
+# package whose script finds no room for a line would fail.
 progress() {
   local kind percent text shown=""
   while IFS=: read -r kind _ percent text; do
@@ -24,14 +25,13 @@ progress() {
 }
 
 apt() {
-  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o APT::Status-Fd=1 -o Dpkg::Use-Pty=0 \
-    -o APT::Keep-Downloaded-Packages=false "$@" 2>>"$log" |
-    tee -a "$log" | progress
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive sh -c 'exec apt-get "$@" 3>&1 1>&2' apt-get \
+    -o APT::Status-Fd=3 -o Dpkg::Use-Pty=0 -o APT::Keep-Downloaded-Packages=false "$@" 2>>"$log" | progress
 }
 
 fail() {
   echo "deps: apt failed:" >&2
-  grep -vE '^(dl|pm)status:' "$log" | tail -n 30 >&2
+  tail -n 30 "$log" >&2
   exit 1
 }
 

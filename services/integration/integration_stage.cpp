@@ -12,6 +12,9 @@ namespace {
 
 constexpr std::array kNames = {"trajectory.tum", "trajectory.kitti", "odometry.tum"};
 
+// After a gap the place in the map is searched for within a few metres.
+constexpr MotionReach kCorrectionReach{.m = 25.0, .m_per_s = 0.0, .rad = 1.0, .rad_per_s = 0.0};
+
 // Odometry and MapCorrection name these fields alike.
 template <typename Table>
 Weak weak_of(const Table& table) {
@@ -37,7 +40,9 @@ void bind(runtime::Parameters& p, IntegrationConfig& c) {
   p.add("integration.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
         "degenerate: the pose is known worse along a direction than this share of 10 m");
   p.add("integration.output_dir", &c.output_dir,
-        "folder of trajectory.tum, trajectory.kitti and odometry.tum; empty: none",
+        "folder of trajectory.tum, trajectory.kitti and odometry.tum, of further runs "
+        "trajectory_2.tum "
+        "and so on; empty: none",
         runtime::Effect::kNone);
 }
 
@@ -47,6 +52,7 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
       integrator_(config),
       pose_(stage.outlet(Key::kPose)),
       ack_(stage.flow_ack("integration")),
+      correction_check_(kCorrectionReach),
       journal_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.journal"),
       files_(config.output_dir, ".zloam-trajectory-runs") {
   runtime::InletOptions odometry;
@@ -55,6 +61,9 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   odometry.keep = static_cast<std::size_t>(stage.shared().recovery.keep_messages);
   // The run ends with the last pose, which may still wait for its correction.
   odometry.ends_run = false;
+  odometry.implausible = [this](const runtime::Message& m) {
+    return implausible(OdometryMessage(m));
+  };
   stage.inlet<msg::Odometry>(Key::kOdometry, odometry,
                              [this](const OdometryMessage& message) { return take(message); });
   runtime::InletOptions corrections;
@@ -62,6 +71,9 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   corrections.lossless = true;
   corrections.keep = odometry.keep;
   corrections.ends_run = false;
+  corrections.implausible = [this](const runtime::Message& m) {
+    return implausible(CorrectionMessage(m));
+  };
   stage.inlet<msg::MapCorrection>(Key::kMapCorrection, corrections,
                                   [this](const CorrectionMessage& message) { take(message); });
   // {"path": "..."} for a folder below integration.output_dir.
@@ -80,6 +92,8 @@ void IntegrationStage::new_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
   next_sweep_ = 0;
   waiting_.clear();
+  odometry_check_.reset();
+  correction_check_.reset();
   if (was_in_run && runtime::goes_on(first, last_instant_ns_, runtime::kLongestSearch_ns)) {
     integrator_.new_run();
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
@@ -99,6 +113,20 @@ void IntegrationStage::new_run(const msg::Header& first) {
 
 void IntegrationStage::note_journal(const std::string& error) {
   if (!error.empty()) stage_.degraded("journal", error);
+}
+
+std::string IntegrationStage::implausible(const OdometryMessage& message) {
+  const Pose pose = pose_of(message->pose_odom_base());
+  std::string why =
+      odometry_check_.check(message.header().odom_epoch(), message->instant_ns(), pose);
+  if (why.empty()) T_odom_base_ = pose;
+  return why;
+}
+
+std::string IntegrationStage::implausible(const CorrectionMessage& message) {
+  // A correction moves the robot's place at once, whatever the time since the last one.
+  return correction_check_.check(message.header().odom_epoch(), 0,
+                                 pose_of(message->pose_map_odom()), T_odom_base_);
 }
 
 runtime::Outcome IntegrationStage::take(const OdometryMessage& message) {

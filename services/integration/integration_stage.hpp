@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "common/geometry/motion_check.hpp"
 #include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "integration/integration.hpp"
@@ -32,6 +33,8 @@ class IntegrationStage {
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
   void note_journal(const std::string& error);
+  std::string implausible(const OdometryMessage& message);
+  std::string implausible(const CorrectionMessage& message);
   runtime::Outcome take(const OdometryMessage& message);
   void process(const OdometryMessage& message);
   void take(const CorrectionMessage& message);
@@ -56,6 +59,10 @@ class IntegrationStage {
   std::map<std::uint64_t, runtime::Message> waiting_;
   Trajectory trajectory_;
   Trajectory odometry_;
+  MotionCheck odometry_check_;
+  MotionCheck correction_check_;
+  /// of the newest odometry that was accepted: where corrections are compared
+  Pose T_odom_base_ = Pose::Identity();
   Journal journal_;
   runtime::OutputFiles files_;
   /// in which the trajectory began

@@ -58,6 +58,11 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
+  options.implausible = [this](const runtime::Message& m) {
+    const Sweep sweep(m);
+    return motion_check_.check(sweep.header().odom_epoch(), sweep->instant_ns(),
+                               pose_of(sweep->pose_odom_base()));
+  };
   options.keep =
       std::min(kCommitsKept, static_cast<std::size_t>(stage.shared().recovery.keep_messages));
   stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
@@ -95,6 +100,7 @@ void MappingStage::declare_commands() {
 void MappingStage::new_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
   covariance_since_.setZero();
+  motion_check_.reset();
   T_odom_base_before_.reset();
   mapped_ = 0;
   next_sweep_ = 0;

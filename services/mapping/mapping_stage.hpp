@@ -6,6 +6,7 @@
 #include <optional>
 #include <set>
 
+#include "common/geometry/motion_check.hpp"
 #include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
@@ -59,6 +60,7 @@ class MappingStage {
   const MappingConfig& config_;
   const OutputConfig& output_;
   Mapper mapper_;
+  MotionCheck motion_check_;
   runtime::Outlet& correction_;
   runtime::Outlet& pose_;
   runtime::Outlet& tile_;

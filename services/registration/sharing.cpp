@@ -11,6 +11,8 @@ namespace zloam::registration {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
+// The odometry can't be past what the driver has sent; another replica may have had it sooner.
+constexpr std::uint64_t kMostAhead = 64;
 
 }  // namespace
 
@@ -38,7 +40,8 @@ bool Sharing::first(std::uint64_t run, std::uint64_t sweep) const {
 }
 
 bool Sharing::done(const SweepToShare& sweep) const {
-  return sweep.run == progress_.run && sweep.sweep < progress_.next_sweep;
+  return sweep.run == progress_.run && sweep.sweep < progress_.next_sweep &&
+         progress_.next_sweep <= newest_ + kMostAhead;
 }
 
 bool Sharing::received(const SweepToShare& sweep) const {
@@ -54,6 +57,7 @@ bool Sharing::full() const {
 }
 
 Sharing::Share Sharing::take(const SweepToShare& sweep, std::int64_t now_ns) {
+  newest_ = sweep.run == run_ ? std::max(newest_, sweep.sweep) : sweep.sweep;
   run_ = sweep.run;
   if (done(sweep)) return Share::kNotMine;
   if (first(sweep.run, sweep.sweep)) return Share::kCompute;

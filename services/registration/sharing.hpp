@@ -90,6 +90,8 @@ class Sharing {
   Progress progress_;
   /// of the newest sweep
   std::uint64_t run_ = 0;
+  /// of that run
+  std::uint64_t newest_ = 0;
   /// by arrival; sweeps of a run come in order
   std::vector<Held> held_;
   std::size_t held_bytes_ = 0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "common/zenoh/aligned.hpp"
 #include "store/key_expression.hpp"
@@ -13,6 +14,12 @@ constexpr std::uint64_t kMiB = 1U << 20;
 constexpr std::chrono::seconds kFetchTimeout{20};
 // A whole map at the end of a run, while the disk is slow.
 constexpr std::size_t kHeldMessages = 4096;
+// Until their publisher was asked, which takes a moment when it is there.
+constexpr std::size_t kUnconfirmedMessages = 512;
+constexpr std::size_t kUnconfirmed_bytes = std::size_t{32} << 20;
+constexpr std::int64_t kUnconfirmed_ns = 2'000'000'000;
+constexpr std::chrono::milliseconds kAskEvery{100};
+constexpr std::chrono::milliseconds kAnswersWithin{1000};
 
 StoreLimits limits_of(const StoreConfig& c) {
   StoreLimits limits;
@@ -28,6 +35,10 @@ TileStore open_store(const StoreConfig& config) {
   } catch (const std::exception& e) {
     throw runtime::IoError(std::string("store.path: ") + e.what());
   }
+}
+
+Source source_of(const msg::Header& header) {
+  return {header.run(), header.map_id(), header.term(), header.instance()->str()};
 }
 
 /// A finished message as the runtime takes it. Without an allocator the buffer is freed by
@@ -49,18 +60,24 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   tiles.order = runtime::Order::kAsTheyCome;
   tiles.ends_run = false;
   tiles.newest = kHeldMessages;
-  stage.inlet_at<msg::MapTile>(Key::kMapTile, stage.keys().all_tiles(), tiles,
-                               [this](const TileMessage& tile) { take(*tile, tile.raw().bytes); });
+  tiles_ =
+      &stage.inlet_at<msg::MapTile>(Key::kMapTile, stage.keys().all_tiles(), tiles,
+                                    [this](const TileMessage& tile) { return take_or_hold(tile); });
   runtime::InletOptions poses;
   poses.order = runtime::Order::kAsTheyCome;
   poses.newest = kHeldMessages;
-  stage.inlet<msg::MapPose>(Key::kMapOdometry, poses,
-                            [this](const PoseMessage& pose) { take(pose); });
+  poses_ = &stage.inlet<msg::MapPose>(
+      Key::kMapOdometry, poses, [this](const PoseMessage& pose) { return take_or_hold(pose); });
   const auto reply = [this](runtime::Answer& a) { answer(a); };
   stage.answer(stage.keys().all_tiles(), reply);
   stage.answer(stage.keys().of(Key::kMapOdometry), reply);
   stage.on_end_of_run([this](std::uint64_t) { fetch(); });
   stage.every(std::chrono::milliseconds(config_.sync_ms), [this] { every_period(); });
+  stage.every(kAskEvery, [this] {
+    hear_publisher();
+    settle_held();
+    ask_publisher();
+  });
   stage.on_stop([this] { store_.sync(); });
 }
 
@@ -74,6 +91,91 @@ void StoreStage::say_recovery() const {
     runtime::log_warning("the log ended in a broken record, which was cut off",
                          {{"bytes", r.cut_bytes}, {"segments_set_aside", r.ignored_segments}});
   }
+}
+
+runtime::Outcome StoreStage::take_or_hold(const TileMessage& tile) {
+  if (!publisher_.believes(source_of(tile.header()))) return hold(tiles_, tile.raw());
+  take(*tile, tile.raw().bytes);
+  return runtime::Outcome::kProcessed;
+}
+
+runtime::Outcome StoreStage::take_or_hold(const PoseMessage& pose) {
+  if (!publisher_.believes(source_of(pose.header()), pose->instant_ns())) {
+    return hold(poses_, pose.raw());
+  }
+  take(pose);
+  return runtime::Outcome::kProcessed;
+}
+
+runtime::Outcome StoreStage::hold(runtime::Inlet* inlet, const runtime::Message& message) {
+  held_.push_back({inlet, message, runtime::steady_ns()});
+  held_bytes_ += message.bytes.size();
+  while (held_.size() > kUnconfirmedMessages || held_bytes_ > kUnconfirmed_bytes) refuse_oldest();
+  return runtime::Outcome::kHeld;
+}
+
+StoreStage::Held StoreStage::take_oldest() {
+  Held oldest = std::move(held_.front());
+  held_.pop_front();
+  held_bytes_ -= oldest.message.bytes.size();
+  return oldest;
+}
+
+void StoreStage::refuse_oldest() {
+  Held oldest = take_oldest();
+  ++unconfirmed_;
+  oldest.inlet->settle(std::move(oldest.message),
+                       [](const runtime::Message&) { return runtime::Outcome::kFenced; });
+}
+
+void StoreStage::ask_publisher() {
+  if (held_.empty() || question_.started()) return;
+  const std::string run = std::to_string(held_.back().message.header->run());
+  question_.start(stage_.session(),
+                  stage_.keys().of(Key::kMapOdometry) + "?run=" + run + ";sweep=0.." +
+                      std::to_string(std::uint64_t{1} << 62),
+                  kAnswersWithin, question_bell_);
+}
+
+void StoreStage::hear_publisher() {
+  const auto answers = question_.take();
+  if (!answers) return;
+  for (const zenoh::Sample& sample : *answers) {
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+    if (!verify<msg::MapPose>(bytes.data(), sample.encoding).ok()) continue;
+    const auto& pose = message_of<msg::MapPose>(bytes.data());
+    const Source source = source_of(*pose.header());
+    is_new_ |= !publisher_.believes(source);
+    publisher_.answered(source, pose.instant_ns());
+  }
+}
+
+/// What is believed by now, in its order; what was waited for too long is a stranger's.
+void StoreStage::settle_held() {
+  for (std::size_t left = held_.size(); left > 0; --left) {
+    Held held = take_oldest();
+    if (is_believed(held)) {
+      held.inlet->settle(std::move(held.message), [&](const runtime::Message& m) {
+        if (held.inlet == tiles_) {
+          take(message_of<msg::MapTile>(m.bytes), m.bytes);
+        } else {
+          take(PoseMessage(m));
+        }
+        return runtime::Outcome::kProcessed;
+      });
+      continue;
+    }
+    held_bytes_ += held.message.bytes.size();
+    held_.push_back(std::move(held));
+  }
+  const std::int64_t before_ns = runtime::steady_ns() - kUnconfirmed_ns;
+  while (!held_.empty() && held_.front().since_ns < before_ns) refuse_oldest();
+}
+
+bool StoreStage::is_believed(const Held& held) const {
+  const Source source = source_of(*held.message.header);
+  if (held.inlet == tiles_) return publisher_.believes(source);
+  return publisher_.believes(source, message_of<msg::MapPose>(held.message.bytes).instant_ns());
 }
 
 void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes) {
@@ -90,11 +192,17 @@ void StoreStage::take(const PoseMessage& pose) {
   // The capture is replayed again: what is left of the last time would be the newer one, and a
   // mapping that is killed would go on where that run ended.
   const auto known = store_.rank(stage_.keys().of(Key::kMapOdometry));
-  const bool again = header.replay() && pose.sweep() == 0 && known && known->version > version;
+  const bool again = std::exchange(is_new_, false) && header.replay() && pose.sweep() == 0 &&
+                     known && known->version > version;
   if (again && generations_.is_current(header.run(), header.map_id())) {
     generations_.begin(header.run(), header.map_id());
   }
-  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), version};
+  // What no pose of this map can be was stored before instants were checked: a greater term beats
+  // it.
+  std::uint32_t term = known ? std::max(known->term, header.term()) : header.term();
+  if (known && publisher_.is_beyond(static_cast<std::int64_t>(known->version))) ++term;
+  publisher_.stored(pose->instant_ns());
+  const Rank rank{generations_.of(header.run(), header.map_id()), term, version};
   put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
 }
 
@@ -165,6 +273,7 @@ void StoreStage::every_period() {
   stage_.figure("live_mib", mib(store_.live_bytes()));
   stage_.figure("unsynced_bytes", static_cast<double>(store_.unsynced_bytes()));
   stage_.figure("old_messages", static_cast<double>(old_));
+  stage_.figure("unconfirmed_messages", static_cast<double>(unconfirmed_));
 }
 
 }  // namespace zloam::store

@@ -2,14 +2,18 @@
 // Wires the tile store to the runtime: takes map/tile/** and the newest map/odometry, answers gets
 // for both.
 
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <vector>
 
+#include "common/runtime/async_get.hpp"
+#include "common/runtime/shared.hpp"
 #include "common/runtime/stage.hpp"
 #include "common/zenoh/zenoh.hpp"
 #include "store/config.hpp"
 #include "store/generation.hpp"
+#include "store/live_publisher.hpp"
 #include "store/tile_store.hpp"
 
 namespace zloam::store {
@@ -22,8 +26,23 @@ class StoreStage {
   using TileMessage = runtime::Received<msg::MapTile>;
   using PoseMessage = runtime::Received<msg::MapPose>;
 
+  struct Held {
+    runtime::Inlet* inlet;
+    runtime::Message message;
+    std::int64_t since_ns;
+  };
+  runtime::Outcome take_or_hold(const TileMessage& tile);
+  runtime::Outcome take_or_hold(const PoseMessage& pose);
   void take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes);
   void take(const PoseMessage& pose);
+  /// Until its publisher was asked.
+  runtime::Outcome hold(runtime::Inlet* inlet, const runtime::Message& message);
+  Held take_oldest();
+  void refuse_oldest();
+  bool is_believed(const Held& held) const;
+  void ask_publisher();
+  void hear_publisher();
+  void settle_held();
   void put(const std::string& key, Key kind, const Rank& rank, std::span<const std::uint8_t> bytes);
   void answer(runtime::Answer& answer);
   /// Asks mapping for all its tiles, as puts may be dropped on the way; what is newer is taken.
@@ -44,6 +63,17 @@ class StoreStage {
   Generations generations_;
   std::shared_ptr<Fetched> fetched_ = std::make_shared<Fetched>();
   std::uint64_t old_ = 0;
+
+  runtime::Inlet* tiles_ = nullptr;
+  runtime::Inlet* poses_ = nullptr;
+  LivePublisher publisher_;
+  /// the publisher has just changed
+  bool is_new_ = true;
+  std::deque<Held> held_;
+  std::size_t held_bytes_ = 0;
+  runtime::AsyncGet question_;
+  std::shared_ptr<runtime::Shared> question_bell_ = std::make_shared<runtime::Shared>();
+  std::uint64_t unconfirmed_ = 0;
 };
 
 }  // namespace zloam::store

@@ -26,7 +26,7 @@ driver=services/driver
 sources=("$driver"/velodyne/{model,beams,motor,decoder,mask,position}.cpp
   "$driver"/velodyne/block_points{,_avx2,_avx512}.cpp
   "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,ip_fragments,pcapng_reader,pcap_source,imu_file,scan_list}.cpp
-  services/common/runtime/parameter{_file,_text,_types,s}.cpp)
+  services/common/runtime/{json_guard,parameter{_file,_text,_types,s}}.cpp)
 targets=(packets position nmea pcap tables settings)
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"

@@ -53,6 +53,7 @@ class LiveRun:
         *,
         store: bool = True,
         slower: float = SLOWER,
+        seconds: float = SECONDS,
     ) -> None:
         self.out, self.port = out, live.free_udp_port()
         robot = names(robot_file, [])
@@ -71,7 +72,7 @@ class LiveRun:
         if store:
             self._store = store_command(build, robot_file, self.chain, out / "tiles")
         self._sender = threading.Thread(
-            target=live.send, args=(drive.pcap, self.port, SECONDS, slower)
+            target=live.send, args=(drive.pcap, self.port, seconds, slower)
         )
         #: (run, sweep) -> pose, in the order of their coming
         self.poses: dict[tuple[int, int], PoseRecord] = {}

@@ -11,6 +11,7 @@ import pytest
 from tests.integration.conftest import Capture, digests
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
+from zloam_monitor.processes import StageDied
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
 
@@ -87,12 +88,15 @@ class Mourning(SharedChain):
         self.dead: set[str] = set()
 
     def check(self) -> None:
-        running = self.processes.running
-        killed = {i for i in self.replicas if i in running and running[i].code() == -signal.SIGKILL}
-        for instance in killed:
-            del running[instance]
-        self.dead |= killed
-        super().check()
+        """By what was found, not by a second look: one may die between two."""
+        try:
+            super().check()
+        except StageDied as died:
+            if died.stage not in self.replicas or died.code != -signal.SIGKILL:
+                raise
+            del self.processes.running[died.stage]
+            self.dead.add(died.stage)
+            self.check()
 
 
 def books(chain: SharedChain, statuses: Statuses) -> Counter[str]:

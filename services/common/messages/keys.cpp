@@ -10,26 +10,34 @@ namespace {
 using C = Congestion;
 using N = Numbering;
 
+// A sweep of 128 rings, 2048 columns and two returns is 15 MiB. A whole map is asked for, never an
+// input of a stage.
+constexpr std::size_t kSweep_bytes = std::size_t{32} << 20;
+constexpr std::size_t kTile_bytes = std::size_t{16} << 20;
+constexpr std::size_t kMap_bytes = std::size_t{1} << 30;
+// 64 KiB of text, and the table around it.
+constexpr std::size_t kText_bytes = std::size_t{72} << 10;
+
 constexpr std::array kTable = {
     // Not among the poses: over a slow link these would wait behind every sweep's 100 kB.
     KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver", C::kDrop,
-           "interactive_low", N::kSweep, "newest 8"},
+           "interactive_low", N::kSweep, "newest 8", kSweep_bytes},
     KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
-           N::kSweep, "live newest 4, replay lossless"},
+           N::kSweep, "live newest 4, replay lossless", kSweep_bytes},
     KeyRow{Key::kImu, "imu/<sensor>", "imu", "any", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},
     KeyRow{Key::kGnss, "gnss/<sensor>", "gnss", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},
     KeyRow{Key::kFeatures, "lidar/<sensor>/features", "features", "registration", C::kLiveDrop,
-           "data_high", N::kSweep, "live newest 4, replay lossless"},
+           "data_high", N::kSweep, "live newest 4, replay lossless", kSweep_bytes},
     KeyRow{Key::kRejected, "lidar/<sensor>/rejected", "rejected", "registration", C::kDrop,
-           "data_low", N::kSweep, "newest 1"},
+           "data_low", N::kSweep, "newest 1", kSweep_bytes},
     KeyRow{Key::kOdometry, "odometry", "odometry", "odometry", C::kLiveDrop, "interactive_high",
            N::kSweep, "lossless"},
     KeyRow{Key::kOdometryFeatures, "odometry/features", "odometry_features", "odometry",
-           C::kLiveDrop, "data_high", N::kSweep, "live newest 4, replay lossless"},
+           C::kLiveDrop, "data_high", N::kSweep, "live newest 4, replay lossless", kSweep_bytes},
     KeyRow{Key::kOdometrySweep, "odometry/sweep", "cloud", "odometry", C::kDrop, "data_low",
-           N::kSweep, "newest 1"},
+           N::kSweep, "newest 1", kSweep_bytes},
     KeyRow{Key::kProgress, "odometry/progress", "progress", "odometry", C::kDrop,
            "interactive_high", N::kNone, "newest 1"},
     KeyRow{Key::kFlowAck, "flow/<sink>/ack", "flow_ack", "integration, mapping", C::kDrop,
@@ -39,16 +47,17 @@ constexpr std::array kTable = {
     KeyRow{Key::kMapOdometry, "map/odometry", "map_pose", "mapping", C::kLiveDrop,
            "interactive_high", N::kSweep, "lossless"},
     KeyRow{Key::kMapTile, "map/tile/<layer>/<i>/<j>/<k>", "map_tile", "mapping", C::kDrop, "data",
-           N::kNone, "newest 1 of each cube"},
+           N::kNone, "newest 1 of each cube", kTile_bytes},
     KeyRow{Key::kMapSurround, "map/surround", "cloud", "mapping", C::kDrop, "data_low", N::kSweep,
-           "newest 1"},
+           "newest 1", kMap_bytes},
     KeyRow{Key::kMapCloud, "map/cloud", "cloud", "mapping", C::kDrop, "data_low", N::kSweep,
-           "newest 1"},
+           "newest 1", kMap_bytes},
     KeyRow{Key::kSweepRegistered, "sweep/registered", "cloud", "mapping", C::kDrop, "data_low",
-           N::kSweep, "newest 1"},
+           N::kSweep, "newest 1", kSweep_bytes},
     KeyRow{Key::kPathOdometry, "path/odometry", "path", "odometry", C::kQuery, "data_low", N::kNone,
-           "query"},
-    KeyRow{Key::kPathMap, "path/map", "path", "mapping", C::kQuery, "data_low", N::kNone, "query"},
+           "query", kMap_bytes},
+    KeyRow{Key::kPathMap, "path/map", "path", "mapping", C::kQuery, "data_low", N::kNone, "query",
+           kMap_bytes},
     KeyRow{Key::kPose, "pose", "map_pose", "integration", C::kLiveDrop, "interactive_high",
            N::kSweep, "lossless"},
     KeyRow{Key::kPoseImuRate, "pose/imu_rate", "map_pose", "integration", C::kDrop,
@@ -61,10 +70,15 @@ constexpr std::array kTable = {
            "data_low", N::kNone, "query"},
     KeyRow{Key::kAlive, "service/<stage>/<instance>/alive", "", "every stage", C::kQuery, "data",
            N::kNone, "liveliness token"},
+    KeyRow{Key::kActive, "service/<stage>/<instance>/active/<since_ns>", "",
+           "driver, odometry, mapping, integration, store", C::kQuery, "data", N::kNone,
+           "liveliness token"},
+    KeyRow{Key::kRun, "service/driver/<instance>/run/<run>", "", "driver", C::kQuery, "data",
+           N::kNone, "liveliness token"},
     KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
-           N::kNone, "query"},
+           N::kNone, "query", kText_bytes},
     KeyRow{Key::kConfigRevision, "config/<stage>", "config_revision",
-           "registration, odometry, mapping", C::kDrop, "data_high", N::kNone, "all"},
+           "registration, odometry, mapping", C::kDrop, "data_high", N::kNone, "all", kText_bytes},
 };
 
 std::string chunk(std::string_view text) {
@@ -87,6 +101,8 @@ const KeyRow& key_row(Key key) {
   if (row.key != key) throw std::logic_error("the key table is not in the order of enum Key");
   return row;
 }
+
+bool fits(Key key, std::size_t bytes) { return bytes <= key_row(key).max_bytes; }
 
 std::string encoding_of_schema(std::string_view schema, int major) {
   return "application/x-flatbuffers;schema=" + std::string(schema) +
@@ -163,6 +179,13 @@ std::string Keys::time(std::string_view stage, std::string_view instance) const 
 }
 std::string Keys::alive(std::string_view stage, std::string_view instance) const {
   return below(service(stage, instance, "alive"));
+}
+std::string Keys::active(std::string_view stage, std::string_view instance,
+                         std::string_view since_ns) const {
+  return below(service(stage, instance, "active/" + chunk_or_all(since_ns)));
+}
+std::string Keys::run(std::string_view instance, std::string_view run) const {
+  return below(service("driver", instance, "run/" + chunk_or_all(run)));
 }
 std::string Keys::command(std::string_view stage, std::string_view verb) const {
   return below("command/" + chunk(stage) + "/" + chunk(verb));

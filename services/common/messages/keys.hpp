@@ -2,6 +2,7 @@
 // All keys of the system in one place, each with its schema and how it is delivered. Nothing else
 // in the tree spells a key; schemas/README.md shows the same table and a test compares the two.
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -35,6 +36,8 @@ enum class Key : std::uint8_t {
   kConfig,
   kTime,
   kAlive,
+  kActive,
+  kRun,
   kCommand,
   kConfigRevision,
 };
@@ -61,10 +64,14 @@ struct KeyRow {
   Numbering numbering;
   /// what a receiver's queue keeps
   std::string_view queue;
+  /// No message of this key is larger; what is gets dropped before a byte of it is copied or read.
+  std::size_t max_bytes = std::size_t{1} << 20;
 };
 
 std::span<const KeyRow> key_table();
 const KeyRow& key_row(Key key);
+/// Whether a message of so many bytes can be one of this key.
+bool fits(Key key, std::size_t bytes);
 
 /// "application/x-flatbuffers;schema=<name>;major=<n>"
 std::string encoding_of(Key key);
@@ -86,6 +93,10 @@ class Keys {
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string time(std::string_view stage, std::string_view instance) const;
   std::string alive(std::string_view stage, std::string_view instance) const;
+  /// "*" for any instance and time
+  std::string active(std::string_view stage, std::string_view instance,
+                     std::string_view since_ns) const;
+  std::string run(std::string_view instance, std::string_view run) const;
   std::string command(std::string_view stage, std::string_view verb) const;
   /// "*" asks for all stages'
   std::string config_revision(std::string_view stage) const;

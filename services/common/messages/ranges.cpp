@@ -6,9 +6,17 @@
 #include <string_view>
 
 #include "common/messages/convert.hpp"
+#include "common/messages/keys.hpp"
 
 namespace zloam {
 namespace {
+
+// Beyond any place, speed or error on earth, and far from where squares and products overflow.
+constexpr double kMost_m = 1e7;
+constexpr double kMostOfTwist = 1e4;
+constexpr double kMostOfImu = 1e6;
+constexpr double kMostOfNumber = 1e15;
+constexpr float kMostOfPoint_m = 1e6F;
 
 /// Collects the first thing that is wrong.
 class Checker {
@@ -29,9 +37,16 @@ class Checker {
     return std::isfinite(value) ? *this : require(false, std::string(name) + " is not finite");
   }
 
-  Checker& vec(const msg::Vec3* v, std::string_view name) {
+  Checker& within(double value, double most, std::string_view name) {
+    // Written so that NaN fails too.
+    return std::abs(value) <= most
+               ? *this
+               : require(false, std::string(name) + " is not finite or too large");
+  }
+
+  Checker& vec(const msg::Vec3* v, std::string_view name, double most = kMost_m) {
     if (v == nullptr) return *this;
-    return finite(v->x(), name).finite(v->y(), name).finite(v->z(), name);
+    return within(v->x(), most, name).within(v->y(), most, name).within(v->z(), most, name);
   }
 
   Checker& pose(const msg::Pose* p, std::string_view name) {
@@ -51,7 +66,9 @@ class Checker {
   }
 
   Checker& twist(const msg::Twist* t) {
-    return t == nullptr ? *this : vec(&t->linear(), "twist").vec(&t->angular(), "twist");
+    return t == nullptr
+               ? *this
+               : vec(&t->linear(), "twist", kMostOfTwist).vec(&t->angular(), "twist", kMostOfTwist);
   }
 
   Checker& covariance(const flatbuffers::Vector<double>* c, std::size_t values = 36,
@@ -60,13 +77,13 @@ class Checker {
     if (c->size() != values) {
       return require(false, std::string(name) + " has not " + std::to_string(values) + " values");
     }
-    for (const double value : *c) finite(value, name);
+    for (const double value : *c) within(value, kMostOfNumber, name);
     return *this;
   }
 
   Checker& numbers(const flatbuffers::Vector<double>* values, std::string_view name) {
     if (values == nullptr) return *this;
-    for (const double value : *values) finite(value, name);
+    for (const double value : *values) within(value, kMostOfNumber, name);
     return *this;
   }
 
@@ -76,14 +93,14 @@ class Checker {
                          std::string_view name) {
     bool ok = true;
     for (const Point& p : points_of(points)) ok = ok && all_finite(p);
-    return ok ? *this : require(false, std::string(name) + ": a point is not finite");
+    return ok ? *this : require(false, std::string(name) + ": a point is not finite or too far");
   }
 
   Checker& finite_points(const flatbuffers::Vector<const msg::MapPoint*>* points,
                          std::string_view name) {
     bool ok = true;
     for (const MapPoint& p : map_points_of(points)) ok = ok && all_finite(p);
-    return ok ? *this : require(false, std::string(name) + ": a point is not finite");
+    return ok ? *this : require(false, std::string(name) + ": a point is not finite or too far");
   }
 
   Checker& rings(const flatbuffers::Vector<const msg::Point*>* points, std::uint16_t rings,
@@ -118,7 +135,8 @@ class Checker {
 
   Checker& imu(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
     for (const msg::ImuSample& s : structs_of(samples)) {
-      vec(&s.linear_acceleration(), "imu").vec(&s.angular_velocity(), "imu");
+      vec(&s.linear_acceleration(), "imu", kMostOfImu);
+      vec(&s.angular_velocity(), "imu", kMostOfImu);
     }
     return *this;
   }
@@ -128,7 +146,8 @@ class Checker {
  private:
   template <class P>
   static bool all_finite(const P& p) {
-    return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+    return std::abs(p.x) <= kMostOfPoint_m && std::abs(p.y) <= kMostOfPoint_m &&
+           std::abs(p.z) <= kMostOfPoint_m;
   }
   std::string error_;
 };
@@ -230,7 +249,8 @@ std::string range_error(const msg::MapPose& m) {
 std::string range_error(const msg::MapTile& m) {
   return Checker()
       .header(m.header())
-      .require(m.layer() != nullptr && m.layer()->size() > 0, "layer is missing")
+      .require(m.layer() != nullptr && Keys::chunk_error(m.layer()->string_view()).empty(),
+               "layer is missing, or no part of a key")
       .require(std::isfinite(m.edge_m()) && m.edge_m() > 0.0, "edge_m is not positive")
       .finite_points(m.points(), "points")
       .parallel_if_there(m.points(), m.counts(), "counts")

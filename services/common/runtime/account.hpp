@@ -17,9 +17,12 @@ enum class Drop : std::uint8_t {
   kQueueFull,
   kGarbage,
   kWrongRun,
+  /// Refused before it counted for its sweep, which stays missing.
   kInvalid,
+  /// Taken, and then the work on it failed.
+  kFailed,
 };
-inline constexpr std::size_t kDropReasons = 7;
+inline constexpr std::size_t kDropReasons = 8;
 const char* drop_name(Drop reason);
 
 struct Account {

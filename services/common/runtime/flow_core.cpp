@@ -42,17 +42,18 @@ zenoh::PublisherOptions ack_options(const std::string& encoding) {
 }  // namespace
 
 FlowAckCore::FlowAckCore(const Keys& keys, std::string sink, std::string instance,
-                         zenoh::Session& session)
+                         zenoh::Session& session, std::shared_ptr<const std::atomic<bool>> muted)
     : sink_(std::move(sink)),
       instance_(std::move(instance)),
       key_(keys.flow_ack(sink_)),
       encoding_(encoding_of(Key::kFlowAck)),
+      muted_(std::move(muted)),
       publisher_(session.declare_publisher(key_, ack_options(encoding_))) {
   queryable_ = session.declare_queryable(
       key_,
       [this](zenoh::Query&& query) {
         const std::lock_guard lock(mutex_);
-        if (any_) query.reply(key_, zenoh::Bytes::own(message()), encoding_);
+        if (any_ && !*muted_) query.reply(key_, zenoh::Bytes::own(message()), encoding_);
       },
       false);
 }
@@ -62,6 +63,7 @@ Buffer FlowAckCore::message() {
 }
 
 void FlowAckCore::publish() {
+  if (*muted_) return;
   const zenoh::Bytes payload = zenoh::Bytes::own(message());
   ++seq_;
   publisher_.put(payload);
@@ -97,10 +99,18 @@ FlowWindowCore::FlowWindowCore(FlowWindowSetup setup, const Keys& keys, OutletCo
 }
 
 void FlowWindowCore::on_ack(const zenoh::Sample& sample) {
+  if (!fits(Key::kFlowAck, sample.payload.size())) return;
   const Read<msg::FlowAck> ack(sample);
   if (!ack) return;
   {
     const std::lock_guard lock(mutex_);
+    const auto& sinks = setup_.flow.sinks;
+    if (std::find(sinks.begin(), sinks.end(), ack->sink()->string_view()) == sinks.end()) return;
+    // Another run's would make this one's stand still.
+    if (asked_ && ack->run() != run_) return;
+    // Nobody has finished what was not sent.
+    const auto last = sweeps_.last();
+    if (asked_ && last && ack->done_below() > last->sweep + 1) return;
     auto& [run, done] = acks_[ack->sink()->str()];
     // Of one run only the greatest counts: acknowledgements may overtake one another.
     done = run == ack->run() ? std::max(done, ack->done_below()) : ack->done_below();
@@ -111,8 +121,26 @@ void FlowWindowCore::on_ack(const zenoh::Sample& sample) {
 
 void FlowWindowCore::start_live() {
   replay_ = false;
-  run_ = static_cast<std::uint64_t>(wall_ns());
+  set_run(static_cast<std::uint64_t>(wall_ns()));
   phase_ = Phase::kOpen;
+}
+
+void FlowWindowCore::set_run(std::uint64_t run) {
+  {
+    const std::lock_guard lock(mutex_);
+    run_ = run;
+    asked_ = true;
+  }
+  declare_run();
+}
+
+void FlowWindowCore::declare_run() {
+  if (*setup_.muted) {
+    run_token_.reset();
+  } else if (run_ != 0 && !run_token_) {
+    run_token_ =
+        session_.declare_liveliness_token(keys_.run(setup_.own_instance, std::to_string(run_)));
+  }
 }
 
 void FlowWindowCore::start_replay(const std::string& capture_hash) {
@@ -153,6 +181,7 @@ std::optional<std::int64_t> FlowWindowCore::deadline() const {
 }
 
 void FlowWindowCore::tick() {
+  declare_run();
   const std::int64_t now = steady_ns();
   switch (phase_) {
     case Phase::kIdle:
@@ -239,7 +268,7 @@ void FlowWindowCore::tick_configs(std::int64_t now) {
     }
     if (std::all_of(setup_.flow.wait_for.begin(), setup_.flow.wait_for.end(),
                     [&](const std::string& stage) { return hashes.contains(stage); })) {
-      run_ = replay_run_id(capture_hash_, hashes);
+      set_run(replay_run_id(capture_hash_, hashes));
       phase_ = Phase::kAcks;
       return;
     }

@@ -1,6 +1,7 @@
 #pragma once
 // The runtime's side of pacing.
 
+#include <atomic>
 #include <functional>
 #include <map>
 #include <memory>
@@ -20,7 +21,8 @@ namespace zloam::runtime {
 
 class FlowAckCore final : public FlowAck {
  public:
-  FlowAckCore(const Keys& keys, std::string sink, std::string instance, zenoh::Session& session);
+  FlowAckCore(const Keys& keys, std::string sink, std::string instance, zenoh::Session& session,
+              std::shared_ptr<const std::atomic<bool>> muted);
   void done_below(std::uint64_t run, std::uint64_t sweep) override;
   /// The last acknowledgement again, if it is of that run: the other side may lack it.
   void publish_again(std::uint64_t run);
@@ -35,13 +37,16 @@ class FlowAckCore final : public FlowAck {
   std::uint64_t done_below_ = 0;
   std::uint64_t seq_ = 0;
   bool any_ = false;
+  std::shared_ptr<const std::atomic<bool>> muted_;
   zenoh::Publisher publisher_;
   std::optional<zenoh::Queryable> queryable_;
 };
 
 struct FlowWindowSetup {
   std::string own_stage;
+  std::string own_instance;
   std::string own_result_hash;
+  std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
   FlowConfig flow;
   std::int64_t limit_ns = 120'000'000'000;
 };
@@ -70,6 +75,9 @@ class FlowWindowCore final : public FlowWindow {
   enum class Phase { kIdle, kStages, kConfigs, kAcks, kOpen };
 
   void on_ack(const zenoh::Sample& sample);
+  /// Says whose the run is, while this driver is the one that publishes.
+  void declare_run();
+  void set_run(std::uint64_t run);
   void tick_stages(std::int64_t now);
   void tick_configs(std::int64_t now);
   void tick_acks(std::int64_t now);
@@ -94,12 +102,15 @@ class FlowWindowCore final : public FlowWindow {
   std::int64_t next_try_ = 0;
   std::int64_t next_word_ = 0;
   mutable std::mutex mutex_;
+  /// run_ is known, and the sinks' words of it count
+  bool asked_ = false;
   /// sink -> (run, done_below), as last heard
   std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> acks_;
   std::uint64_t last_done_ = 0;
   std::int64_t progress_at_ = 0;
   std::int64_t again_at_ = 0;
   std::int64_t again_wait_ns_ = 0;
+  std::optional<zenoh::LivelinessToken> run_token_;
   // Last: its callbacks end before what they use goes.
   std::vector<zenoh::Subscriber> subscribers_;
 };

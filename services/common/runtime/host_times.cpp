@@ -15,6 +15,8 @@ namespace {
 constexpr std::chrono::milliseconds kAnswersWithin{900};
 /// Above it a latency between hosts is not told.
 constexpr std::int64_t kTooUncertain_ns = 5 * kMs;
+/// Hosts that messages name and that are asked; of more no latency is told.
+constexpr std::size_t kMostHosts = 16;
 
 /// Of the kernel, so that all containers of one machine say the same. A clock that is shifted on
 /// purpose is not shared.
@@ -96,7 +98,12 @@ void HostTimes::ask(const std::string& host, const std::string& key) {
 std::optional<ClockOffset> HostTimes::offset_of(const msg::TracePoint& stage) {
   if (stage.host()->string_view() == host_) return ClockOffset{};
   const std::lock_guard lock(known_->mutex);
-  Other& other = known_->hosts[stage.host()->str()];
+  const std::string host = stage.host()->str();
+  if (known_->hosts.size() >= kMostHosts && !known_->hosts.contains(host)) {
+    ++known_->not_asked;
+    return std::nullopt;
+  }
+  Other& other = known_->hosts[host];
   other.stage = stage.stage()->str();
   other.instance = stage.instance()->str();
   return other.same_clock ? ClockOffset{} : other.clock.offset();
@@ -111,6 +118,11 @@ std::optional<double> HostTimes::since_last_packet_ms(const msg::Header& header,
   if (!known || header.last_packet_ns() <= 0) return std::nullopt;
   const std::int64_t packet_here_ns = header.last_packet_ns() - between->offset_ns;
   return 1e-6 * static_cast<double>(now_ns - packet_here_ns);
+}
+
+std::uint64_t HostTimes::not_asked() const {
+  const std::lock_guard lock(known_->mutex);
+  return known_->not_asked;
 }
 
 std::map<std::string, ClockOffset> HostTimes::offsets() const {

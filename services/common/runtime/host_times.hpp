@@ -29,6 +29,7 @@ class HostTimes {
   void ask();
   /// host -> its clock beside this one's, of those that have answered and don't share this clock
   std::map<std::string, ClockOffset> offsets() const;
+  std::uint64_t not_asked() const;
 
  private:
   struct Other {
@@ -40,6 +41,8 @@ class HostTimes {
   struct Known {
     std::mutex mutex;
     std::map<std::string, Other> hosts;
+    /// messages of more hosts than are asked
+    std::uint64_t not_asked = 0;
   };
   void ask(const std::string& host, const std::string& key);
   /// Of the clock of a stage's host beside this one's, as far as it is known.

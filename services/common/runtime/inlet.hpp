@@ -54,6 +54,9 @@ struct InletOptions {
   /// false: dropped as invalid before it counts for its sweep, which stays missing. Asked when the
   /// message comes, and again for what waits when something has changed.
   std::function<bool(const Message&)> admit;
+  /// Live, once a message: why what it says can't be, beside what was accepted before; empty: it
+  /// can. Dropped as invalid before it counts for its sweep, and reported in health.
+  std::function<std::string(const Message&)> implausible;
   /// a sweep was given up here (queue_full, late or lost) and will not be handled: say so
   /// downstream. In order with the handler's calls. reason: a Drop's name or "lost".
   std::function<void(std::uint64_t run, std::uint64_t sweep, std::string_view reason)> on_given_up;

@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint64_t kMaxComplaints = 20;
 
 Drop drop_of(Outcome outcome) {
-  return outcome == Outcome::kFenced ? Drop::kFenced : Drop::kInvalid;
+  return outcome == Outcome::kFenced ? Drop::kFenced : Drop::kFailed;
 }
 
 std::string span(std::uint64_t first, std::uint64_t last) {
@@ -49,6 +49,11 @@ void InletCore::on_sample(zenoh::Sample sample, bool recovered) {
     if (!recovered && setup_.fault_every > 0 && ++fault_count_ % setup_.fault_every == 0) return;
     ++account_.received;
     const std::size_t size = sample.payload.size();
+    if (size > setup_.max_bytes) {
+      ++shared_->oversized;
+      ++account_.dropped[static_cast<std::size_t>(Drop::kGarbage)];
+      return;
+    }
     if (raw_.size() >= kMaxQueued || raw_bytes_ + size > setup_.queue_bytes) {
       ++account_.dropped[static_cast<std::size_t>(Drop::kQueueFull)];
       return;
@@ -107,17 +112,29 @@ void InletCore::accept(Raw raw) {
   message.header = setup_.header(message.bytes);
   message.received_ns = raw.received_ns;
   message.recovered = raw.recovered;
-  if (!admitted(message)) return;
-  keep(message, bytes, raw.sample.encoding);
+  if (!setup_.options.outside_runs && !events_.follows(message)) {
+    report_drop(Drop::kWrongRun, "its run " + std::to_string(message.header->run()) + " of " +
+                                     message.header->instance()->str() +
+                                     " is not the one that is followed");
+    return;
+  }
+  if (!admitted(message) || !plausible(message)) return;
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
   // A recovered copy that was overtaken by the original is nobody's request.
   const bool echo = message.header->replay() && !raw.recovered;
+  const Message kept = message;
   if (const auto drop = file(std::move(message))) {
-    count_drop(*drop);
+    if (*drop == Drop::kInvalid) {
+      report_drop(*drop, "its number is further ahead than there was time for: sweep " +
+                             std::to_string(sweep) + ", seq " + std::to_string(kept.header->seq()));
+    } else {
+      count_drop(*drop);
+    }
     if (*drop == Drop::kDuplicate && echo) events_.second_copy(run, sweep);
     return;
   }
+  keep(kept, bytes, raw.sample.encoding);
   events_.saw(run, sweep);
   note_seen(raw.recovered);
 }
@@ -126,6 +143,15 @@ bool InletCore::admitted(const Message& message) {
   if (!setup_.options.admit || setup_.options.admit(message)) return true;
   report_drop(Drop::kInvalid, "sweep " + std::to_string(message.header->sweep()) +
                                   " with another revision of the configuration");
+  return false;
+}
+
+bool InletCore::plausible(const Message& message) {
+  if (!setup_.options.implausible || message.header->replay()) return true;
+  const std::string why = setup_.options.implausible(message);
+  if (why.empty()) return true;
+  report_drop(Drop::kInvalid, "sweep " + std::to_string(message.header->sweep()) + " of " +
+                                  message.header->instance()->str() + ": " + why);
   return false;
 }
 
@@ -165,10 +191,11 @@ std::optional<Drop> InletCore::file(Message message) {
   if (setup_.options.order == Order::kBySweep) {
     return sequencer_.add(std::move(message), steady_ns());
   }
-  if (!seen_.add(message.header->instance()->str(), message.header->seq(), message.header->replay(),
-                 steady_ns())) {
-    return Drop::kDuplicate;
+  if (const auto drop = seen_.add(message.header->instance()->str(), message.header->seq(),
+                                  message.header->replay(), steady_ns())) {
+    return drop;
   }
+  if (arrivals_.size() >= kMaxQueued) return Drop::kQueueFull;
   arrivals_.push_back(std::move(message));
   const std::size_t newest = setup_.limits.newest;
   if (newest > 0 && arrivals_.size() > newest && !arrivals_.front().header->replay()) {
@@ -208,6 +235,22 @@ bool InletCore::work() {
   if (!message) return false;
   handle(std::move(*message));
   return true;
+}
+
+void InletCore::put_aside() {
+  note_given_up();
+  std::deque<Raw> batch;
+  {
+    const std::lock_guard lock(shared_->mutex);
+    batch.swap(raw_);
+    raw_bytes_ = 0;
+    answered_.clear();
+    const std::size_t waiting = batch.size() + sequencer_.held() + arrivals_.size();
+    account_.queued -= waiting;
+    account_.not_mine += waiting;
+  }
+  sequencer_ = Sequencer(setup_.limits);
+  arrivals_.clear();
 }
 
 void InletCore::handle(Message message) {

@@ -22,7 +22,9 @@ class InletEvents {
   virtual ~InletEvents() = default;
   /// A sweep has come for the first time.
   virtual void saw(std::uint64_t run, std::uint64_t sweep) = 0;
-  /// False: the message belongs to a run that was left.
+  /// False: the message belongs to another run than the one that is followed.
+  virtual bool follows(const Message& message) = 0;
+  /// False: its run was left while it waited.
   virtual bool before_message(const Message& message) = 0;
   /// started_ns 0: nobody worked on it here.
   virtual void after_message(const Message& message, bool ends_run) = 0;
@@ -38,6 +40,8 @@ struct InletSetup {
   InletOptions options;
   SequencerLimits limits;
   std::size_t queue_bytes = std::size_t{256} << 20;
+  /// of one message
+  std::size_t max_bytes = std::size_t{32} << 20;
   VerifyFunction verify = nullptr;
   HeaderFunction header = nullptr;
   std::function<Outcome(const Message&)> handler;
@@ -71,6 +75,9 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void drain();
   /// Handles at most one message; whether there was one.
   bool work();
+  /// While another instance works: what has come is that one's. Whatever comes first afterwards
+  /// begins the order again, as in a new instance.
+  void put_aside();
   /// What waits is dropped where it is not admitted any more.
   void check_again();
   /// Asks the publisher for what is missing.
@@ -88,6 +95,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
 
   void accept(Raw raw);
   bool admitted(const Message& message);
+  bool plausible(const Message& message);
   std::optional<Drop> file(Message message);
   std::optional<Message> next();
   void count_drop(Drop reason);

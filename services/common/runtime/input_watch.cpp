@@ -17,8 +17,8 @@ constexpr std::uint64_t kEnoughForPeriod = 3;
 constexpr int kLooksUntilCalm = 5;
 
 constexpr std::array kRefused = {
-    std::pair{Drop::kGarbage, "no messages of this kind"},
-    std::pair{Drop::kInvalid, "values that can't be, or another configuration"},
+    std::pair{Drop::kGarbage, "no messages of this kind, or larger than any of them"},
+    std::pair{Drop::kInvalid, "values or numbers that can't be, or another configuration"},
     std::pair{Drop::kWrongRun, "another run: is there a second driver, or a robot of this name?"},
 };
 

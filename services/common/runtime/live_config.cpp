@@ -7,7 +7,9 @@
 #include <sstream>
 
 #include "common/runtime/config.hpp"
+#include "common/runtime/json_guard.hpp"
 #include "common/runtime/log.hpp"
+#include "common/runtime/query_guard.hpp"
 #include "common/zenoh/aligned.hpp"
 
 namespace zloam::runtime {
@@ -18,6 +20,8 @@ constexpr const char* kPresetBy = "command line";
 // An answer comes at once or from nobody; a peer that hangs must not hold the sweeps.
 constexpr std::chrono::milliseconds kTimeout{500};
 constexpr std::int64_t kRemindEvery_ns = 200 * kMs;
+// However often a stranger says that there is something new.
+constexpr std::int64_t kAskEvery_ns = 10 * kMs;
 // Of one stage; more is no person's doing.
 constexpr std::size_t kMostRevisions = 4096;
 
@@ -29,11 +33,19 @@ zenoh::PublisherOptions publisher_options() {
 }
 
 std::optional<Revision> read(const zenoh::Sample& sample) {
+  if (!fits(Key::kConfigRevision, sample.payload.size())) return std::nullopt;
   const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
   if (!verify<msg::ConfigRevision>(bytes.data(), sample.encoding).ok()) return std::nullopt;
   const msg::ConfigRevision& m = message_of<msg::ConfigRevision>(bytes.data());
+  if (!json_error(m.values_json()->string_view()).empty()) return std::nullopt;
   return Revision{m.stage()->str(),       m.rev(),       m.run(),  m.from_sweep(),
                   m.values_json()->str(), m.by()->str(), m.at_ns()};
+}
+
+/// Of ".../service/<stage>/<instance>/alive".
+std::string stage_of_token(const std::string& key) {
+  const std::string rest = key.substr(0, key.rfind('/', key.rfind('/') - 1));
+  return rest.substr(rest.rfind('/') + 1);
 }
 
 std::string merged(const std::string& values_json, const std::string& changed_json) {
@@ -62,6 +74,7 @@ std::vector<std::string> settings_of(const zenoh::Query& query) {
     const auto* arguments = message_of<msg::Command>(bytes.data()).arguments_json();
     text = arguments == nullptr ? "" : arguments->str();
   }
+  if (const std::string error = json_error(text); !error.empty()) throw ConfigError(error);
   std::vector<std::string> settings;
   const nlohmann::json object = nlohmann::json::parse(text, nullptr, false);
   if (object.is_object()) {
@@ -113,21 +126,57 @@ void LiveConfig::declare() {
       },
       false));
   subscriber_ = session_.declare_subscriber(all, [this](zenoh::Sample&& sample) {
-    const auto shared = std::make_shared<zenoh::Sample>(std::move(sample));
-    post_([this, shared] { take(*shared); });
+    if (sample.kind != zenoh::SampleKind::kPut) return;
+    hinted_ = true;
+    bell_->notify();
   });
+  tokens_ =
+      session_.declare_liveliness_subscriber(keys_.alive("*", "*"), [this](zenoh::Sample&& sample) {
+        post_([this, key = sample.key, there = sample.kind == zenoh::SampleKind::kPut] {
+          hear_token(key, there);
+        });
+      });
   if (setup_.parameters == nullptr) return;
   queryables_.push_back(session_.declare_queryable(
       keys_.command(setup_.identity.stage, kVerb), [this](zenoh::Query&& query) {
+        if (*setup_.muted || refused_for_size(query)) return;
         const auto shared = std::make_shared<zenoh::Query>(std::move(query));
         post_([this, shared] { answer_set(*shared); });
       }));
 }
 
+void LiveConfig::hear_token(const std::string& key, bool there) {
+  if (there) {
+    lives_.came(key, steady_ns());
+    return;
+  }
+  const auto found = schedules_.find(stage_of_token(key));
+  if (found == schedules_.end()) return;
+  const Revision* newest = found->second.newest();
+  const std::uint32_t rev = newest == nullptr ? 0 : newest->rev;
+  if (lives_.went(key, found->first, rev, steady_ns())) withdraw(found->first, rev);
+}
+
+void LiveConfig::withdraw(const std::string& stage, std::uint32_t rev) {
+  log_error("a stage has ended again and again with a revision, which is withdrawn",
+            {{"stage", stage}, {"rev", rev}});
+  schedules_.find(stage)->second.withdraw(rev);
+  {
+    const std::lock_guard lock(mutex_);
+    kept_.erase({stage, rev});
+  }
+  refresh();
+}
+
 void LiveConfig::answer_set(zenoh::Query& query) {
   // Of several instances one answers (protocols.md, section 11).
-  if (mine_ && !mine_(run_)) return;
-  const CommandReply reply = set(settings_of(query));
+  if (*setup_.muted || (mine_ && !mine_(run_))) return;
+  CommandReply reply;
+  try {
+    reply = set(settings_of(query));
+  } catch (const std::exception& e) {
+    reply = {false, kVerb + std::string(": ") + e.what()};
+  }
   log_info("command", {{"verb", kVerb}, {"ok", reply.ok}, {"message", reply.message}});
   query.reply(keys_.command(setup_.identity.stage, kVerb), zenoh::Bytes::own(build(reply)),
               encoding_of(Key::kCommand));
@@ -274,14 +323,21 @@ void LiveConfig::saw(std::uint64_t run, std::uint64_t sweep) {
   if (run == run_) newest_seen_ = std::max(newest_seen_.value_or(0), sweep);
 }
 
-void LiveConfig::ask() {
-  if (!get_.started()) get_.start(session_, keys_.config_revision("*"), kTimeout, bell_);
+void LiveConfig::tick() {
+  if (hinted_.exchange(false)) to_ask_ = true;
+  if (const auto answers = get_.take()) {
+    for (const zenoh::Sample& sample : *answers) take(sample);
+  }
+  const std::int64_t now = steady_ns();
+  if (!to_ask_ || get_.started() || now < next_ask_ns_) return;
+  to_ask_ = false;
+  next_ask_ns_ = now + kAskEvery_ns;
+  get_.start(session_, keys_.config_revision("*"), kTimeout, bell_);
 }
 
-void LiveConfig::tick() {
-  const auto answers = get_.take();
-  if (!answers) return;
-  for (const zenoh::Sample& sample : *answers) take(sample);
+std::optional<std::int64_t> LiveConfig::deadline() const {
+  if (!to_ask_ || get_.started()) return std::nullopt;
+  return next_ask_ns_;
 }
 
 /// Whoever works with another revision has not heard of the one in force.
@@ -290,7 +346,7 @@ void LiveConfig::remind(std::string_view stage) {
   if (now - reminded_ns_ < kRemindEvery_ns) return;
   reminded_ns_ = now;
   const auto schedule = schedules_.find(stage);
-  for (const Revision& revision : schedule->second.all()) publish(revision);
+  if (const Revision* newest = schedule->second.newest()) publish(*newest);
 }
 
 bool LiveConfig::agrees(std::string_view stage, const msg::Header& header) {
@@ -299,7 +355,7 @@ bool LiveConfig::agrees(std::string_view stage, const msg::Header& header) {
   if (header.config_rev() == schedule->second.rev_at(header.run(), header.sweep())) return true;
   const Revision* newest = schedule->second.newest();
   if (newest == nullptr || header.config_rev() > newest->rev) {
-    ask();
+    to_ask_ = true;
   } else {
     remind(stage);
   }

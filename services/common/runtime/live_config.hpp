@@ -4,8 +4,12 @@
 // force at which sweep. Every process keeps the revisions of all stages and answers gets of
 // config/*, so that a stage that was killed finds its own with any of the others.
 //
+// What is put under config/<stage> is a hint and no more: whoever hears it asks, and what those
+// answer who keep the revisions is what counts. So a stranger's put changes nothing.
+//
 // Everything from the worker, but for what says otherwise.
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -21,6 +25,7 @@
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/revisions.hpp"
 #include "common/runtime/shared.hpp"
+#include "common/runtime/short_lives.hpp"
 #include "common/runtime/stage.hpp"
 #include "common/zenoh/zenoh.hpp"
 
@@ -37,6 +42,8 @@ struct LiveConfigSetup {
   /// to test what happens where instances disagree: others' revisions of this stage are not heard
   /// before so many sweeps after their first one
   std::uint64_t deaf_sweeps = 0;
+  /// another instance answers
+  std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
 };
 
 /// What the instance says of its configuration.
@@ -59,8 +66,10 @@ class LiveConfig {
   void begin_run(std::uint64_t run);
   void end_run();
   void saw(std::uint64_t run, std::uint64_t sweep);
-  /// Takes answers to what was asked in between.
+  /// Asks when something new may be there, takes the answers.
   void tick();
+  /// Monotonic ns at which there is something to do.
+  std::optional<std::int64_t> deadline() const;
 
   bool configure_for(std::uint64_t run, std::uint64_t sweep);
   std::uint32_t rev_at(std::uint64_t run, std::uint64_t sweep) const;
@@ -85,8 +94,10 @@ class LiveConfig {
   bool usable(const Revision& revision);
   void keep(const Revision& revision);
   void publish(const Revision& revision);
-  void ask();
   void remind(std::string_view stage);
+  /// A stage that dies on a revision is not given it again.
+  void hear_token(const std::string& key, bool there);
+  void withdraw(const std::string& stage, std::uint32_t rev);
   void answer_set(zenoh::Query& query);
   /// The fields hold the revision's values during the call.
   void with(const Revision* revision, const std::function<void()>& task);
@@ -110,14 +121,19 @@ class LiveConfig {
   bool in_run_ = false;
   std::uint64_t run_ = 0;
   std::optional<std::uint64_t> newest_seen_, newest_used_;
+  ShortLives lives_;
   AsyncGet get_;
+  /// somebody has said that there is something new; any thread
+  std::atomic<bool> hinted_{false};
+  bool to_ask_ = false;
+  std::int64_t next_ask_ns_ = 0;
   std::int64_t reminded_ns_ = 0;
   mutable std::mutex mutex_;
   EffectiveValues effective_;
   /// (stage, rev) -> message
   std::map<std::pair<std::string, std::uint32_t>, zenoh::Bytes> kept_;
   // Last: their callbacks end before what they use goes.
-  std::optional<zenoh::Subscriber> subscriber_;
+  std::optional<zenoh::Subscriber> subscriber_, tokens_;
   std::vector<zenoh::Queryable> queryables_;
 };
 

@@ -162,6 +162,7 @@ void OutletCore::put(const zenoh::Bytes& payload, bool replay) {
 }
 
 void OutletCore::publish(const HeaderFields& header, Buffer message) {
+  if (*setup_.muted) return;
   const std::size_t size = message.size();
   const zenoh::Bytes payload = zenoh::Bytes::own(std::move(message));
   ++seq_;
@@ -182,6 +183,7 @@ std::optional<OutletCore::Published> OutletCore::last() const {
 }
 
 void OutletCore::publish_at(const std::string& key, const HeaderFields& header, Buffer message) {
+  if (*setup_.muted) return;
   const std::size_t size = message.size();
   ++seq_;
   session_.put(key, zenoh::Bytes::own(std::move(message)),
@@ -191,6 +193,7 @@ void OutletCore::publish_at(const std::string& key, const HeaderFields& header, 
 }
 
 bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
+  if (*setup_.muted) return false;
   const auto entry = cache_.find(run, sweep);
   if (!entry) return false;
   // Through the socket, as answers go: who can't reach the publisher's shared memory (no room to
@@ -201,6 +204,7 @@ bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
 }
 
 void OutletCore::answer(zenoh::Query&& query) {
+  if (*setup_.muted) return;
   for (const auto& entry : cache_.select(query.parameters())) {
     query.reply(setup_.key, entry.payload, encoding_);
     republished_.fetch_add(1);

@@ -28,6 +28,8 @@ struct OutletSetup {
   std::size_t keep_bytes = std::size_t{256} << 20;
   /// revision of the configuration with which a sweep is worked on
   std::function<std::uint32_t(std::uint64_t run, std::uint64_t sweep)> config_rev;
+  /// true: another instance publishes, and nothing leaves here
+  std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
 };
 
 /// The last messages of one key, exactly as published. Any thread.

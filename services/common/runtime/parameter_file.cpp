@@ -12,6 +12,7 @@
 #include <set>
 #include <sstream>
 
+#include "common/runtime/json_guard.hpp"
 #include "common/runtime/parameter_text.hpp"
 #include "common/runtime/parameters.hpp"
 
@@ -233,6 +234,7 @@ void Parameters::load_text(const std::string& text, const std::string& name,
 }
 
 void Parameters::set_live(const std::string& values_json) {
+  if (const std::string error = json_error(values_json); !error.empty()) throw ConfigError(error);
   const nlohmann::json values = nlohmann::json::parse(values_json, nullptr, false);
   if (!values.is_object()) throw ConfigError("a JSON object is expected, not " + values_json);
   for (const auto& [key, value] : values.items()) {

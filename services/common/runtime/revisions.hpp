@@ -4,7 +4,9 @@
 // the same.
 
 #include <cstdint>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/messages/build.hpp"
@@ -22,6 +24,8 @@ class RevisionSchedule {
   /// False: known already. Of two that two instances issued under one number the one of the
   /// greater instance counts, everywhere.
   bool add(Revision revision);
+  /// It never was, and is not added again.
+  void withdraw(std::uint32_t rev);
 
   /// Null: as the stage was started.
   const Revision* in_force(std::uint64_t run, std::uint64_t sweep) const;
@@ -35,6 +39,8 @@ class RevisionSchedule {
   bool applies(const Revision& revision, std::uint64_t run, std::uint64_t sweep) const;
 
   std::vector<Revision> revisions_;
+  /// (rev, by): who is started anew may issue the number again
+  std::set<std::pair<std::uint32_t, std::string>> withdrawn_;
   /// 0: none yet
   std::uint64_t run_ = 0;
   /// revisions up to this number, of other runs than run_, were known when it began

@@ -167,8 +167,13 @@ int work(const StageSpec& spec, StageSetup setup) {
       log_info("stopping", {{"cause", cause}});
       stage.stop();
     });
-    spec.wire(stage);
-    code = stage.run();
+    if (stage.stand_by()) {
+      spec.wire(stage);
+      code = stage.run();
+    } else {
+      stage.close();
+      code = kExitOk;
+    }
     if (!session.close()) {
       log_warning("the session did not close in time");
       std::fflush(nullptr);

@@ -11,16 +11,46 @@ constexpr std::int64_t kDefaultLate_ns = 100'000'000;
 
 }  // namespace
 
-bool SeenNumbers::add(const std::string& instance, std::uint64_t seq, bool replay,
-                      std::int64_t now_ns) {
+std::optional<Drop> SeenNumbers::add(const std::string& instance, std::uint64_t seq, bool replay,
+                                     std::int64_t now_ns) {
   replay_ = replay;
-  const auto [it, is_new] = publishers_.try_emplace(instance);
-  Publisher& p = it->second;
-  if (is_new) p.below = seq;
-  if (seq < p.below || !p.above.insert(seq).second) return false;
+  Publisher& p = publisher(instance, seq);
+  if (!in_reach(p, seq)) return Drop::kInvalid;
+  if (seq < p.below || !p.above.insert(seq).second) return Drop::kDuplicate;
   while (p.above.erase(p.below) > 0) ++p.below;
   while (p.above.size() > kMemory) give_up(p);
   note_gap(now_ns);
+  return std::nullopt;
+}
+
+SeenNumbers::Publisher& SeenNumbers::publisher(const std::string& instance, std::uint64_t seq) {
+  const bool is_new = !publishers_.contains(instance);
+  if (is_new && publishers_.size() >= kMostPublishers) {
+    const auto oldest = std::min_element(
+        publishers_.begin(), publishers_.end(),
+        [](const auto& a, const auto& b) { return a.second.heard < b.second.heard; });
+    if (gap_ && gap_->instance == oldest->first) gap_.reset();
+    publishers_.erase(oldest);
+    ++forgotten_;
+  }
+  Publisher& p = publishers_[instance];
+  if (is_new) p.below = seq;
+  p.heard = ++heard_;
+  return p;
+}
+
+bool SeenNumbers::in_reach(Publisher& p, std::uint64_t seq) {
+  const std::uint64_t distance = seq < p.below ? p.below - seq : seq - p.below;
+  if (distance <= 2 * kMemory) {
+    p.far_next.reset();
+    return true;
+  }
+  const bool follows = p.far_next == seq;
+  p.far_next = seq + 1;
+  if (!follows) return false;
+  p.below = seq;
+  p.above.clear();
+  p.far_next.reset();
   return true;
 }
 

@@ -3,6 +3,10 @@
 // by (publisher's instance, seq), and which numbers to ask for (protocols.md, section 3). Messages
 // are taken as they come. What a publisher sent before its first message was heard is not missed.
 //
+// A number far from the others is refused until the next one in order follows it (as RFC 3550,
+// appendix A.1, has it for restarted sources): one forged number makes no true ones old. What is
+// remembered has a bound: the newest publishers, and of each the newest numbers.
+//
 // Times are of any monotonic clock, ns.
 
 #include <cstdint>
@@ -19,8 +23,10 @@ class SeenNumbers {
  public:
   explicit SeenNumbers(const SequencerLimits& limits = {}) : limits_(limits) {}
 
-  /// False for a second copy. replay: missing numbers are never given up.
-  bool add(const std::string& instance, std::uint64_t seq, bool replay, std::int64_t now_ns);
+  /// Nothing: a new one; else kDuplicate, or kInvalid for a number out of reach. replay: missing
+  /// numbers are never given up.
+  std::optional<Drop> add(const std::string& instance, std::uint64_t seq, bool replay,
+                          std::int64_t now_ns);
 
   struct Request {
     std::uint64_t first, last;
@@ -31,6 +37,9 @@ class SeenNumbers {
 
   /// Numbers that were given up.
   std::uint64_t lost() const { return lost_; }
+  /// Publishers whose numbers are not remembered any more.
+  std::uint64_t forgotten() const { return forgotten_; }
+  std::size_t publishers() const { return publishers_.size(); }
   /// When something is to be done though nothing arrives.
   std::optional<std::int64_t> deadline() const;
   /// Replay: the number that has been missing for longer than the limit.
@@ -41,6 +50,9 @@ class SeenNumbers {
     /// every number below is seen or given up
     std::uint64_t below = 0;
     std::set<std::uint64_t> above;
+    /// after a number out of reach: what would follow it
+    std::optional<std::uint64_t> far_next;
+    std::uint64_t heard = 0;
   };
   /// The gap that is waited for: the lowest of one publisher.
   struct Gap {
@@ -48,16 +60,21 @@ class SeenNumbers {
     std::uint64_t first = 0, last = 0;
     std::int64_t since_ns = 0, ask_at_ns = 0, wait_ns = 0;
   };
+  Publisher& publisher(const std::string& instance, std::uint64_t seq);
+  static bool in_reach(Publisher& publisher, std::uint64_t seq);
   void give_up(Publisher& publisher);
   void note_gap(std::int64_t now_ns);
   std::int64_t late_ns() const;
 
   static constexpr std::size_t kMemory = 4096;
+  static constexpr std::size_t kMostPublishers = 16;
   SequencerLimits limits_;
   bool replay_ = false;
   std::map<std::string, Publisher> publishers_;
   std::optional<Gap> gap_;
   std::uint64_t lost_ = 0;
+  std::uint64_t forgotten_ = 0;
+  std::uint64_t heard_ = 0;
 };
 
 }  // namespace zloam::runtime

@@ -5,10 +5,14 @@
 namespace zloam::runtime {
 namespace {
 
-constexpr std::size_t kPastRuns = 64;
 constexpr std::size_t kGivenUpMemory = 4096;
-// A source can't number sweeps so far ahead of what was seen; more is a damaged or foreign message.
-constexpr std::uint64_t kMaxGap = 1'000'000;
+// The window of a replay is a few sweeps; what a stage that was killed must catch up with is kept
+// by others, and is less.
+constexpr std::uint64_t kMostAhead = 1024;
+constexpr std::size_t kMostOfNextRun = 1024;
+// Numbers out of reach are taken for the true ones when nothing else has come for so long.
+constexpr std::int64_t kSilence_ns = 2'000'000'000;
+constexpr int kEnoughFar = 3;
 // Answers without any message (of replicas: answers) before a replay is joined where it stands.
 constexpr int kJoinAttempts = 5;
 constexpr std::size_t kMaxMissing = 256;
@@ -19,60 +23,78 @@ std::string instance_of(const Message& m) { return m.header->instance()->str(); 
 }  // namespace
 
 std::optional<Drop> Sequencer::add(Message message, std::int64_t now_ns) {
-  const std::uint64_t run = message.header->run();
-  if (std::find(past_runs_.begin(), past_runs_.end(), run) != past_runs_.end()) {
-    return Drop::kWrongRun;
-  }
-  if (!running_) begin_run(message);
-  if (run == run_) return add_to_run(std::move(message), now_ns);
-  // The newest of several unknown runs can't be told: all are kept until this one has come out.
-  if (limits_.newest > 0 && !message.header->replay() && future_.size() >= limits_.newest) {
-    return Drop::kQueueFull;
-  }
+  if (!running_) begin_run(message, now_ns);
+  if (is_of_this_run(message)) return add_to_run(std::move(message), now_ns);
+  const std::size_t newest = message.header->replay() ? 0 : limits_.newest;
+  if (future_.size() >= (newest > 0 ? newest : kMostOfNextRun)) return Drop::kQueueFull;
   future_.push_back(std::move(message));
   return std::nullopt;
 }
 
-void Sequencer::begin_run(const Message& first) {
+bool Sequencer::is_of_this_run(const Message& message) const {
+  return message.header->run() == run_ && (!replay_known_ || message.header->replay() == replay_);
+}
+
+void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   running_ = true;
   run_ = first.header->run();
   replay_ = first.header->replay();
+  replay_known_ = true;
   const std::uint64_t sweep = first.header->sweep();
   next_ = replay_ ? 0 : sweep;
   joining_ = replay_ && sweep != 0;
   held_.clear();
   given_up_sweeps_.clear();
   gap_since_.reset();
-  last_stamp_.reset();
+  period_.begin_run();
+  credit_.begin(now_ns);
+  accepted_ns_ = now_ns;
+  far_count_ = 0;
 }
 
 std::optional<Drop> Sequencer::add_to_run(Message message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
   replay_ = message.header->replay();
+  replay_known_ = true;
   if (sweep < next_) {
     return given_up_sweeps_.contains(sweep) ? Drop::kLate : Drop::kDuplicate;
   }
   if (held_.contains(sweep)) return Drop::kDuplicate;
-  if (sweep - next_ > kMaxGap) return Drop::kInvalid;
-  measure_period(message);
+  if (!in_reach(message, now_ns) && !takes_up_far_numbers(message, now_ns)) return Drop::kInvalid;
+  accepted_ns_ = now_ns;
+  far_count_ = 0;
+  period_.add(sweep, message.header->stamp_ns());
   held_.emplace(sweep, std::move(message));
   enforce_bound();
   note_gap(now_ns);
   return std::nullopt;
 }
 
-void Sequencer::measure_period(const Message& message) {
+bool Sequencer::in_reach(const Message& message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
-  const std::int64_t stamp = message.header->stamp_ns();
-  if (last_stamp_ && sweep == last_stamp_->first + 1) {
-    const std::int64_t period = stamp - last_stamp_->second;
-    if (period > 1'000'000 && period < 10'000'000'000) period_ns_ = period;
-  }
-  last_stamp_ = {sweep, stamp};
+  const std::uint64_t below = held_.empty() ? next_ : held_.rbegin()->first + 1;
+  if (!replay_) return sweep < below || credit_.spend(sweep - below, period_.ns(), now_ns);
+  if (!joining_) return sweep - next_ <= kMostAhead;
+  // Where the run stands is what its first messages say.
+  return held_.empty() || sweep <= held_.begin()->first + kMostAhead;
+}
+
+/// After a silence whoever counts on in order is believed: the machine was suspended, or the
+/// numbers followed so far were the wrong ones. What lies between is nobody's loss.
+bool Sequencer::takes_up_far_numbers(const Message& message, std::int64_t now_ns) {
+  const std::uint64_t sweep = message.header->sweep();
+  far_count_ = sweep == far_next_ ? far_count_ + 1 : 1;
+  far_next_ = sweep + 1;
+  const bool silent = now_ns - accepted_ns_ >= kSilence_ns;
+  if (replay_ || !silent || far_count_ < kEnoughFar || held() > 0) return false;
+  begin_run(message, now_ns);
+  last_seq_ = message.header->seq() - 1;
+  last_instance_ = instance_of(message);
+  return true;
 }
 
 std::int64_t Sequencer::late_ns() const {
-  return limits_.late_ns > 0 ? limits_.late_ns : period_ns_;
+  return limits_.late_ns > 0 ? limits_.late_ns : period_.ns();
 }
 
 bool Sequencer::contiguous(const Message& message) const {
@@ -144,20 +166,21 @@ std::optional<Message> Sequencer::next(std::int64_t now_ns) {
 }
 
 void Sequencer::switch_run(std::int64_t now_ns) {
-  past_runs_.push_back(run_);
-  if (past_runs_.size() > kPastRuns) past_runs_.pop_front();
   std::vector<Message> waiting = std::move(future_);
   future_.clear();
   // The lowest sweep of the new run decides where it begins.
   const std::uint64_t run = waiting.front().header->run();
-  std::stable_sort(waiting.begin(), waiting.end(), [run](const Message& a, const Message& b) {
-    const bool other_a = a.header->run() != run;
-    const bool other_b = b.header->run() != run;
-    return other_a != other_b ? other_b : a.header->sweep() < b.header->sweep();
+  const bool replay = waiting.front().header->replay();
+  const auto is_other = [run, replay](const Message& m) {
+    return m.header->run() != run || m.header->replay() != replay;
+  };
+  std::stable_sort(waiting.begin(), waiting.end(), [&](const Message& a, const Message& b) {
+    if (is_other(a) != is_other(b)) return is_other(b);
+    return a.header->sweep() < b.header->sweep();
   });
-  begin_run(waiting.front());
+  begin_run(waiting.front(), now_ns);
   for (Message& message : waiting) {
-    if (message.header->run() == run_) {
+    if (is_of_this_run(message)) {
       add_to_run(std::move(message), now_ns);
     } else {
       future_.push_back(std::move(message));
@@ -219,6 +242,7 @@ void Sequencer::remove_if(const std::function<bool(const Message&)>& unfit, std:
 
 void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   running_ = true;
+  if (run != run_) replay_known_ = false;
   run_ = run;
   joining_ = false;
   next_ = sweep;

@@ -3,11 +3,11 @@
 // copies, which sweep is next, what to ask for and when to give up (protocols.md, sections 1, 3 and
 // 4).
 //
-// Sweeps leave in ascending order within a run. A run that was left never comes back. Times are of
-// any monotonic clock, ns.
+// Sweeps leave in ascending order within a run. Which run is followed is decided before
+// (run_gate.hpp): here another one is the next, once this one has come out. Numbers far ahead of
+// what can have happened are refused. Times are of any monotonic clock, ns.
 
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <map>
 #include <optional>
@@ -16,6 +16,8 @@
 #include <vector>
 
 #include "common/runtime/inlet.hpp"
+#include "common/runtime/number_credit.hpp"
+#include "common/runtime/sweep_period.hpp"
 
 namespace zloam::runtime {
 
@@ -73,7 +75,10 @@ class Sequencer {
   Arrivals arrivals() const;
 
  private:
-  void begin_run(const Message& first);
+  void begin_run(const Message& first, std::int64_t now_ns);
+  bool is_of_this_run(const Message& message) const;
+  bool in_reach(const Message& message, std::int64_t now_ns);
+  bool takes_up_far_numbers(const Message& message, std::int64_t now_ns);
   std::optional<Drop> add_to_run(Message message, std::int64_t now_ns);
   bool ready() const;
   bool contiguous(const Message& message) const;
@@ -83,7 +88,6 @@ class Sequencer {
   void give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop);
   void enforce_bound();
   void switch_run(std::int64_t now_ns);
-  void measure_period(const Message& message);
   std::int64_t late_ns() const;
   Message take_front();
 
@@ -91,13 +95,14 @@ class Sequencer {
   bool running_ = false;
   std::uint64_t run_ = 0;
   bool replay_ = false;
+  /// replay_ is of this run; not so after continue_at()
+  bool replay_known_ = false;
   /// replay: nothing has come out of this run yet, and its start may not exist any more
   bool joining_ = false;
   std::uint64_t next_ = 0;
   std::map<std::uint64_t, Message> held_;
   /// messages of a newer run, kept until the current one has come out
   std::vector<Message> future_;
-  std::deque<std::uint64_t> past_runs_;
   /// sweeps given up, so that a later arrival is late and not a duplicate
   std::set<std::uint64_t> given_up_sweeps_;
   std::vector<GivenUp> given_up_;
@@ -109,8 +114,12 @@ class Sequencer {
   std::int64_t ask_at_ = 0;
   std::int64_t wait_ns_ = 0;
   int asked_ = 0;
-  std::int64_t period_ns_ = 100'000'000;
-  std::optional<std::pair<std::uint64_t, std::int64_t>> last_stamp_;
+  SweepPeriod period_;
+  NumberCredit credit_;
+  std::int64_t accepted_ns_ = 0;
+  /// refused as too far ahead, in order among themselves: the next of them, and how many
+  std::uint64_t far_next_ = 0;
+  int far_count_ = 0;
 };
 
 }  // namespace zloam::runtime

@@ -36,6 +36,8 @@ struct Shared {
   std::condition_variable bell;
   bool rung = false;
   zenoh::TransferCounters transfer;
+  /// messages that were larger than any of their key
+  std::uint64_t oversized = 0;
 
   void notify() {
     {

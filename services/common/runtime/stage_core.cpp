@@ -9,8 +9,9 @@ namespace {
 
 constexpr std::int64_t kTurn_ns = 20 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
-constexpr std::size_t kPastRuns = 64;
 constexpr std::size_t kOutputMemory = 256;
+// Questions and commands that wait for the worker.
+constexpr std::size_t kMostTasks = 1024;
 
 }  // namespace
 
@@ -23,7 +24,7 @@ StageCore::StageCore(StageSetup setup, zenoh::Session& session)
                 {{"every", setup_.fault_every}});
   }
   LiveConfigSetup live{setup_.identity, setup_.shared.flow.window, setup_.parameters,
-                       setup_.presets, setup_.fault_deaf_sweeps};
+                       setup_.presets,  setup_.fault_deaf_sweeps,  muted_};
   live_ = std::make_unique<LiveConfig>(
       std::move(live), EffectiveValues{0, setup_.values_json, setup_.result_json}, keys_, session_,
       bell_, [this](std::function<void()> task) { post(std::move(task)); });
@@ -31,6 +32,7 @@ StageCore::StageCore(StageSetup setup, zenoh::Session& session)
     // What waits in the queues may be of another revision than the one now known.
     for (const auto& inlet : inlets_) inlet->check_again();
   });
+  watch_tokens();
 }
 
 StageCore::~StageCore() { close(); }
@@ -56,12 +58,14 @@ bool StageCore::configure_for(const Message& message) {
   return live_->configure_for(message.header->run(), message.header->sweep());
 }
 
+bool StageCore::follows(const Message& message) {
+  return gate_.admit(message.header->run(), message.header->replay(), steady_ns());
+}
+
 bool StageCore::before_message(const Message& message) {
   const std::uint64_t run = message.header->run();
   if (in_run_ && run == run_) return true;
-  if (std::find(past_runs_.begin(), past_runs_.end(), run) != past_runs_.end()) return false;
-  if (in_run_) past_runs_.push_back(run_);
-  if (past_runs_.size() > kPastRuns) past_runs_.pop_front();
+  if (!gate_.follows(run)) return false;
   {
     const std::lock_guard lock(mutex_);
     in_run_ = true;
@@ -137,6 +141,7 @@ void StageCore::overdue(const std::string& key, std::uint64_t sweep) {
 void StageCore::handler_threw(const std::string& key, std::uint64_t sweep,
                               const std::string& what) {
   log_error("a sweep could not be handled", {{"key", key}, {"sweep", sweep}, {"what", what}});
+  handler_threw_ns_ = steady_ns();
   degraded("handler", "sweep " + std::to_string(sweep) + " could not be handled: " + what);
 }
 
@@ -146,6 +151,16 @@ void StageCore::post(std::function<void()> task) {
     tasks_.push_back(std::move(task));
   }
   bell_->notify();
+}
+
+bool StageCore::offer(std::function<void()> task) {
+  {
+    const std::lock_guard lock(tasks_mutex_);
+    if (tasks_.size() >= kMostTasks) return false;
+    tasks_.push_back(std::move(task));
+  }
+  bell_->notify();
+  return true;
 }
 
 bool StageCore::run_tasks() {
@@ -158,14 +173,25 @@ bool StageCore::run_tasks() {
   return !tasks.empty();
 }
 
-bool StageCore::work() {
-  bool busy = run_tasks();
+bool StageCore::work_on_inputs() {
+  bool busy = false;
   for (const auto& inlet : inlets_) inlet->drain();
   for (const auto& inlet : inlets_) busy = inlet->work() || busy;
+  for (const auto& inlet : inlets_) inlet->recover(session_);
+  return busy;
+}
+
+bool StageCore::work() {
+  bool busy = run_tasks();
+  if (*muted_) {
+    // What it made of them would be a second opinion, and the other's map or frame in its own.
+    for (const auto& inlet : inlets_) inlet->put_aside();
+  } else {
+    busy = work_on_inputs() || busy;
+  }
   if (window_) window_->tick();
   live_->tick();
   for (const auto& turn : turns_) busy = turn() == Turn::kAgain || busy;
-  for (const auto& inlet : inlets_) inlet->recover(session_);
   run_timers();
   return busy;
 }
@@ -187,6 +213,7 @@ void StageCore::wait() {
   };
   for (const auto& inlet : inlets_) sooner(inlet->deadline());
   for (const Timer& timer : timers_) sooner(timer.next_ns);
+  sooner(live_->deadline());
   if (window_) sooner(window_->deadline());
   bell_->wait_until(until);
 }
@@ -238,6 +265,8 @@ void StageCore::close() {
   status_bell_.notify_all();
   if (status_thread_.joinable()) status_thread_.join();
   alive_.reset();
+  drivers_.reset();
+  singleton_.reset();
   subscribers_.clear();
   queryables_.clear();
   host_times_.reset();

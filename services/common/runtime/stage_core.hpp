@@ -17,6 +17,8 @@
 #include "common/runtime/input_watch.hpp"
 #include "common/runtime/live_config.hpp"
 #include "common/runtime/outlet_core.hpp"
+#include "common/runtime/run_gate.hpp"
+#include "common/runtime/singleton.hpp"
 #include "common/runtime/stage.hpp"
 #include "common/runtime/statistics.hpp"
 #include "common/runtime/status.hpp"
@@ -44,6 +46,9 @@ class StageCore final : public Stage, private InletEvents {
   StageCore(StageSetup setup, zenoh::Session& session);
   ~StageCore() override;
 
+  /// Waits, before anything is wired, while another instance does this stage's work: its status
+  /// says so. False: it was stopped meanwhile.
+  bool stand_by();
   /// Works until stop() or fail(); declares the token, publishes status. Once.
   int run();
   /// Undeclares everything; the session may be closed after it.
@@ -96,6 +101,7 @@ class StageCore final : public Stage, private InletEvents {
 
  private:
   void saw(std::uint64_t run, std::uint64_t sweep) override { live_->saw(run, sweep); }
+  bool follows(const Message& message) override;
   bool before_message(const Message& message) override;
   void after_message(const Message& message, bool ends_run) override;
   void second_copy(std::uint64_t run, std::uint64_t sweep) override;
@@ -107,11 +113,19 @@ class StageCore final : public Stage, private InletEvents {
   bool note_output(std::uint64_t sweep);
   void note_latencies(const Message& message);
   void declare_service();
+  void declare_status();
+  void watch_tokens();
+  void watch_second();
+  void watch_handlers();
+  void watch_oversized();
   bool run_tasks();
+  bool work_on_inputs();
   bool work();
   void run_timers();
   void wait();
   void post(std::function<void()> task);
+  /// For what a stranger may ask without end: false when too much waits already.
+  bool offer(std::function<void()> task);
   void status_loop();
   void watch_overload();
   void watch_inputs();
@@ -129,6 +143,10 @@ class StageCore final : public Stage, private InletEvents {
   std::shared_ptr<Shared> bell_ = std::make_shared<Shared>();
   std::int64_t started_ns_ = wall_ns();
   double rss_start_mib_ = process_usage().rss_mib;
+
+  /// shared with the outlets, acknowledgements and answers: true, and nothing leaves
+  std::shared_ptr<std::atomic<bool>> muted_ = std::make_shared<std::atomic<bool>>(false);
+  std::optional<Singleton> singleton_;
 
   std::vector<std::shared_ptr<InletCore>> inlets_;
   std::vector<zenoh::Subscriber> subscribers_;
@@ -156,7 +174,7 @@ class StageCore final : public Stage, private InletEvents {
 
   std::atomic<bool> stopping_{false};
   std::atomic<int> exit_code_{0};
-  std::deque<std::uint64_t> past_runs_;
+  RunGate gate_;
   /// replay: sweep -> when its outputs were last published, monotonic ns
   std::map<std::uint64_t, std::int64_t> output_at_;
   // Told to others: under mutex_.
@@ -174,13 +192,18 @@ class StageCore final : public Stage, private InletEvents {
   std::map<std::string, std::string> degraded_;
   std::map<std::string, double> figures_;
   Latencies latencies_;
+  /// monotonic; 0: never, or it is over
+  std::atomic<std::int64_t> handler_threw_ns_{0};
 
   // Of the status thread.
   std::uint64_t overload_dropped_ = 0;
   int looks_without_drop_ = 0;
   InputWatch input_watch_;
+  std::string said_of_others_;
+  std::uint64_t oversized_ = 0;
 
   std::optional<zenoh::LivelinessToken> alive_;
+  std::optional<zenoh::Subscriber> drivers_;
   std::optional<zenoh::Publisher> status_publisher_;
   std::mutex status_mutex_;
   std::condition_variable status_bell_;

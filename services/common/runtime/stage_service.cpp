@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <utility>
 
 #include "common/runtime/log.hpp"
+#include "common/runtime/recall.hpp"
 #include "common/runtime/run_id.hpp"
 #include "common/runtime/stage_core.hpp"
 
@@ -17,6 +19,22 @@ constexpr std::chrono::milliseconds kStatusPeriod{1000};
 constexpr std::int64_t kClocksApart_ns = 50 * kMs;
 // Statuses without a drop before an overload is over.
 constexpr int kLooksUntilCalm = 5;
+constexpr std::int64_t kStandByLook_ns = 20 * kMs;
+// For any other stage's link, and from the first one's on for the elder's.
+constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50};
+constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
+
+/// Of these there is one in a robot; registration has as many replicas as are wanted.
+constexpr std::array kSingletons = {"driver", "odometry", "mapping", "integration", "store"};
+
+/// The last chunk of a driver's token.
+std::optional<std::uint64_t> run_of(const std::string& key) {
+  std::uint64_t run = 0;
+  const char* end = key.data() + key.size();
+  const auto [rest, error] = std::from_chars(key.data() + key.rfind('/') + 1, end, run);
+  if (error != std::errc{} || rest != end) return std::nullopt;
+  return run;
+}
 
 /// Which stage reads a key inside the robot: readiness waits for it when it is part of the
 /// deployment.
@@ -80,7 +98,7 @@ ServiceHealth StageCore::health(std::string* reason) const {
   };
   if (!failure_.empty()) return because(failure_, ServiceHealth::kFailed);
   if (stopping_.load()) return because("stopping", ServiceHealth::kStopping);
-  if (!declared_) return because("starting", ServiceHealth::kStarting);
+  if (!declared_) return because(own_ready_ ? "starting" : own_reason_, ServiceHealth::kStarting);
   if (!own_ready_) return because(own_reason_, ServiceHealth::kStarting);
   if (!degraded_.empty()) {
     std::string all;
@@ -138,10 +156,81 @@ void StageCore::note_source(StatusFields* f) const {
   f->end_of_run = last->ended;
 }
 
-void StageCore::declare_service() {
+void StageCore::watch_tokens() {
+  const Identity& id = setup_.identity;
+  if (std::find(kSingletons.begin(), kSingletons.end(), id.stage) != kSingletons.end()) {
+    singleton_.emplace(session_, keys_, id.stage, Seniority{started_ns_, id.instance}, muted_);
+  }
+  // What a driver reads is of no driver's run.
+  if (id.stage == "driver") return;
+  drivers_ =
+      session_.declare_liveliness_subscriber(keys_.run("*", "*"), [this](zenoh::Sample&& sample) {
+        const bool there = sample.kind == zenoh::SampleKind::kPut;
+        if (const auto run = run_of(sample.key)) gate_.token(sample.key, *run, there);
+      });
+}
+
+bool StageCore::stand_by() {
+  if (!singleton_) return true;
+  // Links come up in the background; who sees no stage at all may be the first one.
+  const auto linked = [this] {
+    return !session_.liveliness_get(keys_.alive("*", "*"), kLinkWait).empty();
+  };
+  if (!wait_for_links(linked, kLinkWait)) return true;
+  const auto has_elder = [this] {
+    singleton_->ask();
+    return muted_->load();
+  };
+  if (!wait_for_links(has_elder, kElderWait)) return true;
+  declare_status();
+  log_warning("standing by", {{"reason", singleton_->others()}});
+  while (*muted_ && !stopping_.load()) {
+    ready(false, singleton_->others());
+    publish_status();
+    const auto until = steady_ns() + kStatusPeriod / std::chrono::nanoseconds(1);
+    while (*muted_ && !stopping_.load() && steady_ns() < until) {
+      bell_->wait_until(steady_ns() + kStandByLook_ns);
+    }
+  }
+  // Its answers look at what is wired now.
+  queryables_.clear();
+  status_publisher_.reset();
+  ready(true, "");
+  if (!stopping_.load()) log_info("the other instance has gone");
+  return !stopping_.load();
+}
+
+/// Another instance that came after both were at work.
+void StageCore::watch_second() {
+  if (!singleton_) return;
+  const std::string others = singleton_->others();
+  if (!others.empty() && others != said_of_others_) log_warning(others);
+  if (others.empty() && !said_of_others_.empty()) log_info("the other instance has gone");
+  said_of_others_ = others;
+  degraded("another instance", others);
+}
+
+/// One message that could not be handled is past when others can be.
+void StageCore::watch_handlers() {
+  const std::int64_t threw_ns = handler_threw_ns_.load();
+  if (threw_ns == 0 || steady_ns() - threw_ns < kHandlerCalm_ns) return;
+  handler_threw_ns_ = 0;
+  degraded("handler", "");
+}
+
+/// They come in many fragments, whose heap the allocator would keep for the next one.
+void StageCore::watch_oversized() {
+  std::uint64_t now = 0;
+  {
+    const std::lock_guard lock(bell_->mutex);
+    now = bell_->oversized;
+  }
+  if (std::exchange(oversized_, now) != now) give_back_heap();
+}
+
+void StageCore::declare_status() {
   const Identity& id = setup_.identity;
   const std::string status_key = keys_.status(id.stage, id.instance);
-  const std::string config_key = keys_.config(id.stage, id.instance);
   zenoh::PublisherOptions options;
   options.priority = zenoh::Priority::kBackground;
   options.encoding = encoding_of(Key::kStatus);
@@ -150,6 +239,12 @@ void StageCore::declare_service() {
                                                                 status_key](zenoh::Query&& query) {
     query.reply(status_key, zenoh::Bytes::own(runtime::build(status())), encoding_of(Key::kStatus));
   }));
+}
+
+void StageCore::declare_service() {
+  const Identity& id = setup_.identity;
+  const std::string config_key = keys_.config(id.stage, id.instance);
+  declare_status();
   queryables_.push_back(
       session_.declare_queryable(config_key, [this, config_key](zenoh::Query&& query) {
         const EffectiveValues now = live_->effective();
@@ -173,6 +268,9 @@ void StageCore::status_loop() {
   while (!status_end_) {
     lock.unlock();
     watch_overload();
+    watch_second();
+    watch_handlers();
+    watch_oversized();
     watch_inputs();
     watch_clocks();
     publish_status();
@@ -219,6 +317,9 @@ void StageCore::watch_inputs() {
 
 void StageCore::watch_clocks() {
   host_times_->ask();
+  if (const auto count = host_times_->not_asked(); count > 0) {
+    figure("hosts_not_asked", static_cast<double>(count));
+  }
   std::string apart;
   for (const auto& [host, clock] : host_times_->offsets()) {
     const double offset_ms = 1e-6 * static_cast<double>(clock.offset_ns);

@@ -2,7 +2,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "common/runtime/json_guard.hpp"
 #include "common/runtime/log.hpp"
+#include "common/runtime/query_guard.hpp"
 #include "common/runtime/run_id.hpp"
 #include "common/runtime/stage_core.hpp"
 
@@ -21,6 +23,8 @@ SequencerLimits limits_of(const RecoveryConfig& c, const InletOptions& options) 
   if (options.lossless) l.newest = 0;
   return l;
 }
+
+constexpr const char* kBusy = "too many questions wait already: ask again later";
 
 class QueryAnswer final : public Answer {
  public:
@@ -50,6 +54,7 @@ std::string arguments_of(const zenoh::Query& query) {
 }
 
 CommandReply call(const CommandHandler& handler, const std::string& arguments) {
+  if (const std::string error = json_error(arguments); !error.empty()) return {false, error};
   if (!nlohmann::json::accept(arguments)) return {false, "the arguments are not JSON"};
   try {
     return handler(arguments);
@@ -79,11 +84,12 @@ Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
   if (key == Key::kFeatures) s.keep_messages *= kFeaturesKeptTimes;
   s.keep_bytes = static_cast<std::size_t>(setup_.shared.recovery.keep_mib) << 20;
   s.config_rev = [this](std::uint64_t run, std::uint64_t sweep) { return config_rev(run, sweep); };
+  s.muted = muted_;
   outlets_.push_back(std::make_unique<OutletCore>(std::move(s), session_));
   return *outlets_.back();
 }
 
-Inlet& StageCore::add_inlet(Key, const std::string& full_key, const InletOptions& options,
+Inlet& StageCore::add_inlet(Key key, const std::string& full_key, const InletOptions& options,
                             VerifyFunction verify, HeaderFunction header,
                             std::function<Outcome(const Message&)> handler) {
   InletSetup s;
@@ -91,6 +97,7 @@ Inlet& StageCore::add_inlet(Key, const std::string& full_key, const InletOptions
   s.options = options;
   s.limits = limits_of(setup_.shared.recovery, options);
   s.queue_bytes = static_cast<std::size_t>(setup_.shared.recovery.queue_mib) << 20;
+  s.max_bytes = key_row(key).max_bytes;
   s.verify = verify;
   s.header = header;
   s.handler = std::move(handler);
@@ -113,6 +120,8 @@ Inlet& StageCore::add_inlet(Key, const std::string& full_key, const InletOptions
 FlowWindow& StageCore::flow_window(Outlet& sweeps) {
   FlowWindowSetup s;
   s.own_stage = setup_.identity.stage;
+  s.own_instance = setup_.identity.instance;
+  s.muted = muted_;
   s.own_result_hash = sha256_hex(setup_.result_json);
   s.flow = setup_.shared.flow;
   s.limit_ns = kMs * 1000 * setup_.shared.recovery.replay_limit_s;
@@ -124,27 +133,34 @@ FlowWindow& StageCore::flow_window(Outlet& sweeps) {
 }
 
 FlowAck& StageCore::flow_ack(const std::string& sink) {
-  acks_.push_back(std::make_unique<FlowAckCore>(keys_, sink, setup_.identity.instance, session_));
+  acks_.push_back(
+      std::make_unique<FlowAckCore>(keys_, sink, setup_.identity.instance, session_, muted_));
   return *acks_.back();
 }
 
 void StageCore::command(const std::string& verb, CommandHandler handler) {
   queryables_.push_back(session_.declare_queryable(
       keys_.command(setup_.identity.stage, verb), [this, verb, handler](zenoh::Query&& query) {
+        if (*muted_ || refused_for_size(query)) return;
         const auto shared_query = std::make_shared<zenoh::Query>(std::move(query));
-        post([this, verb, handler, shared_query] {
-          const CommandReply reply = call(handler, arguments_of(*shared_query));
-          log_info("command", {{"verb", verb}, {"ok", reply.ok}, {"message", reply.message}});
+        const auto reply = [this, verb, shared_query](const CommandReply& r) {
           shared_query->reply(keys_.command(setup_.identity.stage, verb),
-                              zenoh::Bytes::own(zloam::build(reply)), encoding_of(Key::kCommand));
+                              zenoh::Bytes::own(zloam::build(r)), encoding_of(Key::kCommand));
+        };
+        const bool taken = offer([verb, handler, shared_query, reply] {
+          const CommandReply r = call(handler, arguments_of(*shared_query));
+          log_info("command", {{"verb", verb}, {"ok", r.ok}, {"message", r.message}});
+          reply(r);
         });
+        if (!taken) reply({false, kBusy});
       }));
 }
 
 void StageCore::answer(const std::string& full_key, std::function<void(Answer&)> handler) {
   queryables_.push_back(session_.declare_queryable(full_key, [this, handler](zenoh::Query&& query) {
+    if (*muted_) return;
     const auto shared_query = std::make_shared<zenoh::Query>(std::move(query));
-    post([handler, shared_query] {
+    const bool taken = offer([handler, shared_query] {
       QueryAnswer answer(*shared_query);
       try {
         handler(answer);
@@ -152,6 +168,7 @@ void StageCore::answer(const std::string& full_key, std::function<void(Answer&)>
         answer.refuse(e.what());
       }
     });
+    if (!taken) QueryAnswer(*shared_query).refuse(kBusy);
   }));
 }
 

@@ -79,4 +79,10 @@ void bound_heap([[maybe_unused]] int kept_block_bytes) {
 #endif
 }
 
+void give_back_heap() {
+#ifdef __GLIBC__
+  malloc_trim(0);
+#endif
+}
+
 }  // namespace zloam::runtime

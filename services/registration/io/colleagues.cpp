@@ -22,6 +22,8 @@ std::optional<std::vector<std::string>> wrong_members() {
   return members;
 }
 
+constexpr std::size_t kMostNames = 64;
+
 /// loam/<robot>/service/registration/<instance>/alive
 std::string instance_of(const std::string& key) {
   const std::size_t end = key.rfind('/');
@@ -79,12 +81,17 @@ void Colleagues::on_token(const zenoh::Sample& sample) {
 }
 
 void Colleagues::on_status(const zenoh::Sample& sample) {
+  if (!fits(Key::kStatus, sample.payload.size())) return;
   const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
   if (!verify<msg::Status>(bytes.data(), sample.encoding).ok()) return;
   const msg::Status& status = message_of<msg::Status>(bytes.data());
   const std::string instance = status.instance()->str();
   {
     const std::lock_guard lock(mutex_);
+    // A status may come before its token; names without one are a stranger's.
+    if (ready_.size() >= kMostNames && !ready_.contains(instance)) {
+      std::erase_if(ready_, [this](const auto& r) { return !alive_.contains(r.first); });
+    }
     bool& ready = ready_[instance];
     if (ready == fit(status.health())) return;
     ready = !ready;
@@ -93,6 +100,7 @@ void Colleagues::on_status(const zenoh::Sample& sample) {
 }
 
 void Colleagues::on_progress(const zenoh::Sample& sample) {
+  if (!fits(Key::kProgress, sample.payload.size())) return;
   const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
   if (!verify<msg::Progress>(bytes.data(), sample.encoding).ok()) return;
   const msg::Progress& said = message_of<msg::Progress>(bytes.data());

@@ -165,6 +165,10 @@ TEST_F(LiveConfiguration, IsFoundByAnInstanceThatComesLater) {
              [&] { return other->accounts().at(0).processed > 0 && !worker->used.get().empty(); });
   ASSERT_TRUE(set("registration.points=20").ok);
   ASSERT_TRUE(set("registration.points=30").ok);
+  // Who hears of a revision asks for it: both, in both processes.
+  zenoh::GetOptions o;
+  o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+  while (source.get(kKeys.config_revision("*"), o).size() < 4) std::this_thread::yield();
   worker.reset();
   worker = std::make_unique<Worker>(network.open(1), "again");
   until_read(2 * kWindow, [&] { return !worker->used.get().empty(); });
@@ -241,8 +245,18 @@ TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing
   c.encoding = encoding_of(Key::kConfigRevision);
   const Buffer revision = build(ConfigRevisionFields{
       .stage = "registration", .rev = 1, .run = kRun, .from_sweep = 1, .by = "x"});
-  source.put(kKeys.config_revision("registration"),
-             zenoh::Bytes::copy_of(std::span(revision.data(), revision.size())), c);
+  const zenoh::Bytes bytes = zenoh::Bytes::copy_of(std::span(revision.data(), revision.size()));
+  // A put alone is a stranger's word: nobody who keeps revisions has this one.
+  source.put(kKeys.config_revision("registration"), bytes, c);
+  features(1, 1);
+  while (invalid() < 2) std::this_thread::yield();
+  EXPECT_EQ(count.get(), 1U);
+  const zenoh::Queryable keeper = source.declare_queryable(
+      kKeys.config_revision("*"),
+      [&](zenoh::Query&& query) {
+        query.reply(kKeys.config_revision("registration"), bytes, c.encoding);
+      },
+      false);
   // In force as soon as it has come: the same sweep again is then no second copy.
   for (std::uint64_t tries = 0; count.get() < 2; ++tries) {
     features(1, 1);

@@ -5,6 +5,8 @@
 
 #include <gtest/gtest.h>
 
+#include "common/runtime/short_lives.hpp"
+
 namespace zloam::runtime {
 namespace {
 
@@ -107,6 +109,50 @@ TEST(RevisionSchedule, OneNumberOfTwoInstancesIsTheGreatersEverywhere) {
   EXPECT_FALSE(other.add(revision(1, 30, kRun, "a")));
   EXPECT_EQ(one.newest()->from_sweep, 40U);
   EXPECT_EQ(other.newest()->from_sweep, 40U);
+}
+
+TEST(Schedule, WhatIsWithdrawnNeverWas) {
+  RevisionSchedule s;
+  s.begin_run(1);
+  Revision first, second;
+  first.rev = 1, first.run = 1, first.from_sweep = 10, first.by = "a";
+  second.rev = 2, second.run = 1, second.from_sweep = 20, second.by = "a";
+  EXPECT_TRUE(s.add(first));
+  EXPECT_TRUE(s.add(second));
+  EXPECT_EQ(s.rev_at(1, 30), 2U);
+  s.withdraw(2);
+  EXPECT_EQ(s.rev_at(1, 30), 1U);
+  EXPECT_FALSE(s.add(second));
+  EXPECT_EQ(s.rev_at(1, 30), 1U);
+  second.by = "b";  // the instance that was started after
+  EXPECT_TRUE(s.add(second));
+  EXPECT_EQ(s.rev_at(1, 30), 2U);
+}
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+TEST(ShortLives, TheThirdShortLifeInARowWithARevisionIsEnough) {
+  ShortLives lives;
+  std::int64_t now = 0;
+  const auto life = [&](std::int64_t seconds, std::uint32_t rev) {
+    const std::string key = "alive" + std::to_string(now);
+    lives.came(key, now);
+    now += seconds * kSecond;
+    return lives.went(key, "registration", rev, now);
+  };
+  EXPECT_FALSE(life(100, 5));
+  EXPECT_FALSE(life(1, 5));
+  EXPECT_FALSE(life(2, 5));
+  EXPECT_TRUE(life(1, 5));
+  EXPECT_FALSE(life(1, 5));  // said once
+  // A long life, another revision, none at all.
+  EXPECT_FALSE(life(1, 6));
+  EXPECT_FALSE(life(1, 6));
+  EXPECT_FALSE(life(60, 6));
+  EXPECT_FALSE(life(1, 6));
+  EXPECT_FALSE(life(1, 6));
+  EXPECT_FALSE(life(1, 7));
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(life(1, 0));
 }
 
 }  // namespace

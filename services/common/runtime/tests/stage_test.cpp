@@ -5,6 +5,7 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "common/runtime/run_id.hpp"
 #include "common/runtime/tests/support.hpp"
@@ -106,6 +107,32 @@ TEST(Stage, RefusesWhatIsNoMessageAndCountsWhy) {
   EXPECT_THAT(reader.seen.get(), testing::ElementsAre("0", "1"));
 }
 
+TEST(Stage, RefusesWhatIsLargerThanAnyMessageOfTheKey) {
+  const Network network(2);
+  RunningStage stage(network.open(0), setup("integration"), [](Stage& core) {
+    core.inlet<msg::Odometry>(Key::kOdometry, {}, [](const Received<msg::Odometry>&) {});
+  });
+  zenoh::Session stranger = network.open(1);
+  zenoh::PublisherOptions options = sweep_options();
+  options.encoding = encoding_of(Key::kOdometry);
+  zenoh::Publisher out = stranger.declare_publisher(kKeys.of(Key::kOdometry), options);
+  wait_for_reader(out);
+  const std::size_t most = key_row(Key::kOdometry).max_bytes;
+  // Well formed but for its size: nothing but that can be the reason.
+  HeaderFields header = sweep_header(1, 0, true);
+  header.frame = std::string(most, 'x');
+  out.put(zenoh::Bytes::own(build(header, OdometryFields{})));
+  header.frame = "odom";
+  out.put(zenoh::Bytes::own(build(header, OdometryFields{})));
+  while (stage->accounts().at(0).processed == 0) std::this_thread::yield();
+  stage.stop();
+  const Account a = stage->accounts().at(0);
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.received, 2U);
+  EXPECT_EQ(a.processed, 1U);
+  EXPECT_EQ(dropped(a, Drop::kGarbage), 1U);
+}
+
 TEST(Stage, LiveQueueDropsTheOldestAndTellsWhich) {
   const Network network(2);
   StageSetup s = setup("registration");
@@ -150,6 +177,89 @@ TEST(Stage, LiveGapIsGivenUpAndALateArrivalIsLate) {
   EXPECT_TRUE(a.balanced());
   EXPECT_EQ(a.lost, 1U);
   EXPECT_EQ(dropped(a, Drop::kLate), 1U);
+}
+
+TEST(Stage, AnotherRunIsRefusedAndTheDriversGoesOn) {
+  const Network network(2);
+  Reader reader(network.open(0), setup("registration"));
+  zenoh::Session source = network.open(1);
+  const zenoh::LivelinessToken token = source.declare_liveliness_token(kKeys.run("d", "1"));
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  out.put(sweep_bytes(sweep_header(1, 0, false)));
+  for (std::uint64_t run = 2; run < 50; ++run) out.put(sweep_bytes(sweep_header(run, 0, false)));
+  out.put(sweep_bytes(sweep_header(1, 900'000, false)));
+  out.put(sweep_bytes(sweep_header(1, 1, true)));  // of a live run
+  out.put(sweep_bytes(sweep_header(1, 1, false)));
+  ASSERT_TRUE(reader.wait_for(2));
+  reader.stage->stop();
+  EXPECT_THAT(reader.seen.get(), testing::ElementsAre("0", "1"));
+  const Account a = reader.account();
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(dropped(a, Drop::kWrongRun), 49U);
+  EXPECT_EQ(dropped(a, Drop::kInvalid), 1U);
+}
+
+TEST(Stage, OfTwoInstancesTheElderPublishesAndBothSaySo) {
+  const Network network(3);
+  zenoh::Session listener = network.open(2);
+  Watched<std::set<std::string>> publishers;
+  const zenoh::Subscriber subscriber =
+      listener.declare_subscriber(kKeys.of(Key::kPose), [&](zenoh::Sample&& sample) {
+        const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+        const auto name = message_of<msg::MapPose>(bytes.data()).header()->instance()->str();
+        publishers.change([&](auto& names) { names.insert(name); });
+      });
+  const auto publish = [](Stage& stage) {
+    Outlet& out = stage.outlet(Key::kPose);
+    stage.every(std::chrono::milliseconds(10), [&stage, &out] {
+      HeaderFields h = out.header(stage.now_ns(), stage.now_ns());
+      h.frame = "map";
+      out.publish(h, build(h, MapPoseFields{}));
+    });
+  };
+  auto elder =
+      std::make_unique<RunningStage>(network.open(0), setup("integration", "elder"), publish);
+  ASSERT_TRUE(publishers.wait([](const auto& names) { return names.contains("elder"); }));
+  RunningStage younger(network.open(1), setup("integration", "younger"), publish);
+  const auto says = [](RunningStage& stage, const std::string& other) {
+    return stage->status().reason.find(other) != std::string::npos;
+  };
+  while (!says(*elder, "younger") || !says(younger, "elder")) std::this_thread::yield();
+  publishers.change([](auto& names) { names.clear(); });
+  ASSERT_TRUE(publishers.wait([](const auto& names) { return !names.empty(); }));
+  EXPECT_THAT(publishers.get(), testing::ElementsAre("elder"));
+  elder.reset();
+  ASSERT_TRUE(publishers.wait([](const auto& names) { return names.contains("younger"); }));
+  while (says(younger, "elder")) std::this_thread::yield();
+}
+
+TEST(Stage, WhoIsSilentTakesNothingAndBeginsWhereTheOtherEnds) {
+  const Network network(3);
+  auto elder = std::make_unique<Reader>(network.open(0), setup("integration", "elder"));
+  Reader younger(network.open(1), setup("integration", "younger"));
+  while ((*younger.stage)->status().reason.find("elder") == std::string::npos) {
+    std::this_thread::yield();
+  }
+  zenoh::Session source = network.open(2);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  std::uint64_t sweep = 0;
+  const auto put_until = [&](const auto& enough) {
+    for (; !enough(); ++sweep) {
+      out.put(sweep_bytes(sweep_header(1, sweep, false)));
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  };
+  put_until([&] { return elder->seen.get().size() >= 5 && younger.account().not_mine >= 5; });
+  EXPECT_THAT(younger.seen.get(), testing::IsEmpty());
+  elder.reset();
+  put_until([&] { return younger.seen.get().size() >= 5; });
+  younger.stage->stop();
+  // Each number came once, and in order.
+  EXPECT_GE(std::stoull(younger.seen.get().front()), younger.account().not_mine);
+  EXPECT_TRUE(younger.account().balanced());
+  EXPECT_EQ(younger.account().lost, 0U);
 }
 
 TEST(Stage, AHandlerThatThrowsCostsItsMessageOnly) {
@@ -299,6 +409,18 @@ TEST_F(Service, ACommandHasExactlyOneReply) {
   const CommandReply broken = command("break", "{}");
   EXPECT_FALSE(broken.ok);
   EXPECT_EQ(broken.message, "broken");
+}
+
+TEST_F(Service, RefusesACommandThatNoParserShouldSee) {
+  const std::vector<std::string> payloads = {
+      std::string(8'000'000, ' '), std::string(60'000, '['),
+      R"({"path":)" + std::string(30'000, '[') + std::string(30'000, ']') + "}"};
+  for (const std::string& payload : payloads) {
+    const CommandReply reply = command("save", payload);
+    EXPECT_FALSE(reply.ok);
+    EXPECT_THAT(reply.message, testing::HasSubstr("read"));
+  }
+  EXPECT_TRUE(command("save", R"({"path":"a.pcd"})").ok);
 }
 
 TEST_F(Service, ItsTokenGoesWithIt) {

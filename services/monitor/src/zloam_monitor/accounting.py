@@ -9,8 +9,9 @@ from itertools import pairwise
 from zloam_monitor.keys import POSE_PATH, STAGES, Keys
 from zloam_monitor.records import StatusRecord
 
-#: second copies and strangers are no sweeps that went missing
-NO_SWEEP_GIVEN_UP = ("duplicate", "fenced", "wrong_run", "garbage")
+#: second copies and strangers are no sweeps that went missing; a sweep whose only message was
+#: refused is counted as lost
+NO_SWEEP_GIVEN_UP = ("duplicate", "fenced", "wrong_run", "garbage", "invalid")
 
 
 @dataclass(frozen=True)

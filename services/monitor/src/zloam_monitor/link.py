@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import queue
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -23,6 +24,8 @@ from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, Statu
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
+#: a link takes a moment to come up; then an instance that is there answers at once
+PATIENCE_SECONDS = 2.0
 
 
 class LinkError(RuntimeError):
@@ -86,6 +89,8 @@ class Link:
         #: messages that could not be read
         self.garbage = 0
         self.run: int | None = None
+        #: of a run that has no pose yet
+        self._ahead: deque[tuple[dict[int, PoseRecord], PoseRecord]] = deque(maxlen=64)
         #: as last asked for
         self.revisions: list[RevisionRecord] = []
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
@@ -132,6 +137,19 @@ class Link:
             self.run = run
             for kept in (self.poses, self.odometry, self.mapped):
                 kept.clear()
+            for kept, pose in self._ahead:
+                if pose.run == run:
+                    kept.setdefault(pose.sweep, pose)
+            self._ahead.clear()
+
+    def _keep(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
+        """Which run it is the poses say: a stage refuses what is of another one."""
+        if self.run is None:
+            self._new_run(pose.run)
+        if pose.run == self.run:
+            kept.setdefault(pose.sweep, pose)
+        else:
+            self._ahead.append((kept, pose))
 
     def _on_pose(self, payload: bytes) -> None:
         pose = records.map_pose(payload)
@@ -139,14 +157,10 @@ class Link:
         self.poses.setdefault(pose.sweep, pose)
 
     def _on_odometry(self, payload: bytes) -> None:
-        pose = records.odometry(payload)
-        self._new_run(pose.run)
-        self.odometry.setdefault(pose.sweep, pose)
+        self._keep(self.odometry, records.odometry(payload))
 
     def _on_mapped(self, payload: bytes) -> None:
-        pose = records.map_pose(payload)
-        self._new_run(pose.run)
-        self.mapped.setdefault(pose.sweep, pose)
+        self._keep(self.mapped, records.map_pose(payload))
 
     def _on_status(self, payload: bytes) -> None:
         self._keep_status(records.status(payload))
@@ -191,9 +205,22 @@ class Link:
         for payload in self.get(self.keys.every_status):
             self._on_status(payload)
 
+    def living(self) -> set[str]:
+        """Stages whose token is there."""
+        replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
+        found = (reply.ok for reply in replies)
+        return {str(ok.key_expr).split("/")[-3] for ok in found if ok is not None}
+
     def query_configs(self) -> dict[str, dict[str, Any]]:
-        """Stage -> effective configuration."""
-        return dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+        """Stage -> effective configuration, of all that live: a stage's token may come over a new
+        link before its answers do."""
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        found: dict[str, dict[str, Any]] = {}
+        while True:
+            found |= dict(records.effective_config(p) for p in self.get(self.keys.every_config))
+            if self.living() <= found.keys() or time.monotonic() > deadline:
+                return found
+            time.sleep(0.1)
 
     def query_revisions(self) -> list[RevisionRecord]:
         """All changes while running that anybody knows of, each once, by stage and number."""

@@ -9,11 +9,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from zloam_monitor.chain import ChainError
-from zloam_monitor.link import Link
+from zloam_monitor.link import PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
 
-#: a link takes a moment to come up; then an instance that is there answers at once
-PATIENCE_SECONDS = 2.0
 #: where a setting begins, or one that holds from a sweep on
 _BEGIN = re.compile(r"\s+(?=(?:[0-9]+:)?(?:robot|[a-z_]+(?:\.[a-z0-9_]+)+)=)")
 

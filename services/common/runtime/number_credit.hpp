@@ -1,0 +1,45 @@
+#pragma once
+// How far ahead a live sweep's number can be: no further than sweeps can have been made in the time
+// since. A number beyond is forged or damaged, and must not make the true ones old. The very next
+// number is never refused, however soon it comes: there are sources faster than their stamps. Times
+// are of any monotonic clock, ns.
+
+#include <algorithm>
+#include <cstdint>
+
+namespace zloam::runtime {
+
+class NumberCredit {
+ public:
+  void begin(std::int64_t now_ns) {
+    credit_ = kSlack + 1.0;
+    at_ns_ = now_ns;
+  }
+  /// Whether the next number may be so far beyond the expected one; if so, it is.
+  bool spend(std::uint64_t beyond, std::int64_t period_ns, std::int64_t now_ns) {
+    // After continue_at() there is no time to count from.
+    if (at_ns_ == 0) at_ns_ = now_ns;
+    credit_ += kPace * static_cast<double>(now_ns - at_ns_) / static_cast<double>(period_ns);
+    at_ns_ = now_ns;
+    const double numbers = static_cast<double>(beyond) + 1.0;
+    if (beyond > 0 && numbers > credit_) return false;
+    // The next number takes of what a stall has saved up only: in the burst that ends it one may be
+    // missing after any number that came in order.
+    const double least = beyond > 0 ? 0.0 : std::min(credit_, kSlack);
+    credit_ = std::max(credit_ - numbers, least);
+    // What a stall has saved up is for what was held up in it.
+    if (credit_ > kSlack) credit_ = kSlack + kKept * (credit_ - kSlack);
+    return true;
+  }
+
+ private:
+  /// of clocks, and of a period that was measured
+  static constexpr double kPace = 1.02;
+  /// what comes in one go when links or publishers have just come up; a forger gets no more either
+  static constexpr double kSlack = 8.0;
+  static constexpr double kKept = 0.995;
+  double credit_ = kSlack;
+  std::int64_t at_ns_ = 0;
+};
+
+}  // namespace zloam::runtime

@@ -1,0 +1,42 @@
+#include "store/live_publisher.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace zloam::store {
+namespace {
+
+// From pose to pose of a run; a longer silence of the sensor costs one more question.
+constexpr std::int64_t kNear_ns = 10'000'000'000;
+
+std::int64_t later(std::int64_t ns) {
+  return ns > std::numeric_limits<std::int64_t>::max() - kNear_ns ? ns : ns + kNear_ns;
+}
+
+std::int64_t sooner(std::int64_t ns) {
+  return ns < std::numeric_limits<std::int64_t>::min() + kNear_ns ? ns : ns - kNear_ns;
+}
+
+}  // namespace
+
+void LivePublisher::answered(const Source& source, std::int64_t instant_ns) {
+  if (source_ != source) {
+    source_ = source;
+    first_ns_ = last_ns_ = instant_ns;
+    return;
+  }
+  first_ns_ = std::min(first_ns_, instant_ns);
+  last_ns_ = std::max(last_ns_, instant_ns);
+}
+
+bool LivePublisher::believes(const Source& source, std::int64_t instant_ns) const {
+  return believes(source) && instant_ns >= sooner(first_ns_) && instant_ns <= later(last_ns_);
+}
+
+void LivePublisher::stored(std::int64_t instant_ns) { last_ns_ = std::max(last_ns_, instant_ns); }
+
+bool LivePublisher::is_beyond(std::int64_t instant_ns) const {
+  return source_ && instant_ns > later(last_ns_);
+}
+
+}  // namespace zloam::store
