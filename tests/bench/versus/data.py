@@ -30,7 +30,7 @@ from zloam_monitor.trajectory import Trajectory
 SCENES = ("city", "indoor", "fastrot", "tunnel")
 SEEDS = (7, 11, 23)
 QUIET_SIGMA_M = 0.008
-#: sweeps of the quiet sequences: as many as peers.md has of its city_s8mm
+#: sweeps of the quiet sequences: 17 s
 QUIET_SCANS = 170
 QUIET, TURNED = "-s8", "-turned"
 WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
