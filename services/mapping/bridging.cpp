@@ -25,15 +25,23 @@ std::vector<Pose> starts(const MappingConfig& config, std::uint32_t attempt) {
   return offsets;
 }
 
-bool accepted(const Match& match, const MappingConfig& config, double median_residual_m) {
+bool accepted(const Match& match, const MappingConfig& config, double median_residual_m,
+              const FitRecord& fits) {
   if (!match.ok || match.candidates == 0) return false;
   const double ratio = static_cast<double>(match.inliers) / match.candidates;
-  const bool fits = median_residual_m <= 0.0 ||
+  const bool near = median_residual_m <= 0.0 ||
                     match.inlier_residual_m < config.insert_residual_factor * median_residual_m;
-  return fits && ratio >= config.bridge_inlier_ratio;
+  return near && ratio >= config.bridge_inlier_ratio && !explains_too_little(match, fits);
 }
 
 }  // namespace
+
+bool explains_too_little(const Match& match, const FitRecord& fits) {
+  // Right matches explain 0.85 of the usual and more, wrong ones up to 0.7
+  // (docs/experiments/2026-11-26-lost-by-fit.md).
+  constexpr double kTooLittle = 0.75;
+  return fits.usual() && match.fit < kTooLittle * *fits.usual();
+}
 
 Matrix6 bridge_covariance(const MappingConfig& config) {
   Matrix6 covariance = Matrix6::Zero();
@@ -44,14 +52,15 @@ Matrix6 bridge_covariance(const MappingConfig& config) {
 }
 
 Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const MappingConfig& config, double median_residual_m, std::uint32_t attempt) {
+             const MappingConfig& config, double median_residual_m, const FitRecord& fits,
+             std::uint32_t attempt) {
   Match best;
   bool best_accepted = false;
   for (const Pose& offset : starts(config, attempt)) {
     Prediction start = guess;
     start.T_map_base = guess.T_map_base * offset;
     const Match match = method.match(input, start);
-    const bool good = accepted(match, config, median_residual_m);
+    const bool good = accepted(match, config, median_residual_m, fits);
     if (good && (!best_accepted || match.inliers > best.inliers)) {
       best = match;
       best_accepted = true;

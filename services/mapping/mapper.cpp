@@ -77,6 +77,9 @@ struct Mapper::State {
   std::vector<PathPose> path;
   std::optional<LastPose> last;
   bool bridging = false;
+  // It is searched for as it did not fit where the odometry had it.
+  bool lost = false;
+  FitRecord fits;
   std::uint32_t bridged_sweeps = 0;
   // The next sweep may not go on where the last one was.
   bool break_expected = false;
@@ -106,11 +109,19 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 }
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
-  if (!bridging && settling == 0) return method->match(input, prediction);
+  if (!bridging && settling == 0) {
+    const Match match = method->match(input, prediction);
+    const bool astray = match.ok && !match.converged && explains_too_little(match, fits);
+    if (match.ok && match.converged) fits.add(match.fit);
+    if (!astray) return match;
+    bridging = lost = true;
+    bridged_sweeps = 0;
+  }
   Match match =
-      bridge(*method, input, prediction, config, policy.median_residual_m(), bridged_sweeps);
+      bridge(*method, input, prediction, config, policy.median_residual_m(), fits, bridged_sweeps);
   ++bridged_sweeps;
   bridging = !match.ok;
+  lost = lost && bridging;
   settling = match.ok ? settling - std::min(settling, 1U) : settling;
   return match;
 }
@@ -142,8 +153,10 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
     result.reason = policy.judge(match.T_map_base, match.residual_m);
   } else if (bridging) {
     // Also of a sweep without points: its pose is not in the map.
-    result.health = bridged_sweeps > config.bridge_sweeps ? Health::kLost : Health::kBridging;
-    result.reason = "new odometry frame not yet matched";
+    const bool given_up = bridged_sweeps > config.bridge_sweeps;
+    result.health = lost || given_up ? Health::kLost : Health::kBridging;
+    result.reason = lost ? "the sweep does not fit the map where it should be: searched for"
+                         : "new odometry frame not yet matched";
   } else if (input.edges.empty() && input.planes.empty()) {
     result.health = Health::kEmpty;
     result.reason = "no point came";

@@ -251,10 +251,14 @@ TEST(Mapper, SweepFromElsewhereIsNotInserted) {
   other.hull = {{-30, -3, -4}, {5, 30, 6}};
   const Scan s = test::scan(other, small_steps(12), 0.01, 3);
   const auto result = mapper.process(input_of(12, s, small_steps(12)));
-  EXPECT_NE(result.health, Health::kOk);
+  EXPECT_EQ(result.health, Health::kLost);
   EXPECT_FALSE(result.inserted);
   EXPECT_FALSE(result.reason.empty());
   EXPECT_EQ(mapper.point_count(), points);
+  const Scan back = test::scan(drive.room, small_steps(13), 0.01, 4);
+  const auto found = mapper.process(input_of(13, back, small_steps(13)));
+  EXPECT_EQ(found.health, Health::kOk) << found.reason;
+  EXPECT_LT((small_steps(13).inverse() * found.T_map_base).translation().norm(), 0.01);
 }
 
 TEST(Mapper, SweepThatFitsFarWorseThanThoseBeforeIsNotInserted) {

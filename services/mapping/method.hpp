@@ -28,6 +28,10 @@ struct Match {
   /// features that were looked up, and matched ones whose residual lies inside the kernel
   std::uint32_t candidates = 0;
   std::uint32_t inliers = 0;
+  /// the last step was below the limits
+  bool converged = true;
+  /// sum of the robust weights for each feature that was looked up: 1 when all lie in the map
+  double fit = 0.0;
   double residual_m = 0.0;
   double inlier_residual_m = 0.0;  // where the map is not known everywhere: of what it knows
 };

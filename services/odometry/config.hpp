@@ -5,8 +5,8 @@ namespace zloam::odometry {
 
 struct OdometryConfig {
   // --- solver -------------------------------------------------------------------------------
-  /// LOAM: at most 25. Ends earlier when a step is below both limits.
-  int max_iterations = 25;
+  /// Ends earlier when a step is below both limits.
+  int max_iterations = 50;
   double stop_translation_m = 1e-4;
   double stop_rotation_rad = 2e-5;
   /// Fewer matched points than this: the pose is the prediction.

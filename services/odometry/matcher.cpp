@@ -117,30 +117,30 @@ Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
   return source;
 }
 
-MotionState nearest_start(const Source& source, const MotionState& first,
-                          const std::vector<MotionState>& others, double range_noise_m,
-                          const OdometryConfig& config, WindowMap& recent) {
-  if (others.empty()) return first;
+std::vector<MotionState> likeliest(const Source& source, const std::vector<MotionState>& starts,
+                                   std::size_t most, const MotionPrior& prior, double range_noise_m,
+                                   const OdometryConfig& config, WindowMap& recent) {
   const double kernel_m = std::max(config.kernel_m, config.kernel_start_m);
   const std::size_t stride = stride_to(kPointsToCompare, source.planes.size());
   Association association(config, range_noise_m, recent);
   Residuals residuals;
-  const auto cost_at = [&](const MotionState& state) {
+  std::vector<std::pair<double, std::size_t>> costs;
+  for (const MotionState& state : starts) {
     const MotionTable table(state);
     association.run(source, state, table, kGateWidths * kernel_m, stride, residuals);
     NormalEquations sums;
     add_residuals(state, table, residuals, kernel_m, false, sums);
-    return sums.cost + association.cost_of_unmatched(source, residuals, stride, kernel_m);
-  };
-  const MotionState* best = &first;
-  double least = cost_at(first);
-  for (const MotionState& other : others) {
-    const double cost = cost_at(other);
-    if (cost >= least) continue;
-    least = cost;
-    best = &other;
+    add_prior(state, prior, sums);
+    costs.emplace_back(
+        sums.cost + association.cost_of_unmatched(source, residuals, stride, kernel_m),
+        costs.size());
   }
-  return *best;
+  std::sort(costs.begin(), costs.end());
+  std::vector<MotionState> best;
+  for (std::size_t i = 0; i < std::min(most, costs.size()); ++i) {
+    best.push_back(starts[costs[i].second]);
+  }
+  return best;
 }
 
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
@@ -170,6 +170,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     const EliminatedBend bend(out.state, prior, equations);
     const double unmatched = association.cost_of_unmatched(source, residuals, stride, kernel_m);
     out.cost = equations.cost + unmatched;
+    out.prior_cost = equations.cost - out.data.cost;
     out.fit = (out.data.cost + unmatched) /
               static_cast<double>(std::max<std::size_t>(1, source.planes.size()));
     const Vector12 step = solve_step(equations);
@@ -178,6 +179,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     out.covariance = equations.H.ldlt().solve(Matrix12::Identity());
     out.iterations = static_cast<std::uint32_t>(i + 1);
     if (kernel_m <= config.kernel_m && is_small(step, config)) {
+      out.converged = true;
       break;
     }
     kernel_m = std::max(config.kernel_m, 0.5 * kernel_m);

@@ -30,8 +30,14 @@ struct Solution {
   double residual_m = 0.0;
   /// of prior and residuals, where a point without a match counts as one far off: less is better
   double cost = 0.0;
+  /// the prior's part of it: half the squared distance from the prediction, in sigmas
+  double prior_cost = 0.0;
   /// the same of the residuals alone, for each point of the source
   double fit = 0.0;
+  /// the last step was below the limits
+  bool converged = false;
+  /// what it ended with is not where the sensor is
+  bool astray = false;
   /// false: too few matches, state is the prior
   bool solved = false;
 };
@@ -44,10 +50,11 @@ Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
                      double range_noise_m, const OdometryConfig& config, WindowMap& recent);
 
-/// Of `first` and the others the one whose points fit best, looked up as they lie there.
-MotionState nearest_start(const Source& source, const MotionState& first,
-                          const std::vector<MotionState>& others, double range_noise_m,
-                          const OdometryConfig& config, WindowMap& recent);
+/// Those from which matching most likely finds home, at most so many, the likeliest first: by the
+/// prior and the points as they lie there. Equal ones stay in their order.
+std::vector<MotionState> likeliest(const Source& source, const std::vector<MotionState>& starts,
+                                   std::size_t most, const MotionPrior& prior, double range_noise_m,
+                                   const OdometryConfig& config, WindowMap& recent);
 
 /// Finite and nearer than any sensor sees.
 bool is_usable(const Point& point);

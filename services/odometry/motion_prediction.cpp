@@ -17,6 +17,12 @@ double gap_before_s(const MotionMemory& before, const SweepTime& sweep) {
   return before.started ? std::clamp(gap_s, -period_s, kMaxGap_s) : 0.0;
 }
 
+// Since the motion was last measured.
+double blind_time_s(const MotionMemory& before, const SweepTime& sweep) {
+  return std::max(0.0, gap_before_s(before, sweep)) +
+         before.predicted_in_row * sweep.period_ns * 1e-9;
+}
+
 // Of the last sweeps, root mean square in each axis.
 Vector6 recent_acceleration(const MotionMemory& before) {
   Vector6 squares = Vector6::Zero();
@@ -80,18 +86,16 @@ constexpr double kFoundTurn_rad = 0.1;
 constexpr double kSearchedSigmas = 2.0;
 constexpr int kMostStarts = 15;
 
-// Rates of turn that the platform may have instead of the predicted one, along the axis in which
-// that changed most lately.
-std::vector<MotionState> turned_starts(const MotionMemory& before, const OdometryConfig& config,
-                                       double gap_s, double period_s, double blind_s,
-                                       const MotionState& predicted) {
-  const double over_s = period_s + blind_s;
-  Eigen::Index axis = 0;
-  const double alpha = acceleration_sigma(before, config).tail<3>().maxCoeff(&axis);
+// Rates of turn that the platform may have instead of the predicted one, about one axis.
+void add_turned_starts(const MotionMemory& before, const SweepTime& sweep, Eigen::Index axis,
+                       double alpha_radps2, const MotionState& predicted,
+                       std::vector<MotionState>& starts) {
+  const double period_s = sweep.period_ns * 1e-9;
+  const double gap_s = gap_before_s(before, sweep);
+  const double over_s = period_s + blind_time_s(before, sweep);
   // At the middle of the sweep, by a change of rate spread over the time since.
   const double turn_per_rate_s = 0.5 * std::max(0.0, gap_s) + 0.5 * period_s;
-  const double reach_rad = kSearchedSigmas * alpha * over_s * turn_per_rate_s;
-  std::vector<MotionState> starts;
+  const double reach_rad = kSearchedSigmas * alpha_radps2 * over_s * turn_per_rate_s;
   const int reach = std::min(kMostStarts, static_cast<int>(reach_rad / kFoundTurn_rad));
   for (int i = -reach; i <= reach; ++i) {
     if (i == 0) continue;
@@ -105,7 +109,6 @@ std::vector<MotionState> turned_starts(const MotionMemory& before, const Odometr
     start.T_odom_mid = before.T_odom_base * exp_se3(gap_s * gap_twist) * exp_se3(0.5 * start.twist);
     starts.push_back(start);
   }
-  return starts;
 }
 
 }  // namespace
@@ -121,11 +124,22 @@ Vector6 moving_twist_sigma(const MotionMemory& before, const OdometryConfig& con
   return period_s * over_s * acceleration_sigma(before, config);
 }
 
+std::vector<MotionState> turned_starts(const MotionMemory& before, const SweepTime& sweep,
+                                       const OdometryConfig& config, const MotionState& predicted) {
+  std::vector<MotionState> starts;
+  if (!before.twist_known) return starts;
+  const double alpha_radps2 = acceleration_sigma(before, config).tail<3>().maxCoeff();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    add_turned_starts(before, sweep, axis, alpha_radps2, predicted, starts);
+  }
+  return starts;
+}
+
 Prediction predict(const MotionMemory& before, const SweepTime& sweep,
                    const OdometryConfig& config) {
   const double period_s = sweep.period_ns * 1e-9;
   const double gap_s = gap_before_s(before, sweep);
-  const double blind_s = std::max(0.0, gap_s) + before.predicted_in_row * period_s;
+  const double blind_s = blind_time_s(before, sweep);
   const Vector6 strayed = 0.5 * blind_s * blind_s * acceleration_sigma(before, config);
   Prediction p;
   p.prior.T_odom_begin = before.T_odom_base * exp_se3(before.twist_per_s * gap_s);
@@ -141,8 +155,11 @@ Prediction predict(const MotionMemory& before, const SweepTime& sweep,
   p.state.twist = p.prior.twist;
   p.prior.bend_sigma = bend_sigma(before, period_s);
   p.state.T_odom_mid = p.prior.T_odom_begin * exp_se3(0.5 * p.prior.twist);
-  if (before.twist_known)
-    p.starts = turned_starts(before, config, gap_s, period_s, blind_s, p.state);
+  if (before.twist_known) {
+    Eigen::Index axis = 0;
+    const double alpha = acceleration_sigma(before, config).tail<3>().maxCoeff(&axis);
+    add_turned_starts(before, sweep, axis, alpha, p.state, p.starts);
+  }
   return p;
 }
 

@@ -56,6 +56,10 @@ Prediction predict(const MotionMemory& before, const SweepTime& sweep,
 Prediction foresee(const MotionMemory& before, const SweepTime& sweep, const OdometryConfig& config,
                    InertialAid& inertial);
 
+/// The same about all three axes.
+std::vector<MotionState> turned_starts(const MotionMemory& before, const SweepTime& sweep,
+                                       const OdometryConfig& config, const MotionState& predicted);
+
 /// What a known twist, over a period, may have changed by over a time, one sigma.
 Vector6 moving_twist_sigma(const MotionMemory& before, const OdometryConfig& config,
                            double period_s, double over_s);

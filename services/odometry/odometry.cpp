@@ -6,6 +6,7 @@
 
 #include "common/geometry/deskew.hpp"
 #include "common/geometry/error_record.hpp"
+#include "common/geometry/fit_record.hpp"
 #include "common/geometry/motion_covariance.hpp"
 #include "odometry/matcher.hpp"
 #include "odometry/motion_prediction.hpp"
@@ -13,6 +14,14 @@
 
 namespace zloam::odometry {
 namespace {
+
+// So many other starts are followed to their end.
+constexpr std::size_t kTried = 2;
+// Right matches that have not come to rest cost up to 1.2 of the usual, wrong ones 1.3 and more
+// (docs/experiments/2026-11-26-lost-by-fit.md).
+constexpr double kWorse = 1.5;
+// Sweeps of another place cost ten times as much.
+constexpr double kFarWorse = 5.0;
 
 PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
                      PointSpan points) {
@@ -42,6 +51,7 @@ struct Odometry::State : MotionMemory {
   Pose T_base_imu;
   WindowMap recent;
   InertialAid inertial;
+  FitRecord fits;
 
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
@@ -74,6 +84,7 @@ struct Odometry::State : MotionMemory {
 
   void found(PointSpan planes, const Pose& T_odom, std::uint32_t period_ns) {
     recent.clear();
+    fits = {};
     forget_founding_sweep();
     recent.add(planes, T_odom);
     if (!twist_known) {
@@ -92,6 +103,7 @@ struct Odometry::State : MotionMemory {
     if (!any_usable(sweep.less_sharp) && !any_usable(sweep.less_flat)) return Health::kEmpty;
     if (is_piece(sweep)) return Health::kPredicted;
     if (founding) return Health::kOk;
+    if (solution.astray) return Health::kLost;
     if (!solution.solved) return Health::kPredicted;
     return is_degenerate ? Health::kDegenerate : Health::kOk;
   }
@@ -160,9 +172,39 @@ struct Odometry::State : MotionMemory {
     if (founding_pending() && sweep.period_ns > 0 && !sweep.deskewed) {
       return solve_second(sweep, source, predicted);
     }
-    const MotionState start = nearest_start(source, predicted.state, predicted.starts,
-                                            sweep.range_noise_m, config, recent);
-    return match(sweep, source, start, predicted.prior);
+    Solution best = match(sweep, source, predicted.state, predicted.prior);
+    for (const MotionState& start : other_starts(sweep, source, predicted, best)) {
+      const Solution other = match(sweep, source, start, predicted.prior);
+      if (other.solved && (!best.solved || other.cost < best.cost)) best = other;
+    }
+    best.astray = is_astray(best);
+    return best;
+  }
+
+  // Where else the motion may be than where the matching led to.
+  std::vector<MotionState> other_starts(const FeatureSweep& sweep, const Source& source,
+                                        const Prediction& predicted, const Solution& found) {
+    std::vector<MotionState> starts = predicted.starts;
+    if (is_surprising(found) || !found.converged || fits_worse(found, kWorse)) {
+      starts = turned_starts(*this, {sweep.stamp_ns, sweep.period_ns}, config, predicted.state);
+    }
+    return likeliest(source, starts, kTried, predicted.prior, sweep.range_noise_m, config, recent);
+  }
+
+  bool fits_worse(const Solution& solution, double factor) const {
+    return solution.solved && fits.usual() && solution.fit > factor * *fits.usual();
+  }
+
+  // Where the matching ended is not where the sensor is: it has not come to rest and the points lie
+  // farther off than those of the sweeps before, or most of them lie nowhere.
+  bool is_astray(const Solution& solution) const {
+    return (!solution.converged && fits_worse(solution, kWorse)) || fits_worse(solution, kFarWorse);
+  }
+
+  // By more than chance makes in one of a thousand (chi-squared, eighteen degrees of freedom).
+  static bool is_surprising(const Solution& solution) {
+    constexpr double kSurprising = 42.3;
+    return !solution.solved || 2.0 * solution.prior_cost > kSurprising;
   }
 
   /// With what the inertial sensor foretells, unless the points say otherwise.
@@ -205,6 +247,7 @@ void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_
   twist_per_s = result.twist_per_s;
   state_covariance = result.state_covariance;
   inertial.take(result.inertia);
+  if (result.fit > 0.0) fits.add(result.fit);
 }
 
 void Odometry::State::note_acceleration(const OdometryResult& result, bool measured) {
@@ -236,6 +279,11 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
   if (sweep.period_ns > 0 && turn_rad > config.max_turn_radps * 1e-9 * sweep.period_ns) {
     solution = {};
     solution.state.T_odom_mid = T_odom_base;
+  }
+  if (solution.astray) {
+    solution = {};
+    solution.state = predicted.state;
+    solution.astray = true;
   }
   NormalEquations prior_only;
   if (!solution.solved) {
@@ -285,6 +333,7 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   }
   result.T_odom_base = s.started ? solution.state.T_odom_end() : Pose::Identity();
   result.twist_per_s = solution.state.twist / period_s;
+  if (solution.solved && solution.converged) result.fit = solution.fit;
   if (solution.solved || s.inertial.foreseen()) result.bend = solution.state.bend;
   const Matrix12 covariance = end_covariance(solution.state, solution.covariance);
   result.covariance = s.config.covariance_scale * covariance.topLeftCorner<6, 6>();
@@ -353,6 +402,7 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.health = sweep.health;
     result.state_covariance = sweep.state_covariance;
     result.inertia = sweep.inertia;
+    result.fit = sweep.fit;
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was handed on before its twist was known.
     if (!state_->started) state_->twist_known = sweep.prev_sweep != sweep.sweep;

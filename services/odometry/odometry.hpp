@@ -73,6 +73,8 @@ struct OdometryResult {
   std::optional<InertialStep> inertial_step;
   /// what is known of the inertial sensor after the sweep, which the next one begins with
   std::optional<InertialState> inertia;
+  /// cost of the residuals for each point that was looked up; 0: the matching did not come to rest
+  double fit = 0.0;
   Degeneracy degeneracy;
   /// less_sharp and less_flat, frame base_link at the instant; time_ns is still each point's own
   PointVector edges;
@@ -91,6 +93,7 @@ struct CommittedSweep {
   Vector6 twist_per_s = Vector6::Zero();
   Health health = Health::kOk;
   std::optional<Matrix12> state_covariance;
+  double fit = 0.0;
   PointSpan planes;
   std::optional<InertialState> inertia = {};
 };

@@ -174,6 +174,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   fields.range_noise_m = features->range_noise_m();
   fields.state_covariance = result.state_covariance;
   fields.inertial = result.inertial_step;
+  fields.fit = result.fit;
   std::vector<double> inertial_state;
   if (result.inertia) inertial_state = packed(*result.inertia);
   fields.inertial_state = inertial_state;

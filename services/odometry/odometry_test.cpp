@@ -209,6 +209,29 @@ TEST(Odometry, DroppedSweepsAreBridgedByTheirTimes) {
   }
 }
 
+// Of another place, as after a kidnapping: nothing near the prediction explains it.
+TEST(Odometry, SweepsThatFitNowhereAreLostAndTheNextThatFitIsNot) {
+  TestWorld elsewhere;
+  elsewhere.room = {{-4, -3, -1.2}, {14, 2.5, 3.5}};
+  elsewhere.boxes = {{{1, -2, -1.2}, {2, 0, 1.5}}, {{-3, 0.5, -1.2}, {-1, 2, 2}}};
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  Odometry odometry({}, Pose::Identity());
+  for (int k = 0; k < 16; ++k) {
+    const bool away = k == 8 || k == 9;
+    const PointVector points = sweep_of(away ? elsewhere : TestWorld{}, {.noise_m = 0.01},
+                                        exp_se3(twist * (0.1 * k)), twist, unsigned(k));
+    FeatureSweep sweep;
+    sweep.sweep = std::uint64_t(k);
+    sweep.stamp_ns = k * 100000000LL;
+    sweep.less_flat = points;
+    const OdometryResult r = odometry.process(sweep);
+    EXPECT_EQ(r.health, away ? Health::kLost : Health::kOk) << k;
+    EXPECT_LT((exp_se3(twist * (0.1 * k)).inverse() * r.T_odom_base).translation().norm(), 0.03)
+        << k;
+  }
+}
+
 TEST(Odometry, OddInputPassesWithAFinitePose) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const PointVector room = sweep_of({}, {}, Pose::Identity(), Vector6::Zero(), 1);

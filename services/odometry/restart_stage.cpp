@@ -36,6 +36,7 @@ CommittedSweep committed(const Commit& commit) {
   sweep.T_odom_base = pose_of(commit->pose_odom_base());
   sweep.twist_per_s = twist_of(commit->twist());
   sweep.health = own_health(health_of(commit->health()));
+  sweep.fit = commit->fit();
   sweep.state_covariance = state_covariance_of(commit->state_covariance());
   sweep.planes = points_of(commit->planes());
   if (commit->inertial_state() != nullptr) {

@@ -116,9 +116,7 @@ TEST(OdometryStart, WhoTakesOverAfterAPieceGoesOnWithTheSameBytes) {
   for (std::size_t taken_at = 1; taken_at < start.results.size(); ++taken_at) {
     std::vector<CommittedSweep> commits;
     for (std::size_t i = 0; i < taken_at; ++i) {
-      const OdometryResult& r = start.results[i];
-      commits.push_back({r.sweep, r.prev_sweep, r.instant_ns, start.sweeps[i].period_ns,
-                         r.T_odom_base, r.twist_per_s, r.health, r.state_covariance, r.planes});
+      commits.push_back(committed(start.results[i], start.sweeps[i].period_ns));
     }
     Odometry second({}, Pose::Identity());
     second.restore(commits);

@@ -134,7 +134,7 @@ inline Drive drive(const TestWorld& world, const TestSensor& sensor, const Odome
 /// As another instance gets it.
 inline CommittedSweep committed(const OdometryResult& r, std::uint32_t period_ns) {
   CommittedSweep c{r.sweep,       r.prev_sweep, r.instant_ns,       period_ns, r.T_odom_base,
-                   r.twist_per_s, r.health,     r.state_covariance, r.planes};
+                   r.twist_per_s, r.health,     r.state_covariance, r.fit,     r.planes};
   if (r.inertia) c.inertia = unpacked(packed(*r.inertia));
   return c;
 }

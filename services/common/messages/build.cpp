@@ -163,6 +163,7 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   m.add_range_noise_m(f.range_noise_m);
   m.add_state_covariance(state);
   m.add_inertial_state(inertial_state);
+  m.add_fit(f.fit);
   if (f.inertial) {
     const msg::Vec3 change = vec(f.inertial->velocity_change_mps);
     const msg::Vec3 turn = vec(f.inertial->turn_rad);

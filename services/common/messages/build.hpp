@@ -104,6 +104,7 @@ struct OdometryFeaturesFields {
   /// left out when there is none
   std::optional<InertialStep> inertial{};
   std::span<const double> inertial_state{};
+  double fit = 0.0;
 };
 
 struct MapCorrectionFields {

@@ -88,7 +88,7 @@ struct MatcherConfig {
   std::size_t enough_inserted_points = 20000;
   double min_range_m = 0.5;
 
-  int max_iterations = 8;
+  int max_iterations = 25;
   double stop_rotation_rad = 5e-5;
   double stop_translation_m = 5e-4;
 

@@ -209,11 +209,11 @@ void use_numbers(const std::vector<Name>& names, double period_s, ScanList& list
   const auto numbers = whole_numbers(names);
   if (numbers) {
     const std::uint64_t span = numbers->back() - numbers->front();
-    const std::uint64_t most = kMostPerScan * numbers->size() + kFewScans;
-    if (span < most) return fill_in(*numbers, list);
     std::uint64_t step = 0;
     for (const std::uint64_t n : *numbers) step = std::gcd(step, n - numbers->front());
-    if (span / step < most && span < kMostSpan) {
+    const std::uint64_t most = kMostPerScan * numbers->size() + kFewScans;
+    if (step <= 1 && span < most) return fill_in(*numbers, list);
+    if (step > 1 && span / step < most && span < kMostSpan) {
       list.first_number = numbers->front();
       for (const std::uint64_t n : *numbers) list.numbers.push_back(n - numbers->front());
       list.remarks.push_back("the scans' numbers go up by " + std::to_string(step) +
