@@ -6,19 +6,39 @@
 
 namespace zloam::mapping {
 
-/// How far off the guess may be.
-Matrix6 bridge_covariance(const MappingConfig& config);
+/// How far off the guess may be when nothing was seen for so long.
+Matrix6 bridge_covariance(const MappingConfig& config, double gap_s);
 
 /// Whether it explains far less of the sweep than the sweeps before were explained.
-bool explains_too_little(const Match& match, const FitRecord& fits);
+bool explains_too_little(const Match& match, const FitRecord& usual);
 
-/// Matches from several starts around the guess (the guess itself first; it ends when that is
-/// accepted) and returns the one with most inliers. ok only when the share of inliers reaches
-/// bridge_inlier_ratio, the residual is below twice the median of before (0: unknown) and as much
-/// is explained as usually. The starts lie further out with each few of the sweeps that were
-/// searched for before (attempt), up to four times as far.
-Match bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
-             const MappingConfig& config, double median_residual_m, const FitRecord& fits,
-             std::uint32_t attempt);
+struct Bridged {
+  /// ok: the likeliest place
+  Match match;
+  /// so much of the sweep lies in the map there that it needs no other to bear it out
+  bool sure = false;
+};
+
+/// Matches from the guess and from the likeliest places around it, and returns the match with most
+/// inliers among those whose residual is below twice the median of before (0: unknown). sure when
+/// their share reaches bridge_inlier_ratio and they explain as much as usually. After a short gap the guess alone is enough, where it
+/// is sure. The longer the gap, the wider the search; wider also with each few of the sweeps that
+/// were searched for before (attempt), up to four times bridge_distance_m.
+Bridged bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
+               const TileMap& tiles, const MappingConfig& config, double median_residual_m,
+               const FitRecord& usual, double gap_s, std::uint32_t attempt);
+
+/// Whether sweeps that are not sure one by one bear each other out: where the platform has gone on
+/// into what the map does not know, most of a sweep lies nowhere in it.
+class Agreement {
+ public:
+  /// The frame that the next sweep in order has found; true: it is the same as of those before.
+  bool add(const Pose& T_map_odom, const Pose& T_odom_base);
+  void reset() { count_ = 0; }
+
+ private:
+  Pose T_map_odom_ = Pose::Identity();
+  int count_ = 0;
+};
 
 }  // namespace zloam::mapping

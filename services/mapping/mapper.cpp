@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <deque>
+#include <utility>
 
 #include "mapping/bridging.hpp"
 #include "mapping/insertion_policy.hpp"
@@ -13,7 +15,7 @@ namespace zloam::mapping {
 namespace {
 
 // For longer the last motion says nothing about where the sensor is now.
-constexpr double kLongestGap_s = 3.0;
+constexpr double kLongestGap_s = 5.0;
 // A new odometry knows its first sweep's motion only from the second, and what is distorted must
 // not go into the map: so many sweeps in a row must be found in it first.
 constexpr std::uint32_t kSettling = 3;
@@ -34,6 +36,18 @@ Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covari
   covariance.diagonal().tail<3>().array() += config.prior_sigma_rad * config.prior_sigma_rad;
   return covariance;
 }
+
+// Over seconds a platform goes on with its velocity and its turn about the map's vertical axis; a
+// tilt does not grow. in_map_per_s: of those two, in the map's axes.
+Pose moved_on(const Pose& T_map_base, const Vector6& in_map_per_s, double time_s) {
+  const Pose moved = exp_se3(time_s * in_map_per_s);
+  Pose out = T_map_base;
+  out.linear() = moved.linear() * T_map_base.linear();
+  out.translation() += moved.translation();
+  return out;
+}
+
+std::int64_t instant_of(const MappingInput& input) { return input.stamp_ns + input.instant_ns; }
 
 std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId>& ids) {
   std::vector<LayeredPoint> points;
@@ -57,6 +71,36 @@ struct LastPose {
   Matrix6 covariance = Matrix6::Zero();
 };
 
+// The motion over the last half second in which the sweeps were found, in the map's axes: the last
+// sweep before a gap is cut off, and tells little of its own.
+class Lately {
+ public:
+  void add(std::int64_t instant_ns, const Pose& T_map_base) {
+    poses_.push_back({instant_ns, T_map_base});
+    if (poses_.size() > kMost) poses_.pop_front();
+    const auto& [first_ns, first] = poses_.front();
+    const double time_s = 1e-9 * static_cast<double>(instant_ns - first_ns);
+    if (!(time_s > 0.0)) return;
+    const Eigen::Matrix3d turned = T_map_base.linear() * first.linear().transpose();
+    set((T_map_base.translation() - first.translation()) / time_s, log_so3(turned).z() / time_s);
+  }
+  /// Of another instance, which was killed.
+  void begin(const Pose& T_map_base, const Vector6& twist_per_s) {
+    poses_.clear();
+    const Eigen::Matrix3d R = T_map_base.linear();
+    set(R * twist_per_s.head<3>(), (R * twist_per_s.tail<3>()).z());
+  }
+  const Vector6& in_map_per_s() const { return in_map_per_s_; }
+
+ private:
+  void set(const Eigen::Vector3d& velocity, double turn) {
+    in_map_per_s_ << velocity, 0.0, 0.0, turn;
+  }
+  static constexpr std::size_t kMost = 6;
+  std::deque<std::pair<std::int64_t, Pose>> poses_;
+  Vector6 in_map_per_s_ = Vector6::Zero();
+};
+
 struct Mapper::State {
   State(const MappingConfig& c, std::unique_ptr<MappingMethod> m)
       : config(c), method(std::move(m)), tiles(c), policy(c) {}
@@ -76,11 +120,15 @@ struct Mapper::State {
   Pose T_map_odom = Pose::Identity();
   std::vector<PathPose> path;
   std::optional<LastPose> last;
+  Lately lately;
   bool bridging = false;
   // It is searched for as it did not fit where the odometry had it.
   bool lost = false;
   FitRecord fits;
   std::uint32_t bridged_sweeps = 0;
+  // Nothing was seen of the motion for so long since the last sweep that was found.
+  double unseen_s = 0.0;
+  Agreement agreement;
   // The next sweep may not go on where the last one was.
   bool break_expected = false;
   // Matches to come before anything is inserted.
@@ -89,13 +137,16 @@ struct Mapper::State {
 
 Prediction Mapper::State::predict(const MappingInput& input) {
   const bool new_frame = last && input.odom_epoch != last->odom_epoch;
+  const double gap_s =
+      last ? std::max(0.0, 1e-9 * static_cast<double>(instant_of(input) - last->instant_ns)) : 0.0;
   if (new_frame) {
-    const double gap_s =
-        1e-9 * static_cast<double>(input.stamp_ns + input.instant_ns - last->instant_ns);
-    const Vector6 moved = last->twist_per_s * std::clamp(gap_s, 0.0, kLongestGap_s);
-    T_map_odom = normalised(last->T_map_base * exp_se3(moved) * input.T_odom_base.inverse());
+    const Pose moved =
+        moved_on(last->T_map_base, lately.in_map_per_s(), std::min(gap_s, kLongestGap_s));
+    T_map_odom = normalised(moved * input.T_odom_base.inverse());
   }
   if (new_frame || break_expected) {
+    unseen_s = bridging ? unseen_s + gap_s : gap_s;
+    agreement.reset();
     bridging = tiles.point_count() >= config.founding_points;
     bridged_sweeps = 0;
   }
@@ -103,8 +154,8 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   break_expected = false;
   Prediction prediction;
   prediction.T_map_base = normalised(T_map_odom * input.T_odom_base);
-  prediction.covariance =
-      bridging ? bridge_covariance(config) : prior_covariance(config, input.step_covariance);
+  prediction.covariance = bridging ? bridge_covariance(config, unseen_s)
+                                   : prior_covariance(config, input.step_covariance);
   return prediction;
 }
 
@@ -116,12 +167,24 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
     if (!astray) return match;
     bridging = lost = true;
     bridged_sweeps = 0;
+    agreement.reset();
   }
-  Match match =
-      bridge(*method, input, prediction, config, policy.median_residual_m(), fits, bridged_sweeps);
+  Bridged found = bridge(*method, input, prediction, tiles, config, policy.median_residual_m(),
+                         fits, unseen_s, bridged_sweeps);
+  Match& match = found.match;
+  const Pose T_odom_map = input.T_odom_base * match.T_map_base.inverse();
+  const bool agreed = match.ok && agreement.add(T_odom_map.inverse(), input.T_odom_base);
+  if (!match.ok) agreement.reset();
+  match.ok = match.ok && (found.sure || agreed);
+  if (!match.ok) match.T_map_base = prediction.T_map_base;
   ++bridged_sweeps;
   bridging = !match.ok;
   lost = lost && bridging;
+  if (match.ok) {
+    unseen_s = 0.0;
+  } else {
+    method->not_found();
+  }
   settling = match.ok ? settling - std::min(settling, 1U) : settling;
   return match;
 }
@@ -181,10 +244,10 @@ void Mapper::State::insert(const MappingInput& input, const Match& match, Mappin
 }
 
 void Mapper::State::remember(const MappingInput& input, const MappingResult& result) {
-  const std::int64_t instant_ns = input.stamp_ns + input.instant_ns;
-  last = LastPose{instant_ns,        input.odom_epoch,  result.T_map_base,
+  last = LastPose{instant_of(input), input.odom_epoch,  result.T_map_base,
                   input.T_odom_base, input.twist_per_s, result.covariance};
-  path.push_back({input.sweep, instant_ns, result.T_map_base});
+  if (!bridging && settling == 0) lately.add(last->instant_ns, last->T_map_base);
+  path.push_back({input.sweep, instant_of(input), result.T_map_base});
 }
 
 Mapper::Mapper(const MappingConfig& config)
@@ -200,7 +263,7 @@ MappingResult Mapper::process(const MappingInput& input) {
   if (!input.T_odom_base.matrix().allFinite() || !input.twist_per_s.allFinite()) {
     result.T_map_odom = s.T_map_odom;
     if (s.last) result.T_map_base = s.last->T_map_base;
-    result.covariance = bridge_covariance(s.config);
+    result.covariance = bridge_covariance(s.config, 0.0);
     result.health = Health::kInvalid;
     result.reason = "pose or twist not finite";
     return result;
@@ -247,7 +310,8 @@ void Mapper::restore(const SavedMap& saved) {
   s.last->odom_epoch = saved.T_map_odom ? saved.odom_epoch : ~saved.odom_epoch;
   s.last->T_map_base = saved.T_map_base;
   s.last->twist_per_s = saved.twist_per_s;
-  s.last->covariance = bridge_covariance(s.config);
+  s.lately.begin(saved.T_map_base, saved.twist_per_s);
+  s.last->covariance = bridge_covariance(s.config, 0.0);
   s.T_map_odom = saved.T_map_odom.value_or(Pose::Identity());
   s.last->T_odom_base = s.T_map_odom.inverse() * saved.T_map_base;
   s.break_expected = true;

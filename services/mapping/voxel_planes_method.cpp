@@ -54,6 +54,10 @@ class VoxelPlanesMethod : public MappingMethod {
 
   Match match(const MappingInput& input, const Prediction& prediction) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
+  void not_found() override {
+    if (registration_) registration_->forget_motion();
+    open_.reset();
+  }
   void reset() override { *this = VoxelPlanesMethod(config_, drift_limit_); }
   void configure(const MappingConfig& config) override {
     config_ = config.voxel_planes;

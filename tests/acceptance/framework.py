@@ -33,6 +33,8 @@ class Check:
     limit: str
     command: str
     measure: Callable[[], Measured]
+    #: of issue 37, A to E: what is injected and what was seen has a table of its own
+    part: str = ""
 
 
 @dataclass
@@ -46,6 +48,7 @@ class Result:
     verdict: str
     command: str
     seconds: float = field(default=0.0)
+    part: str = ""
 
 
 def run(check: Check) -> Result:
@@ -59,7 +62,9 @@ def run(check: Check) -> Result:
     except Exception as error:
         figure, verdict = f"{type(error).__name__}: {_first_line(str(error))}", NOT_HELD
     seconds = time.monotonic() - began
-    return Result(check.name, check.line, check.limit, figure, verdict, check.command, seconds)
+    return Result(
+        check.name, check.line, check.limit, figure, verdict, check.command, seconds, check.part
+    )
 
 
 def _first_line(text: str) -> str:
@@ -85,18 +90,31 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *([_cell(cell) for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _injected(results: list[Result]) -> str:
+    rows = sorted((r for r in results if r.part), key=lambda r: r.part)
+    if not rows:
+        return ""
+    head = ["", "injected", "limit", "seen", "verdict", "command"]
+    cells = [[r.part, r.line, r.limit, r.figure, r.verdict, f"`{r.command}`"] for r in rows]
+    return "\n## A–E: what was injected, and what was seen\n\n" + _table(head, cells)
+
+
 def write(folder: Path, results: list[Result]) -> None:
     """accept.md and accept.json."""
     folder.mkdir(parents=True, exist_ok=True)
-    rows = ["| line | limit | figure | verdict | command |", "|---|---|---|---|---|"]
-    rows += [
-        f"| {_cell(r.line)} | {_cell(r.limit)} | {_cell(r.figure)} | {_cell(r.verdict)} "
-        f"| `{_cell(r.command)}` |"
-        for r in results
-    ]
     counts = {v: sum(r.verdict.startswith(v) for r in results) for v in (HELD, NOT_HELD, SKIPPED)}
     total = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    (folder / "accept.md").write_text("# Acceptance\n\n" + total + "\n\n" + "\n".join(rows) + "\n")
+    head = ["line", "limit", "figure", "verdict", "command"]
+    cells = [
+        [r.line, r.limit, r.figure, r.verdict, f"`{r.command}`"] for r in results if not r.part
+    ]
+    text = f"# Acceptance\n\n{total}\n\n" + _table(head, cells) + _injected(results)
+    (folder / "accept.md").write_text(text)
     (folder / "accept.json").write_text(
         json.dumps([asdict(r) for r in results], indent=2, ensure_ascii=False) + "\n"
     )

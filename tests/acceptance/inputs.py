@@ -148,16 +148,22 @@ def _folder(setting: Setting, name: str) -> Measured:
 
 
 def _check(
-    name: str, line: str, limit: str, measure: Callable[[Setting, str], Measured], setting: Setting
+    part: str,
+    name: str,
+    line: str,
+    limit: str,
+    measure: Callable[[Setting, str], Measured],
+    setting: Setting,
 ) -> Check:
     label = f"inputs-{name.replace('_', '-')}"
-    return Check(label, line, limit, f"make accept ONLY={label}", partial(measure, setting, name))
+    command = f"make accept ONLY={label}"
+    return Check(label, line, limit, command, partial(measure, setting, name), part)
 
 
 def checks(setting: Setting) -> list[Check]:
     """In the order of the issue."""
     times = "times between points as the sensor says, to 2 us"
-    lines = [_check(n, f"capture {n}", times, _time, setting) for n in ARRIVALS]
+    lines = [_check("C", n, f"capture {n}", times, _time, setting) for n in ARRIVALS]
     lines.append(
         Check(
             "inputs-stall",
@@ -165,11 +171,12 @@ def checks(setting: Setting) -> list[Check]:
             f"ATE < {STALL_ATE_M} m",
             "make accept ONLY=inputs-stall",
             lambda: _stall(setting),
+            "C",
         )
     )
-    lines += [_check(n, f"capture {n}", "no point lost", _points, setting) for n in FORMATS]
+    lines += [_check("D", n, f"capture {n}", "no point lost", _points, setting) for n in FORMATS]
     for name, expected in FOLDERS.items():
         refused = isinstance(expected, str)
         limit = f"refused: {expected}" if refused else f"{expected} sweeps, damage said"
-        lines.append(_check(name, f"folder of scans {name}", limit, _folder, setting))
+        lines.append(_check("D", name, f"folder of scans {name}", limit, _folder, setting))
     return lines

@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -169,7 +170,10 @@ def busy(statuses: dict[str, StatusRecord]) -> int:
     return sum(i.lost + sum(i.dropped.get(reason, 0) for reason in reasons) for i in inputs)
 
 
-def assert_recovered(run: LiveRun, attacked: dict[str, StatusRecord]) -> None:
+Record = Callable[[str, object], None]
+
+
+def assert_recovered(run: LiveRun, attacked: dict[str, StatusRecord], record: Record) -> None:
     """Of a run that has ended. attacked: at the end of the attack."""
     after = max(s.last_sweep or 0 for s in attacked.values())
     ended = {stage: run.chain.statuses()[stage] for stage in STAGES}
@@ -178,10 +182,14 @@ def assert_recovered(run: LiveRun, attacked: dict[str, StatusRecord]) -> None:
     if last - after <= 2 * RATE:
         pytest.skip("the machine is too busy: the attack ended with the drive")
     given_up = busy(ended) - busy(attacked)
+    least = RATE
     for begin in range(after + RATE + 1, last - RATE + 1, RATE):
         seen = sum(begin <= sweep < begin + RATE for sweep in sweeps)
         assert seen >= SHARE * RATE - given_up, f"{seen} poses of the ten sweeps from {begin} on"
         assert seen > 0
+        least = min(least, seen)
+    record("poses of ten sweeps, at least", least)
+    record("refused", {stage: refused(status) for stage, status in ended.items()})
     assert len({p.run for p in run.poses.values()}) == 1
     for stage, status in ended.items():
         assert all(i.balanced() for i in status.inputs), stage
@@ -201,6 +209,7 @@ def test_one_of_everything(
     robot_file: Path,
     drive: Capture,
     tmp_path: Path,
+    record_property: Record,
 ) -> None:
     run = LiveRun(build, robot_file, drive, tmp_path)
     with run, Stranger(run) as stranger:
@@ -216,7 +225,7 @@ def test_one_of_everything(
         run.until_poses(len(run.poses) + 1)
         attacked = statuses_of(run)
         statuses = run.end()
-    assert_recovered(run, attacked)
+    assert_recovered(run, attacked, record_property)
     for stage in STAGES:
         assert refused(statuses[stage]) - refused_before[stage] >= len(stranger.forgers) - 3, stage
     for stage in ("registration", "odometry", "mapping"):
@@ -229,6 +238,7 @@ def test_a_flood(
     robot_file: Path,
     drive: Capture,
     tmp_path: Path,
+    record_property: Record,
     how: str,
 ) -> None:
     run = LiveRun(build, robot_file, drive, tmp_path)
@@ -238,12 +248,16 @@ def test_a_flood(
         stranger.flood("MapCorrection", how, 0.5)
         attacked = statuses_of(run)
         run.end()
-    assert_recovered(run, attacked)
+    assert_recovered(run, attacked, record_property)
 
 
 @pytest.mark.slow
 def test_each_kind_in_each_way_at_length(
-    build: Path, robot_file: Path, long_drive: Capture, tmp_path: Path
+    build: Path,
+    robot_file: Path,
+    long_drive: Capture,
+    tmp_path: Path,
+    record_property: Record,
 ) -> None:
     undisturbed = run_calm(build, robot_file, long_drive, tmp_path / "calm")
     run = LiveRun(build, robot_file, long_drive, tmp_path, seconds=LONG_S)
@@ -257,7 +271,7 @@ def test_each_kind_in_each_way_at_length(
         stranger.put_huge()
         attacked = statuses_of(run)
         run.end()
-    assert_recovered(run, attacked)
+    assert_recovered(run, attacked, record_property)
     assert_memory_back(run, undisturbed)
 
 

@@ -12,11 +12,15 @@ KEYS = Keys("robot", "lidar")
 SWEEPS = 131
 
 
-def status(stage: str, out: int, lost: int = 0, **dropped: int) -> StatusRecord:
-    """A stage that has done with all that came."""
+def status(
+    stage: str, out: int, lost: int = 0, queued: int = 0, silent: int = 0, **dropped: int
+) -> StatusRecord:
+    """A stage that has done with all that came, but for what is queued. silent: sweeps of which it
+    made nothing and said nothing."""
     name = KEYS.main_input(stage)
-    received = out + sum(dropped.values())
-    inputs = (Input(name, received, out, 0, 0, 0, dropped, lost, 0),) if name else ()
+    done = out + silent
+    received = done + queued + sum(dropped.values())
+    inputs = (Input(name, received, done, 0, queued, 0, dropped, lost, 0),) if name else ()
     return StatusRecord(
         stage=stage,
         instance="a",
@@ -54,6 +58,19 @@ def test_a_sweep_that_is_given_up_twice_is_counted_once() -> None:
     assert found.sweeps_accounted
 
 
+def test_a_sweep_that_registration_gave_up_is_counted_there() -> None:
+    """Odometry has its empty message, or drops that one too."""
+    found = books(
+        status("driver", 121),
+        status("registration", 121, queue_full=23),
+        status("odometry", 94, silent=16, queue_full=11),
+        status("mapping", 94),
+        status("integration", 94),
+        poses=94,
+    )
+    assert found.given_up == {"odometry.queue_full": 11, "registration.queue_full": 16}
+
+
 def test_drops_of_sweeps_that_have_poses_are_no_loss() -> None:
     found = books(
         status("driver", SWEEPS),
@@ -71,14 +88,35 @@ def test_what_has_no_reason_is_not_accounted_for() -> None:
     found = books(
         status("driver", SWEEPS),
         status("registration", SWEEPS),
-        status("odometry", 100, lost=10),
+        status("odometry", 100, lost=10, silent=21),
         status("mapping", 100),
-        status("integration", 100),
+        status("integration", 99, silent=1),
         poses=99,
     )
     assert found.given_up == {"odometry.lost": 10}
     assert not found.sweeps_accounted
     assert "131 sweeps, but 99 poses and 10 given up" in found.complaints()
+
+
+def test_what_was_on_its_way_at_the_end_is_named() -> None:
+    """Lost where nothing came after it, or still queued."""
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", SWEEPS - 4),
+        status("odometry", SWEEPS - 7, queued=3),
+        status("mapping", SWEEPS - 7),
+        status("integration", SWEEPS - 7),
+        poses=SWEEPS - 7,
+    )
+    assert found.given_up == {"odometry.unfinished": 3, "registration.lost": 4}
+    assert found.sweeps_accounted
+
+
+def test_poses_that_the_listener_missed_are_poses() -> None:
+    stages = ("driver", "registration", "odometry", "mapping", "integration")
+    found = books(*(status(stage, SWEEPS) for stage in stages), poses=SWEEPS - 11)
+    assert (found.poses, found.given_up) == (SWEEPS, {})
+    assert found.sweeps_accounted
 
 
 @pytest.mark.parametrize("out", [20, 200])

@@ -23,6 +23,8 @@ class StageSweeps:
     dropped: dict[str, int]
     lost: int = 0
     recovered: int = 0
+    #: came, and was still there when the run was ended
+    unfinished: int = 0
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,12 @@ def _stage_sweeps(stage: str, status: StatusRecord, keys: Keys) -> StageSweeps:
         return StageSweeps(max(came_in, out), out, _nonzero(drops))
     came_in = account.received - account.dropped.get("duplicate", 0)
     return StageSweeps(
-        came_in, out, _nonzero(Counter(account.dropped)), account.lost, account.recovered
+        came_in,
+        out,
+        _nonzero(Counter(account.dropped)),
+        account.lost,
+        account.recovered,
+        account.queued + account.in_work,
     )
 
 
@@ -85,6 +92,7 @@ def _reasons(sweeps: StageSweeps) -> Counter[str]:
     """Why a stage may have given sweeps up, and how often at most."""
     found = Counter({r: n for r, n in sweeps.dropped.items() if r not in NO_SWEEP_GIVEN_UP})
     found["lost"] = sweeps.lost
+    found["unfinished"] = sweeps.unfinished
     return found
 
 
@@ -97,13 +105,20 @@ def _vanished(stages: dict[str, StageSweeps], sweeps: int, poses: int) -> dict[s
     if len(outs) != len(POSE_PATH) - 1 or any(came < went for came, went in steps):
         return None
     found: dict[str, int] = {}
+    # sweeps that came out of registration as empty messages with the reason
+    told: Counter[tuple[str, str]] = Counter()
     for stage, (came, went) in zip(POSE_PATH, steps, strict=True):
         missing = came - went
-        for reason, most in _reasons(stages[stage]).most_common():
-            given = min(missing, most)
-            if given:
-                found[f"{stage}.{reason}"] = given
-            missing -= given
+        reasons = _reasons(stages[stage])
+        # after the last message that came nobody knows that one is missing
+        reasons["lost"] = max(reasons["lost"], came - stages[stage].came_in)
+        own = Counter({(stage, reason): most for reason, most in reasons.items()})
+        for (at, reason), most in [*own.most_common(), *told.most_common()]:
+            if given := max(0, min(missing, most)):
+                found[f"{at}.{reason}"] = given
+                missing -= given
+                own[at, reason] -= given
+        told = own if stage == "registration" else Counter()
     return dict(sorted(found.items()))
 
 
@@ -127,9 +142,14 @@ def _given_up(
 def account(
     statuses: dict[str, StatusRecord], keys: Keys, poses: int, predicted_for_dropped: int = 0
 ) -> Accounts:
-    """From the last status of each stage and the number of different sweeps with a pose."""
+    """From the last status of each stage and the number of different sweeps of which a pose was
+    heard."""
     stages = {s: _stage_sweeps(s, statuses[s], keys) for s in STAGES if s in statuses}
     sweeps = stages["driver"].came_in if "driver" in stages else 0
+    published = stages["integration"].went_out if "integration" in stages else 0
+    # whoever only listens may miss some
+    if poses < published <= sweeps:
+        poses = published
     unbalanced = [
         f"{stage} {each.key}"
         for stage, status in statuses.items()

@@ -1,0 +1,155 @@
+"""What a live run leaves: files of each run, accounts that add up, and saves that stay in their
+folder (issue 37, 12, 14 and 21)."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.acceptance.live import free_udp_port
+from tests.integration.conftest import Capture, kill, monitor, simulate
+from tests.integration.live_run import LiveRun
+from zloam_monitor import clouds, messages, report
+from zloam_monitor.records import PoseRecord
+from zloam_monitor.report import Run
+from zloam_monitor.trajectory import read
+
+SECONDS = 12.0
+BEGINS_AT = 25
+#: longer than a map is searched again for after it
+AWAY_S = 4.5
+HANG_S, HANGS = 1.2, 3
+TRAJECTORIES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
+THEIRS = "notes of somebody"
+
+
+@dataclass(frozen=True)
+class Left:
+    """What there is after a live drive in which the driver was away for a while."""
+
+    out: Path
+    #: of each run, in the order of their coming
+    poses: list[list[PoseRecord]]
+    #: path -> answer of a `save` with it
+    saves: dict[str, Any]
+    #: files beside the output folder after all saves
+    outside: set[str]
+
+
+@pytest.fixture(scope="module")
+def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("drive")
+    return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", "14")
+
+
+def save(run: LiveRun, stage: str, path: str) -> Any:
+    key = run.chain.link.keys.command(stage, "save")
+    (answer,) = run.chain.link.session.get(key, payload=json.dumps({"path": path}), timeout=5.0)
+    return messages.decode("CommandReply", answer.ok.payload.to_bytes())
+
+
+def try_saves(run: LiveRun, out: Path) -> dict[str, Any]:
+    """Below the folder, out of it by each way there is, and over a file of somebody else."""
+    (out / "theirs").mkdir()
+    for name in ("map.pcd", "trajectory.tum"):
+        (out / "theirs" / name).write_text(THEIRS)
+    (out / "link").symlink_to(out.parent / "elsewhere")
+    (out.parent / "elsewhere").mkdir()
+    outside = str(out.parent / "outside")
+    folders = ("saved", "theirs", "link", "../outside", outside)
+    found = {f"integration {folder}": save(run, "integration", folder) for folder in folders}
+    return found | {f"mapping {f}": save(run, "mapping", f"{f}/map.pcd") for f in folders}
+
+
+@pytest.fixture(scope="module")
+def left(
+    build: Path, robot_file: Path, drive: Capture, tmp_path_factory: pytest.TempPathFactory
+) -> Left:
+    out = tmp_path_factory.mktemp("lived") / "out"
+    out.mkdir()
+    run = LiveRun(build, robot_file, drive, out, store=False, slower=1.0, seconds=SECONDS)
+    with run:
+        run.until_poses(BEGINS_AT)
+        saves = try_saves(run, out)
+        kill(run.chain, "driver")
+        time.sleep(AWAY_S)
+        run.chain.start("driver", "driver-again")
+        run.end()
+    runs = dict.fromkeys(r for r, _ in run.poses)
+    poses = [[p for (r, _), p in run.poses.items() if r == each] for each in runs]
+    outside = {
+        str(p.relative_to(out.parent)) for p in out.parent.rglob("*") if out not in p.parents
+    }
+    return Left(out, poses, saves, outside)
+
+
+def test_each_run_has_its_own_files(left: Left) -> None:
+    """And no pose of the first is gone."""
+    first, second = left.poses
+    assert len(first) >= BEGINS_AT
+    for suffix, poses in (("", first), ("_2", second)):
+        written = read(left.out / f"trajectory{suffix}.tum")
+        assert written.stamps_ns is not None
+        assert {p.instant_ns for p in poses} <= set(written.stamps_ns.tolist())
+        assert len(clouds.read_pcd(left.out / f"map{suffix}.pcd")) > 0
+        assert (left.out / f"odometry{suffix}.tum").exists()
+    assert not list(left.out.glob("*_3.*"))
+
+
+@pytest.mark.parametrize("stage", ["integration", "mapping"])
+def test_a_save_stays_below_the_folder(left: Left, stage: str) -> None:
+    names = TRAJECTORIES if stage == "integration" else ("map.pcd",)
+    replies = {path: reply for path, reply in left.saves.items() if path.startswith(stage)}
+    answered = {path: messages.text(reply.Message()) for path, reply in replies.items()}
+    refused = {path for path, reply in replies.items() if not reply.Ok()}
+    assert refused == replies.keys() - {f"{stage} saved"}, answered
+    assert all(answered.values())
+    assert all((left.out / "saved" / name).stat().st_size > 0 for name in names)
+
+
+def test_a_save_leaves_what_is_others_alone(left: Left) -> None:
+    theirs = {path.name: path.read_text() for path in (left.out / "theirs").iterdir()}
+    assert theirs == {"map.pcd": THEIRS, "trajectory.tum": THEIRS}
+    assert left.outside == {"elsewhere", "out"}
+
+
+@pytest.mark.parametrize("stage", ["registration", "odometry", "mapping"])
+def test_accounts_add_up_under_overload(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
+) -> None:
+    """A stage that gets no time again and again: sweeps are given up, each once."""
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, slower=1.0, seconds=SECONDS)
+    with run:
+        run.until_poses(BEGINS_AT)
+        for _ in range(HANGS):
+            process = run.chain.processes.running[stage]
+            process.send(signal.SIGSTOP)
+            time.sleep(HANG_S)
+            process.send(signal.SIGCONT)
+            run.until_poses(len(run.poses) + 5)
+        statuses = run.end()
+    found = report.build(Run.heard(run.chain.link, 1.0, run.chain.exit_codes))
+    identities = found["identities"]
+    assert identities["complaints"] == []
+    assert report.accounted(found)
+    assert sum(i.dropped.get("queue_full", 0) + i.lost for i in statuses[stage].inputs) > 0
+    # odometry asks for what it missed, and what mapping passes over costs no pose
+    assert identities["given_up"] or stage != "registration"
+
+
+def test_a_run_without_data_says_that_none_came(build: Path, robot_file: Path) -> None:
+    port = free_udp_port()
+    done = monitor(
+        *("run", "--preset-dir", build, "--config", robot_file, "--out", Path.cwd() / "out"),
+        *("--seconds", "2", "--set", f"driver.port={port}"),
+    )
+    assert done.code == 1
+    assert "accounted for: NO: no sweep came: there is nothing to account for" in done.said
+    assert not list((Path.cwd() / "out").glob("*.tum"))
+    assert not (Path.cwd() / "out" / "map.pcd").exists()
