@@ -125,7 +125,7 @@ void LiveConfig::declare() {
 }
 
 void LiveConfig::answer_set(zenoh::Query& query) {
-  // Of several instances one answers (protocols.md, section 11).
+  // Of several instances one answers (docs/protocol.md, section 11).
   if (mine_ && !mine_(run_)) return;
   const CommandReply reply = set(settings_of(query));
   log_info("command", {{"verb", kVerb}, {"ok", reply.ok}, {"message", reply.message}});

@@ -1,7 +1,8 @@
 #pragma once
 // The messages of one input key without sweeps, without clock, threads or transport: second copies
-// by (publisher's instance, seq), and which numbers to ask for (protocols.md, section 3). Messages
-// are taken as they come. What a publisher sent before its first message was heard is not missed.
+// by (publisher's instance, seq), and which numbers to ask for (docs/protocol.md, section 3).
+// Messages are taken as they come. What a publisher sent before its first message was heard is not
+// missed.
 //
 // Times are of any monotonic clock, ns.
 
