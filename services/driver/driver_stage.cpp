@@ -329,7 +329,7 @@ void DriverStage::report_step(const std::string& whose, std::int64_t step_ns) {
   if (step_ns == 0) return;
   std::array<char, 160> text{};
   std::snprintf(text.data(), text.size(),
-                "the %s's clock was set by %+.3f s: the stamps of this run go on without the step",
+                "the %s's clock was set by %+.3f s: the stamps of this run do not follow the step",
                 whose.c_str(), 1e-9 * static_cast<double>(step_ns));
   runtime::log_warning(text.data(), {{"sweep", number_}});
   stage_.degraded("clock step", text.data());

@@ -14,17 +14,9 @@ constexpr std::chrono::seconds kFetchTimeout{20};
 // A whole map at the end of a run, while the disk is slow.
 constexpr std::size_t kHeldMessages = 4096;
 
-StoreLimits limits_of(const StoreConfig& c) {
-  StoreLimits limits;
-  limits.log.segment_bytes = static_cast<std::uint64_t>(c.segment_mib) * kMiB;
-  limits.compact_bytes = static_cast<std::uint64_t>(c.compact_mib) * kMiB;
-  limits.garbage_factor = c.garbage_factor;
-  return limits;
-}
-
 TileStore open_store(const StoreConfig& config) {
   try {
-    return TileStore(config.path, limits_of(config));
+    return TileStore(config.path, StoreLimits{});
   } catch (const std::exception& e) {
     throw runtime::IoError(std::string("store.path: ") + e.what());
   }
