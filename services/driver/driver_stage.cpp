@@ -21,9 +21,9 @@ using runtime::Turn;
 constexpr int kSocketWaitMs = 5;
 constexpr std::int64_t kFlushAfterNs = 300'000'000;
 constexpr int kProgressSeconds = 5;
-// A clock that was set is named in the health for so long.
+// How long the health names a clock that was set.
 constexpr int kStepSaidSeconds = 10;
-// A live sweep waits so long for inertial readings that are under way.
+// How long a live sweep waits for IMU readings.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
 
 /// For waiting and pacing: the host's clock may be set meanwhile.

@@ -1,5 +1,5 @@
 #pragma once
-// What is said of a mapped pose's errors. The solver takes the map as exact, its normals too, and
+// Calibration of the published covariance. The solver takes the map as exact, its normals too, and
 // its residuals as nearly independent; what that leaves out was found by comparison with the
 // simulator's truth (docs/experiments/2026-11-22-published-covariance.md).
 

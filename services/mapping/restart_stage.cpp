@@ -108,8 +108,8 @@ void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
   }
 }
 
-// Who founds a map puts the one in the store away: not before the store had its time to answer. A
-// run of which nobody knows waits for a store only where one is said to be.
+// Creating a map supersedes the stored one; give the store time to answer first. A run that no
+// other stage knows waits for a store only where one is deployed.
 void MappingStage::wait_for_store(bool known_run) const {
   const double wait_s =
       known_run ? std::max(kStoreLink_s, output_.store_link_s) : output_.store_link_s;

@@ -16,7 +16,7 @@
 namespace zloam::registration {
 
 struct SharingConfig {
-  /// the replica of rank r does a sweep again that is missing for r times so long
+  /// the replica of rank r computes a missing sweep after r times this
   int redo_live_ms = 40;
   int redo_replay_ms = 500;
   /// sweeps and MiB held until odometry has them

@@ -77,7 +77,7 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
 
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
-  // Sweeps begin anew with each run of a map, the sensor's time does not.
+  // Sweep numbers start again with each run of a map, the sensor's time does not.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
   // The capture is replayed again: what is left of the last time would be the newer one, and a
   // mapping that is killed would go on where that run ended.
