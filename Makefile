@@ -119,7 +119,7 @@ bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans
 packages: build ## wheel and Debian packages with the programs inside: out/packages
 	@$(STEP) "packages" deploy/build/packages.sh $(BUILD) out/packages
 
-reference: build ## deploy/robots: reference and comments from what the programs say
+reference: build ## deploy/robots: REFERENCE.md and schema.json from what the programs say
 	@bin/zloam robot-files
 
 # What has threads of its own.

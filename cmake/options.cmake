@@ -8,7 +8,6 @@ if(NOT CMAKE_BUILD_TYPE)
 endif()
 
 option(ZLOAM_WERROR "Warnings are errors" ON)
-option(ZLOAM_NATIVE "Optimise for this machine's CPU (-march=native): not portable, changes last bits" OFF)
 option(ZLOAM_TESTS "Unit tests and benchmarks, and GTest and Ceres for them" ON)
 option(ZLOAM_ALOAM "A-LOAM's stages, and PCL and Ceres for them" ON)
 set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
@@ -20,7 +19,7 @@ if(ZLOAM_CCACHE)
 endif()
 
 # No fused multiply-add behind our back: the same source must give the same bytes on every build of
-# one compiler, and -O levels may otherwise contract differently (protocols.md, section 8).
+# one compiler, and -O levels may otherwise contract differently (docs/protocol.md, section 8).
 add_compile_options(-ffp-contract=off)
 add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-Wall> $<$<COMPILE_LANGUAGE:CXX>:-Wextra>
                     $<$<COMPILE_LANGUAGE:CXX>:-Wshadow> $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor>)
@@ -30,9 +29,6 @@ endif()
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # False positives of GCC 12's flow analysis inside Eigen, std::vector and std::string at -O3.
   add_compile_options(-Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow -Wno-restrict)
-endif()
-if(ZLOAM_NATIVE)
-  add_compile_options(-march=native)
 endif()
 if(ZLOAM_SANITIZE)
   add_compile_options(-fsanitize=${ZLOAM_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)

@@ -20,9 +20,7 @@ install(FILES ${CMAKE_SOURCE_DIR}/LICENSE ${CMAKE_SOURCE_DIR}/THIRD_PARTY.md
 
 # What can be used without Zenoh: the algorithms.
 foreach(core geometry plane_map driver registration odometry mapping integration)
-  if(TARGET zloam_${core})
-    install(TARGETS zloam_${core} ARCHIVE DESTINATION ${ZLOAM_HOME} COMPONENT dev)
-  endif()
+  install(TARGETS zloam_${core} ARCHIVE DESTINATION ${ZLOAM_HOME} COMPONENT dev)
 endforeach()
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/services/ DESTINATION include/zenoh-loam COMPONENT dev
   FILES_MATCHING PATTERN "*.hpp" PATTERN tests EXCLUDE PATTERN monitor EXCLUDE PATTERN router EXCLUDE

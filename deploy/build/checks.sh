@@ -3,6 +3,7 @@
 #  - an algorithm library includes no Zenoh, FlatBuffers, logger, clock or thread;
 #  - no stage includes anything of another;
 #  - schemas carry explicit ids and conform to the released state;
+#  - each document that a file names is there;
 #  - the subject of a commit has at most 72 characters.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -50,6 +51,7 @@ if [ -d "$released" ]; then
 else
   complain "$released is missing"
 fi
+python3 deploy/build/documents.py || fail=1
 # The rule begins after this commit. A clone without it (shallow, exported) is judged by its tip alone.
 rule_begins=a7b444ca52a48b2708a3c4b0d839604adc16f841
 longest_subject=72
@@ -62,5 +64,5 @@ if git rev-parse -q --verify HEAD >/dev/null 2>&1; then
       complain "commit ${line%% *}: its subject has ${#subject} characters, $longest_subject are allowed: $subject"
   done < <(git log --no-merges --format='%h %s' "$range" 2>/dev/null)
 fi
-[ $fail -eq 0 ] && echo "checks: layers and schemas hold"
+[ $fail -eq 0 ] && echo "checks: layers, schemas and documents hold"
 exit $fail

@@ -11,7 +11,7 @@ case "$1" in
     ;;
   python)
     .venv/bin/ruff format --check -q . && .venv/bin/ruff check -q .
-    .venv/bin/mypy services/monitor/{src,tests,examples} deploy/build/{tidy,wheel}.py tests
+    .venv/bin/mypy services/monitor/{src,tests,examples} deploy/build/{tidy,wheel,documents}.py tests
     ;;
   tidy)
     deploy/build/tidy.py "$2"

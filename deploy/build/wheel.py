@@ -22,7 +22,16 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = ("driver", "registration", "odometry", "mapping", "integration", "simulator", "store", "decode")
+PROGRAMS = (
+    "driver",
+    "registration",
+    "odometry",
+    "mapping",
+    "integration",
+    "simulator",
+    "store",
+    "decode",
+)
 #: the newest that is tested is pinned in services/monitor/requirements.txt
 REQUIRES = (
     "numpy>=1.23",
@@ -56,8 +65,7 @@ def metadata() -> str:
         f"Metadata-Version: 2.1\nName: zloam\nVersion: {version()}\n"
         "Summary: LiDAR odometry and mapping over Eclipse Zenoh\n"
         f"License: Apache-2.0\nRequires-Python: >=3.10\n{requires}"
-        "Description-Content-Type: text/markdown\n\n"
-        + (ROOT / "README.md").read_text()
+        "Description-Content-Type: text/markdown\n\n" + (ROOT / "README.md").read_text()
     )
 
 
@@ -107,7 +115,9 @@ def pack(tree: Path, out: Path) -> Path:
     (tree / info / "WHEEL").write_text(
         f"Wheel-Version: 1.0\nGenerator: zenoh-loam\nRoot-Is-Purelib: false\nTag: {tag}\n"
     )
-    (tree / info / "entry_points.txt").write_text("[console_scripts]\nzloam = zloam_monitor.cli:entry\n")
+    (tree / info / "entry_points.txt").write_text(
+        "[console_scripts]\nzloam = zloam_monitor.cli:entry\n"
+    )
     out.mkdir(parents=True, exist_ok=True)
     wheel = out / f"zloam-{version()}-{tag}.whl"
     record = ""

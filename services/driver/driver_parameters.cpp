@@ -103,34 +103,30 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
          {"scans", SourceKind::kScans},
          {"recording", SourceKind::kRecording},
          {"zenoh", SourceKind::kZenoh}},
-        "where packets or scans come from", Effect::kNone);
-  p.add("driver.path", &c.path, "file or folder of a source that is no network", Effect::kNone);
+        "source of packets or scans", Effect::kNone);
+  p.add("driver.path", &c.path, "file or folder of a recorded source", Effect::kNone);
   p.add("driver.topic", &c.topic,
-        "of a recording: topic of the clouds or packets; empty: the only one there is",
-        Effect::kNone);
+        "of a bag: topic of the clouds or packets; empty: the only one there is", Effect::kNone);
   p.add("driver.time_field", &c.time_field,
-        "of a recording's clouds: field with the points' times; empty: known by its name",
-        Effect::kNone);
+        "of a bag's clouds: field with the points' times; empty: known by its name", Effect::kNone);
   p.add("driver.reader", &c.reader,
-        "program that reads recordings, as `zloam recording` does: a path, or a name to be found "
-        "on the PATH",
+        "program that reads bags, as `zloam recording` does: a path, or a name on the PATH",
         Effect::kNone);
   p.add("driver.rate", &c.rate, "pace of a replay: max, realtime, or a factor", Effect::kNone);
-  p.add("driver.bind_address", &c.udp.bind_address, "own address packets are received on",
+  p.add("driver.bind_address", &c.udp.bind_address, "local address that receives packets",
         Effect::kNone);
   p.add("driver.port", &c.udp.data_port, {0, 65535}, "",
-        "UDP port of data packets; in captures any port counts", Effect::kNone);
+        "UDP port of data packets; ignored in captures", Effect::kNone);
   p.add("driver.position_port", &c.udp.position_port, {0, 65535}, "",
         "UDP port of position packets", Effect::kNone);
   p.add("driver.receive_buffer_bytes", &c.udp.receive_buffer_bytes, {65536, 1 << 28}, "bytes",
-        "of the kernel, for bursts", Effect::kNone);
+        "kernel's receive buffer", Effect::kNone);
   p.add("driver.sensor_address", &c.sensor_address,
-        "only packets of this sender; empty: of the first one seen");
+        "accept packets of this sender only; empty: of the first one seen");
   p.add("driver.multicast_group", &c.udp.multicast_group,
-        "IPv4 group to join, for a sensor that sends to one; empty: unicast and broadcast",
-        Effect::kNone);
-  p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s", "live: so long without a packet is said",
-        Effect::kNone);
+        "IPv4 multicast group to join; empty: unicast and broadcast", Effect::kNone);
+  p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s",
+        "live: warn after this long without packets", Effect::kNone);
 }
 
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
@@ -141,47 +137,47 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
          {"HDL-32E", ModelChoice::kHdl32e},
          {"VLP-32C", ModelChoice::kVlp32c},
          {"VLS-128", ModelChoice::kVls128}},
-        "auto: as the packets say");
+        "model of the sensor; auto: from the packets");
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
          {"strongest", ReturnChoice::kStrongest},
          {"last", ReturnChoice::kLast},
          {"dual", ReturnChoice::kDual}},
-        "return mode; auto: as the packets say");
+        "return mode; auto: from the packets");
   p.add("driver.dual_returns", &c.dual_returns,
         {{"strongest", DualReturns::kStrongest},
          {"last", DualReturns::kLast},
          {"both", DualReturns::kBoth},
          {"tagged", DualReturns::kTagged}},
-        "of two returns of one firing: one of them, both as equals, or both with their types");
-  p.add("driver.vertical_offsets", &c.vertical_offsets,
-        "the lasers' own heights (up to 17 mm), as the manual has them");
+        "returns used of a firing with two: one of them, both alike, or both with their types");
   p.add("driver.seam_azimuth_deg", &c.seam_azimuth_deg, {0.0, 360.0}, "deg",
-        "where sweeps are cut, clockwise from the front");
-  p.add("driver.guard_s", &c.guard_s, {0.05, 2.0}, "s", "a sweep ends after so long without a cut");
+        "azimuth at which sweeps are cut, clockwise from the front");
   p.add("driver.reorder_packets", &c.reorder_packets, {0, 64}, "packets",
-        "held back at a gap for one that was overtaken");
+        "packets buffered at a gap to reorder late arrivals");
   p.add("driver.clock", &c.clock,
         {{"auto", ClockChoice::kAuto},
          {"receive", ClockChoice::kReceive},
          {"utc", ClockChoice::kUtc},
          {"free", ClockChoice::kFree}},
-        "auto: tied to receive or capture times; utc: the sensor has a locked GPS; free: the "
-        "sensor's own");
+        "time base: auto: receive or capture times; utc: the sensor has a locked GPS; free: the "
+        "sensor's own clock");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
-        "added to stamps; -542.592 for an HDL-32E that stamps its last firing");
+        "offset added to stamps; -542.592 for an HDL-32E that stamps its last firing");
 }
 
 void bind_limits(runtime::Parameters& p, DriverConfig& c) {
-  p.add("driver.min_range_m", &c.min_range_m, {0.0, 300.0}, "m", "nearer returns are left out");
-  p.add("driver.max_range_m", &c.max_range_m, {0.1, 1000.0}, "m", "farther returns are left out");
-  p.add("driver.azimuth_mask_deg", &c.azimuth_mask_deg,
-        "sectors that are left out: from, to, from, to ... in degrees clockwise from the sensor's "
-        "front; [350, 10] goes through the front");
+  p.add("driver.min_range_m", &c.min_range_m, {0.0, 300.0}, "m",
+        "minimum range; nearer returns are dropped");
+  p.add("driver.max_range_m", &c.max_range_m, {0.1, 1000.0}, "m",
+        "maximum range; farther returns are dropped");
+  p.add(
+      "driver.azimuth_mask_deg", &c.azimuth_mask_deg,
+      "masked sectors: from, to, from, to ... in degrees clockwise from the sensor's front; [350, "
+      "10] includes the front");
   p.add("driver.body_box_min_m", &c.body_box_min_m, {-100.0, 100.0}, "m",
-        "corner of the robot's own body in base_link; points inside are left out");
+        "lower corner of the robot's body in base_link; points inside are dropped");
   p.add("driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
-        "opposite corner; no box when it is not above the other");
+        "upper corner of the robot's body; no box if not above the lower one");
 }
 
 void bind_scans(runtime::Parameters& p, DriverConfig& c) {
@@ -190,25 +186,25 @@ void bind_scans(runtime::Parameters& p, DriverConfig& c) {
          {"clockwise", TimeModel::kClockwise},
          {"counter_clockwise", TimeModel::kCounterClockwise},
          {"deskewed", TimeModel::kDeskewed}},
-        "of scans without point times: which way the sensor turns, or that the points hold for one "
+        "point times of scans without them: by the direction of rotation, or deskewed to one "
         "instant");
   p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 10.0}, "s",
-        "one turn of scans without point times");
+        "period of one revolution in scans without point times");
   p.add("driver.scan_seam_deg", &c.scan.seam_deg, {-360.0, 360.0}, "deg",
-        "where such a turn begins, counter-clockwise from the front");
+        "azimuth at which such a revolution begins, counter-clockwise from the front");
 }
 
 void bind_imu(runtime::Parameters& p, DriverConfig& c) {
-  p.add("driver.imu", &c.imu,
-        {{"none", ImuChoice::kNone}, {"file", ImuChoice::kFile}, {"zenoh", ImuChoice::kZenoh}},
-        "inertial readings that go with the sweeps: of driver.imu_path (replay), or what comes on "
-        "imu/<sensor> (live)");
-  p.add("driver.imu_path", &c.imu_path,
-        "recorded readings: t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2, a line of "
-        "names first",
-        Effect::kNone);
+  p.add(
+      "driver.imu", &c.imu,
+      {{"none", ImuChoice::kNone}, {"file", ImuChoice::kFile}, {"zenoh", ImuChoice::kZenoh}},
+      "source of the IMU readings: none, driver.imu_path (replay), or the key imu/<sensor> (live)");
+  p.add(
+      "driver.imu_path", &c.imu_path,
+      "file of IMU readings with a header: t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2",
+      Effect::kNone);
   p.add("driver.imu_delay_ms", &c.imu_delay_ms, {-1000.0, 1000.0}, "ms",
-        "by how much the readings' stamps are later than the lidar's; taken off");
+        "delay of the IMU's stamps against the lidar's; it is subtracted");
   p.check("driver.imu", [&c]() -> std::string {
     if (c.imu == ImuChoice::kFile && is_live(c.source)) {
       return "is file, but driver.source is live";

@@ -52,7 +52,7 @@ struct DriverConfig {
   std::string imu_path;
   /// by how much the readings' stamps are late
   double imu_delay_ms = 0.0;
-  /// live: seconds without a packet until it is said
+  /// live: seconds without a packet before a warning
   double quiet_s = 3.0;
 };
 

@@ -22,9 +22,9 @@ using runtime::Turn;
 constexpr int kSocketWaitMs = 5;
 constexpr std::int64_t kFlushAfterNs = 300'000'000;
 constexpr int kProgressSeconds = 5;
-// A clock that was set is named in the health for so long.
+// How long the health names a clock that was set.
 constexpr int kStepSaidSeconds = 10;
-// A live sweep waits so long for inertial readings that are under way.
+// How long a live sweep waits for IMU readings.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
 
 /// For waiting and pacing: the host's clock may be set meanwhile.
@@ -340,7 +340,7 @@ void DriverStage::report_step(const std::string& whose, std::int64_t step_ns) {
   if (step_ns == 0) return;
   std::array<char, 160> text{};
   std::snprintf(text.data(), text.size(),
-                "the %s's clock was set by %+.3f s: the stamps of this run go on without the step",
+                "the %s's clock was set by %+.3f s: the stamps of this run do not follow the step",
                 whose.c_str(), 1e-9 * static_cast<double>(step_ns));
   runtime::log_warning(text.data(), {{"sweep", number_}});
   stage_.degraded("clock step", text.data());

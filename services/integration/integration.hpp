@@ -3,7 +3,7 @@
 // maintenance. T_map_base(n) = T_map_odom(k) * T_odom_base(n).
 //
 // Which k: in replay the greatest multiple of mapping_every at or below n - correction_delay, and
-// the pose waits for it, so that the result does not depend on who was faster (protocols.md,
+// the pose waits for it, so that the result does not depend on who was faster (docs/protocol.md,
 // section 8); before the first one the identity. Live: the newest correction of the same odometry
 // epoch that is not of a later sweep (such there are when old poses are caught up with), else the
 // next later one; nothing waits. While an epoch has no correction yet, the pose is predicted from

@@ -26,19 +26,15 @@ Weak weak_of(const Table& table) {
 
 void bind(runtime::Parameters& p, IntegrationConfig& c) {
   // Mapping's own key: the two must never disagree, or a replay would wait for ever.
-  p.add("mapping.every", &c.mapping_every, {1, 1000}, "",
-        "replay: which sweeps have a correction to wait for");
+  p.add("mapping.every", &c.mapping_every, {1, 1000}, "", "map every n-th sweep by number");
   p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
-        "replay: a pose uses the last correction that is at least so many sweeps older");
+        "replay: sweeps by which the correction of a pose is older at least");
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
-        "a correction that moves the pose by more is marked as a jump");
-  p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad", "or turns it by more");
-  p.add("integration.step_scale_m", &c.step_scale_m, {0.01, 100.0}, "",
-        "sigmas of the odometry's steps count by this much in the pose's covariance");
-  p.add("integration.step_scale_rad", &c.step_scale_rad, {0.01, 100.0}, "",
-        "and of their rotation");
+        "minimum motion of a correction that is marked as a jump");
+  p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad",
+        "minimum rotation of a correction that is marked as a jump");
   p.add("integration.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
-        "degenerate: the pose is known worse along a direction than this share of 10 m");
+        "Degenerate: a direction along which the pose's sigma is above this share of 10 m");
   p.add("integration.output_dir", &c.output_dir,
         "folder of trajectory.tum, trajectory.kitti and odometry.tum, of further runs "
         "trajectory_2.tum "

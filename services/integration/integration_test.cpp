@@ -45,7 +45,7 @@ struct Row {
   std::optional<std::uint64_t> uses;
 };
 
-// protocols.md, section 8: k = the greatest multiple of M that is <= n - D.
+// docs/protocol.md, section 8: k = the greatest multiple of M that is <= n - D.
 TEST(Integration, ScheduleOfCorrections) {
   const std::vector<Row> table = {
       {1, 1, 0, {}}, {1, 1, 1, 0}, {1, 1, 2, 1},  {1, 1, 99, 98}, {1, 0, 0, 0}, {1, 0, 7, 7},

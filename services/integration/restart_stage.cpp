@@ -1,5 +1,5 @@
 // An integration that was killed and started again: the trajectory so far is in the journal, the
-// poses since then are made of what odometry and mapping still have (protocols.md, section 7).
+// poses since then are made of what odometry and mapping still have (docs/protocol.md, section 7).
 
 #include <algorithm>
 
@@ -66,7 +66,7 @@ void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_
   next_sweep_ = same_run ? last.sweep + 1 : 0;
   last_instant_ns_ = last.instant_ns;
   unsaved_ = true;
-  runtime::log_warning("the trajectory of the instance before goes on",
+  runtime::log_warning("resuming the trajectory of the previous instance",
                        {{"poses", poses.size()}, {"sweep", next_sweep_}});
 }
 

@@ -46,7 +46,7 @@ struct MappingInput {
   Vector6 twist_per_s = Vector6::Zero();
   /// of the odometry's motion since the sweep mapped before, tangent at base_link
   Matrix6 step_covariance = Matrix6::Zero();
-  /// what an inertial sensor said of the motion since the sweep before; none where that was not
+  /// the IMU's preintegrated motion since the sweep before; none where that was not
   /// mapped
   std::optional<InertialStep> inertial;
   Pose T_base_lidar = Pose::Identity();
@@ -165,11 +165,11 @@ class Mapper {
   /// From the next sweep on. What the map was built with (its cubes, leaves and voxels) stays.
   void configure(const MappingConfig& config);
 
-  /// Empties map and path; the next sweep founds a new map at its predicted pose.
+  /// Empties map and path; the next sweep initializes a new map at its predicted pose.
   void reset();
 
   /// Takes up what another instance left. Nothing is inserted before a sweep was matched against it
-  /// (config.bridge_*); without points in it, the next sweep founds a new map in the same frame.
+  /// (config.bridge_*); without points in it, the next sweep initializes a map in the same frame.
   void restore(const SavedMap& saved);
   /// The odometry may not have gone on where it was: the next sweep is searched for as after a new
   /// epoch, around where the odometry says.

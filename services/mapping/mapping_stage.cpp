@@ -93,7 +93,7 @@ void MappingStage::declare_answers() {
 void MappingStage::declare_commands() {
   // {"path": "..."} for another file in the folder of mapping.map_path, or below.
   stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
-  // Empties the map; the next sweep founds a new one where it is.
+  // Empties the map; the next sweep initializes a new one where it is.
   stage_.command("reset", [this](const std::string&) { return reset(); });
 }
 
@@ -112,7 +112,7 @@ void MappingStage::new_run(const msg::Header& first) {
   if (unsaved_) write_files();
   mapper_ = Mapper(config_);
   forget_published();
-  // The map is named after the run that founded it.
+  // The map is named after the run that initialized it.
   map_id_ = first.run();
   replay_ = first.replay();
   if (was_in_run) return;

@@ -22,7 +22,7 @@ Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_ra
 }
 
 // Where a sweep holds its turn badly, those that drew the map did too: one turn of the map for all
-// that hang on it, which no number of sweeps averages out.
+// that are matched to it, which no number of sweeps averages out.
 Eigen::Matrix3d of_the_map(const Eigen::Matrix3d& rotation, double known_rad) {
   if (!(known_rad > 0.0)) return Eigen::Matrix3d::Zero();
   const double worse = rotation.trace() / 3.0 / (known_rad * known_rad);

@@ -1,7 +1,7 @@
 #pragma once
-// What is said of a mapped pose's errors. The solver takes the map as exact, its normals too, and
+// Calibration of the published covariance. The solver takes the map as exact, its normals too, and
 // its residuals as nearly independent; what that leaves out was found by comparison with the
-// simulator's truth, on the first seeds (EXPERIMENTS.md, "What is said of the errors").
+// simulator's truth (docs/experiments/2026-11-22-published-covariance.md).
 
 #include "common/geometry/se3.hpp"
 #include "mapping/config.hpp"

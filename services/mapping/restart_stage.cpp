@@ -1,5 +1,5 @@
-// A mapping that was killed and started again (protocols.md, section 7): the store has its map and
-// its last pose, integration its last corrections.
+// A mapping that was killed and started again (docs/protocol.md, section 7): the store has its map
+// and its last pose, integration its last corrections.
 
 #include <algorithm>
 #include <span>
@@ -108,8 +108,8 @@ void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
   }
 }
 
-// Who founds a map puts the one in the store away: not before the store had its time to answer. A
-// run of which nobody knows waits for a store only where one is said to be.
+// Creating a map supersedes the stored one; give the store time to answer first. A run that no
+// other stage knows waits for a store only where one is deployed.
 void MappingStage::wait_for_store(bool known_run) const {
   const double wait_s =
       known_run ? std::max(kStoreLink_s, output_.store_link_s) : output_.store_link_s;
@@ -127,7 +127,7 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   const bool same_run = pose.run() == first.run();
   const bool recent = static_cast<double>(away_ns) * 1e-9 < output_.take_back_s;
   if (first.replay() ? !same_run : !recent || away_ns < -1'000'000'000) {
-    runtime::log_info("the store's map is of another time or run: a new one is founded");
+    runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
   }
   saved.instant_ns = pose->instant_ns();
@@ -181,7 +181,7 @@ void MappingStage::restart(const msg::Header& first) {
   if (!has_map && !take_pose(first, saved)) return;
   if (!has_map) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
-                               " is lost: no store has it; a new one is founded in its frame");
+                               " is lost: no store has it; creating a new one in its frame");
   }
   mapper_.restore(saved);
   // A file that the instance before did not come to, also when nothing is added to the map.
@@ -189,7 +189,7 @@ void MappingStage::restart(const msg::Header& first) {
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
   const std::size_t points = mapper_.point_count();
   stage_.figure("map_points_taken_back", static_cast<double>(points));
-  runtime::log_warning("the map of the instance before goes on",
+  runtime::log_warning("resuming the map of the previous instance",
                        {{"points", points},
                         {"voxel_cubes", saved.voxels.size()},
                         {"map_id", map_id_},

@@ -1,5 +1,9 @@
 #pragma once
 // Configuration of the odometry stage. Every default is written here and nowhere else.
+//
+// Fields that odometry_parameters.cpp does not bind are constants of the method: chosen on the
+// worlds of docs/experiments, where a better value for one world lost another. zloam-offline sets
+// them for experiments.
 
 namespace zloam::odometry {
 

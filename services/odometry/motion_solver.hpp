@@ -7,8 +7,7 @@
 // M(s) = Exp(s v) Exp((s^2 - 1/4) / 2 b): begin and end do not hang on b, which is eliminated from
 // the system. About the middle T and v nearly decouple.
 //   plane   r = n . (T M(s) p) - d
-//   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),   e_twist = v - v_prior,   e_bend = b -
-//   b_prior
+//   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),  e_twist = v - v_prior,  e_bend = b - b_prior
 // Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
 // (Geman-McClure). Minimised by Gauss-Newton with re-weighting; perturbations T <- T Exp(x_T),
 // v <- v + x_v. The soft tie to the sweep before is CT-ICP's (Dellenbach et al. 2022) in place of

@@ -28,9 +28,8 @@ constexpr double kLate_s = 0.01;
 
 std::string doubts_about(const InertialState& imu) {
   if (imu.contradictions >= kSuspicious) {
-    return "the inertial sensor says what the points do not bear out, and is not used while it "
-           "does: are mounting.imu_rpy_deg, its units and its time stamps (driver.imu_delay_ms) "
-           "right?";
+    return "IMU inconsistent with the lidar motion; ignoring it. Check mounting.imu_rpy_deg, units "
+           "and driver.imu_delay_ms";
   }
   const double delay_s = imu.errors().delay_s;
   if (std::abs(delay_s) - 3.0 * imu.delay_sigma_s() < kLate_s) return {};

@@ -1,4 +1,4 @@
-// An odometry that was killed and started again (protocols.md, section 7): its last commits are
+// An odometry that was killed and started again (docs/protocol.md, section 7): its last commits are
 // what mapping keeps of odometry/features, its inputs since then what registration keeps.
 
 #include <algorithm>
@@ -140,7 +140,7 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
   done_below_ = next_sweep_ = sweeps.back().sweep + 1;
   last_instant_ns_ = sweeps.back().instant_ns;
   last_header_ = header_fields(last->header());
-  runtime::log_warning("the odometry goes on where the instance before this one was killed",
+  runtime::log_warning("resuming the odometry of the previous instance",
                        {{"sweep", next_sweep_}, {"commits", depth}});
   return true;
 }

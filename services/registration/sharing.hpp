@@ -1,5 +1,5 @@
 #pragma once
-// How replicas of registration divide the sweeps among themselves (protocols.md, section 5),
+// How replicas of registration divide the sweeps among themselves (docs/protocol.md, section 5),
 // without clock, threads or transport. Every replica has every sweep; who computes it follows from
 // the sweep's number and the members, so that nobody need ask anybody. A wrong view of the members
 // costs work, never a sweep: what is not seen to be done is done by the next in rank.
@@ -16,7 +16,7 @@
 namespace zloam::registration {
 
 struct SharingConfig {
-  /// the replica of rank r does a sweep again that is missing for r times so long
+  /// the replica of rank r computes a missing sweep after r times this
   int redo_live_ms = 40;
   int redo_replay_ms = 500;
   /// sweeps and MiB held until odometry has them

@@ -119,7 +119,7 @@ void add_zenoh_options(CLI::App& app, Options& o) {
                  "As zenoh.base_port of the robot's file; 0: no ports of its own")
       ->check(CLI::Range(0, 65500))
       ->capture_default_str();
-  app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on, in place of its own port");
+  app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on instead of its own port");
   app.add_option("--zenoh-connect", z.connect, "Further endpoints to connect to");
   app.add_flag("--zenoh-block", z.block, "Wait for a slow reader instead of dropping messages");
   app.add_option("--zenoh-wait", z.wait_s, "Seconds to wait for a first reader")
@@ -158,7 +158,7 @@ void add_faults(CLI::App& app, Options& o, Raw& raw) {
                  "Part whose azimuths are off from some block to the packet's end");
   app.add_option("--cut", f.wrong_length, "Part cut short");
   app.add_option("--gap-start", f.gap_start_s, "Silence from here, s");
-  app.add_option("--gap", f.gap_s, "for so long, s");
+  app.add_option("--gap", f.gap_s, "Duration of the gap, s");
   app.add_option("--clock-step-at", raw.clock_step_at_s, "The sensor's clock steps here, s ...");
   app.add_option("--clock-step", raw.clock_step_s, "by so much each time, s ...");
   app.add_option("--fault-log", o.fault_log, "CSV of what was done to which packet");

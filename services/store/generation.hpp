@@ -1,6 +1,6 @@
 #pragma once
 // Which map a message belongs to, as a number that only grows. A map is named by its map_id, which
-// outlives the run that founded it; without one (0) by the run. Runs of replays are hashes and have
+// outlives the run that made it; without one (0) by the run. Runs of replays are hashes and have
 // no order, so the order is that in which the store first met them.
 
 #include <cstdint>

@@ -21,17 +21,9 @@ constexpr std::int64_t kUnconfirmed_ns = 2'000'000'000;
 constexpr std::chrono::milliseconds kAskEvery{100};
 constexpr std::chrono::milliseconds kAnswersWithin{1000};
 
-StoreLimits limits_of(const StoreConfig& c) {
-  StoreLimits limits;
-  limits.log.segment_bytes = static_cast<std::uint64_t>(c.segment_mib) * kMiB;
-  limits.compact_bytes = static_cast<std::uint64_t>(c.compact_mib) * kMiB;
-  limits.garbage_factor = c.garbage_factor;
-  return limits;
-}
-
 TileStore open_store(const StoreConfig& config) {
   try {
-    return TileStore(config.path, limits_of(config));
+    return TileStore(config.path, StoreLimits{});
   } catch (const std::exception& e) {
     throw runtime::IoError(std::string("store.path: ") + e.what());
   }
@@ -187,7 +179,7 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
 
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
-  // Sweeps begin anew with each run of a map, the sensor's time does not.
+  // Sweep numbers start again with each run of a map, the sensor's time does not.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
   // The capture is replayed again: what is left of the last time would be the newer one, and a
   // mapping that is killed would go on where that run ended.

@@ -45,7 +45,7 @@ class StoreStage {
   void settle_held();
   void put(const std::string& key, Key kind, const Rank& rank, std::span<const std::uint8_t> bytes);
   void answer(runtime::Answer& answer);
-  /// Asks mapping for all its tiles, as puts may be dropped on the way; what is newer is taken.
+  /// Asks mapping for all its tiles, as puts may be dropped; what is newer is taken.
   void fetch();
   void take_fetched();
   void every_period();

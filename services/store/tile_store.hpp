@@ -1,7 +1,7 @@
 #pragma once
 // The newest of each key, on disk. Newest is the greatest (map_id, term, version), not the latest
-// to come (protocols.md, section 9): a late copy from before a take-over changes nothing. A greater
-// map_id makes the tiles of lesser ones obsolete; they go at the next compaction.
+// to come (docs/protocol.md, section 9): a late copy from before a take-over changes nothing. A
+// greater map_id makes the tiles of lesser ones obsolete; they go at the next compaction.
 
 #include <cstdint>
 #include <filesystem>

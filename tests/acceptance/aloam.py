@@ -9,7 +9,7 @@ from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Demo, Setting
 from zloam_monitor.methods import programs
 
-#: position error of A-LOAM's mapped poses, every sweep mapped, seed 7, m (shared/peers.md)
+#: position error of A-LOAM's mapped poses (its own code, run once), every sweep mapped, seed 7, m
 ATE_M = {"city": 0.327, "indoor": 0.249, "fastrot": 0.129, "tunnel": 14.2}
 WITHIN = 0.25
 ALGORITHMS = ("registration", "odometry", "mapping")

@@ -189,7 +189,7 @@ class LiveRun:
 
     def trajectory(self, undisturbed: Path) -> tuple[Trajectory, NDArray[np.int64]]:
         """Of the poses, at the instants that the capture gives the sweeps. Without those that say
-        of themselves that they only bridge a gap (`bridging`; protocols.md, section 7)."""
+        of themselves that they only bridge a gap (`bridging`; docs/protocol.md, section 7)."""
         whole = read(undisturbed / "trajectory.tum")
         stamps = whole.stamps_ns
         assert stamps is not None

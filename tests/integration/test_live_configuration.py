@@ -1,5 +1,5 @@
 """A parameter changes while the stages run: in force from one sweep on, in every instance, and the
-same again in a replay that is given the change (protocols.md, section 13)."""
+same again in a replay that is given the change (docs/protocol.md, section 13)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DRIVE_SECONDS = "15"
 SLOW = "0.5"
 #: stage -> what is changed, to a value that changes its output
 CHANGES = {
-    "registration": {"registration.flat_per_segment": "2", "registration.edge_chi2": "100"},
+    "registration": {"registration.edge_chi2": "100"},
     "odometry": {"odometry.kernel_m": "0.05"},
     "mapping": {"mapping.voxel_planes.correlation": "4", "mapping.publish_every": "3"},
 }
@@ -285,19 +285,21 @@ def test_the_command_of_the_monitor(
         chain.until_poses(2)
         keys: Keys = chain.link.keys
         to = ["--robot", keys.robot, "--connect", f"tcp/127.0.0.1:{chain.base_port + 4}"]
-        done = monitor("set", "mapping", "mapping.prior_scale=2", "mapping.bridge_sweeps=30", *to)
+        done = monitor(
+            "set", "mapping", "mapping.drift_limit=0.02", "mapping.bridge_sweeps=30", *to
+        )
         assert done.code == 0, done.said
         assert "revision 1 from sweep" in done.said
-        wrong = monitor("set", "mapping", "mapping.prior_scale=-2", *to)
+        wrong = monitor("set", "mapping", "mapping.drift_limit=-2", *to)
         assert wrong.code == 1
-        assert "mapping.prior_scale" in wrong.said
-        assert "0 to 10000" in wrong.said
-        nobody = monitor("set", "mupping", "mapping.prior_scale=2", *to)
+        assert "mapping.drift_limit" in wrong.said
+        assert "1e-06 to 1" in wrong.said
+        nobody = monitor("set", "mupping", "mapping.drift_limit=0.02", *to)
         assert nobody.code == 1
         assert "no instance of mupping" in nobody.said
         chain.link.query_revisions()
     assert [r.values for r in chain.link.revisions] == [
-        {"mapping.prior_scale": 2.0, "mapping.bridge_sweeps": 30}
+        {"mapping.drift_limit": 0.02, "mapping.bridge_sweeps": 30}
     ]
 
 

@@ -100,7 +100,7 @@ class Mourning(SharedChain):
 
 
 def books(chain: SharedChain, statuses: Statuses) -> Counter[str]:
-    """Both identities of protocols.md section 2, and each number once. Figures of the replicas."""
+    """Both identities of docs/protocol.md, section 2, and each number once; the figures of all."""
     for (stage, instance), status in statuses.items():
         for account in status.inputs:
             assert account.balanced(), (stage, instance, account)

@@ -14,9 +14,9 @@ void bind(runtime::Parameters& p, OutputConfig& c) {
   p.add("mapping.map_path", &c.map_path, "PCD file of the map at the end of a run; empty: none",
         Effect::kNone);
   p.add("mapping.publish_every", &c.publish_every, {1, 10000}, "",
-        "changed tiles and the surroundings leave every n-th mapped sweep", Effect::kNone);
+        "publish changed tiles and the surroundings every n-th mapped sweep", Effect::kNone);
   p.add("mapping.cloud_every", &c.cloud_every, {1, 100000}, "",
-        "the whole map leaves every n-th mapped sweep while someone listens", Effect::kNone);
+        "publish the whole map every n-th mapped sweep while there is a subscriber", Effect::kNone);
 }
 
 void MappingStage::declare_answers() {

@@ -54,7 +54,7 @@ void MappingStage::restart(const msg::Header& first) {
   }
   unsaved_ = points > 0;
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
-  runtime::log_warning("the map of the instance before goes on", {{"points", points}});
+  runtime::log_warning("resuming the map of the previous instance", {{"points", points}});
 }
 
 }  // namespace zloam::aloam

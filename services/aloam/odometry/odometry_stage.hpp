@@ -19,7 +19,7 @@ class OdometryStage {
   using Features = runtime::Received<msg::Features>;
   using Commit = runtime::Received<msg::OdometryFeatures>;
 
-  /// What is said of one sweep, frame base_link.
+  /// The result of one sweep, frame base_link.
   struct Located {
     std::int64_t instant_ns = 0;
     Pose T_odom_base = Pose::Identity();

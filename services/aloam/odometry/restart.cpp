@@ -58,8 +58,7 @@ void OdometryStage::restore(const std::vector<Commit>& commits) {
   next_sweep_ = last.sweep() + 1;
   last_instant_ns_ = last->instant_ns();
   last_header_ = header_fields(last.header());
-  runtime::log_warning("the odometry goes on where the instance before this one was killed",
-                       {{"sweep", next_sweep_}});
+  runtime::log_warning("resuming the odometry of the previous instance", {{"sweep", next_sweep_}});
 }
 
 void OdometryStage::catch_up(std::uint64_t run, std::uint64_t from) {

@@ -60,8 +60,6 @@ constexpr std::array kTable = {
            kMap_bytes},
     KeyRow{Key::kPose, "pose", "map_pose", "integration", C::kLiveDrop, "interactive_high",
            N::kSweep, "lossless"},
-    KeyRow{Key::kPoseImuRate, "pose/imu_rate", "map_pose", "integration", C::kDrop,
-           "interactive_high", N::kSeq, "lossless"},
     KeyRow{Key::kStatus, "service/<stage>/<instance>/status", "status", "every stage", C::kDrop,
            "background", N::kNone, "newest 1"},
     KeyRow{Key::kConfig, "service/<stage>/<instance>/config", "config", "every stage", C::kQuery,

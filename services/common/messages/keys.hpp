@@ -31,7 +31,6 @@ enum class Key : std::uint8_t {
   kPathOdometry,
   kPathMap,
   kPose,
-  kPoseImuRate,
   kStatus,
   kConfig,
   kTime,

@@ -1,8 +1,7 @@
 #pragma once
-// Where each received message went. All counters of one process change under one mutex, so that a
-// snapshot always satisfies
-//   received = processed + not_mine + queued + in_work + sum of dropped   (protocols.md, section
-//   2).
+// Where each received message went (docs/protocol.md, section 2). All counters of one process
+// change under one mutex, so that a snapshot always satisfies
+//   received = processed + not_mine + queued + in_work + sum of dropped
 
 #include <array>
 #include <cstdint>

@@ -1,6 +1,6 @@
 #pragma once
-// Pacing of a replay (protocols.md, section 4): the sinks say how far they have come, the driver
-// keeps at most a window of sweeps under way and publishes again what seems lost.
+// Pacing of a replay (docs/protocol.md, section 4): the sinks say how far they have come, the
+// driver keeps at most a window of sweeps under way and publishes again what seems lost.
 
 #include <cstdint>
 #include <string>

@@ -218,7 +218,7 @@ std::map<std::string, std::string> FlowWindowCore::missing_stages(
     if (fit) missing.erase(stage);
   }
   if (!setup_.flow.wait_for.empty() && !sweeps_.matching()) {
-    missing["(subscriber)"] = "nobody listens to " + sweeps_.key();
+    missing["(subscriber)"] = "no subscriber on " + sweeps_.key();
   }
   return missing;
 }

@@ -1,6 +1,6 @@
 #pragma once
 // How far another host's clock is from this one's, from questions that were answered at once
-// (protocols.md section 10; the arithmetic is NTP's, RFC 5905 section 8).
+// (docs/protocol.md section 10; the arithmetic is NTP's, RFC 5905 section 8).
 
 #include <cstdint>
 #include <deque>

@@ -1,6 +1,6 @@
 #pragma once
 // One input key: a callback that only queues, and a worker's side that verifies, drops second
-// copies, puts sweeps in order and asks for what is missing (protocols.md, sections 1 to 3).
+// copies, puts sweeps in order and asks for what is missing (docs/protocol.md, sections 1 to 3).
 
 #include <chrono>
 #include <cstdint>

@@ -169,7 +169,7 @@ void LiveConfig::withdraw(const std::string& stage, std::uint32_t rev) {
 }
 
 void LiveConfig::answer_set(zenoh::Query& query) {
-  // Of several instances one answers (protocols.md, section 11).
+  // Of several instances one answers (docs/protocol.md, section 11).
   if (*setup_.muted || (mine_ && !mine_(run_))) return;
   CommandReply reply;
   try {

@@ -1,7 +1,7 @@
 #pragma once
-// Changes of configuration while running (protocols.md, section 13), the runtime's side: answers
-// command/<stage>/set, publishes config/<stage>, and knows of every stage which revision is in
-// force at which sweep. Every process keeps the revisions of all stages and answers gets of
+// Changes of configuration while running (docs/protocol.md, section 13), the runtime's side:
+// answers command/<stage>/set, publishes config/<stage>, and knows of every stage which revision is
+// in force at which sweep. Every process keeps the revisions of all stages and answers gets of
 // config/*, so that a stage that was killed finds its own with any of the others.
 //
 // What is put under config/<stage> is a hint and no more: whoever hears it asks, and what those

@@ -1,7 +1,7 @@
 #pragma once
 // One output key: consecutive numbers, delivery as the key table says, and the last messages kept
-// to be had by number (protocols.md, section 3): get <key>?run=R;sweep=a..b, or ?seq=a..b for keys
-// without sweeps. A reply is the very bytes that were published.
+// to be had by number (docs/protocol.md, section 3): get <key>?run=R;sweep=a..b, or ?seq=a..b for
+// keys without sweeps. A reply is the very bytes that were published.
 
 #include <cstdint>
 #include <string>

@@ -4,9 +4,9 @@
 // stage starts.
 //
 //   void bind(Parameters& p, RegistrationConfig& c) {
-//     p.add("registration.min_range_m", &c.min_range_m, {0.0, 100.0}, "m", "nearer points are left
-//     out"); p.add("registration.returns", &c.returns, {{"strongest", Returns::kStrongest}, ...},
-//     "which returns");
+//     p.add("registration.min_range_m", &c.min_range_m, {0.0, 100.0}, "m", "minimum range");
+//     p.add("registration.returns", &c.returns, {{"strongest", Returns::kStrongest}, ...},
+//           "returns used of a firing with two");
 //   }
 //
 // Names are dotted paths into the YAML file: nested maps, all lower case.
@@ -47,8 +47,8 @@ struct Range {
   double max = std::numeric_limits<double>::infinity();
 };
 
-/// Whether a value can change a result, and so belongs to the identity of a replay (protocols.md,
-/// section 1). Names, paths, endpoints and log settings do not.
+/// Whether a value can change a result, and so belongs to the identity of a replay
+/// (docs/protocol.md, section 1). Names, paths, endpoints and log settings do not.
 enum class Effect : std::uint8_t { kResult, kNone };
 
 /// A value as it stands in the file or in --set, before its type is known.
@@ -65,8 +65,8 @@ class Parameters {
   class Added {
    public:
     explicit Added(Parameters& parameters) : parameters_(parameters) {}
-    /// It may change while running, from one sweep to the next (protocols.md, section 13): whoever
-    /// reads it does so anew for each sweep, and keeps nothing that was made with it.
+    /// It may change while running, from one sweep to the next (docs/protocol.md, section 13):
+    /// whoever reads it does so anew for each sweep, and keeps nothing that was made with it.
     void live() { parameters_.entries_.back().live = true; }
 
    private:

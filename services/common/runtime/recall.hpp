@@ -1,6 +1,6 @@
 #pragma once
 // What others keep of an instance that was killed, and what its inputs' publishers still have:
-// asked for when a run begins, by a stage that was started in the middle of it (protocols.md,
+// asked for when a run begins, by a stage that was started in the middle of it (docs/protocol.md,
 // section 7).
 
 #include <chrono>

@@ -1,7 +1,7 @@
 #pragma once
-// Which revision of a stage's configuration is in force at which sweep (protocols.md, section 13).
-// Without clock, threads or transport: every instance that knows the same revisions and runs says
-// the same.
+// Which revision of a stage's configuration is in force at which sweep (docs/protocol.md, section
+// 13). Without clock, threads or transport: every instance that knows the same revisions and runs
+// says the same.
 
 #include <cstdint>
 #include <set>

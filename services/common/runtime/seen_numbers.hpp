@@ -1,7 +1,8 @@
 #pragma once
 // The messages of one input key without sweeps, without clock, threads or transport: second copies
-// by (publisher's instance, seq), and which numbers to ask for (protocols.md, section 3). Messages
-// are taken as they come. What a publisher sent before its first message was heard is not missed.
+// by (publisher's instance, seq), and which numbers to ask for (docs/protocol.md, section 3).
+// Messages are taken as they come. What a publisher sent before its first message was heard is not
+// missed.
 //
 // A number far from the others is refused until the next one in order follows it (as RFC 3550,
 // appendix A.1, has it for restarted sources): one forged number makes no true ones old. What is

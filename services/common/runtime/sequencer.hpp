@@ -1,7 +1,7 @@
 #pragma once
 // The order of one input key, without clock, threads or transport: which messages are second
-// copies, which sweep is next, what to ask for and when to give up (protocols.md, sections 1, 3 and
-// 4).
+// copies, which sweep is next, what to ask for and when to give up (docs/protocol.md, sections 1, 3
+// and 4).
 //
 // Sweeps leave in ascending order within a run. Which run is followed is decided before
 // (run_gate.hpp): here another one is the next, once this one has come out. Numbers far ahead of

@@ -139,7 +139,7 @@ class Stage {
   /// Answers gets under the full key (e.g. path/map, map/tile/**).
   virtual void answer(const std::string& full_key, std::function<void(Answer&)> handler) = 0;
 
-  /// The live parameters take the values in force at the message's sweep (protocols.md, section
+  /// The live parameters take the values in force at the message's sweep (docs/protocol.md, section
   /// 13): what a handler does first. True: they are others than before. Headers made for an output
   /// say which revision it was.
   virtual bool configure_for(const Message& message) = 0;

@@ -15,7 +15,7 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
-// What is more is a fault of the hosts' time keeping (protocols.md section 10).
+// What is more is a fault of the hosts' time keeping (docs/protocol.md section 10).
 constexpr std::int64_t kClocksApart_ns = 50 * kMs;
 // Statuses without a drop before an overload is over.
 constexpr int kLooksUntilCalm = 5;
@@ -109,7 +109,7 @@ ServiceHealth StageCore::health(std::string* reason) const {
   }
   if (!lonely.empty()) {
     // Whom it had and lost is not who is yet to come.
-    return because("nobody listens to " + lonely,
+    return because("no subscriber on " + lonely,
                    has_sweep_ ? ServiceHealth::kDegraded : ServiceHealth::kStarting);
   }
   return because("", ServiceHealth::kReady);

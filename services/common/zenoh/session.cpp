@@ -10,20 +10,11 @@ Session::Impl::~Impl() {
   }
 }
 
-void Session::Impl::close_channels() {
-  const std::lock_guard lock(mutex);
-  for (const auto& weak : channels) {
-    if (const auto channel = weak.lock()) channel->close();
-  }
-  channels.clear();
-}
-
 bool Session::Impl::close(std::chrono::milliseconds deadline) {
   {
     const std::lock_guard lock(mutex);
     if (closed || !handle) return true;
   }
-  close_channels();
   bool in_time = false;
   const auto ms = static_cast<std::uint64_t>(std::max<std::int64_t>(deadline.count(), 0));
   detail::check(zloam_session_close(handle.get(), ms, &in_time), "close");

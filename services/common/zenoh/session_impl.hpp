@@ -1,7 +1,6 @@
 #pragma once
 // The inside of a Session, shared by the files that declare entities on it. Not for other folders.
 
-#include "common/zenoh/channel.hpp"
 #include "common/zenoh/detail.hpp"
 
 namespace zloam::zenoh {
@@ -9,14 +8,11 @@ namespace zloam::zenoh {
 /// Entities hold a reference, so that Zenoh's session stays open as long as one of them lives.
 struct Session::Impl {
   ~Impl();
-  /// Wakes who waits in a full FIFO: closing waits for callbacks.
-  void close_channels();
   bool close(std::chrono::milliseconds deadline);
 
   detail::Handle<zloam_session, zloam_session_drop> handle;
   std::shared_ptr<detail::CallbackErrors> errors = std::make_shared<detail::CallbackErrors>();
   std::mutex mutex;  // guards what follows
-  std::vector<std::weak_ptr<detail::Channel>> channels;
   bool closed = false;
 };
 

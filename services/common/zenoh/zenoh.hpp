@@ -155,28 +155,6 @@ class Subscriber {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Where a channel subscriber keeps samples: a ring keeps the newest n, a FIFO blocks Zenoh's
-/// thread.
-enum class ChannelKind { kRing, kFifo };
-
-/// A subscriber that is read from: recv() waits, try_recv() does not.
-class ChannelSubscriber {
- public:
-  ChannelSubscriber(ChannelSubscriber&&) noexcept;
-  ChannelSubscriber& operator=(ChannelSubscriber&&) noexcept;
-  ~ChannelSubscriber();
-  std::optional<Sample> recv(std::chrono::milliseconds timeout);
-  std::optional<Sample> try_recv();
-  /// Samples overwritten in a ring.
-  std::uint64_t dropped() const;
-
-  struct Impl;
-  explicit ChannelSubscriber(std::unique_ptr<Impl> impl);
-
- private:
-  std::unique_ptr<Impl> impl_;
-};
-
 /// A query to be answered, from any thread; it ends when this object goes.
 class Query {
  public:
@@ -256,8 +234,6 @@ class Session {
 
   Publisher declare_publisher(std::string_view key, const PublisherOptions& options = {});
   Subscriber declare_subscriber(std::string_view key, std::function<void(Sample&&)> callback);
-  ChannelSubscriber declare_channel_subscriber(std::string_view key, ChannelKind kind,
-                                               std::size_t capacity);
   Queryable declare_queryable(std::string_view key, std::function<void(Query&&)> callback,
                               bool complete = true);
   /// Put without a publisher.

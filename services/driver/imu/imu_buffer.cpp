@@ -6,7 +6,7 @@
 namespace zloam::driver {
 namespace {
 
-// A clock that was set back by more than this began anew.
+// A clock that was set back by more than this starts a new series.
 constexpr std::int64_t kRestart_ns = 1'000'000'000;
 constexpr double kGravity_mps2 = 9.80665;
 // A platform that accelerates adds less than half of g to the mean of a second.

@@ -38,8 +38,8 @@ class ImuBuffer {
   std::uint64_t invalid_ = 0;
 };
 
-/// What is wrong with the units or signs of readings taken at about 1 g (REP 145; the violations of
-/// specs/imu.md, section 1), a sentence; empty: nothing. Judged by the mean force in base_link,
+/// What is wrong with the units or signs of readings taken at about 1 g (conventions of REP 145), a
+/// sentence; empty: nothing. Judged by the mean force in base_link,
 /// whose z axis is up: a robot's first seconds. R_base_imu: turns vectors of the sensor into
 /// base_link.
 std::string wrong_units(const std::vector<ImuReading>& readings, const Eigen::Matrix3d& R_base_imu);

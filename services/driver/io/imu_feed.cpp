@@ -11,9 +11,9 @@ namespace {
 
 // A robot's first second tells in which units it reads.
 constexpr std::int64_t kJudge_ns = 1'000'000'000;
-// Of a sensor that has been silent for so long no sweep waits any more.
+// No sweep waits for a sensor that has been silent for this long.
 constexpr std::int64_t kSilent_ns = 200'000'000;
-// Sweeps in a row without readings until it is said.
+// Sweeps in a row without readings before it is reported.
 constexpr std::uint64_t kSaidAfter = 10;
 
 std::vector<ImuReading> of_first(const std::vector<ImuReading>& readings, std::int64_t span_ns) {

@@ -24,7 +24,7 @@ class IpFragments {
   std::span<const std::uint8_t> add(const Id& id, std::size_t offset, bool more,
                                     std::span<const std::uint8_t> part);
 
-  /// Datagrams given up, as others came before their last part.
+  /// Datagrams dropped because others came before their last part.
   std::uint64_t incomplete() const { return incomplete_ + open_.size(); }
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
 // Folders of scan files, read in the order of the numbers in their names. What is whole of a scan
-// is used; what is not, and scans that are missing, is said.
+// is used; what is not, and scans that are missing, is reported.
 
 #include <cstdint>
 #include <memory>

@@ -7,7 +7,7 @@
 namespace zloam::driver {
 namespace {
 
-// A sensor is silent when nothing of it came for so long, or among so many packets of a newcomer
+// A sensor is silent when nothing of it came for this long, or among so many packets of a newcomer
 // where no receive times are known.
 constexpr std::int64_t kSilentNs = 200'000'000;
 constexpr int kNewcomerPackets = 16;

@@ -148,7 +148,7 @@ __attribute__((always_inline)) inline void SweepAssembler::advance_to(const Pack
   phase_cdeg_ = phase_cdeg;
 }
 
-/// The groups of a packet are decoded together, up to a cut: one call in place of twelve.
+/// The groups of a packet are decoded together, up to a cut: one call instead of twelve.
 __attribute__((always_inline)) inline void SweepAssembler::place_group(int group,
                                                                        std::int64_t time_ns) {
   // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.

@@ -54,7 +54,7 @@ struct PacketCounts {
   std::uint64_t reordered = 0;
   /// blocks of decoded packets with an unknown flag or azimuth
   std::uint64_t bad_blocks = 0;
-  /// the sensor's clock was set; the sweep was begun anew
+  /// the sensor's clock was set; the sweep was started again
   std::uint64_t clock_steps = 0;
   /// the host's clock was set; the sweeps' times go on
   std::uint64_t host_clock_steps = 0;

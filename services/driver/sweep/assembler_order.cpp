@@ -194,7 +194,7 @@ void SweepAssembler::release_contiguous() {
   }
 }
 
-/// Begins a sweep anew with this packet, so long after the one before.
+/// Starts a new sweep with this packet, so much later than the one before.
 void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
   close(false);
   view_gap_from_cdeg_ = -1;

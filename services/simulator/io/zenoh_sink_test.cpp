@@ -10,9 +10,8 @@
 namespace zloam::simulator {
 namespace {
 
-using zenoh::ChannelKind;
-using zenoh::ChannelSubscriber;
 using zenoh::test::kPatience;
+using zenoh::test::Mailbox;
 
 constexpr std::int64_t kEpochNs = 1'704'067'210'000'000'000;
 
@@ -54,8 +53,7 @@ ZenohSinkConfig sink_config(int port) {
 }
 
 template <class T>
-const T* next_message(ChannelSubscriber& subscriber, zenoh::Sample& sample,
-                      zenoh::AlignedBytes& bytes) {
+const T* next_message(Mailbox& subscriber, zenoh::Sample& sample, zenoh::AlignedBytes& bytes) {
   auto received = subscriber.recv(kPatience);
   if (!received) {
     return nullptr;
@@ -70,10 +68,9 @@ const T* next_message(ChannelSubscriber& subscriber, zenoh::Sample& sample,
 TEST(ZenohSink, EveryDatagramArrivesOnceAndInOrder) {
   const int port = zenoh::test::free_port();
   zenoh::Session reader = zenoh::Session::open(zenoh::test::listening_config(port));
-  auto imu = reader.declare_channel_subscriber("loam/r/imu/s", ChannelKind::kFifo, 99);
+  Mailbox imu(reader, "loam/r/imu/s");
   // Declared last: who is seen here has been seen there.
-  auto packets =
-      reader.declare_channel_subscriber("loam/r/lidar/s/packets", ChannelKind::kFifo, 99);
+  Mailbox packets(reader, "loam/r/lidar/s/packets");
   const auto sent = some_datagrams(400);
   const auto sink = zenoh_sink(sink_config(port), kEpochNs, counted_imu());
   sink->put(std::span(sent).first(133));

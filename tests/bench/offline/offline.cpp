@@ -2,7 +2,7 @@
 // yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
 // [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
 //
-// Registration, odometry and, when it is built in, mapping over a capture, a folder of scans or a
+// Registration, odometry, mapping and integration over a capture, a folder of scans or a
 // simulated drive (scan_reader.hpp), in one process and without any messages. Writes odom.tum and
 // est.tum (poses of base_link stamped with the instant they hold for; est is the mapped one),
 // fused.tum (as integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says
@@ -24,15 +24,13 @@
 #include "common/geometry/se3.hpp"
 #include "driver/imu/imu_buffer.hpp"
 #include "driver/io/imu_file.hpp"
+#include "integration/integration.hpp"
+#include "mapping/mapping.hpp"
 #include "odometry/odometry.hpp"
 #include "registration/registration.hpp"
 #include "run_files.hpp"
 #include "scan_reader.hpp"
 #include "settings.hpp"
-#ifdef ZLOAM_WITH_MAPPING
-#include "integration/integration.hpp"
-#include "mapping/mapping.hpp"
-#endif
 
 namespace zloam::offline {
 namespace {
@@ -126,13 +124,9 @@ class Run {
  public:
   explicit Run(const Options& options)
       : o_(options),
-        odometry_(options.settings.odometry, options.T_base_lidar, options.T_base_imu)
-#ifdef ZLOAM_WITH_MAPPING
-        ,
+        odometry_(options.settings.odometry, options.T_base_lidar, options.T_base_imu),
         mapper_(options.settings.mapping),
-        integrator_(options.settings.integration)
-#endif
-  {
+        integrator_(options.settings.integration) {
     std::filesystem::create_directories(o_.out);
     for (const ImuReading& r : o_.imu) imu_.add(r);
     odom_file_.open(o_.out + "/odom.tum");
@@ -193,13 +187,7 @@ class Run {
   }
 
  private:
-  std::size_t map_points() const {
-#ifdef ZLOAM_WITH_MAPPING
-    return mapper_.point_count();
-#else
-    return 0;
-#endif
-  }
+  std::size_t map_points() const { return mapper_.point_count(); }
 
   void write_row(const registration::RegistrationResult& f, const odometry::OdometryResult& r) {
     const auto& d = r.diagnostics;
@@ -213,7 +201,6 @@ class Run {
 
   void map(const Scan& scan, const odometry::FeatureSweep& input,
            const odometry::OdometryResult& odom) {
-#ifdef ZLOAM_WITH_MAPPING
     if (o_.gap_every > 0 && odom.sweep % o_.gap_every >= o_.gap_every - o_.gap_sweeps) {
       csv_ << ",,,,,,,,,,,,,,,,\n";
       return;
@@ -240,15 +227,10 @@ class Run {
       fuse(odom, r);
       return;
     }
-#else
-    (void)scan;
-    (void)input;
-#endif
     write_tum(est_file_, odom.instant_ns, odom.T_odom_base);
     csv_ << ",,,,,,,,,,,,,,,,\n";
   }
 
-#ifdef ZLOAM_WITH_MAPPING
   static void write_covariance(std::ofstream& file, std::uint64_t sweep, const Matrix6& c) {
     file << sweep;
     for (int i = 0; i < 36; ++i) file << ',' << c(i / 6, i % 6);
@@ -301,15 +283,12 @@ class Run {
     fused_csv_ << ',' << f.jump << '\n';
     write_covariance(fused_covariance_file_, f.sweep, f.covariance);
   }
-#endif
 
   const Options& o_;
   driver::ImuBuffer imu_{0};
   odometry::Odometry odometry_;
-#ifdef ZLOAM_WITH_MAPPING
   mapping::Mapper mapper_;
   integration::Integrator integrator_;
-#endif
   std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
       fused_covariance_file_, cost_file_;
   double registration_ms_ = 0.0;

@@ -3,9 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#ifdef ZLOAM_WITH_DRIVES
 #include "drive_source.hpp"
-#endif
 
 namespace zloam::offline {
 namespace {
@@ -13,9 +11,7 @@ namespace {
 namespace fs = std::filesystem;
 
 std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOptions& options) {
-#ifdef ZLOAM_WITH_DRIVES
   if (path.extension() == ".yaml") return std::make_unique<search::DriveSource>(path);
-#endif
   if (fs::is_directory(path)) {
     if (fs::exists(path / "stamps.txt")) {
       return driver::sweeps_of_scans(driver::open_synth(path.string()));
@@ -54,13 +50,9 @@ ScanReader::ScanReader(const fs::path& path, const ReadOptions& options)
     : options_(options), source_(open(path, options)) {}
 
 void ScanReader::write_truth(const fs::path& folder) const {
-#ifdef ZLOAM_WITH_DRIVES
   if (const auto* drive = dynamic_cast<const search::DriveSource*>(source_.get())) {
     drive->write_truth(folder / "truth.tum", folder / "motion.txt");
   }
-#else
-  (void)folder;
-#endif
 }
 
 bool ScanReader::next(Scan& scan) {

@@ -93,7 +93,6 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, covariance_scale);
 }
 
-#ifdef ZLOAM_WITH_MAPPING
 void add_plane_map(plane_map::PlaneMapConfig& c, Fields& fields) {
   ZLOAM_FIELD("mapping.voxel_planes.", c, root_voxel_m);
   ZLOAM_FIELD("mapping.voxel_planes.", c, levels);
@@ -171,7 +170,6 @@ void add_integration(integration::IntegrationConfig& c, Fields& fields) {
   ZLOAM_FIELD("integration.", c, step_scale_m);
   ZLOAM_FIELD("integration.", c, step_scale_rad);
 }
-#endif
 
 #undef ZLOAM_FIELD
 
@@ -179,10 +177,8 @@ Fields fields_of(Settings& settings) {
   Fields fields;
   add_registration(settings.registration, fields);
   add_odometry(settings.odometry, fields);
-#ifdef ZLOAM_WITH_MAPPING
   add_mapping(settings.mapping, fields);
   add_integration(settings.integration, fields);
-#endif
   return fields;
 }
 

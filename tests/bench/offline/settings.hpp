@@ -3,22 +3,18 @@
 
 #include <string>
 
-#include "odometry/config.hpp"
-#include "registration/config.hpp"
-#ifdef ZLOAM_WITH_MAPPING
 #include "integration/config.hpp"
 #include "mapping/config.hpp"
-#endif
+#include "odometry/config.hpp"
+#include "registration/config.hpp"
 
 namespace zloam::offline {
 
 struct Settings {
   registration::RegistrationConfig registration;
   odometry::OdometryConfig odometry;
-#ifdef ZLOAM_WITH_MAPPING
   mapping::MappingConfig mapping;
   integration::IntegrationConfig integration;
-#endif
 };
 
 /// Applies "stage.field=value". Throws std::invalid_argument that names what is wrong.

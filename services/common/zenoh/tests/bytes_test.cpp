@@ -74,7 +74,7 @@ TEST(Bytes, StayInPlaceWithinOneSession) {
   const auto* data = owner.data();
   {
     Session session = lone_session();
-    auto channel = session.declare_channel_subscriber("test/a", ChannelKind::kRing, 2);
+    Mailbox channel(session, "test/a", 4);
     session.put("test/a", Bytes::own(std::move(owner)));
     const auto sample = channel.recv(kPatience);
     ASSERT_TRUE(sample.has_value());
@@ -89,7 +89,7 @@ TEST(Bytes, OwnerIsFreedOnceThroughALinkAndWhenThePutFails) {
   std::atomic<int> deaths{0};
   {
     Pair pair;
-    auto channel = pair.b.declare_channel_subscriber("test/a", ChannelKind::kFifo, 2);
+    Mailbox channel(pair.b, "test/a");
     Publisher publisher = pair.a.declare_publisher("test/a");
     wait_matching(publisher);
     publisher.put(Bytes::own(Owner(5000, deaths)));
@@ -103,7 +103,7 @@ TEST(Bytes, OwnerIsFreedOnceThroughALinkAndWhenThePutFails) {
 TEST(Bytes, FragmentsOfALargeMessageAreCopiedInOrder) {
   const auto sent = pattern(1'000'000);
   Pair pair;
-  auto channel = pair.b.declare_channel_subscriber("test/a", ChannelKind::kFifo, 2);
+  Mailbox channel(pair.b, "test/a");
   PublisherOptions options;
   options.congestion_control = CongestionControl::kBlock;
   Publisher publisher = pair.a.declare_publisher("test/a", options);

@@ -26,7 +26,7 @@ constexpr std::size_t kSize = 10'000'000;
 
 TEST(Large, TenMegabytesSeveralTimes) {
   Pair pair;
-  auto channel = pair.b.declare_channel_subscriber("test/a", ChannelKind::kFifo, 2);
+  Mailbox channel(pair.b, "test/a");
   PublisherOptions options;
   options.congestion_control = CongestionControl::kBlock;
   Publisher publisher = pair.a.declare_publisher("test/a", options);

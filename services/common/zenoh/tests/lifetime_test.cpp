@@ -69,17 +69,6 @@ TEST(Lifetime, SubscriberUnderTraffic) {
   }
 }
 
-TEST(Lifetime, ChannelSubscriberUnderTraffic) {
-  Pair pair;
-  Publisher publisher = pair.a.declare_publisher("test/a", blocking());
-  const Traffic traffic([&] { publisher.put(Bytes::copy_of("x")); });
-  for (int round = 0; round < kRounds; ++round) {
-    const auto kind = round % 2 == 0 ? ChannelKind::kFifo : ChannelKind::kRing;
-    auto channel = pair.b.declare_channel_subscriber("test/a", kind, 2);
-    ASSERT_TRUE(channel.recv(kPatience).has_value()) << round;
-  }
-}
-
 TEST(Lifetime, QueryableUnderQueries) {
   Pair pair;
   GetOptions options;
@@ -139,15 +128,17 @@ TEST(Lifetime, EntitiesKeepTheirSessionOpen) {
 
 TEST(Lifetime, MovedEntitiesWorkAndAreUndeclaredOnce) {
   Session session = lone_session();
-  auto channel = session.declare_channel_subscriber("test/a", ChannelKind::kRing, 8);
+  const auto calls = std::make_shared<Watched<int>>();
+  const auto count = [calls](Sample&&) { calls->change([](int& n) { ++n; }); };
+  Subscriber subscriber = session.declare_subscriber("test/a", count);
   Publisher first = session.declare_publisher("test/a");
   Publisher second = std::move(first);
+  Subscriber moved = std::move(subscriber);
   second.put(Bytes::copy_of("one"));
-  auto moved = std::move(channel);
-  EXPECT_EQ(moved.recv(kPatience)->payload.to_string(), "one");
-  moved = session.declare_channel_subscriber("test/b", ChannelKind::kRing, 8);
+  EXPECT_TRUE(calls->wait([](int n) { return n == 1; }));
+  moved = session.declare_subscriber("test/b", count);
   second.put(Bytes::copy_of("two"));
-  EXPECT_FALSE(moved.try_recv().has_value());
+  EXPECT_EQ(calls->get(), 1);
 }
 
 TEST(Lifetime, SamplesAndQueriesOutliveTheirSession) {
@@ -155,7 +146,7 @@ TEST(Lifetime, SamplesAndQueriesOutliveTheirSession) {
   Watched<std::optional<Query>> held;
   {
     Session session = lone_session();
-    auto channel = session.declare_channel_subscriber("test/a", ChannelKind::kRing, 1);
+    Mailbox channel(session, "test/a", 4);
     session.put("test/a", Bytes::copy_of("kept"));
     sample = channel.recv(kPatience);
     const auto queryable = session.declare_queryable("test/q", [&](Query&& query) {

@@ -13,9 +13,8 @@ TEST(Matching, ChangesAreReported) {
   const auto changes = std::make_shared<Watched<std::vector<bool>>>();
   publisher.on_matching(
       [changes](bool now) { changes->change([&](auto& all) { all.push_back(now); }); });
-  auto unrelated = pair.b.declare_channel_subscriber("other/*", ChannelKind::kRing, 1);
-  auto subscriber =
-      std::make_optional(pair.b.declare_channel_subscriber("test/*", ChannelKind::kRing, 1));
+  Mailbox unrelated(pair.b, "other/*", 4);
+  std::optional<Mailbox> subscriber(std::in_place, pair.b, "test/*");
   ASSERT_TRUE(changes->wait([](const auto& all) { return all.size() == 1; }));
   EXPECT_TRUE(publisher.matching());
   subscriber.reset();

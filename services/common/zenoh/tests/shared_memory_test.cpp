@@ -59,8 +59,7 @@ Config shared_memory_config(Config config) {
 }
 
 /// The first sample that came by shared memory; the pool may not be ready for the first ones.
-std::optional<Sample> first_by_shared_memory(ChannelSubscriber& channel,
-                                             TransferCounters& counters) {
+std::optional<Sample> first_by_shared_memory(Mailbox& channel, TransferCounters& counters) {
   const auto end = std::chrono::steady_clock::now() + kPatience;
   while (std::chrono::steady_clock::now() < end) {
     auto sample = channel.recv(kPatience);
@@ -89,7 +88,7 @@ struct FromPeer {
   static constexpr std::size_t kSize = 300'000;
   int port = free_port();
   Session session = Session::open(shared_memory_config(listening_config(port)));
-  ChannelSubscriber channel = session.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Mailbox channel{session, "test/shm", 4};
   Peer peer{port, kSize};
   TransferCounters counters;
   std::optional<Sample> sample = first_by_shared_memory(channel, counters);
@@ -136,7 +135,7 @@ TEST(SharedMemory, WhatWasWrittenAgainWhileAReaderStoodStillIsTorn) {
 constexpr std::chrono::milliseconds kBetween{500};
 
 /// Puts 50 KB until a message comes by shared memory, or patience ends.
-std::optional<Sample> exchange(Publisher& publisher, ChannelSubscriber& channel) {
+std::optional<Sample> exchange(Publisher& publisher, Mailbox& channel) {
   const auto end = std::chrono::steady_clock::now() + kPatience;
   std::optional<Sample> sample;
   while (std::chrono::steady_clock::now() < end) {
@@ -152,7 +151,7 @@ TEST(SharedMemory, BetweenTwoSessionsAndNotForSmallMessages) {
   const int port = free_port();
   Session a = Session::open(shared_memory_config(listening_config(port)));
   Session b = Session::open(shared_memory_config(connecting_config(port)));
-  auto channel = b.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Mailbox channel(b, "test/shm", 4);
   Publisher publisher = a.declare_publisher("test/shm");
   wait_matching(publisher);
   auto sample = exchange(publisher, channel);
@@ -197,7 +196,7 @@ TEST(SharedMemory, IsOnByDefault) {
   connecting.insert_json5("connect/endpoints", "[\"" + endpoint(port) + "\"]");
   Session a = Session::open(listening);
   Session b = Session::open(connecting);
-  auto channel = b.declare_channel_subscriber("test/shm", ChannelKind::kRing, 4);
+  Mailbox channel(b, "test/shm", 4);
   Publisher publisher = a.declare_publisher("test/shm");
   wait_matching(publisher);
   const auto sample = exchange(publisher, channel);

@@ -12,10 +12,13 @@
 #include <concepts>
 #include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 #include "common/zenoh/zenoh.hpp"
 
@@ -117,6 +120,50 @@ class Watched {
   std::mutex mutex_;
   std::condition_variable changed_;
   T value_{};
+};
+
+/// A subscriber whose samples wait to be taken: the newest `room` of them.
+class Mailbox {
+ public:
+  Mailbox(Session& session, std::string_view key, std::size_t room = 1000)
+      : inside_(std::make_shared<Inside>()),
+        subscriber_(session.declare_subscriber(key, [inside = inside_, room](Sample&& sample) {
+          inside->push(std::move(sample), room);
+        })) {}
+
+  /// Nothing when none came in time.
+  std::optional<Sample> recv(std::chrono::milliseconds timeout) { return inside_->pop(timeout); }
+
+ private:
+  struct Inside {
+    void push(Sample&& sample, std::size_t room) {
+      std::optional<Sample> oldest;  // freed outside the lock
+      {
+        const std::lock_guard lock(mutex);
+        if (samples.size() == room) {
+          oldest = std::move(samples.front());
+          samples.pop_front();
+        }
+        samples.push_back(std::move(sample));
+      }
+      filled.notify_one();
+    }
+    std::optional<Sample> pop(std::chrono::milliseconds timeout) {
+      std::unique_lock lock(mutex);
+      const auto deadline = std::chrono::steady_clock::now() + timeout;
+      if (!filled.wait_until(lock, deadline, [&] { return !samples.empty(); })) return std::nullopt;
+      std::optional<Sample> sample(std::move(samples.front()));
+      samples.pop_front();
+      return sample;
+    }
+
+    std::mutex mutex;
+    std::condition_variable filled;
+    std::deque<Sample> samples;
+  };
+
+  std::shared_ptr<Inside> inside_;
+  Subscriber subscriber_;
 };
 
 /// Waits until a subscriber of another session is known: what is put before is lost.

@@ -1,4 +1,4 @@
-"""Both identities of protocols.md section 2, checked from statuses and poses."""
+"""Both identities of docs/protocol.md, section 2, checked from statuses and poses."""
 
 from __future__ import annotations
 

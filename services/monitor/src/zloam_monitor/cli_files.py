@@ -58,7 +58,7 @@ def refresh_robot_files(
     check: Annotated[bool, typer.Option("--check", help="Only say what is out of date.")] = False,
     preset_dir: common.PresetDir = None,
 ) -> int:
-    """Bring the comments of robot files up to date."""
+    """Bring REFERENCE.md and schema.json of the robot files up to date."""
     from zloam_monitor import places
     from zloam_monitor import robot_files as files
 

@@ -138,7 +138,7 @@ def module(name: str) -> Any:
 
 
 def encoding(table: str, major: int = 1) -> str:
-    """Zenoh encoding of a message (protocols.md section 12)."""
+    """Zenoh encoding of a message (docs/protocol.md, section 12)."""
     return f"application/x-flatbuffers;schema={KINDS[table].schema};major={major}"
 
 

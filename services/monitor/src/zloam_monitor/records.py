@@ -89,7 +89,7 @@ class PoseRecord:
 
 @dataclass(frozen=True)
 class Input:
-    """One input's account (protocols.md section 2)."""
+    """One input's account (docs/protocol.md, section 2)."""
 
     key: str
     received: int

@@ -1,4 +1,4 @@
-"""Commands to running stages: `set` changes a configuration (protocols.md, section 13), `save`
+"""Commands to running stages: `set` changes a configuration (docs/protocol.md, section 13), `save`
 writes files, `reset` empties the map."""
 
 from __future__ import annotations
