@@ -6,6 +6,8 @@
 
 namespace zloam::mapping {
 
+class TileMap;
+
 /// How far off the guess may be when nothing was seen for so long.
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s);
 
