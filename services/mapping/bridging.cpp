@@ -24,6 +24,10 @@ constexpr double kLeastShare = 0.25;
 // Sweeps in a row that find the same frame.
 constexpr int kAgreeing = 3;
 constexpr double kSame_m = 0.3, kSame_rad = 0.03;
+// Of what the sweeps before were explained. Right matches that have not come to rest reach 0.85,
+// wrong ones 0.7; right ones that have come to rest are rarely below 0.7
+// (docs/experiments/2026-11-26-lost-by-fit.md).
+constexpr double kLeast = 0.75, kLeastAtRest = 0.5;
 // Nobody is elsewhere after less than this.
 constexpr double kShortGap_s = 1.0;
 
@@ -45,13 +49,14 @@ double share(const Match& match) {
   return static_cast<double>(match.inliers) / std::max(match.candidates, 1U);
 }
 
+bool explains(const Match& match, double share, const FitRecord& usual) {
+  return !usual.usual() || match.fit >= share * *usual.usual();
+}
+
 }  // namespace
 
-bool explains_too_little(const Match& match, const FitRecord& usual) {
-  // Right matches explain 0.85 of the usual and more, wrong ones up to 0.7
-  // (docs/experiments/2026-11-26-lost-by-fit.md).
-  constexpr double kTooLittle = 0.75;
-  return usual.usual() && match.fit < kTooLittle * *usual.usual();
+bool is_astray(const Match& match, const FitRecord& usual) {
+  return match.ok && !explains(match, match.converged ? kLeastAtRest : kLeast, usual);
 }
 
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s) {
@@ -80,13 +85,13 @@ Bridged bridge(MappingMethod& method, const MappingInput& input, const Predictio
     if (!fits(match, config, median_residual_m) || share(match) < kLeastShare) return;
     if (best.match.ok && match.inliers <= best.match.inliers) return;
     const bool enough = share(match) >= config.bridge_inlier_ratio;
-    best = {match, enough && !explains_too_little(match, usual)};
+    best = {match, enough && explains(match, kLeast, usual)};
   };
   take(guess.T_map_base);
   // Found before: what fits where it was expected needs no more of the map.
   const double moved_m = (guess.T_map_base.inverse() * best.match.T_map_base).translation().norm();
   if (best.match.ok && gap_s <= 0.0 && moved_m < kSame_m) {
-    best.sure = !explains_too_little(best.match, usual);
+    best.sure = explains(best.match, kLeast, usual);
   }
   const bool found = best.sure && gap_s < kShortGap_s;
   if (!found && (attempt < kOften || attempt % kSeldom == 0)) {

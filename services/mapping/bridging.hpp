@@ -11,8 +11,9 @@ class TileMap;
 /// How far off the guess may be when nothing was seen for so long.
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s);
 
-/// Whether it explains far less of the sweep than the sweeps before were explained.
-bool explains_too_little(const Match& match, const FitRecord& usual);
+/// Whether where it ended is not where the sensor is: it explains far less of the sweep than the
+/// sweeps before were explained, less still where it has come to rest.
+bool is_astray(const Match& match, const FitRecord& usual);
 
 struct Bridged {
   /// ok: the likeliest place

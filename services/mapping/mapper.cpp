@@ -162,7 +162,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging && settling == 0) {
     const Match match = method->match(input, prediction);
-    const bool astray = match.ok && !match.converged && explains_too_little(match, fits);
+    const bool astray = is_astray(match, fits);
     if (match.ok && match.converged) fits.add(match.fit);
     if (!astray) return match;
     bridging = lost = true;
