@@ -10,6 +10,7 @@ import subprocess
 from tests.acceptance import (
     accuracy,
     aloam,
+    bags,
     benches,
     consistency,
     decoded,
@@ -48,6 +49,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *laps.checks(setting),
         *hard.checks(setting),
         *_decoding(setting),
+        *bags.checks(setting),
         *faults.checks(setting),
         *inputs.checks(setting),
         *disturbed.checks(setting),

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <csignal>
 #include <cstring>
 #include <optional>
@@ -25,7 +26,7 @@ constexpr std::string_view kMagic = "ZLRC";
 constexpr std::uint64_t kLongestText = 1 << 16;
 // A frame of more is none: 20 million points.
 constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * sizeof(Point);
-// Firing columns of the messages are counted so.
+// Firings of a turn where the points have no times.
 constexpr double kColumns = 1800.0;
 
 const char* name_of(TimeModel model) {
@@ -171,6 +172,31 @@ class Frames {
   bool ended_ = false;
 };
 
+/// From one return of a laser to its next, where none is missing: the mean of the steps that are
+/// nearly the middle one, as times may be rounded.
+double firing_period_ns(const DecodedSweep& sweep) {
+  std::vector<std::int64_t> last_ns(sweep.rings, -1);
+  std::vector<double> steps_ns;
+  for (const Point& p : sweep.points) {
+    std::int64_t& before_ns = last_ns[std::min<std::size_t>(p.ring, last_ns.size() - 1)];
+    if (before_ns >= 0 && p.time_ns > before_ns) {
+      steps_ns.push_back(static_cast<double>(p.time_ns - before_ns));
+    }
+    before_ns = p.time_ns;
+  }
+  if (steps_ns.empty()) return std::max(1.0, sweep.period_ns / kColumns);
+  const auto middle = steps_ns.begin() + static_cast<std::ptrdiff_t>(steps_ns.size() / 2);
+  std::nth_element(steps_ns.begin(), middle, steps_ns.end());
+  const double usual_ns = *middle;
+  double sum_ns = 0.0, count = 0.0;
+  for (const double step_ns : steps_ns) {
+    if (step_ns < 0.5 * usual_ns || step_ns > 1.5 * usual_ns) continue;
+    sum_ns += step_ns;
+    count += 1.0;
+  }
+  return sum_ns / count;
+}
+
 class RecordedClouds : public ScanFolder {
  public:
   explicit RecordedClouds(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
@@ -197,6 +223,7 @@ class RecordedClouds : public ScanFolder {
     if (!sound) throw frames_->foreign();
     RecordedSweep about{};
     frames_->read(&about, sizeof about);
+    if (about.rings == 0) throw frames_->foreign();
     sweep = {};
     sweep.points.resize((head.bytes - sizeof about) / sizeof(Point));
     frames_->read(sweep.points.data(), head.bytes - sizeof about);
@@ -216,10 +243,16 @@ class RecordedClouds : public ScanFolder {
     sweep.points.clear();
   }
 
+  /// Neighbours along a ring are one firing apart: a missing return leaves a number out.
   static void number_columns(DecodedSweep& sweep) {
-    const double columns_per_ns = kColumns / std::max(1U, sweep.period_ns);
+    const double firing_ns = firing_period_ns(sweep);
+    std::vector<std::int64_t> first_ns(sweep.rings, -1);
     for (const Point& p : sweep.points) {
-      sweep.columns.push_back(static_cast<std::uint16_t>(columns_per_ns * p.time_ns));
+      std::int64_t& begin_ns = first_ns[std::min<std::size_t>(p.ring, first_ns.size() - 1)];
+      if (begin_ns < 0) begin_ns = p.time_ns;
+      const double begun = std::round(static_cast<double>(begin_ns) / firing_ns);
+      const double since = static_cast<double>(p.time_ns - begin_ns) / firing_ns;
+      sweep.columns.push_back(static_cast<std::uint16_t>(begun + std::round(since)));
     }
   }
 

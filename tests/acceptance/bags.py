@@ -1,0 +1,124 @@
+"""Bags are as good as the capture that they were made of, in whatever form."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tests.acceptance.framework import Check, Measured
+from tests.acceptance.runs import Demo, Setting
+from tests.recordings import variants
+from tests.recordings.variants import CONTAINERS, PLAIN, READABLE, REFUSED, Scan
+from zloam_monitor import trajectory
+
+SECONDS = 12
+LIMIT_M = 0.001
+
+
+def checks(setting: Setting) -> list[Check]:
+    command = "make demo BAG=out/accept/bags/..."
+    return [
+        Check(
+            "bags-layouts",
+            "layouts of PointCloud2: trajectory beside the capture's",
+            f"{len(READABLE)} within {1000 * LIMIT_M:.0f} mm",
+            command,
+            lambda: _layouts(setting),
+        ),
+        Check(
+            "bags-ambiguous",
+            "ambiguous layouts: refused with the field and the key that settles it",
+            f"{len(REFUSED)} of {len(REFUSED)}",
+            command,
+            lambda: _refused(setting),
+        ),
+        Check(
+            "bags-files",
+            "rosbag 1, SQLite, MCAP, compressed or not: trajectories",
+            "same bytes",
+            command,
+            lambda: _files(setting),
+        ),
+    ]
+
+
+def _folder(s: Setting) -> Path:
+    folder = s.out / "accept" / "bags"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _capture(s: Setting) -> Path:
+    path = _folder(s) / "capture.pcap"
+    if not path.exists():
+        program = s.build / "bin" / "zloam-simulator"
+        words = ["--world", "city", "--seed", "3", "--duration", str(SECONDS), "--quiet"]
+        files = ["--out", str(path), "--truth", str(path.with_suffix(".tum"))]
+        subprocess.run([program, *files, *words], check=True)
+    return path
+
+
+def _scans(s: Setting) -> list[Scan]:
+    return variants.decoded(s.build, _capture(s), _folder(s))
+
+
+def _written(s: Setting, name: str, scans: list[Scan], **how: object) -> Path:
+    """Made afresh: a writer does not overwrite."""
+    path = _folder(s) / name
+    subprocess.run(["rm", "-rf", path], check=True)
+    return variants.write(path, scans, **how)  # type: ignore[arg-type]
+
+
+def _ended(demo: Demo) -> Path:
+    if demo.code != 0:
+        raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
+    return demo.out / "trajectory.tum"
+
+
+def _apart_m(a: Path, b: Path) -> float:
+    first, second = trajectory.read(a).transforms, trajectory.read(b).transforms
+    if len(first) != len(second):
+        raise RuntimeError(f"{len(first)} poses beside {len(second)}")
+    return float(np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1).max())
+
+
+def _layouts(s: Setting) -> Measured:
+    direct = _ended(s.demo("bags-direct", "--pcap", _capture(s)))
+    scans = _scans(s)
+    apart_m = []
+    for number, (layout, _) in enumerate(READABLE.values()):
+        bag = _written(s, f"layout{number}", scans, layout=layout)
+        apart_m.append(_apart_m(direct, _ended(s.demo(f"bags-layout{number}", "--bag", bag))))
+    within = sum(each <= LIMIT_M for each in apart_m)
+    return Measured(
+        f"{within} of {len(apart_m)}, at most {1000 * max(apart_m):.2f} mm", within == len(apart_m)
+    )
+
+
+def _refused(s: Setting) -> Measured:
+    scans = _scans(s)[:20]
+    named = 0
+    for number, (layout, words) in enumerate(REFUSED.values()):
+        bag = _written(s, f"refused{number}", scans, layout=layout)
+        demo = s.demo(f"bags-refused{number}", "--bag", bag)
+        named += demo.code == 1 and all(word in demo.said for word in words)
+    return Measured(f"{named} of {len(REFUSED)}", named == len(REFUSED))
+
+
+def _digests(s: Setting) -> Iterator[str]:
+    scans = _scans(s)
+    for container in CONTAINERS:
+        name = f"{container.name}{'.bag' if container.version == 1 else ''}"
+        bag = _written(s, name, scans, layout=PLAIN, container=container)
+        demo = s.demo(f"bags-{container.name}", "--bag", bag)
+        yield hashlib.sha256(_ended(demo).read_bytes()).hexdigest()
+
+
+def _files(s: Setting) -> Measured:
+    digests = list(_digests(s))
+    different = len(set(digests))
+    return Measured(f"{len(digests)} files, {different} results", different == 1)
