@@ -181,11 +181,7 @@ void bind_limits(runtime::Parameters& p, DriverConfig& c) {
 }
 
 void bind_scans(runtime::Parameters& p, DriverConfig& c) {
-  p.add("driver.time_model", &c.scan.model,
-        {{"none", TimeModel::kNone},
-         {"clockwise", TimeModel::kClockwise},
-         {"counter_clockwise", TimeModel::kCounterClockwise},
-         {"deskewed", TimeModel::kDeskewed}},
+  p.add("driver.time_model", &c.scan.model, kTimeModels,
         "point times of scans without them: by the direction of rotation, or deskewed to one "
         "instant");
   p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 10.0}, "s",

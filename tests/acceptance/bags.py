@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,7 +70,9 @@ def _scans(s: Setting) -> list[Scan]:
 def _written(s: Setting, name: str, scans: list[Scan], **how: object) -> Path:
     """Made afresh: a writer does not overwrite."""
     path = _folder(s) / name
-    subprocess.run(["rm", "-rf", path], check=True)
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
     return variants.write(path, scans, **how)  # type: ignore[arg-type]
 
 

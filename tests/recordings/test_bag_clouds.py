@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import io
+import struct
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.integration.conftest import Capture, build, capture, own_folder
+from tests.integration.conftest import Capture
 from tests.recordings import variants
 from tests.recordings.variants import CONTAINERS, PLAIN, READABLE, REFUSED, Container, Layout, Scan
-from zloam_monitor.recordings import Refused, bags
+from zloam_monitor.recordings import Refused, bags, stream
 from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
 
 NO_MODEL = Timing()
-__all__ = ["build", "capture", "own_folder"]
 
 
 @pytest.fixture(scope="module")
@@ -162,11 +163,6 @@ def test_what_moves_no_lidar_is_refused(scans: list[Scan], tmp_path: Path) -> No
 
 def test_a_bag_that_was_cut_off(scans: list[Scan], tmp_path: Path) -> None:
     """What is whole is used, or the library's words are passed on; never a trace."""
-    import io
-    import struct
-
-    from zloam_monitor.recordings import stream
-
     folder = variants.write(tmp_path / "bag", scans, PLAIN, CONTAINERS[6])
     (single,) = folder.glob("*.mcap")
     data = single.read_bytes()

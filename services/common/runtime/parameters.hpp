@@ -66,7 +66,7 @@ class Parameters {
    public:
     explicit Added(Parameters& parameters) : parameters_(parameters) {}
     /// It may change while running, from one sweep to the next (docs/protocol.md, section 13):
-    /// whoever reads it does so anew for each sweep, and keeps nothing that was made with it.
+    /// read it again for each sweep, and keep nothing that was computed from it.
     void live() { parameters_.entries_.back().live = true; }
 
    private:

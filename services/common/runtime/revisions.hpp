@@ -39,7 +39,7 @@ class RevisionSchedule {
   bool applies(const Revision& revision, std::uint64_t run, std::uint64_t sweep) const;
 
   std::vector<Revision> revisions_;
-  /// (rev, by): who is started anew may issue the number again
+  /// (rev, by): a restarted instance may issue the number again
   std::set<std::pair<std::uint32_t, std::string>> withdrawn_;
   /// 0: none yet
   std::uint64_t run_ = 0;

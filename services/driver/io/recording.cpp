@@ -29,18 +29,10 @@ constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * siz
 // Firings of a turn where the points have no times.
 constexpr double kColumns = 1800.0;
 
-const char* name_of(TimeModel model) {
-  switch (model) {
-    case TimeModel::kNone:
-      return "none";
-    case TimeModel::kClockwise:
-      return "clockwise";
-    case TimeModel::kCounterClockwise:
-      return "counter_clockwise";
-    case TimeModel::kDeskewed:
-      return "deskewed";
-  }
-  return "none";
+const std::string& name_of(TimeModel model) {
+  return std::find_if(kTimeModels.begin(), kTimeModels.end(),
+                      [model](const auto& named) { return named.second == model; })
+      ->first;
 }
 
 /// A program whose output is read; it is ended with this.

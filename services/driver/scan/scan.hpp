@@ -7,6 +7,8 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "driver/sweep/decoded_sweep.hpp"
 
@@ -19,6 +21,13 @@ enum class TimeModel : std::uint8_t {
   kCounterClockwise,  // by azimuth, the other way round
   kDeskewed           // all points hold for one instant already
 };
+
+/// As the configuration and the reader of recordings name them.
+inline const std::vector<std::pair<std::string, TimeModel>> kTimeModels = {
+    {"none", TimeModel::kNone},
+    {"clockwise", TimeModel::kClockwise},
+    {"counter_clockwise", TimeModel::kCounterClockwise},
+    {"deskewed", TimeModel::kDeskewed}};
 
 struct ScanTiming {
   TimeModel model = TimeModel::kNone;

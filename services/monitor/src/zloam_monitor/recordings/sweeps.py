@@ -10,24 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zloam_monitor.messages import POINT
 from zloam_monitor.recordings import Refused, fields, rings, times
 from zloam_monitor.recordings.fields import Cloud, Names
 from zloam_monitor.recordings.rings import Lasers
 from zloam_monitor.recordings.times import Clock
 
-#: common/geometry/point.hpp
-POINT = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("intensity", "<f4"),
-        ("time_ns", "<u4"),
-        ("ring", "<u2"),
-        ("return_type", "u1"),
-        ("reserved", "u1"),
-    ]
-)
 #: by so many clouds unit, origin and rings are settled
 JUDGED = 10
 #: a turn that differs by less from the usual one is measured; else a cloud is missing
@@ -44,6 +32,10 @@ class Timing:
     seam_deg: float = 180.0
     #: driver.time_field
     field: str = ""
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise Refused(f"driver.time_model: {self.model} is none of {', '.join(MODELS)}")
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def _whole_turns(turn_ns: float, step_ns: int | None) -> bool:
 
 
 def _offset_ns(clouds: Sequence[Cloud], unit: str, field: str) -> int | None:
-    """None: the values begin anew with each cloud."""
+    """None: the values restart with each cloud."""
     starts = np.array([in_ns(c.times, unit).min() for c in clouds if c.times is not None])
     stamps = np.array([c.stamp_ns for c in clouds])
     own, header = starts[-1] - starts[0], stamps[-1] - stamps[0]
