@@ -1,5 +1,6 @@
 # Debian packages by CPack (deploy/build/packages.sh): zenoh-loam has the programs, the command zloam with what
-# Python needs for it, and a systemd unit; libzenoh-loam-dev has the cores' headers and static libraries.
+# Python needs for it, and a systemd unit; libzenoh-loam-dev has the cores' headers, static libraries and CMake
+# files.
 # Packages are made of what `make build` made.
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
 set(ZLOAM_HOME lib/zenoh-loam)
@@ -7,6 +8,7 @@ set(ZLOAM_PACKAGE ${ZLOAM_HOME}/zloam_monitor)
 set(ZLOAM_BUNDLED ${ZLOAM_PACKAGE}/bundled)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/services/monitor/src/zloam_monitor DESTINATION ${ZLOAM_HOME}
   COMPONENT programs PATTERN __pycache__ EXCLUDE)
+install(FILES ${ZLOAM_STAGE_FILE} DESTINATION ${ZLOAM_PACKAGE} COMPONENT programs)
 install(DIRECTORY ${ZLOAM_SCHEMA_PY_DIR}/zloam DESTINATION ${ZLOAM_BUNDLED}/python COMPONENT programs
   PATTERN __pycache__ EXCLUDE)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/deploy/robots/ DESTINATION ${ZLOAM_BUNDLED}/robots COMPONENT programs)
@@ -19,9 +21,19 @@ install(FILES ${CMAKE_SOURCE_DIR}/LICENSE ${CMAKE_SOURCE_DIR}/THIRD_PARTY.md
   DESTINATION share/doc/zenoh-loam COMPONENT programs)
 
 # What can be used without Zenoh: the algorithms.
-foreach(core geometry plane_map driver registration odometry mapping integration)
-  install(TARGETS zloam_${core} ARCHIVE DESTINATION ${ZLOAM_HOME} COMPONENT dev)
+foreach(core geometry plane_map registration odometry mapping integration)
+  set_target_properties(zloam_${core} PROPERTIES EXPORT_NAME ${core})
+  target_compile_features(zloam_${core} PUBLIC cxx_std_20)
+  install(TARGETS zloam_${core} EXPORT zloamTargets ARCHIVE DESTINATION ${ZLOAM_HOME} COMPONENT dev
+    INCLUDES DESTINATION include/zenoh-loam)
 endforeach()
+install(TARGETS zloam_driver ARCHIVE DESTINATION ${ZLOAM_HOME} COMPONENT dev)
+set(ZLOAM_CMAKE_FILES lib/cmake/zloam)
+install(EXPORT zloamTargets NAMESPACE zloam:: DESTINATION ${ZLOAM_CMAKE_FILES} COMPONENT dev)
+include(CMakePackageConfigHelpers)
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/zloamConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${CMAKE_SOURCE_DIR}/cmake/zloamConfig.cmake ${CMAKE_BINARY_DIR}/zloamConfigVersion.cmake
+  DESTINATION ${ZLOAM_CMAKE_FILES} COMPONENT dev)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/services/ DESTINATION include/zenoh-loam COMPONENT dev
   FILES_MATCHING PATTERN "*.hpp" PATTERN tests EXCLUDE PATTERN monitor EXCLUDE PATTERN router EXCLUDE
   PATTERN runtime EXCLUDE PATTERN zenoh EXCLUDE PATTERN messages EXCLUDE PATTERN io EXCLUDE PATTERN tools EXCLUDE

@@ -6,20 +6,26 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 run=services/monitor/requirements.txt
 tests=services/monitor/requirements-tests.txt
+peers=services/monitor/requirements-peers.txt
 stamp=.venv/requirements.sha256
 hash_of() { cat "$@" | sha256sum | cut -d' ' -f1; }
 has=$(cat "$stamp" 2>/dev/null || true)
-[ "$has" != "$(hash_of $run $tests)" ] || exit 0
+[ "$has" != "$(hash_of $run $tests $peers)" ] || exit 0
 case "${1:-}" in
   "")
     [ "$has" != "$(hash_of $run)" ] || exit 0
     wanted=$run made=$(hash_of $run)
     ;;
-  --tests) wanted=$tests made=$(hash_of $run $tests) ;;
+  --tests) wanted=$tests made=$(hash_of $run $tests $peers) ;;
   *) echo "usage: venv.sh [--tests]" >&2; exit 2 ;;
 esac
 echo "venv: installing $(cat $run "$wanted" | grep -E '^[^#-].*==' | sort -u | wc -l) Python packages into .venv"
 [ -x .venv/bin/python ] || python3 -m venv .venv
 # Python compiles what is imported, a third of it, at its first start.
 .venv/bin/pip install --quiet --disable-pip-version-check --no-compile -r "$wanted"
+if [ "$wanted" = $tests ]; then
+  .venv/bin/pip install --quiet --disable-pip-version-check --no-compile \
+    --no-deps --no-warn-conflicts -r $peers ||
+    echo "venv: $peers has nothing for this system: what compares with it is skipped" >&2
+fi
 echo "$made" > "$stamp"

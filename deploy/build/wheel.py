@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import platform
 import re
 import shutil
@@ -22,16 +23,8 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = (
-    "driver",
-    "registration",
-    "odometry",
-    "mapping",
-    "integration",
-    "simulator",
-    "store",
-    "decode",
-)
+STAGE_FILE = ROOT / "services/stages.json"
+PROGRAMS = (*(row["name"] for row in json.loads(STAGE_FILE.read_text())), "decode")
 #: the newest that is tested is pinned in services/monitor/requirements.txt
 REQUIRES = (
     "numpy>=1.23",
@@ -41,6 +34,8 @@ REQUIRES = (
     "typer>=0.15",
     "rich>=13",
     "rosbags>=0.11",
+    "pypcd4>=1.4",
+    "laspy[lazrs]>=2.5",
 )
 #: speaks to the programs: the same version as theirs
 EXACT = "eclipse-zenoh"
@@ -77,6 +72,7 @@ def gather(build: Path, tree: Path) -> None:
         package,
         ignore=shutil.ignore_patterns("__pycache__"),
     )
+    shutil.copy(STAGE_FILE, package)
     bundled = package / "bundled"
     for folder in ("bin", "lib", "robots"):
         (bundled / folder).mkdir(parents=True)

@@ -1,6 +1,5 @@
 #include "driver/driver_parameters.hpp"
 
-#include <cctype>
 #include <cmath>
 #include <cstdlib>
 #include <functional>
@@ -16,37 +15,6 @@ std::string rate_error(const std::string& rate) {
   const double factor = std::strtod(rate.c_str(), &end);
   const bool number = !rate.empty() && *end == '\0' && std::isfinite(factor) && factor > 0.0;
   return number ? std::string() : "is none of max, realtime, or a factor above 0 such as 0.5";
-}
-
-/// "VLP-16", "vlp16" and "Puck Hi-Res" as the names of the tables have them.
-std::optional<Model> model_by_label(const std::string& label) {
-  std::string plain;
-  for (const char c : label) {
-    if (std::isalnum(static_cast<unsigned char>(c)) != 0) {
-      plain.push_back(static_cast<char>(std::tolower(static_cast<unsigned char>(c))));
-    }
-  }
-  if (plain == "puckhires" || plain == "vlp16hires") return Model::kPuckHiRes;
-  if (plain == "puck" || plain == "pucklite") return Model::kVlp16;
-  return model_by_name(plain);
-}
-
-std::optional<Model> forced_model(ModelChoice choice) {
-  switch (choice) {
-    case ModelChoice::kAuto:
-      return std::nullopt;
-    case ModelChoice::kVlp16:
-      return Model::kVlp16;
-    case ModelChoice::kPuckHiRes:
-      return Model::kPuckHiRes;
-    case ModelChoice::kHdl32e:
-      return Model::kHdl32e;
-    case ModelChoice::kVlp32c:
-      return Model::kVlp32c;
-    case ModelChoice::kVls128:
-      return Model::kVls128;
-  }
-  return std::nullopt;
 }
 
 std::optional<ReturnMode> forced_mode(ReturnChoice choice) {
@@ -118,7 +86,7 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.port", &c.udp.data_port, {0, 65535}, "",
         "UDP port of data packets; ignored in captures", Effect::kNone);
   p.add("driver.position_port", &c.udp.position_port, {0, 65535}, "",
-        "UDP port of position packets", Effect::kNone);
+        "UDP port of position and IMU packets", Effect::kNone);
   p.add("driver.receive_buffer_bytes", &c.udp.receive_buffer_bytes, {65536, 1 << 28}, "bytes",
         "kernel's receive buffer", Effect::kNone);
   p.add("driver.sensor_address", &c.sensor_address,
@@ -130,14 +98,13 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
 }
 
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
-  p.add("driver.model", &c.model,
-        {{"auto", ModelChoice::kAuto},
-         {"VLP-16", ModelChoice::kVlp16},
-         {"Puck Hi-Res", ModelChoice::kPuckHiRes},
-         {"HDL-32E", ModelChoice::kHdl32e},
-         {"VLP-32C", ModelChoice::kVlp32c},
-         {"VLS-128", ModelChoice::kVls128}},
-        "model of the sensor; auto: from the packets");
+  std::vector<std::string> models = known_models();
+  models.insert(models.begin(), "auto");
+  p.add("driver.model", &c.model, models, "model of the sensor; auto: from the packets");
+  p.add("driver.metadata", &c.metadata,
+        "file in which the sensor describes its beams and packets (`zloam metadata` fetches it); "
+        "empty: the .json beside a capture",
+        Effect::kNone);
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
          {"strongest", ReturnChoice::kStrongest},
@@ -162,7 +129,7 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
         "time base: auto: receive or capture times; utc: the sensor has a locked GPS; free: the "
         "sensor's own clock");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
-        "offset added to stamps; -542.592 for an HDL-32E that stamps its last firing");
+        "offset added to stamps, e.g. of a sensor that stamps a packet's last firing");
 }
 
 void bind_limits(runtime::Parameters& p, DriverConfig& c) {
@@ -190,15 +157,26 @@ void bind_scans(runtime::Parameters& p, DriverConfig& c) {
         "azimuth at which such a revolution begins, counter-clockwise from the front");
 }
 
+bool has_packets(SourceKind source) {
+  return source != SourceKind::kKitti && source != SourceKind::kScans;
+}
+
 void bind_imu(runtime::Parameters& p, DriverConfig& c) {
   p.add(
       "driver.imu", &c.imu,
-      {{"none", ImuChoice::kNone}, {"file", ImuChoice::kFile}, {"zenoh", ImuChoice::kZenoh}},
-      "source of the IMU readings: none, driver.imu_path (replay), or the key imu/<sensor> (live)");
+      {{"none", ImuChoice::kNone},
+       {"file", ImuChoice::kFile},
+       {"zenoh", ImuChoice::kZenoh},
+       {"sensor", ImuChoice::kSensor}},
+      "source of the IMU readings: none, driver.imu_path (replay), the key imu/<sensor> (live), or "
+      "what comes with the lidar: its own packets, a bag's topic");
   p.add(
       "driver.imu_path", &c.imu_path,
       "file of IMU readings with a header: t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2",
       Effect::kNone);
+  p.add("driver.imu_topic", &c.imu_topic,
+        "of a bag, with driver.imu: sensor: topic of the IMU readings; empty: the only one",
+        Effect::kNone);
   p.add("driver.imu_delay_ms", &c.imu_delay_ms, {-1000.0, 1000.0}, "ms",
         "delay of the IMU's stamps against the lidar's; it is subtracted");
   p.check("driver.imu", [&c]() -> std::string {
@@ -207,6 +185,9 @@ void bind_imu(runtime::Parameters& p, DriverConfig& c) {
     }
     if (c.imu == ImuChoice::kZenoh && !is_live(c.source)) {
       return "is zenoh, but driver.source is a file or folder: say file, and driver.imu_path";
+    }
+    if (c.imu == ImuChoice::kSensor && !has_packets(c.source)) {
+      return "is sensor, but driver.source has no packets";
     }
     return "";
   });
@@ -283,19 +264,20 @@ PacketStreamConfig packet_stream_config(const DriverConfig& config,
                                         const runtime::SharedConfig& shared) {
   const PointLimits limits = point_limits(config, shared.mounting.T_base_lidar());
   PacketStreamConfig stream;
-  stream.decoder.dual_returns = config.dual_returns;
-  stream.decoder.min_range_m = limits.min_range_m;
-  stream.decoder.max_range_m = limits.max_range_m;
+  DecodingOptions& decoding = stream.decoding;
+  if (config.model != "auto") decoding.model = config.model;
+  decoding.declared_model = shared.sensor.model;
+  decoding.return_mode = forced_mode(config.returns);
+  decoding.dual_returns = config.dual_returns;
+  decoding.min_range_m = limits.min_range_m;
+  decoding.max_range_m = limits.max_range_m;
+  decoding.vertical_offsets = config.vertical_offsets;
   stream.assembler.mask = limits.mask;
-  stream.decoder.model = forced_model(config.model);
-  stream.decoder.return_mode = forced_mode(config.returns);
-  stream.decoder.vertical_offsets = config.vertical_offsets;
   stream.assembler.seam_azimuth_deg = config.seam_azimuth_deg;
   stream.assembler.guard_ns = std::llround(1e9 * config.guard_s);
   stream.assembler.reorder_packets = config.reorder_packets;
   stream.assembler.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
   choose_clock(config, stream.assembler);
-  stream.declared_model = model_by_label(shared.sensor.model);
   // A socket hears its own port only; in a capture the payload's length decides.
   stream.port = config.source == SourceKind::kUdp ? config.udp.data_port : 0;
   stream.sender = parse_ipv4(config.sensor_address);

@@ -13,9 +13,8 @@
 namespace zloam::driver {
 
 enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kRecording, kZenoh };
-enum class ImuChoice : std::uint8_t { kNone, kFile, kZenoh };
+enum class ImuChoice : std::uint8_t { kNone, kFile, kZenoh, kSensor };
 enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
-enum class ModelChoice : std::uint8_t { kAuto, kVlp16, kPuckHiRes, kHdl32e, kVlp32c, kVls128 };
 enum class ReturnChoice : std::uint8_t { kAuto, kStrongest, kLast, kDual };
 
 struct DriverConfig {
@@ -24,11 +23,15 @@ struct DriverConfig {
   std::string path;
   /// of a recording: which clouds, and the program that reads it
   std::string topic;
+  std::string imu_topic;
   std::string time_field;
   std::string reader = "zloam";
   /// "max": as fast as the chain acknowledges; "realtime"; or a factor, e.g. "0.5"
   std::string rate = "max";
-  ModelChoice model = ModelChoice::kAuto;
+  /// "auto", or one of known_models()
+  std::string model = "auto";
+  /// file in which the sensor describes itself
+  std::string metadata;
   ReturnChoice returns = ReturnChoice::kAuto;
   DualReturns dual_returns = DualReturns::kTagged;
   bool vertical_offsets = true;

@@ -9,18 +9,20 @@
 
 #include "common/runtime/fault.hpp"
 #include "driver/io/message_fields.hpp"
-#include "driver/io/recording.hpp"
-#include "driver/io/scan_folder.hpp"
+#include "driver/io/metadata_file.hpp"
+#include "driver/io/recorded_source.hpp"
 #include "schemas/packets_generated.h"
 
 namespace zloam::driver {
 namespace {
 
-using runtime::Turn;
+using runtime::Poll;
 
 // One wait on the socket: bounds how late a command is heard.
 constexpr int kSocketWaitMs = 5;
-constexpr std::int64_t kFlushAfterNs = 300'000'000;
+// What has come of a sweep is given out after a silence over which no motion is believed. Packets
+// that only come late, over a radio link or from a busy host, go on with their sweep.
+constexpr std::int64_t kFlushAfterNs = 1'000'000'000;
 constexpr int kProgressSeconds = 5;
 // How long the health names a clock that was set.
 constexpr int kStepSaidSeconds = 10;
@@ -30,22 +32,6 @@ constexpr std::int64_t kImuWaitNs = 20'000'000;
 /// For waiting and pacing: the host's clock may be set meanwhile.
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-std::string counted(const NamedCounts& counts) {
-  std::string text;
-  for (const auto& [name, count] : counts) {
-    if (count == 0) continue;
-    text += (text.empty() ? "" : ", ") + std::string(name) + " " + std::to_string(count);
-  }
-  return text.empty() ? "nothing at all" : text;
-}
-
-std::uint64_t count_of(const NamedCounts& counts, std::string_view name) {
-  for (const auto& [key, count] : counts) {
-    if (key == name) return count;
-  }
-  return 0;
 }
 
 }  // namespace
@@ -73,12 +59,13 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
   say_remarks();
   last_datagram_ns_ = steady_ns();
   stage_.every(std::chrono::seconds(1), [this] { every_second(); });
-  stage_.on_turn([this] { return window_.replay() ? turn_replay() : turn_live(); });
+  stage_.on_poll([this] { return window_.replay() ? poll_replay() : poll_live(); });
   stage_.ready(true, "");
 }
 
 void DriverStage::open_udp_source() {
-  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
+  PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
+  read_metadata(config_.metadata, "", stream.decoding);
   UdpOptions udp = config_.udp;
   udp.sender = stream.sender;
   udp.clock_ahead_ns = runtime::clock_fault_ns();
@@ -87,7 +74,9 @@ void DriverStage::open_udp_source() {
 }
 
 void DriverStage::open_zenoh() {
-  stream_ = std::make_unique<PacketStream>(packet_stream_config(config_, stage_.shared()));
+  PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
+  read_metadata(config_.metadata, "", stream.decoding);
+  stream_ = std::make_unique<PacketStream>(stream);
   runtime::InletOptions options;
   options.ends_run = false;
   stage_.inlet<msg::Packets>(
@@ -97,33 +86,8 @@ void DriverStage::open_zenoh() {
 }
 
 void DriverStage::open_finite() {
-  const PacketStreamConfig stream = packet_stream_config(config_, stage_.shared());
-  const PointLimits limits = point_limits(config_, stage_.shared().mounting.T_base_lidar());
-  std::vector<std::string> files = {config_.path};
-  std::string identity;
-  switch (config_.source) {
-    case SourceKind::kPcap:
-      source_ = sweeps_of_packets(open_pcap(config_.path), stream, 0);
-      break;
-    case SourceKind::kBin:
-      source_ = sweeps_of_packets(open_payload_file(config_.path), stream, 0);
-      break;
-    case SourceKind::kRecording: {
-      Recording recording = open_recording(
-          {config_.path, config_.reader, config_.topic, config_.time_field, config_.scan});
-      identity = recording.identity;
-      files.clear();
-      source_ = recording.packets ? sweeps_of_packets(std::move(recording.packets), stream, 0)
-                                  : sweeps_of_scans(std::move(recording.clouds), limits);
-      break;
-    }
-    default: {
-      auto scans = config_.source == SourceKind::kKitti ? open_kitti(config_.path, config_.scan)
-                                                        : open_synth(config_.path);
-      files = scans->files();
-      source_ = sweeps_of_scans(std::move(scans), limits);
-    }
-  }
+  RecordedSource recorded = open_recorded(config_, stage_.shared());
+  source_ = std::move(recorded.sweeps);
   if (!fetch()) {
     std::string text = config_.path + ": gives no sweep; seen: " + counted(counts());
     for (const std::string& remark : source_->remarks()) text += "; " + remark;
@@ -131,8 +95,9 @@ void DriverStage::open_finite() {
   }
   first_stamp_ns_ = current_->sweep.stamp_ns;
   imu_->check_time_of(first_stamp_ns_);
-  if (imu_->on()) files.push_back(config_.imu_path);
-  window_.start_replay(identity + (files.empty() ? "" : hash_of_files(files)));
+  std::vector<std::string>& files = recorded.files;
+  if (config_.imu == ImuChoice::kFile) files.push_back(config_.imu_path);
+  window_.start_replay(recorded.identity + (files.empty() ? "" : hash_of_files(files)));
 }
 
 /// Moves on to the next sweep; false at the end.
@@ -142,9 +107,11 @@ bool DriverStage::fetch() {
     Outgoing outgoing;
     if (source_->pull(outgoing.sweep) != Pull::kSweep) {
       source_ended_ = true;
+      imu_->add(source_->take_imu());
       return;
     }
     outgoing.packets = source_->take_packets();
+    imu_->add(source_->take_imu());
     into = std::move(outgoing);
   };
   if (!current_ && !next_ && !source_ended_) pull(next_);
@@ -154,13 +121,13 @@ bool DriverStage::fetch() {
   return current_.has_value();
 }
 
-Turn DriverStage::turn_replay() {
+Poll DriverStage::poll_replay() {
   if (last_published_) return finish_replay();
-  if (!window_.begun()) return Turn::kWait;
+  if (!window_.begun()) return Poll::kWait;
   if (pace_start_ns_ == 0) pace_start_ns_ = steady_ns();
   if (number_ >= window_.resume_at()) {
-    if (!window_.may_send(number_)) return Turn::kWait;
-    if (!due()) return Turn::kAgain;
+    if (!window_.may_send(number_)) return Poll::kWait;
+    if (!due()) return Poll::kAgain;
     publish(*current_, !next_);
   }
   publish_positions();
@@ -169,18 +136,18 @@ Turn DriverStage::turn_replay() {
     if (!fetch()) last_published_ = true;
   } catch (const SourceError& error) {
     stage_.fail(error.what());
-    return Turn::kWait;
+    return Poll::kWait;
   }
-  return Turn::kAgain;
+  return Poll::kAgain;
 }
 
-Turn DriverStage::finish_replay() {
-  if (!window_.finished()) return Turn::kWait;
+Poll DriverStage::finish_replay() {
+  if (!window_.finished()) return Poll::kWait;
   say_remarks();
   say_counts();
   runtime::log_info("the replay is finished", {{"sweeps", number_}});
   stage_.stop();
-  return Turn::kWait;
+  return Poll::kWait;
 }
 
 /// Whether the sweep's end has come in a paced replay. Waits a little when it has not.
@@ -219,15 +186,16 @@ void DriverStage::publish_waiting() {
   waiting_.reset();
 }
 
-Turn DriverStage::turn_live() {
+Poll DriverStage::poll_live() {
   Outgoing outgoing;
   bool came = false;
   try {
     came = pull_live(outgoing);
   } catch (const SourceError& error) {
     stage_.fail(error.what());
-    return Turn::kWait;
+    return Poll::kWait;
   }
+  imu_->add(source_ ? source_->take_imu() : stream_->take_imu());
   if (came) {
     // One that still waits is late enough by now.
     if (waiting_) waiting_since_ns_ = 0;
@@ -239,7 +207,7 @@ Turn DriverStage::turn_live() {
   publish_positions();
   watch_quiet(came);
   if (waiting_ && !source_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  return came || source_ || waiting_ ? Turn::kAgain : Turn::kWait;
+  return came || source_ || waiting_ ? Poll::kAgain : Poll::kWait;
 }
 
 void DriverStage::on_packets(const runtime::Received<msg::Packets>& packets) {
@@ -376,7 +344,7 @@ void DriverStage::watch_quiet(bool sweep_came) {
     text +=
         ": is the sensor on and connected; does it send to this host or broadcast (its web page "
         "tells); is the port right (driver.port) and the sender (driver.sensor_address); does a "
-        "firewall drop them; is it a model with 1206-byte packets? Seen so far: " +
+        "firewall drop them; is it a model that is decoded here? Seen so far: " +
         counted(counts());
     if (const std::uint32_t other = source_->other_sender(); other != 0) {
       text += "; packets of such a sensor come from " + ipv4_text(other) +

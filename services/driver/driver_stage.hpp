@@ -29,13 +29,13 @@ class DriverStage {
   void open_udp_source();
   void open_zenoh();
 
-  runtime::Turn turn_live();
+  runtime::Poll poll_live();
   /// The next sweep of a live source, if there is one.
   bool pull_live(Outgoing& outgoing);
   /// Live: sweeps leave when their inertial readings are there, or after a bounded wait.
   void publish_waiting();
-  runtime::Turn turn_replay();
-  runtime::Turn finish_replay();
+  runtime::Poll poll_replay();
+  runtime::Poll finish_replay();
   /// One sweep ahead, so that the last is known when it is published.
   bool fetch();
   bool due();

@@ -1,6 +1,6 @@
 // zloam-driver: packets of a sensor, a capture or stored scans to sweeps. Everything of substance
-// is in velodyne/, sweep/ and scan/ (the method), io/ (sources) and driver_stage.hpp (keys,
-// pacing).
+// is in decoder/ and the makers' folders, sweep/ and scan/ (the method), io/ (sources) and
+// driver_stage.hpp (keys, pacing).
 
 #include <memory>
 

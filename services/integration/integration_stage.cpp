@@ -254,7 +254,8 @@ runtime::CommandReply IntegrationStage::save(const std::string& arguments_json) 
   const auto [folder, refusal] = files_.place(arguments.value("path", "."));
   if (!refusal.empty()) return {false, refusal, "{}"};
   run_.count = trajectory_.size();
-  const auto path_of = [&](const std::string& name) { return folder + "/" + name; };
+  // Named again: a structured binding is no variable that clang 14 captures.
+  const auto path_of = [&place = folder](const std::string& name) { return place + "/" + name; };
   std::string error;
   if (!arguments.contains("path")) {
     error = write_files();

@@ -7,7 +7,7 @@
 #include "common/containers/thinning.hpp"
 #include "common/geometry/deskew.hpp"
 #include "common/geometry/health.hpp"
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/scan_to_map.hpp"
 #include "mapping/voxel_tiles.hpp"
 
 namespace zloam::mapping {
@@ -55,14 +55,14 @@ class VoxelPlanesMethod : public MappingMethod {
   Match match(const MappingInput& input, const Prediction& prediction) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
   void not_found() override {
-    if (registration_) registration_->forget_motion();
+    if (scan_to_map_) scan_to_map_->forget_motion();
     open_.reset();
   }
   void reset() override { *this = VoxelPlanesMethod(config_, drift_limit_); }
   void configure(const MappingConfig& config) override {
     config_ = config.voxel_planes;
     drift_limit_ = config.drift_limit;
-    if (registration_) registration_->configure(config_.matcher);
+    if (scan_to_map_) scan_to_map_->configure(config_.matcher);
   }
   std::vector<VoxelTile> take_changed(double growth) override;
   void restore(const std::vector<VoxelTile>& tiles) override;
@@ -73,7 +73,7 @@ class VoxelPlanesMethod : public MappingMethod {
 
   // A result and the pose that was made of it.
   struct Tried {
-    plane_map::RegistrationResult result;
+    plane_map::ScanToMapResult result;
     Pose T_map_base = Pose::Identity();
   };
   // The sweep that founded the map while its motion was unknown, to be counted anew with the second
@@ -88,15 +88,15 @@ class VoxelPlanesMethod : public MappingMethod {
   void found_anew(const MappingInput& input);
   void learn(const MappingInput& input, const Pose& T_map_base);
   plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
-  plane_map::RegistrationResult registered(const MappingInput& input, const Prediction& prediction);
-  plane_map::RegistrationResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
+  plane_map::ScanToMapResult registered(const MappingInput& input, const Prediction& prediction);
+  plane_map::ScanToMapResult placed_at(const MappingInput& input, const Pose& T_map_base) const;
   Degeneracy judged(const plane_map::Degeneracy& d, const Eigen::Matrix3d& R_base_mid) const;
   static PointSpan thinned(PointSpan points, const Thinning& thinning, const DeskewTable& table,
                            PointVector& out);
 
   VoxelPlanesConfig config_;
   double drift_limit_;
-  std::optional<plane_map::PlaneRegistration> registration_;
+  std::optional<plane_map::ScanToMap> scan_to_map_;
   // What the odometry's step was off by lately, m/s and rad/s.
   ErrorRecord odometry_error_{0.0, 0.0};
   Pose T_map_base_predicted_ = Pose::Identity();
@@ -125,28 +125,28 @@ plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
 // before, each weighed by what it was off by lately. Where they contradict each other one of them
 // is wrong, and their mean is nowhere: then the sweep is matched from each, and the better fit
 // counts.
-plane_map::RegistrationResult VoxelPlanesMethod::registered(const MappingInput& input,
-                                                            const Prediction& prediction) {
+plane_map::ScanToMapResult VoxelPlanesMethod::registered(const MappingInput& input,
+                                                         const Prediction& prediction) {
   const plane_map::SweepInput sweep = sweep_of(input);
   plane_map::MotionPrediction odometry = advice(input, prediction);
-  if (!registration_->knows_motion()) return registration_->match(sweep, odometry);
-  if (registration_->disagreement(sweep, odometry) <= kContradiction) {
-    return input.degenerate ? registration_->match(sweep) : registration_->match(sweep, odometry);
+  if (!scan_to_map_->knows_motion()) return scan_to_map_->match(sweep, odometry);
+  if (scan_to_map_->disagreement(sweep, odometry) <= kContradiction) {
+    return input.degenerate ? scan_to_map_->match(sweep) : scan_to_map_->match(sweep, odometry);
   }
-  const auto own = registration_->match(sweep);
+  const auto own = scan_to_map_->match(sweep);
   odometry.use = plane_map::PredictionUse::kInstead;
   const double per_s = 1e9 / std::max<double>(input.period_ns, 1.0);
   const double v = per_s * config_.matcher.change_sigma_m;
   const double w = per_s * config_.matcher.change_sigma_rad;
   odometry.twist_covariance.diagonal() << v * v, v * v, v * v, w * w, w * w, w * w;
-  const auto by_odometry = registration_->match(sweep, odometry);
+  const auto by_odometry = scan_to_map_->match(sweep, odometry);
   return by_odometry.matched_weight > kBetterFit * own.matched_weight ? by_odometry : own;
 }
 
-// What registration would say of a sweep whose pose and twist are as predicted.
-plane_map::RegistrationResult VoxelPlanesMethod::placed_at(const MappingInput& input,
-                                                           const Pose& T_map_base) const {
-  plane_map::RegistrationResult result;
+// What matching to the map would say of a sweep whose pose and twist are as predicted.
+plane_map::ScanToMapResult VoxelPlanesMethod::placed_at(const MappingInput& input,
+                                                        const Pose& T_map_base) const {
+  plane_map::ScanToMapResult result;
   const double to_mid_s = 0.5e-9 * input.period_ns - 1e-9 * input.instant_ns;
   result.twist_per_s = input.twist_per_s;
   result.T_map_base_mid = normalised(T_map_base * exp_se3(to_mid_s * input.twist_per_s));
@@ -157,27 +157,27 @@ plane_map::RegistrationResult VoxelPlanesMethod::placed_at(const MappingInput& i
 // at 5 m/s. With the second sweep's motion it is counted anew, in a map that holds nothing else.
 void VoxelPlanesMethod::found_anew(const MappingInput& input) {
   const Founding founding = std::move(*founding_);
-  plane_map::PlaneMapConfig map = registration_->map().config();
-  registration_.emplace(map, config_.matcher, founding.T_map_base);
+  plane_map::PlaneMapConfig map = scan_to_map_->map().config();
+  scan_to_map_.emplace(map, config_.matcher, founding.T_map_base);
   MappingInput first = founding.info;
   first.edges = {};
   first.planes = founding.points;
   const plane_map::SweepInput sweep = sweep_of(first);
   first.twist_per_s = input.twist_per_s;
   const auto result = placed_at(first, founding.T_map_base);
-  registration_->commit(sweep, result, true);
+  scan_to_map_->commit(sweep, result, true);
 }
 
 void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& prediction) {
-  if (!registration_) {
+  if (!scan_to_map_) {
     plane_map::PlaneMapConfig map = config_.map;
     map.range_noise_m = std::max(input.range_noise_m, kLeastNoise_m);
-    registration_.emplace(map, config_.matcher, prediction.T_map_base);
-    tiles_.load_into(registration_->map());
+    scan_to_map_.emplace(map, config_.matcher, prediction.T_map_base);
+    tiles_.load_into(scan_to_map_->map());
     odom_epoch_ = input.odom_epoch;
   } else if (open_ && tried_.size() == 1) {
     // It was matched and not inserted.
-    registration_->commit(sweep_of(*open_), tried_.front().result, false);
+    scan_to_map_->commit(sweep_of(*open_), tried_.front().result, false);
   }
   if (founding_ && !input.twist_per_s.isZero(0.0)) {
     if (is_moving(input)) found_anew(input);
@@ -187,7 +187,7 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   // The odometry had the sweeps that are missing here.
   const bool gap = last_stamp_ns_ && static_cast<double>(input.stamp_ns - *last_stamp_ns_) >
                                          kLongestStep * input.period_ns;
-  if (bridged || gap || input.odom_epoch != odom_epoch_) registration_->forget_motion();
+  if (bridged || gap || input.odom_epoch != odom_epoch_) scan_to_map_->forget_motion();
   odom_epoch_ = input.odom_epoch;
   last_stamp_ns_ = input.stamp_ns;
   tried_.clear();
@@ -218,7 +218,7 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
   Match match;
   match.T_map_base = prediction.T_map_base;
   match.candidates = static_cast<std::uint32_t>(result.tried);
-  if (result.outcome != plane_map::Outcome::kRegistered) {
+  if (result.outcome != plane_map::Outcome::kMatched) {
     tried_.push_back({placed_at(input, prediction.T_map_base), match.T_map_base});
     return match;
   }
@@ -247,17 +247,17 @@ void VoxelPlanesMethod::learn(const MappingInput& input, const Pose& T_map_base)
 }
 
 InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& match) {
-  plane_map::RegistrationResult result = placed_at(input, match.T_map_base);
+  plane_map::ScanToMapResult result = placed_at(input, match.T_map_base);
   for (const Tried& t : tried_) {
     if (t.T_map_base.matrix() == match.T_map_base.matrix()) result = t.result;
   }
-  if (registration_->map().empty() && input.twist_per_s.isZero(0.0)) {
+  if (scan_to_map_->map().empty() && input.twist_per_s.isZero(0.0)) {
     PointVector points(input.edges.begin(), input.edges.end());
     points.insert(points.end(), input.planes.begin(), input.planes.end());
     founding_ = Founding{std::move(points), match.T_map_base, input};
   }
-  if (registration_->knows_motion() && tried_.size() == 1) learn(input, match.T_map_base);
-  registration_->commit(sweep_of(input), result, true);
+  if (scan_to_map_->knows_motion() && tried_.size() == 1) learn(input, match.T_map_base);
+  scan_to_map_->commit(sweep_of(input), result, true);
   open_.reset();
   // Deskewed with the sweep's own motion in place of the odometry's.
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
@@ -270,8 +270,8 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
 }
 
 std::vector<VoxelTile> VoxelPlanesMethod::take_changed(double growth) {
-  if (!registration_) return {};
-  return tiles_.take_changed(registration_->map(), growth);
+  if (!scan_to_map_) return {};
+  return tiles_.take_changed(scan_to_map_->map(), growth);
 }
 
 void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {

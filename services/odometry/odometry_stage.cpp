@@ -86,6 +86,7 @@ void OdometryStage::new_run(const msg::Header& first) {
   }
   odometry_.reset();
   path_.clear();
+  frame_sweeps_ = 0;
   // In a replay everything, the epoch too, is a function of the capture.
   odom_epoch_ = was_in_run && !first.replay() ? odom_epoch_ + 1 : 0;
   if (!was_in_run && !(first.replay() && first.sweep() == 0)) restart(first);
@@ -133,6 +134,7 @@ void OdometryStage::process(const Features& features) {
   publish_features(features, result);
   if (sweep_.matching()) publish_sweep(features, result);
   path_.emplace_back(result.instant_ns, result.sweep, to_message(result.T_odom_base));
+  ++frame_sweeps_;
   publish_progress(progress_.header(features));
   note_figures(result);
 }
@@ -237,9 +239,14 @@ void OdometryStage::answer_path(runtime::Answer& answer) const {
                build_path(last_header_, path_));
 }
 
-runtime::CommandReply OdometryStage::reset() {
+void OdometryStage::next_frame() {
   odometry_.reset();
   ++odom_epoch_;
+  frame_sweeps_ = 0;
+}
+
+runtime::CommandReply OdometryStage::reset() {
+  next_frame();
   return {true, "a new odom frame begins with the next sweep",
           "{\"odom_epoch\": " + std::to_string(odom_epoch_) + "}"};
 }

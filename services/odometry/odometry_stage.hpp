@@ -44,9 +44,13 @@ class OdometryStage {
   void catch_up(const msg::Header& first);
   /// This process or its link stood still for a while, and queues gave up what came meanwhile.
   bool stood_still_before(const Features& features) const;
-  /// Nothing came for so long before it that a constant motion would lead astray.
+  /// Nothing came for so long before it that a constant motion would lead astray: at once where the
+  /// frame is too young to know its motion.
   bool is_too_far(const Features& features) const;
+  /// Between sweeps, before the present frame; nothing: there were too few.
+  std::optional<std::int64_t> usual_interval_ns() const;
   void break_frame(std::uint64_t sweep);
+  void next_frame();
   runtime::CommandReply reset();
 
   runtime::Stage& stage_;
@@ -65,6 +69,8 @@ class OdometryStage {
   /// one past the newest sweep that was worked on; those between are given up
   std::uint64_t done_below_ = 0;
   std::uint32_t odom_epoch_ = 0;
+  /// of the present frame, so far
+  std::size_t frame_sweeps_ = 0;
   std::int64_t last_instant_ns_ = 0;
   bool in_run_ = false;
 };

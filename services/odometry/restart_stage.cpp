@@ -19,6 +19,13 @@ constexpr int kReplayTries = 5;
 constexpr std::chrono::milliseconds kLinks{500};
 // More than the sweeps that a queue may hold and drop while everybody works.
 constexpr std::int64_t kStandstill_ns = 700'000'000;
+// A frame of fewer sweeps hardly knows its motion, and a sweep that comes after more than so many of
+// the usual intervals would be matched as if the platform stood: what a process that stood still
+// finds in its queue comes with such holes.
+constexpr std::size_t kYoungSweeps = 3;
+constexpr double kHole = 2.5;
+// Intervals that the usual one is the median of.
+constexpr std::size_t kUsualOf = 15;
 
 // What the odometry itself said: where it had nothing to say, the message has the source's word.
 Health own_health(Health published) {
@@ -137,6 +144,10 @@ bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<C
   for (const CommittedSweep& s : sweeps) {
     path_.emplace_back(s.instant_ns, s.sweep, to_message(s.T_odom_base));
   }
+  frame_sweeps_ = static_cast<std::size_t>(
+      std::count_if(commits.begin(), commits.end(), [&](const Commit& commit) {
+        return commit.run() == first.run() && commit.header().odom_epoch() == odom_epoch_;
+      }));
   done_below_ = next_sweep_ = sweeps.back().sweep + 1;
   last_instant_ns_ = sweeps.back().instant_ns;
   last_header_ = header_fields(last->header());
@@ -171,16 +182,32 @@ bool OdometryStage::stood_still_before(const Features& features) const {
   return features.header().stamp_ns() - last_instant_ns_ > kStandstill_ns;
 }
 
+std::optional<std::int64_t> OdometryStage::usual_interval_ns() const {
+  const std::size_t end = path_.size() - std::min(path_.size(), frame_sweeps_);
+  std::vector<std::int64_t> intervals;
+  for (std::size_t i = end > kUsualOf ? end - kUsualOf : 1; i < end; ++i) {
+    intervals.push_back(path_[i].instant_ns() - path_[i - 1].instant_ns());
+  }
+  if (intervals.empty()) return std::nullopt;
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
+  std::nth_element(intervals.begin(), middle, intervals.end());
+  return *middle;
+}
+
 bool OdometryStage::is_too_far(const Features& features) const {
-  return !path_.empty() &&
-         features.header().stamp_ns() - last_instant_ns_ >= runtime::kLongestGap_ns;
+  if (path_.empty()) return false;
+  const std::int64_t gap_ns = features.header().stamp_ns() - last_instant_ns_;
+  if (gap_ns >= runtime::kLongestGap_ns) return true;
+  if (frame_sweeps_ >= kYoungSweeps) return false;
+  const auto usual_ns = usual_interval_ns();
+  const double interval_ns = static_cast<double>(gap_ns) + features->period_ns();
+  return usual_ns && interval_ns > kHole * static_cast<double>(*usual_ns);
 }
 
 // Mapping then searches for the new frame in its map; what a constant motion makes of seconds is
 // tens of metres astray, and a map that is left so is never found again.
 void OdometryStage::break_frame(std::uint64_t sweep) {
-  odometry_.reset();
-  ++odom_epoch_;
+  next_frame();
   runtime::log_warning("a new odom frame begins: nothing came for too long before this sweep",
                        {{"odom_epoch", odom_epoch_}, {"sweep", sweep}});
 }

@@ -7,8 +7,8 @@
 namespace zloam::odometry {
 
 /// Whether the points lie all around, by their times. A source that is opened, or a sensor that is
-/// switched on, in the middle of a turn begins with a piece of one: too little to find the second
-/// sweep's motion in.
+/// switched on, in the middle of a revolution begins with a piece of one: too little to find the
+/// second sweep's motion in.
 bool covers_turn(const FeatureSweep& sweep);
 
 /// As match_sweep(), begun at rest and at speeds to either side along the direction that the points

@@ -57,9 +57,10 @@ struct UnitPoint {
 /// From base_link to units of the grid; positions saturate.
 class ToUnits {
  public:
-  ToUnits(const Eigen::Matrix3d& turn, const Eigen::Vector3d& shift)
+  ToUnits(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& shift)
       : shift_{halves_of(shift)},
-        columns_{halves_of(turn.col(0)), halves_of(turn.col(1)), halves_of(turn.col(2))} {}
+        columns_{halves_of(rotation.col(0)), halves_of(rotation.col(1)),
+                 halves_of(rotation.col(2))} {}
 
   UnitPoint operator()(const Point& p) const {
     const double x = p.x, y = p.y, z = p.z;

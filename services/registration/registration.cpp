@@ -261,6 +261,12 @@ double measured_noise(std::vector<float>& components) {
   return 1.4826 * *middle;
 }
 
+Health health_of(std::size_t points_used, const RegistrationConfig& config) {
+  if (points_used == 0) return Health::kEmpty;
+  const auto enough = static_cast<std::size_t>(std::max(0, config.min_points));
+  return points_used < enough ? Health::kTooFewPoints : Health::kOk;
+}
+
 }  // namespace
 
 RegistrationResult extract_features(PointSpan sweep, const SweepInfo& info,
@@ -270,12 +276,11 @@ RegistrationResult extract_features(PointSpan sweep, const SweepInfo& info,
   const RingSorted sorted = sort_by_ring(sweep, info, config, result);
   result.diagnostics.points_used = static_cast<std::uint32_t>(sorted.points.size());
   result.diagnostics.step_rad = sorted.step_rad;
-  if (sorted.points.empty()) {
-    result.health = Health::kEmpty;
+  result.health = health_of(sorted.points.size(), config);
+  if (sorted.points.empty()) return result;
+  if (info.rings == 0) {
+    result.less_flat = sorted.points;
     return result;
-  }
-  if (sorted.points.size() < static_cast<std::size_t>(std::max(0, config.min_points))) {
-    result.health = Health::kTooFewPoints;
   }
   Curvature curvature = compute_curvature(sorted, config);
   Picker picker(sorted, curvature, config);

@@ -4,6 +4,9 @@
 // code: the curvature is tested against the sensor's range noise instead of a fixed number, and its
 // component along the surface is ignored, so that neither noise nor an oblique plane makes an edge.
 //
+// A sweep without rings (a rosette, any cloud) has no lines to take a curvature along: its points
+// are less flat ones all, and no edges.
+//
 // A pure function of its arguments: no state, no clock, no threads. Any input is accepted.
 
 #include <cstdint>
@@ -27,9 +30,9 @@ enum class RejectReason : std::uint8_t {
 inline constexpr int kRejectReasons = 6;
 
 struct SweepInfo {
-  /// measured time of one turn, ns
+  /// measured time of one revolution, ns
   std::uint32_t period_ns = 100000000;
-  /// rings of the sensor; a higher ring in the data extends it
+  /// rings of the sensor; a higher ring in the data extends it. 0: the points have none
   std::uint16_t rings = 16;
 };
 

@@ -61,7 +61,7 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage, const RegistrationCo
   };
   sweeps_ = &stage.inlet<msg::Sweep>(Key::kSweep, options,
                                      [this](const Sweep& sweep) { return take(sweep); });
-  stage.on_turn([this] { return settle_held(); });
+  stage.on_poll([this] { return settle_held(); });
   stage.answer_set_if([this](std::uint64_t run) {
     hear_colleagues();
     return sharing_.first(run, 0);
@@ -108,8 +108,8 @@ void RegistrationStage::watch_runs(const Sweep& sweep) {
   newest_ = span;
 }
 
-runtime::Turn RegistrationStage::settle_held() {
-  if (held_.empty()) return runtime::Turn::kWait;
+runtime::Poll RegistrationStage::settle_held() {
+  if (held_.empty()) return runtime::Poll::kWait;
   hear_colleagues();
   for (const Sharing::Due& due : sharing_.due(runtime::steady_ns())) {
     auto node = held_.extract(std::pair(due.run, due.sweep));
@@ -120,7 +120,7 @@ runtime::Turn RegistrationStage::settle_held() {
       return Outcome::kProcessed;
     });
   }
-  return runtime::Turn::kWait;
+  return runtime::Poll::kWait;
 }
 
 // Odometry drops what was made with another revision and waits. The driver still has the sweeps.

@@ -25,7 +25,7 @@ class RegistrationStage {
 
   runtime::Outcome take(const Sweep& sweep);
   /// Held sweeps that are to be done here after all, or that another has done.
-  runtime::Turn settle_held();
+  runtime::Poll settle_held();
   void hear_colleagues();
   void process(const Sweep& sweep);
   /// Sweeps that were worked on before this replica heard of the revision in force at them.

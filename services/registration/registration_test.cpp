@@ -6,6 +6,7 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <map>
 #include <numbers>
 #include <random>
 
@@ -326,6 +327,34 @@ TEST(Registration, SameInputSameBytes) {
   };
   EXPECT_TRUE(same(a.sharp, b.sharp) && same(a.less_sharp, b.less_sharp));
   EXPECT_TRUE(same(a.flat, b.flat) && same(a.less_flat, b.less_flat));
+}
+
+// All points are surfaces, each in the line that its elevation says, whatever ring was given.
+TEST(Registration, WithoutRingsTheElevationStandsForThem) {
+  const PointVector ringed = scan(square_room(7.0), {.noise_m = 0.02});
+  PointVector sweep = ringed;
+  for (Point& p : sweep) p.ring = 7;
+  sweep.push_back({0.1F, 0.0F, 0.0F, 1.0F, 0, 0, ReturnType::kStrongest, 0});
+  const RegistrationResult result = extract_features(sweep, {kPeriod_ns, 0}, {});
+  EXPECT_EQ(result.health, Health::kOk);
+  EXPECT_TRUE(result.sharp.empty() && result.less_sharp.empty() && result.flat.empty());
+  ASSERT_EQ(result.less_flat.size(), ringed.size());
+  ASSERT_EQ(result.reasons, std::vector{RejectReason::kTooNear});
+  const RegistrationResult with = extract_features(ringed, {kPeriod_ns, 16}, {});
+  std::map<std::uint16_t, std::size_t> lines, rings;
+  for (const Point& p : result.less_flat) ++lines[p.ring];
+  for (const Point& p : ringed) ++rings[p.ring];
+  ASSERT_EQ(lines.size(), rings.size());
+  auto line = lines.begin();
+  for (const auto& [ring, count] : rings) EXPECT_EQ((line++)->second, count) << "ring " << ring;
+  EXPECT_EQ(with.diagnostics.points_used, result.diagnostics.points_used);
+}
+
+TEST(Registration, WithoutRingsTooFewPointsAreTooFew) {
+  PointVector sweep = scan(square_room(7.0));
+  sweep.resize(20);
+  EXPECT_EQ(extract_features(sweep, {kPeriod_ns, 0}, {}).health, Health::kTooFewPoints);
+  EXPECT_EQ(extract_features({}, {kPeriod_ns, 0}, {}).health, Health::kEmpty);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "common/containers/thinning.hpp"
 
@@ -12,6 +13,9 @@ namespace {
 
 // A step longer than this many usual steps means that a firing in between gave no return.
 constexpr double kAdjacentSteps = 1.6;
+// A beam's width.
+constexpr double kBeam_rad = 0.0035;
+constexpr double kRightAngle_rad = 0.5 * std::numbers::pi;
 
 bool wanted_return(ReturnType type, ReturnSelection selection) {
   switch (selection) {
@@ -47,6 +51,13 @@ float usable_range(const Point& point, const RegistrationConfig& config,
     return range;
   }
   return -1.0F;
+}
+
+// Stands for the ring where there is none: points of one elevation, within a beam's width, are of
+// one line where a lidar turns, and hardly two of them in a pattern that crosses itself.
+std::uint16_t elevation_step(const Point& point) {
+  const double elevation_rad = std::atan2(point.z, std::hypot(point.x, point.y));
+  return static_cast<std::uint16_t>(std::lround((elevation_rad + kRightAngle_rad) / kBeam_rad));
 }
 
 double angle_between(const Point& a, const Point& b) {
@@ -103,14 +114,16 @@ RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const Registrati
                         RegistrationResult& result) {
   RingSorted sorted;
   std::vector<float> ranges(sweep.size());
+  std::vector<std::uint16_t> rings(sweep.size());
   std::vector<std::uint32_t> next(info.rings + 1U, 0);
   for (std::size_t i = 0; i < sweep.size(); ++i) {
     ranges[i] = usable_range(sweep[i], config, result);
     if (ranges[i] >= 0.0F) {
-      if (sweep[i].ring + 2U > next.size()) {
-        next.resize(sweep[i].ring + 2U, 0);
+      rings[i] = info.rings == 0 ? elevation_step(sweep[i]) : sweep[i].ring;
+      if (rings[i] + 2U > next.size()) {
+        next.resize(rings[i] + 2U, 0);
       }
-      ++next[sweep[i].ring + 1U];
+      ++next[rings[i] + 1U];
     }
   }
   for (std::size_t r = 1; r < next.size(); ++r) {
@@ -121,12 +134,13 @@ RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const Registrati
   sorted.range_m.resize(next.back());
   for (std::size_t i = 0; i < sweep.size(); ++i) {
     if (ranges[i] >= 0.0F) {
-      const std::uint32_t slot = next[sweep[i].ring]++;
+      const std::uint32_t slot = next[rings[i]]++;
       sorted.points[slot] = sweep[i];
+      sorted.points[slot].ring = rings[i];
       sorted.range_m[slot] = ranges[i];
     }
   }
-  measure_steps(sorted);
+  if (info.rings > 0) measure_steps(sorted);
   return sorted;
 }
 

@@ -20,7 +20,8 @@ struct RingSorted {
   double step_rad = 0.0;
 };
 
-/// Drops unusable points into result.rejected and sorts the rest.
+/// Drops unusable points into result.rejected and sorts the rest. Points of a sweep without rings
+/// get their elevation, in steps of a beam's width, as ring.
 RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const RegistrationConfig& config,
                         RegistrationResult& result);
 

@@ -22,6 +22,7 @@ from tests.acceptance import (
     inputs,
     laps,
     live,
+    ringless,
     udp_rate,
     worlds,
 )
@@ -48,6 +49,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *consistency.checks(setting),
         *laps.checks(setting),
         *hard.checks(setting),
+        *ringless.checks(setting),
         *_decoding(setting),
         *bags.checks(setting),
         *faults.checks(setting),

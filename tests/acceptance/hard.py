@@ -34,7 +34,7 @@ Judge = Callable[[Ran, float], tuple[float, bool, str]]
 
 
 @functools.cache
-def _ran(build: Path, out: Path, shared: Path, name: str) -> Ran:
+def ran(build: Path, out: Path, shared: Path, name: str) -> Ran:
     drive = next(d for d in sets.all_sets() if d.name == name)
     places, folder = Places(build, shared), out / "accept" / "hard"
     row = runner.run(drive, places, build / "bin" / "zloam-offline", folder)
@@ -76,7 +76,7 @@ def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
 
 def _measured(setting: Setting, names: tuple[str, ...], limit_m: float, judged: Judge) -> Measured:
     found = {
-        name: judged(_ran(setting.build, setting.out, setting.shared, name), limit_m)
+        name: judged(ran(setting.build, setting.out, setting.shared, name), limit_m)
         for name in names
     }
     figures = ", ".join(f"{name} {m:.4f} m{said}" for name, (m, _, said) in found.items())

@@ -13,9 +13,9 @@ from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Setting
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
-from zloam_monitor.keys import STAGES
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import STAGES
 
 LAPS, SEED = 10, 1
 GROWTH = 1.1

@@ -59,7 +59,7 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
     out = setting.out / "accept" / name
     chain = Chain(setting.build, config, robot.robot, settings, out / "logs", robot.sensor)
     with chain:
-        chain.wait_ready()
+        chain.wait_linked()
         sender = threading.Thread(target=send, args=(capture, port, SECONDS))
         began = time.monotonic()
         sender.start()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tests.bench import (
     decode,
+    decode_ouster,
     drive,
     framework,
     live,
@@ -31,7 +32,18 @@ def all_benchmarks(
     setting: BenchSetting, options: Options, drives: search.Options
 ) -> list[framework.Benchmark]:
     """In the order of the report."""
-    modules = (transport, live, replay, memory, decode, simulator, peers, scaling, drive)
+    modules = (
+        transport,
+        live,
+        replay,
+        memory,
+        decode,
+        decode_ouster,
+        simulator,
+        peers,
+        scaling,
+        drive,
+    )
     rows = [b for module in modules for b in module.benchmarks(setting)]
     return rows + versus.benchmarks(setting, options) + search.benchmarks(setting, drives)
 

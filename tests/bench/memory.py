@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.bench.framework import Benchmark, Outcome
 from tests.bench.setting import BenchSetting
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 
 MAPPING_MB, ALL_MB = 150.0, 600.0
 MB_PER_MIB = 1.048576

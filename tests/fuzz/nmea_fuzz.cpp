@@ -3,7 +3,7 @@
 #include <cstdlib>
 #include <string>
 
-#include "driver/velodyne/position.hpp"
+#include "driver/decoder/nmea.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace zloam::driver;

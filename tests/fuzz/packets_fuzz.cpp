@@ -3,8 +3,10 @@
 #include <cstdlib>
 
 #include "driver/sweep/assembler.hpp"
+#include "driver/velodyne/decoder.hpp"
 
 using namespace zloam::driver;
+using namespace zloam::driver::velodyne;
 
 namespace {
 
@@ -34,7 +36,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if ((data[0] & 16) != 0) decoder.max_range_m = 20.0;
     if ((data[0] & 8) != 0) config.seam_azimuth_deg = 123.4;
   }
-  SweepAssembler assembler(decoder, config);
+  SweepAssembler assembler(std::make_unique<Decoder>(decoder), config);
   std::size_t at = 1;
   DecodedSweep sweep;
   std::int64_t received_ns = data[0] % 2 == 0 ? 0 : 1'700'000'000'000'000'000;

@@ -4,6 +4,7 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace zloam::driver;
+  using namespace zloam::driver::velodyne;
   std::vector<std::uint8_t> payload(data, data + size);
   parse_position(payload);
   payload.resize(kPositionPacketBytes);

@@ -12,8 +12,9 @@ fi
 seconds=${1:-60}
 out=build/fuzz
 compiler=${FUZZ_CXX:-clang++}
-flags=(-std=c++20 -g -O1 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
-  -Iservices -isystem /usr/include/eigen3)
+flags=(-std=c++20 -g -O2 -fsanitize=fuzzer,address,undefined,float-cast-overflow
+  -fno-sanitize-recover=all -Iservices -isystem "$out/generated" -isystem /usr/include/eigen3
+  '-DZLOAM_VERSION="fuzz"')
 mkdir -p "$out"
 # The sanitizers' libraries are a package of their own (libclang-rt-*-dev).
 probe='extern "C" int LLVMFuzzerTestOneInput(const unsigned char*, unsigned long) { return 0; }'
@@ -22,19 +23,19 @@ if ! command -v "$compiler" >/dev/null ||
   echo "fuzz: skipped: $compiler with its fuzzing libraries is missing (make tools installs it)" >&2
   exit "$missing"
 fi
-driver=services/driver
-sources=("$driver"/velodyne/{model,beams,motor,decoder,mask,position}.cpp
-  "$driver"/velodyne/block_points{,_avx2,_avx512}.cpp
-  "$driver"/sweep/{clock,assembler,assembler_order}.cpp "$driver"/io/{link_layer,ip_fragments,pcapng_reader,pcap_source,imu_file,scan_list}.cpp
-  services/common/runtime/{json_guard,parameter{_file,_text,_types,s}}.cpp)
-targets=(packets position nmea pcap tables settings)
+# Everything but the programs themselves, what needs more libraries, and the tests.
+mapfile -t sources < <(find services/{common,driver,registration,odometry,mapping,integration,store} -name '*.cpp' \
+  ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' | sort)
+sources+=(services/ros/{cdr,graph}.cpp "$out/generated/stage_list.cpp")
+targets=(packets position nmea pcap tables settings messages ros)
+libraries="-lpcap -lyaml-cpp -lflatbuffers -lspdlog -lfmt -lcrypto -lxxhash"
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"
 }
 
 command="$(command -v ccache || true) $compiler ${flags[*]}"
 compile() { $command -c "$1" -o "$out/objects/${1//\//_}.o"; }
-link() { $command "$out/objects/tests_fuzz_$1_fuzz.cpp.o" "$out"/objects/services_*.o -lpcap -lyaml-cpp -o "$out/$1"; }
+link() { $command "$out/objects/tests_fuzz_$1_fuzz.cpp.o" "$out/objects/all.a" $libraries -o "$out/$1"; }
 fuzz() {
   mkdir -p "$out/corpus/$1" "$out/found"
   echo "fuzz: $1 for $seconds s"
@@ -48,11 +49,15 @@ fuzz() {
   grep -E '^(stat::number_of_executed_units|Done)' "$out/$1.log" | sed "s/^/fuzz: $1: /"
 }
 export -f compile link fuzz
-export command out seconds
+export command out seconds libraries
 
-rm -rf "$out/objects"
-mkdir -p "$out/objects"
-each compile "${sources[@]}" tests/fuzz/*_fuzz.cpp
+rm -rf "$out/objects" "$out/generated" "$out/schemas"
+mkdir -p "$out/objects" "$out/generated/schemas" "$out/schemas"
+flatc --cpp --cpp-std c++17 --scoped-enums --reflect-names -I schemas -o "$out/generated/schemas" schemas/*.fbs
+flatc --schema -b -I schemas -o "$out/schemas" schemas/*.fbs
+cmake -DZLOAM_GENERATED="$out/generated" -P cmake/stages.cmake
+each compile "${sources[@]}" tests/fuzz/*.cpp
+ar rcs "$out/objects/all.a" "$out"/objects/services_*.o "$out"/objects/*stage_list.cpp.o "$out"/objects/tests_fuzz_{network,messages}.cpp.o
 each link "${targets[@]}"
 python3 tests/fuzz/seeds.py "$out/seeds"
 each fuzz "${targets[@]}"

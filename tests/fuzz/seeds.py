@@ -55,6 +55,8 @@ def main(target: Path) -> None:
         write(target / "packets", f"mode{mode:x}", b"\x09" + stream)
     write(target / "position", "rmc", (bytes(206) + sentence).ljust(512, b"\0"))
     write(target / "nmea", "rmc", sentence[1:-5])
+    imu = b"\0\1\0\0" + struct.pack("<iII", 1_700_000_000, 0, 4) + b"imu\0"
+    write(target / "ros", "imu", imu + struct.pack("<37d", *(0.125 * n for n in range(37))))
     wire = frame(data_packet(1, 0, 0x37))
     head = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
     record = struct.pack("<IIII", 1, 2, len(wire), len(wire)) + wire
@@ -72,6 +74,9 @@ def main(target: Path) -> None:
     write(target / "settings", "yaml", text)
     write(target / "settings", "json", b'{"s.number": 2.5, "s.place": [0, 0, 1], "s.flag": true}')
     write(target / "settings", "live", b"s.number=3")
+    # every choice of a message's maker is the usual one
+    for stage in range(6):
+        write(target / "messages", f"stage{stage}", bytes([stage]) + bytes(3000))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from zloam_monitor.chain import Chain
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 #: seconds of the short simulated capture: 10 sweeps each
@@ -98,6 +98,14 @@ def kill(chain: Chain, *stages: str) -> None:
         process.send(signal.SIGKILL)
     for process in killed:
         process.wait(10.0)
+
+
+class WithoutDriver(Chain):
+    """The chain for a sensor of somebody else."""
+
+    def start(self, stage: str, log: str | None = None) -> None:
+        if stage != "driver":
+            super().start(stage, log)
 
 
 @dataclass(frozen=True)

@@ -88,9 +88,7 @@ class LiveRun:
         if self._store:
             self.chain.processes.start("store", self._store, self.out / "store.log")
             self._until(lambda: self.chain.link.stage("store") is not None)
-        # every stage has its readers: the first packet's sweep reaches them all
-        ready = ("ready", "degraded")
-        self._until(lambda: all(self._health(s) in ready for s in (*STAGES, "driver")))
+        self.chain.wait_linked()
         keys = self.chain.link.keys
         self._note(keys.odometry, "Odometry", self.odometry_poses)
         self._note(keys.odometry_features, "OdometryFeatures", self.odometry_commits)

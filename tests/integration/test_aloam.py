@@ -12,9 +12,9 @@ import pytest
 from tests.integration.conftest import Capture, digests, kill, monitor
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
-from zloam_monitor.keys import STAGES
 from zloam_monitor.methods import programs
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import STAGES
 
 ALOAM = programs("aloam")
 #: of six seconds in the city: A-LOAM's 0.1 m in a minute and what a wrong frame would be far above

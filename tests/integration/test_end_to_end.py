@@ -11,7 +11,7 @@ import pytest
 
 from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor, simulate
 from zloam_monitor import clouds, evaluation, trajectory
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 
 POINT_BYTES = 24  # of a point in a message
 

@@ -11,6 +11,9 @@ import kubernetes_validate
 import pytest
 import yaml
 
+from zloam_monitor.robot_file import RobotNames
+from zloam_monitor.stages import PORT_ORDER, STAGES
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "deploy" / "kubernetes"
 OVERLAYS = ("simulated", "live")
@@ -94,31 +97,42 @@ def test_rendered_by_kubectl_it_still_fits(overlay: str) -> None:
     assert level == ("privileged" if overlay == "live" else "restricted")
 
 
-def test_stages_listen_and_connect_as_in_compose() -> None:
-    compose = _compose()
-    workloads = [r for r in _resources("simulated") if r["kind"] in WORKLOADS]
-    stages = {r["metadata"]["name"]: _environment(r) for r in workloads}
-    expected = {n: s for n, s in compose.items() if "ZLOAM_LISTEN" in s.get("environment", {})}
-    assert stages.keys() - {"router"} == expected.keys()
-    for name, service in expected.items():
-        for variable in ("ZLOAM_LISTEN", "ZLOAM_CONNECT"):
-            assert stages[name][variable] == service["environment"][variable], f"{name}: {variable}"
+def _shared() -> dict[str, str]:
+    """What all stages are told: the ConfigMap that the base generates."""
+    listed = yaml.safe_load((FOLDER / "base/kustomization.yaml").read_text())
+    (generator,) = listed["configMapGenerator"]
+    return dict(literal.split("=", 1) for literal in generator["literals"])
+
+
+def test_stages_are_found_as_in_compose() -> None:
+    compose = {n: s.get("environment", {}) for n, s in _compose().items()}
+    stages = {n for n, e in compose.items() if "ZLOAM_HOST" in e}
+    workloads = {r["metadata"]["name"] for r in _resources("simulated") if r["kind"] in WORKLOADS}
+    assert workloads - {"router"} == stages
+    assert stages == {*STAGES, "store"}
+    shared = _shared()
+    for name in stages:
+        for variable in ("ZLOAM_HOST", "ZLOAM_CONNECT", "ZLOAM_LISTEN"):
+            assert shared.get(variable) == compose[name].get(variable), f"{name}: {variable}"
 
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
-def test_every_peer_named_is_a_service_of_that_port(overlay: str) -> None:
-    resources = _resources(overlay)
+def test_every_peer_is_a_service_of_its_port(overlay: str) -> None:
+    """Who is reached at <stage>, and whoever is named beside them."""
     ports = {
         r["metadata"]["name"]: [p["port"] for p in r["spec"]["ports"]]
-        for r in resources
+        for r in _resources(overlay)
         if r["kind"] == "Service"
     }
-    for resource in (r for r in resources if r["kind"] in WORKLOADS):
-        for endpoint in filter(None, _environment(resource).get("ZLOAM_CONNECT", "").split(",")):
-            protocol, address = endpoint.split("/")
-            host, port = address.split(":")
-            assert protocol == "tcp"
-            assert int(port) in ports[host], f"{resource['metadata']['name']}: {endpoint}"
+    shared = _shared()
+    assert shared["ZLOAM_HOST"] == "<stage>"
+    for stage in STAGES:
+        assert RobotNames().base_port + PORT_ORDER.index(stage) in ports[stage]
+    for endpoint in shared["ZLOAM_CONNECT"].split(","):
+        protocol, address = endpoint.split("/")
+        host, port = address.split(":")
+        assert protocol == "tcp"
+        assert int(port) in ports[host]
 
 
 def test_the_live_driver_reads_the_sensor_as_in_compose() -> None:

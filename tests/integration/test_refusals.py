@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor
-from zloam_monitor.keys import STAGES
-from zloam_monitor.processes import PORT_ORDER, free_base_port
+from zloam_monitor.processes import free_base_port
+from zloam_monitor.stages import PORT_ORDER, STAGES
 
 REFUSED_CONFIG, REFUSED_FILE = 2, 3
 

@@ -11,8 +11,9 @@ import pytest
 from tests.integration.conftest import ROOT, Capture
 from zloam_monitor import evaluation, sources, trajectory
 from zloam_monitor.chain import Chain
-from zloam_monitor.processes import PORT_ORDER, endpoints
+from zloam_monitor.processes import endpoints
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import PORT_ORDER
 
 RUN_SECONDS = 240.0
 #: the drive is 60 m; what a wrong frame, order or time would give is metres

@@ -12,7 +12,7 @@ import yaml
 
 from tests.integration.conftest import ROOT, monitor
 from zloam_monitor import robot_files
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 
 ROBOTS = ROOT / "deploy" / "robots"
 MOST_KEYS, MOST_COMMON_KEYS = 120, 30

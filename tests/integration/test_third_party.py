@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-from tests.integration.conftest import CAPTURE_SECONDS, ROOT, Capture
+import numpy as np
+import pytest
+
+from tests.integration.conftest import CAPTURE_SECONDS, ROOT, Capture, WithoutDriver
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
-from zloam_monitor.processes import PORT_ORDER, endpoints
+from zloam_monitor.processes import endpoints
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import PORT_ORDER
 
 
 def test_the_example_sees_every_pose(
@@ -53,3 +58,39 @@ def test_the_example_sees_every_pose(
         instant, position = at[int(sweep)]
         assert int(instant_ns) == instant
         assert [float(v) for v in xyz] == position.tolist()
+
+
+SWEEPS, SPEED_MPS, PERIOD_S = 40, 0.3, 0.1
+
+
+def example_command(language: str, build: Path) -> list[str]:
+    if language == "c++":
+        return [str(build / "tests" / "zloam-example-sweeps")]
+    return [sys.executable, str(ROOT / "services" / "monitor" / "examples" / "publish_sweeps.py")]
+
+
+@pytest.mark.parametrize("language", ["python", "c++"])
+def test_sweeps_from_a_program_of_your_own(
+    build: Path, robot_file: Path, tmp_path: Path, language: str
+) -> None:
+    command = example_command(language, build)
+    assert Path(command[-1]).is_file(), f"not built: {command[-1]}"
+    robot = names(robot_file, [])
+    settings = ["driver.source=udp", f"integration.output_dir={tmp_path}"]
+    chain = WithoutDriver(build, robot_file, robot.robot, settings, tmp_path, robot.sensor)
+    endpoint = endpoints(chain.base_port)[PORT_ORDER.index("registration")]
+    environment = {**os.environ, "PYTHONPATH": str(messages.schemas_path())}
+    with chain:
+        given = [endpoint, robot.robot, robot.sensor, str(SWEEPS)]
+        with subprocess.Popen([*command, *given], env=environment) as stranger:
+            deadline = time.monotonic() + 60
+            while len(chain.link.poses) < SWEEPS and time.monotonic() < deadline:
+                chain.link.poll(0.2)
+                chain.check()
+            assert stranger.wait(20) == 0
+        poses = list(chain.link.poses.values())
+    assert [pose.sweep for pose in poses] == list(range(SWEEPS))
+    driven_m = np.array([pose.translation[0] for pose in poses])
+    # a pose is of its sweep's end
+    expected_m = SPEED_MPS * PERIOD_S * (np.arange(SWEEPS) + 1)
+    assert np.abs(driven_m - driven_m[0] - (expected_m - expected_m[0])).max() < 0.03

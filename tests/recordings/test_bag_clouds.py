@@ -151,14 +151,64 @@ def test_of_several_topics_one_must_be_named(scans: list[Scan], tmp_path: Path) 
         read(path, topic="/nowhere")
 
 
-def test_what_moves_no_lidar_is_refused(scans: list[Scan], tmp_path: Path) -> None:
-    """Points in another frame lie on no cones, and rings can't be told."""
+#: how drivers of sensors without rings lay out their points
+WITHOUT_RINGS = {
+    "another frame": PLAIN,
+    "livox: line, timestamp in double ns": Layout(
+        time=("timestamp", "f8"), origin="epoch", ring=("line", "u1"), ring_of=lambda r: r % 4
+    ),
+    "no ring, float s": Layout(time=("time", "f4"), unit_ns=1e9, ring=("", "")),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_RINGS)
+def test_points_on_no_cones_have_no_rings(scans: list[Scan], tmp_path: Path, name: str) -> None:
+    """A sensor that lies on its side: the elevations of a laser are all of them."""
     turned = [
-        Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in scans[:3]
+        Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in scans[1:5]
     ]
-    path = variants.write(tmp_path / "bag", turned, PLAIN)
-    with pytest.raises(Refused, match="field ring is no laser's number"):
-        read(path)
+    path = variants.write(tmp_path / "bag", turned, WITHOUT_RINGS[name])
+    sweeps = read(path)
+    assert len(sweeps) == len(turned)
+    for sweep, scan in zip(sweeps, turned, strict=True):
+        points = sweep.points
+        assert (sweep.rings, len(points)) == (0, len(scan.xyz))
+        assert not points["ring"].any()
+        instants_ns = points["time_ns"].astype(np.int64) + sweep.stamp_ns
+        # as many digits as the field has
+        assert abs(instants_ns - (scan.time_ns + scan.stamp_ns)).max() <= 256
+        assert abs(sweep.period_ns - variants.PERIOD_NS) < 2_000_000
+
+
+@pytest.mark.parametrize("container", [CONTAINERS[0], CONTAINERS[3], CONTAINERS[6]])
+def test_livox_messages(scans: list[Scan], tmp_path: Path, container: Container) -> None:
+    turned = [
+        Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in scans[1:4]
+    ]
+    path = tmp_path / ("bag.bag" if container.version == 1 else "bag")
+    with variants.Recorder(container, path) as bag:
+        for scan in turned:
+            bag.put_livox("/livox/lidar", scan)
+    for sweep, scan in zip(read(path), turned, strict=True):
+        points = sweep.points
+        order = np.argsort(scan.time_ns, kind="stable")
+        assert (sweep.rings, sweep.stamp_ns) == (0, scan.stamp_ns + scan.time_ns.min())
+        np.testing.assert_array_equal(points["x"], scan.xyz[order, 0])
+        np.testing.assert_array_equal(points["time_ns"], scan.time_ns[order] - scan.time_ns.min())
+        np.testing.assert_array_equal(points["intensity"], np.floor(scan.intensity[order]))
+
+
+def test_times_of_points_without_rings_that_fit_no_unit_are_refused(
+    scans: list[Scan], tmp_path: Path
+) -> None:
+    turned = [
+        Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in scans[1:5]
+    ]
+    layout = Layout(time=("time", "f4"), unit_ns=3e4, ring=("", ""))
+    with pytest.raises(Refused, match="no unit"):
+        read(variants.write(tmp_path / "bag", turned, layout))
+    with pytest.raises(Refused, match="single cloud"):
+        read(variants.write(tmp_path / "single", turned[:1], WITHOUT_RINGS["no ring, float s"]))
 
 
 def test_a_bag_that_was_cut_off(scans: list[Scan], tmp_path: Path) -> None:
@@ -181,3 +231,26 @@ def test_a_bag_that_was_cut_off(scans: list[Scan], tmp_path: Path) -> None:
         assert code == 0 or said
         if code == 0:
             assert any(kind == stream.REMARK for kind, _ in kinds)
+
+
+@pytest.mark.parametrize("container", [CONTAINERS[0], CONTAINERS[3], CONTAINERS[6]])
+def test_ouster_packets_come_as_they_were(tmp_path: Path, container: Container) -> None:
+    sent = [(1_700_000_000_000_000_000 + 1000 * i, bytes([i]) * (48 + 100 * i)) for i in range(5)]
+    path = tmp_path / ("bag.bag" if container.version == 1 else "bag")
+    with variants.Recorder(container, path) as bag:
+        bag.put_ouster("/ouster/lidar_packets", sent)
+        bag.put_ouster("/ouster/imu_packets", sent[:1])
+    out = io.BytesIO()
+    assert stream.write(path, "/ouster/lidar_packets", Timing(), out) == 0
+    out.seek(0)
+    came = []
+    while head := out.read(stream.HEAD.size):
+        _, kind, size = stream.HEAD.unpack(head)
+        data = out.read(size)
+        if kind == stream.PACKETS:
+            stamp_ns, length, *_ = stream.PACKET_HEAD.unpack_from(data)
+            came.append((stamp_ns, data[stream.PACKET_HEAD.size :]))
+            assert length == len(came[-1][1])
+    assert came == sent
+    with pytest.raises(Refused, match="several topics"):
+        read(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import dpkt
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.integration.conftest import Capture, monitor
 from tests.recordings import variants
@@ -62,7 +64,14 @@ def packets(drive: Drive, path: Path) -> None:
             bag.put_cloud("/velodyne_points", scan, PLAIN)
 
 
-@pytest.mark.parametrize(("make", "within_m"), [(clouds, 1e-3), (packets, 1e-5)])
+def nebula(drive: Drive, path: Path) -> None:
+    with variants.Recorder(CONTAINERS[6], path) as bag:
+        sent = packets_of(drive.capture.pcap)
+        for begin in range(0, len(sent), 76):
+            bag.put_nebula("/velodyne_packets", sent[begin : begin + 76])
+
+
+@pytest.mark.parametrize(("make", "within_m"), [(clouds, 1e-3), (packets, 1e-5), (nebula, 1e-5)])
 def test_the_trajectory_is_that_of_the_capture(
     build: Path,
     drive: Drive,
@@ -78,6 +87,93 @@ def test_the_trajectory_is_that_of_the_capture(
     assert len(found) == len(direct)
     off = found.transforms[:, :3, 3] - direct.transforms[:, :3, 3]
     assert np.linalg.norm(off, axis=1).max() < within_m
+
+
+def test_a_bag_without_rings_is_as_good(build: Path, drive: Drive, tmp_path: Path) -> None:
+    """The same drive by a sensor that lies on its side, so that no ring can be told."""
+    turned = [
+        Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in drive.scans
+    ]
+    path = variants.write(tmp_path / "bag", turned, PLAIN)
+    mounting = ("--set", "mounting.rpy_deg=[0, -90, -90]")
+    out = tmp_path / "out"
+    done = monitor("demo", "--preset-dir", build, "--bag", path, "--out", out, *mounting)
+    assert done.code == 0, done.said
+    found, direct = trajectory.read(out / "trajectory.tum"), trajectory.read(drive.direct)
+    assert len(found) == len(direct)
+    off = found.transforms[:, :3, 3] - direct.transforms[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() < 0.05
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """A drive with an IMU: as capture and table, and as a bag."""
+
+    pcap: Path
+    csv: Path
+    bag: Path
+    readings: NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def inertial(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Inertial:
+    folder = tmp_path_factory.mktemp("inertial")
+    pcap, csv, bag = folder / "capture.pcap", folder / "imu.csv", folder / "bag"
+    words = ("--world", "city", "--seed", "3", "--duration", "12", "--quiet")
+    files = ("--out", pcap, "--imu", csv)
+    subprocess.run([build / "bin/zloam-simulator", *words, *files], check=True)
+    scans = variants.decoded(build, pcap, folder)
+    readings = np.loadtxt(csv, delimiter=",", skiprows=1)
+    stamps_ns = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=0, dtype=np.int64)
+    with variants.Recorder(CONTAINERS[6], bag) as recorder:
+        # as they are recorded: a cloud after its turn
+        ends_ns = [scan.stamp_ns + variants.PERIOD_NS for scan in scans]
+        puts = [(int(t), 0, i) for i, t in enumerate(stamps_ns)]
+        puts += [(t, 1, i) for i, t in enumerate(ends_ns)]
+        for stamp_ns, kind, i in sorted(puts):
+            if kind:
+                recorder.put_cloud("/points", scans[i], PLAIN)
+            else:
+                recorder.put_imu("/imu/data", stamp_ns, readings[i, 1:4], readings[i, 4:7])
+    return Inertial(pcap, csv, bag, readings)
+
+
+def test_inertial_readings_of_a_bag_are_those_of_a_table(
+    build: Path, inertial: Inertial, tmp_path: Path
+) -> None:
+    runs = {
+        "bag": ("--bag", inertial.bag, "--set", "driver.imu=sensor"),
+        "table": ("--pcap", inertial.pcap, "--imu", inertial.csv),
+        "without": ("--bag", inertial.bag),
+    }
+    places = {}
+    for name, words in runs.items():
+        done = monitor("demo", "--preset-dir", build, *words, "--out", tmp_path / name)
+        assert done.code == 0, done.said
+        path = trajectory.read(tmp_path / name / "trajectory.tum")
+        places[name] = path.transforms[:, :3, 3]
+    off_m = {
+        name: np.linalg.norm(places["bag"] - places[name], axis=1).max()
+        for name in ("table", "without")
+    }
+    assert off_m["table"] < 1e-3
+    assert off_m["without"] > off_m["table"]
+
+
+def test_readings_that_are_not_there_are_refused(
+    build: Path, drive: Drive, inertial: Inertial, tmp_path: Path
+) -> None:
+    bare = variants.write(tmp_path / "bag", drive.scans[:12], PLAIN)
+    for bag, more, words in (
+        (bare, (), "no topic of inertial readings"),
+        (inertial.bag, ("--set", "driver.imu_topic=/nowhere"), "there is /imu/data"),
+    ):
+        settings = ("--set", "driver.imu=sensor", *more)
+        done = monitor(
+            "demo", "--preset-dir", build, "--bag", bag, *settings, "--out", tmp_path / "o"
+        )
+        assert done.code != 0
+        assert words in done.said
 
 
 def test_a_bag_as_a_capture_is_answered_by_what_to_do(

@@ -215,7 +215,21 @@ def _writer(container: Container, path: Path) -> Any:
     return two
 
 
+IMU = "sensor_msgs/msg/Imu"
 VELODYNE = "velodyne_msgs/msg/VelodyneScan"
+#: as Autoware's driver has them
+NEBULA = {
+    "nebula_msgs/msg/NebulaPacket": "builtin_interfaces/Time stamp\nuint8[] data\n",
+    "nebula_msgs/msg/NebulaPackets": "std_msgs/Header header\nnebula_msgs/NebulaPacket[] packets\n",
+}
+OUSTER = "ouster_sensor_msgs/msg/PacketMsg"
+#: as the maker's drivers have them (CustomMsg.msg, CustomPoint.msg)
+LIVOX = {
+    "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    "uint8 reflectivity\nuint8 tag\nuint8 line\n",
+    "livox_ros_driver2/msg/CustomMsg": "std_msgs/Header header\nuint64 timebase\n"
+    "uint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\nlivox_ros_driver2/CustomPoint[] points\n",
+}
 
 
 @dataclass
@@ -233,6 +247,8 @@ class Recorder:
         self.store.register(get_types_from_msg(packet, "velodyne_msgs/msg/VelodynePacket"))
         scan = "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
         self.store.register(get_types_from_msg(scan, VELODYNE))
+        for name, text in {**LIVOX, **NEBULA, OUSTER: "uint8[] buf\n"}.items():
+            self.store.register(get_types_from_msg(text, name))
         self._writer = _writer(self.container, self.path)
         self._writer.__enter__()
         self._connections: dict[str, Any] = {}
@@ -257,6 +273,78 @@ class Recorder:
 
     def put_cloud(self, topic: str, scan: Scan, layout: Layout) -> None:
         self.put(topic, CLOUD, scan.stamp_ns + PERIOD_NS, message(self.types, scan, layout))
+
+    def put_nebula(self, topic: str, packets: Sequence[tuple[int, bytes]]) -> None:
+        Packet, Packets = (self.types[name] for name in NEBULA)
+        Time = self.types["builtin_interfaces/msg/Time"]
+        all_of = [Packet(Time(*divmod(t, 10**9)), np.frombuffer(d, np.uint8)) for t, d in packets]
+        scan = Packets(_header(self.types, packets[0][0]), all_of)
+        self.put(topic, next(reversed(NEBULA)), packets[-1][0], scan)
+
+    def put_ouster(self, topic: str, packets: Sequence[tuple[int, bytes]]) -> None:
+        """A message each, as ouster-ros records them."""
+        for stamp_ns, data in packets:
+            message = self.types[OUSTER](np.frombuffer(data, np.uint8))
+            self.put(topic, OUSTER, stamp_ns, message)
+
+    def put_static(self, transforms: Sequence[tuple[str, str, Sequence[float], Any]]) -> None:
+        """Parent, child, translation, quaternion x y z w: as robot_state_publisher has them."""
+        Transform = self.types["geometry_msgs/msg/TransformStamped"]
+        Vector = self.types["geometry_msgs/msg/Vector3"]
+        Quaternion = self.types["geometry_msgs/msg/Quaternion"]
+        all_of = [
+            Transform(
+                replace(_header(self.types, 0), frame_id=parent),
+                child,
+                self.types["geometry_msgs/msg/Transform"](
+                    Vector(*map(float, xyz)), Quaternion(*map(float, q))
+                ),
+            )
+            for parent, child, xyz, q in transforms
+        ]
+        kind = "tf2_msgs/msg/TFMessage"
+        self.put("/tf_static", kind, 1, self.types[kind](all_of))
+
+    def put_imu(
+        self,
+        topic: str,
+        stamp_ns: int,
+        rate: NDArray[Any],
+        force: NDArray[Any],
+        frame: str = "lidar",
+    ) -> None:
+        Vector = self.types["geometry_msgs/msg/Vector3"]
+        unknown = np.zeros(9)
+        value = self.types[IMU](
+            replace(_header(self.types, stamp_ns), frame_id=frame),
+            self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+            unknown,
+            Vector(*map(float, rate)),
+            unknown,
+            Vector(*map(float, force)),
+            unknown,
+        )
+        self.put(topic, IMU, stamp_ns, value)
+
+    def put_livox(self, topic: str, scan: Scan) -> None:
+        """Four lasers; a firing without a return has no coordinates."""
+        Point, Custom = (self.types[name] for name in LIVOX)
+        points = [
+            Point(int(t), *map(float, xyz), int(i), 0, int(ring) % 4)
+            for xyz, i, ring, t in zip(
+                scan.xyz, scan.intensity, scan.ring, scan.time_ns, strict=True
+            )
+        ]
+        points.insert(1, Point(int(scan.time_ns[0]), 0.0, 0.0, 0.0, 0, 0, 1))
+        value = Custom(
+            _header(self.types, scan.stamp_ns),
+            scan.stamp_ns,
+            len(points),
+            1,
+            np.zeros(3, np.uint8),
+            points,
+        )
+        self.put(topic, next(reversed(LIVOX)), scan.stamp_ns + PERIOD_NS, value)
 
     def put_packets(self, topic: str, packets: Sequence[tuple[int, bytes]]) -> None:
         Packet = self.types["velodyne_msgs/msg/VelodynePacket"]

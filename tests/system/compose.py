@@ -81,6 +81,8 @@ class Deployment:
             "ZLOAM_UID": str(os.getuid() or 1000),
             "ZLOAM_GID": str(os.getgid() or 1000),
             "ZLOAM_ROUTER_PORT": f"127.0.0.1:{self.router_port}",
+            # Most tests ask the containers after the run.
+            "ZLOAM_AFTER": "stay",
             **self.environment,
         }
 

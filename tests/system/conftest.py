@@ -25,6 +25,8 @@ DRIVE_SECONDS = 20
 LONG_DRIVE_SECONDS = 60
 #: exit code of images.sh where there is nothing to build upon
 NO_BASE_IMAGE = 3
+#: with what it depends on, all services but the one for whose sake `up` waits for a replay's end
+DETACHED = "driver"
 SERVICES = ("router", "store", "integration", "mapping", "odometry", "registration", "monitor")
 
 
@@ -114,7 +116,7 @@ def undisturbed(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Repla
 def up(deployment: Deployment, *options: str) -> Iterator[Deployment]:
     """`docker compose up` until all are healthy; what is there goes at the end, volumes too."""
     try:
-        deployment.run("up", "--no-build", "--detach", *options)
+        deployment.run("up", "--no-build", "--detach", *options, DETACHED)
         yield deployment
     finally:
         deployment.run("down", "--volumes", "--timeout", "20", check=False)
@@ -181,7 +183,7 @@ def _start_once(deployment: Deployment) -> tuple[float, str]:
     """Seconds until all are healthy, and what `up` said if it failed."""
     began = time.monotonic()
     up = subprocess.Popen(
-        deployment.command("up", "--no-build", "--detach"),
+        deployment.command("up", "--no-build", "--detach", DETACHED),
         cwd=ROOT,
         env=deployment.variables(),
         stderr=subprocess.PIPE,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -20,7 +21,9 @@ pytestmark = [pytest.mark.system]
 def packages(pattern: str) -> list[Path]:
     found = sorted(PACKAGES.glob(pattern))
     if not found:
-        pytest.skip(f"no {pattern} in {PACKAGES}: make packages")
+        pytest.skip(
+            f"no {pattern} in {PACKAGES}: make packages, or deploy/build/release.sh --dry-run"
+        )
     return found
 
 
@@ -92,6 +95,15 @@ def test_the_debian_package_runs_the_demo_without_a_compiler() -> None:
     # after its removal nothing of it is found
     left = said.split("accepted by all stages")[1].splitlines()
     assert [line for line in left if line.startswith("/")] == []
+
+
+def test_the_bill_of_materials_names_what_is_inside() -> None:
+    """What the programs load, what is compiled into them, and what Python needs."""
+    (bill,) = packages("zenoh-loam-*.cdx.json")
+    urls = {part["purl"].split("?")[0] for part in json.loads(bill.read_text())["components"]}
+    for name in ("pkg:cargo/zenoh@", "pkg:pypi/eclipse-zenoh@", "pkg:deb/debian/libyaml-cpp0."):
+        assert [url for url in urls if url.startswith(name)], name
+    assert not [url for url in urls if "ceres" in url], "A-LOAM's programs are in no package"
 
 
 def suite_of_this_machine() -> str:

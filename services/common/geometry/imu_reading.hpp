@@ -7,7 +7,7 @@
 
 namespace zloam {
 
-/// One reading, in the sensor's axes: specific force (m/s^2, +g on z at rest) and rate of turn
+/// One reading, in the sensor's axes: specific force (m/s^2, +g on z at rest) and angular rate
 /// (rad/s), after REP 145.
 struct ImuReading {
   /// ns since the Unix epoch

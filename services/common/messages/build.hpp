@@ -24,7 +24,7 @@ using Buffer = flatbuffers::DetachedBuffer;
 struct SweepFields {
   PointSpan points{};
   std::span<const std::uint16_t> columns{};
-  std::uint32_t period_ns = 0;
+  std::uint32_t period_ns = 100'000'000;
   std::uint16_t rings = 0;
   std::string model{};
   msg::ReturnMode return_mode = msg::ReturnMode::Unknown;

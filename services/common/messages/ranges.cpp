@@ -17,6 +17,11 @@ constexpr double kMostOfTwist = 1e4;
 constexpr double kMostOfImu = 1e6;
 constexpr double kMostOfNumber = 1e15;
 constexpr float kMostOfPoint_m = 1e6F;
+// From days before 1970 (recordings begin at 0, and offsets go below) to the year 2096: sums and
+// differences of two or three stay far from where they overflow.
+constexpr std::int64_t kLeast_ns = -1'000'000'000'000'000;
+constexpr std::uint32_t kLeastPeriod_ns = 1'000'000;
+constexpr std::int64_t kMost_ns = 4'000'000'000'000'000'000;
 
 /// Collects the first thing that is wrong.
 class Checker {
@@ -30,7 +35,15 @@ class Checker {
     if (h == nullptr) return require(false, "the header is missing");
     require(h->robot() != nullptr && h->robot()->size() > 0, "header.robot is missing");
     require(h->instance() != nullptr && h->instance()->size() > 0, "header.instance is missing");
-    return require(h->frame() != nullptr, "header.frame is missing");
+    require(h->frame() != nullptr, "header.frame is missing");
+    return time(h->stamp_ns(), "header.stamp_ns")
+        .time(h->last_packet_ns(), "header.last_packet_ns");
+  }
+
+  Checker& time(std::int64_t time_ns, std::string_view name) {
+    return time_ns >= kLeast_ns && time_ns <= kMost_ns
+               ? *this
+               : require(false, std::string(name) + " is no time of this century");
   }
 
   Checker& finite(double value, std::string_view name) {
@@ -42,6 +55,11 @@ class Checker {
     return std::abs(value) <= most
                ? *this
                : require(false, std::string(name) + " is not finite or too large");
+  }
+
+  /// Velocities and their variances are over this.
+  Checker& period(std::uint32_t period_ns, std::size_t points) {
+    return require(points == 0 || period_ns >= kLeastPeriod_ns, "period_ns is below a millisecond");
   }
 
   Checker& vec(const msg::Vec3* v, std::string_view name, double most = kMost_m) {
@@ -106,7 +124,7 @@ class Checker {
   Checker& rings(const flatbuffers::Vector<const msg::Point*>* points, std::uint16_t rings,
                  std::string_view name) {
     bool ok = true;
-    for (const Point& p : points_of(points)) ok = ok && p.ring < rings;
+    for (const Point& p : points_of(points)) ok = ok && (rings == 0 || p.ring < rings);
     return ok ? *this : require(false, std::string(name) + ": a ring is not below rings");
   }
 
@@ -135,6 +153,7 @@ class Checker {
 
   Checker& imu(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
     for (const msg::ImuSample& s : structs_of(samples)) {
+      time(s.stamp_ns(), "imu.stamp_ns");
       vec(&s.linear_acceleration(), "imu", kMostOfImu);
       vec(&s.angular_velocity(), "imu", kMostOfImu);
     }
@@ -166,6 +185,7 @@ Checker& weak(Checker& c, const M& m) {
 std::string range_error(const msg::Cloud& m) {
   return Checker()
       .header(m.header())
+      .time(m.instant_ns(), "instant_ns")
       .finite_points(m.points(), "points")
       .pose(m.pose_frame_base(), "pose_frame_base")
       .take();
@@ -196,6 +216,7 @@ std::string range_error(const msg::Features& m) {
   c.finite_points(m.less_sharp(), "less_sharp").rings(m.less_sharp(), m.rings(), "less_sharp");
   c.finite_points(m.flat(), "flat").rings(m.flat(), m.rings(), "flat");
   c.finite_points(m.less_flat(), "less_flat").rings(m.less_flat(), m.rings(), "less_flat");
+  c.period(m.period_ns(), points_of(m.less_sharp()).size() + points_of(m.less_flat()).size());
   c.vec(m.removed_rotation(), "removed_rotation").vec(m.removed_shift(), "removed_shift");
   c.imu(m.imu());
   c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
@@ -222,8 +243,11 @@ std::string range_error(const msg::GnssBatch& m) {
 }
 
 std::string range_error(const msg::HostTime& m) {
-  if (m.sent_ns() < m.received_ns()) return "it was sent before the question came";
-  return {};
+  return Checker()
+      .time(m.received_ns(), "received_ns")
+      .time(m.sent_ns(), "sent_ns")
+      .require(m.sent_ns() >= m.received_ns(), "it was sent before the question came")
+      .take();
 }
 
 std::string range_error(const msg::ImuBatch& m) {
@@ -232,13 +256,15 @@ std::string range_error(const msg::ImuBatch& m) {
 
 std::string range_error(const msg::MapCorrection& m) {
   Checker c;
-  c.header(m.header()).pose(m.pose_map_odom(), "pose_map_odom").covariance(m.covariance());
+  c.header(m.header()).time(m.instant_ns(), "instant_ns");
+  c.pose(m.pose_map_odom(), "pose_map_odom").covariance(m.covariance());
   return weak(c, m).health(m.health()).take();
 }
 
 std::string range_error(const msg::MapPose& m) {
   return Checker()
       .header(m.header())
+      .time(m.instant_ns(), "instant_ns")
       .pose(m.pose_map_base(), "pose_map_base")
       .twist(m.twist())
       .covariance(m.covariance())
@@ -262,13 +288,15 @@ std::string range_error(const msg::MapTile& m) {
 
 std::string range_error(const msg::Odometry& m) {
   Checker c;
-  c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
+  c.header(m.header()).time(m.instant_ns(), "instant_ns");
+  c.pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
   return weak(c.covariance(m.covariance()), m).health(m.health()).take();
 }
 
 std::string range_error(const msg::OdometryFeatures& m) {
   Checker c;
-  c.header(m.header()).pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
+  c.header(m.header()).time(m.instant_ns(), "instant_ns");
+  c.pose(m.pose_odom_base(), "pose_odom_base").twist(m.twist());
   c.covariance(m.covariance()).pose(m.pose_base_lidar(), "pose_base_lidar");
   c.covariance(m.state_covariance(), 144, "state_covariance");
   c.vec(m.inertial_velocity_change(), "inertial_velocity_change");
@@ -286,6 +314,7 @@ std::string range_error(const msg::Packets& m) {
   c.header(m.header());
   const std::uint64_t size = m.data() == nullptr ? 0 : m.data()->size();
   for (const msg::PacketEntry& e : structs_of(m.entries())) {
+    c.time(e.received_ns(), "received_ns");
     c.require(std::uint64_t{e.offset()} + e.length() <= size, "an entry lies outside of data");
   }
   return c.take();
@@ -294,7 +323,9 @@ std::string range_error(const msg::Packets& m) {
 std::string range_error(const msg::Path& m) {
   Checker c;
   c.header(m.header());
-  for (const msg::StampedPose& p : structs_of(m.poses())) c.pose(p.pose(), "poses");
+  for (const msg::StampedPose& p : structs_of(m.poses())) {
+    c.time(p.instant_ns(), "poses").pose(p.pose(), "poses");
+  }
   return c.take();
 }
 
@@ -323,7 +354,7 @@ std::string range_error(const msg::Status& m) {
 std::string range_error(const msg::Sweep& m) {
   Checker c;
   c.header(m.header()).health(m.health()).imu(m.imu());
-  c.rings(m.points(), m.rings(), "points");
+  c.rings(m.points(), m.rings(), "points").period(m.period_ns(), points_of(m.points()).size());
   if (m.columns() != nullptr && m.columns()->size() > 0) {
     c.parallel(m.points(), m.columns(), "columns");
   }

@@ -168,6 +168,46 @@ TEST(Verify, PosesMustBeFiniteAndOfUnitLength) {
   expect_invalid(check<msg::MapCorrection>(b.Release()), "unit length");
 }
 
+// Found by tests/fuzz: stamps near the ends of 64 bits overflowed in the first sum.
+TEST(Verify, TimesMustBeOfThisCentury) {
+  using Limits = std::numeric_limits<std::int64_t>;
+  for (const std::int64_t wrong_ns : {Limits::max(), Limits::min(), Limits::max() - 100'000'000}) {
+    HeaderFields stamped = header();
+    stamped.stamp_ns = wrong_ns;
+    expect_invalid(check<msg::Sweep>(build(stamped, SweepFields{})), "stamp_ns");
+    OdometryFields odometry;
+    odometry.instant_ns = wrong_ns;
+    expect_invalid(check<msg::Odometry>(build(header(), odometry)), "instant_ns");
+    OdometryFeaturesFields features;
+    features.instant_ns = wrong_ns;
+    expect_invalid(check<msg::OdometryFeatures>(build(header(), features)), "instant_ns");
+    MapPoseFields pose;
+    pose.instant_ns = wrong_ns;
+    expect_invalid(check<msg::MapPose>(build(header(), pose)), "instant_ns");
+    MapCorrectionFields correction;
+    correction.instant_ns = wrong_ns;
+    expect_invalid(check<msg::MapCorrection>(build(header(), correction)), "instant_ns");
+  }
+  for (const std::int64_t right_ns : {std::int64_t{0}, std::int64_t{1'764'000'000'000'000'000}}) {
+    HeaderFields stamped = header();
+    stamped.stamp_ns = right_ns;
+    EXPECT_TRUE(check<msg::Sweep>(build(stamped, SweepFields{})).ok()) << right_ns;
+  }
+}
+
+// Found by tests/fuzz: a covariance that is no number was published for it.
+TEST(Verify, SweepsAndFeaturesWithPointsHaveAPeriod) {
+  const PointVector points(3, point());
+  expect_invalid(check<msg::Sweep>(
+                     build(header(), SweepFields{.points = points, .period_ns = 0, .rings = 16})),
+                 "period_ns");
+  FeaturesFields f{.rings = 16, .less_flat = points};
+  expect_invalid(check<msg::Features>(build(header(), f)), "period_ns");
+  f.period_ns = 100'000'000;
+  EXPECT_TRUE(check<msg::Features>(build(header(), f)).ok());
+  EXPECT_TRUE(check<msg::Features>(build(header(), FeaturesFields{.rings = 16})).ok());
+}
+
 TEST(Verify, CovarianceHas36ValuesOrNone) {
   for (const std::size_t size : {0U, 1U, 35U, 36U, 37U}) {
     flatbuffers::FlatBufferBuilder b;

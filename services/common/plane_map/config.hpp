@@ -1,5 +1,5 @@
 #pragma once
-// Settings of the voxel plane map and of the registration against it. Lengths in metres, angles in
+// Settings of the voxel plane map and of matching sweeps to it. Lengths in metres, angles in
 // rad; "sigmas" are multiples of the range noise.
 
 #include <Eigen/Core>

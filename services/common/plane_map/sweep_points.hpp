@@ -1,5 +1,5 @@
 #pragma once
-// A sweep made ready for registration: valid points in order of time slots, and the motion of each
+// A sweep made ready for matching: valid points in order of time slots, and the motion of each
 // slot under a constant twist over the sweep.
 
 #include <array>

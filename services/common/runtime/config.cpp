@@ -7,7 +7,10 @@ namespace zloam::runtime {
 namespace {
 
 void bind_zenoh(Parameters& p, ZenohConfig& c) {
-  p.add("zenoh.host", &c.host, "address of the stages' own endpoints", Effect::kNone);
+  p.add("zenoh.host", &c.host,
+        "address of the stages' own endpoints; <stage> in it stands for a stage's name, where each "
+        "runs on a host or in a container of its own",
+        Effect::kNone);
   p.add("zenoh.base_port", &c.base_port, {0, 65000}, "",
         "port of the driver; the next stages listen on the following ports; 0: no endpoints",
         Effect::kNone);
@@ -42,6 +45,12 @@ void bind_recovery(Parameters& p, RecoveryConfig& c) {
 }
 
 }  // namespace
+
+std::vector<std::string> owned_sections() {
+  std::vector<std::string> sections = {"monitor", "recorder", "router", "aloam"};
+  for (const StageRow& row : stage_list()) sections.push_back(row.name);
+  return sections;
+}
 
 void bind(Parameters& p, SharedConfig& c) {
   p.add("robot", &c.robot, "name of the robot in all keys", Effect::kNone);

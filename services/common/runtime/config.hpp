@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/geometry/se3.hpp"
+#include "common/runtime/stage_list.hpp"
 
 namespace zloam::runtime {
 
@@ -28,8 +29,9 @@ struct MountingConfig {
 };
 
 struct ZenohConfig {
+  /// `<stage>` in it: each stage is on a host of its own, which has the stage's name in that place
   std::string host = "127.0.0.1";
-  /// stage i of kStageOrder listens on base_port + i and connects to all the others'; 0: neither
+  /// stage i of stage_list() listens on base_port + i and connects to those behind it; 0: neither
   int base_port = 7460;
   /// replaces the stage's own listen endpoint, e.g. tcp/127.0.0.1:0 for a second instance
   std::vector<std::string> listen;
@@ -51,9 +53,9 @@ struct LogConfig {
 struct FlowConfig {
   /// sweeps under way in replay
   int window = 8;
-  std::vector<std::string> sinks = {"integration", "mapping"};
+  std::vector<std::string> sinks = acknowledging_stages();
   /// stages that must be ready before the first sweep of a replay
-  std::vector<std::string> wait_for = {"registration", "odometry", "mapping", "integration"};
+  std::vector<std::string> wait_for = stages_behind_the_source();
   /// a sweep is published again after so long without progress
   int retransmit_ms = 1000;
 };
@@ -85,14 +87,8 @@ struct SharedConfig {
   RecoveryConfig recovery;
 };
 
-/// Order of the stages' ports.
-inline constexpr const char* kStageOrder[] = {"driver",  "registration", "odometry",
-                                              "mapping", "integration",  "simulator"};
-
 /// Sections of the robot's file that belong to single programs; each reads its own.
-inline constexpr const char* kOwnedSections[] = {
-    "driver",  "registration", "odometry", "mapping", "integration", "simulator",
-    "monitor", "recorder",     "router",   "store",   "aloam"};
+std::vector<std::string> owned_sections();
 
 void bind(Parameters& parameters, SharedConfig& config);
 

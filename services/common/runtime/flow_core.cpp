@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <limits>
 
-#include "common/messages/verify.hpp"
 #include "common/runtime/log.hpp"
+#include "common/runtime/read.hpp"
 #include "common/runtime/run_id.hpp"
 
 namespace zloam::runtime {
@@ -14,21 +14,6 @@ constexpr std::int64_t kRetry_ns = 100 * kMs;
 constexpr std::int64_t kWord_ns = 2000 * kMs;
 constexpr std::int64_t kMaxAgain_ns = 10'000 * kMs;
 constexpr std::chrono::milliseconds kGetTimeout{1000};
-
-/// The message of a sample when it is in order, with what keeps its bytes.
-template <class T>
-class Read {
- public:
-  explicit Read(const zenoh::Sample& sample) : bytes_(zenoh::view_aligned(sample.payload)) {
-    ok_ = verify<T>(bytes_.data(), sample.encoding).ok();
-  }
-  explicit operator bool() const { return ok_; }
-  const T* operator->() const { return &message_of<T>(bytes_.data()); }
-
- private:
-  zenoh::AlignedBytes bytes_;
-  bool ok_ = false;
-};
 
 zenoh::PublisherOptions ack_options(const std::string& encoding) {
   zenoh::PublisherOptions o;
@@ -99,8 +84,7 @@ FlowWindowCore::FlowWindowCore(FlowWindowSetup setup, const Keys& keys, OutletCo
 }
 
 void FlowWindowCore::on_ack(const zenoh::Sample& sample) {
-  if (!fits(Key::kFlowAck, sample.payload.size())) return;
-  const Read<msg::FlowAck> ack(sample);
+  const Read<msg::FlowAck> ack(Key::kFlowAck, sample);
   if (!ack) return;
   {
     const std::lock_guard lock(mutex_);
@@ -203,7 +187,7 @@ std::map<std::string, std::string> FlowWindowCore::missing_stages(
   for (const std::string& stage : setup_.flow.wait_for) missing[stage] = "not there";
   std::map<std::string, bool> ready;
   for (const zenoh::Sample& sample : samples) {
-    const Read<msg::Status> status(sample);
+    const Read<msg::Status> status(Key::kStatus, sample);
     if (!status) continue;
     const std::string stage = status->stage()->str();
     const bool fit = status->health() == msg::ServiceHealth::Ready ||
@@ -254,7 +238,7 @@ void FlowWindowCore::tick_configs(std::int64_t now) {
     next_try_ = now + kRetry_ns;
     std::map<std::string, std::string> hashes = {{setup_.own_stage, setup_.own_result_hash}};
     for (const zenoh::Sample& sample : *samples) {
-      const Read<msg::EffectiveConfig> config(sample);
+      const Read<msg::EffectiveConfig> config(Key::kConfig, sample);
       if (!config) continue;
       const std::string stage = config->stage()->str();
       const std::string hash = config->result_hash()->str();

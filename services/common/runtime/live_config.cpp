@@ -101,7 +101,7 @@ LiveConfig::LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Ke
       bell_(std::move(bell)),
       post_(std::move(post)),
       effective_(std::move(at_start)) {
-  for (const char* stage : kStageOrder) schedules_[stage];
+  for (const StageRow& row : stage_list()) schedules_[row.name];
   schedules_[setup_.identity.stage];
   if (setup_.parameters != nullptr) base_json_ = setup_.parameters->live_values_json();
   for (const Revision& preset : setup_.presets) {
@@ -148,6 +148,8 @@ void LiveConfig::declare() {
 void LiveConfig::hear_token(const std::string& key, bool there) {
   if (there) {
     lives_.came(key, steady_ns());
+    // What was changed while there was no link to it has not been heard of here.
+    hinted_ = true;
     return;
   }
   const auto found = schedules_.find(stage_of_token(key));

@@ -47,7 +47,7 @@ std::uint64_t lockable_bytes() {
 
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib) {
   const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
-  return lockable_bytes / std::size(kStageOrder) >= pool;
+  return lockable_bytes / stage_list().size() >= pool;
 }
 
 // A file there takes its room only as it is written: a pool that was made and finds none then ends
@@ -60,9 +60,9 @@ std::string no_place_for_pools(const std::string& folder, int pool_mib) {
   const std::uint64_t whole = std::uint64_t{about.f_blocks} * about.f_frsize;
   const std::uint64_t left = std::uint64_t{about.f_bavail} * about.f_frsize;
   const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
-  if (whole < pool * std::size(kStageOrder)) {
+  if (whole < pool * stage_list().size()) {
     return folder + " has " + std::to_string(whole >> 20) + " MiB, and the stages' pools take " +
-           std::to_string((pool * std::size(kStageOrder)) >> 20);
+           std::to_string((pool * stage_list().size()) >> 20);
   }
   if (left < pool) {
     return folder + " has " + std::to_string(left >> 20) + " MiB left, and a pool takes " +

@@ -196,7 +196,7 @@ int run(const StageSpec& spec, const CommandLine& line) {
   }
   // Others' sections are passed over but for the keys that this stage reads as well; an unknown key
   // in its own is an error.
-  std::vector<std::string> foreign(std::begin(kOwnedSections), std::end(kOwnedSections));
+  std::vector<std::string> foreign = owned_sections();
   std::erase(foreign, spec.variant.empty() ? spec.name : spec.variant);
   parameters.load(line.config, line.settings, foreign);
   std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);

@@ -15,6 +15,9 @@ constexpr std::int64_t kSilence_ns = 2'000'000'000;
 constexpr int kEnoughFar = 3;
 // Answers without any message (of replicas: answers) before a replay is joined where it stands.
 constexpr int kJoinAttempts = 5;
+// A live run that begins with a number above this was joined in the middle. Below it the first
+// messages were lost on a link that had just come up, and their publisher still has them.
+constexpr std::uint64_t kMissedAtStart = 3;
 constexpr std::size_t kMaxMissing = 256;
 constexpr std::int64_t kMaxWait_ns = 8'000'000'000;
 
@@ -41,8 +44,9 @@ void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   replay_ = first.header->replay();
   replay_known_ = true;
   const std::uint64_t sweep = first.header->sweep();
-  next_ = replay_ ? 0 : sweep;
-  joining_ = replay_ && sweep != 0;
+  const bool from_the_start = replay_ || sweep <= kMissedAtStart;
+  next_ = from_the_start ? 0 : sweep;
+  joining_ = from_the_start && sweep != 0;
   held_.clear();
   given_up_sweeps_.clear();
   gap_since_.reset();
@@ -158,7 +162,11 @@ std::optional<Message> Sequencer::next(std::int64_t now_ns) {
     // A newer run waits: what this one lacks will not be published any more.
     const bool late = !replay_ && gap_since_ && now_ns - *gap_since_ >= late_ns();
     if (!late && future_.empty()) return std::nullopt;
-    give_up_gap();
+    if (joining_ && !replay_) {
+      begin_where_it_stands();
+    } else {
+      give_up_gap();
+    }
   }
   Message message = take_front();
   note_gap(now_ns);
@@ -199,7 +207,12 @@ std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns) {
 void Sequencer::answered(const Request& request, std::size_t messages) {
   if (!joining_ || request.run != run_ || held_.empty()) return;
   if ((messages == 0 || limits_.replicas) && asked_ < kJoinAttempts) return;
-  // The publisher has told what it still holds; what lies below was finished by those before us.
+  begin_where_it_stands();
+}
+
+// The publisher has told what it still holds; what lies below was finished by those before us, or
+// before anybody listened.
+void Sequencer::begin_where_it_stands() {
   next_ = held_.begin()->first;
   joining_ = false;
   gap_since_.reset();

@@ -85,6 +85,7 @@ class Sequencer {
   bool gap() const { return !held_.empty() && !ready(); }
   void note_gap(std::int64_t now_ns);
   void give_up_gap();
+  void begin_where_it_stands();
   void give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop);
   void enforce_bound();
   void switch_run(std::int64_t now_ns);

@@ -1,54 +1,90 @@
 #include "common/runtime/session_config.hpp"
 
-#include <iterator>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <random>
+#include <string_view>
 
 namespace zloam::runtime {
 namespace {
 
 std::string text(const std::vector<std::string>& list) { return nlohmann::json(list).dump(); }
 
-/// Where siblings that listen on this address are reached: "all interfaces" is no destination.
-std::string destination(const std::string& host) {
+constexpr std::string_view kStage = "<stage>";
+
+bool has_own_hosts(const ZenohConfig& config) {
+  return config.host.find(kStage) != std::string::npos;
+}
+
+std::string listen_address(const ZenohConfig& config) {
+  return has_own_hosts(config) ? "0.0.0.0" : config.host;
+}
+
+/// Where a stage is reached: "all interfaces" is no destination.
+std::string address_of(const ZenohConfig& config, const std::string& stage) {
+  std::string host = config.host;
+  if (has_own_hosts(config)) return host.replace(host.find(kStage), kStage.size(), stage);
   if (host == "0.0.0.0") return "127.0.0.1";
   return host == "[::]" ? "[::1]" : host;
+}
+
+/// Of those that are in no chain, and of second instances: above all stages.
+constexpr std::uint8_t kOutside = 16;
+
+std::uint8_t initiative_of(std::optional<std::size_t> place, bool second_instance) {
+  const auto& rows = stage_list();
+  if (!place || !rows[*place].in_chain) return kOutside;
+  const auto behind = static_cast<std::uint8_t>(rows.size() - *place);
+  return second_instance ? kOutside + behind : behind;
+}
+
+/// Zenoh compares identifiers from the last two digits on.
+std::string identifier(std::uint8_t initiative) {
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  std::random_device random;
+  std::uniform_int_distribution<std::size_t> digit(1, kDigits.size() - 1);
+  std::string id;
+  while (id.size() < 30) id += kDigits[digit(random)];
+  return id + kDigits[initiative >> 4] + kDigits[initiative & 15];
 }
 
 }  // namespace
 
 Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage) {
   Endpoints e;
-  if (config.base_port > 0) {
-    for (std::size_t i = 0; i < std::size(kStageOrder); ++i) {
-      const std::string port = ":" + std::to_string(config.base_port + static_cast<int>(i));
-      if (stage == kStageOrder[i]) {
-        e.listen.push_back("tcp/" + config.host + port);
-      } else {
-        e.connect.push_back("tcp/" + destination(config.host) + port);
-      }
+  const auto& rows = stage_list();
+  const std::optional<std::size_t> own = stage_place(stage);
+  const bool second_instance = config.base_port > 0 && !config.listen.empty();
+  e.initiative = initiative_of(own, second_instance);
+  for (std::size_t i = 0; config.base_port > 0 && i < rows.size(); ++i) {
+    const std::string port = ":" + std::to_string(config.base_port + static_cast<int>(i));
+    if (i == own && !second_instance) {
+      e.listen.push_back("tcp/" + listen_address(config) + port);
+    } else if (rows[i].in_chain && (i > own || e.initiative >= kOutside)) {
+      e.connect.push_back("tcp/" + address_of(config, rows[i].name) + port);
     }
   }
-  if (!config.listen.empty()) {
-    // A second instance, away from its stage's port: the first one is a sibling then.
-    e.connect.insert(e.connect.end(), e.listen.begin(), e.listen.end());
-    e.listen = config.listen;
-  }
-  if (e.listen.empty()) e.listen = {"tcp/" + config.host + ":0"};
+  if (!config.listen.empty()) e.listen = config.listen;
+  if (e.listen.empty()) e.listen = {"tcp/" + listen_address(config) + ":0"};
   e.connect.insert(e.connect.end(), config.connect.begin(), config.connect.end());
   return e;
 }
 
 zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoints) {
   zenoh::Config c = zenoh::Config::create_default();
+  c.insert_json5("id", '"' + identifier(endpoints.initiative) + '"');
   c.insert_json5("mode", "\"peer\"");
   c.insert_json5("listen/endpoints", text(endpoints.listen));
   c.insert_json5("connect/endpoints", text(endpoints.connect));
   c.insert_json5("connect/exit_on_failure", "false");
   c.insert_json5("connect/timeout_ms", "-1");
+  // A stage that starts again is found by those before it at once: what comes from them waits.
   c.insert_json5("connect/retry",
-                 "{period_init_ms: 100, period_max_ms: 1000, period_increase_factor: 2}");
+                 "{period_init_ms: 100, period_max_ms: 100, period_increase_factor: 1}");
   c.insert_json5("scouting/multicast/enabled", "false");
   c.insert_json5("scouting/gossip/enabled", "true");
+  c.insert_json5("scouting/gossip/autoconnect_strategy",
+                 R"({peer: {to_router: "always", to_peer: "greater-zid"}})");
   c.insert_json5("timestamping/enabled", "true");
   c.insert_json5("transport/link/tx/lease", std::to_string(config.lease_ms));
   const std::string shm = "transport/shared_memory/";

@@ -1,6 +1,7 @@
 #pragma once
 // Zenoh's configuration of a stage from the section zenoh of the robot's file.
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -13,10 +14,20 @@ namespace zloam::runtime {
 struct Endpoints {
   std::vector<std::string> listen;
   std::vector<std::string> connect;
+  /// Of two peers only the one with more initiative connects to the other. Peers that connect to
+  /// each other at once can get two links, and when both are lost (a stage that stood still for
+  /// longer than the lease) the new one can stay without the declarations of one side: its
+  /// messages are dropped as "unknown scope" until it is lost in turn.
+  std::uint8_t initiative = 0;
 };
+
+/// A stage connects to those that come after it in the chain; what is no stage of the chain, or a
+/// second instance away from its stage's port, connects to all of the chain.
 Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage);
 
 /// A peer: explicit endpoints retried for ever, no multicast, gossip, time stamps, shared memory.
+/// Peers that gossip tells of are connected to by the same rule, which Zenoh decides by the
+/// greater identifier: initiative is its most significant byte for that comparison.
 zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoints);
 
 }  // namespace zloam::runtime

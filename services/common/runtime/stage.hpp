@@ -18,9 +18,9 @@
 //       }});
 //   }
 //
-// Threads: everything that a stage passes in (handlers, commands, answers, turns) runs on the one
-// worker thread, in turn, so a stage needs no lock. Only notify(), accounts and figures may be used
-// from others.
+// Threads: everything that a stage passes in (handlers, commands, answers, polls) runs on the one
+// worker thread, one after another, so a stage needs no lock. Only notify(), accounts and figures
+// may be used from others.
 
 #include <functional>
 #include <memory>
@@ -101,8 +101,8 @@ class Answer {
   virtual void refuse(const std::string& reason) = 0;
 };
 
-/// What a turn of a source says: more at once, or wait for notify() (or the next 20 ms).
-enum class Turn : std::uint8_t { kAgain, kWait };
+/// What a source says when it is polled: more at once, or wait for notify() (or the next 20 ms).
+enum class Poll : std::uint8_t { kAgain, kWait };
 
 class Stage {
  public:
@@ -155,7 +155,7 @@ class Stage {
       std::function<void(std::uint64_t run, std::uint64_t from_sweep)> task) = 0;
 
   /// Called again and again between messages: sources, files, pacing.
-  virtual void on_turn(std::function<Turn()> turn) = 0;
+  virtual void on_poll(std::function<Poll()> poll) = 0;
   /// Called every period on the worker, late when it is busy.
   virtual void every(std::chrono::milliseconds period, std::function<void()> task) = 0;
   /// The last sweep of a run is processed here: write files. Once per run.

@@ -7,7 +7,7 @@
 namespace zloam::runtime {
 namespace {
 
-constexpr std::int64_t kTurn_ns = 20 * kMs;
+constexpr std::int64_t kPoll_ns = 20 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
 constexpr std::size_t kOutputMemory = 256;
 // Questions and commands that wait for the worker.
@@ -191,7 +191,7 @@ bool StageCore::work() {
   }
   if (window_) window_->tick();
   live_->tick();
-  for (const auto& turn : turns_) busy = turn() == Turn::kAgain || busy;
+  for (const auto& poll : polls_) busy = poll() == Poll::kAgain || busy;
   run_timers();
   return busy;
 }
@@ -207,7 +207,7 @@ void StageCore::run_timers() {
 
 void StageCore::wait() {
   const std::int64_t now = steady_ns();
-  std::int64_t until = now + (turns_.empty() ? kIdle_ns : kTurn_ns);
+  std::int64_t until = now + (polls_.empty() ? kIdle_ns : kPoll_ns);
   const auto sooner = [&until](std::optional<std::int64_t> t) {
     if (t) until = std::min(until, *t);
   };

@@ -75,7 +75,7 @@ class StageCore final : public Stage, private InletEvents {
     live_->answer_set_if(std::move(mine));
   }
   void on_late_revision(std::function<void(std::uint64_t, std::uint64_t)> task) override;
-  void on_turn(std::function<Turn()> turn) override { turns_.push_back(std::move(turn)); }
+  void on_poll(std::function<Poll()> poll) override { polls_.push_back(std::move(poll)); }
   void every(std::chrono::milliseconds period, std::function<void()> task) override;
   void on_end_of_run(std::function<void(std::uint64_t)> task) override;
   void on_new_run(std::function<void(const msg::Header&)> task) override;
@@ -159,7 +159,7 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<zenoh::Queryable> queryables_;
   /// from declare_service() to close()
   std::optional<HostTimes> host_times_;
-  std::vector<std::function<Turn()>> turns_;
+  std::vector<std::function<Poll()>> polls_;
   struct Timer {
     std::int64_t period_ns, next_ns;
     std::function<void()> task;
@@ -201,6 +201,7 @@ class StageCore final : public Stage, private InletEvents {
   InputWatch input_watch_;
   std::string said_of_others_;
   std::uint64_t oversized_ = 0;
+  int looks_at_heap_ = 0;
 
   std::optional<zenoh::LivelinessToken> alive_;
   std::optional<zenoh::Subscriber> drivers_;

@@ -19,13 +19,13 @@ constexpr std::chrono::milliseconds kStatusPeriod{1000};
 constexpr std::int64_t kClocksApart_ns = 50 * kMs;
 // Statuses without a drop before an overload is over.
 constexpr int kLooksUntilCalm = 5;
+// Statuses for which the heap is given back after an oversized message: what was still on its way
+// at the first one is free by then.
+constexpr int kLooksAtHeap = 5;
 constexpr std::int64_t kStandByLook_ns = 20 * kMs;
 // For any other stage's link, and from the first one's on for the elder's.
 constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50};
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
-
-/// Of these there is one in a robot; registration has as many replicas as are wanted.
-constexpr std::array kSingletons = {"driver", "odometry", "mapping", "integration", "store"};
 
 /// The last chunk of a driver's token.
 std::optional<std::uint64_t> run_of(const std::string& key) {
@@ -35,18 +35,6 @@ std::optional<std::uint64_t> run_of(const std::string& key) {
   if (error != std::errc{} || rest != end) return std::nullopt;
   return run;
 }
-
-/// Which stage reads a key inside the robot: readiness waits for it when it is part of the
-/// deployment.
-struct Reader {
-  Key key;
-  const char* stage;
-};
-constexpr std::array kReaders = {
-    Reader{Key::kSweep, "registration"},        Reader{Key::kFeatures, "odometry"},
-    Reader{Key::kOdometry, "integration"},      Reader{Key::kOdometryFeatures, "mapping"},
-    Reader{Key::kMapCorrection, "integration"},
-};
 
 }  // namespace
 
@@ -80,9 +68,8 @@ std::vector<Account> StageCore::accounts() const {
 std::string StageCore::unmatched() const {
   const auto& stages = setup_.shared.flow.wait_for;
   for (const auto& outlet : outlets_) {
-    for (const Reader& reader : kReaders) {
-      if (reader.key != outlet->row()) continue;
-      const bool deployed = std::find(stages.begin(), stages.end(), reader.stage) != stages.end();
+    for (const std::string& reader : readers_of(outlet->row())) {
+      const bool deployed = std::find(stages.begin(), stages.end(), reader) != stages.end();
       if (deployed && !outlet->matching()) return outlet->key();
     }
   }
@@ -158,7 +145,7 @@ void StageCore::note_source(StatusFields* f) const {
 
 void StageCore::watch_tokens() {
   const Identity& id = setup_.identity;
-  if (std::find(kSingletons.begin(), kSingletons.end(), id.stage) != kSingletons.end()) {
+  if (const auto place = stage_place(id.stage); place && !stage_list()[*place].replicas) {
     singleton_.emplace(session_, keys_, id.stage, Seniority{started_ns_, id.instance}, muted_);
   }
   // What a driver reads is of no driver's run.
@@ -225,7 +212,10 @@ void StageCore::watch_oversized() {
     const std::lock_guard lock(bell_->mutex);
     now = bell_->oversized;
   }
-  if (std::exchange(oversized_, now) != now) give_back_heap();
+  if (std::exchange(oversized_, now) != now) looks_at_heap_ = kLooksAtHeap;
+  if (looks_at_heap_ == 0) return;
+  give_back_heap();
+  if (--looks_at_heap_ == 0) keep_heap();
 }
 
 void StageCore::declare_status() {

@@ -4,6 +4,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <fstream>
 
@@ -69,8 +70,17 @@ ProcessUsage process_usage() {
   return usage;
 }
 
+namespace {
+#ifdef __GLIBC__
+std::atomic<int> kept_bytes = 0;
+// What is freed at the end of an arena goes back from here on.
+constexpr int kGivenBack_bytes = 1 << 20;
+#endif
+}  // namespace
+
 void bound_heap([[maybe_unused]] int kept_block_bytes) {
 #ifdef __GLIBC__
+  kept_bytes = kept_block_bytes;
   // Set, as glibc would raise them by itself. What is below is cut out of the heap, where a small
   // block above it keeps it from going back.
   mallopt(M_MMAP_THRESHOLD, kept_block_bytes);
@@ -81,7 +91,15 @@ void bound_heap([[maybe_unused]] int kept_block_bytes) {
 
 void give_back_heap() {
 #ifdef __GLIBC__
+  // malloc_trim passes over the end of every arena but the first: the next free there looks at this.
+  if (kept_bytes > 0) mallopt(M_TRIM_THRESHOLD, std::min<int>(kept_bytes, kGivenBack_bytes));
   malloc_trim(0);
+#endif
+}
+
+void keep_heap() {
+#ifdef __GLIBC__
+  if (kept_bytes > 0) mallopt(M_TRIM_THRESHOLD, kept_bytes);
 #endif
 }
 

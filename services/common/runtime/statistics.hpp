@@ -46,7 +46,10 @@ ProcessUsage process_usage();
 /// To be called before other threads start: what is freed beyond a block of this size goes back to
 /// the system instead of staying in one heap for each thread.
 void bound_heap(int kept_block_bytes);
-/// All of the heap that is free goes back to the system: after what was larger than it should be.
+/// All of the heap that is free goes back to the system, and so does what is freed from then on:
+/// after what was larger than it should be.
 void give_back_heap();
+/// As bound_heap() said, again.
+void keep_heap();
 
 }  // namespace zloam::runtime

@@ -51,9 +51,10 @@ const std::string& Query::key() const { return impl_->key; }
 const std::string& Query::parameters() const { return impl_->parameters; }
 const Bytes& Query::payload() const { return impl_->payload; }
 
-void Query::reply(std::string_view key, const Bytes& payload, std::string_view encoding) {
+void Query::reply(std::string_view key, const Bytes& payload, std::string_view encoding,
+                  const Bytes& attachment) {
   detail::check(zloam_query_reply(impl_->handle.get(), detail::slice(key), detail::borrow(payload),
-                                  detail::slice(encoding)),
+                                  detail::slice(encoding), detail::borrow(attachment)),
                 key);
 }
 

@@ -165,7 +165,8 @@ class Query {
   /// The part of the selector behind '?', e.g. "run=1;sweep=3..5".
   const std::string& parameters() const;
   const Bytes& payload() const;
-  void reply(std::string_view key, const Bytes& payload, std::string_view encoding = {});
+  void reply(std::string_view key, const Bytes& payload, std::string_view encoding = {},
+             const Bytes& attachment = {});
   void reply_error(const Bytes& payload);
 
   struct Impl;

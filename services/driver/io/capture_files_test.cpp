@@ -261,12 +261,12 @@ TEST_F(Sources, ErrorsNameTheFile) {
   for (const auto& open :
        {std::function<void(const std::string&)>([](const std::string& p) { open_pcap(p); }),
         std::function<void(const std::string&)>(
-            [](const std::string& p) { open_payload_file(p); })}) {
+            [](const std::string& p) { open_payload_file(p, 1206); })}) {
     EXPECT_THAT(error_of([&] { open(missing); }), HasSubstr(missing));
     EXPECT_THAT(error_of([&] { open(folder_.string()); }), HasSubstr("directory"));
   }
   EXPECT_THAT(error_of([&] { open_pcap(write("e.pcap", {})); }), HasSubstr("empty"));
-  EXPECT_THAT(error_of([&] { open_payload_file(write("e.bin", {})); }), HasSubstr("0 bytes"));
+  EXPECT_THAT(error_of([&] { open_payload_file(write("e.bin", {}), 1206); }), HasSubstr("0 bytes"));
   EXPECT_THAT(error_of([&] { open_pcap(write("t.txt", Bytes(100, 'a'))); }),
               HasSubstr("not a pcap"));
   EXPECT_THAT(error_of([&] { open_pcap(write("w.pcap", pcap_file(kMicroseconds, 147, {}))); }),
@@ -277,7 +277,7 @@ TEST_F(Sources, PayloadFilesReadEndToEndAndNameALeftOver) {
   Bytes bytes;
   for (int i = 0; i < 600; ++i) bytes.insert(bytes.end(), packet_.begin(), packet_.end());
   bytes.insert(bytes.end(), 100, 0);
-  const auto source = open_payload_file(write("p.bin", bytes));
+  const auto source = open_payload_file(write("p.bin", bytes), 1206);
   Datagram datagram;
   int packets = 0;
   while (source->next(datagram, 0) == Read::kDatagram) {

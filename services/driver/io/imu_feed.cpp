@@ -45,9 +45,10 @@ ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
     options.order = runtime::Order::kAsTheyCome;
     options.lossless = true;
     options.outside_runs = true;
-    stage.inlet<msg::ImuBatch>(
-        Key::kImu, options,
-        [this](const runtime::Received<msg::ImuBatch>& batch) { on_batch(batch); });
+    stage.inlet<msg::ImuBatch>(Key::kImu, options,
+                               [this](const runtime::Received<msg::ImuBatch>& batch) {
+                                 on_readings(imu_of(batch->samples()));
+                               });
   }
 }
 
@@ -70,8 +71,12 @@ void ImuFeed::check_time_of(std::int64_t stamp_ns) const {
                     " it; times of one clock are wanted, and readings from the first sweep on");
 }
 
-void ImuFeed::on_batch(const runtime::Received<msg::ImuBatch>& batch) {
-  for (const ImuReading& r : imu_of(batch->samples())) {
+void ImuFeed::add(const std::vector<ImuReading>& readings) {
+  if (config_.imu == ImuChoice::kSensor) on_readings(readings);
+}
+
+void ImuFeed::on_readings(const std::vector<ImuReading>& readings) {
+  for (const ImuReading& r : readings) {
     if (!judged_) first_.push_back(r);
     buffer_.add(r);
   }
@@ -89,8 +94,9 @@ void ImuFeed::on_batch(const runtime::Received<msg::ImuBatch>& batch) {
 }
 
 bool ImuFeed::lacks(std::int64_t end_ns) const {
-  return config_.imu == ImuChoice::kZenoh && usable_ && !buffer_.empty() &&
-         !buffer_.reaches(end_ns) && end_ns - buffer_.last_ns() < kSilent_ns;
+  const bool live = config_.imu == ImuChoice::kZenoh || config_.imu == ImuChoice::kSensor;
+  return live && usable_ && !buffer_.empty() && !buffer_.reaches(end_ns) &&
+         end_ns - buffer_.last_ns() < kSilent_ns;
 }
 
 std::span<const msg::ImuSample> ImuFeed::over(std::int64_t begin_ns, std::int64_t end_ns) {
@@ -112,7 +118,7 @@ void ImuFeed::note_missing() {
   if (without_in_row_ == kSaidAfter) {
     const std::string text =
         "sweeps have no inertial readings that cover them: do they come (imu/<sensor>, "
-        "driver.imu_path), and are their stamps of the lidar's clock?";
+        "driver.imu_path, driver.position_port), and are their stamps of the lidar's clock?";
     runtime::log_warning(text);
     stage_.degraded("imu", text);
   } else if (was_said && without_in_row_ == 0) {

@@ -14,9 +14,11 @@ namespace zloam::driver {
 
 class ImuFeed {
  public:
-  /// Reads the file, or listens. Throws SourceError.
+  /// Reads the file, or listens, or waits for add(). Throws SourceError.
   ImuFeed(runtime::Stage& stage, const DriverConfig& config);
 
+  /// Readings of the lidar's own packets, where they are wanted.
+  void add(const std::vector<ImuReading>& readings);
   bool on() const { return config_.imu != ImuChoice::kNone; }
   /// Throws SourceError when a replay's readings are not of its time.
   void check_time_of(std::int64_t stamp_ns) const;
@@ -31,7 +33,7 @@ class ImuFeed {
  private:
   void refuse_wrong_units(const std::vector<ImuReading>& first) const;
   void note_missing();
-  void on_batch(const runtime::Received<msg::ImuBatch>& batch);
+  void on_readings(const std::vector<ImuReading>& readings);
 
   runtime::Stage& stage_;
   DriverConfig config_;

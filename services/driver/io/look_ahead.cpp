@@ -4,7 +4,6 @@
 #include <limits>
 
 #include "driver/sweep/clock.hpp"
-#include "driver/velodyne/packet.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -12,13 +11,13 @@ namespace {
 constexpr std::int64_t kLookAheadNs = 1'500'000'000;
 // A second and a half of any model, and what else a capture holds.
 constexpr std::size_t kMostKept = 65'536;
-constexpr std::size_t kStampAt = 1200;
 // A first packet that came later than others by less is taken as it came.
 constexpr std::int64_t kLateStartNs = 50'000'000;
 
 }  // namespace
 
-LookAhead::LookAhead(PacketSource& source) : source_(source) {
+LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options)
+    : source_(source), makers_(options) {
   Datagram datagram;
   bool enough = false;
   while (!enough && kept_.size() < kMostKept) {
@@ -34,9 +33,10 @@ LookAhead::LookAhead(PacketSource& source) : source_(source) {
 
 /// Whether it is enough.
 bool LookAhead::add(const Datagram& datagram) {
-  if (datagram.payload.size() != kDataPacketBytes) return false;
+  if (makers_.kind(datagram.payload) != PacketKind::kData) return false;
+  makers_.settle(datagram.payload);
   if (datagram.received_ns == 0) return true;
-  const std::uint32_t toh_us = read_u32(&datagram.payload[kStampAt]);
+  const std::uint32_t toh_us = makers_.maker().toh_us(datagram.payload);
   if (arrivals_.empty()) {
     sender_ = datagram.sender;
     first_toh_us_ = toh_us;

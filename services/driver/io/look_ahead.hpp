@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "driver/decoder/makers.hpp"
 #include "driver/io/packet_source.hpp"
 
 namespace zloam::driver {
@@ -14,7 +15,7 @@ namespace zloam::driver {
 class LookAhead {
  public:
   /// Reads the first second and a half.
-  explicit LookAhead(PacketSource& source);
+  LookAhead(PacketSource& source, const DecodingOptions& options);
 
   /// As the source's, of which nothing is left out.
   Read next(Datagram& datagram);
@@ -38,6 +39,7 @@ class LookAhead {
   std::int64_t least_late() const;
 
   PacketSource& source_;
+  Makers makers_;
   std::deque<Kept> kept_;
   /// whose payload was handed out last
   Kept current_;

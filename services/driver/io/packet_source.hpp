@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "common/geometry/imu_reading.hpp"
+
 namespace zloam::driver {
 
 /// A source that cannot be opened or read; what() names it and says why.
@@ -42,6 +44,8 @@ class PacketSource {
   virtual NamedCounts counts() const = 0;
   /// A sentence when the source ended early or is impaired; empty: all well.
   virtual std::string complaint() const { return {}; }
+  /// Inertial readings that came beside the packets since the last call.
+  virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
 struct UdpOptions {
@@ -72,8 +76,8 @@ std::unique_ptr<UdpSource> open_udp(const UdpOptions& options);
 /// complaint, and what came before is kept.
 std::unique_ptr<PacketSource> open_pcap(const std::string& path);
 
-/// Payloads of 1206 bytes end to end, without receive times.
-std::unique_ptr<PacketSource> open_payload_file(const std::string& path);
+/// Payloads of one length end to end, without receive times.
+std::unique_ptr<PacketSource> open_payload_file(const std::string& path, std::size_t payload_bytes);
 
 /// "192.168.1.201" to its number, 0 for an empty text. Throws SourceError.
 std::uint32_t parse_ipv4(const std::string& address);

@@ -88,13 +88,15 @@ class Reader {
 };
 
 std::vector<std::string> words_of(const RecordingOptions& options) {
-  return {options.reader, "recording",
-          options.path,   "--stream",
-          "--topic",      options.topic,
-          "--time-field", options.time_field,
-          "--time-model", name_of(options.timing.model),
-          "--period-s",   std::to_string(options.timing.period_s),
-          "--seam-deg",   std::to_string(options.timing.seam_deg)};
+  std::vector<std::string> words = {options.reader, "recording",
+                                    options.path,   "--stream",
+                                    "--topic",      options.topic,
+                                    "--time-field", options.time_field,
+                                    "--time-model", name_of(options.timing.model),
+                                    "--period-s",   std::to_string(options.timing.period_s),
+                                    "--seam-deg",   std::to_string(options.timing.seam_deg)};
+  if (options.imu) words.insert(words.end(), {"--imu", "--imu-topic", options.imu_topic});
+  return words;
 }
 
 /// What the reader writes, frame by frame. What is not as it should be is kept as remarks.
@@ -122,6 +124,7 @@ class Frames {
 
   void remark(const std::string& text) { remarks_.push_back(path_ + ": " + text); }
   const std::vector<std::string>& remarks() const { return remarks_; }
+  std::vector<ImuReading> take_imu() { return std::exchange(imu_, {}); }
 
   SourceError foreign() const {
     return SourceError(path_ +
@@ -144,11 +147,21 @@ class Frames {
         case FrameKind::kEnd:
           ended_ = true;
           break;
+        case FrameKind::kReading:
+          keep_reading(head);
+          break;
         default:
           return head;
       }
     }
     return std::nullopt;
+  }
+
+  void keep_reading(const FrameHead& head) {
+    RecordedReading r{};
+    if (head.bytes != sizeof r) throw foreign();
+    reader_.read(&r, sizeof r);
+    imu_.push_back({r.stamp_ns, Eigen::Vector3d(r.force_mps2), Eigen::Vector3d(r.rate_radps)});
   }
 
   std::string text_of(const FrameHead& head) {
@@ -161,6 +174,7 @@ class Frames {
   std::string path_;
   Reader reader_;
   std::vector<std::string> remarks_;
+  std::vector<ImuReading> imu_;
   bool ended_ = false;
 };
 
@@ -207,6 +221,7 @@ class RecordedClouds : public ScanFolder {
   const std::vector<std::string>& files() const override { return files_; }
   NamedCounts counts() const override { return {{"scans", sweeps_}, {"scans_spoilt", spoilt_}}; }
   std::vector<std::string> remarks() const override { return frames_->remarks(); }
+  std::vector<ImuReading> take_imu() override { return frames_->take_imu(); }
 
  private:
   void read_sweep(const FrameHead& head, DecodedSweep& sweep) {
@@ -215,7 +230,6 @@ class RecordedClouds : public ScanFolder {
     if (!sound) throw frames_->foreign();
     RecordedSweep about{};
     frames_->read(&about, sizeof about);
-    if (about.rings == 0) throw frames_->foreign();
     sweep = {};
     sweep.points.resize((head.bytes - sizeof about) / sizeof(Point));
     frames_->read(sweep.points.data(), head.bytes - sizeof about);
@@ -237,6 +251,10 @@ class RecordedClouds : public ScanFolder {
 
   /// Neighbours along a ring are one firing apart: a missing return leaves a number out.
   static void number_columns(DecodedSweep& sweep) {
+    if (sweep.rings == 0) {
+      sweep.columns.assign(sweep.points.size(), 0);
+      return;
+    }
     const double firing_ns = firing_period_ns(sweep);
     std::vector<std::int64_t> first_ns(sweep.rings, -1);
     for (const Point& p : sweep.points) {
@@ -278,6 +296,7 @@ class RecordedPackets : public PacketSource {
     return Read::kDatagram;
   }
 
+  std::vector<ImuReading> take_imu() override { return frames_->take_imu(); }
   NamedCounts counts() const override { return {{"packets_recorded", packets_}}; }
   std::string complaint() const override {
     std::string all;

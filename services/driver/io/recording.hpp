@@ -12,6 +12,7 @@
 //   4  refusal    text: why it cannot be used; nothing follows
 //   5  end        nothing follows; without it the reader has died
 //   6  packets    for each RecordedPacket, then its bytes
+//   7  reading    RecordedReading of an inertial sensor, before the sweep after it
 
 #include <cstdint>
 #include <memory>
@@ -27,7 +28,8 @@ enum class FrameKind : std::uint32_t {
   kRemark = 3,
   kRefusal = 4,
   kEnd = 5,
-  kPackets = 6
+  kPackets = 6,
+  kReading = 7
 };
 
 struct FrameHead {
@@ -41,6 +43,7 @@ struct RecordedSweep {
   /// of the first point, ns since the Unix epoch
   std::int64_t stamp_ns;
   std::uint32_t period_ns;
+  /// 0: the points have none
   std::uint16_t rings;
   std::uint8_t deskewed;
   std::uint8_t complete;
@@ -54,12 +57,22 @@ struct RecordedPacket {
 };
 static_assert(sizeof(RecordedPacket) == 16);
 
+struct RecordedReading {
+  std::int64_t stamp_ns;
+  double force_mps2[3];
+  double rate_radps[3];
+};
+static_assert(sizeof(RecordedReading) == 56);
+
 struct RecordingOptions {
   std::string path;
   /// program that reads it
   std::string reader;
   /// empty: the only one of its kind
   std::string topic;
+  /// whether its inertial readings are wanted, and of which topic; empty: the only one
+  bool imu = false;
+  std::string imu_topic;
   /// of the points' times; empty: known by its name
   std::string time_field;
   ScanTiming timing;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "common/geometry/imu_reading.hpp"
 #include "driver/io/packet_source.hpp"
 #include "driver/scan/scan.hpp"
 
@@ -22,10 +23,12 @@ class ScanFolder {
   virtual NamedCounts counts() const = 0;
   /// Sentences about what is not as it should be; grows.
   virtual std::vector<std::string> remarks() const = 0;
+  /// Inertial readings that came along since the last call.
+  virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
 /// <path>/velodyne/*.bin, or *.bin in path itself. Times: <path>/times.txt (seconds, one a line, of
-/// the turn's begin) where it is there, otherwise what the names tell, or scan k begins at k
+/// the revolution's begin) where it is there, otherwise what the names tell, or scan k begins at k
 /// periods. A timing without a model is refused, and so are scans that no lidar can have seen.
 std::unique_ptr<ScanFolder> open_kitti(const std::string& path, const ScanTiming& timing);
 

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "driver/velodyne/decoder.hpp"
-
 namespace zloam::driver {
 namespace {
 
@@ -17,12 +15,13 @@ constexpr std::size_t kMostOthers = 64;
 }  // namespace
 
 DatagramKind StreamFilter::classify(const Datagram& datagram) {
-  const std::size_t size = datagram.payload.size();
   if (!of_sensor(datagram)) return other_sender(datagram);
-  if (size == kPositionPacketBytes) return DatagramKind::kPosition;
+  const PacketKind kind = makers_.kind(datagram.payload);
+  if (kind == PacketKind::kPosition) return DatagramKind::kPosition;
+  if (kind == PacketKind::kImu) return DatagramKind::kImu;
   const bool own_port = port_ == 0 || datagram.port == 0 || datagram.port == port_;
   if (!own_port) return stranger();
-  if (size == kDataPacketBytes) return data(datagram);
+  if (kind == PacketKind::kData) return data(datagram);
   const bool surely_ours = locked_ || (port_ != 0 && datagram.port == port_);
   return surely_ours ? DatagramKind::kMalformed : stranger();
 }
@@ -31,6 +30,7 @@ DatagramKind StreamFilter::data(const Datagram& datagram) {
   // From now on only this sensor, so that two in one capture are not mixed.
   if (!locked_) {
     locked_ = true;
+    makers_.settle(datagram.payload);
     sender_ = first_sender_ = datagram.sender;
     port_ = datagram.port;
   }
@@ -40,7 +40,7 @@ DatagramKind StreamFilter::data(const Datagram& datagram) {
 }
 
 DatagramKind StreamFilter::other_sender(const Datagram& datagram) {
-  const bool data_packet = datagram.payload.size() == kDataPacketBytes &&
+  const bool data_packet = makers_.kind(datagram.payload) == PacketKind::kData &&
                            (port_ == 0 || datagram.port == 0 || datagram.port == port_);
   if (!data_packet) return stranger();
   other_sender_ = datagram.sender;

@@ -1,10 +1,11 @@
 #pragma once
-// Which datagrams are the sensor's: by the length of the payload, never by the port alone, and of
-// one sensor only.
+// Which datagrams are the sensor's: by what its maker knows its packets by, never by the port alone,
+// and of one sensor only.
 
 #include <cstdint>
 #include <vector>
 
+#include "driver/decoder/makers.hpp"
 #include "driver/io/packet_source.hpp"
 
 namespace zloam::driver {
@@ -12,7 +13,8 @@ namespace zloam::driver {
 enum class DatagramKind : std::uint8_t {
   kData,
   kPosition,
-  kMalformed,  // on the sensor's own port, with the length of no packet
+  kImu,
+  kMalformed,  // on the sensor's own port, and no packet of it
   kForeign,
   kNewcomer,  // a data packet of another sender while the sensor is silent: perhaps the sensor
   kAdopted,   // as kData: the newcomer is the sensor, with another address
@@ -24,9 +26,9 @@ enum class DatagramKind : std::uint8_t {
 /// with another address, and how a second sensor does not.
 class StreamFilter {
  public:
-  /// port 0: any; sender 0: that of the first data packet.
-  StreamFilter(std::uint16_t port, std::uint32_t sender)
-      : port_(port), sender_(sender), any_sender_(sender == 0) {}
+  /// port 0: any; sender 0: that of the first data packet. makers: settled by that packet.
+  StreamFilter(std::uint16_t port, std::uint32_t sender, Makers& makers)
+      : makers_(makers), port_(port), sender_(sender), any_sender_(sender == 0) {}
 
   DatagramKind classify(const Datagram& datagram);
 
@@ -49,6 +51,7 @@ class StreamFilter {
   void no_newcomer();
   bool silent_until(std::int64_t received_ns) const;
 
+  Makers& makers_;
   std::uint16_t port_;
   std::uint32_t sender_;
   bool any_sender_;

@@ -14,8 +14,8 @@
 namespace zloam::driver {
 namespace {
 
-using test::Payload;
-using test::TurningSensor;
+using velodyne::test::Payload;
+using velodyne::test::TurningSensor;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kStartNs = 1'700'000'000'000'000'000;
@@ -34,7 +34,8 @@ TEST(StreamFilter, ByLengthAndOneSensorOnly) {
   const auto at = [](const Bytes& bytes, unsigned port, std::uint32_t sender) {
     return Datagram{bytes, 0, static_cast<std::uint16_t>(port), sender};
   };
-  StreamFilter filter(0, 0);
+  Makers makers_of_filter({});
+  StreamFilter filter(0, 0, makers_of_filter);
   EXPECT_EQ(filter.classify(at(other, 53, 9)), DatagramKind::kForeign);
   EXPECT_EQ(filter.classify(at(kData, 4000, 1)), DatagramKind::kData);
   EXPECT_EQ(filter.classify(at(kData, 4000, 2)), DatagramKind::kNewcomer);
@@ -42,7 +43,8 @@ TEST(StreamFilter, ByLengthAndOneSensorOnly) {
   EXPECT_EQ(filter.classify(at(position, 8308, 1)), DatagramKind::kPosition);
   EXPECT_EQ(filter.classify(at(other, 4000, 1)), DatagramKind::kMalformed);
   EXPECT_EQ(filter.foreign(), 3U);
-  StreamFilter fixed(2368, 7);
+  Makers makers_of_fixed({});
+  StreamFilter fixed(2368, 7, makers_of_fixed);
   EXPECT_EQ(fixed.classify(at(kData, 2369, 7)), DatagramKind::kForeign);
   EXPECT_EQ(fixed.classify(at(kData, 2368, 8)), DatagramKind::kForeign);
   EXPECT_EQ(fixed.other_sender(), 8U);
@@ -50,7 +52,8 @@ TEST(StreamFilter, ByLengthAndOneSensorOnly) {
 }
 
 TEST(StreamFilter, ASecondSensorIsNeverTaken) {
-  StreamFilter filter(0, 0);
+  Makers makers_of_filter({});
+  StreamFilter filter(0, 0, makers_of_filter);
   for (std::int64_t i = 0; i < 100; ++i) {
     EXPECT_EQ(filter.classify(from(kFirst, i)), DatagramKind::kData);
     EXPECT_NE(filter.classify(from(kOther, i)), DatagramKind::kData);
@@ -63,7 +66,8 @@ TEST(StreamFilter, ASecondSensorIsNeverTaken) {
 }
 
 TEST(StreamFilter, ABurstOfAStrangerTakesNoPlace) {
-  StreamFilter filter(0, 0);
+  Makers makers_of_filter({});
+  StreamFilter filter(0, 0, makers_of_filter);
   EXPECT_EQ(filter.classify(from(kFirst, 0)), DatagramKind::kData);
   for (int i = 0; i < 10'000; ++i) {
     ASSERT_EQ(filter.classify(from(kOther, 1)), DatagramKind::kNewcomer);
@@ -73,7 +77,8 @@ TEST(StreamFilter, ABurstOfAStrangerTakesNoPlace) {
 }
 
 TEST(StreamFilter, TheFirstSenderTakesItsPlaceBack) {
-  StreamFilter filter(0, 0);
+  Makers makers_of_filter({});
+  StreamFilter filter(0, 0, makers_of_filter);
   EXPECT_EQ(filter.classify(from(kFirst, 0)), DatagramKind::kData);
   std::int64_t packet = 1;
   while (filter.classify(from(kOther, packet)) == DatagramKind::kNewcomer) ++packet;

@@ -1,7 +1,6 @@
 #include "driver/io/sweep_source.hpp"
 
 #include "driver/io/look_ahead.hpp"
-#include "driver/velodyne/model_check.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -16,7 +15,7 @@ class PacketSweeps : public SweepSource {
   PacketSweeps(std::unique_ptr<PacketSource> packets, const PacketStreamConfig& config,
                int timeout_ms)
       : packets_(std::move(packets)),
-        ahead_(timeout_ms == 0 ? std::make_unique<LookAhead>(*packets_) : nullptr),
+        ahead_(timeout_ms == 0 ? std::make_unique<LookAhead>(*packets_, config.decoding) : nullptr),
         stream_(tied(config, ahead_.get())),
         timeout_ms_(timeout_ms) {}
 
@@ -45,6 +44,10 @@ class PacketSweeps : public SweepSource {
   void record(bool on) override { stream_.record(on); }
   std::vector<RawPacket> take_packets() override { return stream_.take_packets(); }
   std::vector<ReceivedPosition> take_positions() override { return stream_.take_positions(); }
+  std::vector<ImuReading> take_imu() override {
+    std::vector<ImuReading> readings = packets_->take_imu();
+    return readings.empty() ? stream_.take_imu() : readings;
+  }
 
   NamedCounts counts() const override {
     NamedCounts all = packets_->counts();
@@ -90,6 +93,7 @@ class ScanSweeps : public SweepSource {
     return all;
   }
   std::vector<std::string> remarks() const override { return scans_->remarks(); }
+  std::vector<ImuReading> take_imu() override { return scans_->take_imu(); }
 
  private:
   void leave_out(DecodedSweep& sweep) {
@@ -115,7 +119,7 @@ class ScanSweeps : public SweepSource {
 }  // namespace
 
 PacketStream::PacketStream(const PacketStreamConfig& config)
-    : config_(config), filter_(config.port, config.sender) {}
+    : config_(config), makers_(config.decoding), filter_(config.port, config.sender, makers_) {}
 
 void PacketStream::add(const Datagram& datagram) {
   const DatagramKind kind = filter_.classify(datagram);
@@ -126,10 +130,13 @@ void PacketStream::add(const Datagram& datagram) {
         {{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns, datagram.port});
   }
   if (kind == DatagramKind::kPosition) return keep_position(datagram);
+  if (kind == DatagramKind::kImu) return keep_imu(datagram);
   if (kind != DatagramKind::kMalformed) {
     if (kind != DatagramKind::kData) adopt(datagram, kind);
     newcomer_.clear();
     ++data_packets_;
+    // What came before was of no maker, and counted as the first one's.
+    if (begun_for_ != nullptr && begun_for_ != &makers_.maker()) assembler_.reset();
   }
   add_data(datagram.payload, datagram.received_ns);
 }
@@ -141,7 +148,7 @@ void PacketStream::add_data(std::span<const std::uint8_t> payload, std::int64_t 
   }
   first_.emplace_back(payload.begin(), payload.end());
   first_received_ns_.push_back(received_ns);
-  if (first_.size() == kTimingPackets) begin();
+  if (first_.size() >= makers_.maker().packets_to_know()) begin();
 }
 
 void PacketStream::keep_newcomer(const Datagram& datagram) {
@@ -161,22 +168,11 @@ void PacketStream::adopt(const Datagram& datagram, DatagramKind kind) {
   data_packets_ += newcomer_.size();
 }
 
-/// Enough packets are there to know the model by their timing, too.
+/// Enough packets are there to know the model.
 void PacketStream::begin() {
-  DecoderConfig decoder = config_.decoder;
-  if (!decoder.model) {
-    decoder.model = model_by_timing(first_, config_.declared_model);
-    if (decoder.model) {
-      model_by_timing_ = true;
-      remarks_.push_back("the packets come at the rate of a " +
-                         std::string(model_table(*decoder.model).label) +
-                         ", as sensor.model says, but their product byte says " +
-                         std::string(product_label(first_.front().back())) +
-                         ": decoded as sensor.model (set driver.model to decide otherwise)");
-    }
-  }
-  decoder.group_ns = measured_group_ns(first_, decoder);
-  assembler_ = std::make_unique<SweepAssembler>(decoder, config_.assembler);
+  begun_for_ = &makers_.maker();
+  assembler_ =
+      std::make_unique<SweepAssembler>(begun_for_->decoder(first_, remarks_), config_.assembler);
   for (std::size_t i = 0; i < first_.size(); ++i) {
     assembler_->add(first_[i], first_received_ns_[i]);
   }
@@ -185,10 +181,21 @@ void PacketStream::begin() {
 }
 
 void PacketStream::keep_position(const Datagram& datagram) {
-  if (auto packet = parse_position(datagram.payload)) {
+  if (auto packet = makers_.maker().position(datagram.payload)) {
     positions_.push_back({std::move(*packet), datagram.received_ns});
   } else {
     ++bad_positions_;
+  }
+}
+
+/// Readings from before the first packet that is decoded have no time yet, and are of no sweep.
+void PacketStream::keep_imu(const Datagram& datagram) {
+  if (!assembler_) return;
+  for (ImuReading& reading : makers_.maker().imu(datagram.payload)) {
+    const auto stamp_ns = assembler_->epoch_ns(reading.stamp_ns);
+    if (!stamp_ns) return;
+    reading.stamp_ns = *stamp_ns;
+    imu_.push_back(reading);
   }
 }
 
@@ -210,11 +217,27 @@ NamedCounts PacketStream::counts() const {
 
 std::vector<std::string> PacketStream::remarks() const {
   std::vector<std::string> all = remarks_;
-  if (assembler_ && !model_by_timing_) {
+  if (assembler_) {
     const auto& more = assembler_->decoder().contradictions();
     all.insert(all.end(), more.begin(), more.end());
   }
   return all;
+}
+
+std::string counted(const NamedCounts& counts) {
+  std::string text;
+  for (const auto& [name, count] : counts) {
+    if (count == 0) continue;
+    text += (text.empty() ? "" : ", ") + std::string(name) + " " + std::to_string(count);
+  }
+  return text.empty() ? "nothing at all" : text;
+}
+
+std::uint64_t count_of(const NamedCounts& counts, std::string_view name) {
+  for (const auto& [key, count] : counts) {
+    if (key == name) return count;
+  }
+  return 0;
 }
 
 std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> packets,

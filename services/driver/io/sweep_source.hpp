@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "driver/decoder/makers.hpp"
 #include "driver/io/packet_source.hpp"
 #include "driver/io/scan_folder.hpp"
 #include "driver/io/stream_filter.hpp"
 #include "driver/sweep/assembler.hpp"
-#include "driver/velodyne/position.hpp"
 
 namespace zloam::driver {
 
@@ -47,6 +47,8 @@ class SweepSource {
   virtual std::vector<RawPacket> take_packets() { return {}; }
   /// Position packets since the last call.
   virtual std::vector<ReceivedPosition> take_positions() { return {}; }
+  /// Readings of the sensor's own IMU since the last call, in the sweeps' time.
+  virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
 /// What is left out of every source's sweeps.
@@ -57,10 +59,8 @@ struct PointLimits {
 };
 
 struct PacketStreamConfig {
-  DecoderConfig decoder;
+  DecodingOptions decoding;
   AssemblerConfig assembler;
-  /// the model on the sensor's label: tells when the product byte must be wrong
-  std::optional<Model> declared_model;
   std::uint16_t port = 0;
   std::uint32_t sender = 0;
 };
@@ -77,6 +77,7 @@ class PacketStream {
   void record(bool on) { recording_ = on; }
   std::vector<RawPacket> take_packets() { return std::exchange(packets_, {}); }
   std::vector<ReceivedPosition> take_positions() { return std::exchange(positions_, {}); }
+  std::vector<ImuReading> take_imu() { return std::exchange(imu_, {}); }
   NamedCounts counts() const;
   std::vector<std::string> remarks() const;
   std::uint64_t data_packets() const { return data_packets_; }
@@ -94,21 +95,25 @@ class PacketStream {
   void adopt(const Datagram& datagram, DatagramKind kind);
   void begin();
   void keep_position(const Datagram& datagram);
+  void keep_imu(const Datagram& datagram);
 
   PacketStreamConfig config_;
+  Makers makers_;
   StreamFilter filter_;
-  /// the first packets, until their timing is known
-  std::vector<std::vector<std::uint8_t>> first_;
+  /// the first packets, until there are enough to know the model
+  FirstPackets first_;
   std::vector<std::int64_t> first_received_ns_;
   /// of a sender that may be the sensor with another address, and of which one
   std::vector<Kept> newcomer_;
   std::uint32_t newcomer_sender_ = 0;
   std::unique_ptr<SweepAssembler> assembler_;
+  /// whose decoder it has
+  const Maker* begun_for_ = nullptr;
   std::vector<std::string> remarks_;
-  bool model_by_timing_ = false;
   bool recording_ = false;
   std::vector<RawPacket> packets_;
   std::vector<ReceivedPosition> positions_;
+  std::vector<ImuReading> imu_;
   std::uint64_t data_packets_ = 0;
   std::uint64_t bad_positions_ = 0;
 };
@@ -118,6 +123,10 @@ std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> pac
                                                const PacketStreamConfig& config, int timeout_ms);
 std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans,
                                              const PointLimits& limits = {});
+
+/// "packets_received 12, points 4": those that are not 0.
+std::string counted(const NamedCounts& counts);
+std::uint64_t count_of(const NamedCounts& counts, std::string_view name);
 
 /// SHA-256 in hexadecimal over the files' bytes, one after the other.
 std::string hash_of_files(const std::vector<std::string>& paths);

@@ -16,6 +16,9 @@
 
 namespace zloam::driver::test {
 
+using velodyne::test::Payload;
+using velodyne::test::TurningSensor;
+
 using Bytes = std::vector<std::uint8_t>;
 
 class Sources : public ::testing::Test {

@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstring>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "driver/io/packet_source.hpp"
@@ -173,21 +174,21 @@ class UdpSourceImpl : public UdpSource {
   explicit UdpSourceImpl(const UdpOptions& options)
       : options_(options),
         data_(options, options.data_port, options.receive_buffer_bytes),
-        position_(options, options.position_port, options.receive_buffer_bytes / 16),
-        buffer_(kLargestDatagram) {
+        position_(options, options.position_port, options.receive_buffer_bytes / 16) {
     data_.wait_on(ready_);
     position_.wait_on(ready_);
   }
 
   Read next(Datagram& datagram, int timeout_ms) override {
-    if (data_.receive(buffer_, datagram)) return received();
-    const int count = poll(ready_.data(), ready_.size(), timeout_ms);
-    if (count < 0 && errno != EINTR)
-      throw SourceError(std::string("poll: ") + std::strerror(errno));
-    if (count <= 0) return Read::kTimeout;
-    if (data_.receive(buffer_, datagram)) return received();
-    if (position_.receive(buffer_, datagram)) return received();
-    return Read::kTimeout;
+    if (!fill()) {
+      const int count = poll(ready_.data(), ready_.size(), timeout_ms);
+      if (count < 0 && errno != EINTR)
+        throw SourceError(std::string("poll: ") + std::strerror(errno));
+      if (count <= 0 || !fill()) return Read::kTimeout;
+    }
+    datagram = take();
+    ++datagrams_;
+    return Read::kDatagram;
   }
 
   NamedCounts counts() const override {
@@ -207,16 +208,38 @@ class UdpSourceImpl : public UdpSource {
   std::uint16_t position_port() const override { return position_.port(); }
 
  private:
-  Read received() {
-    ++datagrams_;
-    return Read::kDatagram;
+  /// The next one of a port, while the other port's is older.
+  struct Pending {
+    std::vector<std::uint8_t> buffer = std::vector<std::uint8_t>(kLargestDatagram);
+    Datagram datagram;
+    bool there = false;
+  };
+
+  bool fill() {
+    for (auto [port, pending] :
+         {std::pair(&data_, &next_data_), std::pair(&position_, &next_position_)}) {
+      if (!pending->there) pending->there = port->receive(pending->buffer, pending->datagram);
+    }
+    return next_data_.there || next_position_.there;
+  }
+
+  /// In the order of their coming, as far as the kernel tells it: behind a driver that lags, a port
+  /// that always has something would keep the other one's readings until their sweep is out.
+  Datagram take() {
+    const bool data_first =
+        next_data_.there && (!next_position_.there || next_data_.datagram.received_ns <=
+                                                          next_position_.datagram.received_ns);
+    Pending& oldest = data_first ? next_data_ : next_position_;
+    oldest.there = false;
+    return oldest.datagram;
   }
 
   UdpOptions options_;
   Port data_;
   Port position_;
   std::vector<pollfd> ready_;
-  std::vector<std::uint8_t> buffer_;
+  Pending next_data_;
+  Pending next_position_;
   std::uint64_t datagrams_ = 0;
 };
 

@@ -6,6 +6,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <chrono>
+#include <thread>
+
 #include "driver/io/link_layer.hpp"
 #include "driver/io/stream_filter.hpp"
 #include "driver/io/test_sources.hpp"
@@ -65,7 +68,8 @@ TEST_F(Sources, TwoSensorsOnOnePortAreToldApartByAddress) {
       send_to(first->data_port(), packet_, to, "127.0.0.3");
     }
     const auto heard = [](UdpSource& source, const std::string& address) {
-      StreamFilter filter(0, parse_ipv4(address));
+      Makers makers_of_filter({});
+      StreamFilter filter(0, parse_ipv4(address), makers_of_filter);
       Datagram datagram;
       int count = 0;
       while (source.next(datagram, 0) == Read::kDatagram) {
@@ -93,6 +97,22 @@ TEST_F(Sources, UdpReceivesOnBothPortsWithKernelTime) {
   EXPECT_THAT(sizes, ::testing::UnorderedElementsAre(1206, 512));
   EXPECT_EQ(source->next(datagram, 0), Read::kTimeout);
   EXPECT_EQ(count_of(*source, "kernel_drops"), 0U);
+}
+
+// A driver that lags behind has both ports full.
+TEST_F(Sources, UdpReceivesBothPortsInTheOrderOfTheirComing) {
+  const auto source = open_udp({.bind_address = "127.0.0.1", .data_port = 0, .position_port = 0});
+  // Where no socket of the machine wanted it before, the kernel begins to stamp what comes a moment
+  // after it is asked to (net_enable_timestamp); until then it stamps what is read.
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  const std::vector<std::size_t> sent = {1206, 1206, 512, 1206, 512, 512, 1206, 1206};
+  for (const std::size_t size : sent) {
+    send_to(size == 512 ? source->position_port() : source->data_port(), Bytes(size, 1));
+  }
+  std::vector<std::size_t> sizes;
+  Datagram datagram;
+  while (source->next(datagram, 1000) == Read::kDatagram) sizes.push_back(datagram.payload.size());
+  EXPECT_EQ(sizes, sent);
 }
 
 TEST_F(Sources, UdpCountsWhatTheKernelDropped) {

@@ -31,9 +31,9 @@ inline const std::vector<std::pair<std::string, TimeModel>> kTimeModels = {
 
 struct ScanTiming {
   TimeModel model = TimeModel::kNone;
-  /// one turn
+  /// one revolution
   double period_s = 0.1;
-  /// where the turn begins, degrees counter-clockwise from the front; 180: the rear
+  /// where the revolution begins, degrees counter-clockwise from the front; 180: the rear
   double seam_deg = 180.0;
 };
 
@@ -48,8 +48,8 @@ struct KittiDiagnostics {
 /// (highest) ring found. xyzi: 4 floats a point; rings_found receives the number of rings.
 std::vector<std::uint16_t> recover_rings(std::span<const float> xyzi, int& rings_found);
 
-/// A scan of 4 floats (x, y, z, reflectance 0..1) a point. start_ns: begin of the turn. The sweep
-/// is in time order, rings by ascending elevation of an HDL-64E, intensity 0..255.
+/// A scan of 4 floats (x, y, z, reflectance 0..1) a point. start_ns: begin of the revolution. The
+/// sweep is in time order, rings by ascending elevation of an HDL-64E, intensity 0..255.
 DecodedSweep kitti_sweep(std::span<const float> xyzi, const ScanTiming& timing,
                          std::int64_t start_ns, KittiDiagnostics* diagnostics = nullptr);
 

@@ -39,11 +39,12 @@ std::vector<std::pair<std::string_view, std::uint64_t>> PacketCounts::named() co
           {"points_masked", points_masked}};
 }
 
-SweepAssembler::SweepAssembler(const DecoderConfig& decoder, const AssemblerConfig& config)
+SweepAssembler::SweepAssembler(std::unique_ptr<PacketDecoder> decoder,
+                               const AssemblerConfig& config)
     : config_(config),
       mask_(config.mask),
       seam_cdeg_(wrapped(std::llround(100.0 * config.seam_azimuth_deg))),
-      decoder_(decoder),
+      decoder_(std::move(decoder)),
       clock_(config.clock_mode) {}
 
 bool SweepAssembler::accepted(const PacketTail& tail) {
@@ -74,7 +75,7 @@ bool SweepAssembler::accepted(const PacketTail& tail) {
 
 void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t received_ns) {
   ++counts_.received;
-  const PacketTail tail = decoder_.tail(payload);
+  const PacketTail tail = decoder_->tail(payload);
   if (!accepted(tail)) return;
   const Packet packet{payload, tail, received_ns};
   if (started_) {
@@ -98,7 +99,7 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   sensor_ns_ += ahead_ns;
   last_toh_us_ = packet.tail.toh_us;
   last_received_ns_ = packet.received_ns;
-  const PacketPlan plan = decoder_.plan(packet.payload, packet.tail.mode);
+  const PacketPlan plan = decoder_->plan(packet.payload, packet.tail.mode);
   clock_.observe(sensor_ns_, packet.received_ns, plan.duration_ns);
   if (const std::int64_t step_ns = clock_.take_host_step_ns(); step_ns != 0) {
     ++counts_.host_clock_steps;
@@ -106,7 +107,7 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   }
   counts_.bad_blocks += static_cast<std::uint64_t>(plan.bad_blocks);
   ++counts_.decoded;
-  expected_ahead_ns_ = plan.duration_ns;
+  expected_ahead_ns_ = plan.next_ns;
   packet_counted_ = false;
   decode_groups(plan, sensor_ns_, packet.received_ns);
 }
@@ -119,7 +120,7 @@ __attribute__((always_inline)) inline void SweepAssembler::count_packet(const Pa
   packet_counted_ = true;
   if (sweep_.packets++ == 0) sweep_.first_packet_toh_us = plan.toh_us;
   sweep_.last_packet_toh_us = plan.toh_us;
-  sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_.packet_period_ns(plan.mode));
+  sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_->packet_period_ns(plan.mode));
 }
 
 /// Cuts before this group when it has passed the seam, or when no cut came for too long.
@@ -136,7 +137,7 @@ __attribute__((always_inline)) inline void SweepAssembler::advance_to(const Pack
   // Multiplied by the group's time: what the motor should have turned.
   const double expected = plan.advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
   const bool missed_turn =
-      expected > (forward_cdeg + kHalfTurnCdeg) * decoder_.group_ns() && !backwards;
+      expected > (forward_cdeg + kHalfTurnCdeg) * decoder_->shape().group_ns && !backwards;
   const bool at_seam = (!backwards && phase_cdeg < phase_cdeg_) || missed_turn;
   if (at_seam || time_ns - first_group_ns_ > config_.guard_ns) {
     cut(plan, time_ns, phase_cdeg, at_seam);
@@ -151,23 +152,26 @@ __attribute__((always_inline)) inline void SweepAssembler::advance_to(const Pack
 /// The groups of a packet are decoded together, up to a cut: one call instead of twelve.
 __attribute__((always_inline)) inline void SweepAssembler::place_group(int group,
                                                                        std::int64_t time_ns) {
+  const StreamShape& shape = decoder_->shape();
   // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
   const auto groups = static_cast<std::int64_t>(
-      static_cast<double>(time_ns - first_group_ns_) * decoder_.groups_per_ns() + kToNearest);
-  const auto column = static_cast<std::uint16_t>(
-      std::min<std::int64_t>(groups * decoder_.table()->columns_per_group, 65000));
+      static_cast<double>(time_ns - first_group_ns_) * shape.groups_per_ns + kToNearest);
+  const std::int64_t by_angle =
+      (std::int64_t{phase_cdeg_} * shape.columns_per_turn + kHalfTurnCdeg) / kTurnCdeg;
+  const auto column = static_cast<std::uint16_t>(std::min<std::int64_t>(
+      shape.columns_per_turn > 0 ? by_angle : groups * shape.columns_per_group, 65000));
   placed_[placed_count_++] = {group, static_cast<std::uint32_t>(time_ns - base_ns_), column};
 }
 
 void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_ns,
                                    std::int64_t received_ns) {
-  const auto group_ns = static_cast<std::int64_t>(decoder_.group_ns());
+  const std::int64_t group_span_ns = decoder_->shape().group_span_ns;
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
     std::int64_t time_ns = packet_ns + plan.group[g].offset_ns;
     // A view's gap passed a little faster than thought, or a damaged stamp: the points stay in time
-    // order. All firings of a group lie in its first seven eighths, so that the delay wears off.
-    if (open_) time_ns = std::max(time_ns, last_group_ns_ + group_ns * 7 / 8);
+    // order. A group's span is shorter than the time to the next one, so that the delay wears off.
+    if (open_) time_ns = std::max(time_ns, last_group_ns_ + group_span_ns);
     if (plan.gap_before_group == g && g > 0) {
       view_gap_from_cdeg_ = plan.group[g - 1].azimuth_cdeg;
       view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;
@@ -193,7 +197,7 @@ void SweepAssembler::cut(const PacketPlan& plan, std::int64_t time_ns, int phase
 /// Room behind the sweep's points for so many more, and one. Memory is asked for once for a whole
 /// turn; of it only what the last sweep in these buffers did not have is cleared, in steps.
 void SweepAssembler::make_room(const PacketPlan& plan, std::size_t points) {
-  const std::size_t group = decoder_.max_points_per_group(plan.mode);
+  const std::size_t group = decoder_->most_points_per_group(plan.mode);
   const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;
   const std::size_t turn = static_cast<std::size_t>(1.01 * groups) * group + 2 * group;
   sweep_.points.reserve(turn);
@@ -207,11 +211,11 @@ void SweepAssembler::append_placed(const PacketPlan& plan) {
   const std::size_t groups = std::exchange(placed_count_, 0);
   if (groups == 0) return;
   const bool first = filled_ == 0;
-  const std::size_t most = groups * decoder_.max_points_per_group(plan.mode);
+  const std::size_t most = groups * decoder_->most_points_per_group(plan.mode);
   if (sweep_.points.size() - filled_ <= most) make_room(plan, most);
   Point* const out = sweep_.points.data() + filled_;
   std::uint16_t* const columns = sweep_.columns.data() + filled_;
-  std::size_t count = decoder_.decode_groups(plan, std::span(placed_).first(groups), out, columns);
+  std::size_t count = decoder_->decode_groups(plan, std::span(placed_).first(groups), out, columns);
   if (mask_.active()) {
     const std::size_t kept = mask_.apply(out, columns, count);
     counts_.points_masked += count - kept;
@@ -254,7 +258,7 @@ std::uint32_t SweepAssembler::measured_period_ns() const {
   }
   if (last_period_ns_ != 0 || last_advance_cdeg_ <= 0.0) return last_period_ns_;
   return static_cast<std::uint32_t>(
-      std::llround(decoder_.group_ns() * kTurnCdeg / last_advance_cdeg_));
+      std::llround(decoder_->shape().group_ns * kTurnCdeg / last_advance_cdeg_));
 }
 
 void SweepAssembler::close(bool at_seam) {
@@ -266,8 +270,8 @@ void SweepAssembler::close(bool at_seam) {
   sweep_.stamp_ns = clock_.to_epoch_ns(first_ns) + config_.stamp_offset_ns;
   last_period_ns_ = measured_period_ns();
   sweep_.period_ns = last_period_ns_;
-  sweep_.rings = decoder_.table()->rings;
-  sweep_.model = decoder_.table()->name;
+  sweep_.rings = decoder_->shape().rings;
+  sweep_.model = decoder_->shape().model;
   sweep_.clock_source = config_.clock_source;
   sweep_.complete = began_at_seam_ && at_seam && sweep_.packets_lost == 0;
   ready_.push_back(std::move(sweep_));

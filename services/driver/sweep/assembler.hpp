@@ -1,19 +1,21 @@
 #pragma once
 // Cuts the stream of packets into sweeps at a fixed azimuth, by firing group, so that a packet may
-// feed two sweeps. Fixed numbers of packets per turn are wrong: the true number is fractional and
-// the motor's speed drifts.
+// feed two sweeps. Fixed numbers of packets per revolution are wrong: the true number is fractional
+// and the motor's speed drifts.
 
 #include <array>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "driver/decoder/packet_decoder.hpp"
 #include "driver/sweep/clock.hpp"
 #include "driver/sweep/decoded_sweep.hpp"
-#include "driver/velodyne/decoder.hpp"
-#include "driver/velodyne/mask.hpp"
+#include "driver/sweep/mask.hpp"
 
 namespace zloam::driver {
 
@@ -29,7 +31,7 @@ struct AssemblerConfig {
   std::int64_t first_received_ns = 0;
   /// written to the sweeps
   ClockSource clock_source = ClockSource::kUnknown;
-  /// added to every stamp; e.g. for an HDL-32E that stamps its last firing: -542592
+  /// added to every stamp; e.g. for a sensor that stamps the last firing of a packet
   std::int64_t stamp_offset_ns = 0;
   MaskConfig mask = {};
 };
@@ -66,7 +68,7 @@ struct PacketCounts {
 
 class SweepAssembler {
  public:
-  SweepAssembler(const DecoderConfig& decoder, const AssemblerConfig& config);
+  SweepAssembler(std::unique_ptr<PacketDecoder> decoder, const AssemblerConfig& config);
 
   /// One datagram's payload, and when it was received (ns since the Unix epoch, 0: unknown).
   void add(std::span<const std::uint8_t> payload, std::int64_t received_ns);
@@ -79,11 +81,14 @@ class SweepAssembler {
   bool take(DecodedSweep& out);
 
   const PacketCounts& counts() const { return counts_; }
-  const Decoder& decoder() const { return decoder_; }
+  const PacketDecoder& decoder() const { return *decoder_; }
+  /// When an instant of the sensor's time of the hour was; nothing before the first packet is
+  /// decoded.
+  std::optional<std::int64_t> epoch_ns(std::int64_t toh_ns) const;
 
  private:
   struct Held {
-    std::array<std::uint8_t, kDataPacketBytes> payload;
+    std::vector<std::uint8_t> payload;
     PacketTail tail;
     std::int64_t received_ns;
   };
@@ -110,7 +115,7 @@ class SweepAssembler {
   void restart(const Packet& packet, std::int64_t ahead_ns);
   void process(const Packet& packet, std::int64_t ahead_ns);
   std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
-  bool across_view_gap(std::span<const std::uint8_t> payload) const;
+  bool across_view_gap(const PacketTail& tail) const;
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void count_packet(const PacketPlan& plan);
   void advance_to(const PacketPlan& plan, int group, std::int64_t time_ns);
@@ -125,7 +130,7 @@ class SweepAssembler {
   AssemblerConfig config_;
   PointMask mask_;
   int seam_cdeg_;
-  Decoder decoder_;
+  std::unique_ptr<PacketDecoder> decoder_;
   SensorClock clock_;
   PacketCounts counts_;
 
@@ -169,7 +174,7 @@ class SweepAssembler {
   std::int64_t turned_cdeg_ = 0;
   std::uint32_t last_period_ns_ = 0;
   // the packet's groups that are in it and not decoded yet
-  std::array<PlacedGroup, kBlocksPerPacket> placed_{};
+  std::array<PlacedGroup, kMostGroups> placed_{};
   std::size_t placed_count_ = 0;
 
   std::vector<DecodedSweep> ready_;

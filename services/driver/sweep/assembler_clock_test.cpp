@@ -21,7 +21,7 @@ TEST(Assembler, OneStampFromElsewhereIsNoStep) {
   std::vector<Payload> stream = packets;
   // 500 s before.
   stream[100][1203] = static_cast<std::uint8_t>(stream[100][1203] ^ 0x1d);
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   std::int64_t received_ns = 1'700'000'000'000'000'000;
   for (const Payload& packet : stream) assembler.add(packet, received_ns += 1'327'104);
   assembler.flush();
@@ -39,7 +39,7 @@ TEST(Assembler, APacketFromBeforeTheStepComesLate) {
   sensor.time_us += 60e6;
   for (const Payload& packet : packets_of(sensor, 150)) stream.push_back(packet);
   stream.insert(stream.begin() + 151, late);
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   std::int64_t received_ns = 1'700'000'000'000'000'000;
   for (const Payload& packet : stream) assembler.add(packet, received_ns += 1'327'104);
   assembler.flush();
@@ -64,7 +64,7 @@ TEST(Assembler, ASmallStepBackIsKnownByItsManyLatePackets) {
 TEST(Assembler, EightThousandSecondsGoOnOverTwoHours) {
   TurningSensor sensor;
   sensor.time_us = 3'000'000'000.0;
-  SweepAssembler assembler({}, {.clock_mode = ClockMode::kUtc});
+  SweepAssembler assembler(test::decoder(), {.clock_mode = ClockMode::kUtc});
   // A packet each 0.9 s is enough. 1700002800 is a full hour.
   const std::int64_t start_ns = (1'700'002'800 + 3000) * 1'000'000'000LL;
   constexpr std::int64_t kStepNs = 900'000'000;
@@ -117,7 +117,7 @@ TEST(Assembler, AClockThatIsSetBeginsANewSweep) {
 
 TEST(Assembler, AStepForwardIsKnownByTheReceiveTimes) {
   TurningSensor sensor;
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   std::int64_t received_ns = 1'700'000'000'000'000'000;
   for (int i = 0; i < 200; ++i) {
     if (i == 100) sensor.time_us += 60e6;
@@ -141,7 +141,7 @@ template <class Received>
 std::vector<DecodedSweep> received_as(Received received_ns, std::int64_t packets,
                                       PacketCounts* counts) {
   TurningSensor sensor;
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   for (std::int64_t i = 0; i < packets; ++i) {
     assembler.add(sensor.next(), received_ns(kStartNs + kPacketNs * (i + 1)));
   }
@@ -219,7 +219,7 @@ TEST(AssemblerClock, ReceiveTimesThatStandStillAreNoClock) {
 
 TEST(AssemblerClock, LostInABurstIsLostAndASensorThatIsSetTakesAsLongAsTheHostWaited) {
   TurningSensor sensor;
-  SweepAssembler lossy({}, {});
+  SweepAssembler lossy(test::decoder(), {});
   for (std::int64_t i = 0; i < 4000; ++i) {
     const Payload packet = sensor.next();
     const std::int64_t sent_ns = kStartNs + kPacketNs * (i + 1);
@@ -234,7 +234,7 @@ TEST(AssemblerClock, LostInABurstIsLostAndASensorThatIsSetTakesAsLongAsTheHostWa
 
   TurningSensor restarted;
   restarted.time_us = 2'000e6;
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   for (std::int64_t i = 0; i < 300; ++i) {
     assembler.add(restarted.next(), kStartNs + kPacketNs * (i + 1));
   }
@@ -263,7 +263,7 @@ TEST(Assembler, TheTopOfTheHourIsNoStep) {
   // 1700002800 is a full hour; the host's clock is 10 s off either way.
   for (const std::int64_t off_s : {-10, 0, 10}) {
     SCOPED_TRACE(off_s);
-    SweepAssembler assembler({}, {.clock_mode = ClockMode::kUtc});
+    SweepAssembler assembler(test::decoder(), {.clock_mode = ClockMode::kUtc});
     std::int64_t received_ns = (1'700'002'799 + off_s) * 1'000'000'000 + 901'327'104;
     for (const Payload& packet : packets) {
       assembler.add(packet, received_ns);
@@ -281,8 +281,8 @@ TEST(Assembler, TheTopOfTheHourIsNoStep) {
 
 TEST(Assembler, ReceiveClockTiesTheFirstPacketAndFollowsDriftSlowly) {
   TurningSensor sensor;
-  SweepAssembler receive({}, {.clock_mode = ClockMode::kReceive});
-  SweepAssembler free_running({}, {.clock_mode = ClockMode::kFreeRunning});
+  SweepAssembler receive(test::decoder(), {.clock_mode = ClockMode::kReceive});
+  SweepAssembler free_running(test::decoder(), {.clock_mode = ClockMode::kFreeRunning});
   const std::int64_t start_ns = 1'700'000'000'000'000'000;
   // The sensor's clock is 50 ppm slow against the host's; 60 s.
   for (std::int64_t packet = 0; packet < 45'000; ++packet) {

@@ -18,8 +18,6 @@ constexpr std::int64_t kLongestOutageNs = 86'400'000'000'000;
 // Two edges of a restricted field of view within this are the same.
 constexpr int kViewEdgeCdeg = 100;
 
-int first_azimuth(std::span<const std::uint8_t> payload) { return payload[2] | (payload[3] << 8); }
-
 }  // namespace
 
 void SweepAssembler::process_first_held() {
@@ -28,7 +26,7 @@ void SweepAssembler::process_first_held() {
   const std::int64_t received_ns =
       config_.first_received_ns != 0 ? config_.first_received_ns : first.received_ns;
   clock_.anchor(sensor_ns_, first.tail.toh_us, received_ns,
-                decoder_.packet_period_ns(first.tail.mode));
+                decoder_->packet_period_ns(first.tail.mode));
   started_ = true;
   restart({first.payload, first.tail, first.received_ns}, 0);
   release_contiguous();
@@ -139,23 +137,19 @@ void SweepAssembler::count_overtaken(std::uint32_t toh_us, std::int64_t ahead_us
 }
 
 SweepAssembler::Held SweepAssembler::held_copy(const Packet& packet) {
-  Held held;
-  std::copy(packet.payload.begin(), packet.payload.end(), held.payload.begin());
-  held.tail = packet.tail;
-  held.received_ns = packet.received_ns;
-  return held;
+  return {{packet.payload.begin(), packet.payload.end()}, packet.tail, packet.received_ns};
 }
 
-bool SweepAssembler::across_view_gap(std::span<const std::uint8_t> payload) const {
+bool SweepAssembler::across_view_gap(const PacketTail& tail) const {
   if (view_gap_from_cdeg_ < 0) return false;
   return apart(last_azimuth_cdeg_, view_gap_from_cdeg_) < kViewEdgeCdeg &&
-         apart(first_azimuth(payload), view_gap_to_cdeg_) < kViewEdgeCdeg;
+         apart(tail.first_azimuth_cdeg, view_gap_to_cdeg_) < kViewEdgeCdeg;
 }
 
 bool SweepAssembler::contiguous(const Packet& packet) const {
   const std::int64_t ahead_ns = 1000 * toh_difference_us(packet.tail.toh_us, last_toh_us_);
-  return ahead_ns < expected_ahead_ns_ + decoder_.packet_period_ns(packet.tail.mode) / 2 ||
-         across_view_gap(packet.payload);
+  return ahead_ns < expected_ahead_ns_ + decoder_->packet_period_ns(packet.tail.mode) / 2 ||
+         across_view_gap(packet.tail);
 }
 
 /// Keeps the packet, in order of time; false for one that is already there.
@@ -184,6 +178,14 @@ void SweepAssembler::release_held(std::size_t keep) {
   }
 }
 
+std::optional<std::int64_t> SweepAssembler::epoch_ns(std::int64_t toh_ns) const {
+  if (!started_) return std::nullopt;
+  const std::int64_t ahead_ns =
+      1000 * toh_difference_us(static_cast<std::uint32_t>(toh_ns / 1000), last_toh_us_) +
+      toh_ns % 1000;
+  return clock_.to_epoch_ns(sensor_ns_ + ahead_ns) + config_.stamp_offset_ns;
+}
+
 void SweepAssembler::release_contiguous() {
   while (!held_.empty()) {
     const Held held = held_.front();
@@ -204,9 +206,9 @@ void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
 }
 
 std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
-  const std::int64_t period_ns = decoder_.packet_period_ns(packet.tail.mode);
+  const std::int64_t period_ns = decoder_->packet_period_ns(packet.tail.mode);
   const std::int64_t beyond_ns = ahead_ns - expected_ahead_ns_ + period_ns / 2;
-  if (period_ns <= 0 || beyond_ns < period_ns || across_view_gap(packet.payload)) return 0;
+  if (period_ns <= 0 || beyond_ns < period_ns || across_view_gap(packet.tail)) return 0;
   return beyond_ns / period_ns;
 }
 

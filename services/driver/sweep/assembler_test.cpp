@@ -100,7 +100,7 @@ TEST(Assembler, ColumnsAreTheFirings) {
 
 TEST(Assembler, AcceptsAllLengthsButDecodesOnlyItsOwn) {
   TurningSensor sensor;
-  SweepAssembler assembler({}, {});
+  SweepAssembler assembler(test::decoder(), {});
   const Payload good = sensor.next();
   const std::vector<std::uint8_t> long_one(1207, 0);
   assembler.add(std::span(good).first(1205), 0);
@@ -215,7 +215,7 @@ TEST(Assembler, DamagedPacketsNeverBreakTheSweeps) {
   for (const std::uint8_t mode : {0x37, 0x39}) {
     TurningSensor sensor;
     sensor.mode = mode;
-    SweepAssembler assembler({}, {});
+    SweepAssembler assembler(test::decoder(), {});
     for (int i = 0; i < 4000; ++i) {
       Payload payload = sensor.next();
       // From a few wrong bytes to noise with a right tail.

@@ -4,17 +4,17 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "driver/velodyne/packet.hpp"
+#include "driver/decoder/packet_decoder.hpp"
 
 namespace zloam::driver {
 
-/// Into one turn.
+/// Into one revolution.
 inline int wrapped(std::int64_t cdeg) {
   const auto rest = static_cast<int>(cdeg % kTurnCdeg);
   return rest < 0 ? rest + kTurnCdeg : rest;
 }
 
-/// From one azimuth of a turn ahead to another, without a division.
+/// From one azimuth of a revolution ahead to another, without a division.
 inline int ahead(int from_cdeg, int to_cdeg) {
   return to_cdeg < from_cdeg ? to_cdeg - from_cdeg + kTurnCdeg : to_cdeg - from_cdeg;
 }

@@ -1,12 +1,12 @@
 #pragma once
-// What every source of this stage gives: one turn of the sensor.
+// What every source of this stage gives: one revolution of the sensor.
 
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "common/geometry/point.hpp"
-#include "driver/velodyne/decoder.hpp"
+#include "driver/decoder/packet_decoder.hpp"
 
 namespace zloam::driver {
 
@@ -27,13 +27,13 @@ struct DecodedSweep {
   std::vector<std::uint16_t> columns;
   /// time of the first point (of the first firing when there is no return), ns since the Unix epoch
   std::int64_t stamp_ns = 0;
-  /// measured time of one turn; 0 when it could not be measured
+  /// measured time of one revolution; 0 when it could not be measured
   std::uint32_t period_ns = 0;
   std::uint16_t rings = 0;
   std::string model;
   ReturnMode return_mode = ReturnMode::kUnknown;
   ClockSource clock_source = ClockSource::kUnknown;
-  /// false for the first and the last of a source, with lost packets, and when no turn was
+  /// false for the first and the last of a source, with lost packets, and when no revolution was
   /// completed
   bool complete = false;
   std::uint32_t packets = 0;

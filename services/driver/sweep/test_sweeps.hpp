@@ -7,9 +7,17 @@
 #include <vector>
 
 #include "driver/sweep/assembler.hpp"
+#include "driver/velodyne/decoder.hpp"
 #include "driver/velodyne/test_packets.hpp"
 
 namespace zloam::driver::test {
+
+using velodyne::test::Payload;
+using velodyne::test::TurningSensor;
+
+inline std::unique_ptr<PacketDecoder> decoder() {
+  return std::make_unique<velodyne::Decoder>(velodyne::DecoderConfig{});
+}
 
 inline std::vector<Payload> packets_of(TurningSensor& sensor, int count) {
   std::vector<Payload> packets;
@@ -27,7 +35,7 @@ inline std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler) {
 inline std::vector<DecodedSweep> assemble(const std::vector<Payload>& packets,
                                           AssemblerConfig config = {},
                                           PacketCounts* counts = nullptr) {
-  SweepAssembler assembler({}, config);
+  SweepAssembler assembler(decoder(), config);
   for (const Payload& packet : packets) assembler.add(packet, 0);
   assembler.flush();
   if (counts) *counts = assembler.counts();

@@ -14,6 +14,7 @@
 #include <iterator>
 #include <string>
 
+#include "driver/io/metadata_file.hpp"
 #include "driver/io/sweep_source.hpp"
 
 namespace {
@@ -23,10 +24,12 @@ using namespace zloam::driver;
 struct Options {
   std::string path;
   std::string out;
+  std::string imu_out;
   std::string kind = "--pcap";
   int repeat = 1;
   bool in_memory = false;
-  DecoderConfig decoder;
+  std::string metadata;
+  DecodingOptions decoding;
   AssemblerConfig assembler;
 };
 
@@ -62,18 +65,25 @@ Options parse(int argc, char** argv) {
     source->add_option_function<std::string>(kind, take, what);
   };
   add_source("--pcap", "a capture");
-  add_source("--bin", "payloads of 1206 bytes, one after the other");
+  add_source("--bin", "payloads of data packets, one after the other");
   add_source("--kitti", "a folder of scans in KITTI's layout");
   add_source("--scans", "a folder of scans with times");
   const auto take_model = [&options](const std::string& name) {
-    options.decoder.model = model_by_name(name);
-    if (options.decoder.model) return;
-    throw CLI::ValidationError("--model", name + " is none of " + std::string(known_model_names()));
+    options.decoding.model = name;
+    if (is_known_model(name)) return;
+    std::string known;
+    for (const std::string& model : known_models()) known += (known.empty() ? "" : ", ") + model;
+    throw CLI::ValidationError("--model", name + " is none of " + known);
   };
   app.add_option_function<std::string>("--model", take_model, "as the packets say by default");
+  app.add_option(
+      "--metadata", options.metadata,
+      "file in which the sensor describes itself; the .json beside a capture by default");
   app.add_option("--seam", options.assembler.seam_azimuth_deg, "azimuth of the cut, degrees");
-  app.add_flag("!--no-offsets", options.decoder.vertical_offsets, "lasers without vertical offset");
+  app.add_flag("!--no-offsets", options.decoding.vertical_offsets,
+               "lasers without vertical offset");
   app.add_option("--out", options.out, "POINTS, a file for the points");
+  app.add_option("--imu-out", options.imu_out, "file for the readings of the sensor's own IMU");
   app.add_option("--repeat", options.repeat, "so many times")->check(CLI::PositiveNumber);
   app.add_flag("--in-memory", options.in_memory,
                "payloads (--bin) are read before the clock starts; cpu_seconds is decoding and "
@@ -104,27 +114,47 @@ void write_points(std::ofstream& out, const DecodedSweep& sweep, std::uint16_t n
             static_cast<std::streamsize>(records.size() * sizeof(Record)));
 }
 
+/// As driver.imu_path takes them.
+void write_readings(std::ofstream& out, const std::vector<zloam::ImuReading>& readings) {
+  for (const zloam::ImuReading& r : readings) {
+    out << r.stamp_ns;
+    for (const double value : {r.rate_radps.x(), r.rate_radps.y(), r.rate_radps.z(),
+                               r.force_mps2.x(), r.force_mps2.y(), r.force_mps2.z()}) {
+      out << ',' << value;
+    }
+    out << '\n';
+  }
+}
+
 /// Payloads end to end that are in memory already.
 class MemorySource : public PacketSource {
  public:
-  explicit MemorySource(std::span<const std::uint8_t> payloads) : left_(payloads) {}
+  MemorySource(std::span<const std::uint8_t> payloads, std::size_t payload_bytes)
+      : left_(payloads), payload_bytes_(payload_bytes) {}
   Read next(Datagram& datagram, int /*timeout_ms*/) override {
-    if (left_.size() < kDataPacketBytes) return Read::kEnd;
+    if (left_.size() < payload_bytes_) return Read::kEnd;
     datagram = {};
-    datagram.payload = left_.first(kDataPacketBytes);
-    left_ = left_.subspan(kDataPacketBytes);
+    datagram.payload = left_.first(payload_bytes_);
+    left_ = left_.subspan(payload_bytes_);
     return Read::kDatagram;
   }
   NamedCounts counts() const override { return {}; }
 
  private:
   std::span<const std::uint8_t> left_;
+  std::size_t payload_bytes_;
 };
 
 std::vector<std::uint8_t> read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) throw SourceError(path + ": " + std::strerror(errno));
   return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::ofstream open_file(const std::string& path) {
+  std::ofstream file(path, std::ios::binary);
+  if (!file) throw SourceError(path + ": " + std::strerror(errno));
+  return file;
 }
 
 double cpu_seconds() {
@@ -150,25 +180,36 @@ std::unique_ptr<SweepSource> open_source(const Options& options,
   }
   if (options.kind == "--scans") return sweeps_of_scans(open_synth(options.path));
   PacketStreamConfig stream;
-  stream.decoder = options.decoder;
+  stream.decoding = options.decoding;
   stream.assembler = options.assembler;
+  const bool bare = options.kind == "--bin";
+  read_metadata(options.metadata, bare ? "" : options.path, stream.decoding);
+  const std::size_t payload_bytes = Makers(stream.decoding).maker().payload_bytes();
   std::unique_ptr<PacketSource> packets;
   if (options.in_memory) {
-    packets = std::make_unique<MemorySource>(in_memory);
+    packets = std::make_unique<MemorySource>(in_memory, payload_bytes);
   } else {
-    packets = options.kind == "--bin" ? open_payload_file(options.path) : open_pcap(options.path);
+    packets = bare ? open_payload_file(options.path, payload_bytes) : open_pcap(options.path);
   }
   return sweeps_of_packets(std::move(packets), stream, 0);
 }
 
-void run_once(const Options& options, std::span<const std::uint8_t> in_memory, std::ofstream& out,
+struct Outputs {
+  std::ofstream points;
+  std::ofstream readings;
+};
+
+void run_once(const Options& options, std::span<const std::uint8_t> in_memory, Outputs& out,
               Totals& totals) {
   const auto begin = std::chrono::steady_clock::now();
   const double cpu_begin_s = cpu_seconds();
   const auto source = open_source(options, in_memory);
   DecodedSweep sweep;
   while (source->pull(sweep) == Pull::kSweep) {
-    if (out.is_open()) write_points(out, sweep, static_cast<std::uint16_t>(totals.sweeps));
+    if (out.points.is_open()) {
+      write_points(out.points, sweep, static_cast<std::uint16_t>(totals.sweeps));
+    }
+    if (out.readings.is_open()) write_readings(out.readings, source->take_imu());
     totals.points += sweep.points.size();
     totals.complete += sweep.complete;
     ++totals.sweeps;
@@ -200,10 +241,12 @@ int main(int argc, char** argv) {
   mallopt(M_MMAP_THRESHOLD, 1 << 30);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   try {
-    std::ofstream out;
-    if (!options.out.empty()) {
-      out.open(options.out, std::ios::binary);
-      if (!out) throw SourceError(options.out + ": " + std::strerror(errno));
+    Outputs out;
+    if (!options.out.empty()) out.points = open_file(options.out);
+    if (!options.imu_out.empty()) {
+      out.readings = open_file(options.imu_out);
+      out.readings.precision(9);
+      out.readings << "t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n";
     }
     Totals totals;
     std::vector<std::uint8_t> in_memory;

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <utility>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 class AzimuthTable {
  public:
@@ -33,4 +33,4 @@ class AzimuthTable {
   std::array<std::pair<double, double>, 100> rest_;
 };
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 constexpr double kRadPerCdeg = std::numbers::pi / 18000.0;
@@ -60,4 +60,4 @@ void BeamTables::follow(double advance_cdeg) {
   turn_by(advance_cdeg * kRadPerCdeg);
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

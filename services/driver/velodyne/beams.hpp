@@ -4,11 +4,11 @@
 #include <array>
 #include <cstdint>
 
+#include "driver/decoder/wide.hpp"
 #include "driver/velodyne/model.hpp"
 #include "driver/velodyne/packet.hpp"
-#include "driver/velodyne/wide.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 inline constexpr int kMostBanks = 4;
 /// Channels that fire in one column; firing columns change nowhere else.
@@ -48,4 +48,4 @@ struct BeamTables {
   ByChannel<double> correction_cos_{}, correction_sin_{}, elevation_cos_{}, time_share_{};
 };
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

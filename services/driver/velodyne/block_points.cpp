@@ -7,7 +7,7 @@
 #include "driver/velodyne/block_points_wide.hpp"
 #include "driver/velodyne/block_writer.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 // As many lanes as Float4.
@@ -140,4 +140,4 @@ void put_dual(const std::uint8_t* last_block, const std::uint8_t* strongest_bloc
   sink.count = writer.count;
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

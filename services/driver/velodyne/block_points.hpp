@@ -8,17 +8,7 @@
 #include "driver/velodyne/beams.hpp"
 #include "driver/velodyne/packet.hpp"
 
-namespace zloam::driver {
-
-/// What becomes of the two returns of one firing. The odd block of a pair is taken for the
-/// strongest; where that is the last one itself, it holds the second strongest, and nothing in the
-/// packet tells the two cases apart (VLP-16 manual p. 57).
-enum class DualReturns : std::uint8_t {
-  kStrongest,  // one: the odd block's, or the even one's where that is empty
-  kLast,       // one: the even block's, or the odd one's where that is empty
-  kBoth,       // both, of equal type for the stages that follow (kBoth); equal distances once
-  kTagged      // both, with their types; equal distances once, as kBoth
-};
+namespace zloam::driver::velodyne {
 
 /// What a block gives to all of its points.
 struct BlockFrame {
@@ -60,9 +50,10 @@ void put_single_portable(std::span<const FiredBlock> blocks, const BeamTables& b
                          RawLimits limits, ReturnType type, PointSink& sink);
 
 /// The returns of a pair of blocks; last: the even one, strongest: the odd one. Either may be
-/// missing (nullptr).
+/// missing (nullptr). Where the strongest return is the last one itself, the odd block holds the
+/// second strongest, and nothing in the packet tells the two cases apart (VLP-16 manual p. 57).
 void put_dual(const std::uint8_t* last, const std::uint8_t* strongest, const BeamTables& beams,
               int bank, const BlockFrame& frame, RawLimits limits, DualReturns policy,
               PointSink& sink);
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -8,7 +8,7 @@
 
 #define ZLOAM_AVX2 __attribute__((target("avx2"), always_inline)) inline
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 constexpr int kLanes = 8;
@@ -108,6 +108,6 @@ __attribute__((target("avx2"))) void put_single_avx2(std::span<const FiredBlock>
   sink.count = writer.count;
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne
 
 #endif

@@ -10,7 +10,7 @@
 
 #include "driver/velodyne/block_points_wide.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 // A block, and what follows it in a packet.
@@ -96,4 +96,4 @@ TEST(BlockPoints, TheQuickWaysGiveTheSameBytesAsThePortableOne) {
 }
 
 }  // namespace
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

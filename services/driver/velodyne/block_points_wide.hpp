@@ -4,12 +4,12 @@
 
 #include <span>
 
+#include "driver/decoder/wide.hpp"
 #include "driver/velodyne/block_points.hpp"
-#include "driver/velodyne/wide.hpp"
 
 #if ZLOAM_WIDE
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 /// Eight cells at a time.
 void put_single_avx2(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
@@ -19,6 +19,6 @@ void put_single_avx2(std::span<const FiredBlock> blocks, const BeamTables& beams
 void put_single_avx512(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
                        RawLimits limits, ReturnType type, PointSink& sink);
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne
 
 #endif

@@ -8,7 +8,7 @@
 #include "common/geometry/lanes.hpp"
 #include "driver/velodyne/block_points.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 using Columns = std::uint16_t __attribute__((vector_size(2 * kChannelsPerColumn)));
 inline constexpr std::size_t kFlagAndAzimuthBytes = 4;
@@ -69,4 +69,4 @@ inline std::uint16_t column_of(const BlockFrame& frame, const BeamTables& beams,
   return static_cast<std::uint16_t>(frame.column + beams.column[channel / kChannelsPerColumn]);
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -6,10 +6,10 @@
 
 #include "driver/velodyne/azimuth_table.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
-constexpr std::size_t kTimeAt = 1200;
+constexpr std::size_t kAzimuthAt = 2;
 constexpr std::size_t kModeAt = 1204;
 constexpr std::size_t kProductAt = 1205;
 // Stamps slightly beyond the hour are seen in the field before the wrap.
@@ -48,18 +48,28 @@ void Decoder::use_model(Model model) {
   table_ = &model_table(model);
   banks_ = table_->banks;
   unit_m_ = static_cast<float>(table_->distance_unit_m);
-  group_ns_ = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
-  groups_per_ns_ = 1.0 / group_ns_;
-  const double stretch = group_ns_ / table_->group_ns;
+  shape_stream();
+  const double stretch = shape_.group_ns / table_->group_ns;
   stream_.emplace(Stream{BeamTables(*table_, stretch, config_.vertical_offsets),
-                         Motor(group_ns_),
+                         Motor(shape_.group_ns),
                          limits(),
-                         {},
-                         period_of(1),
-                         period_of(2)});
+                         {}});
   for (int g = 0; g < kBlocksPerPacket; ++g) {
-    stream_->group_offset_ns[g] = std::llround(g * group_ns_) + table_->first_firing_ns;
+    stream_->group_offset_ns[g] = std::llround(g * shape_.group_ns) + table_->first_firing_ns;
   }
+}
+
+void Decoder::shape_stream() {
+  shape_.model = table_->name;
+  shape_.rings = table_->rings;
+  shape_.group_ns = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
+  shape_.groups_per_ns = 1.0 / shape_.group_ns;
+  // All firings of a group lie in its first seven eighths.
+  shape_.group_span_ns = static_cast<std::int64_t>(shape_.group_ns) * 7 / 8;
+  shape_.columns_per_group = table_->columns_per_group;
+  shape_.packet_period_ns = {period_of(1), period_of(2)};
+  const std::size_t cells = static_cast<std::size_t>(banks_) * std::size_t{kCellsPerBlock};
+  shape_.most_points_per_group = {cells, 2 * cells};
 }
 
 RawLimits Decoder::limits() const {
@@ -77,11 +87,11 @@ RawLimits Decoder::limits() const {
 
 std::int64_t Decoder::period_of(int returns) const {
   const int groups = kBlocksPerPacket / (returns * table_->banks);
-  return std::llround(group_ns_ * groups);
+  return std::llround(shape_.group_ns * groups);
 }
 
 void Decoder::note_contradiction(bool& noted, std::string text) {
-  if (!noted) contradictions_.push_back(std::move(text));
+  if (!noted && config_.says_contradictions) contradictions_.push_back(std::move(text));
   noted = true;
 }
 
@@ -141,6 +151,7 @@ PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
     return tail;
   }
   tail.toh_us = read_u32(payload.data() + kTimeAt);
+  tail.first_azimuth_cdeg = read_u16(payload.data() + kAzimuthAt);
   tail.reject = check_model(payload[kProductAt]);
   if (tail.reject != Reject::kNone) return tail;
   tail.mode = check_mode(payload[kModeAt]);
@@ -159,6 +170,7 @@ PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode)
   plan.duration_ns = packet_period_ns(mode);
   read_blocks(plan);
   stream_->motor.measure(plan);
+  plan.next_ns = plan.duration_ns;
   stream_->beams.follow(plan.advance_cdeg);
   return plan;
 }
@@ -258,4 +270,4 @@ void Decoder::put_group(const PacketPlan& plan, const PlacedGroup& placed, Point
   }
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

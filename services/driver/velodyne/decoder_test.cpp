@@ -6,7 +6,7 @@
 
 #include "driver/velodyne/test_decoding.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 using test::azimuth_steps;
@@ -231,4 +231,4 @@ TEST(Decoder, AStoppedMotorDoesNotInterpolate) {
 }
 
 }  // namespace
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -6,7 +6,7 @@
 
 #include "driver/velodyne/test_decoding.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 using test::azimuth_steps;
@@ -167,7 +167,7 @@ TEST(Decoder, A1Vls128) {
     int ring;
     double time_us, x, y, z;
   };
-  std::vector<Point> out(decoder.max_points_per_group(ReturnMode::kDual) + 1);
+  std::vector<Point> out(decoder.most_points_per_group(ReturnMode::kDual) + 1);
   std::vector<std::uint16_t> columns(out.size());
   const std::vector<Row> rows = {{0, 4, -7.0, 9.71872, -1.18539, -2.02286},
                                  {0, 20, 21.9, 9.87661, -1.22214, -0.97353},
@@ -247,4 +247,4 @@ TEST(Decoder, Vls128DualTakesItsSpeedFromTheLastPackets) {
 }
 
 }  // namespace
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 constexpr int kChannelsPerBlock = 32;
@@ -241,6 +241,12 @@ std::string_view product_label(std::uint8_t product_id) {
   }
 }
 
+std::vector<std::string> known_model_labels() {
+  std::vector<std::string> labels;
+  for (const ModelTable& table : tables()) labels.emplace_back(table.label);
+  return labels;
+}
+
 std::string_view known_model_names() { return "vlp16, puck-hires, hdl32e, vlp32c, vls128"; }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -6,10 +6,11 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 enum class Model : std::uint8_t { kVlp16, kPuckHiRes, kHdl32e, kVlp32c, kVls128 };
 
@@ -66,4 +67,7 @@ std::string_view product_label(std::uint8_t product_id);
 /// "vlp16, puck-hires, ...": for messages.
 std::string_view known_model_names();
 
-}  // namespace zloam::driver
+/// "VLP-16", "Puck Hi-Res", ...: all that are decoded.
+std::vector<std::string> known_model_labels();
+
+}  // namespace zloam::driver::velodyne

@@ -5,7 +5,7 @@
 
 #include "driver/sweep/clock.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 // VLS-128 with firmware 5.1.7: 20 slots of 8/3 us.
@@ -73,12 +73,13 @@ double measured_group_ns(const std::vector<std::vector<std::uint8_t>>& payloads,
     ++count;
   }
   if (count == 0) return 0.0;
-  const double groups = static_cast<double>(decoder.packet_period_ns(mode)) / decoder.group_ns();
+  const double groups =
+      static_cast<double>(decoder.packet_period_ns(mode)) / decoder.shape().group_ns;
   const double group_ns = 1e3 * sum_us / count / groups;
-  for (const double published_ns : {decoder.group_ns(), kOldGroupNs}) {
+  for (const double published_ns : {decoder.shape().group_ns, kOldGroupNs}) {
     if (std::abs(group_ns - published_ns) < 0.01 * published_ns) return published_ns;
   }
   return group_ns;
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

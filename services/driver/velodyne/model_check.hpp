@@ -9,7 +9,7 @@
 
 #include "driver/velodyne/decoder.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 /// How many packets tell the timing.
 inline constexpr std::size_t kTimingPackets = 7;
@@ -26,4 +26,4 @@ std::optional<Model> model_by_timing(const std::vector<std::vector<std::uint8_t>
 double measured_group_ns(const std::vector<std::vector<std::uint8_t>>& payloads,
                          const DecoderConfig& config);
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

@@ -4,7 +4,7 @@
 
 #include "driver/velodyne/test_packets.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 std::vector<std::vector<std::uint8_t>> first_packets(std::uint8_t product_id, double group_us) {
@@ -86,4 +86,4 @@ TEST(ModelCheck, OtherModelsHaveTheirOwnPeriod) {
 }
 
 }  // namespace
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

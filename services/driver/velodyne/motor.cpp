@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 constexpr double kMinRpm = 180.0;
@@ -130,4 +130,4 @@ void Motor::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const
   plan.duration_ns += skipped_ns;
 }
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

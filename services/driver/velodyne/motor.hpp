@@ -6,7 +6,7 @@
 
 #include "driver/velodyne/packet.hpp"
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 
 /// Knows the last plausible motor speed of a stream.
 class Motor {
@@ -45,4 +45,4 @@ class Motor {
   std::uint32_t last_toh_us_ = 0;
 };
 
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

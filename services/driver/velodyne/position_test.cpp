@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace zloam::driver {
+namespace zloam::driver::velodyne {
 namespace {
 
 constexpr const char* kSentence =
@@ -123,4 +123,4 @@ TEST(Position, TheSensorsHourIsComparedWithTheSentence) {
 }
 
 }  // namespace
-}  // namespace zloam::driver
+}  // namespace zloam::driver::velodyne

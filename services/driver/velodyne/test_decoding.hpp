@@ -8,14 +8,14 @@
 #include "driver/velodyne/decoder.hpp"
 #include "driver/velodyne/test_packets.hpp"
 
-namespace zloam::driver::test {
+namespace zloam::driver::velodyne::test {
 
 inline std::vector<Point> decode_all(Decoder& decoder, const Payload& payload) {
   const PacketTail tail = decoder.tail(payload);
   EXPECT_EQ(tail.reject, Reject::kNone);
   const PacketPlan plan = decoder.plan(payload, tail.mode);
   std::vector<Point> points;
-  std::vector<Point> out(decoder.max_points_per_group(ReturnMode::kDual) + 1);
+  std::vector<Point> out(decoder.most_points_per_group(ReturnMode::kDual) + 1);
   std::vector<std::uint16_t> columns(out.size());
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
@@ -26,4 +26,4 @@ inline std::vector<Point> decode_all(Decoder& decoder, const Payload& payload) {
   return points;
 }
 
-}  // namespace zloam::driver::test
+}  // namespace zloam::driver::velodyne::test

@@ -7,7 +7,7 @@
 
 #include "driver/velodyne/decoder.hpp"
 
-namespace zloam::driver::test {
+namespace zloam::driver::velodyne::test {
 
 using Payload = std::array<std::uint8_t, kDataPacketBytes>;
 
@@ -105,4 +105,4 @@ class TurningSensor {
   }
 };
 
-}  // namespace zloam::driver::test
+}  // namespace zloam::driver::velodyne::test

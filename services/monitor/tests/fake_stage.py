@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from zloam_monitor import clouds, compose, trajectory
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import MAP_POINT, STAMPED_POSE
-from zloam_monitor.processes import PORT_ORDER
+from zloam_monitor.stages import PORT_ORDER
 
 RUN = 77
 SWEEPS = 40

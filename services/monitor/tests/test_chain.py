@@ -17,9 +17,10 @@ import pytest
 
 from fake_stage import SWEEPS, loop
 from zloam_monitor import cli, clouds, messages, trajectory
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
-from zloam_monitor.processes import PORT_ORDER, endpoints, free_base_port
+from zloam_monitor.processes import endpoints, free_base_port
+from zloam_monitor.stages import PORT_ORDER, STAGES
 from zloam_monitor.watch import STALE_SECONDS, view
 
 HERE = Path(__file__).parent

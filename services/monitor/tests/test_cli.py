@@ -13,8 +13,11 @@ from zloam_monitor import cli, cli_common, places
 from zloam_monitor.cli_files import PROGRAMS
 
 ROOT = Path(__file__).resolve().parents[3]
-OWN = ("demo", "run", "follow", "robots", "status", "watch", "get", "set", "save", "reset")
-COMMANDS = (*OWN, "evaluate", "recording")
+OWN = (
+    *("demo", "run", "follow", "ros-lidar"),
+    *("robots", "status", "watch", "get", "set", "save", "reset"),
+)
+COMMANDS = (*OWN, "evaluate", "recording", "metadata")
 
 
 def zloam(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

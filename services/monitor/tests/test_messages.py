@@ -11,7 +11,7 @@ import flatbuffers
 import numpy as np
 import pytest
 
-from zloam_monitor import messages
+from zloam_monitor import messages, records
 
 
 @pytest.fixture(autouse=True)
@@ -92,3 +92,16 @@ def test_a_foreign_or_short_message_is_refused() -> None:
         messages.decode("MapPose", b"\x08\0\0\0ZLTI" + bytes(64))
     with pytest.raises(messages.MessageError):
         messages.decode("MapPose", b"")
+
+
+# found by tests/fuzz/readers.py
+def test_json_nested_deeper_than_the_stack_is_refused() -> None:
+    b = flatbuffers.Builder(256)
+    stage, nested = b.CreateString("mapping"), b.CreateString("[" * 100_000)
+    code = messages.module("EffectiveConfig")
+    code.Start(b)
+    code.AddStage(b, stage)
+    code.AddValuesJson(b, nested)
+    b.Finish(code.End(b), messages.KINDS["EffectiveConfig"].identifier)
+    with pytest.raises(messages.DECODE_ERRORS):
+        records.effective_config(bytes(b.Output()))

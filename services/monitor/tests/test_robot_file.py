@@ -20,7 +20,18 @@ def test_a_port_is_a_number_and_a_setting_beats_the_file(tmp_path: Path) -> None
     assert names(tmp_path / "r.yaml", ["robot=b"]) == RobotNames(robot="b", base_port=8000)
 
 
-@pytest.mark.parametrize("data", [b"robot: [", b"robot: \xdf\n", b"zenoh: {base_port: x}"])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"robot: [",
+        b"robot: \xdf\n",
+        b"zenoh: {base_port: x}",
+        # found by tests/fuzz/readers.py
+        b"zenoh: {base_port: [7460]}",
+        b"robot: " + b"[" * 100_000,
+    ],
+    ids=["open", "encoding", "port", "list of ports", "nested"],
+)
 def test_what_cannot_be_read_is_named(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "r.yaml").write_bytes(data)
     with pytest.raises(RobotFileError, match=r"r\.yaml"):

@@ -4,7 +4,7 @@
 #include <sstream>
 #include <utility>
 
-#include "common/zenoh/aligned.hpp"
+#include "common/runtime/read.hpp"
 #include "schemas/progress_generated.h"
 #include "schemas/status_generated.h"
 
@@ -81,11 +81,9 @@ void Colleagues::on_token(const zenoh::Sample& sample) {
 }
 
 void Colleagues::on_status(const zenoh::Sample& sample) {
-  if (!fits(Key::kStatus, sample.payload.size())) return;
-  const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
-  if (!verify<msg::Status>(bytes.data(), sample.encoding).ok()) return;
-  const msg::Status& status = message_of<msg::Status>(bytes.data());
-  const std::string instance = status.instance()->str();
+  const runtime::Read<msg::Status> status(Key::kStatus, sample);
+  if (!status) return;
+  const std::string instance = status->instance()->str();
   {
     const std::lock_guard lock(mutex_);
     // A status may come before its token; names without one are a stranger's.
@@ -93,20 +91,18 @@ void Colleagues::on_status(const zenoh::Sample& sample) {
       std::erase_if(ready_, [this](const auto& r) { return !alive_.contains(r.first); });
     }
     bool& ready = ready_[instance];
-    if (ready == fit(status.health())) return;
+    if (ready == fit(status->health())) return;
     ready = !ready;
   }
   on_change_();
 }
 
 void Colleagues::on_progress(const zenoh::Sample& sample) {
-  if (!fits(Key::kProgress, sample.payload.size())) return;
-  const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
-  if (!verify<msg::Progress>(bytes.data(), sample.encoding).ok()) return;
-  const msg::Progress& said = message_of<msg::Progress>(bytes.data());
-  Progress progress{said.run(), said.next_sweep(), said.received_below(), {}};
-  if (said.missing() != nullptr) {
-    progress.missing.assign(said.missing()->begin(), said.missing()->end());
+  const runtime::Read<msg::Progress> said(Key::kProgress, sample);
+  if (!said) return;
+  Progress progress{said->run(), said->next_sweep(), said->received_below(), {}};
+  if (said->missing() != nullptr) {
+    progress.missing.assign(said->missing()->begin(), said->missing()->end());
   }
   {
     const std::lock_guard lock(mutex_);

@@ -23,7 +23,7 @@ struct ZenohSinkConfig {
   std::vector<std::string> connect;     ///< further endpoints
   bool block = false;                   ///< waits for a slow reader instead of dropping messages
   double wait_s = 10.0;                 ///< for a first reader, then it starts all the same
-  std::int64_t batch_ns = 100'000'000;  ///< of packets in a message: one turn of the sensor
+  std::int64_t batch_ns = 100'000'000;  ///< of packets in a message: one revolution of the sensor
   double rate = 1.0;                    ///< seconds of the simulation in one second
 };
 

@@ -22,9 +22,10 @@ std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOption
   driver::PacketStreamConfig stream;
   stream.assembler.clock_mode =
       bare ? driver::ClockMode::kFreeRunning : driver::ClockMode::kReceive;
-  return driver::sweeps_of_packets(
-      bare ? driver::open_payload_file(path.string()) : driver::open_pcap(path.string()), stream,
-      0);
+  const std::size_t payload_bytes = driver::Makers(stream.decoding).maker().payload_bytes();
+  return driver::sweeps_of_packets(bare ? driver::open_payload_file(path.string(), payload_bytes)
+                                        : driver::open_pcap(path.string()),
+                                   stream, 0);
 }
 
 // Every return as a sensor would see it whose elevations and ranges are off by so much.

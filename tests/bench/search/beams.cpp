@@ -35,6 +35,11 @@ void check(const BeamConfig& c) {
 BeamLidar::BeamLidar(const simulator::Scene& scene, const BeamConfig& config, std::uint64_t seed)
     : scene_(scene), config_(config), seed_(seed) {
   check(config_);
+  if (config_.pattern != "beams") rosette_ = rosette_named(config_.pattern);
+}
+
+std::uint16_t BeamLidar::rings() const {
+  return config_.has_rings && !rosette_ ? static_cast<std::uint16_t>(config_.rings) : 0;
 }
 
 std::uint32_t BeamLidar::period_ns() const {
@@ -101,7 +106,35 @@ void BeamLidar::column(std::int64_t time_ns, double azimuth_rad,
     point.y = at.y();
     point.z = at.z();
     point.time_ns = after_ns;
-    point.ring = static_cast<std::uint16_t>(ring);
+    point.ring = config_.has_rings ? static_cast<std::uint16_t>(ring) : std::uint16_t{0};
+    points.push_back(point);
+  }
+}
+
+// Laser after laser, each where the rosette has come to.
+void BeamLidar::trace(std::int64_t start_ns, const std::vector<std::size_t>& movers,
+                      PointVector& points) const {
+  const auto shots = static_cast<std::size_t>(rosette_->points_per_s / config_.hz);
+  std::vector<MovingShape> moving;
+  for (std::size_t shot = 0; shot < shots; ++shot) {
+    const auto after_ns = static_cast<std::uint32_t>(
+        std::floor(static_cast<double>(shot) * 1e9 / rosette_->points_per_s));
+    const std::int64_t time_ns = start_ns + after_ns;
+    const Pose pose = scene_.trajectory.at(seconds(time_ns)).T_world_body;
+    moving.clear();
+    for (const std::size_t i : movers) scene_.world.add_moving(i, seconds(time_ns), moving);
+    const Vector3d direction = rosette_->direction(seconds(time_ns), shot % rosette_->lasers);
+    Random random(seed_, simulator::Stream::kReturns,
+                  simulator::mixed(static_cast<std::uint64_t>(time_ns)));
+    Point point{};
+    const double range_m =
+        measured({pose.translation(), pose.linear() * direction}, moving, random, point.intensity);
+    if (range_m <= 0.0) continue;
+    const Eigen::Vector3f at = (range_m * direction).cast<float>();
+    point.x = at.x();
+    point.y = at.y();
+    point.z = at.z();
+    point.time_ns = after_ns;
     points.push_back(point);
   }
 }
@@ -109,7 +142,8 @@ void BeamLidar::column(std::int64_t time_ns, double azimuth_rad,
 Turn BeamLidar::turn(std::int64_t start_ns) const {
   const std::vector<std::size_t> movers = movers_near(start_ns);
   Turn out;
-  for (std::size_t c = 0; c < config_.columns; ++c) {
+  if (rosette_) trace(start_ns, movers, out.points);
+  for (std::size_t c = 0; !rosette_ && c < config_.columns; ++c) {
     const double share = static_cast<double>(c) / static_cast<double>(config_.columns);
     const double azimuth_rad = 2.0 * pi * share;
     const double off = std::remainder(azimuth_rad - radians(config_.view_towards_deg), 2.0 * pi);

@@ -100,6 +100,8 @@ Bump read_bump(const YAML::Node& node) {
 void read_lidar(const YAML::Node& node, BeamConfig& lidar) {
   if (!node) return;
   Keys keys(node, "lidar");
+  keys.read("pattern", lidar.pattern);
+  keys.read("has_rings", lidar.has_rings);
   keys.read("rings", lidar.rings);
   keys.read("low_deg", lidar.low_deg);
   keys.read("high_deg", lidar.high_deg);

@@ -34,7 +34,7 @@ driver::Pull DriveSource::pull(driver::DecodedSweep& sweep) {
   sweep.columns.assign(sweep.points.size(), 0);
   sweep.stamp_ns = kEpochNs + turn.first_ns;
   sweep.period_ns = lidar_.period_ns();
-  sweep.rings = static_cast<std::uint16_t>(config_.lidar.rings);
+  sweep.rings = lidar_.rings();
   sweep.model = "simulated";
   sweep.clock_source = driver::ClockSource::kSynthetic;
   sweep.complete = true;

@@ -96,6 +96,38 @@ TEST(BeamLidar, NoiseHasTheSigmaThatWasAskedFor) {
   EXPECT_NEAR(std::sqrt(sum / static_cast<double>(a.points.size())), 0.03, 0.001);
 }
 
+// The view that the maker gives, filled anew by each sweep, and points where the pose has them.
+TEST(BeamLidar, ARosetteFillsItsViewAndDoesNotRepeat) {
+  DriveConfig drive = walk_indoors();
+  drive.lidar = {.pattern = "mid360"};
+  drive.lidar.noise_m = 0.0;
+  const simulator::Scene scene = scene_of(drive);
+  const BeamLidar lidar(scene, drive.lidar, 1);
+  EXPECT_EQ(lidar.rings(), 0);
+  const Turn turn = lidar.turn(4 * kSecondNs), next = lidar.turn(4 * kSecondNs + 100'000'000);
+  ASSERT_GT(turn.points.size(), 15000U);
+  std::vector<int> eighths(8, 0);
+  for (std::size_t i = 0; i < turn.points.size(); i += 29) {
+    const Point& p = turn.points[i];
+    const double time_s = 1e-9 * static_cast<double>(turn.first_ns + p.time_ns);
+    const Vector3d at = scene.trajectory.at(time_s).T_world_body * p.position().cast<double>();
+    EXPECT_LT(distance_to_world(scene.world, at), 2e-3) << "point " << i;
+    const double elevation_deg = std::atan2(p.z, std::hypot(p.x, p.y)) * 180.0 / pi;
+    EXPECT_GT(elevation_deg, -7.01);
+    EXPECT_LT(elevation_deg, 52.01);
+    ++eighths[static_cast<std::size_t>((std::atan2(p.y, p.x) + pi) / (2.0 * pi) * 8.0) % 8];
+  }
+  for (const int count : eighths) EXPECT_GT(count, 40);
+  const auto direction = [](const Point& p) { return p.position().normalized(); };
+  EXPECT_GT((direction(turn.points[1000]) - direction(next.points[1000])).norm(), 0.01);
+}
+
+TEST(BeamLidar, AnUnknownPatternIsRefused) {
+  DriveConfig drive = walk_indoors();
+  drive.lidar.pattern = "rose";
+  EXPECT_THROW(BeamLidar(scene_of(drive), drive.lidar, 1), std::invalid_argument);
+}
+
 TEST(Drive, WavesHaveTheirAmplitude) {
   DriveConfig drive = walk_indoors();
   drive.waves = {{Axis::kRoll, 0.2, 2.0, 0.0}, {Axis::kUp, 0.05, 1.3, 0.0}};

@@ -34,7 +34,7 @@ CARRIED = (
     "--set=odometry.acceleration_sigma_mps2=6",
     "--set=odometry.angular_acceleration_sigma_radps2=8",
 )
-TABLE, NORMAL, WORLDS, SEARCH = "table", "normal", "worlds", "search"
+TABLE, NORMAL, WORLDS, RINGLESS, SEARCH = "table", "normal", "worlds", "ringless", "search"
 
 
 @dataclass(frozen=True)
@@ -298,6 +298,41 @@ def _worlds() -> Iterable[DataSet]:
     yield DataSet("sim-handheld-1", WORLDS, simulated("sim-handheld", "handheld", 1, (), CARRIED))
 
 
+#: lidars with and without rings, for the same drives
+LIDARS: dict[str, dict[str, object]] = {
+    "vlp16": {},
+    "no-rings": {"has_rings": False},
+    "mid360": {"pattern": "mid360"},
+    "hap": {"pattern": "hap"},
+    # beside the rosette that only looks ahead
+    "ahead": {"view_deg": 120.0},
+}
+
+
+def described(name: str, description: dict[str, object]) -> Callable[[Places], Drive]:
+    """A drive by its description, cast as it is run."""
+
+    def make(_: Places) -> Drive:
+        def fill(out: Path) -> None:
+            (out / "drive.yaml").write_text(yaml.safe_dump(description, sort_keys=False))
+
+        mark = hashlib.sha256(repr(description).encode()).hexdigest()[:8]
+        return Drive(kept(f"{name}-{mark}", fill) / "drive.yaml", None)
+
+    return make
+
+
+def _ringless() -> Iterable[DataSet]:
+    """Sweeps without rings beside a VLP-16's in the same worlds."""
+    for world in ("indoor", "city"):
+        for seed in (1, 2, 3):
+            for lidar, settings in LIDARS.items():
+                name = f"{lidar}-{world}-{seed}"
+                drive: dict[str, object] = {"seed": seed, "world": world, "world_seed": seed}
+                drive |= {"duration_s": 40.0, "lidar": settings}
+                yield DataSet(name, RINGLESS, described(name, drive))
+
+
 def all_sets() -> list[DataSet]:
     """In the order of the report."""
-    return [*_table(), *_normal(), *_worlds()]
+    return [*_table(), *_normal(), *_worlds(), *_ringless()]

@@ -37,19 +37,19 @@ Publisher::Publisher(const PublisherConfig& config, runtime::Stage& stage)
     stage.every(std::chrono::duration_cast<std::chrono::milliseconds>(period), [this] { tick(); });
   } else {
     window_.start_replay("transport-benchmark");
-    stage.on_turn([this] { return turn(); });
+    stage.on_poll([this] { return poll(); });
   }
 }
 
-runtime::Turn Publisher::turn() {
-  if (!window_.begun()) return runtime::Turn::kWait;
+runtime::Poll Publisher::poll() {
+  if (!window_.begun()) return runtime::Poll::kWait;
   if (next_ == static_cast<std::uint64_t>(config_.count)) {
     if (window_.finished()) stage_.stop();
-    return runtime::Turn::kWait;
+    return runtime::Poll::kWait;
   }
-  if (!window_.may_send(next_)) return runtime::Turn::kWait;
+  if (!window_.may_send(next_)) return runtime::Poll::kWait;
   publish_next();
-  return runtime::Turn::kAgain;
+  return runtime::Poll::kAgain;
 }
 
 // Goes on after its last message, to answer those who ask for lost ones, until it is told to stop.

@@ -28,7 +28,7 @@ class Publisher {
   Publisher(const PublisherConfig& config, runtime::Stage& stage);
 
  private:
-  runtime::Turn turn();
+  runtime::Poll poll();
   void tick();
   void publish_next();
   bool readers_are_there();

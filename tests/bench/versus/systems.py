@@ -24,7 +24,7 @@ from tests.bench.versus.data import Scans
 from tests.bench.versus.score import Scored
 from zloam_monitor import methods, se3, trajectory
 from zloam_monitor.chain import binary
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
 
 OURS = "zloam"

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <random>
 
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/scan_to_map.hpp"
 #include "common/plane_map/tests/room.hpp"
 
 namespace zloam::plane_map::testing {
@@ -14,7 +14,7 @@ namespace zloam::plane_map::testing {
 template <typename Scene>
 double worst_from_rest_m(const Scene& scene, double step_mps, double top_mps, unsigned seed,
                          const PlaneMapConfig& map, const MatcherConfig& matcher) {
-  PlaneRegistration registration{map, matcher};
+  ScanToMap tracker{map, matcher};
   std::mt19937 random(seed);
   Scanner scanner;
   scanner.columns = 1800;
@@ -30,7 +30,7 @@ double worst_from_rest_m(const Scene& scene, double step_mps, double top_mps, un
     SweepInput sweep;
     sweep.points = points;
     sweep.stamp_ns = k * 100'000'000LL;
-    const Pose T = registration.process(sweep).T_map_base_mid;
+    const Pose T = tracker.process(sweep).T_map_base_mid;
     const Pose truth = T_start * exp_se3(0.05 * v);
     worst_m = std::max(worst_m, (T.translation() - truth.translation()).norm());
     T_start = T_start * exp_se3(0.1 * v);

@@ -1,5 +1,5 @@
 #pragma once
-// A box-shaped room, ray-cast in closed form: the truth that the tests hold the registration to.
+// A box-shaped room, ray-cast in closed form: the truth that the tests hold the matching to.
 
 #include <Eigen/Core>
 #include <cmath>

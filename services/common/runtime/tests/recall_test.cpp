@@ -38,12 +38,12 @@ class Recall : public ::testing::Test {
   void publish_and_go() {
     RunningStage publisher(network_.open(1), setup("odometry", "killed"), [](Stage& stage) {
       Outlet& out = stage.outlet(Key::kOdometry);
-      stage.on_turn([&out, next = std::uint64_t{0}]() mutable {
-        if (next == 5 || !out.matching()) return Turn::kWait;
+      stage.on_poll([&out, next = std::uint64_t{0}]() mutable {
+        if (next == 5 || !out.matching()) return Poll::kWait;
         const HeaderFields header = sweep_header(7, next, true);
         out.publish(header, build(header, pose_of_sweep(next)));
         ++next;
-        return Turn::kAgain;
+        return Poll::kAgain;
       });
     });
     ASSERT_TRUE(read_.wait([](int n) { return n >= 5; }));

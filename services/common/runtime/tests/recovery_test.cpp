@@ -42,17 +42,17 @@ class Source {
         window_(stage.flow_window(out_)),
         sweeps_(sweeps) {
     window_.start_replay("capture");
-    stage.on_turn([this] { return turn(); });
+    stage.on_poll([this] { return poll(); });
   }
 
  private:
-  Turn turn() {
-    if (!window_.begun()) return Turn::kWait;
+  Poll poll() {
+    if (!window_.begun()) return Poll::kWait;
     if (next_ == sweeps_) {
       if (window_.finished()) stage_.stop();
-      return Turn::kWait;
+      return Poll::kWait;
     }
-    if (!window_.may_send(next_)) return Turn::kWait;
+    if (!window_.may_send(next_)) return Poll::kWait;
     HeaderFields h = out_.header(stage_.now_ns(), stage_.now_ns());
     h.run = window_.run();
     h.sweep = next_;
@@ -63,7 +63,7 @@ class Source {
     const PointVector points = cloud_of(next_);
     out_.publish(h, build(h, SweepFields{.points = points, .rings = 16}));
     ++next_;
-    return Turn::kAgain;
+    return Poll::kAgain;
   }
 
   Stage& stage_;
@@ -205,13 +205,13 @@ TEST(Recovery, KeysWithoutSweepsAreAskedForBySeq) {
   });
   RunningStage driver(network.open(1), setup("driver", "d"), [&](Stage& stage) {
     Outlet& out = stage.outlet(Key::kGnss);
-    stage.on_turn([&out] {
-      if (!out.matching() || out.published() == kMessages) return Turn::kWait;
+    stage.on_poll([&out] {
+      if (!out.matching() || out.published() == kMessages) return Poll::kWait;
       HeaderFields header = out.header(1, 1);
       header.run = 1;
       header.replay = true;
       out.publish(header, build_gnss(header, {}));
-      return Turn::kAgain;
+      return Poll::kAgain;
     });
   });
   EXPECT_TRUE(seen.wait([](const auto& numbers) { return numbers.size() == kMessages; }));

@@ -210,6 +210,30 @@ TEST(Sequencer, ReplayWithTheFirstSweepLostWaitsForIt) {
   EXPECT_EQ(b.out(), (Sweeps{0, 1}));
 }
 
+// The first messages of a run may go by before the link they come on is up on both sides.
+TEST(Sequencer, LiveAsksForTheFirstSweepsOfARunThatHasJustBegun) {
+  Bench b;
+  b.add(2);
+  EXPECT_EQ(b.out(), Sweeps{});
+  b.now += 40 * kMs;
+  const auto request = b.sequencer.request(b.now);
+  ASSERT_TRUE(request);
+  EXPECT_EQ(request->first, 0U);
+  EXPECT_EQ(request->last, 1U);
+  b.add(0);
+  b.add(1);
+  EXPECT_EQ(b.out(), (Sweeps{0, 1, 2}));
+  EXPECT_TRUE(b.sequencer.given_up().empty());
+}
+
+TEST(Sequencer, LiveBeginsWhereItIsJoinedWhenNobodyHasWhatWasBefore) {
+  Bench b;
+  b.add(1);
+  b.now += 1000 * kMs;
+  EXPECT_EQ(b.out(), Sweeps{1});
+  EXPECT_TRUE(b.sequencer.given_up().empty());
+}
+
 TEST(Sequencer, LiveBoundDropsTheOldestAndSaysSo) {
   Bench b({.newest = 4});
   for (std::uint64_t sweep = 0; sweep < 7; ++sweep) EXPECT_EQ(b.add(sweep), std::nullopt);

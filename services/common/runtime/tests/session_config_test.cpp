@@ -8,18 +8,45 @@ namespace {
 using testing::Contains;
 using testing::Each;
 using testing::ElementsAre;
-using testing::Not;
 using testing::StartsWith;
 
-TEST(Endpoints, AStageListensOnItsPortAndConnectsToItsSiblings) {
+TEST(Endpoints, AStageListensOnItsPortAndConnectsToThoseBehindIt) {
   ZenohConfig config;
   config.host = "10.0.0.5";
   config.base_port = 7000;
+  config.connect = {"tcp/router:7447"};
   const Endpoints e = endpoints_of(config, "odometry");
   EXPECT_THAT(e.listen, ElementsAre("tcp/10.0.0.5:7002"));
-  EXPECT_THAT(e.connect, Each(StartsWith("tcp/10.0.0.5:70")));
-  EXPECT_THAT(e.connect, Not(Contains("tcp/10.0.0.5:7002")));
-  EXPECT_THAT(e.connect, Contains("tcp/10.0.0.5:7003"));
+  EXPECT_THAT(e.connect, ElementsAre("tcp/10.0.0.5:7003", "tcp/10.0.0.5:7004", "tcp/router:7447"));
+}
+
+TEST(Endpoints, OfTwoStagesExactlyOneConnects) {
+  ZenohConfig config;
+  config.base_port = 7000;
+  for (const StageRow& a : stage_list()) {
+    for (const StageRow& b : stage_list()) {
+      // Two that are both outside of the chain have nothing to say to each other.
+      if (a.name == b.name || !(a.in_chain || b.in_chain)) continue;
+      const Endpoints first = endpoints_of(config, a.name);
+      const Endpoints second = endpoints_of(config, b.name);
+      const bool forth = testing::Value(first.connect, Contains(second.listen.front()));
+      const bool back = testing::Value(second.connect, Contains(first.listen.front()));
+      EXPECT_NE(forth, back) << a.name << ", " << b.name;
+      EXPECT_EQ(forth, first.initiative > second.initiative) << a.name << ", " << b.name;
+    }
+  }
+}
+
+TEST(Endpoints, SecondInstancesAndOthersConnectToAllOfTheChain) {
+  ZenohConfig config;
+  config.base_port = 7000;
+  config.listen = {"tcp/127.0.0.1:0"};
+  for (const char* stage : {"registration", "store"}) {
+    const Endpoints e = endpoints_of(config, stage);
+    EXPECT_EQ(e.listen, config.listen);
+    EXPECT_EQ(e.connect.size(), 5) << stage;
+    EXPECT_GT(e.initiative, endpoints_of(ZenohConfig{}, "driver").initiative);
+  }
 }
 
 TEST(Endpoints, OnAllInterfacesSiblingsAreReachedOnThisMachine) {
@@ -30,6 +57,15 @@ TEST(Endpoints, OnAllInterfacesSiblingsAreReachedOnThisMachine) {
   EXPECT_THAT(endpoints_of(config, "driver").connect, Each(StartsWith("tcp/127.0.0.1:")));
   config.host = "[::]";
   EXPECT_THAT(endpoints_of(config, "driver").connect, Each(StartsWith("tcp/[::1]:")));
+}
+
+TEST(Endpoints, EachStageMayHaveAHostOfItsName) {
+  ZenohConfig config;
+  config.base_port = 7000;
+  config.host = "<stage>2.robots";
+  const Endpoints e = endpoints_of(config, "odometry");
+  EXPECT_THAT(e.listen, ElementsAre("tcp/0.0.0.0:7002"));
+  EXPECT_THAT(e.connect, ElementsAre("tcp/mapping2.robots:7003", "tcp/integration2.robots:7004"));
 }
 
 }  // namespace

@@ -314,7 +314,10 @@ TEST(Outlet, AnswersByNumberWithTheBytesThatWerePublished) {
   };
   // The link comes up in the background: ask until the first answer.
   std::vector<std::string> one;
-  for (int attempt = 0; attempt < 1000 && one.empty(); ++attempt) one = ask("?run=42;sweep=6");
+  for (int attempt = 0; attempt < 1000 && one.empty(); ++attempt) {
+    one = ask("?run=42;sweep=6");
+    if (one.empty()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   EXPECT_EQ(one, std::vector<std::string>{sent[6]});
   // 0 to 2 are not kept any more.
   EXPECT_THAT(ask("?run=42;sweep=0..4"), testing::UnorderedElementsAre(sent[3], sent[4]));
@@ -330,7 +333,7 @@ struct Service : testing::Test {
     StageSetup s = setup("mapping", "m1");
     s.values_json = R"({"mapping.every":1})";
     s.result_json = R"({"mapping.every":1})";
-    stage = std::make_unique<RunningStage>(network.open(0), std::move(s), [](Stage& core) {
+    stage = std::make_unique<RunningStage>(network.open(1), std::move(s), [](Stage& core) {
       core.figure("map_points", 12.0);
       core.command("save", [](const std::string& arguments) {
         const auto json = nlohmann::json::parse(arguments);
@@ -340,7 +343,7 @@ struct Service : testing::Test {
       core.command("break",
                    [](const std::string&) -> CommandReply { throw std::runtime_error("broken"); });
     });
-    client = std::make_unique<zenoh::Session>(network.open(1));
+    client = std::make_unique<zenoh::Session>(network.open(0));
   }
   /// The answers once there is a good one.
   std::vector<zenoh::Reply> ask(const std::string& selector, const std::string& payload = {}) {
@@ -350,6 +353,7 @@ struct Service : testing::Test {
       auto replies = client->get(selector, options);
       // While the link is being made, the transport itself may answer with an error
       if (!replies.empty() && replies[0].ok()) return replies;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
     return {};
   }
@@ -465,15 +469,15 @@ TEST(Status, ASourceSaysHowFarItIs) {
     Outlet& out = stage.outlet(Key::kSweep);
     FlowWindow& window = stage.flow_window(out);
     window.start_live();
-    stage.on_turn([&, sweep = std::uint64_t{0}]() mutable {
-      if (sweep == 3) return Turn::kWait;
+    stage.on_poll([&, sweep = std::uint64_t{0}]() mutable {
+      if (sweep == 3) return Poll::kWait;
       HeaderFields header = out.header(1, 1);
       header.run = window.run();
       header.sweep = sweep++;
       header.end_of_run = sweep == 3;
       out.publish(header, build(header, SweepFields{.rings = 16}));
       done.change([&](bool& d) { d = sweep == 3; });
-      return Turn::kAgain;
+      return Poll::kAgain;
     });
   });
   ASSERT_TRUE(done.wait([](bool d) { return d; }));

@@ -20,7 +20,7 @@ using zenoh::test::Watched;
 /// Of the robot and sensor that setup() names.
 inline const Keys kKeys("r", "top");
 
-/// Peers that all know each other's ports, one for each place.
+/// Peers at a port for each place in the chain, linked as stages are.
 class Network {
  public:
   explicit Network(std::size_t places, bool shared_memory = false) : shared_memory_(shared_memory) {
@@ -34,9 +34,9 @@ class Network {
     config.shared_memory = shared_memory_;
     config.pool_mib = 16;
     Endpoints e;
-    for (std::size_t i = 0; i < endpoints_.size(); ++i) {
-      (i == place ? e.listen : e.connect).push_back(endpoints_[i]);
-    }
+    e.listen.push_back(endpoints_[place]);
+    e.connect.assign(endpoints_.begin() + static_cast<std::ptrdiff_t>(place) + 1, endpoints_.end());
+    e.initiative = static_cast<std::uint8_t>(endpoints_.size() - place);
     return zenoh::Session::open(session_config(config, e));
   }
 

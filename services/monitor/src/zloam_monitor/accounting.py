@@ -6,8 +6,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from zloam_monitor.keys import POSE_PATH, STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.records import StatusRecord
+from zloam_monitor.stages import POSE_PATH, STAGES
 
 #: second copies and strangers are no sweeps that went missing; a sweep whose only message was
 #: refused is counted as lost

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
 from zloam_monitor.processes import Processes, free_base_port, free_port
 from zloam_monitor.records import StatusRecord
+from zloam_monitor.stages import STAGES
 
 if TYPE_CHECKING:
     from typing import Self
 
 #: consumers first, so that the first sweep finds its readers
-START_ORDER = ("integration", "mapping", "odometry", "registration", "driver")
+START_ORDER = STAGES[::-1]
 READY_SECONDS = 60.0
 #: the stages' last statuses are still on their way when the processes have ended
 LAST_WORDS_SECONDS = 0.3
@@ -151,9 +152,21 @@ class Chain:
         """Until every stage has said something over Zenoh; a start error is raised as it is."""
         self._wait_for(STAGES)
 
-    def _wait_for(self, stages: Sequence[str]) -> None:
+    def wait_linked(self) -> None:
+        """Until every stage has its readers too: of what a sensor sends from now on, none misses
+        the first of it. A replay's driver waits for that by itself."""
+        self._wait_for(STAGES, lambda status: status.health in ("ready", "degraded"))
+
+    def _wait_for(
+        self, stages: Sequence[str], good: Callable[[StatusRecord], bool] = lambda status: True
+    ) -> None:
         deadline = time.monotonic() + READY_SECONDS
-        while missing := [s for s in stages if self.link.stage(s) is None]:
+
+        def is_missing(stage: str) -> bool:
+            status = self.link.stage(stage)
+            return status is None or not good(status)
+
+        while missing := [stage for stage in stages if is_missing(stage)]:
             self.link.poll(0.1)
             self.processes.check(may_end=("driver",))
             if time.monotonic() > deadline:

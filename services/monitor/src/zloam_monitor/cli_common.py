@@ -12,12 +12,15 @@ from typing import Annotated, Any, ParamSpec
 import typer
 
 from zloam_monitor import ending, places
+from zloam_monitor.stages import PORT_ORDER, STAGES
 
 #: the headings under which `zloam --help` lists the commands
 RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Robots that run", "Files", "Programs (each has a --help)"
 P = ParamSpec("P")
 #: a file could not be read or written, as with the stages
 FILE_MISSING = 3
+#: in an endpoint: each stage's name
+STAGE = "<stage>"
 
 
 def said(error: object) -> None:
@@ -100,12 +103,28 @@ def split(values: list[str] | None) -> list[str]:
     return [each for value in values or [] for each in value.replace(",", " ").split() or [value]]
 
 
+def endpoints(connect: list[str] | None) -> list[str]:
+    """Those that were named; `<stage>` in one stands for each stage of the chain at its port."""
+    from zloam_monitor.robot_file import RobotNames  # which takes time to load
+
+    found = []
+    for each in split(connect):
+        if STAGE not in each:
+            found.append(each)
+            continue
+        # the source last: it may be a while before it is there
+        for stage in reversed(STAGES):
+            port = RobotNames().base_port + PORT_ORDER.index(stage)
+            found.append(f"{each.replace(STAGE, stage)}:{port}")
+    return found
+
+
 def robot_names() -> list[str]:
     return sorted(path.stem for path in places.robots().glob("*.yaml"))
 
 
 def stage_names() -> list[str]:
-    return ["driver", "registration", "odometry", "mapping", "integration"]
+    return list(STAGES)
 
 
 def robot_path(text: str) -> Path:
@@ -118,8 +137,8 @@ Connect = Annotated[
     typer.Option(
         metavar="ENDPOINT",
         envvar="ZLOAM_CONNECT",
-        help="Where to look, e.g. 192.168.1.5 or tcp/robot:7464; may be repeated. "
-        "Default: this machine.",
+        help="Where to look, e.g. 192.168.1.5 or tcp/robot:7464; may be repeated. tcp/<stage>: at "
+        "each stage's own host. Default: this machine.",
     ),
 ]
 Robot = Annotated[str | None, typer.Option(help="Its name. Default: the only one that answers.")]
@@ -136,6 +155,11 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="One value over the file; may be repeated."),
 ]
+#: how the times of a cloud's points are known, by the driver's keys
+TimeField = Annotated[str, typer.Option(help="driver.time_field")]
+TimeModel = Annotated[str, typer.Option(help="driver.time_model")]
+PeriodS = Annotated[float, typer.Option(help="driver.scan_period_s")]
+SeamDeg = Annotated[float, typer.Option(help="driver.scan_seam_deg")]
 #: several of them in one text, as make has them
 ManySettings = Annotated[str, typer.Option("--settings", hidden=True)]
 ManySettingsAt = Annotated[str, typer.Option("--settings-at", hidden=True)]

@@ -11,16 +11,11 @@ import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
+from zloam_monitor.stages import ROWS
 
 #: programs that take their own options
 PROGRAMS = (
-    ("driver", "Packets or scans to sweeps."),
-    ("registration", "Sweeps to features."),
-    ("odometry", "Motion from sweep to sweep."),
-    ("mapping", "The map, and the pose in it."),
-    ("integration", "The fused pose, and trajectories as files."),
-    ("store", "Map tiles at rest."),
-    ("simulator", "Packets of a simulated sensor, and the truth."),
+    *((row.name, row.summary) for row in ROWS.values()),
     ("decode", "Points of a capture as text."),
 )
 
@@ -118,27 +113,47 @@ def config_schema(preset_dir: common.PresetDir = None) -> int:
 def recording(
     file: Annotated[Path, typer.Argument(metavar="BAG", help="Bag or MCAP file.")],
     topic: Annotated[str, typer.Option(help="driver.topic")] = "",
-    time_field: Annotated[str, typer.Option(help="driver.time_field")] = "",
-    time_model: Annotated[str, typer.Option(help="driver.time_model")] = "none",
-    period_s: Annotated[float, typer.Option(help="driver.scan_period_s")] = 0.1,
-    seam_deg: Annotated[float, typer.Option(help="driver.scan_seam_deg")] = 180.0,
+    time_field: common.TimeField = "",
+    time_model: common.TimeModel = "none",
+    period_s: common.PeriodS = 0.1,
+    seam_deg: common.SeamDeg = 180.0,
+    imu: Annotated[bool, typer.Option("--imu", help="With inertial readings.")] = False,
+    imu_topic: Annotated[str, typer.Option(help="driver.imu_topic")] = "",
     stream: Annotated[
         bool, typer.Option("--stream", help="Write its sweeps to standard output, for the driver.")
     ] = False,
 ) -> int:
-    """List what a bag has for the driver, and how its clouds would be read."""
+    """List what a bag or a folder of clouds has for the driver, and how it would be read."""
     from zloam_monitor import recordings, sources
     from zloam_monitor.recordings import stream as frames
     from zloam_monitor.recordings.sweeps import Timing
 
     timing = Timing(time_model, period_s, seam_deg, time_field)
     if stream:
-        return frames.write(file, topic, timing, sys.stdout.buffer)
+        wanted = imu_topic if imu else None
+        return frames.write(file, topic, timing, sys.stdout.buffer, wanted)
     try:
         for line in frames.described(file, topic, timing):
             print(line)
     except recordings.Refused as refused:
         raise sources.SourceError(f"{file}: {refused}") from refused
+    return 0
+
+
+@command
+def metadata(
+    host: Annotated[str, typer.Argument(help="Name or address of the sensor.")],
+    file: Annotated[Path, typer.Argument(help="For driver.metadata.")],
+) -> int:
+    """Fetch what a sensor says of its beams and packets (Ouster), for driver.metadata."""
+    import json
+
+    from zloam_monitor import files, sensor_metadata
+
+    found = sensor_metadata.fetched(host)
+    with files.written_whole(file) as out:
+        json.dump(found, out, indent=1)
+    print(f"{file}: {found.get('sensor_info', {}).get('prod_line', 'a sensor')}")
     return 0
 
 
@@ -168,6 +183,10 @@ def add(app: typer.Typer) -> None:
     app.command(
         rich_help_panel=common.FILES, epilog=examples("zloam recording drive.mcap --topic /points")
     )(recording)
+    app.command(
+        rich_help_panel=common.FILES,
+        epilog=examples("zloam metadata os-122201000998.local os.json"),
+    )(metadata)
     config.command("check", epilog=examples("zloam config check my.yaml"))(config_check)
     config.command("schema", epilog=examples("zloam config schema > schema.json"))(config_schema)
     app.add_typer(config, name="config", rich_help_panel=common.FILES)

@@ -18,7 +18,7 @@ def robots(connect: common.Connect = None) -> int:
     """List the robots that answer."""
     from zloam_monitor import discovery
 
-    print("\n".join(map(str, discovery.present(common.split(connect)))))
+    print("\n".join(map(str, discovery.present(common.endpoints(connect)))))
     return 0
 
 
@@ -27,7 +27,7 @@ def status(connect: common.Connect = None, robot: common.Robot = None) -> int:
     """Look once: pose, and how each stage is; exit code 1 when one fails or is silent."""
     from zloam_monitor import discovery, watch
 
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return watch.look(link)
 
 
@@ -44,7 +44,7 @@ def watch(
     from zloam_monitor import discovery
     from zloam_monitor import watch as watcher
 
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return watcher.watch(link, seconds, every)
 
 
@@ -61,7 +61,7 @@ def get(
     """Show the configuration in force."""
     from zloam_monitor import discovery, settings
 
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return settings.show(link, stage, key)
 
 
@@ -76,7 +76,7 @@ def set_(
     from zloam_monitor import discovery, settings
 
     wanted = settings.pairs(values)
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return settings.set_values(link, stage, wanted)
 
 
@@ -91,7 +91,7 @@ def save(
     """Write map and trajectories now; the run goes on."""
     from zloam_monitor import discovery, settings
 
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return settings.save(link, folder)
 
 
@@ -107,7 +107,7 @@ def reset(
     """Empty the map and begin a new one."""
     from zloam_monitor import discovery, settings
 
-    with discovery.linked(robot, common.split(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect)) as link:
         return settings.reset(link, stages or ("odometry", "mapping"))
 
 

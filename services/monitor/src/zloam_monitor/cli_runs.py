@@ -28,6 +28,7 @@ class _Recorded:
     bag: Path | None
     imu: str | None
     settings: list[str]
+    own_config: bool
 
     def source(self) -> Source | None:
         from zloam_monitor import sources
@@ -46,7 +47,7 @@ class _Recorded:
         if self.kitti:
             return sources.from_kitti(self.kitti, Path("out/unpacked"))
         if self.bag:
-            return sources.from_bag(self.bag, self.settings)
+            return sources.from_bag(self.bag, self.settings, self.own_config)
         return sources.from_scans(self.scans) if self.scans else None
 
 
@@ -61,7 +62,8 @@ def demo(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Bag of ROS 1 or 2, or MCAP file, with clouds (PointCloud2) or Velodyne packets."
+            help="Bag of ROS 1 or 2, or MCAP file, with clouds (PointCloud2) or packets; folder of "
+            "PCD, PLY, LAS or LAZ files, one a sweep."
         ),
     ] = None,
     topic: Annotated[str, typer.Option(help="Of a bag, where several have clouds.")] = "",
@@ -117,7 +119,9 @@ def demo(
     programs = methods.programs(method)
     if topic:
         settings.append(f"driver.topic={topic}")
-    source = _Recorded(pcap, bin, kitti, scans, bag, imu, settings).source()
+    source = _Recorded(
+        pcap, bin, kitti, scans, bag, imu, settings, own_config=config is not None
+    ).source()
     build = common.kept(preset_dir)
     binary(build, "driver")
     if source is None:
@@ -201,13 +205,25 @@ def follow(
         Path | None,
         typer.Option(help="Is made when all stages were heard: the source may start."),
     ] = None,
+    ended_file: Annotated[
+        Path | None,
+        typer.Option(
+            help="Is made at the end, for those that end with the run; the table comes after them."
+        ),
+    ] = None,
+    patience: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds from all stages being heard to the first pose. Default: for ever."
+        ),
+    ] = None,
 ) -> int:
     """Follow one run of stages that somebody else started, and write picture and report."""
     from zloam_monitor import discovery, report
     from zloam_monitor import follow as follower
     from zloam_monitor.keys import Keys
 
-    endpoints = [discovery.endpoint_of(each) for each in common.split(connect)]
+    endpoints = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
     options = follower.FollowOptions(
         keys=Keys(robot, sensor),
         connect=endpoints or discovery.candidates(),
@@ -215,8 +231,53 @@ def follow(
         title=title,
         truth=truth or [],
         ready_file=ready_file,
+        ended_file=ended_file,
+        patience_s=patience,
     )
     return report.exit_code(follower.follow(options))
+
+
+@command
+def ros_lidar(
+    topic: Annotated[str, typer.Argument(help="Of sensor_msgs/msg/PointCloud2, e.g. /points.")],
+    config: common.Config = None,
+    connect: common.Connect = None,
+    ros: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENDPOINT", help="The ROS nodes' router (rmw_zenohd)."),
+    ] = None,
+    domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS_DOMAIN_ID.")] = 0,
+    distro: Annotated[str, typer.Option(envvar="ROS_DISTRO", help="Of the ROS nodes.")] = "jazzy",
+    time_field: common.TimeField = "",
+    time_model: common.TimeModel = "none",
+    period_s: common.PeriodS = 0.1,
+    seam_deg: common.SeamDeg = 180.0,
+) -> int:
+    """Use a point cloud topic of a ROS 2 system (rmw_zenoh) as the robot's lidar, instead of the
+    driver."""
+    from zloam_monitor import discovery, places, recordings, robot_file, ros_lidar, sources
+    from zloam_monitor.keys import Keys
+    from zloam_monitor.recordings.sweeps import Timing
+
+    if distro not in ros_lidar.DISTROS:
+        raise sources.SourceError(f"--distro {distro}: one of {', '.join(ros_lidar.DISTROS)}")
+    if not topic.startswith("/"):
+        raise sources.SourceError(f"{topic}: a topic begins with '/'")
+    robot = robot_file.names(config or places.robot_file("vlp16-outdoor"), [])
+    stages = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
+    try:
+        options = ros_lidar.Options(
+            topic=topic,
+            ros=ros or ["tcp/127.0.0.1:7447"],
+            connect=stages or discovery.candidates(),
+            keys=Keys(robot.robot, robot.sensor),
+            timing=Timing(time_model, period_s, seam_deg, time_field),
+            domain=domain,
+            distro=distro,
+        )
+        return ros_lidar.run(options)
+    except recordings.Refused as refused:
+        raise sources.SourceError(f"{topic}: {refused}") from refused
 
 
 def add(app: typer.Typer) -> None:
@@ -241,3 +302,11 @@ def add(app: typer.Typer) -> None:
         rich_help_panel=common.RUNS,
         epilog=examples("zloam follow --connect tcp/robot:7464 --out drive"),
     )(follow)
+    app.command(
+        "ros-lidar",
+        rich_help_panel=common.RUNS,
+        epilog=examples(
+            "zloam ros-lidar /velodyne_points",
+            "zloam ros-lidar /points --ros tcp/10.0.0.5:7447 --time-field t",
+        ),
+    )(ros_lidar)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor.chain import binary
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import STAGES
 
 #: what a line of a stage's log begins with
 _LOG_HEAD = re.compile(r"^\S+Z \w+\s+\w+: ")

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, LinkError, open_session
+from zloam_monitor.stages import STAGES
 
 HOST = "127.0.0.1"
 #: of integration, and of the router in docker-compose.yml

@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import socket
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from zloam_monitor import outputs, report
+from zloam_monitor.chain import ChainError
+from zloam_monitor.files import written_whole
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.report import Run
+from zloam_monitor.stages import ACK, ROWS, STAGES
 from zloam_monitor.terminal import ProgressLine
 
 #: whose word is waited for before the source may start
-CONSUMERS = ("registration", "odometry", "mapping", "integration")
-SINKS = ("mapping", "integration")
+CONSUMERS = tuple(stage for stage in STAGES if ROWS[stage].reads)
+SINKS = tuple(stage for stage in STAGES if ACK in ROWS[stage].writes)
 #: files of a run are written at its end; they and the last statuses need a moment
 SETTLE_SECONDS = 2.0
+#: those that end with the run look once a second, and then end all at the same time
+NOTICE_SECONDS = 2.0
+#: a stage that ends takes 9 s at most
+END_SECONDS = 20.0
+#: who listens no more has not quite ended yet
+GONE_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -31,13 +42,19 @@ class FollowOptions:
     truth: list[Path] = field(default_factory=list)
     #: is touched as soon as all consumers were heard
     ready_file: Path | None = None
+    #: is made at the end, for those that end with it; they are waited for
+    ended_file: Path | None = None
+    #: for the first pose after all consumers were heard; None: for ever
+    patience_s: float | None = None
 
 
-def _say_ready(link: Link, ready_file: Path | None) -> None:
-    if ready_file is None or ready_file.exists():
-        return
-    if all(link.stage(stage) is not None for stage in CONSUMERS):
+def _all_heard(link: Link, ready_file: Path | None) -> bool:
+    """Whether all consumers were, and says so."""
+    if not all(link.stage(stage) is not None for stage in CONSUMERS):
+        return False
+    if ready_file is not None:
         ready_file.touch()
+    return True
 
 
 def _finished(link: Link) -> bool:
@@ -47,18 +64,64 @@ def _finished(link: Link) -> bool:
 
 def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
     """Until the run's end; wall seconds since its first pose."""
+    ready: float | None = None
     began: float | None = None
     while not _finished(link):
         link.poll(0.2)
-        _say_ready(link, options.ready_file)
+        if ready is None and _all_heard(link, options.ready_file):
+            ready = time.monotonic()
         if link.poses:
             began = began or time.monotonic()
             line.show(f"sweep {max(link.poses) + 1}, {len(link.poses)} poses")
+        elif ready and options.patience_s and time.monotonic() - ready > options.patience_s:
+            raise ChainError(
+                f"no pose within {options.patience_s:.0f} s after all stages were ready: "
+                "see what the driver says"
+            )
     return time.monotonic() - (began or time.monotonic())
 
 
+def _answers(endpoint: str) -> bool:
+    """Whether anybody listens there."""
+    host, _, port = endpoint.rpartition("/")[2].rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
+    """Tells everybody that the run has ended, and waits until nobody listens any more, so that what
+    is printed then comes last."""
+    if options.ended_file is None:
+        return
+    with written_whole(options.ended_file) as out:
+        out.write(f"{math.ceil(time.time() + NOTICE_SECONDS)}\n")
+    deadline = time.monotonic() + seconds
+    left = options.connect
+    while left := [each for each in left if _answers(each)]:
+        if time.monotonic() > deadline:
+            print(f"not ended within {seconds:.0f} s: {', '.join(left)}")
+            return
+        time.sleep(0.2)
+    time.sleep(GONE_SECONDS)
+
+
 def follow(options: FollowOptions) -> dict[str, Any]:
-    """Waits for a run and its end; writes report and picture; returns the report."""
+    """Waits for a run and its end; writes report and picture, and prints the table; returns the
+    report."""
+    try:
+        found = _follow(options)
+    except Exception:  # nobody else would tell them
+        _let_end(options)
+        raise
+    _let_end(options)
+    print(report.table(found))
+    return found
+
+
+def _follow(options: FollowOptions) -> dict[str, Any]:
     claim = outputs.claim_own(options.out, options.truth)
     line = ProgressLine()
     session = open_session(options.connect)
@@ -83,5 +146,4 @@ def follow(options: FollowOptions) -> dict[str, Any]:
         found = outputs.write_all(options.out, options.title, seen, stages_write_here=False)
     finally:
         claim.record()
-    print(report.table(found))
     return found

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-STAGES = ("driver", "registration", "odometry", "mapping", "integration")
-#: stages on the way of a pose; what mapping skips costs no pose
-POSE_PATH = ("driver", "registration", "odometry", "integration")
+from zloam_monitor.stages import ROWS
 
 
 @dataclass(frozen=True)
@@ -84,21 +82,16 @@ class Keys:
     def ack(self, sink: str) -> str:
         return self.below(f"flow/{sink}/ack")
 
+    def of(self, pattern: str) -> str:
+        """Of a pattern of the list of stages."""
+        return self.below(pattern.replace("<sensor>", self.sensor))
+
     def main_input(self, stage: str) -> str | None:
         """The key whose messages are the sweeps that come into a stage; None: packets."""
-        return {
-            "registration": self.sweep,
-            "odometry": self.features,
-            "mapping": self.odometry_features,
-            "integration": self.odometry,
-        }.get(stage)
+        row = ROWS.get(stage)
+        return self.of(row.reads[0]) if row and row.reads else None
 
     def main_output(self, stage: str) -> str:
-        """The key with one message for each sweep that leaves a stage."""
-        return {
-            "driver": self.sweep,
-            "registration": self.features,
-            "odometry": self.odometry,
-            "mapping": self.map_correction,
-            "integration": self.pose,
-        }[stage]
+        """The key with one message for each sweep that leaves a stage; empty: it only reads."""
+        writes = ROWS[stage].writes
+        return self.of(writes[0]) if writes else ""

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from zloam_monitor.keys import STAGES
 from zloam_monitor.records import PoseRecord
+from zloam_monitor.stages import STAGES
 
 Percentiles = dict[str, float] | None
 

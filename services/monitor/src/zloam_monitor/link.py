@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import queue
+import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -18,9 +19,10 @@ import zenoh
 
 from zloam_monitor import records
 from zloam_monitor.clouds import Tile
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
+from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
@@ -49,11 +51,23 @@ def _opened(config: Any) -> Any:
     return zenoh.open(config)
 
 
+def _identifier(initiative: int) -> str:
+    """Of two peers the one with the greater identifier connects to the other, so that never both
+    do; Zenoh compares from the last two digits on (services/common/runtime/session_config.hpp)."""
+    return f"{secrets.randbits(112) | 1 << 112:x}{initiative:02x}"
+
+
 @_said()
 def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
-    """A peer that connects to these endpoints and goes on trying; no multicast."""
+    """A peer that connects to these endpoints and goes on trying, and to all that they tell it of;
+    without endpoints it waits for others to connect. No multicast."""
     config = zenoh.Config()
+    config.insert_json5("id", json.dumps(_identifier(255 if endpoints else 0)))
     config.insert_json5("mode", '"peer"')
+    config.insert_json5(
+        "scouting/gossip/autoconnect_strategy",
+        '{peer: {to_router: "always", to_peer: "greater-zid"}}',
+    )
     config.insert_json5("connect/endpoints", json.dumps(endpoints))
     config.insert_json5("connect/timeout_ms", "-1")
     config.insert_json5("connect/exit_on_failure", "false")

@@ -152,13 +152,14 @@ def decode(table: str, payload: bytes) -> Any:
         raise MessageError(f"not a {table}: {error}") from error
 
 
-#: what reading a damaged FlatBuffer can raise in Python
+#: what reading a damaged FlatBuffer, or JSON nested too deeply inside one, can raise in Python
 DECODE_ERRORS: tuple[type[Exception], ...] = (
     MessageError,
     ValueError,
     IndexError,
     TypeError,
     OverflowError,
+    RecursionError,
     importlib.import_module("struct").error,
 )
 

@@ -12,9 +12,9 @@ import numpy as np
 from zloam_monitor import claims, clouds, evaluation, picture, report, se3, trajectory
 from zloam_monitor.claims import Claim
 from zloam_monitor.files import written_whole
-from zloam_monitor.keys import STAGES
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
+from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 

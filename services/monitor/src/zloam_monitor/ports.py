@@ -7,8 +7,9 @@ import socket
 from dataclasses import dataclass
 
 from zloam_monitor import discovery
-from zloam_monitor.processes import PORT_ORDER, free_base_port, is_free
+from zloam_monitor.processes import free_base_port, is_free
 from zloam_monitor.robot_file import RobotNames
+from zloam_monitor.stages import PORT_ORDER
 
 ANY_HOST = "0.0.0.0"
 #: for tests: several runs on one machine, each on any free ports

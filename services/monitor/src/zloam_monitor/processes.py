@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-#: order of the ports: stage i listens on base port + i
-PORT_ORDER = ("driver", "registration", "odometry", "mapping", "integration", "simulator")
+from zloam_monitor.stages import PORT_ORDER
+
 LOG_LINES = 12
 #: tells a stage which descriptor ends with this program
 PARENT_PIPE = "ZLOAM_PARENT_PIPE"

@@ -13,10 +13,11 @@ from zloam_monitor import evaluation, latency, pose_health
 from zloam_monitor.accounting import Accounts, account
 from zloam_monitor.evaluation import Scores
 from zloam_monitor.files import written_whole
-from zloam_monitor.keys import STAGES, Keys
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
 from zloam_monitor.settings import as_set_at
+from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
 
 #: a file that could not be written

@@ -45,6 +45,8 @@ def names(path: Path, settings: list[str]) -> RobotNames:
         raise RobotFileError(f"{path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise RobotFileError(f"{path}: {error}") from error
+    except RecursionError as error:
+        raise RobotFileError(f"{path}: nested too deeply") from error
     plain = RobotNames()
     port = _value(tree, settings, "zenoh.base_port", plain.base_port)
     try:
@@ -54,5 +56,5 @@ def names(path: Path, settings: list[str]) -> RobotNames:
             base_port=int(port),
             host=str(_value(tree, settings, "zenoh.host", plain.host)),
         )
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise RobotFileError(f"{path}: zenoh.base_port {port!r} is no number") from error

@@ -13,7 +13,7 @@ from typing import Any
 
 from zloam_monitor import config_schema
 from zloam_monitor.chain import binary
-from zloam_monitor.keys import STAGES
+from zloam_monitor.stages import ROWS, STAGES
 
 #: beside the robots' files
 SCHEMA = "schema.json"
@@ -57,11 +57,7 @@ SECTIONS = {
     "sensor": "The lidar.",
     "mounting": "Poses of the lidar (T_base_lidar) and the IMU in base_link. Poses and map are of"
     " base_link: with zeros base_link is the lidar itself. Upside down: rpy_deg [180, 0, 0].",
-    "driver": "Packets or scans to sweeps.",
-    "registration": "Sweeps to features.",
-    "odometry": "A sweep's features against the sweeps before it.",
-    "mapping": "Sweeps against the map.",
-    "integration": "Odometry and the map's corrections to the pose.",
+    **{stage: ROWS[stage].summary for stage in STAGES},
     "zenoh": "Links between the stages.",
     "flow": "Pacing of a replay.",
     "recovery": "Lost messages and queues.",

@@ -88,6 +88,17 @@ def from_xyz_rpy_deg(xyz: Any, rpy_deg: Any) -> Array:
     return out
 
 
+def to_xyz_rpy_deg(pose: Array) -> tuple[Array, Array]:
+    """The inverse of from_xyz_rpy_deg; pitch within 90 degrees, roll 0 where yaw says all."""
+    r = pose[:3, :3]
+    pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
+    if np.hypot(r[0, 0], r[1, 0]) < 1e-9:
+        roll, yaw = 0.0, np.arctan2(-r[0, 1], r[1, 1])
+    else:
+        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+    return pose[:3, 3], np.degrees([roll, pitch, yaw])
+
+
 def rotation_angle_rad(transforms: Array) -> Array:
     """Angle of each rotation, exact for small angles too."""
     q = quaternions(transforms)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from zloam_monitor import claims, places, recordings
 from zloam_monitor.processes import describe_code
-from zloam_monitor.recordings import bags, stream
+from zloam_monitor.recordings import bags, folders, mounting, stream
 from zloam_monitor.recordings.sweeps import Timing
 
 ROBOTS = places.robots()
@@ -64,19 +64,44 @@ def _refuse_bag(path: Path) -> None:
         raise SourceError(f"{path} is a bag, no capture: BAG={path}, or --bag {path}")
 
 
-def from_bag(path: Path, settings: Iterable[str]) -> Source:
-    """A bag or MCAP file; says what is in it and how it is read, or refuses it."""
+def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> Source:
+    """A bag or MCAP file; says what is in it and how it is read, or refuses it.
+
+    own_config: the user named a robot's file, whose mounting stands.
+    """
     _existing(path, "the recording")
-    if not bags.is_recording(path):
-        raise SourceError(f"{path} is no bag of ROS 1 or 2 and no MCAP file")
+    if not folders.is_recording(path):
+        raise SourceError(
+            f"{path} is no bag of ROS 1 or 2, no MCAP file and no folder of PCD, PLY, LAS or LAZ "
+            "files"
+        )
     values = dict(setting.split("=", 1) for setting in settings if "=" in setting)
     try:
         for line in stream.described(path, *asked(values)):
             print(f"{path.name}: {line}", flush=True)
     except recordings.Refused as refused:
         raise SourceError(f"{path}: {refused}") from refused
-    reader = [f"driver.reader={places.command()}"]
-    return Source(path.name, "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=reader)
+    words = [f"driver.reader={places.command()}", *_mounting(path, values, own_config)]
+    return Source(path.name, "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=words)
+
+
+def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]:
+    """As the recording's static transforms have it, unless the user says where things sit."""
+    if not bags.is_recording(path):
+        return []
+    given = own_config or any(key.startswith("mounting.") for key in values)
+    with_imu = values.get("driver.imu") == "sensor" and not given
+    try:
+        with bags.opened(path) as bag:
+            topic = bag.choose(asked(values)[0])
+            imu = bag.choose_imu(values.get("driver.imu_topic", "")) if with_imu else None
+            words, said = mounting.described(bag, topic, imu)
+    except recordings.Refused as refused:
+        raise SourceError(f"{path}: {refused}") from refused
+    if said:
+        stands = "; the mounting that you give stands" if given and words else ""
+        print(f"{path.name}: {said}{stands}", flush=True)
+    return [] if given else words
 
 
 def asked(values: dict[str, str]) -> tuple[str, Timing]:
@@ -129,6 +154,8 @@ def _unpacked(archive: Path, target: Path) -> Path:
 def from_scans(folder: Path) -> Source:
     """Scans with a time for each point (16-byte records), stamps.txt, perhaps gt_dense.tum."""
     _existing(folder, "the folder")
+    if folders.clouds_in(folder):
+        raise SourceError(f"{folder} has PCD, PLY or LAS files: BAG={folder}, or --bag {folder}")
     count = len(list((folder / "scans").glob("*.bin")))
     if count == 0 or not (folder / "stamps.txt").is_file():
         raise SourceError(f"{folder}: scans/*.bin and stamps.txt are needed")

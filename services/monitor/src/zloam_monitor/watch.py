@@ -6,12 +6,14 @@ import time
 from collections.abc import Iterator
 
 from zloam_monitor import pose_health
-from zloam_monitor.keys import STAGES
 from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
+from zloam_monitor.stages import STAGES
 
 #: stages say how they are once a second: more than a few of these lost is no chance
 STALE_SECONDS = 5.0
+#: links to the stages behind the one that answered come up one after another
+ALL_SECONDS = 1.5
 
 
 def state_line(link: Link, began: float, now: float) -> str:
@@ -61,10 +63,15 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
 
 
 def look(link: Link) -> int:
-    """One look; exit code 1 when a stage has failed or says nothing."""
-    link.query_statuses()
-    link.poll()
-    now = time.monotonic()
+    """One look; exit code 1 when a stage has failed or says nothing for a while."""
+    deadline = time.monotonic() + ALL_SECONDS
+    while True:
+        link.query_statuses()
+        link.poll()
+        now = time.monotonic()
+        if len(link.newest_statuses()) == len(STAGES) or now > deadline:
+            break
+        link.poll(0.2)
     print("\n".join(view(link, now, now)), flush=True)
     found = link.newest_statuses()
     return (

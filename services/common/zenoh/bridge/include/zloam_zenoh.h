@@ -139,7 +139,8 @@ zloam_status zloam_session_declare_queryable(const zloam_session* session, zloam
 void zloam_queryable_drop(zloam_queryable* queryable);
 void zloam_query_view_of(const zloam_query* query, zloam_query_view* out);
 zloam_status zloam_query_reply(const zloam_query* query, zloam_slice key,
-                               const zloam_bytes* payload, zloam_slice encoding);
+                               const zloam_bytes* payload, zloam_slice encoding,
+                               const zloam_bytes* attachment);
 zloam_status zloam_query_reply_error(const zloam_query* query, const zloam_bytes* payload);
 void zloam_query_drop(zloam_query* query);
 zloam_status zloam_session_get(const zloam_session* session, zloam_slice selector,

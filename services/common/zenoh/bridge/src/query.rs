@@ -97,12 +97,14 @@ pub unsafe extern "C" fn zloam_query_reply(
     key: Slice,
     payload: *const Bytes,
     encoding: Slice,
+    attachment: *const Bytes,
 ) -> Status {
     guard(|| {
         (*query)
             .0
             .reply(key_expression(key)?, Bytes::share(payload).unwrap_or_default())
             .encoding(encoding_of(encoding)?)
+            .attachment(Bytes::share(attachment))
             .wait()
     })
 }

@@ -9,16 +9,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.recordings import Refused
+from zloam_monitor.recordings import Refused, livox
+from zloam_monitor.recordings.fields import stamp_ns
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
+IMU = "sensor_msgs/msg/Imu"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+TF_TOPIC = "/tf_static"
 VELODYNE = "velodyne_msgs/msg/VelodyneScan"
+NEBULA = "nebula_msgs/msg/NebulaPackets"
+#: one packet each, without a time of its own
+OUSTER = ("ouster_sensor_msgs/msg/PacketMsg", "ouster_ros/msg/PacketMsg")
 #: what can be a driver's input
-KINDS = {CLOUD: "clouds", VELODYNE: "packets"}
+KINDS = {
+    CLOUD: "clouds",
+    **dict.fromkeys(livox.KINDS, "clouds"),
+    **dict.fromkeys((VELODYNE, NEBULA, *OUSTER), "packets"),
+}
 #: of messages that ROS 2 bags do not describe themselves
 FOREIGN = {
     "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data\n",
     VELODYNE: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
+    "nebula_msgs/msg/NebulaPacket": "builtin_interfaces/Time stamp\nuint8[] data\n",
+    NEBULA: "std_msgs/Header header\nnebula_msgs/NebulaPacket[] packets\n",
+    **dict.fromkeys(OUSTER, "uint8[] buf\n"),
+    **livox.TYPES,
 }
 #: first bytes of what is a recording
 MAGICS = (b"#ROSBAG V", b"SQLite format 3", b"\x89MCAP")
@@ -27,11 +42,22 @@ IDENTIFYING_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
+class Packet:
+    received_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
 class Topic:
     name: str
-    #: CLOUD or VELODYNE
+    #: one of KINDS
     kind: str
     messages: int
+
+    @property
+    def content(self) -> str:
+        """clouds or packets"""
+        return KINDS.get(self.kind, "clouds")
 
     def __str__(self) -> str:
         return f"{self.name} ({self.kind.split('/')[-1]}, {self.messages} messages)"
@@ -83,7 +109,7 @@ class Bag:
         meant = [t for t in self.topics if name in ("", t.name)]
         full = [t for t in meant if t.messages]
         # What the lidar sent says more than what a driver made of it.
-        packets = [t for t in full if t.kind != CLOUD]
+        packets = [t for t in full if t.content == "packets"]
         if len(packets or full) == 1:
             return (packets or full)[0]
         if len(full) > 1:
@@ -93,11 +119,53 @@ class Bag:
         named = f"no messages of a lidar on {name}" if name else "no messages of a lidar"
         raise Refused(f"{named} ({', '.join(KINDS)}) in it; it has {listed or 'no topic'}")
 
-    def messages(self, topic: Topic) -> Iterator[Any]:
-        """In the order in which they were recorded."""
-        wanted = [c for c in self._reader.connections if c.topic == topic.name]
+    def choose_imu(self, name: str) -> str:
+        """The topic of inertial readings of that name, or the only one; refused otherwise."""
+        there = sorted({str(c.topic) for c in self._reader.connections if c.msgtype == IMU})
+        meant = [t for t in there if name in ("", t)]
+        if len(meant) == 1:
+            return meant[0]
+        if not meant:
+            listed = ", ".join(there) or "none"
+            raise Refused(f"no topic {name or 'of inertial readings'} ({IMU}); there is {listed}")
+        raise Refused(
+            f"several topics of inertial readings: {', '.join(meant)}; say which by "
+            f"driver.imu_topic={meant[0]}"
+        )
+
+    def remarks(self) -> list[str]:
+        return []
+
+    def static_transforms(self) -> Iterator[Any]:
+        """All of them; what can't be read ends them."""
+        there = self._reader.connections
+        wanted = [c for c in there if c.topic.endswith(TF_TOPIC) and c.msgtype in TRANSFORMS]
+        if wanted:
+            for connection, _, raw in self._reader.messages(connections=wanted):
+                yield self._reader.deserialize(raw, connection.msgtype)
+
+    def frame_of(self, topic: str) -> str | None:
+        """Of its first message; None: its messages have no header."""
+        wanted = [c for c in self._reader.connections if c.topic == topic]
         for connection, _, raw in self._reader.messages(connections=wanted):
-            yield self._reader.deserialize(raw, connection.msgtype)
+            header = getattr(self._reader.deserialize(raw, connection.msgtype), "header", None)
+            return None if header is None else str(header.frame_id)
+        return None
+
+    def messages(self, topic: Topic, imu: str = "") -> Iterator[Any]:
+        """In the order in which they were recorded, those of a topic of readings among them.
+
+        Packets come as lists of Packet.
+        """
+        wanted = [c for c in self._reader.connections if c.topic in (topic.name, imu)]
+        for connection, recorded_ns, raw in self._reader.messages(connections=wanted):
+            message = self._reader.deserialize(raw, connection.msgtype)
+            if connection.msgtype in OUSTER:
+                yield [Packet(recorded_ns, bytes(message.buf))]
+            elif connection.msgtype in (VELODYNE, NEBULA):
+                yield [Packet(stamp_ns(p.stamp), bytes(p.data)) for p in message.packets]
+            else:
+                yield message
 
 
 @contextmanager

@@ -14,7 +14,17 @@ Column = NDArray[Any]
 #: PointField.datatype -> numpy
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 #: names under which drivers publish them
-TIMES = ("t", "time", "timestamp", "offset_time", "time_stamp", "time_offset", "offsettime", "ts")
+TIMES = (
+    "t",
+    "time",
+    "timestamp",
+    "offset_time",
+    "time_stamp",
+    "time_offset",
+    "offsettime",
+    "ts",
+    "gps_time",
+)
 RINGS = ("ring", "channel", "line", "laser_id", "laserid")
 INTENSITIES = ("intensity", "i", "reflectivity", "intensities", "signal")
 
@@ -89,9 +99,8 @@ def _one(known: tuple[str, ...], there: list[str]) -> list[str]:
     return [name for name in there if name.lower() in known]
 
 
-def names_of(message: Any, time_field: str) -> Names:
-    """By their names; two that could be the time are refused."""
-    there = [f.name for f in message.fields]
+def names_of(there: list[str], time_field: str) -> Names:
+    """Of fields by their names; two that could be the time are refused."""
     listed = ", ".join(there) or "none"
     for name in ("x", "y", "z"):
         if name not in there:
@@ -114,7 +123,12 @@ def names_of(message: Any, time_field: str) -> Names:
 
 def cloud_of(message: Any, names: Names) -> Cloud:
     """The returns of a message."""
-    points = points_of(message)
+    stamp = stamp_ns(message.header.stamp)
+    return returns_of(points_of(message), names, stamp, message.width, message.height)
+
+
+def returns_of(points: NDArray[Any], names: Names, stamp_ns: int, width: int, height: int) -> Cloud:
+    """Of points that are structured by their fields' names."""
     xyz = np.stack([points[axis].astype(np.float32) for axis in ("x", "y", "z")], axis=-1)
     returned = np.isfinite(xyz).all(axis=1) & (xyz != 0.0).any(axis=1)
 
@@ -122,18 +136,18 @@ def cloud_of(message: Any, names: Names) -> Cloud:
         return None if name is None else points[name][returned]
 
     place = np.flatnonzero(returned)
-    organised = message.height > 1 and message.width > 1
+    organised = height > 1 and width > 1
     intensity = column(names.intensity)
     return Cloud(
-        stamp_ns=stamp_ns(message.header.stamp),
+        stamp_ns=stamp_ns,
         xyz=xyz[returned],
         intensity=np.zeros(len(place), np.float32)
         if intensity is None
         else np.nan_to_num(intensity.astype(np.float32)),
         ring=column(names.ring),
         times=column(names.time),
-        row=place // message.width if organised else None,
-        column=place % message.width if organised else None,
+        row=place // width if organised else None,
+        column=place % width if organised else None,
     )
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.fields import Cloud
 
 Ranks = NDArray[np.uint16]
@@ -70,21 +69,17 @@ def _values(cloud: Cloud, kind: str) -> NDArray[np.float64]:
     return found.astype(np.float64)
 
 
-def settle(clouds: Sequence[Cloud], name: str | None) -> Lasers:
-    """By the field, else by the rows or columns of organised clouds, else by elevation."""
+def settle(clouds: Sequence[Cloud]) -> Lasers | None:
+    """By the field, else by the rows or columns of organised clouds, else by elevation.
+
+    None: the points lie on no lasers' cones, as those of solid-state sensors and of clouds that
+    were moved to another frame.
+    """
     for kind in ("field", "row", "column"):
         lasers = _by_value(clouds, kind)
         if lasers is not None:
             return lasers
-    lasers = _by_elevation(clouds)
-    if lasers is not None:
-        return lasers
-    what = f"field {name} is no laser's number" if name else "there is no field ring"
-    raise Refused(
-        f"{what}, and the points' elevations are not those of at most {MOST_RINGS} lasers: clouds "
-        "without rings (solid-state sensors, clouds that were moved to another frame or deskewed) "
-        "are not read"
-    )
+    return _by_elevation(clouds)
 
 
 def _by_value(clouds: Sequence[Cloud], kind: str) -> Lasers | None:

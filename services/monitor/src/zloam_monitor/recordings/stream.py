@@ -7,15 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from zloam_monitor.recordings import Refused, bags
+from zloam_monitor.recordings import Refused, bags, folders
 from zloam_monitor.recordings.bags import Bag, Topic
 from zloam_monitor.recordings.fields import stamp_ns
+from zloam_monitor.recordings.folders import Folder
 from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
 
-IDENTITY, SWEEP, REMARK, REFUSAL, END, PACKETS = 1, 2, 3, 4, 5, 6
+IDENTITY, SWEEP, REMARK, REFUSAL, END, PACKETS, READING = 1, 2, 3, 4, 5, 6, 7
 HEAD = struct.Struct("<4sIQ")
 SWEEP_HEAD = struct.Struct("<qIHBB")
 PACKET_HEAD = struct.Struct("<qHHI")
+READING_DATA = struct.Struct("<q6d")
 
 
 class Frames:
@@ -37,18 +39,31 @@ class Frames:
         head = SWEEP_HEAD.pack(sweep.stamp_ns, sweep.period_ns, sweep.rings, sweep.deskewed, True)
         self.put(SWEEP, head, sweep.points.tobytes())
 
+    def reading(self, message: Any) -> None:
+        force, rate = message.linear_acceleration, message.angular_velocity
+        data = READING_DATA.pack(
+            stamp_ns(message.header.stamp), force.x, force.y, force.z, rate.x, rate.y, rate.z
+        )
+        self.put(READING, data)
 
-def write(path: Path, topic: str, timing: Timing, out: BinaryIO) -> int:
-    """The whole recording; 0, or 1 when it is refused, which is in the frames."""
+
+def write(
+    path: Path, topic: str, timing: Timing, out: BinaryIO, imu_topic: str | None = None
+) -> int:
+    """The whole recording; 0, or 1 when it is refused, which is in the frames.
+
+    imu_topic: of the inertial readings to be written with it, "" the only one; None: they are not.
+    """
     frames = Frames(out)
     try:
-        with bags.opened(path) as bag:
+        with folders.opened(path, timing.period_s) as bag:
             chosen = bag.choose(topic)
-            frames.text(IDENTITY, f"{bags.KINDS[chosen.kind]} {bags.identity(path)}")
-            if chosen.kind == bags.CLOUD:
-                _write_sweeps(bag, chosen, timing, frames)
+            imu = "" if imu_topic is None else bag.choose_imu(imu_topic)
+            frames.text(IDENTITY, f"{chosen.content} {bags.identity(path)}")
+            if chosen.content == "clouds":
+                _write_sweeps(bag, chosen, timing, frames, imu)
             else:
-                _write_packets(bag, chosen, frames)
+                _write_packets(bag, chosen, frames, imu)
     except BrokenPipeError:
         return 1
     except (Refused, OSError) as error:
@@ -58,18 +73,23 @@ def write(path: Path, topic: str, timing: Timing, out: BinaryIO) -> int:
     return 0
 
 
-def _write_sweeps(bag: Bag, topic: Topic, timing: Timing, frames: Frames) -> None:
+def _write_sweeps(
+    bag: Bag | Folder, topic: Topic, timing: Timing, frames: Frames, imu: str
+) -> None:
     sweeper = Sweeper(timing)
-    for sweep in sweeper.sweeps(whole(bag, topic, frames)):
+    for sweep in sweeper.sweeps(whole(bag, topic, frames, imu)):
         frames.sweep(sweep)
-    for remark in sweeper.remarks():
+    for remark in (*sweeper.remarks(), *bag.remarks()):
         frames.text(REMARK, f"{topic.name}: {remark}")
 
 
-def whole(bag: Bag, topic: Topic, frames: Frames) -> Iterator[Any]:
-    """What can be read: of a recording that was cut off, what is whole."""
+def whole(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str = "") -> Iterator[Any]:
+    """What can be read: of a recording that was cut off, what is whole.
+
+    Inertial readings among the topic's messages are written at once.
+    """
     count = 0
-    messages = bag.messages(topic)
+    messages = bag.messages(topic, imu)
     while True:
         try:
             message = next(messages, None)
@@ -81,26 +101,30 @@ def whole(bag: Bag, topic: Topic, frames: Frames) -> Iterator[Any]:
             return
         if message is None:
             return
+        if hasattr(message, "angular_velocity"):
+            frames.reading(message)
+            continue
         count += 1
         yield message
 
 
-def _write_packets(bag: Bag, topic: Topic, frames: Frames) -> None:
-    for scan in whole(bag, topic, frames):
+def _write_packets(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str) -> None:
+    for packets in whole(bag, topic, frames, imu):
         parts: list[bytes] = []
-        for packet in scan.packets:
-            data = bytes(packet.data)
-            parts += [PACKET_HEAD.pack(stamp_ns(packet.stamp), len(data), 0, 0), data]
+        for packet in packets:
+            parts += [PACKET_HEAD.pack(packet.received_ns, len(packet.data), 0, 0), packet.data]
         frames.put(PACKETS, *parts)
 
 
 def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
     """What is in it, and how it would be read; raises Refused."""
-    with bags.opened(path) as bag:
+    with folders.opened(path, timing.period_s) as bag:
         yield from (f"{t}" for t in bag.topics)
         chosen = bag.choose(topic)
+        if isinstance(bag, Folder):
+            yield bag.said
         yield f"replayed: {chosen.name}"
-        if chosen.kind == bags.CLOUD:
+        if chosen.content == "clouds":
             sweeper = Sweeper(timing)
             next(iter(sweeper.sweeps(bag.messages(chosen))), None)
             yield from sweeper.said

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor.messages import POINT
-from zloam_monitor.recordings import Refused, fields, rings, times
+from zloam_monitor.recordings import Refused, fields, livox, rings, times
 from zloam_monitor.recordings.fields import Cloud, Names
+from zloam_monitor.recordings.folders import Table
 from zloam_monitor.recordings.rings import Lasers
 from zloam_monitor.recordings.times import Clock
 
@@ -20,6 +21,7 @@ from zloam_monitor.recordings.times import Clock
 JUDGED = 10
 #: a turn that differs by less from the usual one is measured; else a cloud is missing
 USUAL = 0.1
+NO_RINGS = "no rings: the points lie on no lasers' cones"
 MODELS = ("none", "clockwise", "counter_clockwise", "deskewed")
 
 
@@ -44,6 +46,7 @@ class Sweep:
 
     stamp_ns: int
     period_ns: int
+    #: 0: none
     rings: int
     deskewed: bool
     points: NDArray[Any]
@@ -60,11 +63,14 @@ class Sweeper:
     clock: Clock | None = None
     period_ns: int = 0
 
-    def sweeps(self, messages: Iterable[Any]) -> Iterator[Sweep]:
-        """One a message, in the order of their instants."""
+    def sweeps(self, messages: Iterable[Any], live: bool = False) -> Iterator[Sweep]:
+        """One a message, in the order of their instants. Live: at once, and none of those that it
+        is settled by, which are old by then."""
         clouds = (self._cloud(m) for m in messages)
         first = list(islice(clouds, JUDGED))
         self._settle(first)
+        if live:
+            return self._measured_before(self._sweep(c) for c in clouds)
         return self._measured(self._sweep(c) for each in (first, clouds) for c in each)
 
     def remarks(self) -> list[str]:
@@ -76,16 +82,29 @@ class Sweeper:
         return [f"rings {listed} came late: their points count as the next ring's"]
 
     def _cloud(self, message: Any) -> Cloud:
+        if livox.is_custom(message):
+            self.names = livox.NAMES
+            return livox.cloud_of(message)
+        if isinstance(message, Table):
+            there = list(message.points.dtype.names or ())
+        else:
+            there = [f.name for f in message.fields]
         if self.names is None:
-            self.names = fields.names_of(message, self.timing.field)
+            self.names = fields.names_of(there, self.timing.field)
+        if isinstance(message, Table):
+            missing = {"x", "y", "z", self.names.time, self.names.ring} - {*there, None}
+            if missing:
+                raise Refused(f"a file without the field {min(map(str, missing))} of the first one")
+            size = message.width, message.height
+            return fields.returns_of(message.points, self.names, message.stamp_ns, *size)
         return fields.cloud_of(message, self.names)
 
     def _settle(self, first: list[Cloud]) -> None:
         full = [c for c in first if len(c)]
         if not full or self.names is None:
             raise Refused("there is no return in the first clouds")
-        self.lasers = rings.settle(full, self.names.ring)
-        self.said.append(str(self.lasers))
+        self.lasers = rings.settle(full)
+        self.said.append(str(self.lasers) if self.lasers else NO_RINGS)
         if (np.diff([c.stamp_ns for c in first]) <= 0).any():
             raise Refused("the headers' stamps do not ascend")
         self.period_ns = times.middle_step_ns(first) or int(1e9 * self.timing.period_s)
@@ -99,7 +118,7 @@ class Sweeper:
                 "all points of a cloud hold for one instant"
             )
         else:
-            ranks = [self.lasers.ranks_of(c) for c in full]
+            ranks = [self.lasers.ranks_of(c) for c in full] if self.lasers else None
             self.clock = times.settle(full, ranks, self.names.time)
             self.period_ns = self.clock.turn_ns
             self.said.append(f"points' times by field {self.names.time} {self.clock}")
@@ -117,12 +136,10 @@ class Sweeper:
         return cloud.stamp_ns + np.rint(share * self.period_ns).astype(np.int64)
 
     def _sweep(self, cloud: Cloud) -> Sweep:
-        assert self.lasers is not None
+        count = self.lasers.count if self.lasers else 0
         deskewed = self.clock is None and self.timing.model == "deskewed"
         if not len(cloud):
-            return Sweep(
-                cloud.stamp_ns, self.period_ns, self.lasers.count, deskewed, np.empty(0, POINT)
-            )
+            return Sweep(cloud.stamp_ns, self.period_ns, count, deskewed, np.empty(0, POINT))
         instants_ns = self._instants_ns(cloud)
         order = np.argsort(instants_ns, kind="stable")
         stamp_ns = int(instants_ns[order[0]])
@@ -131,17 +148,33 @@ class Sweeper:
             points[name] = cloud.xyz[order, axis]
         points["intensity"] = cloud.intensity[order]
         points["time_ns"] = (instants_ns[order] - stamp_ns).clip(0, 4_000_000_000)
-        points["ring"] = self.lasers.ranks_of(cloud)[order]
-        return Sweep(stamp_ns, self.period_ns, self.lasers.count, deskewed, points)
+        if self.lasers is not None:
+            points["ring"] = self.lasers.ranks_of(cloud)[order]
+        return Sweep(stamp_ns, self.period_ns, count, deskewed, points)
+
+    def _period_ns(self, before: Sweep, sweep: Sweep) -> int:
+        """From one to the next, where that is one turn."""
+        step_ns = sweep.stamp_ns - before.stamp_ns
+        usual = abs(step_ns - self.period_ns) < USUAL * self.period_ns
+        return step_ns if usual else self.period_ns
 
     def _measured(self, sweeps: Iterable[Sweep]) -> Iterator[Sweep]:
-        """Each with the time to the next one where that is one turn."""
+        """Each with the time to the next one."""
         before: Sweep | None = None
         for sweep in sweeps:
             if before is not None:
-                step_ns = sweep.stamp_ns - before.stamp_ns
-                usual = abs(step_ns - self.period_ns) < USUAL * self.period_ns
-                yield replace(before, period_ns=step_ns) if usual else before
+                yield replace(before, period_ns=self._period_ns(before, sweep))
             before = sweep
         if before is not None:
             yield before
+
+    def _measured_before(self, sweeps: Iterable[Sweep]) -> Iterator[Sweep]:
+        """Each with the time from the one before: the next one has not come."""
+        before: Sweep | None = None
+        for sweep in sweeps:
+            yield (
+                sweep
+                if before is None
+                else replace(sweep, period_ns=self._period_ns(before, sweep))
+            )
+            before = sweep

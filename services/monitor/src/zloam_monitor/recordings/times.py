@@ -27,6 +27,8 @@ FASTEST_NS, SLOWEST_NS = 40_000_000, 260_000_000
 TURN_TOLERANCE = 0.08
 #: more than so many usual steps from one return of a laser to its next are a gap
 GAP = 5.0
+#: the part of the time between two clouds that the points of one without rings span
+LEAST_SPAN, MOST_SPAN = 0.2, 1.2
 #: less says nothing of the rate
 LEAST_TURN_RAD = 0.1
 #: a running clock advances by what the header's does, give or take
@@ -51,7 +53,7 @@ class Clock:
 
     def __str__(self) -> str:
         origin = "from the header's stamp" if self.offset_ns is None else "of a clock that runs"
-        return f"in {self.unit}, {origin}; a turn takes {1e-6 * self.turn_ns:.1f} ms"
+        return f"in {self.unit}, {origin}; a sweep takes {1e-6 * self.turn_ns:.1f} ms"
 
 
 def in_ns(values: Column, unit: str) -> Times:
@@ -62,9 +64,9 @@ def in_ns(values: Column, unit: str) -> Times:
 
 
 def middle_step_ns(clouds: Sequence[Cloud]) -> int | None:
-    """From cloud to cloud; None: there is one only."""
+    """Usual one from cloud to cloud, also where some are missing; None: there is one only."""
     steps = np.diff([c.stamp_ns for c in clouds])
-    return int(np.median(steps)) if len(steps) else None
+    return int(np.quantile(steps, 0.5, method="lower")) if len(steps) else None
 
 
 def _turn(cloud: Cloud, rings: NDArray[np.uint16]) -> float | None:
@@ -82,7 +84,9 @@ def _turn(cloud: Cloud, rings: NDArray[np.uint16]) -> float | None:
     return 2.0 * np.pi * float(lasted[seen].sum()) / turned if turned > LEAST_TURN_RAD else None
 
 
-def settle(clouds: Sequence[Cloud], rings: Sequence[NDArray[np.uint16]], field: str) -> Clock:
+def settle(
+    clouds: Sequence[Cloud], rings: Sequence[NDArray[np.uint16]] | None, field: str
+) -> Clock:
     """The clock of a topic, by its first clouds; refused when it can't be told."""
     columns = [c.times for c in clouds if c.times is not None and len(c) > 1]
     if not columns:
@@ -95,10 +99,30 @@ def settle(clouds: Sequence[Cloud], rings: Sequence[NDArray[np.uint16]], field: 
             "say so by driver.time_model=deskewed; if the field is not the time, name that one by "
             "driver.time_field"
         )
+    step_ns = middle_step_ns(clouds)
+    if rings is None:
+        unit = _unit_by_span(float(np.median([np.ptp(c) for c in columns])), step_ns, field)
+        return Clock(unit, step_ns or 0, _offset_ns(clouds, unit, field))
     turns = [t for c, r in zip(clouds, rings, strict=True) if (t := _turn(c, r)) is not None]
     turn = float(np.median(turns)) if turns else 0.0
-    unit = _unit(turn, middle_step_ns(clouds), field)
+    unit = _unit(turn, step_ns, field)
     return Clock(unit, round(turn * UNITS[unit]), _offset_ns(clouds, unit, field))
+
+
+def _unit_by_span(span: float, step_ns: int | None, field: str) -> str:
+    """Of points without rings, which tell no turn: they come all the time."""
+    if step_ns is None:
+        raise Refused(
+            f"field {field}: its unit can't be told from a single cloud without rings; record two"
+        )
+    for unit, ns in UNITS.items():
+        if LEAST_SPAN * step_ns <= span * ns <= MOST_SPAN * step_ns:
+            return unit
+    raise Refused(
+        f"field {field}: its values go on by {span:g} in a cloud, and clouds come every "
+        f"{1e-9 * step_ns:.3f} s: no unit of s, ms, us, ns fits. If the field is not the points' "
+        "time, name that one by driver.time_field"
+    )
 
 
 def _unit(turn: float, step_ns: int | None, field: str) -> str:

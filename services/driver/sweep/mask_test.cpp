@@ -1,4 +1,4 @@
-#include "driver/velodyne/mask.hpp"
+#include "driver/sweep/mask.hpp"
 
 #include <gtest/gtest.h>
 

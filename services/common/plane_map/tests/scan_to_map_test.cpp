@@ -1,4 +1,4 @@
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/scan_to_map.hpp"
 
 #include <gtest/gtest.h>
 
@@ -40,11 +40,11 @@ PlaneMapConfig exact() {
 
 struct Drive {
   std::vector<Pose> truth_mid;
-  std::vector<RegistrationResult> results;
+  std::vector<ScanToMapResult> results;
 };
 
 // Two sweeps at rest, a ramp up to the twist over `ramp` sweeps, then `steady` ones at it.
-Drive drive(PlaneRegistration& registration, const Room& room, const Scanner& scanner,
+Drive drive(ScanToMap& tracker, const Room& room, const Scanner& scanner,
             const Vector6& twist_per_s, int ramp, int steady) {
   std::mt19937 random(1);
   Drive out;
@@ -52,7 +52,7 @@ Drive drive(PlaneRegistration& registration, const Room& room, const Scanner& sc
   for (int k = 0; k < 2 + ramp + steady; ++k) {
     const Vector6 v = twist_per_s * std::clamp((k - 1.0) / (ramp + 1), 0.0, 1.0);
     const PointVector points = scan(room, scanner, T_start, v, random);
-    out.results.push_back(registration.process(input(points, k)));
+    out.results.push_back(tracker.process(input(points, k)));
     out.truth_mid.push_back(T_start * exp_se3(0.05 * v));
     T_start = T_start * exp_se3(0.1 * v);
   }
@@ -111,10 +111,10 @@ class KnownMotion : public ::testing::TestWithParam<int> {};
 TEST_P(KnownMotion, IsFollowedWithoutNoise) {
   Vector6 v = Vector6::Zero();
   v[GetParam()] = GetParam() < 3 ? 0.4 : 0.3;
-  PlaneRegistration registration{exact(), MatcherConfig{}};
-  const Drive d = drive(registration, Room{}, Scanner{}, v, 12, 6);
-  const RegistrationResult& last = d.results.back();
-  EXPECT_EQ(last.outcome, Outcome::kRegistered);
+  ScanToMap tracker{exact(), MatcherConfig{}};
+  const Drive d = drive(tracker, Room{}, Scanner{}, v, 12, 6);
+  const ScanToMapResult& last = d.results.back();
+  EXPECT_EQ(last.outcome, Outcome::kMatched);
   EXPECT_LT(distance_m(last.T_map_base_mid, d.truth_mid.back()), 1.5e-3);
   EXPECT_LT(angle_rad(last.T_map_base_mid, d.truth_mid.back()), 1.5e-3);
   EXPECT_LT((last.twist_per_s - v).norm(), 0.1);
@@ -127,9 +127,9 @@ TEST_P(KnownMotion, IsRecoveredUnderNoise) {
   v[GetParam()] = GetParam() < 3 ? -0.5 : 0.5;
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  const Drive d = drive(registration, Room{}, scanner, v, 12, 6);
-  const RegistrationResult& last = d.results.back();
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  const Drive d = drive(tracker, Room{}, scanner, v, 12, 6);
+  const ScanToMapResult& last = d.results.back();
   EXPECT_LT(distance_m(last.T_map_base_mid, d.truth_mid.back()), 0.010);
   EXPECT_LT(angle_rad(last.T_map_base_mid, d.truth_mid.back()), 0.003);
   EXPECT_NEAR(last.residual_rms_m, 0.02, 0.006);
@@ -137,30 +137,30 @@ TEST_P(KnownMotion, IsRecoveredUnderNoise) {
 
 INSTANTIATE_TEST_SUITE_P(Axes, KnownMotion, ::testing::Range(0, 6));
 
-TEST(PlaneRegistration, FastTurnNeedsTheSweepsOwnMotion) {
+TEST(ScanToMap, FastTurnNeedsTheSweepsOwnMotion) {
   // 115 deg/s from rest: with the last sweep's motion (none) points would be off by up to 0.1 rad.
   const Vector6 v = twist(0.5, 0.2, 0.0, 0.0, 0.0, 2.0);
-  PlaneRegistration registration{exact(), MatcherConfig{}};
-  const Drive d = drive(registration, Room{}, Scanner{}, v, 0, 1);
+  ScanToMap tracker{exact(), MatcherConfig{}};
+  const Drive d = drive(tracker, Room{}, Scanner{}, v, 0, 1);
   EXPECT_LT(distance_m(d.results.back().T_map_base_mid, d.truth_mid.back()), 0.01);
   EXPECT_LT(angle_rad(d.results.back().T_map_base_mid, d.truth_mid.back()), 0.005);
   EXPECT_NEAR(d.results.back().twist_per_s[5], 2.0, 0.1);
 }
 
-TEST(PlaneRegistration, EndIsHalfASweepAfterTheMiddle) {
+TEST(ScanToMap, EndIsHalfASweepAfterTheMiddle) {
   const Vector6 v = twist(1.0, 0.0, 0.0, 0.0, 0.0, 0.5);
-  PlaneRegistration registration{exact(), MatcherConfig{}};
-  const Drive d = drive(registration, Room{}, Scanner{}, v, 12, 6);
+  ScanToMap tracker{exact(), MatcherConfig{}};
+  const Drive d = drive(tracker, Room{}, Scanner{}, v, 12, 6);
   const Pose truth_end = d.truth_mid.back() * exp_se3(0.05 * v);
   EXPECT_LT(distance_m(d.results.back().T_map_base_end, truth_end), 2e-3);
   EXPECT_LT(angle_rad(d.results.back().T_map_base_end, truth_end), 1e-3);
 }
 
-TEST(PlaneRegistration, DeskewedInputGivesTheSameAsRaw) {
+TEST(ScanToMap, DeskewedInputGivesTheSameAsRaw) {
   const Vector6 v = twist(0.8, -0.3, 0.1, 0.1, -0.1, 0.8);
   const Vector6 wrong = twist(0.5, 0.1, 0.0, 0.0, 0.1, 0.5);  // what odometry believed
-  PlaneRegistration raw{exact(), MatcherConfig{}};
-  PlaneRegistration undone{exact(), MatcherConfig{}};
+  ScanToMap raw{exact(), MatcherConfig{}};
+  ScanToMap undone{exact(), MatcherConfig{}};
   std::mt19937 random(4);
   Pose T_start = Pose::Identity();
   for (int k = 0; k < 6; ++k) {
@@ -177,13 +177,13 @@ TEST(PlaneRegistration, DeskewedInputGivesTheSameAsRaw) {
   }
 }
 
-TEST(PlaneRegistration, MountingCarriesPointsToBaseLink) {
+TEST(ScanToMap, MountingCarriesPointsToBaseLink) {
   const Vector6 v = twist(0.4, 0.1, 0.0, 0.0, 0.0, 0.6);  // of base_link
   const Pose T_base_lidar = pose_from_xyz_rpy_deg({0.3, -0.1, 0.4}, {5, -10, 90});
-  PlaneRegistration registration{exact(), MatcherConfig{}};
+  ScanToMap tracker{exact(), MatcherConfig{}};
   std::mt19937 random(8);
   Pose T_room_base = Pose::Identity();
-  RegistrationResult result;
+  ScanToMapResult result;
   Vector6 now;
   for (int k = 0; k < 16; ++k) {
     now = std::min(1.0, k / 10.0) * v;
@@ -191,7 +191,7 @@ TEST(PlaneRegistration, MountingCarriesPointsToBaseLink) {
     const PointVector points = scan(Room{}, Scanner{}, T_room_base * T_base_lidar, v_lidar, random);
     SweepInput sweep = input(points, k);
     sweep.T_base_points = T_base_lidar;
-    result = registration.process(sweep);
+    result = tracker.process(sweep);
     T_room_base = T_room_base * exp_se3(0.1 * now);
   }
   EXPECT_LT(distance_m(result.T_map_base_end, T_room_base), 3e-3);
@@ -199,15 +199,15 @@ TEST(PlaneRegistration, MountingCarriesPointsToBaseLink) {
   EXPECT_LT((result.twist_per_s - v).norm(), 0.05);
 }
 
-TEST(PlaneRegistration, EndlessCorridorIsFlaggedAlongItsAxis) {
+TEST(ScanToMap, EndlessCorridorIsFlaggedAlongItsAxis) {
   Room corridor;
   corridor.open_x = true;
   corridor.low.y() = -1.5;
   corridor.high.y() = 1.5;
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  const Drive d = drive(registration, corridor, scanner, Vector6::Zero(), 0, 6);
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  const Drive d = drive(tracker, corridor, scanner, Vector6::Zero(), 0, 6);
   for (std::size_t k = 3; k < d.results.size(); ++k) {
     const Degeneracy& degeneracy = d.results[k].degeneracy;
     EXPECT_TRUE(degeneracy.weak) << k;
@@ -217,11 +217,11 @@ TEST(PlaneRegistration, EndlessCorridorIsFlaggedAlongItsAxis) {
   }
 }
 
-TEST(PlaneRegistration, ClosedRoomIsNotFlagged) {
+TEST(ScanToMap, ClosedRoomIsNotFlagged) {
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  const Drive d = drive(registration, Room{}, scanner, twist(0.5, 0, 0, 0, 0, 0.3), 4, 6);
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  const Drive d = drive(tracker, Room{}, scanner, twist(0.5, 0, 0, 0, 0, 0.3), 4, 6);
   for (std::size_t k = 1; k < d.results.size(); ++k) {
     EXPECT_FALSE(d.results[k].degeneracy.weak) << k;
     EXPECT_LT(d.results[k].degeneracy.measured_sigma_rad, 0.01) << k;
@@ -241,21 +241,21 @@ MotionPrediction true_motion(const Pose& T_start, const Vector6& twist_per_s, do
   return odometry;
 }
 
-TEST(PlaneRegistration, CorridorKeepsThePredictedMotionAlongItsAxis) {
+TEST(ScanToMap, CorridorKeepsThePredictedMotionAlongItsAxis) {
   Room corridor;
   corridor.open_x = true;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
   std::mt19937 random(2);
   const Vector6 v = twist(1.0, 0, 0, 0, 0, 0);
   Pose T_start = Pose::Identity();
-  RegistrationResult result;
+  ScanToMapResult result;
   Scanner scanner;
   scanner.noise_m = 0.01;
   for (int k = 0; k < 12; ++k) {
     const PointVector points = scan(corridor, scanner, T_start, v, random);
     MotionPrediction odometry = true_motion(T_start, v, 1e-4, 1e-2);
     odometry.use = PredictionUse::kInstead;
-    result = registration.process(input(points, k), odometry);
+    result = tracker.process(input(points, k), odometry);
     T_start = T_start * exp_se3(0.1 * v);
   }
   EXPECT_NEAR(result.T_map_base_end.translation().x(), 1.2, 0.05);
@@ -266,18 +266,18 @@ TEST(PlaneRegistration, CorridorKeepsThePredictedMotionAlongItsAxis) {
 double way_in_a_corridor_m(const PlaneMapConfig& map, const Vector6& v, int sweeps) {
   Room corridor;
   corridor.open_x = true;
-  PlaneRegistration registration{map, MatcherConfig{}};
+  ScanToMap tracker{map, MatcherConfig{}};
   std::mt19937 random(2);
   Pose T_start = Pose::Identity();
-  RegistrationResult result;
+  ScanToMapResult result;
   Scanner scanner;
   scanner.noise_m = 0.02;
   for (int k = 0; k < sweeps; ++k) {
     const PointVector points = scan(corridor, scanner, T_start, v, random);
     MotionPrediction odometry = true_motion(T_start, v, 1e-6, 1e-4);
     odometry.use = PredictionUse::kInstead;
-    result = k < 6 ? registration.process(input(points, k), odometry)
-                   : registration.process(input(points, k));
+    result =
+        k < 6 ? tracker.process(input(points, k), odometry) : tracker.process(input(points, k));
     T_start = T_start * exp_se3(0.1 * v);
   }
   return result.T_map_base_end.translation().x();
@@ -286,7 +286,7 @@ double way_in_a_corridor_m(const PlaneMapConfig& map, const Vector6& v, int swee
 // Traces of a ring across the floor and a few points on the wall make planes that go with the
 // sensor: believed, they hold it back at once. Here, where each sweep's beams point where the last
 // one's did and nothing tells the way, other such errors bring it to a stop in the end.
-TEST(PlaneRegistration, AlongAnEmptyCorridorTracesOfOneRingHoldItBackTheLessTheyCount) {
+TEST(ScanToMap, AlongAnEmptyCorridorTracesOfOneRingHoldItBackTheLessTheyCount) {
   const Vector6 v = twist(1.0, 0, 0, 0, 0, 0);
   PlaneMapConfig believing, doubting;
   believing.one_ring_lead = 1.0;
@@ -297,12 +297,12 @@ TEST(PlaneRegistration, AlongAnEmptyCorridorTracesOfOneRingHoldItBackTheLessThey
   EXPECT_GT(way_in_a_corridor_m(doubting, v, 20), 1.6);
 }
 
-TEST(PlaneRegistration, SameInputGivesTheSameBytes) {
+TEST(ScanToMap, SameInputGivesTheSameBytes) {
   const Vector6 v = twist(0.5, 0.2, 0.1, 0.1, 0.2, 0.7);
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration first{PlaneMapConfig{}, MatcherConfig{}};
-  PlaneRegistration second{PlaneMapConfig{}, MatcherConfig{}};
+  ScanToMap first{PlaneMapConfig{}, MatcherConfig{}};
+  ScanToMap second{PlaneMapConfig{}, MatcherConfig{}};
   const Drive a = drive(first, Room{}, scanner, v, 4, 4);
   std::vector<std::vector<char>> noise(100, std::vector<char>(1000));  // other addresses
   const Drive b = drive(second, Room{}, scanner, v, 4, 4);
@@ -320,14 +320,14 @@ double drawn_by_a_walls_other_side_m(const MatcherConfig& matcher) {
   other_side.high.x() += 0.2;
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, matcher};
-  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  ScanToMap tracker{PlaneMapConfig{}, matcher};
+  drive(tracker, Room{}, scanner, Vector6::Zero(), 0, 18);
   std::mt19937 random(3);
   const PointVector points = scan(other_side, scanner, Pose::Identity(), Vector6::Zero(), random);
-  return registration.process(input(points, 20)).T_map_base_mid.translation().norm();
+  return tracker.process(input(points, 20)).T_map_base_mid.translation().norm();
 }
 
-TEST(PlaneRegistration, AWallsOtherSideDoesNotDrawThePose) {
+TEST(ScanToMap, AWallsOtherSideDoesNotDrawThePose) {
   MatcherConfig one_gate;  // as after a turn in which the prediction was 0.1 m off
   one_gate.min_gate_m = one_gate.max_gate_m = 0.5;
   MatcherConfig two_gates = one_gate;
@@ -337,64 +337,64 @@ TEST(PlaneRegistration, AWallsOtherSideDoesNotDrawThePose) {
 }
 
 // Where it went on without the map, it may be off by more than the fine gate.
-TEST(PlaneRegistration, AfterAGapItIsFoundFromFarther) {
+TEST(ScanToMap, AfterAGapItIsFoundFromFarther) {
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  drive(tracker, Room{}, scanner, Vector6::Zero(), 0, 18);
   std::mt19937 random(3);
   const Pose T_room_start = pose_from_xyz_rpy_deg({0.3, -0.1, 0.05}, {0, 0, 1});
   const PointVector points = scan(Room{}, scanner, T_room_start, Vector6::Zero(), random);
-  registration.forget_motion();
+  tracker.forget_motion();
   const MotionPrediction odometry = true_motion(Pose::Identity(), Vector6::Zero(), 0.1, 1e-2);
-  const RegistrationResult result = registration.process(input(points, 40), odometry);
+  const ScanToMapResult result = tracker.process(input(points, 40), odometry);
   EXPECT_LT(distance_m(result.T_map_base_mid, T_room_start), 0.01);
 }
 
 // However small its covariance, a prediction beside the motion of the sweep before changes where
 // the solver starts, not what it finds: it comes from the same points.
-TEST(PlaneRegistration, APredictionBesideTheMotionBeforeIsAStartOnly) {
+TEST(ScanToMap, APredictionBesideTheMotionBeforeIsAStartOnly) {
   Scanner scanner;
   scanner.noise_m = 0.02;
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  drive(registration, Room{}, scanner, Vector6::Zero(), 0, 18);
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  drive(tracker, Room{}, scanner, Vector6::Zero(), 0, 18);
   std::mt19937 random(3);
   const PointVector points = scan(Room{}, scanner, Pose::Identity(), Vector6::Zero(), random);
   const SweepInput sweep = input(points, 20);
-  const Pose alone = registration.match(sweep).T_map_base_mid;
+  const Pose alone = tracker.match(sweep).T_map_base_mid;
   const Pose T_wrong = pose_from_xyz_rpy_deg({0, 0, 0}, {0, 0, 1});
   MotionPrediction turn = true_motion(T_wrong, Vector6::Zero(), 1e-9, 1e-2);
   turn.use = PredictionUse::kInstead;
-  EXPECT_GT(angle_rad(registration.match(sweep, turn).T_map_base_mid, alone), 0.01);
+  EXPECT_GT(angle_rad(tracker.match(sweep, turn).T_map_base_mid, alone), 0.01);
   turn.use = PredictionUse::kBeside;
-  EXPECT_LT(angle_rad(registration.match(sweep, turn).T_map_base_mid, alone), 1e-4);
-  EXPECT_LT(distance_m(registration.match(sweep, turn).T_map_base_mid, alone), 1e-3);
+  EXPECT_LT(angle_rad(tracker.match(sweep, turn).T_map_base_mid, alone), 1e-4);
+  EXPECT_LT(distance_m(tracker.match(sweep, turn).T_map_base_mid, alone), 1e-3);
 }
 
-TEST(PlaneRegistration, AGapOfSweepsIsBridged) {
+TEST(ScanToMap, AGapOfSweepsIsBridged) {
   const Vector6 v = twist(0.6, 0, 0, 0, 0, 0.3);
-  PlaneRegistration registration{exact(), MatcherConfig{}};
+  ScanToMap tracker{exact(), MatcherConfig{}};
   std::mt19937 random(1);
   Pose T_start = Pose::Identity();
   for (int k = 0; k < 24; ++k) {
     const Vector6 now = std::min(1.0, k / 10.0) * v;
     if (k < 16 || k > 18) {  // three sweeps lost
       const PointVector points = scan(Room{}, Scanner{}, T_start, now, random);
-      const RegistrationResult result = registration.process(input(points, k));
-      EXPECT_EQ(result.outcome, k == 0 ? Outcome::kStarted : Outcome::kRegistered);
+      const ScanToMapResult result = tracker.process(input(points, k));
+      EXPECT_EQ(result.outcome, k == 0 ? Outcome::kStarted : Outcome::kMatched);
       EXPECT_LT(distance_m(result.T_map_base_mid, T_start * exp_se3(0.05 * now)), 3e-3) << k;
     }
     T_start = T_start * exp_se3(0.1 * now);
   }
 }
 
-TEST(PlaneRegistration, EmptyAndBadSweepsArePredictedAndLeaveTheMap) {
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
-  EXPECT_EQ(registration.process(input({}, 0)).outcome, Outcome::kPredicted);
+TEST(ScanToMap, EmptyAndBadSweepsArePredictedAndLeaveTheMap) {
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
+  EXPECT_EQ(tracker.process(input({}, 0)).outcome, Outcome::kPredicted);
   const Vector6 v = twist(0.5, 0, 0, 0, 0, 0);
-  const Drive d = drive(registration, Room{}, Scanner{}, v, 6, 4);
+  const Drive d = drive(tracker, Room{}, Scanner{}, v, 6, 4);
   EXPECT_EQ(d.results.front().outcome, Outcome::kStarted);
-  const std::size_t voxels = registration.map().statistics().voxels;
+  const std::size_t voxels = tracker.map().statistics().voxels;
 
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const Point bad{nan, 1, 1, 0, 0, 0, ReturnType::kStrongest, 0};
@@ -403,12 +403,12 @@ TEST(PlaneRegistration, EmptyAndBadSweepsArePredictedAndLeaveTheMap) {
   Pose last = d.results.back().T_map_base_mid;
   for (const PointVector& points :
        {PointVector{}, PointVector(1000, bad), PointVector{one}, PointVector(20, one)}) {
-    const RegistrationResult r = registration.process(input(points, number++));
+    const ScanToMapResult r = tracker.process(input(points, number++));
     EXPECT_EQ(r.outcome, Outcome::kPredicted);
     EXPECT_NEAR(distance_m(r.T_map_base_mid, last), 0.05, 0.005);  // goes on at 0.5 m/s
     last = r.T_map_base_mid;
   }
-  EXPECT_EQ(registration.map().statistics().voxels, voxels);
+  EXPECT_EQ(tracker.map().statistics().voxels, voxels);
 }
 
 std::size_t counted(const VoxelPlaneMap& map) {
@@ -420,46 +420,46 @@ std::size_t counted(const VoxelPlaneMap& map) {
 }
 
 // An HDL-64E's sweep is four of a VLP-16's: of it no fewer than enough are used, nor twice as many.
-TEST(PlaneRegistration, ADenseSweepIsThinnedToEnough) {
+TEST(ScanToMap, ADenseSweepIsThinnedToEnough) {
   Scanner dense;
   dense.rings = 64;
   MatcherConfig matcher;
   matcher.enough_points = 5000;
   matcher.enough_inserted_points = 8000;
-  PlaneRegistration registration{exact(), matcher};
+  ScanToMap tracker{exact(), matcher};
   const Vector6 v = twist(0.3, 0.0, 0.0, 0.0, 0.0, 0.2);
-  const Drive d = drive(registration, Room{}, dense, v, 10, 0);
+  const Drive d = drive(tracker, Room{}, dense, v, 10, 0);
   EXPECT_GT(d.results.back().points, 4 * matcher.enough_points);
   EXPECT_GE(d.results.back().tried, matcher.enough_points);
   EXPECT_LT(d.results.back().tried, 2 * matcher.enough_points);
   const std::size_t sweeps = d.results.size();
-  EXPECT_GE(counted(registration.map()), sweeps * matcher.enough_inserted_points);
-  EXPECT_LT(counted(registration.map()), sweeps * 2 * matcher.enough_inserted_points);
+  EXPECT_GE(counted(tracker.map()), sweeps * matcher.enough_inserted_points);
+  EXPECT_LT(counted(tracker.map()), sweeps * 2 * matcher.enough_inserted_points);
   EXPECT_LT(distance_m(d.results.back().T_map_base_mid, d.truth_mid.back()), 1.5e-3);
 }
 
-TEST(PlaneRegistration, ASweepMayComeInTwoParts) {
-  PlaneRegistration whole{exact(), MatcherConfig{}};
-  PlaneRegistration parts{exact(), MatcherConfig{}};
+TEST(ScanToMap, ASweepMayComeInTwoParts) {
+  ScanToMap whole{exact(), MatcherConfig{}};
+  ScanToMap parts{exact(), MatcherConfig{}};
   std::mt19937 random(1);
   for (int k = 0; k < 4; ++k) {
     const PointVector points = scan(Room{}, Scanner{}, Pose::Identity(), Vector6::Zero(), random);
     SweepInput sweep = input(points, k);
-    const RegistrationResult expected = whole.process(sweep);
+    const ScanToMapResult expected = whole.process(sweep);
     sweep.points = PointSpan(points).first(1000);
     sweep.more_points = PointSpan(points).subspan(1000);
-    const RegistrationResult found = parts.process(sweep);
+    const ScanToMapResult found = parts.process(sweep);
     EXPECT_EQ(found.T_map_base_mid.matrix(), expected.T_map_base_mid.matrix());
     EXPECT_EQ(found.tried, expected.tried);
   }
   EXPECT_EQ(counted(parts.map()), counted(whole.map()));
 }
 
-TEST(PlaneRegistration, AllEqualPointsDoNotCrash) {
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+TEST(ScanToMap, AllEqualPointsDoNotCrash) {
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
   const Point one{1, 2, 0.5f, 0, 10, 0, ReturnType::kStrongest, 0};
   for (int k = 0; k < 4; ++k) {
-    const RegistrationResult r = registration.process(input(PointVector(5000, one), k));
+    const ScanToMapResult r = tracker.process(input(PointVector(5000, one), k));
     EXPECT_TRUE(r.T_map_base_end.matrix().allFinite());
     EXPECT_TRUE(r.covariance.allFinite());
   }

@@ -1,4 +1,4 @@
-// What an inertial sensor's step adds to the registration, in an endless corridor and in a room.
+// What an inertial sensor's step adds to the matching, in an endless corridor and in a room.
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <optional>
 
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/scan_to_map.hpp"
 #include "common/plane_map/tests/room.hpp"
 
 namespace zloam::plane_map {
@@ -53,7 +53,7 @@ struct Errors {
 // told: of the sweep k.
 template <typename Told>
 Errors ride(const Room& room, Told&& told) {
-  PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+  ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
   std::mt19937 random(5);
   Pose T_start = Pose::Identity();
   Pose last_found = Pose::Identity(), last_truth = Pose::Identity();
@@ -65,7 +65,7 @@ Errors ride(const Room& room, Told&& told) {
     sweep.points = points;
     sweep.stamp_ns = k * kPeriod_ns;
     sweep.inertial = told(k);
-    const RegistrationResult result = registration.process(sweep);
+    const ScanToMapResult result = tracker.process(sweep);
     const Pose truth = T_start * exp_se3(0.5 * kPeriod_s * v);
     if (k > 1) {
       const Eigen::Vector3d ours = (last_found.inverse() * result.T_map_base_mid).translation();
@@ -108,9 +108,9 @@ TEST(InertialRegistration, WhereThePointsTellAllItTakesNothing) {
 // A step that is not of the sweep before says nothing of this one.
 TEST(InertialRegistration, IsNotUsedAfterAGap) {
   const auto twist_found = [](bool told) {
-    PlaneRegistration registration{PlaneMapConfig{}, MatcherConfig{}};
+    ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
     std::mt19937 random(5);
-    RegistrationResult last;
+    ScanToMapResult last;
     for (const int k : {0, 1, 2, 3, 6}) {
       const PointVector points = scan(Room{}, noisy(), Pose::Identity(), Vector6::Zero(), random);
       SweepInput sweep;
@@ -121,7 +121,7 @@ TEST(InertialRegistration, IsNotUsedAfterAGap) {
         sweep.inertial->velocity_change_mps << 5.0, 0.0, 0.0;
         sweep.inertial->at_rest = false;
       }
-      last = registration.process(sweep);
+      last = tracker.process(sweep);
     }
     return last.twist_per_s;
   };

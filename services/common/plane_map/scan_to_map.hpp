@@ -1,6 +1,6 @@
 #pragma once
 // Map and matcher together: sweeps in, poses out. Keeps the motion of the last sweep for the priors
-// and adds every registered sweep to the map, deskewed with its own converged motion.
+// and adds every matched sweep to the map, deskewed with its own converged motion.
 
 #include <cstdint>
 #include <optional>
@@ -33,12 +33,12 @@ struct MotionPrediction {
 };
 
 enum class Outcome {
-  kStarted,     ///< first usable sweep: it made the map
-  kRegistered,  ///< matched and inserted
-  kPredicted,   ///< too few points or matches, or no solution: pose is the prediction, not inserted
+  kStarted,    ///< first usable sweep: it made the map
+  kMatched,    ///< matched and inserted
+  kPredicted,  ///< too few points or matches, or no solution: pose is the prediction, not inserted
 };
 
-struct RegistrationResult {
+struct ScanToMapResult {
   Outcome outcome = Outcome::kPredicted;
   Pose T_map_base_mid = Pose::Identity();  // at stamp + period / 2
   Pose T_map_base_end = Pose::Identity();  // at stamp + period
@@ -65,22 +65,22 @@ struct RegistrationResult {
   Matrix6 covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const;
 };
 
-class PlaneRegistration {
+class ScanToMap {
  public:
-  PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
-                    const Pose& T_map_base_start = Pose::Identity());
+  ScanToMap(const PlaneMapConfig& map, const MatcherConfig& matcher,
+            const Pose& T_map_base_start = Pose::Identity());
 
   /// Sweeps in order of their stamps; one that is not later than its predecessor is taken as one
   /// period later.
-  RegistrationResult process(const SweepInput& sweep,
-                             const std::optional<MotionPrediction>& prediction = std::nullopt);
+  ScanToMapResult process(const SweepInput& sweep,
+                          const std::optional<MotionPrediction>& prediction = std::nullopt);
 
   /// The two halves of process(). match() leaves map and motion as they are and may be called
   /// several times for a sweep; commit() takes one of its results for the sweep's motion, and with
   /// `insert` the points into the map. Without a map, match() gives the prediction.
-  RegistrationResult match(const SweepInput& sweep,
-                           const std::optional<MotionPrediction>& prediction = std::nullopt);
-  void commit(const SweepInput& sweep, const RegistrationResult& result, bool insert);
+  ScanToMapResult match(const SweepInput& sweep,
+                        const std::optional<MotionPrediction>& prediction = std::nullopt);
+  void commit(const SweepInput& sweep, const ScanToMapResult& result, bool insert);
 
   /// The next sweep does not continue the motion of the last one.
   void forget_motion() {
@@ -111,9 +111,8 @@ class PlaneRegistration {
   Vector6 previous_twist_per_s() const;
   Matrix12 carried_on(double steps, double rate) const;
   Matrix6 change(double steps) const;
-  void remember(const SweepInput& sweep, const RegistrationResult& result,
-                const SweepMotion& motion);
-  void learn_acceleration(const SweepInput& sweep, const RegistrationResult& result,
+  void remember(const SweepInput& sweep, const ScanToMapResult& result, const SweepMotion& motion);
+  void learn_acceleration(const SweepInput& sweep, const ScanToMapResult& result,
                           const Matrix12& covariance);
   bool adjoins(const SweepInput& sweep) const;
   void foresee(const SweepInput& sweep, MotionPrior& prior) const;
@@ -125,9 +124,9 @@ class PlaneRegistration {
   MatchResult match(const SweepPoints& points, const MotionPrior& prior);
   const SweepPoints& matched_points_of(const SweepInput& sweep);
   void insert(const SweepInput& sweep, const SweepMotion& motion);
-  void follow_gate(const RegistrationResult& result);
+  void follow_gate(const ScanToMapResult& result);
   MatchGates gates() const;
-  RegistrationResult result_of(const MatchResult& match, const SweepInput& sweep) const;
+  ScanToMapResult result_of(const MatchResult& match, const SweepInput& sweep) const;
 
   MatcherConfig config_;
   VoxelPlaneMap map_;

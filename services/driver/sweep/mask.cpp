@@ -1,4 +1,4 @@
-#include "driver/velodyne/mask.hpp"
+#include "driver/sweep/mask.hpp"
 
 #include <cmath>
 #include <numbers>

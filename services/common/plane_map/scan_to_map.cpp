@@ -1,4 +1,4 @@
-#include "common/plane_map/plane_registration.hpp"
+#include "common/plane_map/scan_to_map.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -66,7 +66,7 @@ Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& mo
 
 }  // namespace
 
-Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
+Pose ScanToMapResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
   const double period_s = seconds(period_ns);
   const double s = instant_ns * 1e-9 / period_s - 0.5;  // in sweeps from the middle
   return normalised(T_map_base_mid *
@@ -75,7 +75,7 @@ Pose RegistrationResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) c
 
 // Pose at s = T_mid * Exp(s * twist): its perturbation is the mid's seen from there plus s times
 // the twist's.
-Matrix6 RegistrationResult::covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
+Matrix6 ScanToMapResult::covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
   const double since_mid_s = instant_ns * 1e-9 - 0.5 * seconds(period_ns);
   Eigen::Matrix<double, 6, 12> jacobian;
   jacobian << adjoint(exp_se3(-since_mid_s * twist_per_s)), since_mid_s * Matrix6::Identity();
@@ -87,15 +87,15 @@ Matrix6 RegistrationResult::covariance_at(std::uint32_t instant_ns, std::uint32_
   return jacobian * covariance * jacobian.transpose() + squared(of_bend) * bend.own_covariance;
 }
 
-PlaneRegistration::PlaneRegistration(const PlaneMapConfig& map, const MatcherConfig& matcher,
-                                     const Pose& T_map_base_start)
+ScanToMap::ScanToMap(const PlaneMapConfig& map, const MatcherConfig& matcher,
+                     const Pose& T_map_base_start)
     : config_(matcher),
       map_(map),
       matcher_(matcher),
       T_grid_base_start_(map_.T_grid_map() * T_map_base_start),
       gate_m_(matcher.max_gate_m) {}
 
-Vector6 PlaneRegistration::previous_twist_per_s() const {
+Vector6 ScanToMap::previous_twist_per_s() const {
   return previous_ ? Vector6(previous_->motion.twist / seconds(previous_->period_ns))
                    : Vector6(Vector6::Zero());
 }
@@ -104,7 +104,7 @@ Vector6 PlaneRegistration::previous_twist_per_s() const {
 // `change` (white acceleration). The pose before and its twist are known to their common covariance
 // only, and err together: to trust either fully leaves a zig-zag, in which the error of one sweep's
 // twist comes back negated in the next.
-Matrix12 PlaneRegistration::carried_on(double steps, double rate) const {
+Matrix12 ScanToMap::carried_on(double steps, double rate) const {
   const Matrix12 before = with_bounded_pose(previous_->covariance,
                                             diagonal(config_.pose_sigma_m, config_.pose_sigma_rad));
   Matrix12 F = Matrix12::Zero();
@@ -119,27 +119,27 @@ Matrix12 PlaneRegistration::carried_on(double steps, double rate) const {
 }
 
 // Of the twist over so many sweeps: white acceleration, and what the record has of it.
-Matrix6 PlaneRegistration::change(double steps) const {
+Matrix6 ScanToMap::change(double steps) const {
   const double period_s = seconds(previous_->period_ns);
   return steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad) +
          squared(steps * period_s * period_s) * acceleration_.covariance();
 }
 
 // What the poses of two middles may differ by from the mean of both motions.
-Matrix6 PlaneRegistration::continuity() const {
+Matrix6 ScanToMap::continuity() const {
   const Vector6 bend = config_.continuity_share * previous_->twist_change;
   return diagonal(config_.continuity_sigma_m + bend.head<3>().norm(),
                   config_.continuity_sigma_rad + bend.tail<3>().norm());
 }
 
-bool PlaneRegistration::adjoins(const SweepInput& sweep) const {
+bool ScanToMap::adjoins(const SweepInput& sweep) const {
   const auto between_ns = static_cast<double>(sweep.stamp_ns - previous_->stamp_ns);
   return std::abs(between_ns - previous_->period_ns) < kAdjoining * previous_->period_ns;
 }
 
 // As an inertial sensor felt it: from the end of the sweep before, with its velocity and what that
 // changed by, and the turn as measured.
-void PlaneRegistration::foresee(const SweepInput& sweep, MotionPrior& prior) const {
+void ScanToMap::foresee(const SweepInput& sweep, MotionPrior& prior) const {
   const InertialStep& step = *sweep.inertial;
   const double last_s = seconds(previous_->period_ns);
   const double now_s = seconds(sweep.period_ns);
@@ -167,8 +167,8 @@ void PlaneRegistration::foresee(const SweepInput& sweep, MotionPrior& prior) con
   prior.information = covariance.ldlt().solve(Matrix12::Identity());
 }
 
-MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
-                                          const std::optional<MotionPrediction>& prediction) const {
+MotionPrior ScanToMap::make_prior(const SweepInput& sweep,
+                                  const std::optional<MotionPrediction>& prediction) const {
   MotionPrior prior;
   prior.predicted.T_mid = T_grid_base_start_;
   if (previous_ && !(prediction && prediction->use == PredictionUse::kInstead)) {
@@ -194,8 +194,8 @@ MotionPrior PlaneRegistration::make_prior(const SweepInput& sweep,
   return prior;
 }
 
-void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
-                                       MotionPrior& prior) const {
+void ScanToMap::add_prediction(const SweepInput& sweep, const MotionPrediction& prediction,
+                               MotionPrior& prior) const {
   const double period_s = seconds(sweep.period_ns);
   const double to_mid_s = 0.5 * period_s - prediction.instant_ns * 1e-9;
   prior.advised.T_mid =
@@ -211,8 +211,7 @@ void PlaneRegistration::add_prediction(const SweepInput& sweep, const MotionPred
   }
 }
 
-double PlaneRegistration::disagreement(const SweepInput& sweep,
-                                       const MotionPrediction& prediction) const {
+double ScanToMap::disagreement(const SweepInput& sweep, const MotionPrediction& prediction) const {
   if (!previous_) return 0.0;
   const MotionPrior prior = make_prior(sweep, prediction);
   const Matrix6 own = prior.information.ldlt().solve(Matrix12::Identity()).topLeftCorner<6, 6>();
@@ -220,12 +219,12 @@ double PlaneRegistration::disagreement(const SweepInput& sweep,
   return apart.dot((own + prediction.pose_covariance).ldlt().solve(apart));
 }
 
-MatchResult PlaneRegistration::match(const SweepPoints& points, const MotionPrior& prior) {
+MatchResult ScanToMap::match(const SweepPoints& points, const MotionPrior& prior) {
   map_.set_anchor(prior.start.T_mid.translation());
   return matcher_.match(map_, points, prior, gates());
 }
 
-void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motion) {
+void ScanToMap::insert(const SweepInput& sweep, const SweepMotion& motion) {
   const Thinning thinning{stride_to(config_.enough_inserted_points, sweep.size()), sweeps_,
                           kCountedTogether};
   take_points(sweep, config_.min_range_m, thinning, inserted_points_);
@@ -239,14 +238,14 @@ void PlaneRegistration::insert(const SweepInput& sweep, const SweepMotion& motio
   map_.leave_behind(motion.T_mid.translation());
 }
 
-void PlaneRegistration::follow_gate(const RegistrationResult& result) {
+void ScanToMap::follow_gate(const ScanToMapResult& result) {
   const double wanted = 3.0 * (result.prediction_error_m + kGateMargin_m);
   gate_m_ = std::clamp(kGateMemory * gate_m_ + (1.0 - kGateMemory) * wanted, config_.min_gate_m,
                        config_.max_gate_m);
   share_ = kShareMemory * share_ + (1.0 - kShareMemory) * result.degeneracy.share;
 }
 
-MatchGates PlaneRegistration::gates() const {
+MatchGates ScanToMap::gates() const {
   const double kernel_m = gate_m_ / 3.0;
   const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
   return {{gate_m_, kernel_m, config_.crowd_points},
@@ -254,12 +253,11 @@ MatchGates PlaneRegistration::gates() const {
            std::min(kernel_m, wider * config_.fine_kernel_m), config_.crowd_points}};
 }
 
-RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
-                                                const SweepInput& sweep) const {
+ScanToMapResult ScanToMap::result_of(const MatchResult& match, const SweepInput& sweep) const {
   const double period_s = seconds(sweep.period_ns);
   const Pose T_map_grid = map_.T_grid_map().inverse();
-  RegistrationResult out;
-  out.outcome = match.valid ? Outcome::kRegistered : Outcome::kPredicted;
+  ScanToMapResult out;
+  out.outcome = match.valid ? Outcome::kMatched : Outcome::kPredicted;
   out.T_map_base_mid = normalised(T_map_grid * match.motion.T_mid);
   out.twist_per_s = match.motion.twist / period_s;
   out.twist_change_per_s = match.motion.bend / period_s;
@@ -279,7 +277,7 @@ RegistrationResult PlaneRegistration::result_of(const MatchResult& match,
   return out;
 }
 
-const SweepPoints& PlaneRegistration::matched_points_of(const SweepInput& sweep) {
+const SweepPoints& ScanToMap::matched_points_of(const SweepInput& sweep) {
   if (matched_stamp_ns_ != sweep.stamp_ns) {
     const std::size_t enough = stride_to(config_.enough_points, sweep.size());
     const Thinning thinning{std::max<std::size_t>(config_.stride, enough), sweeps_ * 7};
@@ -289,8 +287,8 @@ const SweepPoints& PlaneRegistration::matched_points_of(const SweepInput& sweep)
   return matched_points_;
 }
 
-RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
-                                            const std::optional<MotionPrediction>& prediction) {
+ScanToMapResult ScanToMap::match(const SweepInput& sweep,
+                                 const std::optional<MotionPrediction>& prediction) {
   const SweepPoints& points = matched_points_of(sweep);
   const MotionPrior prior = make_prior(sweep, prediction);
   MatchResult match;
@@ -302,7 +300,7 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
   // Hysteresis: a weak direction stays so until it is clearly strong.
   d.weak =
       match.valid && (d.weak || (weak_ && d.measured_sigma_m > kStrongRatio * d.predicted_sigma_m));
-  RegistrationResult result = result_of(match, sweep);
+  ScanToMapResult result = result_of(match, sweep);
   const Vector6 error = log_se3(prior.start.T_mid.inverse() * match.motion.T_mid);
   result.prediction_error_m =
       error.head<3>().norm() + 2.0 * config_.gate_range_m * std::sin(0.5 * error.tail<3>().norm());
@@ -313,13 +311,12 @@ RegistrationResult PlaneRegistration::match(const SweepInput& sweep,
   return result;
 }
 
-void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult& result,
-                               bool insert) {
+void ScanToMap::commit(const SweepInput& sweep, const ScanToMapResult& result, bool insert) {
   SweepMotion motion;
   motion.T_mid = map_.T_grid_map() * result.T_map_base_mid;
   motion.twist = result.twist_per_s * seconds(sweep.period_ns);
   motion.bend = result.twist_change_per_s * seconds(sweep.period_ns);
-  if (result.outcome == Outcome::kRegistered) {
+  if (result.outcome == Outcome::kMatched) {
     follow_gate(result);
     weak_ = result.degeneracy.weak;
     weak_axis_base_.setZero();
@@ -337,8 +334,8 @@ void PlaneRegistration::commit(const SweepInput& sweep, const RegistrationResult
   ++sweeps_;
 }
 
-void PlaneRegistration::remember(const SweepInput& sweep, const RegistrationResult& result,
-                                 const SweepMotion& motion) {
+void ScanToMap::remember(const SweepInput& sweep, const ScanToMapResult& result,
+                         const SweepMotion& motion) {
   // Points that lie further off than their noise say less than the solver makes of them.
   const double off = std::max(1.0, result.residual_rms_m / map_.config().range_noise_m);
   const Matrix12 covariance =
@@ -346,7 +343,7 @@ void PlaneRegistration::remember(const SweepInput& sweep, const RegistrationResu
   Vector6 change = Vector6::Zero();
   if (previous_) {
     change = motion.twist - previous_->motion.twist;
-    if (result.outcome == Outcome::kRegistered) {
+    if (result.outcome == Outcome::kMatched) {
       learn_acceleration(sweep, result, squared(off) * result.covariance);
     }
   }
@@ -354,9 +351,8 @@ void PlaneRegistration::remember(const SweepInput& sweep, const RegistrationResu
 }
 
 // covariance: of (pose, twist per second)
-void PlaneRegistration::learn_acceleration(const SweepInput& sweep,
-                                           const RegistrationResult& result,
-                                           const Matrix12& covariance) {
+void ScanToMap::learn_acceleration(const SweepInput& sweep, const ScanToMapResult& result,
+                                   const Matrix12& covariance) {
   const double between_s = 1e-9 * static_cast<double>(sweep.stamp_ns - previous_->stamp_ns);
   if (!(between_s > 0.0)) return;
   const Matrix12 before =
@@ -365,14 +361,14 @@ void PlaneRegistration::learn_acceleration(const SweepInput& sweep,
   acceleration_.add(unexplained((result.twist_per_s - previous_twist_per_s()) / between_s, errors));
 }
 
-void PlaneRegistration::configure(const MatcherConfig& matcher) {
+void ScanToMap::configure(const MatcherConfig& matcher) {
   config_ = matcher;
   matcher_ = SweepMatcher(matcher);
 }
 
-RegistrationResult PlaneRegistration::process(const SweepInput& sweep,
-                                              const std::optional<MotionPrediction>& prediction) {
-  RegistrationResult result = match(sweep, prediction);
+ScanToMapResult ScanToMap::process(const SweepInput& sweep,
+                                   const std::optional<MotionPrediction>& prediction) {
+  ScanToMapResult result = match(sweep, prediction);
   commit(sweep, result, result.outcome != Outcome::kPredicted);
   return result;
 }

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# release.sh [--dry-run] BUILD_DIR OUT_DIR: makes a release of the commit that is checked out: packages, a bill of
+# materials (CycloneDX), their sums, and the tag vX.Y.Z. --dry-run checks and builds, and sets no tag.
+# It refuses while anything is uncommitted, or the version is not the same in CMakeLists.txt, Dockerfile and CHANGELOG.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+tag_it=true
+if [ "${1:-}" = --dry-run ]; then
+  tag_it=false
+  shift
+fi
+[ $# -eq 2 ] || { sed -n '2,4s/^# //p' "$0" >&2; exit 2; }
+build=$1 out=$2
+
+refuse() { echo "release: $1" >&2; exit 1; }
+
+version=$(sed -nE 's/^project\(\S+ VERSION (\S+).*/\1/p' CMakeLists.txt)
+[ -z "$(git status --porcelain)" ] || refuse "there are uncommitted changes: commit or stash them"
+others=$(sed -nE 's/^ARG VERSION=(.*)/\1/p' deploy/docker/Dockerfile | grep -vxF "$version" || true)
+[ -z "$others" ] || refuse "deploy/docker/Dockerfile has ARG VERSION=$(echo $others), CMakeLists.txt has $version"
+heading=$(grep -F "## [$version]" CHANGELOG.md || true)
+[ -n "$heading" ] || refuse "CHANGELOG.md has no heading '## [$version] - YYYY-MM-DD'"
+if $tag_it; then
+  grep -qE "^## \[$version\] - [0-9]{4}-[0-9]{2}-[0-9]{2}$" <<< "$heading" ||
+    refuse "CHANGELOG.md: '$heading' has no date"
+  ! git rev-parse -q --verify "refs/tags/v$version" >/dev/null || refuse "the tag v$version is there already"
+fi
+
+deploy/build/packages.sh "$build" "$out"
+build/packaging/bin/pip install --quiet --disable-pip-version-check cyclonedx-python-lib==11.12.0
+build/packaging/bin/python deploy/build/sbom.py "$build" "$out/zenoh-loam-$version.cdx.json"
+(cd "$out" && sha256sum -- *.whl *.deb *.cdx.json > SHA256SUMS && sha256sum --check --quiet SHA256SUMS)
+if $tag_it; then
+  git tag --annotate "v$version" --message "zenoh-loam $version"
+  echo "release: tagged v$version; push the tag, and publish what is in $out"
+else
+  echo "release: $out is complete; no tag was set (--dry-run)"
+fi

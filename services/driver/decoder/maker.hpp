@@ -1,0 +1,80 @@
+#pragma once
+// One maker's sensors: which datagrams are theirs, and a decoder for a stream of them. A new maker
+// is a folder beside this one with a class of these functions, and a line in makers.cpp.
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/geometry/imu_reading.hpp"
+#include "driver/decoder/nmea.hpp"
+#include "driver/decoder/packet_decoder.hpp"
+
+namespace zloam::driver {
+
+/// What a user says of the decoding, for all makers alike.
+struct DecodingOptions {
+  /// one of Maker's models; empty: by the packets
+  std::string model = {};
+  /// the model on the sensor's label: tells when packets claim another one wrongly
+  std::string declared_model = {};
+  /// nothing: by the packets
+  std::optional<ReturnMode> return_mode = std::nullopt;
+  /// which returns of a pair are given
+  DualReturns dual_returns = DualReturns::kTagged;
+  /// nearer and farther returns are none; both ends belong to it. Of the measured distance.
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  /// the lasers do not leave from one point; most data sets leave the shift (up to 17 mm) out
+  bool vertical_offsets = true;
+  /// text of the file in which a sensor describes itself, and where it is from, for messages
+  std::string metadata = {};
+  std::string metadata_name = {};
+};
+
+/// What a datagram is.
+enum class PacketKind : std::uint8_t { kForeign, kData, kPosition, kImu };
+
+/// First packets of a stream, as they came.
+using FirstPackets = std::vector<std::vector<std::uint8_t>>;
+
+class Maker {
+ public:
+  Maker() = default;
+  virtual ~Maker() = default;
+  Maker(const Maker&) = delete;
+  Maker& operator=(const Maker&) = delete;
+
+  virtual PacketKind kind(std::span<const std::uint8_t> payload) const = 0;
+
+  /// Sensor's time of a data packet, since the top of its hour.
+  virtual std::uint32_t toh_us(std::span<const std::uint8_t> data_packet) const = 0;
+
+  /// How many data packets decoder() looks at.
+  virtual std::size_t packets_to_know() const { return 1; }
+  /// Sentences for the user go to remarks.
+  virtual std::unique_ptr<PacketDecoder> decoder(const FirstPackets& first,
+                                                 std::vector<std::string>& remarks) const = 0;
+
+  /// What a packet of kPosition says; nothing where it is damaged.
+  virtual std::optional<PositionPacket> position(std::span<const std::uint8_t> /*payload*/) const {
+    return std::nullopt;
+  }
+  /// Readings of a packet of kImu in the lidar's axes. Stamps: ns since the top of the sensor's
+  /// hour, of the same clock as the data packets'.
+  virtual std::vector<ImuReading> imu(std::span<const std::uint8_t> /*payload*/) const {
+    return {};
+  }
+
+  /// Length of data packets in a file of bare payloads; 0: not known.
+  virtual std::size_t payload_bytes() const = 0;
+  /// Whether the options' metadata describe a sensor of this maker, and if not, why; empty: they do.
+  virtual std::string metadata_error() const { return "no maker's sensors have such a file"; }
+  bool described() const { return metadata_error().empty(); }
+};
+
+}  // namespace zloam::driver

@@ -1,0 +1,59 @@
+#include "driver/io/metadata_file.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "driver/decoder/makers.hpp"
+#include "driver/io/packet_source.hpp"
+
+namespace zloam::driver {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Of the longest known; what is longer is no description.
+constexpr std::size_t kMostBytes = std::size_t{1} << 20;
+
+std::string beside(const std::string& capture) {
+  const fs::path stem = fs::path(capture).replace_extension();
+  for (const char* ending : {".json", "_0.json"}) {
+    const std::string path = stem.string() + ending;
+    if (fs::is_regular_file(path)) return path;
+  }
+  return {};
+}
+
+std::string text_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file || fs::is_directory(path)) {
+    throw SourceError(path + ": " + std::strerror(file ? EISDIR : errno));
+  }
+  std::string text(kMostBytes + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMostBytes) {
+    throw SourceError(path + ": is longer than 1 MiB, which no sensor's description is");
+  }
+  return text;
+}
+
+}  // namespace
+
+void read_metadata(const std::string& named, const std::string& capture, DecodingOptions& options) {
+  const std::string path = named.empty() && !capture.empty() ? beside(capture) : named;
+  if (path.empty()) return;
+  try {
+    options.metadata = text_of(path);
+  } catch (const SourceError&) {
+    if (!named.empty()) throw;
+    return;  // whatever it is, nobody said that it belongs to the capture
+  }
+  options.metadata_name = path;
+  const std::string error = Makers(options).metadata_error();
+  if (!named.empty() && !error.empty()) throw SourceError(path + ": " + error);
+}
+
+}  // namespace zloam::driver

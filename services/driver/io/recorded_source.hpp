@@ -1,0 +1,24 @@
+#pragma once
+// What is replayed: a capture, bare payloads, a folder of scans, a bag.
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/runtime/config.hpp"
+#include "driver/driver_parameters.hpp"
+#include "driver/io/sweep_source.hpp"
+
+namespace zloam::driver {
+
+struct RecordedSource {
+  std::unique_ptr<SweepSource> sweeps;
+  /// what the replay is known by: this text, and the bytes of these files
+  std::string identity;
+  std::vector<std::string> files;
+};
+
+/// Throws SourceError.
+RecordedSource open_recorded(const DriverConfig& config, const runtime::SharedConfig& shared);
+
+}  // namespace zloam::driver

@@ -1,0 +1,211 @@
+"""Folders of clouds, a file a sweep: PCD, PLY, LAS and LAZ."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor.recordings import Refused, bags, ply
+from zloam_monitor.recordings.bags import Bag, Topic
+
+#: of files that say nothing of when they were recorded
+FIRST_NS = 1_000_000_000 * 10**9
+#: digits of a time since 1970 in its unit, and what the unit is
+EPOCH_NS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
+#: with a line a file, in the folder or above it
+STAMP_FILES = ("times.txt", "timestamps.txt", "stamps.txt")
+#: no lidar sees farther; coordinates beyond it are a map's
+FARTHEST_M = 10_000.0
+
+
+@dataclass(frozen=True)
+class Table:
+    """One file's points, structured by the names of its fields; rows of an organised cloud."""
+
+    stamp_ns: int
+    points: NDArray[Any]
+    width: int
+    height: int
+
+
+def _pcd(path: Path) -> tuple[NDArray[Any], int, int]:
+    from pypcd4 import PointCloud
+
+    cloud = PointCloud.from_path(path)
+    return cloud.pc_data, int(cloud.metadata.width), int(cloud.metadata.height)
+
+
+def _ply(path: Path) -> tuple[NDArray[Any], int, int]:
+    points = ply.vertices(path)
+    return points, len(points), 1
+
+
+def _las(path: Path) -> tuple[NDArray[Any], int, int]:
+    import laspy
+
+    las = laspy.read(path)
+    names = [n for n in las.point_format.dimension_names if n not in ("X", "Y", "Z")]
+    columns = {n: np.asarray(las[n]) for n in ("x", "y", "z", *names)}
+    points = np.empty(len(las), [(n, c.dtype) for n, c in columns.items()])
+    for name, column in columns.items():
+        points[name] = column
+    return points, len(points), 1
+
+
+READERS = {".pcd": _pcd, ".ply": _ply, ".las": _las, ".laz": _las}
+
+
+def clouds_in(path: Path) -> list[Path]:
+    """In the order of the numbers in their names; hidden files are none."""
+    if not path.is_dir():
+        return []
+    found = [p for p in path.iterdir() if p.suffix.lower() in READERS and p.name[0] != "."]
+    return sorted(found, key=lambda p: ([int(n) for n in re.findall(r"\d+", p.stem)], p.name))
+
+
+def is_recording(path: Path) -> bool:
+    return bags.is_recording(path) or bool(clouds_in(path))
+
+
+def time_ns(text: str) -> int | None:
+    """Of a time since 1970, by its digits: s, ms, us, ns, or s with a fraction; else None."""
+    match = re.fullmatch(r"\D*?(\d{10,19})(?:[._-](\d{1,9}))?", text)
+    if match is None or len(match[1]) not in EPOCH_NS:
+        return None
+    whole = int(match[1]) * EPOCH_NS[len(match[1])]
+    if match[2] is None:
+        return whole
+    return whole + int(match[2].ljust(9, "0")) if len(match[1]) == 10 else None
+
+
+def _times_in_names(paths: list[Path]) -> list[int] | None:
+    times = [time_ns(p.stem) for p in paths]
+    return None if None in times else [t for t in times if t is not None]
+
+
+def _times_in_file(folder: Path, count: int) -> tuple[Path, list[int]] | None:
+    for name in STAMP_FILES:
+        for path in (folder / name, folder.parent / name):
+            if path.is_file():
+                lines = path.read_text(encoding="utf-8-sig").split()
+                if len(lines) != count:
+                    raise Refused(f"{path} has {len(lines)} times for {count} clouds")
+                try:
+                    return path, [time_ns(t) or FIRST_NS + round(1e9 * float(t)) for t in lines]
+                except ValueError as error:
+                    raise Refused(f"{path}: {error}") from error
+    return None
+
+
+def _times_by_number(paths: list[Path], period_ns: int) -> list[int]:
+    """Files that are missing leave a gap; every n-th of a recording is as good as all of one."""
+    numbers = [re.findall(r"\d+", p.stem) for p in paths]
+    if not all(numbers):
+        return [FIRST_NS + i * period_ns for i in range(len(paths))]
+    last = [int(n[-1]) for n in numbers]
+    step = max(1, int(np.median(np.diff(last)))) if len(last) > 1 else 1
+    return [FIRST_NS + (n - last[0]) * period_ns // step for n in last]
+
+
+@dataclass
+class Folder:
+    """As a bag of one topic."""
+
+    path: Path
+    period_ns: int
+    #: what the stamps are taken from
+    said: str = ""
+    #: nothing tells when the clouds were recorded
+    assumed: bool = False
+    unread: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._paths = clouds_in(self.path)
+        self.topics = [
+            Topic(self.path.name, f"{self._paths[0].suffix[1:]} files", len(self._paths))
+        ]
+        self._stamps = self._stamped()
+        if (np.diff(self._stamps) <= 0).any():
+            raise Refused(f"the clouds' times do not ascend ({self.said})")
+
+    def _stamped(self) -> list[int]:
+        if (times := _times_in_names(self._paths)) is not None:
+            self.said = "stamps by the files' names"
+            return times
+        if (found := _times_in_file(self.path, len(self._paths))) is not None:
+            self.said = f"stamps by {found[0].name}"
+            return found[1]
+        self.assumed = True
+        self.said = (
+            f"no stamps: neither names that are times nor {', '.join(STAMP_FILES)}; a cloud every "
+            f"{1e-9 * self.period_ns:g} s is taken (driver.scan_period_s)"
+        )
+        return _times_by_number(self._paths, self.period_ns)
+
+    def choose(self, name: str) -> Topic:
+        if name not in ("", self.topics[0].name):
+            raise Refused(f"driver.topic={name}: a folder of files has no topics")
+        return self.topics[0]
+
+    def choose_imu(self, name: str) -> str:
+        raise Refused(
+            f"a folder of files has no inertial readings{f' {name}' if name else ''}: name a file "
+            "of them (driver.imu=file, driver.imu_path)"
+        )
+
+    def messages(self, topic: Topic, imu: str = "") -> Iterator[Any]:
+        """Files that can't be read are left out, and told by remarks()."""
+        assert topic in self.topics
+        assert not imu
+        self.unread.clear()
+        for path, stamp_ns in zip(self._paths, self._stamps, strict=True):
+            try:
+                points, width, height = READERS[path.suffix.lower()](path)
+            except Exception as error:  # each library has errors of its own
+                self.unread.append(f"{path.name}: {_first_line(error)}")
+                continue
+            yield Table(stamp_ns, _within_reach(points, path), width, height)
+        if len(self.unread) == len(self._paths):
+            raise Refused(f"none of its files can be read; {self.unread[0]}")
+
+    def remarks(self) -> list[str]:
+        """What was not as it should be, at the end."""
+        said = [self.said] if self.assumed else []
+        if not self.unread:
+            return said
+        more = f", and {len(self.unread) - 1} more" if len(self.unread) > 1 else ""
+        return [*said, f"left out, as it can't be read: {self.unread[0]}{more}"]
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no reason'}"
+
+
+def _within_reach(points: NDArray[Any], path: Path) -> NDArray[Any]:
+    names = points.dtype.names or ()
+    for name in ("x", "y", "z"):
+        if name in names and len(points):
+            farthest = np.nanmax(np.abs(points[name].astype(np.float64)))
+            if farthest > FARTHEST_M:
+                raise Refused(
+                    f"{path.name}: {name} reaches {farthest:.0f} m: these are coordinates of a "
+                    "map, and not of the sensor, or not in metres"
+                )
+    return points
+
+
+@contextmanager
+def opened(path: Path, period_s: float) -> Iterator[Bag | Folder]:
+    """A folder of clouds, or a bag; raises Refused, or OSError."""
+    if clouds_in(path):
+        yield Folder(path, round(1e9 * period_s))
+        return
+    with bags.opened(path) as bag:
+        yield bag

@@ -1,0 +1,77 @@
+"""Vertices of a PLY file (Turk, "The PLY Polygon File Format", 1994): ascii and both binary forms.
+
+Our own, as the libraries at hand are under the GPL (plyfile) or know no 16-bit numbers (meshio).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: names of numbers, old and new
+TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: a header is not longer
+MOST_LINES = 1000
+
+
+def vertices(path: Path) -> NDArray[Any]:
+    """Structured by the properties' names; ValueError with the reason."""
+    with path.open("rb") as file:
+        form, count, properties = _header(file)
+        dtype = np.dtype([(name, FORMATS[form] + TYPES[kind]) for kind, name in properties])
+        if form == "ascii":
+            rows = [tuple(file.readline().split()) for _ in range(count)]
+            if any(len(row) != len(properties) for row in rows):
+                raise ValueError(f"not {count} lines of {len(properties)} numbers")
+            return np.array(rows, dtype)
+        points = np.fromfile(file, dtype, count)
+    if len(points) < count:
+        raise ValueError(f"{len(points)} of {count} vertices are in it")
+    return points
+
+
+def _header(file: BinaryIO) -> tuple[str, int, list[tuple[str, str]]]:
+    if file.readline().strip() != b"ply":
+        raise ValueError("no PLY file")
+    form, count, properties, element = "", -1, list[tuple[str, str]](), ""
+    for _ in range(MOST_LINES):
+        words = file.readline().decode("ascii", "replace").split()
+        if words[:1] == ["format"]:
+            form = words[1]
+        elif words[:1] == ["element"]:
+            if element == "" and words[1] != "vertex":
+                raise ValueError(f"its first element is {words[1]}, not vertex")
+            element = words[1]
+            count = int(words[2]) if element == "vertex" else count
+        elif words[:1] == ["property"] and element == "vertex":
+            if words[1] not in TYPES:
+                raise ValueError(f"property {words[-1]} of type {words[1]} is no single number")
+            properties.append((words[1], words[2]))
+        elif words == ["end_header"]:
+            if form not in FORMATS or count < 0:
+                raise ValueError(
+                    f"no vertices, or its format {form} is none of {', '.join(FORMATS)}"
+                )
+            return form, count, properties
+    raise ValueError("its header has no end")

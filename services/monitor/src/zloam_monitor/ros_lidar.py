@@ -1,0 +1,210 @@
+"""A PointCloud2 topic of a ROS 2 system (rmw_zenoh) as the robot's lidar, without ROS.
+
+What its fields mean is settled as in recordings (recordings/); its sweeps are published as those of
+any other source (docs/your-own-sensor.md). Names on ROS's side: services/ros/graph.hpp.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from zloam_monitor import messages
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import open_session
+from zloam_monitor.recordings import Refused
+from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+DDS_CLOUD = "sensor_msgs::msg::dds_::PointCloud2_"
+DISTROS = ("humble", "jazzy", "kilted", "rolling")
+#: of ROS 2's default quality of service for sensors: best effort, the last five
+QOS = "2::,5:,:,:,,"
+TOKENS = "@ros2_lv"
+#: clouds that wait; one more, and the oldest is dropped
+NEWEST = 4
+SILENCE_S = 5.0
+SAY_EVERY_S = 10.0
+LOOK_S = 0.2
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where from and where to."""
+
+    topic: str
+    #: endpoints of the ROS nodes' router, and of the robot's stages
+    ros: list[str]
+    connect: list[str]
+    keys: Keys
+    timing: Timing
+    domain: int = 0
+    distro: str = "jazzy"
+
+
+def _types() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+class Topic:
+    """A subscription that ROS nodes list; holds the newest clouds."""
+
+    def __init__(self, session: Any, options: Options) -> None:
+        self._session, self._options = session, options
+        self._clouds: queue.Queue[bytes] = queue.Queue(NEWEST)
+        self._types = _types()
+        self.dropped, self.unread = 0, 0
+        # whichever hash: what the fields are is in each message
+        key = f"{options.domain}{options.topic}/{DDS_CLOUD}/*"
+        self._subscriber = session.declare_subscriber(key, self._take)
+        node = f"{TOKENS}/{options.domain}/{session.info.zid()}/0"
+        known = "TypeHashNotSupported" if options.distro == "humble" else None
+        kind = known or self._types.hash_rihs01(CLOUD)
+        name = options.topic.replace("/", "%")
+        declare = session.liveliness().declare_token
+        self._tokens = (
+            declare(f"{node}/0/NN/%/%/zenoh_loam_lidar"),
+            declare(f"{node}/1/MS/%/%/zenoh_loam_lidar/{name}/{DDS_CLOUD}/{kind}/{QOS}"),
+        )
+
+    def _take(self, sample: Any) -> None:
+        if self._clouds.full():
+            self.dropped += self.forget(1)
+        self._clouds.put(sample.payload.to_bytes())
+
+    def forget(self, count: int = NEWEST) -> int:
+        """So many of the oldest that wait."""
+        forgotten = 0
+        with contextlib.suppress(queue.Empty):
+            while forgotten < count:
+                self._clouds.get_nowait()
+                forgotten += 1
+        return forgotten
+
+    def clouds(self) -> Iterator[Any]:
+        """As they come, for ever; what can't be read is counted. Says it when none come."""
+        heard, quiet = time.monotonic(), False
+        while True:
+            try:
+                payload = self._clouds.get(timeout=LOOK_S)
+            except queue.Empty:
+                if not quiet and time.monotonic() - heard > SILENCE_S:
+                    quiet = True
+                    print(self._silence(), flush=True)
+                continue
+            heard, quiet = time.monotonic(), False
+            try:
+                yield self._types.deserialize_cdr(payload, CLOUD)
+            except Exception:  # the library has no one error
+                self.unread += 1
+
+    def _silence(self) -> str:
+        pattern = f"{TOKENS}/{self._options.domain}/*/*/*/MP/**"
+        tokens = [str(r.ok.key_expr) for r in self._session.liveliness().get(pattern) if r.ok]
+        there = sorted({t.split("/")[9].replace("%", "/") for t in tokens if DDS_CLOUD in t})
+        return (
+            f"no cloud on {self._options.topic} for {SILENCE_S:.0f} s; domain "
+            f"{self._options.domain} through {', '.join(self._options.ros)} has "
+            + (f"clouds on {', '.join(there)}" if there else f"no topic of {CLOUD}")
+        )
+
+
+def message(keys: Keys, run: int, number: int, sweep: Sweep) -> bytes:
+    """schemas/sweep.fbs"""
+    import flatbuffers
+
+    header_of, sweep_of = messages.module("Header"), messages.module("Sweep")
+    b = flatbuffers.Builder(sweep.points.nbytes + 1024)
+    names = [b.CreateString(text) for text in (keys.robot, keys.sensor, "lidar", "ros-lidar")]
+    b.StartVector(sweep.points.itemsize, len(sweep.points), 4)
+    b.head -= sweep.points.nbytes
+    b.Bytes[b.head : b.head + sweep.points.nbytes] = sweep.points.tobytes()
+    points_at = b.EndVector()
+    header_of.Start(b)
+    header_of.AddRobot(b, names[0])
+    header_of.AddSensor(b, names[1])
+    header_of.AddFrame(b, names[2])
+    header_of.AddInstance(b, names[3])
+    header_of.AddRun(b, run)
+    header_of.AddSweep(b, number)
+    header_of.AddSeq(b, number)
+    header_of.AddStampNs(b, sweep.stamp_ns)
+    header = header_of.End(b)
+    sweep_of.Start(b)
+    sweep_of.AddHeader(b, header)
+    sweep_of.AddPoints(b, points_at)
+    sweep_of.AddRings(b, sweep.rings)
+    sweep_of.AddPeriodNs(b, sweep.period_ns)
+    sweep_of.AddDeskewed(b, sweep.deskewed)
+    sweep_of.AddComplete(b, True)
+    b.Finish(sweep_of.End(b), file_identifier=messages.KINDS["Sweep"].identifier)
+    return bytes(b.Output())
+
+
+def run(options: Options) -> int:
+    """Until it is ended; raises Refused when what comes can't be understood."""
+    with open_session(options.ros) as ros, open_session(options.connect) as robot:
+        topic = Topic(ros, options)
+        encoding = messages.encoding("Sweep")
+        publisher = robot.declare_publisher(options.keys.sweep, encoding=encoding)
+        lidar = Lidar(options, topic, publisher)
+        try:
+            lidar.publish()
+        finally:
+            lidar.say()
+    return 0
+
+
+class Lidar:
+    """What comes of a topic's clouds."""
+
+    def __init__(self, options: Options, topic: Topic, publisher: Any) -> None:
+        self._options, self._topic, self._publisher = options, topic, publisher
+        self._run, self._count, self._untaken = time.time_ns(), 0, 0
+
+    def publish(self) -> None:
+        """For ever. What came while it was settled how clouds are read is old, and what nobody
+        takes is left out, so that a run begins with its first sweep."""
+        sweeper = Sweeper(self._options.timing)
+        said, last_ns = 0.0, None
+        for sweep in sweeper.sweeps(self._topic.clouds(), live=True):
+            if last_ns is None:
+                print(f"{self._options.topic}: {'; '.join(sweeper.said)}", flush=True)
+                last_ns = sweep.stamp_ns
+                self._topic.dropped = 0
+                self._topic.forget()
+                continue
+            if sweep.stamp_ns <= last_ns:
+                raise Refused(
+                    f"the clouds' times go back by {1e-9 * (last_ns - sweep.stamp_ns):.3f} s; "
+                    "start it again for another run"
+                )
+            last_ns = sweep.stamp_ns
+            if self._count or self._publisher.matching_status.matching:
+                keys, number = self._options.keys, self._count
+                self._publisher.put(message(keys, self._run, number, sweep))
+                self._count += 1
+            else:
+                self._untaken += 1
+            if time.monotonic() - said > SAY_EVERY_S:
+                said = time.monotonic()
+                self.say()
+
+    def say(self) -> None:
+        """How far it is, and what was left out."""
+        topic, line = self._topic, f"{self._count} sweeps"
+        if self._untaken:
+            line += f", {self._untaken} before a registration took them"
+        if topic.dropped:
+            line += f", {topic.dropped} clouds dropped, which came too fast for this machine"
+        if topic.unread:
+            line += f", {topic.unread} messages that are no {CLOUD}"
+        if not self._publisher.matching_status.matching:
+            line += f"; no registration of robot {self._options.keys.robot} is there"
+        print(line, flush=True)

@@ -1,0 +1,76 @@
+"""A sensor's description of itself, from its HTTP API to the file of driver.metadata.
+
+Ouster's: one document since firmware 2.4 (/api/v1/sensor/metadata), its parts before (the same path
+with their names, and the configuration). Which sensor it is, the driver finds out by itself.
+"""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from typing import Any
+
+from zloam_monitor.sources import SourceError
+
+PATH = "/api/v1/sensor/metadata"
+PARTS = (
+    *("sensor_info", "beam_intrinsics", "imu_intrinsics", "lidar_intrinsics"),
+    "lidar_data_format",
+)
+CONFIGURATION = "/api/v1/sensor/cmd/get_config_param?args=active"
+PATIENCE_S = 10.0
+#: no sensor says more
+MOST_BYTES = 1 << 20
+#: what a description needs
+NEEDED = ("beam_intrinsics", "lidar_data_format")
+
+
+def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, Any]:
+    """The description that the sensor gives; `host`: name or address, with its port if not 80."""
+    ask = get or _get
+    base = host if "://" in host else f"http://{host}"
+    try:
+        found = _document(ask, base + PATH)
+    except urllib.error.HTTPError as error:
+        if error.code != 404:
+            raise SourceError(f"{base + PATH}: {error}") from error
+        found = _assembled(ask, base)
+    except (urllib.error.URLError, OSError) as error:
+        reason = getattr(error, "reason", error)
+        raise SourceError(f"{base}: no answer ({reason}); is it the sensor's address?") from error
+    lacking = [name for name in NEEDED if name not in found]
+    if lacking:
+        raise SourceError(f"{base + PATH}: says nothing of {' and '.join(lacking)}")
+    status = found.get("sensor_info", {}).get("status", "RUNNING")
+    if status not in ("RUNNING", "STANDBY"):
+        raise SourceError(f"{base}: the sensor is {status}: ask again when it is RUNNING")
+    return found
+
+
+def _assembled(ask: Callable[[str], bytes], base: str) -> dict[str, Any]:
+    try:
+        parts = {name: _document(ask, f"{base}{PATH}/{name}") for name in PARTS}
+        parts["config_params"] = _document(ask, base + CONFIGURATION)
+    except (urllib.error.URLError, OSError) as error:
+        raise SourceError(f"{base}{PATH}: {error}") from error
+    return parts
+
+
+def _document(ask: Callable[[str], bytes], url: str) -> dict[str, Any]:
+    try:
+        found = json.loads(ask(url))
+    except ValueError as error:
+        raise SourceError(f"{url}: is no JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise SourceError(f"{url}: is no JSON object")
+    return found
+
+
+def _get(url: str) -> bytes:
+    with urllib.request.urlopen(url, timeout=PATIENCE_S) as answer:
+        data: bytes = answer.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise SourceError(f"{url}: more than 1 MiB, which no sensor's description is")
+    return data

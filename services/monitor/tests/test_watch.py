@@ -1,0 +1,56 @@
+"""One look at a robot whose stages are reached one after another."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import pytest
+
+from zloam_monitor import watch
+from zloam_monitor.stages import STAGES
+
+
+class Linking:
+    """A link that hears one stage more with each question."""
+
+    keys = SimpleNamespace(robot="robot")
+    poses: ClassVar[dict[int, object]] = {}
+    garbage = 0
+
+    def __init__(self, reachable: int) -> None:
+        self._reachable, self._heard = reachable, 0
+
+    def query_statuses(self) -> None:
+        self._heard = min(self._heard + 1, self._reachable)
+
+    def poll(self, _seconds: float = 0.0) -> None: ...
+
+    def newest_statuses(self) -> dict[str, Any]:
+        heard = {stage: self.stage(stage) for stage in STAGES}
+        return {stage: status for stage, status in heard.items() if status is not None}
+
+    def stage(self, stage: str) -> Any:
+        if stage not in STAGES[: self._heard]:
+            return None
+        return SimpleNamespace(
+            stage=stage, inputs=[], health="ok", rss_mib={"end": 1.0}, cpu_ms=1.0, reason=""
+        )
+
+    def silent_s(self, _status: object, _now: float) -> float:
+        return 0.0
+
+
+def test_stages_behind_slow_links_are_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
+    link: Any = Linking(len(STAGES))
+    assert watch.look(link) == 0
+    assert "nothing heard" not in capsys.readouterr().out
+
+
+def test_a_silent_one_is_told_after_a_while(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "ALL_SECONDS", 0.1)
+    link: Any = Linking(len(STAGES) - 1)
+    assert watch.look(link) == 1
+    assert f"{STAGES[-1]:<13}nothing heard" in capsys.readouterr().out

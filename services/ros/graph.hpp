@@ -1,0 +1,95 @@
+#pragma once
+// Names that rmw_zenoh gives to nodes, topics and types, and what it puts beside each message:
+// rmw_zenoh's own page on its design, "Discovery", "Topic and service names" and "Attachments".
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "ros/config.hpp"
+
+namespace zloam::ros {
+
+/// REP-2011's hash of a message's definition; the same in all distributions here.
+struct MessageType {
+  /// as ROS writes it, e.g. nav_msgs/msg/Odometry
+  std::string_view name;
+  std::string_view hash;
+};
+
+inline constexpr MessageType kOdometryType{
+    "nav_msgs/msg/Odometry",
+    "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"};
+inline constexpr MessageType kPoseType{
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e"};
+inline constexpr MessageType kTransformsType{
+    "tf2_msgs/msg/TFMessage",
+    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"};
+inline constexpr MessageType kPathType{
+    "nav_msgs/msg/Path", "RIHS01_1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b"};
+inline constexpr MessageType kCloudType{
+    "sensor_msgs/msg/PointCloud2",
+    "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"};
+inline constexpr MessageType kDiagnosticsType{
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"};
+inline constexpr MessageType kImuType{
+    "sensor_msgs/msg/Imu",
+    "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"};
+
+/// nav_msgs/msg/Odometry -> nav_msgs::msg::dds_::Odometry_
+std::string dds_name(const MessageType& type);
+/// The hash as this distribution has it in keys and tokens.
+std::string_view hash_of(const MessageType& type, Distro distro);
+
+/// What differs from ROS's default (reliable, volatile, keep last) is written down.
+struct Qos {
+  bool best_effort = false;
+  bool transient_local = false;
+  int depth = 10;
+};
+std::string text_of(const Qos& qos);
+
+/// A topic by its full name, e.g. /odom.
+struct Topic {
+  std::string name;
+  MessageType type;
+  Qos qos;
+};
+
+enum class EntityKind { kPublisher, kSubscription };
+
+struct NodeNames {
+  Distro distro = Distro::kJazzy;
+  int domain = 0;
+  /// of the Zenoh session, as Zenoh writes it
+  std::string zid;
+  /// with its leading slash; empty: the root
+  std::string name_space;
+  std::string node;
+};
+
+/// Liveliness token of the node.
+std::string node_token(const NodeNames& node);
+/// Liveliness token of one of its topics; `entity`: a number that no other has in the session.
+std::string topic_token(const NodeNames& node, EntityKind kind, int entity, const Topic& topic);
+/// Key of the messages.
+std::string data_key(const NodeNames& node, const Topic& topic);
+/// Of everything in a domain that says it is a node.
+std::string every_node(int domain);
+
+using Gid = std::array<std::uint8_t, 16>;
+/// Of a publisher: its token's hash, so that readers on both sides have the same.
+Gid gid_of(std::string_view token);
+
+/// Number and time of one message, and its publisher. A ROS process that can't read it aborts
+/// (rmw_zenoh #601): exactly these 33 bytes go with each message.
+using Attachment = std::array<std::uint8_t, 33>;
+Attachment attachment(std::int64_t number, std::int64_t source_ns, const Gid& gid);
+
+/// Why it is no name of a topic or namespace; empty: it is one.
+std::string name_error(std::string_view name);
+
+}  // namespace zloam::ros

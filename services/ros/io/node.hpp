@@ -1,0 +1,72 @@
+#pragma once
+// A ROS 2 node on a Zenoh session of its own: what it publishes and reads is listed by every ROS
+// node, as rmw_zenoh lists it.
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "common/zenoh/zenoh.hpp"
+#include "ros/cdr.hpp"
+#include "ros/graph.hpp"
+
+namespace zloam::ros {
+
+/// A topic that this node publishes. put() from one thread.
+class Publication {
+ public:
+  Publication(zenoh::Session& session, const NodeNames& node, int entity, const Topic& topic);
+
+  /// Whether somebody reads it now.
+  bool matching() const { return publisher_.matching(); }
+  void put(Cdr message, std::int64_t source_ns);
+
+ private:
+  /// The last message, for readers of a transient-local topic that come later.
+  struct Last {
+    std::mutex mutex;
+    std::optional<std::pair<zenoh::Bytes, zenoh::Bytes>> message;  // payload, attachment
+  };
+  void keep_the_last(zenoh::Session& session, const std::string& zid, int entity);
+
+  std::string key_;
+  Gid gid_;
+  zenoh::Publisher publisher_;
+  zenoh::LivelinessToken token_;
+  std::shared_ptr<Last> last_;
+  std::optional<zenoh::Queryable> history_;
+  std::optional<zenoh::LivelinessToken> history_token_;
+  std::int64_t number_ = 0;
+};
+
+class Node {
+ public:
+  /// Throws zenoh::ZenohError when a listen endpoint is taken.
+  Node(const RosConfig& config, const std::string& name);
+
+  std::unique_ptr<Publication> publish(const std::string& topic, const MessageType& type,
+                                       const Qos& qos);
+  /// The callback runs on Zenoh's threads.
+  void subscribe(const std::string& topic, const MessageType& type, const Qos& qos,
+                 std::function<void(zenoh::Sample&&)> callback);
+  /// Other nodes in the domain.
+  std::size_t others() const;
+
+ private:
+  struct Others {
+    std::mutex mutex;
+    std::size_t count = 0;
+  };
+  zenoh::Session session_;
+  NodeNames names_;
+  int entities_ = 0;
+  std::shared_ptr<Others> others_ = std::make_shared<Others>();
+  std::optional<zenoh::LivelinessToken> token_;
+  std::optional<zenoh::Subscriber> nodes_;
+  std::vector<std::pair<zenoh::LivelinessToken, zenoh::Subscriber>> subscriptions_;
+};
+
+}  // namespace zloam::ros

@@ -1,0 +1,324 @@
+#include "ros/ros_stage.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <iterator>
+
+#include "common/runtime/log.hpp"
+#include "common/runtime/read.hpp"
+#include "common/zenoh/aligned.hpp"
+#include "schemas/status_generated.h"
+
+namespace zloam::ros {
+namespace {
+
+using std::chrono::milliseconds;
+
+// A reader of these sees changes soon enough, and a whole map is large.
+constexpr milliseconds kLook{20}, kSecond{1000};
+constexpr std::int64_t kMapPeriod_ns = 5'000'000'000;
+constexpr milliseconds kTilesWithin{10000};
+// A status comes each second.
+constexpr std::int64_t kSilent_ns = 5'000'000'000;
+// A node is listed within a second of its start.
+constexpr std::int64_t kPatience_ns = 10'000'000'000;
+// Keys are what messages say: more than a robot has of either is a stranger's.
+constexpr std::size_t kMostTiles = 65'536;
+constexpr std::size_t kNewestStatuses = 256, kNewestTiles = 4096, kNewestReadings = 4096;
+
+const Qos kReliable{};
+const Qos kSensor{.best_effort = true, .transient_local = false, .depth = 5};
+const Qos kLatched{.best_effort = false, .transient_local = true, .depth = 1};
+// As tf2_ros publishes.
+const Qos kTransforms{.best_effort = false, .transient_local = false, .depth = 100};
+
+/// The map does not vouch for these.
+bool is_placed(Health health) {
+  return health != Health::kLost && health != Health::kBridging && health != Health::kDropped &&
+         health != Health::kInvalid;
+}
+
+DiagnosticLevel level_of(msg::ServiceHealth health) {
+  if (health == msg::ServiceHealth::Ready) return DiagnosticLevel::kOk;
+  return health == msg::ServiceHealth::Failed ? DiagnosticLevel::kError : DiagnosticLevel::kWarning;
+}
+
+Diagnostic diagnostic_of(const msg::Status& status) {
+  const auto text = [](const flatbuffers::String* s) { return s == nullptr ? "" : s->str(); };
+  Diagnostic d;
+  d.level = level_of(status.health());
+  d.name = "zenoh-loam: " + text(status.stage());
+  d.message = msg::EnumNameServiceHealth(status.health());
+  if (const std::string reason = text(status.reason()); !reason.empty()) d.message += ": " + reason;
+  d.hardware = text(status.robot()) + " " + text(status.instance());
+  if (status.figures() == nullptr) return d;
+  for (const msg::Figure* figure : *status.figures()) {
+    d.values.emplace_back(text(figure->name()), std::to_string(figure->value()));
+  }
+  return d;
+}
+
+}  // namespace
+
+RosStage::RosStage(runtime::Stage& stage, const RosConfig& config)
+    : stage_(stage),
+      config_(config),
+      node_(config, "zenoh_loam"),
+      clouds_(stage.session(), stage.keys().of(Key::kSweepRegistered), 1),
+      tiles_(stage.session(), stage.keys().all_tiles(), kNewestTiles),
+      statuses_(stage.session(), stage.keys().status("*", "*"), kNewestStatuses),
+      readings_(kNewestReadings),
+      began_ns_(runtime::steady_ns()) {
+  odometry_ = node_.publish(topic("odom"), kOdometryType, kReliable);
+  pose_ = node_.publish(topic("pose"), kPoseType, kReliable);
+  transforms_ = node_.publish("/tf", kTransformsType, kTransforms);
+  static_transforms_ = node_.publish("/tf_static", kTransformsType, kLatched);
+  path_ = node_.publish(topic("path"), kPathType, kReliable);
+  points_ = node_.publish(topic("points"), kCloudType, kSensor);
+  map_ = node_.publish(topic("map"), kCloudType, kLatched);
+  diagnostics_ = node_.publish("/diagnostics", kDiagnosticsType, kReliable);
+  say_mounting();
+  wire();
+}
+
+std::string RosStage::topic(const std::string& name) const {
+  return config_.name_space.empty() ? "/" + name : "/" + config_.name_space + "/" + name;
+}
+
+void RosStage::wire() {
+  runtime::InletOptions options;
+  options.order = runtime::Order::kAsTheyCome;
+  stage_.inlet<msg::Odometry>(Key::kOdometry, options, [this](const auto& m) { take(m); });
+  stage_.inlet<msg::MapPose>(Key::kPose, options, [this](const auto& m) { take(m); });
+  stage_.on_new_run([this](const msg::Header&) { new_run(); });
+  stage_.every(kLook, [this] { say_points(); });
+  stage_.every(kSecond, [this] {
+    say_path();
+    take_tiles();
+    say_map();
+    say_diagnostics();
+    look_for_nodes();
+  });
+  statuses_.want(true);
+  if (!config_.imu_topic.empty()) {
+    imu_ = &stage_.outlet(Key::kImu);
+    node_.subscribe(config_.imu_topic, kImuType, kSensor, readings_.sink());
+    stage_.every(kLook, [this] { take_imu(); });
+  }
+}
+
+void RosStage::new_run() {
+  tree_ = {};
+  way_.poses.clear();
+  // An empty one, where there was another.
+  map_grew_ = !map_tiles_.empty();
+  forget_map();
+}
+
+void RosStage::forget_map() {
+  map_tiles_.clear();
+  stage_.degraded("map", {});
+}
+
+void RosStage::take(const runtime::Received<msg::Odometry>& m) {
+  OdometryStep step;
+  step.run = m.run();
+  step.sweep = m.sweep();
+  step.epoch = m.header().odom_epoch();
+  step.instant_ns = m->instant_ns();
+  step.T_odom_base = pose_of(m->pose_odom_base());
+  step.step_covariance = covariance_of(m->covariance());
+  const PoseTree::Uncertainty uncertainty = tree_.add(step);
+
+  OdometryMessage out;
+  out.header = {step.instant_ns, frame("odom")};
+  out.child_frame = frame("base_link");
+  out.T_frame_child = step.T_odom_base;
+  out.twist = twist_of(m->twist());
+  out.pose_covariance = uncertainty.pose;
+  out.twist_covariance = uncertainty.twist;
+  odometry_->put(encode(out), step.instant_ns);
+  const std::vector<TransformMessage> transform = {
+      {out.header, out.child_frame, out.T_frame_child}};
+  transforms_->put(encode(transform), step.instant_ns);
+  say_corrections();
+}
+
+void RosStage::take(const runtime::Received<msg::MapPose>& m) {
+  health_ = health_of(m->health());
+  last_pose_ns_ = runtime::steady_ns();
+  if (!is_placed(health_)) return;
+  PoseMessage out;
+  out.header = {m->instant_ns(), frame("map")};
+  out.T_frame_base = pose_of(m->pose_map_base());
+  out.covariance = about_frame_axes(out.T_frame_base, covariance_of(m->covariance()));
+  pose_->put(encode(out), m->instant_ns());
+  way_.poses.emplace_back(m->instant_ns(), out.T_frame_base);
+  way_grew_ = true;
+  tree_.add(MapStep{m.run(), m.sweep(), m->instant_ns(), out.T_frame_base});
+  say_corrections();
+}
+
+void RosStage::say_corrections() {
+  for (const auto& [instant_ns, T_map_odom] : tree_.take_corrections()) {
+    const std::vector<TransformMessage> transform = {
+        {{instant_ns, frame("map")}, frame("odom"), T_map_odom}};
+    transforms_->put(encode(transform), instant_ns);
+  }
+}
+
+void RosStage::say_mounting() {
+  const runtime::MountingConfig& mounting = stage_.shared().mounting;
+  const Stamped header{stage_.now_ns(), frame("base_link")};
+  const std::vector<TransformMessage> transforms = {
+      {header, frame(stage_.shared().sensor.name), mounting.T_base_lidar()},
+      {header, frame("imu"), mounting.T_base_imu()}};
+  static_transforms_->put(encode(transforms), header.stamp_ns);
+}
+
+void RosStage::say_points() {
+  clouds_.want(points_->matching());
+  for (const zenoh::Sample& sample : clouds_.take()) {
+    const runtime::Read<msg::Cloud> cloud(Key::kSweepRegistered, sample);
+    if (!cloud) continue;
+    const Stamped header{cloud->instant_ns(), frame("map")};
+    points_->put(encode(CloudMessage{header, map_points_of(cloud->points())}), header.stamp_ns);
+  }
+}
+
+void RosStage::say_path() {
+  if (!way_grew_ || !path_->matching()) return;
+  way_.header = {way_.poses.empty() ? stage_.now_ns() : way_.poses.back().first, frame("map")};
+  path_->put(encode(way_), way_.header.stamp_ns);
+  way_grew_ = false;
+}
+
+void RosStage::take_tile(const zenoh::Sample& sample) {
+  const runtime::Read<msg::MapTile> tile(Key::kMapTile, sample);
+  if (!tile || tile->points() == nullptr) return;
+  if (tile->header()->map_id() != map_id_) {
+    map_id_ = tile->header()->map_id();
+    forget_map();
+  }
+  if (map_tiles_.size() >= kMostTiles && !map_tiles_.contains(sample.key)) {
+    stage_.degraded("map", "/map shows " + std::to_string(kMostTiles) + " tiles; there are more");
+    return;
+  }
+  Tile& kept = map_tiles_[sample.key];
+  if (!kept.points.empty() && tile->version() <= kept.version) return;
+  const auto points = map_points_of(tile->points());
+  kept.version = tile->version();
+  kept.points.assign(points.begin(), points.end());
+  map_grew_ = true;
+}
+
+// What there is already is asked for; what comes is heard.
+void RosStage::take_tiles() {
+  if (tiles_.want(map_->matching())) {
+    all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
+  }
+  if (const auto asked = all_tiles_.take()) {
+    for (const zenoh::Sample& sample : *asked) take_tile(sample);
+  }
+  for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
+}
+
+void RosStage::say_map() {
+  const std::int64_t now_ns = runtime::steady_ns();
+  if (!map_grew_ || !map_->matching() || now_ns - last_map_ns_ < kMapPeriod_ns) return;
+  std::vector<MapPoint> all;
+  for (const auto& [key, tile] : map_tiles_) {
+    all.insert(all.end(), tile.points.begin(), tile.points.end());
+  }
+  const Stamped header{stage_.now_ns(), frame("map")};
+  map_->put(encode(CloudMessage{header, all}), header.stamp_ns);
+  map_grew_ = false;
+  last_map_ns_ = now_ns;
+}
+
+void RosStage::take_statuses() {
+  for (const zenoh::Sample& sample : statuses_.take()) {
+    const runtime::Read<msg::Status> status(Key::kStatus, sample);
+    if (!status) continue;
+    if (heard_.size() >= kNewestStatuses && !heard_.contains(sample.key)) continue;
+    heard_[sample.key] = {diagnostic_of(*status), runtime::steady_ns()};
+  }
+}
+
+Diagnostic RosStage::of_pose() const {
+  Diagnostic d;
+  d.name = "zenoh-loam: pose";
+  d.hardware = stage_.identity().robot;
+  d.message = msg::EnumNameHealth(to_message(health_));
+  if (last_pose_ns_ == 0 || runtime::steady_ns() - last_pose_ns_ > kSilent_ns) {
+    d.level = DiagnosticLevel::kStale;
+    d.message = "no pose comes";
+  } else if (!is_placed(health_)) {
+    d.level = DiagnosticLevel::kError;
+    d.message += ": the pose in the map is not known, and is not published";
+  } else if (health_ != Health::kOk) {
+    d.level = DiagnosticLevel::kWarning;
+  }
+  return d;
+}
+
+void RosStage::say_diagnostics() {
+  take_statuses();
+  DiagnosticsMessage out;
+  out.header = {stage_.now_ns(), {}};
+  out.all.push_back(of_pose());
+  for (auto it = heard_.begin(); it != heard_.end();) {
+    const std::int64_t silent_ns = runtime::steady_ns() - it->second.stamp_ns;
+    if (silent_ns > 2 * kPatience_ns) {
+      it = heard_.erase(it);
+      continue;
+    }
+    Diagnostic d = it->second.diagnostic;
+    if (silent_ns > kSilent_ns) {
+      d.level = DiagnosticLevel::kStale;
+      d.message = "silent for " + std::to_string(silent_ns / 1'000'000'000) + " s";
+    }
+    out.all.push_back(std::move(d));
+    ++it;
+  }
+  diagnostics_->put(encode(out), out.header.stamp_ns);
+}
+
+void RosStage::take_imu() {
+  std::vector<msg::ImuSample> samples;
+  std::size_t unread = 0;
+  for (const zenoh::Sample& sample : readings_.take()) {
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+    if (const auto reading = decode_imu(bytes.data())) {
+      samples.push_back(to_message(*reading));
+    } else {
+      ++unread;
+    }
+  }
+  if (unread > 0) {
+    stage_.degraded("imu", std::to_string(unread) + " messages of " + config_.imu_topic +
+                               " hold no acceleration and rate, or can't be read");
+  } else if (!samples.empty()) {
+    stage_.degraded("imu", {});
+  }
+  if (samples.empty()) return;
+  const std::int64_t now_ns = stage_.now_ns();
+  HeaderFields header = imu_->header(now_ns, now_ns);
+  header.frame = "imu";
+  header.stamp_ns = samples.front().stamp_ns();
+  imu_->publish(header, build_imu(header, samples, msg::ClockSource::Unknown));
+}
+
+void RosStage::look_for_nodes() {
+  const std::size_t others = node_.others();
+  stage_.figure("ros_nodes", static_cast<double>(others));
+  const bool alone =
+      others == 0 && !config_.connect.empty() && runtime::steady_ns() - began_ns_ > kPatience_ns;
+  stage_.degraded("ros", alone ? "no ROS 2 node is heard on domain " +
+                                     std::to_string(config_.domain) + " through " +
+                                     config_.connect.front() +
+                                     ": is rmw_zenohd there (ros.connect), and a node?"
+                               : std::string());
+}
+
+}  // namespace zloam::ros

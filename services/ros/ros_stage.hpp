@@ -1,0 +1,80 @@
+#pragma once
+// Wires ROS 2's node to the runtime: what the stages publish goes out as ROS's messages, an IMU
+// comes in.
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/runtime/async_get.hpp"
+#include "common/runtime/stage.hpp"
+#include "ros/config.hpp"
+#include "ros/io/node.hpp"
+#include "ros/io/on_demand.hpp"
+#include "ros/pose_tree.hpp"
+
+namespace zloam::ros {
+
+class RosStage {
+ public:
+  RosStage(runtime::Stage& stage, const RosConfig& config);
+
+ private:
+  void wire();
+  void new_run();
+  void forget_map();
+  void take(const runtime::Received<msg::Odometry>& odometry);
+  void take(const runtime::Received<msg::MapPose>& pose);
+  void say_corrections();
+  void say_mounting();
+  /// Each a few times a second at most.
+  void say_points();
+  void say_path();
+  void take_tiles();
+  void say_map();
+  void take_tile(const zenoh::Sample& sample);
+  void say_diagnostics();
+  void take_statuses();
+  void take_imu();
+  void look_for_nodes();
+
+  std::string frame(const std::string& name) const { return config_.frame_prefix + name; }
+  std::string topic(const std::string& name) const;
+  Diagnostic of_pose() const;
+
+  struct Tile {
+    std::uint64_t version = 0;
+    std::vector<MapPoint> points;
+  };
+  struct Heard {
+    Diagnostic diagnostic;
+    std::int64_t stamp_ns = 0;
+  };
+
+  runtime::Stage& stage_;
+  RosConfig config_;
+  Node node_;
+  std::unique_ptr<Publication> odometry_, pose_, transforms_, static_transforms_, path_, points_,
+      map_, diagnostics_;
+  runtime::Outlet* imu_ = nullptr;
+  OnDemand clouds_, tiles_, statuses_;
+  Mailbox readings_;
+  runtime::AsyncGet all_tiles_;
+  std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
+
+  PoseTree tree_;
+  PathMessage way_;
+  bool way_grew_ = false;
+  std::map<std::string, Tile> map_tiles_;
+  std::uint64_t map_id_ = 0;
+  bool map_grew_ = false;
+  std::int64_t last_map_ns_ = 0;
+  std::map<std::string, Heard> heard_;
+  Health health_ = Health::kOk;
+  std::int64_t last_pose_ns_ = 0;
+  std::int64_t began_ns_ = 0;
+};
+
+}  // namespace zloam::ros

@@ -1,0 +1,108 @@
+"""Containers end with a replay and never in a live run: the script that does it, and the layers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+WITH_RUN = ROOT / "deploy/docker/with-run"
+LIVE_LAYERS = ("deploy/compose/live.yml", "tests/system/live.yml")
+#: it looks once a second
+SOON_S = 5.0
+
+
+def start(after: str, ended_file: Path, *command: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [WITH_RUN, *command],
+        env={**os.environ, "ZLOAM_AFTER": after, "ZLOAM_ENDED_FILE": str(ended_file)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_the_command_ends_when_the_file_is_there(tmp_path: Path) -> None:
+    with start("end", tmp_path / "ended", "sleep", "60") as process:
+        time.sleep(1.5)
+        assert process.poll() is None
+        (tmp_path / "ended").write_text("0\n")
+        assert process.wait(SOON_S) == -signal.SIGTERM
+
+
+def test_all_end_at_the_time_that_it_tells(tmp_path: Path) -> None:
+    at = int(time.time()) + 4
+    (tmp_path / "ended").write_text(f"{at}\n")
+    with start("end", tmp_path / "ended", "sleep", "60") as process:
+        time.sleep(at - 0.2 - time.time())
+        assert process.poll() is None
+        assert process.wait(SOON_S) == -signal.SIGTERM
+
+
+def test_a_file_of_the_beginning_ends_it_too(tmp_path: Path) -> None:
+    (tmp_path / "ended").write_text("0\n")
+    with start("end", tmp_path / "ended", "sleep", "60") as process:
+        assert process.wait(SOON_S) == -signal.SIGTERM
+
+
+def test_nothing_ends_a_command_that_stays(tmp_path: Path) -> None:
+    (tmp_path / "ended").write_text("0\n")
+    with start("stay", tmp_path / "ended", "sh", "-c", "sleep 2; exit 7") as process:
+        assert process.wait(SOON_S) == 7
+
+
+def test_the_code_is_the_commands_and_nobody_is_left_to_watch(tmp_path: Path) -> None:
+    # Its output is open for as long as the watching process lives.
+    with start("end", tmp_path / "ended", "sh", "-c", "exit 7") as process:
+        assert process.wait(SOON_S) == 7
+        process.communicate(timeout=SOON_S)
+
+
+def test_another_word_is_refused(tmp_path: Path) -> None:
+    with start("ends", tmp_path / "ended", "true") as process:
+        said = process.communicate(timeout=SOON_S)[1]
+    assert process.returncode == 2
+    assert said == "with-run: ZLOAM_AFTER is ends; end or stay is expected\n"
+
+
+class _Compose(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+    """Compose's own tags (!override) are not asked here."""
+
+
+_Compose.add_multi_constructor("!", lambda loader, _, node: loader.construct_mapping(node))
+
+
+def services(path: str) -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = yaml.load((ROOT / path).read_text(), _Compose)["services"]
+    return found
+
+
+def lasting(base: dict[str, dict[str, Any]]) -> set[str]:
+    """Services that run until they are told to end."""
+    return {name for name, service in base.items() if "restart" in service}
+
+
+def test_in_a_replay_each_lasting_service_ends() -> None:
+    base = services("docker-compose.yml")
+    assert lasting(base) > {"router", "store", "mapping"}
+    for name in lasting(base):
+        assert base[name]["environment"]["ZLOAM_AFTER"] == "${ZLOAM_AFTER:-end}", name
+        # Where it ended with success it is not started again.
+        assert base[name]["restart"].startswith("on-failure"), name
+
+
+@pytest.mark.parametrize("layer", LIVE_LAYERS)
+def test_in_a_live_run_none_does(layer: str) -> None:
+    base, live = services("docker-compose.yml"), services(layer)
+    for name in lasting(base):
+        assert live[name]["environment"]["ZLOAM_AFTER"] == "stay", name
+        assert live[name]["restart"] == "unless-stopped", name
+    for name in ("simulate", "monitor", "result"):
+        assert live[name]["profiles"] == ["replay"]

@@ -1,0 +1,103 @@
+"""A release is refused, with the reason, before anything is built."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.integration.conftest import ROOT
+
+VERSIONED = (
+    "CMakeLists.txt",
+    "CHANGELOG.md",
+    "deploy/docker/Dockerfile",
+    "deploy/build/release.sh",
+)
+
+
+def git(folder: Path, *words: str) -> None:
+    who = ("-c", "user.name=test", "-c", "user.email=test@localhost")
+    subprocess.run(["git", "-C", folder, *who, *words], check=True, capture_output=True)
+
+
+def change(path: Path, pattern: str, to: str) -> None:
+    text = path.read_text()
+    changed = re.sub(pattern, to, text, count=1, flags=re.MULTILINE)
+    assert changed != text
+    path.write_text(changed)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """What the script reads, committed; packing is not there, and would end with 127."""
+    for name in VERSIONED:
+        place = tmp_path / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes((ROOT / name).read_bytes())
+        place.chmod((ROOT / name).stat().st_mode)
+    change(tmp_path / "CHANGELOG.md", r"^(## \[\S+\] - ).*$", r"\g<1>2026-01-02")
+    git(tmp_path, "init", "--quiet")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "--quiet", "--message", "Begin")
+    return tmp_path
+
+
+def released(checkout: Path, *words: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [checkout / "deploy/build/release.sh", *words, "build", "out"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def uncommitted(checkout: Path) -> None:
+    (checkout / "more").touch()
+
+
+def other_image(checkout: Path) -> None:
+    change(checkout / "deploy/docker/Dockerfile", r"^ARG VERSION=.*$", "ARG VERSION=9.9.9")
+
+
+def no_heading(checkout: Path) -> None:
+    change(checkout / "CHANGELOG.md", r"^## \[\S+\]", "## [9.9.9]")
+
+
+def no_date(checkout: Path) -> None:
+    change(checkout / "CHANGELOG.md", r"^(## \[\S+\] - ).*$", r"\g<1>not yet released")
+
+
+def tagged(checkout: Path) -> None:
+    version = re.search(r"VERSION (\S+) LANG", (checkout / "CMakeLists.txt").read_text())
+    assert version is not None
+    git(checkout, "tag", f"v{version[1]}")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (uncommitted, "uncommitted changes"),
+        (other_image, "Dockerfile has ARG VERSION=9.9.9"),
+        (no_heading, "CHANGELOG.md has no heading"),
+        (no_date, "has no date"),
+        (tagged, "is there already"),
+    ],
+)
+def test_what_is_not_ready_is_refused(
+    checkout: Path, spoil: Callable[[Path], None], words: str
+) -> None:
+    spoil(checkout)
+    if spoil is not uncommitted:
+        git(checkout, "commit", "--all", "--quiet", "--allow-empty", "--message", "Spoil")
+    code, said = released(checkout)
+    assert (code, words in said) == (1, True), said
+
+
+def test_what_is_ready_goes_on_to_the_packages(checkout: Path) -> None:
+    code, said = released(checkout)
+    assert (code, "packages.sh" in said) == (127, True), said

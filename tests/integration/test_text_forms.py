@@ -1,0 +1,213 @@
+"""Commands of README.md and deploy/README.md that are not run here: their programs know their words
+and options, and the files that they name are there. Those excluded say why."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.integration import text_commands as texts
+from tests.integration.conftest import ROOT
+from tests.integration.text_commands import Excluded, Form
+
+FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind, Form)]
+#: variables of a layer without which it is refused
+LAYER_VARIABLES = {"ZLOAM_PCAP": "/drive.pcap", "ZLOAM_IMU": "/imu.csv"}
+#: options of Compose and kubectl with a value of their own
+VALUED = ("-f", "-n", "-k", "--scale")
+
+
+def run(*command: str | Path, env: dict[str, str] | None = None) -> str:
+    """What it says; it must end well."""
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, **(env or {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command}: {done.stdout}"
+    return done.stdout
+
+
+def assert_known(options: list[str], help_text: str) -> None:
+    names = [option.split("=")[0] for option in options]
+    assert [n for n in names if not re.search(rf"(?<![\w-]){n}(?![\w-])", help_text)] == []
+
+
+def split(words: list[str]) -> tuple[list[str], list[str]]:
+    """(what are no options, options); values of VALUED belong to neither."""
+    plain, options, value = [], [], False
+    for word in words:
+        if value:
+            value = False
+        elif word.startswith("-"):
+            options.append(word)
+            value = word in VALUED
+        else:
+            plain.append(word)
+    return plain, options
+
+
+def zloam(words: list[str]) -> None:
+    plain, options = split(words[1:])
+    help_text = run(ROOT / "bin/zloam", plain[0], "--help", env={"COLUMNS": "200"})
+    assert_known(options, help_text)
+    for argument in plain[1:]:
+        assert argument.lower() in help_text.lower(), f"{argument} in {help_text}"
+
+
+def program(words: list[str]) -> None:
+    """One of the stages."""
+    build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build/release"))
+    path = build / "bin" / words[0]
+    if not path.is_file():
+        pytest.skip(f"not built: {path}")
+    assert_known(words[1:], run(path, "--help"))
+
+
+def make(words: list[str]) -> None:
+    run("make", "--dry-run", "-o", "build", "-o", "build-all", *words[1:])
+
+
+def script(words: list[str]) -> None:
+    assert os.access(ROOT / words[0], os.X_OK)
+    run("bash", "-n", ROOT / words[0])
+
+
+def pytest_files(words: list[str]) -> None:
+    assert all((ROOT / word).is_file() for word in words[1:])
+
+
+def docker(words: list[str]) -> None:
+    if shutil.which("docker") is None:
+        pytest.skip("no docker: its words are not checked")
+    if words[1] == "compose":
+        compose(words[2:])
+        return
+    plain, options = split(words[1:])
+    help_text = run("docker", plain[0], "--help")
+    # Docker helps with any word.
+    assert re.search(rf"Usage:\s+docker {plain[0]}\b", help_text), help_text
+    own = options[: 1 if words[1] == "run" else None]  # the others are the container's program's
+    assert_known(own, help_text)
+
+
+def values(words: list[str], option: str) -> list[str]:
+    return [value for name, value in itertools.pairwise(words) if name == option]
+
+
+def compose(words: list[str]) -> None:
+    files = values(words, "-f") or ["docker-compose.yml"]
+    assert [f for f in files if not (ROOT / f).is_file()] == []
+    asked = ["docker", "compose", "version"]
+    if subprocess.run(asked, capture_output=True, check=False).returncode != 0:
+        pytest.skip("no Compose: its words are not checked")
+    layers = [word for file in files for word in ("-f", file)]
+    listed = ["docker", "compose", *layers, "config", "--services"]
+    shown = run(*listed, env=LAYER_VARIABLES).splitlines()
+    plain, options = split(words)
+    if plain[0] != "exec":  # the others are the container's program's
+        known = run("docker", "compose", plain[0], "--help")
+        assert_known([o for o in options if o != "-f"], known)
+    scaled = [value.split("=")[0] for value in values(words, "--scale")]
+    services = {"up": plain[1:], "exec": plain[1:2]}.get(plain[0], [])
+    assert [s for s in (*services, *scaled) if s not in shown] == []
+
+
+def resources(folder: Path) -> list[dict[str, Any]]:
+    """Of a kustomization and those that it stands on."""
+    found: list[dict[str, Any]] = []
+    for name in yaml.safe_load((folder / "kustomization.yaml").read_text()).get("resources", []):
+        path = folder / name
+        if path.is_dir():
+            found += resources(path)
+        else:
+            found += [r for r in yaml.safe_load_all(path.read_text()) if r]
+    return found
+
+
+def kubectl(words: list[str]) -> None:
+    for folder in values(words, "-k"):
+        assert resources(ROOT / folder)
+    live = resources(ROOT / "deploy/kubernetes/live")
+    names = {(r["kind"], r["metadata"]["name"]) for r in live}
+    for space in values(words, "-n"):
+        assert ("Namespace", space) in names
+    plain, _ = split(words[1:])
+    if plain[0] == "scale":
+        assert ("Deployment", plain[2]) in names
+    if plain[0] == "label":
+        label, _, value = plain[3].partition("=")
+        text = "".join(p.read_text() for p in (ROOT / "deploy/kubernetes/live").glob("*.yaml"))
+        assert re.search(rf"{re.escape(label)}: [\"']?{value}\b", text)
+
+
+CHECKS: dict[str, Callable[[list[str]], None]] = {
+    "make": make,
+    "docker": docker,
+    "kubectl": kubectl,
+    "pytest": pytest_files,
+    "zloam": zloam,
+    "bin/zloam": zloam,
+}
+
+
+def check_of(first: str) -> Callable[[list[str]], None]:
+    if first in CHECKS:
+        return CHECKS[first]
+    return script if first.startswith("deploy/") else program
+
+
+@pytest.mark.parametrize("command", FORMS)
+def test_its_words_are_known(command: str) -> None:
+    words = texts.words(command)
+    check_of(words[0])(words)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "make tea",
+        "docker compose up --strong",
+        "docker compose up driver9",
+        "docker compose -f deploy/compose/none.yml up",
+        "docker brew",
+        "zloam brew",
+        "zloam demo --strong",
+        "zloam-mapping --strong",
+        "deploy/build/none.sh",
+        "pytest tests/none.py",
+        "kubectl apply -k deploy/kubernetes/none",
+        "kubectl -n zenoh-loam scale deployment none --replicas=3",
+        "kubectl label node NODE zenoh-loam/sensor=none",
+    ],
+)
+def test_a_wrong_word_is_noticed(command: str) -> None:
+    words = texts.words(command)
+    with pytest.raises((AssertionError, OSError)):
+        check_of(words[0])(words)
+
+
+def test_exclusions_have_a_reason() -> None:
+    excluded = [k for k in texts.COMMANDS.values() if isinstance(k, Excluded)]
+    assert excluded
+    assert all(len(k.reason) > 10 for k in excluded)
+
+
+def test_who_tries_the_others_is_there() -> None:
+    for command, kind in texts.COMMANDS.items():
+        if isinstance(kind, Form):
+            for path in re.findall(r"tests/\S+?\.py", kind.tried_by):
+                assert (ROOT / path).is_file(), command
