@@ -11,7 +11,7 @@ set -euo pipefail
 cd "$(dirname "$0")"
 
 packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libflatbuffers-dev flatbuffers-compiler
-  libyaml-cpp-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
+  libyaml-cpp-dev libpugixml-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
   python3 python3-venv)
 tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev)
 case "${1:-}" in

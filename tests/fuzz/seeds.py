@@ -53,6 +53,12 @@ def main(target: Path) -> None:
         packets = [data_packet(1_000_000 + 1327 * i, 35900 + 480 * i, mode) for i in range(3)]
         stream = b"".join(struct.pack("<H", len(p) + 1) + p + b"\0" for p in packets)
         write(target / "packets", f"mode{mode:x}", b"\x09" + stream)
+    # An even length: header and tail are put in by the target.
+    blocks = b"".join(
+        struct.pack("<H", 18 * i) + struct.pack("<HBx", 2500, 9) * 32 for i in range(8)
+    )
+    hesai = bytes(12) + blocks + bytes(28)
+    write(target / "packets", "hesai", b"\x0d" + 3 * (struct.pack("<H", len(hesai)) + hesai))
     write(target / "position", "rmc", (bytes(206) + sentence).ljust(512, b"\0"))
     write(target / "nmea", "rmc", sentence[1:-5])
     imu = b"\0\1\0\0" + struct.pack("<iII", 1_700_000_000, 0, 4) + b"imu\0"

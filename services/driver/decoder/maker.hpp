@@ -72,9 +72,13 @@ class Maker {
 
   /// Length of data packets in a file of bare payloads; 0: not known.
   virtual std::size_t payload_bytes() const = 0;
-  /// Whether the options' metadata describe a sensor of this maker, and if not, why; empty: they do.
-  virtual std::string metadata_error() const { return "no maker's sensors have such a file"; }
-  bool described() const { return metadata_error().empty(); }
+  /// What the file is called in which a sensor of this maker describes itself; empty: it has none.
+  virtual std::string metadata_kind() const { return {}; }
+  /// Whether the options' metadata describe a sensor of this maker.
+  virtual bool described() const { return false; }
+  /// What is wrong with the options' metadata, where they are of the maker's kind, but do not
+  /// describe one of its sensors.
+  virtual std::string metadata_error() const { return {}; }
 };
 
 }  // namespace zloam::driver

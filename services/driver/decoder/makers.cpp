@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 
+#include "driver/decoder/label.hpp"
+#include "driver/hesai/hesai.hpp"
 #include "driver/ouster/ouster.hpp"
 #include "driver/velodyne/velodyne.hpp"
 
@@ -19,16 +20,13 @@ struct Entry {
 constexpr std::array kMakers = {
     Entry{velodyne::models, velodyne::make},
     Entry{ouster::models, ouster::make},
+    Entry{hesai::models, hesai::make},
 };
 
-std::string plain(std::string_view name) {
-  std::string plain;
-  for (const char c : name) {
-    if (std::isalnum(static_cast<unsigned char>(c)) != 0) {
-      plain.push_back(static_cast<char>(std::tolower(static_cast<unsigned char>(c))));
-    }
-  }
-  return plain;
+bool names(const std::vector<std::string>& models, std::string_view name) {
+  return std::any_of(models.begin(), models.end(), [&](const std::string& model) {
+    return plain_label(model) == plain_label(name);
+  });
 }
 
 }  // namespace
@@ -41,14 +39,13 @@ std::vector<std::string> known_models() {
   return all;
 }
 
-bool is_known_model(std::string_view name) {
-  const std::vector<std::string> known = known_models();
-  return std::any_of(known.begin(), known.end(),
-                     [&](const std::string& model) { return plain(model) == plain(name); });
-}
+bool is_known_model(std::string_view name) { return names(known_models(), name); }
 
 Makers::Makers(const DecodingOptions& options) {
-  for (const Entry& entry : kMakers) makers_.push_back(entry.make(options));
+  for (const Entry& entry : kMakers) {
+    makers_.push_back(entry.make(options));
+    if (names(entry.models(), options.model)) named_ = makers_.back().get();
+  }
 }
 
 PacketKind Makers::kind(std::span<const std::uint8_t> payload) const {
@@ -70,6 +67,7 @@ void Makers::settle(std::span<const std::uint8_t> data_packet) {
 
 const Maker& Makers::maker() const {
   if (settled_ != nullptr) return *settled_;
+  if (named_ != nullptr) return *named_;
   for (const auto& maker : makers_) {
     if (maker->described()) return *maker;
   }
@@ -77,12 +75,14 @@ const Maker& Makers::maker() const {
 }
 
 std::string Makers::metadata_error() const {
-  std::string error;
+  std::string kinds;
   for (const auto& maker : makers_) {
     if (maker->described()) return {};
-    error = maker->metadata_error();
+    if (std::string error = maker->metadata_error(); !error.empty()) return error;
+    const std::string kind = maker->metadata_kind();
+    if (!kind.empty()) kinds += (kinds.empty() ? "" : ", ") + kind;
   }
-  return error;
+  return "it is none of what can be read: " + kinds;
 }
 
 }  // namespace zloam::driver

@@ -34,6 +34,8 @@ class Makers {
 
  private:
   std::vector<std::unique_ptr<const Maker>> makers_;
+  /// by driver.model
+  const Maker* named_ = nullptr;
   const Maker* settled_ = nullptr;
 };
 

@@ -105,6 +105,12 @@ struct StreamShape {
   std::array<std::size_t, 2> most_points_per_group{};
 };
 
+/// A time within the hour, and one that lies before it, maybe in the hour before.
+inline std::uint32_t earlier_toh_us(std::uint32_t toh_us, std::uint32_t before_us) {
+  constexpr std::uint32_t kHourUs = 3'600'000'000U;
+  return toh_us >= before_us ? toh_us - before_us : kHourUs - (before_us - toh_us);
+}
+
 inline std::size_t returns_of(ReturnMode mode) { return mode == ReturnMode::kDual ? 2 : 1; }
 
 /// Decodes packets of one sensor. Each virtual function is called once for a packet (decode_groups

@@ -3,6 +3,7 @@
 #include <utility>
 #include <variant>
 
+#include "driver/decoder/undecodable.hpp"
 #include "driver/ouster/decoder.hpp"
 #include "driver/ouster/imu_packet.hpp"
 #include "driver/ouster/metadata.hpp"
@@ -10,25 +11,6 @@
 
 namespace zloam::driver::ouster {
 namespace {
-
-/// In place of a decoder where the metadata are missing: says so, and decodes nothing.
-class Undescribed final : public PacketDecoder {
- public:
-  explicit Undescribed(std::string text) { contradictions_.push_back(std::move(text)); }
-
-  PacketTail tail(std::span<const std::uint8_t> /*payload*/) override {
-    PacketTail tail;
-    tail.reject = Reject::kUnknownModel;
-    return tail;
-  }
-  PacketPlan plan(std::span<const std::uint8_t> /*payload*/, ReturnMode /*mode*/) override {
-    return {};
-  }
-  std::size_t decode_groups(const PacketPlan& /*plan*/, std::span<const PlacedGroup> /*groups*/,
-                            Point* /*out*/, std::uint16_t* /*columns*/) const override {
-    return 0;
-  }
-};
 
 /// The profile alone says how many returns a pixel has; empty: the user says nothing else.
 std::string returns_error(const DecodingOptions& options, const Profile& profile) {
@@ -43,7 +25,9 @@ std::string returns_error(const DecodingOptions& options, const Profile& profile
 class Ouster final : public Maker {
  public:
   explicit Ouster(DecodingOptions options) : options_(std::move(options)) {
-    if (options_.metadata_name.empty()) return;
+    // JSON, whatever is in it.
+    const std::size_t first = options_.metadata.find_first_not_of(" \t\r\n");
+    if (first == std::string::npos || options_.metadata[first] != '{') return;
     auto parsed = parse_metadata(options_.metadata);
     if (const auto* error = std::get_if<std::string>(&parsed)) {
       error_ = "as an Ouster sensor's metadata: " + *error;
@@ -74,8 +58,8 @@ class Ouster final : public Maker {
                        " bytes) are an Ouster sensor's, whose beams and format only its metadata "
                        "tell: name their file in driver.metadata, or put it beside a capture "
                        "(drive.json for drive.pcap); `zloam metadata` fetches it from a sensor";
-    if (!options_.metadata_name.empty()) text += ". " + options_.metadata_name + ", " + error_;
-    return std::make_unique<Undescribed>(text);
+    if (!error_.empty()) text += ". " + options_.metadata_name + ", " + error_;
+    return std::make_unique<Undecodable>(text);
   }
 
   std::vector<ImuReading> imu(std::span<const std::uint8_t> payload) const override {
@@ -83,12 +67,14 @@ class Ouster final : public Maker {
   }
 
   std::size_t payload_bytes() const override { return metadata_ ? metadata_->packet_bytes() : 0; }
+  std::string metadata_kind() const override { return "an Ouster sensor's metadata (JSON)"; }
+  bool described() const override { return metadata_.has_value(); }
   std::string metadata_error() const override { return error_; }
 
  private:
   DecodingOptions options_;
   std::optional<Metadata> metadata_;
-  std::string error_ = "there are none";
+  std::string error_;
 };
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstring>
 
+#include "driver/decoder/return_pair.hpp"
 #include "driver/velodyne/block_points_wide.hpp"
 #include "driver/velodyne/block_writer.hpp"
 
@@ -80,24 +81,6 @@ void put_block(const FiredBlock& fired, const BeamTables& beams, int bank, RawLi
   }
 }
 
-/// Which of two returns is given, and as what.
-struct Choice {
-  bool last;
-  bool strongest;
-  std::uint32_t last_type;
-  std::uint32_t strongest_type;
-};
-
-// Equal distances are one return (VLP-16 manual p. 57).
-Choice choose(bool last, bool strongest, bool same, DualReturns policy) {
-  const bool both = policy == DualReturns::kBoth || same;
-  Choice choice{last, strongest && !same, type_bits(both ? ReturnType::kBoth : ReturnType::kLast),
-                type_bits(both ? ReturnType::kBoth : ReturnType::kStrongest)};
-  if (policy == DualReturns::kStrongest && choice.strongest) choice.last = false;
-  if (policy == DualReturns::kLast && choice.last) choice.strongest = false;
-  return choice;
-}
-
 }  // namespace
 
 void put_single(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
@@ -128,12 +111,13 @@ void put_dual(const std::uint8_t* last_block, const std::uint8_t* strongest_bloc
     const Quad last = read_quad(last_block, c, beams, channel, frame);
     const Quad strongest = read_quad(strongest_block, c, beams, channel, frame);
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const Choice choice = choose(limits.contain(last.raw[i]), limits.contain(strongest.raw[i]),
-                                   last.raw[i] == strongest.raw[i], policy);
+      const PairChoice choice =
+          choose(limits.contain(last.raw[i]), limits.contain(strongest.raw[i]),
+                 last.raw[i] == strongest.raw[i], policy);
       const std::uint32_t time_ns = beams.time_ns[channel + i] + frame.time_ns;
       const std::uint32_t ring = beams.ring[channel + i];
-      writer.put(last.points[i], rest_of(time_ns, ring | choice.last_type), choice.last);
-      writer.put(strongest.points[i], rest_of(time_ns, ring | choice.strongest_type),
+      writer.put(last.points[i], rest_of(time_ns, ring | type_bits(choice.last_type)), choice.last);
+      writer.put(strongest.points[i], rest_of(time_ns, ring | type_bits(choice.strongest_type)),
                  choice.strongest);
     }
   }

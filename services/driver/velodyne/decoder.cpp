@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "driver/velodyne/azimuth_table.hpp"
+#include "driver/decoder/azimuth_table.hpp"
 
 namespace zloam::driver::velodyne {
 namespace {

@@ -9,11 +9,11 @@
 #include <string>
 
 #include "common/geometry/point.hpp"
+#include "driver/decoder/motor.hpp"
 #include "driver/decoder/packet_decoder.hpp"
 #include "driver/velodyne/beams.hpp"
 #include "driver/velodyne/block_points.hpp"
 #include "driver/velodyne/model.hpp"
-#include "driver/velodyne/motor.hpp"
 #include "driver/velodyne/packet.hpp"
 
 namespace zloam::driver::velodyne {

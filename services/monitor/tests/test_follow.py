@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import socket
-import threading
+import os
+import subprocess
+import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,44 +19,74 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.terminal import ProgressLine
 
 REPORT: dict[str, Any] = {"poses": 1}
+WITH_RUN = Path(__file__).resolve().parents[3] / "deploy/docker/with-run"
+SAVING = """
+import signal, sys, time
+def save(*_):
+    time.sleep(float(sys.argv[1]))
+    sys.exit(0)
+signal.signal(signal.SIGTERM, save)
+print("ready", flush=True)
+time.sleep(60)
+"""
 
 
 class Stage:
-    """Listens until some time after the file is there, as a stage that saves."""
+    """A process that ends with the run, some time after it is told to, as a stage that saves."""
 
     def __init__(self, ended_file: Path, saves_s: float) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
-        self.ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(ended_file, saves_s), daemon=True)
-        self._thread.start()
+        self.process = subprocess.Popen(
+            [WITH_RUN, sys.executable, "-c", SAVING, str(saves_s)],
+            env={**os.environ, "ZLOAM_AFTER": "end", "ZLOAM_ENDED_FILE": str(ended_file)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
 
-    def _run(self, ended_file: Path, saves_s: float) -> None:
-        while not ended_file.exists():
-            time.sleep(0.01)
-        time.sleep(saves_s)
-        self.ended.set()
-        self._listener.close()
+    def ended(self) -> bool:
+        return self.process.poll() is not None
 
 
-def options(tmp_path: Path, connect: list[str], ended_file: Path | None) -> follow.FollowOptions:
-    return follow.FollowOptions(Keys("robot"), connect, tmp_path, "run", ended_file=ended_file)
+@pytest.fixture
+def start() -> Iterator[Callable[[Path, float], Stage]]:
+    started: list[Stage] = []
+
+    def start_one(ended_file: Path, saves_s: float) -> Stage:
+        started.append(Stage(ended_file, saves_s))
+        return started[-1]
+
+    yield start_one
+    for stage in started:
+        stage.process.kill()
+        # Not until its output ends: who watches holds that, too, until the process is waited for.
+        stage.process.wait()
+        assert stage.process.stdout is not None
+        stage.process.stdout.close()
+
+
+def options(tmp_path: Path, ended_file: Path | None) -> follow.FollowOptions:
+    return follow.FollowOptions(Keys("robot"), [], tmp_path, "run", ended_file=ended_file)
 
 
 def test_the_table_comes_after_the_end_of_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    start: Callable[[Path, float], Stage],
 ) -> None:
     ended_file = tmp_path / "ended"
-    stages = [Stage(ended_file, saves_s) for saves_s in (0.0, 0.5)]
+    # The last one ends seconds after the one before, longer than what is added for Docker.
+    stages = [start(ended_file, saves_s) for saves_s in (0.0, 3.0)]
     ended_before_table = []
 
     def table(_: object) -> str:
-        ended_before_table.append(all(stage.ended.is_set() for stage in stages))
+        ended_before_table.append(all(stage.ended() for stage in stages))
         return "the table"
 
     monkeypatch.setattr(follow, "_follow", lambda _: REPORT)
     monkeypatch.setattr(report, "table", table)
-    found = follow.follow(options(tmp_path, [stage.endpoint for stage in stages], ended_file))
+    found = follow.follow(options(tmp_path, ended_file))
     assert found == REPORT
     assert ended_before_table == [True]
     assert capsys.readouterr().out == "the table\n"
@@ -68,9 +100,9 @@ def test_they_end_also_where_the_run_can_not_be_followed(
 
     monkeypatch.setattr(follow, "_follow", refuse)
     with pytest.raises(RuntimeError, match="the folder is taken"):
-        follow.follow(options(tmp_path, [], tmp_path / "ended"))
+        follow.follow(options(tmp_path, tmp_path / "ended"))
     # The same time for all, which the last has read by then.
-    assert int((tmp_path / "ended").read_text()) >= time.time() - follow.GONE_SECONDS
+    assert int((tmp_path / "ended").read_text()) >= time.time() - follow.SAID_SECONDS
 
 
 def test_an_interrupt_ends_nobody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +111,7 @@ def test_an_interrupt_ends_nobody_else(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(follow, "_follow", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        follow.follow(options(tmp_path, [], tmp_path / "ended"))
+        follow.follow(options(tmp_path, tmp_path / "ended"))
     assert not (tmp_path / "ended").exists()
 
 
@@ -103,7 +135,7 @@ class Silent:
 
 def test_a_source_that_never_begins_is_not_waited_for(tmp_path: Path) -> None:
     wanted = dataclasses.replace(
-        options(tmp_path, [], None), ready_file=tmp_path / "ready", patience_s=0.2
+        options(tmp_path, None), ready_file=tmp_path / "ready", patience_s=0.2
     )
     link: Any = Silent()
     with pytest.raises(ChainError, match="no pose within 0 s after all stages were ready"):
@@ -112,17 +144,22 @@ def test_a_source_that_never_begins_is_not_waited_for(tmp_path: Path) -> None:
     assert link.polls > 1
 
 
-def test_who_does_not_end_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        endpoint = f"tcp/127.0.0.1:{listener.getsockname()[1]}"
-        follow._let_end(options(tmp_path, [endpoint], tmp_path / "ended"), seconds=0.3)
-    assert capsys.readouterr().out == f"not ended within 0 s: {endpoint}\n"
+def test_who_does_not_end_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: Callable[[Path, float], Stage]
+) -> None:
+    start(tmp_path / "ended", 60.0)
+    follow._let_end(options(tmp_path, tmp_path / "ended"), seconds=0.3)
+    assert capsys.readouterr().out.startswith("not all of the run have ended within 0 s")
 
 
-def test_without_a_file_nobody_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_file_nobody_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: Callable[[Path, float], Stage]
+) -> None:
     monkeypatch.setattr(follow, "_follow", lambda _: REPORT)
     monkeypatch.setattr(report, "table", lambda _: "the table")
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        endpoint = f"tcp/127.0.0.1:{listener.getsockname()[1]}"
-        assert follow.follow(options(tmp_path, [endpoint], None)) == REPORT
-    assert not list(tmp_path.iterdir())
+    others = tmp_path / "others"
+    others.mkdir()
+    stage = start(others / "ended", 0.0)
+    assert follow.follow(options(tmp_path, None)) == REPORT
+    assert [each.name for each in tmp_path.iterdir()] == ["others"]
+    assert not stage.ended()

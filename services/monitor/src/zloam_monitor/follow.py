@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
-import socket
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,8 +27,10 @@ SETTLE_SECONDS = 2.0
 NOTICE_SECONDS = 2.0
 #: a stage that ends takes 9 s at most
 END_SECONDS = 20.0
-#: who listens no more has not quite ended yet
-GONE_SECONDS = 1.0
+#: beside the file of the end: each process that ends by it holds this one locked until then
+RUNNING_SUFFIX = ".running"
+#: what they said last is still on its way through Docker
+SAID_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -81,31 +83,33 @@ def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
     return time.monotonic() - (began or time.monotonic())
 
 
-def _answers(endpoint: str) -> bool:
-    """Whether anybody listens there."""
-    host, _, port = endpoint.rpartition("/")[2].rpartition(":")
-    try:
-        socket.create_connection((host, int(port)), timeout=1.0).close()
-    except OSError:
-        return False
+def _all_ended(running_file: Path) -> bool:
+    """Whether nobody holds the file any more (deploy/docker/with-run)."""
+    if not running_file.exists():
+        return True
+    with running_file.open() as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
     return True
 
 
 def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
-    """Tells everybody that the run has ended, and waits until nobody listens any more, so that what
-    is printed then comes last."""
+    """Tells everybody that the run has ended, and waits until their processes have, so that what is
+    printed then comes last."""
     if options.ended_file is None:
         return
     with written_whole(options.ended_file) as out:
         out.write(f"{math.ceil(time.time() + NOTICE_SECONDS)}\n")
+    running_file = options.ended_file.with_name(options.ended_file.name + RUNNING_SUFFIX)
     deadline = time.monotonic() + seconds
-    left = options.connect
-    while left := [each for each in left if _answers(each)]:
+    while not _all_ended(running_file):
         if time.monotonic() > deadline:
-            print(f"not ended within {seconds:.0f} s: {', '.join(left)}")
+            print(f"not all of the run have ended within {seconds:.0f} s: see who still runs")
             return
-        time.sleep(0.2)
-    time.sleep(GONE_SECONDS)
+        time.sleep(0.1)
+    time.sleep(SAID_SECONDS)
 
 
 def follow(options: FollowOptions) -> dict[str, Any]:

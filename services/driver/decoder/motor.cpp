@@ -1,9 +1,9 @@
-#include "driver/velodyne/motor.hpp"
+#include "driver/decoder/motor.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace zloam::driver::velodyne {
+namespace zloam::driver {
 namespace {
 
 constexpr double kMinRpm = 180.0;
@@ -63,7 +63,7 @@ Motor::Gaps Motor::gaps_of(const PacketPlan& plan) {
 
 void Motor::measure_uneven(PacketPlan& plan) {
   const Gaps gaps = gaps_of(plan);
-  std::array<int, kBlocksPerPacket> sorted = gaps.cdeg;
+  std::array<int, kMostGroups> sorted = gaps.cdeg;
   const auto middle = sorted.begin() + gaps.count / 2;
   std::nth_element(sorted.begin(), middle, sorted.begin() + gaps.count);
   const int median = gaps.count > 0 ? *middle : 0;
@@ -130,4 +130,4 @@ void Motor::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const
   plan.duration_ns += skipped_ns;
 }
 
-}  // namespace zloam::driver::velodyne
+}  // namespace zloam::driver

@@ -4,9 +4,9 @@
 #include <array>
 #include <cstdint>
 
-#include "driver/velodyne/packet.hpp"
+#include "driver/decoder/packet_decoder.hpp"
 
-namespace zloam::driver::velodyne {
+namespace zloam::driver {
 
 /// Knows the last plausible motor speed of a stream.
 class Motor {
@@ -20,8 +20,8 @@ class Motor {
  private:
   /// Azimuth differences between neighbouring good groups.
   struct Gaps {
-    std::array<int, kBlocksPerPacket> cdeg;
-    std::array<int, kBlocksPerPacket> group_after;
+    std::array<int, kMostGroups> cdeg;
+    std::array<int, kMostGroups> group_after;
     int count = 0;
   };
 
@@ -45,4 +45,4 @@ class Motor {
   std::uint32_t last_toh_us_ = 0;
 };
 
-}  // namespace zloam::driver::velodyne
+}  // namespace zloam::driver

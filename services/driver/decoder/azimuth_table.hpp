@@ -7,7 +7,7 @@
 #include <numbers>
 #include <utility>
 
-namespace zloam::driver::velodyne {
+namespace zloam::driver {
 
 class AzimuthTable {
  public:
@@ -33,4 +33,4 @@ class AzimuthTable {
   std::array<std::pair<double, double>, 100> rest_;
 };
 
-}  // namespace zloam::driver::velodyne
+}  // namespace zloam::driver

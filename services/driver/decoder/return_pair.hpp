@@ -1,0 +1,27 @@
+#pragma once
+// Which of the two returns of a firing are given, and as what, where a packet tells the last one
+// from another one, the strongest or the second strongest (Velodyne and Hesai).
+
+#include "driver/decoder/packet_decoder.hpp"
+
+namespace zloam::driver {
+
+struct PairChoice {
+  bool last;
+  bool strongest;
+  ReturnType last_type;
+  ReturnType strongest_type;
+};
+
+/// last and strongest: whether there is one; same: of equal distance, and so one return (VLP-16
+/// manual p. 57).
+inline PairChoice choose(bool last, bool strongest, bool same, DualReturns policy) {
+  const bool both = policy == DualReturns::kBoth || same;
+  PairChoice choice{last, strongest && !same, both ? ReturnType::kBoth : ReturnType::kLast,
+                    both ? ReturnType::kBoth : ReturnType::kStrongest};
+  if (policy == DualReturns::kStrongest && choice.strongest) choice.last = false;
+  if (policy == DualReturns::kLast && choice.last) choice.strongest = false;
+  return choice;
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,17 @@
+#pragma once
+// Hesai, for the list of makers.
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "driver/decoder/maker.hpp"
+
+namespace zloam::driver::hesai {
+
+/// As on the labels.
+std::vector<std::string> models();
+
+std::unique_ptr<const Maker> make(const DecodingOptions& options);
+
+}  // namespace zloam::driver::hesai

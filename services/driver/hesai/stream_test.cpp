@@ -1,0 +1,104 @@
+// A stream of packets through the cut into sweeps, whole and damaged.
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "driver/hesai/hesai.hpp"
+#include "driver/hesai/test_packets.hpp"
+#include "driver/sweep/assembler.hpp"
+
+namespace zloam::driver::hesai {
+namespace {
+
+using test::Bytes;
+
+constexpr int kPacketsPerTurn = 250;  // of 400 us
+
+/// Packets of turns in which each laser has a return at 8 m; the hour ends within the first turn.
+std::vector<Bytes> packets_of(int turns, std::uint8_t mode) {
+  const int returns = mode >= 0x39 ? 2 : 1;
+  std::vector<Bytes> packets;
+  for (int p = 0; p < turns * kPacketsPerTurn * returns; ++p) {
+    const auto time_us = static_cast<std::uint32_t>(3'599'960'000U + 400U / returns * p);
+    const double azimuth_deg = std::fmod(1.44 / returns * p, 360.0);
+    packets.push_back(test::packet(32, mode, time_us % 3'600'000'000U, azimuth_deg, 0.18));
+    for (int block = 0; block < 8; ++block) {
+      for (int laser = 0; laser < 32; ++laser) {
+        test::set_cell(packets.back(), 32, block, laser, 2000U + 500U * (block % returns), 5);
+      }
+    }
+  }
+  return packets;
+}
+
+std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const std::vector<Bytes>& packets) {
+  for (const Bytes& packet : packets) assembler.add(packet, 0);
+  assembler.flush();
+  std::vector<DecodedSweep> sweeps;
+  DecodedSweep sweep;
+  while (assembler.take(sweep)) sweeps.push_back(sweep);
+  return sweeps;
+}
+
+std::unique_ptr<PacketDecoder> decoder_of(const std::vector<Bytes>& packets) {
+  std::vector<std::string> remarks;
+  return make({})->decoder({packets.front()}, remarks);
+}
+
+void expect_promises(const DecodedSweep& sweep) {
+  ASSERT_EQ(sweep.points.size(), sweep.columns.size());
+  std::uint32_t last_ns = 0;
+  for (const Point& p : sweep.points) {
+    ASSERT_TRUE(p.position().allFinite());
+    ASSERT_LT(p.ring, sweep.rings);
+    ASSERT_GE(p.time_ns, last_ns);
+    last_ns = p.time_ns;
+  }
+  EXPECT_LT(last_ns, 400'000'000U);
+}
+
+TEST(HesaiStream, TurnsBecomeSweeps) {
+  for (const std::uint8_t mode : {0x37, 0x39}) {
+    SCOPED_TRACE(int{mode});
+    const std::vector<Bytes> packets = packets_of(4, mode);
+    SweepAssembler assembler(decoder_of(packets), {});
+    const std::vector<DecodedSweep> sweeps = sweeps_of(assembler, packets);
+    ASSERT_EQ(sweeps.size(), 4U);
+    for (std::size_t i = 1; i < 3; ++i) {
+      EXPECT_TRUE(sweeps[i].complete);
+      EXPECT_EQ(sweeps[i].points.size(), (mode == 0x39 ? 2U : 1U) * 64'000U);
+      EXPECT_EQ(sweeps[i].rings, 32);
+      EXPECT_EQ(sweeps[i].model, "PandarXT-32");
+      EXPECT_NEAR(sweeps[i].period_ns, 1e8, 1e5);
+      expect_promises(sweeps[i]);
+    }
+    EXPECT_NEAR(static_cast<double>(sweeps[2].stamp_ns - sweeps[1].stamp_ns), 1e8, 5e4);
+    EXPECT_EQ(assembler.counts().lost, 0U);
+  }
+}
+
+TEST(HesaiStream, LossIsCounted) {
+  std::vector<Bytes> packets = packets_of(4, 0x37);
+  packets.erase(packets.begin() + 300, packets.begin() + 303);
+  SweepAssembler assembler(decoder_of(packets), {});
+  sweeps_of(assembler, packets);
+  EXPECT_EQ(assembler.counts().lost, 3U);
+}
+
+TEST(HesaiStream, DamagedPacketsBreakNoPromise) {
+  std::mt19937 random(12);
+  for (const std::uint8_t mode : {0x37, 0x39, 0x3C}) {
+    std::vector<Bytes> packets = packets_of(4, mode);
+    SweepAssembler assembler(decoder_of(packets), {});
+    for (Bytes& packet : packets) {
+      for (unsigned i = random() % 20; i > 0; --i) {
+        packet[random() % packet.size()] = static_cast<std::uint8_t>(random());
+      }
+      if (random() % 50 == 0) packet.resize(random() % packet.size());
+    }
+    for (const DecodedSweep& sweep : sweeps_of(assembler, packets)) expect_promises(sweep);
+  }
+}
+
+}  // namespace
+}  // namespace zloam::driver::hesai
