@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,11 @@ from zloam_monitor import trajectory
 
 SECONDS = 12
 LIMIT_M = 0.001
+#: by container: some GB show whether memory grows, one has as many as a long drive
+LARGE_GB = {"rosbag1": 4, "sqlite3": 4, "mcap": 20}
+LARGE_LIMIT_MB = 400
+#: wide records, as of drivers that write all they know of a point: 8 MB a cloud
+WIDE = replace(PLAIN, padding=40)
 
 
 def checks(setting: Setting) -> list[Check]:
@@ -43,6 +50,14 @@ def checks(setting: Setting) -> list[Check]:
             "same bytes",
             command,
             lambda: _files(setting),
+        ),
+        Check(
+            "bags-large",
+            f"bags of {', '.join(f'{gb} GB ({name})' for name, gb in LARGE_GB.items())}: memory of "
+            "the reader at most",
+            f"{LARGE_LIMIT_MB} MB, all clouds",
+            "zloam recording BAG --stream",
+            lambda: _large(setting),
         ),
     ]
 
@@ -125,3 +140,67 @@ def _files(s: Setting) -> Measured:
     digests = list(_digests(s))
     different = len(set(digests))
     return Measured(f"{len(digests)} files, {different} results", different == 1)
+
+
+def _large_bag(s: Setting, container: variants.Container, gigabytes: float) -> tuple[Path, int]:
+    """The same turns again and again, later each time; and their number."""
+    scans = _scans(s)[1:-1]
+    name = f"large-{container.name}{'.bag' if container.version == 1 else ''}"
+    path = _folder(s) / name
+    _remove(path)
+    clouds, written = 0, 0.0
+    with variants.Recorder(container, path) as bag:
+        while written < gigabytes * 1e9:
+            scan = scans[clouds % len(scans)]
+            later_ns = clouds * variants.PERIOD_NS - scan.stamp_ns + scans[0].stamp_ns
+            bag.put_cloud("/points", replace(scan, stamp_ns=scan.stamp_ns + later_ns), WIDE)
+            written += len(scan.xyz) * (22 + 6 * WIDE.padding)
+            clouds += 1
+    return path, clouds
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+
+
+def _read(bag: Path) -> tuple[int, int]:
+    """Bytes that the reader gave, and its greatest memory in bytes."""
+    command = [sys.executable, "-m", "zloam_monitor", "recording", str(bag), "--stream"]
+    given, peak = 0, 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
+        assert reader.stdout is not None
+        while block := reader.stdout.read(1 << 24):
+            given += len(block)
+            peak = max(peak, _peak_bytes(reader.pid))
+    if reader.returncode != 0:
+        raise RuntimeError(f"the reader ended with {reader.returncode}")
+    return given, peak
+
+
+def _peak_bytes(pid: int) -> int:
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return 0
+    found = [line.split() for line in status.splitlines() if line.startswith("VmHWM:")]
+    return 1024 * int(found[0][1]) if found else 0
+
+
+def _large(s: Setting) -> Measured:
+    figures, holds = [], True
+    for container in CONTAINERS:
+        if container.name not in LARGE_GB:
+            continue
+        bag, clouds = _large_bag(s, container, LARGE_GB[container.name])
+        try:
+            given, peak = _read(bag)
+        finally:
+            _remove(bag)
+        least = sum(24 * len(scan.xyz) for scan in _scans(s)[1:-1]) / len(_scans(s)[1:-1]) * clouds
+        holds &= peak <= LARGE_LIMIT_MB * 1e6 and given >= 0.99 * least
+        figures.append(
+            f"{container.name} {peak / 1e6:.0f} MB ({clouds} clouds, {given / 1e9:.1f} GB)"
+        )
+    return Measured(", ".join(figures), holds)
