@@ -131,6 +131,8 @@ struct Mapper::State {
   Agreement agreement;
   // The next sweep may not go on where the last one was.
   bool break_expected = false;
+  // Where somebody says that it is.
+  std::optional<Pose> told;
   // Matches to come before anything is inserted.
   std::uint32_t settling = 0;
 };
@@ -144,14 +146,17 @@ Prediction Mapper::State::predict(const MappingInput& input) {
         moved_on(last->T_map_base, lately.in_map_per_s(), std::min(gap_s, kLongestGap_s));
     T_map_odom = normalised(moved * input.T_odom_base.inverse());
   }
-  if (new_frame || break_expected) {
-    unseen_s = bridging ? unseen_s + gap_s : gap_s;
+  if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
+  if (new_frame || break_expected || told) {
+    // What is said holds now, however long nothing was seen.
+    unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
     bridging = tiles.point_count() >= config.founding_points;
     bridged_sweeps = 0;
   }
   if (new_frame && bridging) settling = kSettling;
   break_expected = false;
+  told.reset();
   Prediction prediction;
   prediction.T_map_base = normalised(T_map_odom * input.T_odom_base);
   prediction.covariance = bridging ? bridge_covariance(config, unseen_s)
@@ -318,6 +323,12 @@ void Mapper::restore(const SavedMap& saved) {
 }
 
 void Mapper::expect_break() { state_->break_expected = true; }
+
+void Mapper::place(const Pose& T_map_base) {
+  state_->told = T_map_base;
+  state_->lost = false;
+  state_->method->not_found();
+}
 
 std::vector<VoxelTile> Mapper::take_changed_voxels(double growth) {
   return state_->method->take_changed(growth);

@@ -174,6 +174,9 @@ class Mapper {
   /// The odometry may not have gone on where it was: the next sweep is searched for as after a new
   /// epoch, around where the odometry says.
   void expect_break();
+  /// Somebody says that the next sweep is at this pose: it is searched for around it, also where it
+  /// was thought to be found. Nothing is inserted before it is.
+  void place(const Pose& T_map_base);
   /// What the method has counted, of the cubes in which that has grown by more than this share
   /// since they were handed out (0: those that changed at all), ascending.
   std::vector<VoxelTile> take_changed_voxels(double growth);

@@ -1,8 +1,11 @@
 #include "mapping/mapping_stage.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "common/geometry/map_file.hpp"
 #include "common/messages/key_match.hpp"
@@ -38,6 +41,9 @@ std::string folder_of(const std::string& map_path) {
 // For an odometry that is killed: its window of 20 sweeps, the one before them, and the last one,
 // which it says again. Each takes a megabyte.
 constexpr std::size_t kCommitsKept = 22;
+
+// No map reaches so far, in m, and no heading is so many degrees.
+constexpr double kFarthest = 1e6;
 
 }  // namespace
 
@@ -95,6 +101,9 @@ void MappingStage::declare_commands() {
   stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
   // Empties the map; the next sweep initializes a new one where it is.
   stage_.command("reset", [this](const std::string&) { return reset(); });
+  // {"x_m": 1.0, "y_m": 2.0, "yaw_deg": 90.0}: where base_link is in the map, for a robot that is
+  // lost or was carried.
+  stage_.command("place", [this](const std::string& arguments) { return place(arguments); });
 }
 
 void MappingStage::new_run(const msg::Header& first) {
@@ -355,6 +364,31 @@ runtime::CommandReply MappingStage::reset() {
   ++map_id_;
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};
+}
+
+// Height, roll and pitch are as they were: nobody knows them better than the map.
+runtime::CommandReply MappingStage::place(const std::string& arguments_json) {
+  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
+  std::array<double, 3> values{};
+  constexpr std::array kNames = {"x_m", "y_m", "yaw_deg"};
+  for (std::size_t i = 0; i < kNames.size(); ++i) {
+    const auto found = arguments.find(kNames[i]);
+    if (found == arguments.end() || !found->is_number()) {
+      return {false, std::string(kNames[i]) + " is missing, or no number", "{}"};
+    }
+    values[i] = found->get<double>();
+    if (!(std::abs(values[i]) < kFarthest)) {
+      return {false, std::string(kNames[i]) + " is out of reach", "{}"};
+    }
+  }
+  const auto [x_m, y_m, yaw_deg] = values;
+  const Eigen::Matrix3d& R = last_T_map_base_.linear();
+  const double turn_rad = yaw_deg * std::numbers::pi / 180.0 - std::atan2(R(1, 0), R(0, 0));
+  Pose T_map_base = last_T_map_base_;
+  T_map_base.linear() = Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitZ()) * R;
+  T_map_base.translation().head<2>() << x_m, y_m;
+  mapper_.place(normalised(T_map_base));
+  return {true, "from the next sweep on the robot is searched for around there", "{}"};
 }
 
 // Tile by tile: the map need not be there a second time as one cloud, and a third as bytes.

@@ -50,6 +50,7 @@ class MappingStage {
   void answer_path(runtime::Answer& answer);
   runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
+  runtime::CommandReply place(const std::string& arguments_json);
   /// Empty when written; the stage is degraded until it succeeds.
   std::string write_to(const std::string& path) const;
   runtime::OutputFiles::Run file_run() const;

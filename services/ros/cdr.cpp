@@ -127,4 +127,27 @@ std::optional<ImuReading> decode_imu(std::span<const std::uint8_t> bytes) {
   return reading;
 }
 
+std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes) {
+  CdrReader in(bytes);
+  std::int32_t seconds = 0;
+  std::uint32_t nanoseconds = 0;
+  PlaceMessage place;
+  std::array<double, 3> position{};
+  std::array<double, 4> xyzw{};
+  std::array<double, 36> covariance{};
+  in >> seconds >> nanoseconds >> place.frame;
+  read_into(in, position);
+  read_into(in, xyzw);
+  read_into(in, covariance);
+  const auto [x, y, z, w] = xyzw;
+  const double norm = x * x + y * y + z * z + w * w;
+  // Written so that what is no number does not pass.
+  if (!in.ok() || !(std::abs(norm - 1.0) < 0.01)) return std::nullopt;
+  if (!std::isfinite(position[0]) || !std::isfinite(position[1])) return std::nullopt;
+  place.x_m = position[0];
+  place.y_m = position[1];
+  place.yaw_rad = std::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
+  return place;
+}
+
 }  // namespace zloam::ros

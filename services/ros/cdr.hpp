@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "ros/messages.hpp"
@@ -23,5 +24,17 @@ Cdr encode(const DiagnosticsMessage& message);
 /// says that it has no acceleration or rate (its covariance begins with -1), or holds what is no
 /// number.
 std::optional<ImuReading> decode_imu(std::span<const std::uint8_t> bytes);
+
+/// What RViz's "2D Pose Estimate" says.
+struct PlaceMessage {
+  std::string frame;
+  double x_m = 0.0;
+  double y_m = 0.0;
+  double yaw_rad = 0.0;
+};
+
+/// A geometry_msgs/msg/PoseWithCovarianceStamped, of either byte order. Empty: it is none, or holds
+/// what is no number, or no rotation.
+std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes);
 
 }  // namespace zloam::ros

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <random>
@@ -67,6 +68,34 @@ TEST(Cdr, AnImuIsReadInEitherByteOrder) {
 TEST(Cdr, AnImuWithoutAccelerationOrWithWildNumbersIsNone) {
   EXPECT_FALSE(decode_imu(imu_bytes(true, -1.0)));
   EXPECT_FALSE(decode_imu(imu_bytes(true, 0.0, std::numeric_limits<double>::quiet_NaN())));
+}
+
+Cdr place_bytes(bool little, double z, double w, const char* frame = "map") {
+  ImuBytes b(little);
+  b.add(std::int32_t{1'700'000'000}).add(std::uint32_t{0}).text(frame);
+  b.add(12.0).add(-3.5).add(0.25).add(0.0).add(0.0).add(z).add(w);
+  for (int i = 0; i < 36; ++i) b.add(0.0);
+  return b.bytes();
+}
+
+TEST(Cdr, APlaceIsReadInEitherByteOrder) {
+  for (const bool little : {true, false}) {
+    const auto place = decode_place(place_bytes(little, std::sin(0.4), std::cos(0.4)));
+    ASSERT_TRUE(place);
+    EXPECT_EQ(place->frame, "map");
+    EXPECT_EQ(place->x_m, 12.0);
+    EXPECT_EQ(place->y_m, -3.5);
+    EXPECT_NEAR(place->yaw_rad, 0.8, 1e-12);
+  }
+}
+
+TEST(Cdr, APlaceWithoutARotationOrCutIsNone) {
+  EXPECT_FALSE(decode_place(place_bytes(true, 0.0, 0.0)));
+  EXPECT_FALSE(decode_place(place_bytes(true, 0.0, std::numeric_limits<double>::quiet_NaN())));
+  const Cdr whole = place_bytes(true, 0.0, 1.0);
+  for (std::size_t n = 0; n < whole.size(); ++n) {
+    EXPECT_FALSE(decode_place({whole.data(), n})) << n;
+  }
 }
 
 TEST(Cdr, WhatIsCutOrDamagedIsReadAsNothingOrAsNumbers) {

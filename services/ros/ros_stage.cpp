@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <iterator>
+#include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/read.hpp"
@@ -18,6 +20,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kLook{20}, kSecond{1000};
 constexpr std::int64_t kMapPeriod_ns = 5'000'000'000;
 constexpr milliseconds kTilesWithin{10000};
+constexpr milliseconds kPlacedWithin{5000};
 // A status comes each second.
 constexpr std::int64_t kSilent_ns = 5'000'000'000;
 // A node is listed within a second of its start.
@@ -68,6 +71,7 @@ RosStage::RosStage(runtime::Stage& stage, const RosConfig& config)
       tiles_(stage.session(), stage.keys().all_tiles(), kNewestTiles),
       statuses_(stage.session(), stage.keys().status("*", "*"), kNewestStatuses),
       readings_(kNewestReadings),
+      places_(1),
       began_ns_(runtime::steady_ns()) {
   odometry_ = node_.publish(topic("odom"), kOdometryType, kReliable);
   pose_ = node_.publish(topic("pose"), kPoseType, kReliable);
@@ -100,6 +104,8 @@ void RosStage::wire() {
     look_for_nodes();
   });
   statuses_.want(true);
+  node_.subscribe(topic("initialpose"), kPoseType, kReliable, places_.sink());
+  stage_.every(kLook, [this] { take_places(); });
   if (!config_.imu_topic.empty()) {
     imu_ = &stage_.outlet(Key::kImu);
     node_.subscribe(config_.imu_topic, kImuType, kSensor, readings_.sink());
@@ -307,6 +313,35 @@ void RosStage::take_imu() {
   header.frame = "imu";
   header.stamp_ns = samples.front().stamp_ns();
   imu_->publish(header, build_imu(header, samples, msg::ClockSource::Unknown));
+}
+
+void RosStage::take_places() {
+  for (const zenoh::Sample& sample : places_.take()) {
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+    if (const auto said = decode_place(bytes.data())) {
+      place(*said);
+    } else {
+      stage_.degraded("initialpose", "a message of " + topic("initialpose") + " can't be read");
+    }
+  }
+  const auto answers = placing_.take();
+  if (!answers) return;
+  stage_.degraded("initialpose", answers->empty() ? "mapping did not answer to " +
+                                                        topic("initialpose") + ": is it there?"
+                                                  : std::string());
+  if (!answers->empty()) runtime::log_info("initial pose handed on to mapping");
+}
+
+void RosStage::place(const PlaceMessage& said) {
+  if (said.frame != frame("map")) {
+    stage_.degraded("initialpose", "a pose of " + topic("initialpose") + " is in the frame '" +
+                                       said.frame + "'; '" + frame("map") + "' is expected");
+    return;
+  }
+  const nlohmann::json arguments = {
+      {"x_m", said.x_m}, {"y_m", said.y_m}, {"yaw_deg", said.yaw_rad * 180.0 / std::numbers::pi}};
+  placing_.start(stage_.session(), stage_.keys().command("mapping", "place"), kPlacedWithin, bell_,
+                 zenoh::Bytes::copy_of(arguments.dump()));
 }
 
 void RosStage::look_for_nodes() {

@@ -10,6 +10,7 @@
 
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/stage.hpp"
+#include "ros/cdr.hpp"
 #include "ros/config.hpp"
 #include "ros/io/node.hpp"
 #include "ros/io/on_demand.hpp"
@@ -38,6 +39,8 @@ class RosStage {
   void say_diagnostics();
   void take_statuses();
   void take_imu();
+  void take_places();
+  void place(const PlaceMessage& said);
   void look_for_nodes();
 
   std::string frame(const std::string& name) const { return config_.frame_prefix + name; }
@@ -60,8 +63,8 @@ class RosStage {
       map_, diagnostics_;
   runtime::Outlet* imu_ = nullptr;
   OnDemand clouds_, tiles_, statuses_;
-  Mailbox readings_;
-  runtime::AsyncGet all_tiles_;
+  Mailbox readings_, places_;
+  runtime::AsyncGet all_tiles_, placing_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
   PoseTree tree_;

@@ -210,9 +210,9 @@ void send_token(fuzz::Input& in) {
 }
 
 void ask(const std::string& stage, fuzz::Input& in) {
-  static constexpr const char* kVerbs[] = {"set", "save", "reset"};
+  static constexpr const char* kVerbs[] = {"set", "save", "reset", "place"};
   const std::uint8_t choice = in.byte();
-  const std::string verb = kVerbs[choice % 3];
+  const std::string verb = kVerbs[choice % std::size(kVerbs)];
   const std::string text = in.text(60);
   switch (choice / 3 % 4) {
     case 0:

@@ -1,5 +1,6 @@
-// What a ROS node sends: an Imu's bytes, and names that a user writes.
+// What a ROS node sends: an Imu's and a pose's bytes, and names that a user writes.
 
+#include <cmath>
 #include <cstdlib>
 #include <string_view>
 
@@ -9,6 +10,9 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (const auto reading = zloam::ros::decode_imu({data, size})) {
     if (!reading->force_mps2.allFinite() || !reading->rate_radps.allFinite()) std::abort();
+  }
+  if (const auto place = zloam::ros::decode_place({data, size})) {
+    if (!(std::isfinite(place->x_m + place->y_m + place->yaw_rad))) std::abort();
   }
   const std::string_view name(reinterpret_cast<const char*>(data), size);
   // What passes must not part a token or match more than itself.

@@ -123,6 +123,9 @@ def test_changing_and_saving(live: Live) -> None:
     assert saved.code == 0, saved.said
     names = {path.name for path in (live.out / "demo/maps/today").iterdir()}
     assert names == {"map.pcd", "trajectory.tum", "trajectory.kitti", "odometry.tum"}
+    placed = monitor("place", "--x", "1", "--y", "-0.5", "--connect", live.endpoint)
+    assert placed.code == 0, placed.said
+    assert "searched for around there" in placed.said
     emptied = monitor("reset", "mapping", "--connect", live.endpoint)
     assert (emptied.code, "mapping: map emptied" in emptied.said) == (0, True)
 

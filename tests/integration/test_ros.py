@@ -3,6 +3,8 @@ by rosbags, what is kept for late readers by Zenoh's own advanced subscriber."""
 
 from __future__ import annotations
 
+import json
+import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -44,6 +46,7 @@ TOPICS = {
 LATCHED = ("/map", "/tf_static")
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 IMU = "sensor_msgs/msg/Imu"
+PLACE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 
 @dataclass
@@ -56,6 +59,9 @@ class Heard:
     listed: dict[str, list[str]] = field(default_factory=dict)
     info: dict[str, Any] = field(default_factory=dict)
     imu: list[Any] = field(default_factory=list)
+    #: what mapping was asked, and what the node said of the pose before
+    places: list[dict[str, float]] = field(default_factory=list)
+    reason: str = ""
     #: of mapping's own tiles, at the end
     map_points: int = 0
 
@@ -104,6 +110,42 @@ def imu_message(stamp_ns: int, little: bool) -> bytes:
         linear_acceleration_covariance=nothing,
     )
     return bytes(TYPES.serialize_cdr(message, IMU, little_endian=little))
+
+
+def place_message(frame: str, x_m: float, y_m: float, yaw_rad: float) -> bytes:
+    """As RViz's "2D Pose Estimate" sends it."""
+    make = TYPES.types
+    pose = make["geometry_msgs/msg/Pose"](
+        position=make["geometry_msgs/msg/Point"](x=x_m, y=y_m, z=0.0),
+        orientation=make["geometry_msgs/msg/Quaternion"](
+            x=0.0, y=0.0, z=math.sin(0.5 * yaw_rad), w=math.cos(0.5 * yaw_rad)
+        ),
+    )
+    stamp = make["builtin_interfaces/msg/Time"](sec=1_700_000_000, nanosec=0)
+    message = make[PLACE](
+        header=make["std_msgs/msg/Header"](stamp=stamp, frame_id=frame),
+        pose=make["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+    )
+    return bytes(TYPES.serialize_cdr(message, PLACE))
+
+
+def say_places(chain: Chain, reader: zenoh.Session, heard: Heard) -> None:
+    """One in a frame that is none of the map's, then one that is; asked for as mapping is."""
+    key = chain.link.keys.command("mapping", "place")
+
+    def answer(query: zenoh.Query) -> None:
+        heard.places.append(json.loads(query.payload.to_bytes()))
+
+    with chain.link.session.declare_queryable(key, answer):
+        reader.put(key_of("/initialpose", PLACE), place_message("base_link", 1.0, 1.0, 0.0))
+        ends = time.monotonic() + PATIENCE_S
+        while "'base_link'" not in heard.reason and time.monotonic() < ends:
+            chain.link.poll(0.2)
+            status = chain.link.stage("ros")
+            heard.reason = status.reason if status else ""
+        reader.put(key_of("/initialpose", PLACE), place_message("map", 12.0, -3.5, 0.5 * math.pi))
+        while not heard.places and time.monotonic() < ends:
+            chain.link.poll(0.2)
 
 
 def graph(heard: Heard, port: int) -> None:
@@ -184,6 +226,7 @@ def heard(
             }
             for little in (True, False):
                 reader.put(key_of("/imu", IMU), imu_message(1_700_000_000_250_000_000, little))
+            say_places(chain, reader, found)
             ends = time.monotonic() + PATIENCE_S
             while time.monotonic() < ends and not is_complete(found):
                 chain.link.poll(0.2)
@@ -325,6 +368,13 @@ def test_diagnostics_name_every_stage(heard: Heard) -> None:
     for stage in ("driver", "registration", "odometry", "mapping", "integration", "ros"):
         assert f"zenoh-loam: {stage}" in levels
     assert "zenoh-loam: pose" in levels
+
+
+def test_an_initial_pose_reaches_mapping(heard: Heard) -> None:
+    assert "is in the frame 'base_link'; 'map' is expected" in heard.reason
+    assert len(heard.places) == 1
+    assert heard.places[0] == pytest.approx({"x_m": 12.0, "y_m": -3.5, "yaw_deg": 90.0})
+    assert heard.listed["/initialpose"] == [PLACE]
 
 
 def test_an_imu_of_either_byte_order_becomes_the_robots(heard: Heard) -> None:

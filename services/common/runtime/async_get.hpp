@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/runtime/shared.hpp"
@@ -18,10 +19,12 @@ class AsyncGet {
   bool started() const { return state_ != nullptr; }
 
   void start(zenoh::Session& session, const std::string& selector,
-             std::chrono::milliseconds timeout, const std::shared_ptr<Shared>& shared) {
+             std::chrono::milliseconds timeout, const std::shared_ptr<Shared>& shared,
+             zenoh::Bytes payload = {}) {
     state_ = std::make_shared<State>();
     zenoh::GetOptions options;
     options.timeout = timeout;
+    options.payload = std::move(payload);
     session.get(
         selector,
         [state = state_](zenoh::Reply&& reply) {

@@ -1,4 +1,4 @@
-"""robots, status, watch, get, set, save, reset: of robots that run."""
+"""robots, status, watch, get, set, save, reset, place: of robots that run."""
 
 from __future__ import annotations
 
@@ -111,6 +111,21 @@ def reset(
         return settings.reset(link, stages or ("odometry", "mapping"))
 
 
+@command
+def place(
+    x: Annotated[float, typer.Option(help="In the map, m.")],
+    y: Annotated[float, typer.Option(help="In the map, m.")],
+    yaw: Annotated[float, typer.Option(help="Heading in the map, degrees, anticlockwise.")] = 0.0,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Say where in its map a carried or lost robot is; mapping looks around there."""
+    from zloam_monitor import discovery, settings
+
+    with discovery.linked(robot, common.endpoints(connect)) as link:
+        return settings.place(link, x, y, yaw)
+
+
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     listed = (
@@ -121,6 +136,7 @@ def add(app: typer.Typer) -> None:
         (set_, "set", ("zloam set odometry odometry.kernel_m=0.2",)),
         (save, "save", ("zloam save", "zloam save maps/today")),
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
+        (place, "place", ("zloam place --x 12 --y -3.5 --yaw 90",)),
     )
     for run, name, shown in listed:
         app.command(name, rich_help_panel=common.ROBOTS, epilog=examples(*shown))(run)

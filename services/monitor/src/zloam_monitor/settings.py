@@ -1,12 +1,13 @@
 """Commands to running stages: `set` changes a configuration (docs/protocol.md, section 13), `save`
-writes files, `reset` empties the map."""
+writes files, `reset` empties the map, `place` says where in it the robot is."""
 
 from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from zloam_monitor.chain import ChainError
 from zloam_monitor.link import PATIENCE_SECONDS, Link
@@ -45,7 +46,7 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def commanded(link: Link, stage: str, verb: str, arguments: dict[str, str]) -> ReplyRecord:
+def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -> ReplyRecord:
     """The stage's answer; raises when there is none."""
     deadline = time.monotonic() + PATIENCE_SECONDS
     while (reply := link.command(stage, verb, dict(arguments))) is None:
@@ -87,6 +88,13 @@ def reset(link: Link, stages: Iterable[str]) -> int:
         print(f"{stage}: {reply.message}")
         codes.append(0 if reply.ok else 1)
     return max(codes)
+
+
+def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> int:
+    """Tells mapping where base_link is in the map."""
+    reply = commanded(link, "mapping", "place", {"x_m": x_m, "y_m": y_m, "yaw_deg": yaw_deg})
+    print(reply.message)
+    return 0 if reply.ok else 1
 
 
 def show(link: Link, stage: str | None, key: str | None) -> int:
