@@ -97,6 +97,14 @@ COMMANDS: dict[str, Kind] = {
         needs=("base.tum",),
         meaning=(("TRAJECTORY", "base.tum"), ("TRUTH", "base.tum")),
     ),
+    "bin/zloam map convert out/demo/map.pcd map.laz --voxel 0.2": Form(
+        "services/monitor/tests/test_maps.py"
+    ),
+    "bin/zloam trajectory out/demo/trajectory.tum drive.csv": Form(
+        "services/monitor/tests/test_support.py"
+    ),
+    "bin/zloam compare out/demo out/other": Form("services/monitor/tests/test_support.py"),
+    "bin/zloam support out/demo": Form("services/monitor/tests/test_support.py"),
     "make run CONFIG=deploy/robots/vlp16-outdoor.yaml": LiveRun(
         r"no packets on UDP 2368 for \d+ s: ", LIVE
     ),

@@ -17,7 +17,7 @@ OWN = (
     *("demo", "run", "follow", "ros-lidar"),
     *("robots", "status", "watch", "get", "set", "save", "reset", "place"),
 )
-COMMANDS = (*OWN, "evaluate", "recording", "metadata")
+COMMANDS = (*OWN, "trajectory", "compare", "support", "evaluate", "recording", "metadata")
 
 
 def zloam(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -48,7 +48,7 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         for line in capsys.readouterr().out.splitlines()
         if line.startswith("│ ") and line[2] not in " -"
     ]
-    assert listed == [*COMMANDS, "config", *(name for name, _ in PROGRAMS)]
+    assert listed == [*COMMANDS, "map", "config", *(name for name, _ in PROGRAMS)]
 
 
 def test_the_version_is_that_of_the_programs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,6 +33,7 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.claims import NotOurs
     from zloam_monitor.discovery import NothingAnswers
     from zloam_monitor.link import LinkError
+    from zloam_monitor.maps import MapError
     from zloam_monitor.messages import SchemasMissing
     from zloam_monitor.methods import MethodError
     from zloam_monitor.ports import PortTaken
@@ -40,6 +41,7 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.processes import StageDied
     from zloam_monitor.robot_file import RobotFileError
     from zloam_monitor.sources import SourceError
+    from zloam_monitor.support import SupportError
 
     if isinstance(error, StageDied):
         return error.code if error.code in (2, FILE_MISSING) else 1
@@ -49,10 +51,12 @@ def _failed(error: BaseException) -> int | None:
         BinariesMissing,
         ChainError,
         LinkError,
+        MapError,
         MethodError,
         NothingAnswers,
         NotOurs,
         RobotFileError,
+        SupportError,
     )
     if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
         return 1

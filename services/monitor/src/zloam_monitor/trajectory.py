@@ -138,6 +138,19 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
             out.write(" ".join(f"{v:.9f}" for v in transform[:3].ravel()) + "\n")
 
 
+def write_csv(path: Path, trajectory: Trajectory) -> None:
+    """A table with a header: sweep or line, time, position in m, quaternion."""
+    quats = se3.quaternions(trajectory.transforms)
+    numbers = trajectory.sweeps if len(trajectory.sweeps) else np.arange(len(trajectory))
+    times = [""] * len(trajectory)
+    if trajectory.stamps_ns is not None:
+        times = [stamp_text(int(stamp)) for stamp in trajectory.stamps_ns]
+    with written_whole(path) as out:
+        out.write("number,time_s,x_m,y_m,z_m,qx,qy,qz,qw\n")
+        for n, t, p, q in zip(numbers, times, trajectory.positions, quats, strict=True):
+            out.write(f"{n},{t}," + ",".join(f"{v:.9f}" for v in (*p, *q)) + "\n")
+
+
 def read(path: Path) -> Trajectory:
     """A TUM (8 columns) or KITTI (12 columns) file; a line that is no pose is refused."""
     rows, values = read_rows(path)

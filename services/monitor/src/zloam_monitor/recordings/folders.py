@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zloam_monitor.recordings import Refused, bags, ply
+from zloam_monitor.point_files import READERS
+from zloam_monitor.recordings import Refused, bags
 from zloam_monitor.recordings.bags import Bag, Topic
 
 #: of files that say nothing of when they were recorded
@@ -33,33 +34,6 @@ class Table:
     points: NDArray[Any]
     width: int
     height: int
-
-
-def _pcd(path: Path) -> tuple[NDArray[Any], int, int]:
-    from pypcd4 import PointCloud
-
-    cloud = PointCloud.from_path(path)
-    return cloud.pc_data, int(cloud.metadata.width), int(cloud.metadata.height)
-
-
-def _ply(path: Path) -> tuple[NDArray[Any], int, int]:
-    points = ply.vertices(path)
-    return points, len(points), 1
-
-
-def _las(path: Path) -> tuple[NDArray[Any], int, int]:
-    import laspy
-
-    las = laspy.read(path)
-    names = [n for n in las.point_format.dimension_names if n not in ("X", "Y", "Z")]
-    columns = {n: np.asarray(las[n]) for n in ("x", "y", "z", *names)}
-    points = np.empty(len(las), [(n, c.dtype) for n, c in columns.items()])
-    for name, column in columns.items():
-        points[name] = column
-    return points, len(points), 1
-
-
-READERS = {".pcd": _pcd, ".ply": _ply, ".las": _las, ".laz": _las}
 
 
 def clouds_in(path: Path) -> list[Path]:

@@ -1,0 +1,154 @@
+"""map, trajectory, compare, support: what runs have left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zloam_monitor import cli_common as common
+from zloam_monitor.cli_common import command, examples
+
+Source = Annotated[Path, typer.Argument(metavar="FROM", help="PCD, PLY, LAS or LAZ file.")]
+Target = Annotated[Path, typer.Argument(metavar="TO", help="Its ending names the format.")]
+Layer = Annotated[str | None, typer.Option(help="Only edge, or only plane points.")]
+Voxel = Annotated[float | None, typer.Option(help="One point of each cube of this edge, m.")]
+Limits = Annotated[
+    tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="What is kept, m.")
+]
+
+map_app = typer.Typer(no_args_is_help=True, help="A map's file: look at it, convert it, cut it.")
+
+
+@command
+def map_info(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="PCD, PLY, LAS or LAZ file.")],
+) -> int:
+    """Number of points by layer, and how far they reach."""
+    from zloam_monitor import maps
+
+    for line in maps.described(file, maps.read(file)):
+        print(line)
+    return 0
+
+
+@command
+def map_convert(source: Source, to: Target, layer: Layer = None, voxel: Voxel = None) -> int:
+    """Write it in another format: for CloudCompare, QGIS, Open3D, PCL."""
+    return _written(source, to, {}, layer, voxel)
+
+
+@command
+def map_crop(
+    source: Source,
+    to: Target,
+    x: Limits = None,
+    y: Limits = None,
+    z: Limits = None,
+    layer: Layer = None,
+    voxel: Voxel = None,
+) -> int:
+    """Keep the points within limits, e.g. without the ceiling."""
+    limits = {axis: limit for axis, limit in (("x", x), ("y", y), ("z", z)) if limit is not None}
+    return _written(source, to, limits, layer, voxel)
+
+
+def _written(
+    source: Path,
+    to: Path,
+    limits: dict[str, tuple[float, float]],
+    layer: str | None,
+    voxel: float | None,
+) -> int:
+    from zloam_monitor import maps
+
+    found = maps.read(source)
+    kept = maps.cropped(found, limits)
+    if layer is not None:
+        kept = maps.of_layer(kept, layer)
+    if voxel is not None:
+        kept = maps.thinned(kept, voxel)
+    if not len(kept):
+        raise maps.MapError(f"none of the {len(found)} points of {source} is left: nothing written")
+    maps.write(to, kept)
+    print(f"{to}: {len(kept)} of {len(found)} points")
+    return 0
+
+
+@command
+def trajectory(
+    source: Annotated[Path, typer.Argument(metavar="FROM", help="TUM or KITTI file.")],
+    to: Annotated[
+        Path, typer.Argument(metavar="TO", help="Ends with .tum, .kitti or .csv, which it names.")
+    ],
+) -> int:
+    """Convert a trajectory's file."""
+    from zloam_monitor import trajectory as trajectories
+
+    written = {
+        ".tum": trajectories.write_tum,
+        ".kitti": trajectories.write_kitti,
+        ".csv": trajectories.write_csv,
+    }
+    if to.suffix.lower() not in written:
+        raise trajectories.TrajectoryError(f"{to}: {', '.join(written)} is expected")
+    found = trajectories.read(source)
+    written[to.suffix.lower()](to, found)
+    print(f"{to}: {len(found)} poses")
+    return 0
+
+
+@command
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, e.g. out/demo.")],
+    second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the other one.")],
+) -> int:
+    """Two runs of one recording beside each other: poses, errors, latency, CPU, health."""
+    from zloam_monitor import comparison
+
+    for line in comparison.lines(comparison.read(first), comparison.read(second)):
+        print(line)
+    return 0
+
+
+@command
+def support(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")] = Path("out/demo"),
+    out: Annotated[Path, typer.Option(help="The file.")] = Path("zloam-support.zip"),
+    config: common.Config = None,
+    connect: common.Connect = None,
+) -> int:
+    """Gather what others need to understand a fault: report, logs, configuration, machine.
+
+    No poses, maps or pictures are in it. Robots that run here, or at --connect, are asked too.
+    """
+    from zloam_monitor import support as bundle
+
+    names = bundle.write(out, run, config, bundle.live(common.endpoints(connect)))
+    print(f"{out}: {len(names)} files")
+    for name in names:
+        print(f"  {name}")
+    return 0
+
+
+def add(app: typer.Typer) -> None:
+    """The commands under their heading."""
+    map_app.command("info", epilog=examples("zloam map info out/demo/map.pcd"))(map_info)
+    map_app.command("convert", epilog=examples("zloam map convert out/demo/map.pcd map.laz"))(
+        map_convert
+    )
+    map_app.command("crop", epilog=examples("zloam map crop map.pcd floor.ply --z -2 2.5"))(
+        map_crop
+    )
+    app.add_typer(map_app, name="map", rich_help_panel=common.FILES)
+    app.command(
+        rich_help_panel=common.FILES,
+        epilog=examples("zloam trajectory out/demo/trajectory.tum drive.csv"),
+    )(trajectory)
+    app.command(rich_help_panel=common.FILES, epilog=examples("zloam compare out/demo out/other"))(
+        compare
+    )
+    app.command(
+        rich_help_panel=common.FILES, epilog=examples("zloam support out/run --config my.yaml")
+    )(support)

@@ -1,0 +1,182 @@
+"""Maps as files: PCD, PLY, LAS and LAZ, read and written; cropped, thinned, described.
+
+A map's points have x, y, z in m (frame map), an intensity and the layer (0 edge, 1 plane). Formats:
+PCD 0.7 (Point Cloud Library), PLY (Turk 1994), LAS 1.4 (ASPRS), in which the layer is the user's
+byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor import clouds
+from zloam_monitor.files import written_whole
+from zloam_monitor.messages import MAP_POINT
+from zloam_monitor.point_files import READERS
+
+LAYERS = ("edge", "plane")
+#: of coordinates in LAS: what 32 bits of it hold reaches 214 km
+LAS_STEP_M = 1e-4
+PLY_POINT = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
+
+
+class MapError(ValueError):
+    """A map that cannot be read, written or cut so, with the reason."""
+
+
+@dataclass(frozen=True)
+class PointMap:
+    """Points, and the layer of each."""
+
+    points: NDArray[Any]
+    layers: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def xyz(self) -> NDArray[np.float64]:
+        return np.column_stack([self.points[axis].astype(np.float64) for axis in "xyz"])
+
+    def kept(self, which: NDArray[Any]) -> PointMap:
+        """Some of the points, by a mask or by numbers."""
+        return PointMap(self.points[which], self.layers[which])
+
+
+def read(path: Path) -> PointMap:
+    """A map, or any other file of points."""
+    if path.suffix.lower() not in READERS:
+        raise MapError(f"{path}: {_endings()} is expected")
+    if not path.is_file():
+        raise MapError(f"{path}: No such file")
+    try:
+        found, _, _ = READERS[path.suffix.lower()](path)
+    except Exception as error:  # each library has errors of its own
+        raise MapError(f"{path}: cannot be read: {error}") from error
+    return _map_of(found, path)
+
+
+def _map_of(found: NDArray[Any], path: Path) -> PointMap:
+    names = found.dtype.names or ()
+    missing = [axis for axis in "xyz" if axis not in names]
+    if missing:
+        raise MapError(f"{path}: has no {', '.join(missing)}")
+    points = np.zeros(len(found), MAP_POINT)
+    for axis in "xyz":
+        points[axis] = found[axis]
+    intensity = next((n for n in ("intensity", "reflectivity") if n in names), None)
+    if intensity:
+        points["intensity"] = found[intensity]
+    layer = next((n for n in ("layer", "user_data") if n in names), None)
+    layers = found[layer].astype(np.uint8) if layer else np.ones(len(found), np.uint8)
+    finite = np.isfinite(np.column_stack([points[axis] for axis in "xyz"])).all(axis=1)
+    return PointMap(points[finite], layers[finite])
+
+
+def _write_pcd(path: Path, found: PointMap) -> None:
+    clouds.write_pcd(path, found.points, found.layers)
+
+
+def _write_ply(path: Path, found: PointMap) -> None:
+    rows = np.empty(len(found), PLY_POINT)
+    for name in MAP_POINT.names or ():
+        rows[name] = found.points[name]
+    rows["layer"] = found.layers
+    properties = "".join(f"property float {name}\n" for name in MAP_POINT.names or ())
+    with written_whole(path, "wb") as out:
+        out.write(
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
+            f"{properties}property uchar layer\nend_header\n".encode()
+        )
+        out.write(rows.tobytes())
+
+
+def _write_las(path: Path, found: PointMap) -> None:
+    import laspy
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, LAS_STEP_M)
+    xyz = found.xyz
+    header.offsets = np.floor(xyz.min(axis=0)) if len(found) else np.zeros(3)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    las.intensity = np.clip(np.rint(found.points["intensity"]), 0, 65535).astype(np.uint16)
+    las.user_data = found.layers
+    # laspy chooses between LAS and LAZ by the name of a file, and here by this.
+    with written_whole(path, "wb") as out:
+        las.write(out, do_compress=path.suffix.lower() == ".laz")
+
+
+WRITERS: dict[str, Callable[[Path, PointMap], None]] = {
+    ".pcd": _write_pcd,
+    ".ply": _write_ply,
+    ".las": _write_las,
+    ".laz": _write_las,
+}
+
+
+def write(path: Path, found: PointMap) -> None:
+    """In the format of its ending; whole or not at all."""
+    if path.suffix.lower() not in WRITERS:
+        raise MapError(f"{path}: {_endings()} is expected")
+    WRITERS[path.suffix.lower()](path, found)
+
+
+def _endings() -> str:
+    *others, last = WRITERS
+    return f"{', '.join(others)} or {last}"
+
+
+def cropped(found: PointMap, limits: dict[str, tuple[float, float]]) -> PointMap:
+    """Points within all limits, both ends included."""
+    keep = np.ones(len(found), bool)
+    for axis, (low, high) in limits.items():
+        if not low <= high:
+            raise MapError(f"--{axis}: {low:g} is above {high:g}")
+        keep &= (found.points[axis] >= low) & (found.points[axis] <= high)
+    return found.kept(keep)
+
+
+def of_layer(found: PointMap, layer: str) -> PointMap:
+    if layer not in LAYERS:
+        raise MapError(f"--layer: '{layer}' is none of {', '.join(LAYERS)}")
+    return found.kept(found.layers == LAYERS.index(layer))
+
+
+def thinned(found: PointMap, voxel_m: float) -> PointMap:
+    """Of each cube of this edge the point that is nearest to its points' mean."""
+    if not voxel_m > 0.0:
+        raise MapError(f"--voxel: {voxel_m:g} m is no edge of a cube")
+    if not len(found):
+        return found
+    xyz = found.xyz
+    _, cube, count = np.unique(
+        np.floor(xyz / voxel_m).astype(np.int64), axis=0, return_inverse=True, return_counts=True
+    )
+    cube = cube.ravel()
+    means = np.column_stack([np.bincount(cube, xyz[:, axis]) for axis in range(3)])
+    off = np.linalg.norm(xyz - (means / count[:, None])[cube], axis=1)
+    order = np.lexsort((np.arange(len(xyz)), off, cube))
+    first = np.concatenate(([0], np.cumsum(count)[:-1]))
+    return found.kept(np.sort(order[first]))
+
+
+def described(path: Path, found: PointMap) -> list[str]:
+    """Lines for a person."""
+    lines = [f"{path}: {len(found)} points, {path.stat().st_size / 1e6:.1f} MB"]
+    if not len(found):
+        return lines
+    for number, name in enumerate(LAYERS):
+        lines.append(f"{name}: {int((found.layers == number).sum())} points")
+    low, high = found.xyz.min(axis=0), found.xyz.max(axis=0)
+    for axis, a, b in zip("xyz", low, high, strict=True):
+        lines.append(f"{axis}: {a:.2f} to {b:.2f} m")
+    intensity = found.points["intensity"]
+    lines.append(f"intensity: {intensity.min():g} to {intensity.max():g}")
+    return lines

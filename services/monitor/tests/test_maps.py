@@ -1,0 +1,117 @@
+"""Maps in each format hold the same points, read back by this package and by the formats' own
+libraries; cutting and thinning by their definitions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from pypcd4 import PointCloud
+
+from zloam_monitor import cli, clouds, maps
+from zloam_monitor.maps import MapError, PointMap
+from zloam_monitor.messages import MAP_POINT
+
+FORMATS = (".pcd", ".ply", ".las", ".laz")
+
+
+@pytest.fixture
+def made() -> PointMap:
+    """Off the origin, as maps of a long drive are."""
+    random = np.random.default_rng(3)
+    points = np.zeros(5000, MAP_POINT)
+    for axis, centre in zip("xyz", (900.0, -1300.0, 4.0), strict=True):
+        points[axis] = centre + random.normal(0.0, 30.0, len(points))
+    points["intensity"] = random.integers(0, 256, len(points))
+    return PointMap(points, random.integers(0, 2, len(points)).astype(np.uint8))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_each_format_holds_the_same_points(made: PointMap, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"map{suffix}"
+    maps.write(path, made)
+    again = maps.read(path)
+    # LAS counts in tenths of a millimetre
+    assert np.abs(again.xyz - made.xyz).max() <= (1e-4 if suffix in (".las", ".laz") else 0.0)
+    assert (again.points["intensity"] == made.points["intensity"]).all()
+    assert (again.layers == made.layers).all()
+
+
+def test_other_programs_read_them(made: PointMap, tmp_path: Path) -> None:
+    for suffix in FORMATS:
+        maps.write(tmp_path / f"map{suffix}", made)
+    pcd = PointCloud.from_path(tmp_path / "map.pcd").pc_data
+    assert (pcd["layer"] == made.layers).all()
+    for suffix in (".las", ".laz"):
+        las = laspy.read(tmp_path / f"map{suffix}")
+        assert str(las.header.version) == "1.4"
+        assert np.abs(np.asarray(las.x) - made.points["x"]).max() < 1e-3
+        assert (np.asarray(las.user_data) == made.layers).all()
+    assert (tmp_path / "map.laz").stat().st_size < (tmp_path / "map.las").stat().st_size
+
+
+def test_a_map_that_mapping_wrote_is_read(made: PointMap, tmp_path: Path) -> None:
+    clouds.write_pcd(tmp_path / "map.pcd", made.points, made.layers)
+    assert (maps.read(tmp_path / "map.pcd").points == made.points).all()
+
+
+def test_cropping_keeps_both_ends(made: PointMap) -> None:
+    kept = maps.cropped(made, {"x": (900.0, 930.0), "z": (float(made.points["z"].min()), 4.0)})
+    x, z = made.points["x"], made.points["z"]
+    assert len(kept) == int(((x >= 900.0) & (x <= 930.0) & (z <= 4.0)).sum())
+    with pytest.raises(MapError, match="--z: 3 is above 2"):
+        maps.cropped(made, {"z": (3.0, 2.0)})
+
+
+def test_thinning_leaves_one_point_a_cube(made: PointMap) -> None:
+    thin = maps.thinned(made, 10.0)
+    cubes = {tuple(c) for c in np.floor(made.xyz / 10.0).astype(int)}
+    left = [tuple(c) for c in np.floor(thin.xyz / 10.0).astype(int)]
+    assert len(left) == len(set(left)) == len(cubes)
+    # Each is one of the map's own points, and the nearest of its cube to the mean.
+    for point, cube in zip(thin.xyz[:50], left[:50], strict=True):
+        inside = made.xyz[(np.floor(made.xyz / 10.0).astype(int) == cube).all(axis=1)]
+        off = np.linalg.norm(inside - inside.mean(axis=0), axis=1)
+        assert np.linalg.norm(point - inside.mean(axis=0)) == pytest.approx(off.min(), abs=1e-9)
+
+
+def run(*words: object) -> int:
+    return cli.main([str(word) for word in words])
+
+
+def test_the_commands(made: PointMap, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "map.pcd"
+    maps.write(source, made)
+    assert run("map", "info", source) == 0
+    assert f"{source}: 5000 points" in capsys.readouterr().out
+    assert run("map", "convert", source, tmp_path / "edges.laz", "--layer", "edge") == 0
+    assert len(maps.read(tmp_path / "edges.laz")) == int((made.layers == 0).sum())
+    assert run("map", "crop", source, tmp_path / "low.ply", "--z", -100, 4, "--voxel", 1) == 0
+    assert (maps.read(tmp_path / "low.ply").points["z"] <= 4.0).all()
+
+
+def test_mistakes_are_told(
+    made: PointMap, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "map.pcd"
+    maps.write(source, made)
+    (tmp_path / "broken.las").write_bytes(b"no points")
+    (tmp_path / "flat.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "end_header\n1 2\n"
+    )
+    for words, said in (
+        (("map", "info", "none.pcd"), "none.pcd: No such file"),
+        (("map", "info", "map.txt"), ".pcd, .ply, .las or .laz is expected"),
+        (("map", "info", tmp_path / "broken.las"), "broken.las: cannot be read"),
+        (("map", "info", tmp_path / "flat.ply"), "has no z"),
+        (("map", "convert", source, tmp_path / "a.xyz"), ".pcd, .ply, .las or .laz is expected"),
+        (("map", "convert", source, tmp_path / "a.ply", "--layer", "roof"), "none of edge, plane"),
+        (("map", "convert", source, tmp_path / "a.ply", "--voxel", 0), "no edge of a cube"),
+        (("map", "crop", source, tmp_path / "a.ply", "--x", 0, 1), "nothing written"),
+    ):
+        assert run(*words) == 1
+        assert said in capsys.readouterr().err, words
+    assert not (tmp_path / "a.ply").exists()

@@ -1,0 +1,100 @@
+"""Two runs compared, and the file for those who help."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zloam_monitor import cli, comparison, support, trajectory
+from zloam_monitor.trajectory import Trajectory, TrajectoryError
+
+
+def drive(count: int = 50, off_m: float = 0.0, begin_ns: int = 10**18) -> Trajectory:
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = np.arange(count) * 0.5
+    poses[:, 1, 3] = off_m
+    return Trajectory(poses, begin_ns + np.arange(count, dtype=np.int64) * 10**8)
+
+
+def a_run(folder: Path, poses: Trajectory, **more: Any) -> Path:
+    folder.mkdir(parents=True)
+    trajectory.write_tum(folder / "trajectory.tum", poses)
+    report = {"identities": {"sweeps": 50, "poses": 50, "given_up": 0}, "path_m": 24.5, **more}
+    (folder / "report.json").write_text(json.dumps(report))
+    return folder
+
+
+def test_how_far_they_are_apart(tmp_path: Path) -> None:
+    first = comparison.read(a_run(tmp_path / "a", drive(), cpu_ms_per_sweep={"mapping": 10.0}))
+    second = comparison.read(a_run(tmp_path / "b", drive(40, 0.25), wall_s=3.0))
+    said = comparison.lines(first, second)
+    assert said[0] == ("trajectories: 0.2500 m apart (rms), at most 0.2500 m, at 40 instants of 40")
+    assert any(line.split() == ["CPU", "of", "mapping,", "ms", "10.0", "–"] for line in said)
+    assert any(line.split() == ["wall", "time,", "s", "–", "3.0"] for line in said)
+    assert comparison.lines(first, first)[0] == "trajectories: the same poses"
+
+
+def test_recordings_of_different_times_have_nothing_in_common(tmp_path: Path) -> None:
+    first = comparison.read(a_run(tmp_path / "a", drive()))
+    second = comparison.read(a_run(tmp_path / "b", drive(begin_ns=2 * 10**18)))
+    assert "no instant in common" in comparison.lines(first, second)[0]
+
+
+def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(TrajectoryError, match=r"report\.json: No such file"):
+        comparison.read(tmp_path)
+    (tmp_path / "report.json").write_text("[1, 2")
+    assert cli.main(["compare", str(tmp_path), str(tmp_path)]) == 1
+    assert "report.json: cannot be read" in capsys.readouterr().err
+
+
+def test_a_trajectory_becomes_a_table(tmp_path: Path) -> None:
+    trajectory.write_tum(tmp_path / "a.tum", drive(3))
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.csv")]) == 0
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0] == "number,time_s,x_m,y_m,z_m,qx,qy,qz,qw"
+    assert lines[2].startswith("1,1000000000.100000000,0.500000000,0.000000000,")
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.kitti")]) == 0
+    assert len((tmp_path / "a.kitti").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("to", ["a.txt", "a"])
+def test_another_ending_is_refused(
+    tmp_path: Path, to: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trajectory.write_tum(tmp_path / "a.tum", drive(3))
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / to)]) == 1
+    assert ".tum, .kitti, .csv is expected" in capsys.readouterr().err
+
+
+def test_the_file_for_support_holds_no_geometry(tmp_path: Path) -> None:
+    run = a_run(tmp_path / "run", drive(), remarks=["the product byte lies"])
+    (run / "map.pcd").write_text("points")
+    (run / "logs").mkdir()
+    (run / "logs" / "driver.log").write_text("driver: started\n")
+    (tmp_path / "my.yaml").write_text("robot: robot\n")
+    robots = [{"robot": "robot", "statuses": {}}]
+    names = support.write(tmp_path / "s.zip", run, tmp_path / "my.yaml", robots)
+    with zipfile.ZipFile(tmp_path / "s.zip") as made:
+        assert made.testzip() is None
+        assert set(made.namelist()) == set(names) == {
+            "machine.json", "report.json", "logs/driver.log", "robot/my.yaml", "live/0.json"
+        }  # fmt: skip
+        report = json.loads(made.read("report.json"))
+        assert report["remarks"] == ["the product byte lies"]
+        assert "path_m" not in report
+        assert json.loads(made.read("machine.json"))["processors"] >= 1
+
+
+def test_a_folder_of_nothing_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "s.zip"
+    words = ["support", str(tmp_path), "--out", str(out), "--connect", "tcp/127.0.0.1:1"]
+    assert cli.main(words) == 1
+    assert "neither report.json nor logs" in capsys.readouterr().err
+    assert cli.main(["support", str(tmp_path / "none"), "--out", str(out), *words[4:]]) == 1
+    assert not out.exists()
