@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,6 +109,28 @@ def test_looking(live: Live, words: tuple[str, ...]) -> None:
     done = monitor(*words, "--connect", live.endpoint)
     assert done.code == 0, done.said
     assert f"connected to robot {live.robot} at {live.endpoint} (driver, " in done.said
+
+
+def test_figures_for_prometheus(live: Live) -> None:
+    words = [str(ROOT / "bin/zloam"), "metrics", "--connect", live.endpoint, "--port", "0"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        said = ""
+        while "/metrics" not in said:
+            said = process.stdout.readline()
+            assert said, "it ended"
+        ends, page = time.monotonic() + 20, ""
+        while "zloam_pose_age_seconds{" not in page and time.monotonic() < ends:
+            with urllib.request.urlopen(said.split()[-1], timeout=5) as answer:
+                page = answer.read().decode()
+            time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+    who = f'robot="{live.robot}"'
+    for stage in ("driver", "registration", "odometry", "mapping", "integration"):
+        assert re.search(rf'zloam_up{{.*{who},stage="{stage}"}} 1\.0', page), page
+    assert re.search(rf'zloam_figure{{.*name="packets_lost",{who},stage="driver"}} 0\.0', page)
 
 
 def test_changing_and_saving(live: Live) -> None:

@@ -104,6 +104,12 @@ COMMANDS: dict[str, Kind] = {
         "services/monitor/tests/test_support.py"
     ),
     "bin/zloam compare out/demo out/other": Form("services/monitor/tests/test_support.py"),
+    "zloam metrics --connect ROBOT": Form("services/monitor/tests/test_metrics.py"),
+    "promtool test rules deploy/observability/alerts_test.yml": Excluded(
+        "services/monitor/tests/test_metrics.py runs it where promtool is"
+    ),
+    "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
+    "-f deploy/compose/observability.yml up -d": Form(COMPOSE),
     "bin/zloam support out/demo": Form("services/monitor/tests/test_support.py"),
     "make run CONFIG=deploy/robots/vlp16-outdoor.yaml": LiveRun(
         r"no packets on UDP 2368 for \d+ s: ", LIVE

@@ -1,4 +1,4 @@
-"""robots, status, watch, get, set, save, reset, place: of robots that run."""
+"""robots, status, watch, get, set, save, reset, place, metrics: of robots that run."""
 
 from __future__ import annotations
 
@@ -126,6 +126,24 @@ def place(
         return settings.place(link, x, y, yaw)
 
 
+@command
+def metrics(
+    port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 9464,
+    address: Annotated[
+        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
+    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Serve a robot's figures to Prometheus (OpenMetrics); deploy/observability has alerts."""
+    from zloam_monitor import discovery
+    from zloam_monitor import metrics as exporter
+
+    with discovery.linked(robot, common.endpoints(connect)) as link:
+        return exporter.serve(link, address, port, seconds)
+
+
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     listed = (
@@ -137,6 +155,7 @@ def add(app: typer.Typer) -> None:
         (save, "save", ("zloam save", "zloam save maps/today")),
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
         (place, "place", ("zloam place --x 12 --y -3.5 --yaw 90",)),
+        (metrics, "metrics", ("zloam metrics", "zloam metrics --connect 192.168.1.5")),
     )
     for run, name, shown in listed:
         app.command(name, rich_help_panel=common.ROBOTS, epilog=examples(*shown))(run)

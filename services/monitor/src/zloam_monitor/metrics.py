@@ -1,0 +1,212 @@
+"""A robot's figures for Prometheus (OpenMetrics), out of the status messages that any subscriber
+has. Labels are names of the configuration (stage, input, reason, figure): their number is bounded.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+
+from zloam_monitor.link import Link
+from zloam_monitor.ports import PortTaken
+from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.stages import STAGES
+from zloam_monitor.watch import STALE_SECONDS
+
+#: of one stage: more at once are a stranger's
+MOST_INSTANCES = 16
+#: poses that are kept, for a rate over the last of them
+KEPT_POSES = 600
+#: by which a latency is told, of the names of its quantiles in statuses
+QUANTILES = {"p50": "0.5", "p95": "0.95", "p99": "0.99"}
+BYTES_PER_MIB = float(1 << 20)
+
+
+class Seen:
+    """What was heard last, for scrapes from other threads."""
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        self._lock = threading.Lock()
+        self._statuses: list[tuple[StatusRecord, float]] = []
+        self._pose: PoseRecord | None = None
+        self._poses_total = 0
+        self._run: int | None = None
+        self._last_sweep = -1
+        self._pose_heard = 0.0
+
+    def take(self, link: Link) -> None:
+        """Keeps what a link has, and lets it forget poses that nobody asks for any more."""
+        now = time.monotonic()
+        with self._lock:
+            self._statuses = [(s, link.silent_s(s, now)) for s in _newest(link)]
+            if link.poses:
+                self._count(link, now)
+        for kept in (link.poses, link.odometry, link.mapped):
+            for sweep in sorted(kept)[:-KEPT_POSES]:
+                del kept[sweep]
+
+    def _count(self, link: Link, now: float) -> None:
+        if link.run != self._run:
+            self._run, self._last_sweep = link.run, -1
+        new = [sweep for sweep in link.poses if sweep > self._last_sweep]
+        if new:
+            self._poses_total += len(new)
+            self._last_sweep = max(new)
+            self._pose, self._pose_heard = link.poses[self._last_sweep], now
+
+    def collect(self) -> Iterator[Metric]:
+        """As prometheus_client asks a collector."""
+        with self._lock:
+            statuses = list(self._statuses)
+            pose, heard, total = self._pose, self._pose_heard, self._poses_total
+        yield from _of_stages(self.robot, statuses)
+        yield from _of_pose(self.robot, pose, time.monotonic() - heard, total)
+
+
+def _newest(link: Link) -> list[StatusRecord]:
+    by_stage: dict[str, list[StatusRecord]] = {}
+    for (stage, _), status in link.statuses.items():
+        by_stage.setdefault(stage, []).append(status)
+    found = []
+    for each in by_stage.values():
+        found += sorted(each, key=lambda s: -s.stamp_ns)[:MOST_INSTANCES]
+    return found
+
+
+def _of_stages(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterator[Metric]:
+    who = ["robot", "stage", "instance"]
+    up = GaugeMetricFamily("zloam_up", "1: its status is not older than 5 s.", labels=who)
+    silent = GaugeMetricFamily(
+        "zloam_status_age_seconds", "Since its last status came.", labels=who
+    )
+    health = GaugeMetricFamily(
+        "zloam_health", "1 of the state that it says to be in.", labels=[*who, "state"]
+    )
+    cpu = CounterMetricFamily("zloam_cpu_seconds", "Processor time used.", labels=who)
+    rss = GaugeMetricFamily("zloam_resident_bytes", "Memory of the process.", labels=who)
+    rev = GaugeMetricFamily("zloam_config_revision", "Revision in force.", labels=who)
+    latency = GaugeMetricFamily(
+        "zloam_latency_seconds",
+        "Quantiles of what it takes.",
+        labels=[*who, "name", "quantile"],
+    )
+    figure = GaugeMetricFamily(
+        "zloam_figure", "A stage's own figures, by name.", labels=[*who, "name"]
+    )
+    # Stages of which nothing was heard are as good as down.
+    heard = {status.stage for status, _ in statuses}
+    for stage in STAGES:
+        if stage not in heard:
+            up.add_metric([robot, stage, ""], 0.0)
+    for status, age in statuses:
+        own = [robot, status.stage, status.instance]
+        up.add_metric(own, float(age <= STALE_SECONDS))
+        silent.add_metric(own, age)
+        for state in SERVICE_HEALTH:
+            health.add_metric([*own, state], float(state == status.health))
+        cpu.add_metric(own, status.cpu_ms / 1000.0)
+        rss.add_metric(own, status.rss_mib["end"] * BYTES_PER_MIB)
+        rev.add_metric(own, float(status.config_rev))
+        for name, found in status.latencies.items():
+            for quantile, label in QUANTILES.items():
+                latency.add_metric([*own, name, label], found[quantile] / 1000.0)
+        for name, value in status.figures.items():
+            figure.add_metric([*own, name], value)
+    yield from (up, silent, health, cpu, rss, rev, latency, figure)
+    yield from _of_messages(robot, [status for status, _ in statuses])
+
+
+def _of_messages(robot: str, statuses: list[StatusRecord]) -> Iterator[Metric]:
+    who = ["robot", "stage", "instance"]
+    counters = {
+        name: CounterMetricFamily(f"zloam_{name}", text, labels=[*who, "key"])
+        for name, text in (
+            ("received", "Messages that came."),
+            ("processed", "Messages that were worked on."),
+            ("lost", "Numbers that nobody had any more."),
+            ("recovered", "Messages that were asked for again and came."),
+            ("published", "Messages that went out."),
+        )
+    }
+    dropped = CounterMetricFamily(
+        "zloam_dropped", "Messages that were not worked on.", labels=[*who, "key", "reason"]
+    )
+    queued = GaugeMetricFamily("zloam_queued", "Messages that wait.", labels=[*who, "key"])
+    for status in statuses:
+        own = [robot, status.stage, status.instance]
+        for each in status.inputs:
+            key = [*own, each.key]
+            counters["received"].add_metric(key, each.received)
+            counters["processed"].add_metric(key, each.processed)
+            counters["lost"].add_metric(key, each.lost)
+            counters["recovered"].add_metric(key, each.recovered)
+            queued.add_metric(key, each.queued)
+            for reason, count in each.dropped.items():
+                dropped.add_metric([*key, reason], count)
+        for name, count in status.published.items():
+            counters["published"].add_metric([*own, name], count)
+    yield from counters.values()
+    yield from (dropped, queued)
+
+
+def _of_pose(robot: str, pose: PoseRecord | None, age: float, total: int) -> Iterator[Metric]:
+    poses = CounterMetricFamily("zloam_poses", "Fused poses that came.", labels=["robot"])
+    poses.add_metric([robot], total)
+    yield poses
+    if pose is None:
+        return
+    since = GaugeMetricFamily("zloam_pose_age_seconds", "Since the last pose.", labels=["robot"])
+    since.add_metric([robot], age)
+    health = GaugeMetricFamily(
+        "zloam_pose_health", "1 of what the last pose says of itself.", labels=["robot", "state"]
+    )
+    for number, state in enumerate(HEALTH):
+        health.add_metric([robot, state], float(number == pose.health))
+    degenerate = GaugeMetricFamily(
+        "zloam_pose_degenerate", "1: a direction is not seen.", labels=["robot"]
+    )
+    degenerate.add_metric([robot], float(pose.degenerate))
+    position = GaugeMetricFamily(
+        "zloam_pose_position_metres", "Of base_link in the map.", labels=["robot", "axis"]
+    )
+    for axis, value in zip("xyz", pose.translation, strict=True):
+        position.add_metric([robot, axis], float(value))
+    yield from (since, health, degenerate, position)
+
+
+def serve(link: Link, address: str, port: int, seconds: float | None = None) -> int:
+    """Answers scrapes at /metrics until it is interrupted; port 0: a free one."""
+    seen = Seen(link.keys.robot)
+    registry = CollectorRegistry()
+    registry.register(seen)
+    server, thread = _started(port, address, registry)
+    print(
+        f"metrics of robot {seen.robot}: http://{address}:{server.server_port}/metrics", flush=True
+    )
+    link.query_statuses()
+    began = time.monotonic()
+    try:
+        while seconds is None or time.monotonic() - began < seconds:
+            link.poll(0.2)
+            link.poll()
+            seen.take(link)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+    return 0 if link.statuses else 1
+
+
+def _started(port: int, address: str, registry: CollectorRegistry) -> tuple[Any, threading.Thread]:
+    try:
+        return start_http_server(port, addr=address, registry=registry)
+    except OSError as error:
+        raise PortTaken(f"can't listen on {address}:{port}: {error.strerror or error}") from error

@@ -1,0 +1,180 @@
+"""What `zloam metrics` serves parses, says what the statuses said, and has all that alerts and
+dashboard ask for."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from prometheus_client import CollectorRegistry
+from prometheus_client.openmetrics.exposition import generate_latest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+
+from zloam_monitor.keys import Keys
+from zloam_monitor.metrics import KEPT_POSES, Seen
+from zloam_monitor.records import Input, PoseRecord, StatusRecord
+
+ROOT = Path(__file__).resolve().parents[3]
+OBSERVABILITY = ROOT / "deploy/observability"
+#: of the language, and labels' names
+WORDS = {
+    *("max", "sum", "count", "rate", "by", "on", "unless", "or", "and", "count_over_time"),
+    *("predict_linear", "robot", "stage", "instance", "state", "reason", "name", "quantile"),
+}
+
+
+def status(stage: str, instance: str = "a", **more: Any) -> StatusRecord:
+    given = {
+        "health": "ready", "reason": "", "stamp_ns": 5, "run": 1, "last_sweep": 9,
+        "end_of_run": False, "published": {"pose": 10}, "figures": {"packets_lost": 3.0},
+        "latencies": {"pose": {"p50": 2.0, "p95": 3.0, "p99": 4.0}}, "cpu_ms": 1500.0,
+        "rss_mib": {"start": 1.0, "end": 50.0, "peak": 60.0},
+        "inputs": (Input("sweep", 12, 10, 0, 1, 0, {"queue_full": 1}, 2, 1),),
+    }  # fmt: skip
+    return StatusRecord(stage=stage, instance=instance, **{**given, **more})
+
+
+def pose(sweep: int, health: int = 0) -> PoseRecord:
+    unit = np.array([0.0, 0.0, 0.0, 1.0])
+    return PoseRecord(1, sweep, sweep, np.array([1.0, 2.0, 3.0]), unit, health, 0, False, ())
+
+
+class Heard:
+    """What a link has."""
+
+    def __init__(self, statuses: list[StatusRecord], poses: list[PoseRecord]) -> None:
+        self.keys = Keys("robot")
+        self.statuses = {(s.stage, s.instance): s for s in statuses}
+        self.poses = {p.sweep: p for p in poses}
+        self.odometry: dict[int, PoseRecord] = dict(self.poses)
+        self.mapped: dict[int, PoseRecord] = {}
+        self.run = 1
+        self.silent = 0.5
+
+    def silent_s(self, _status: StatusRecord, _now: float) -> float:
+        return self.silent
+
+
+def samples(heard: Heard, seen: Seen | None = None) -> dict[tuple[str, str], float]:
+    """(name, labels) -> value, by the format's own parser."""
+    seen = seen or Seen("robot")
+    link: Any = heard
+    seen.take(link)
+    registry = CollectorRegistry()
+    registry.register(seen)
+    text = generate_latest(registry).decode()  # type: ignore[no-untyped-call]
+    found = {}
+    for family in text_string_to_metric_families(text):  # type: ignore[no-untyped-call]
+        for sample in family.samples:
+            labels = ",".join(v for k, v in sorted(sample.labels.items()) if k != "robot")
+            found[(sample.name, labels)] = float(sample.value)
+    return found
+
+
+def test_it_says_what_the_statuses_say() -> None:
+    found = samples(Heard([status("mapping")], [pose(4), pose(5)]))
+    assert found[("zloam_up", "a,mapping")] == 1.0
+    # of those that were not heard
+    assert found[("zloam_up", ",odometry")] == 0.0
+    assert found[("zloam_health", "a,mapping,ready")] == 1.0
+    assert found[("zloam_health", "a,mapping,failed")] == 0.0
+    assert found[("zloam_cpu_seconds_total", "a,mapping")] == 1.5
+    assert found[("zloam_resident_bytes", "a,mapping")] == 50 * 1024**2
+    assert found[("zloam_latency_seconds", "a,pose,0.99,mapping")] == 0.004
+    assert found[("zloam_received_total", "a,sweep,mapping")] == 12
+    assert found[("zloam_dropped_total", "a,sweep,queue_full,mapping")] == 1
+    assert found[("zloam_lost_total", "a,sweep,mapping")] == 2
+    assert found[("zloam_published_total", "a,pose,mapping")] == 10
+    assert found[("zloam_figure", "a,packets_lost,mapping")] == 3
+    assert found[("zloam_poses_total", "")] == 2
+    assert found[("zloam_pose_position_metres", "z")] == 3.0
+    assert found[("zloam_pose_health", "ok")] == 1.0
+
+
+def test_silence_is_down() -> None:
+    heard = Heard([status("mapping")], [])
+    heard.silent = 6.0
+    found = samples(heard)
+    assert found[("zloam_up", "a,mapping")] == 0.0
+    assert found[("zloam_status_age_seconds", "a,mapping")] == 6.0
+    assert ("zloam_pose_age_seconds", "") not in found
+
+
+def test_poses_are_counted_once_and_forgotten() -> None:
+    heard, seen = Heard([], [pose(n) for n in range(1000)]), Seen("robot")
+    samples(heard, seen)
+    assert len(heard.poses) == len(heard.odometry) == KEPT_POSES
+    heard.poses[1000] = pose(1000, health=9)
+    found = samples(heard, seen)
+    assert found[("zloam_poses_total", "")] == 1001
+    assert found[("zloam_pose_health", "lost")] == 1.0
+    heard.run, heard.poses = 2, {0: pose(0)}
+    assert samples(heard, seen)[("zloam_poses_total", "")] == 1002
+
+
+def test_a_strangers_instances_are_bounded() -> None:
+    many = [status("mapping", f"i{n}", stamp_ns=n) for n in range(500)]
+    found = samples(Heard(many, []))
+    assert sum(name == "zloam_up" and ",mapping" in labels for name, labels in found) == 16
+
+
+def alerts() -> list[dict[str, Any]]:
+    (group,) = yaml.safe_load((OBSERVABILITY / "alerts.yml").read_text())["groups"]
+    return list(group["rules"])
+
+
+def dashboard() -> list[str]:
+    made = json.loads((OBSERVABILITY / "dashboard.json").read_text())
+    return [target["expr"] for panel in made["panels"] for target in panel["targets"]]
+
+
+def test_alerts_and_dashboard_ask_for_what_is_there() -> None:
+    found = samples(Heard([status("mapping")], [pose(1)]))
+    names = {name for name, _ in found}
+    for expression in [*dashboard(), *(alert["expr"] for alert in alerts())]:
+        plain = re.sub(r'"[^"]*"|\$\w+|\[[^\]]*\]', "", expression)
+        asked = set(re.findall(r"[a-z_]{2,}", plain)) - WORDS
+        assert asked, expression
+        assert asked <= names, expression
+
+
+def test_reasons_of_drops_are_those_that_stages_count() -> None:
+    known = set(re.findall(r'"(\w+)"', (ROOT / "services/common/runtime/account.cpp").read_text()))
+    for alert in alerts():
+        for reasons in re.findall(r'reason=~"([^"]*)"', alert["expr"]):
+            assert set(reasons.split("|")) <= known, alert["alert"]
+
+
+def test_each_alert_has_a_case_in_which_it_fires_and_one_in_which_it_does_not() -> None:
+    cases = yaml.safe_load((OBSERVABILITY / "alerts_test.yml").read_text())["tests"]
+    checks = [check for case in cases for check in case["alert_rule_test"]]
+    for alert in (rule["alert"] for rule in alerts()):
+        own = [check for check in checks if check["alertname"] == alert]
+        assert any("exp_alerts" in check for check in own), alert
+        assert any("exp_alerts" not in check for check in own), alert
+
+
+def test_prometheus_agrees() -> None:
+    promtool = shutil.which("promtool")
+    if promtool is None:
+        pytest.skip("no promtool (Debian package prometheus)")
+    for words in (("check", "rules", "alerts.yml"), ("test", "rules", "alerts_test.yml")):
+        done = subprocess.run(
+            [promtool, *words], cwd=OBSERVABILITY, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_time_since_the_last_pose_grows() -> None:
+    heard, seen = Heard([], [pose(1)]), Seen("robot")
+    first = samples(heard, seen)[("zloam_pose_age_seconds", "")]
+    time.sleep(0.05)
+    assert samples(heard, seen)[("zloam_pose_age_seconds", "")] >= first + 0.04
