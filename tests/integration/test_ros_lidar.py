@@ -21,6 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from tests.integration.conftest import ROOT, Capture, WithoutDriver
 from tests.recordings import variants
 from tests.recordings.variants import CLOUD, Layout, Scan
+from zloam_monitor import messages
 from zloam_monitor.processes import endpoints, free_port
 from zloam_monitor.recordings.sweeps import JUDGED
 from zloam_monitor.records import HEALTH
@@ -155,6 +156,42 @@ def test_a_topic_is_the_robots_lidar(
     turned = first[:, :3, 3] - first[0, :3, 3]
     error = np.linalg.norm(turned - (seen - seen[0]), axis=1)
     assert np.sqrt(np.mean(error**2)) < RMSE_M
+
+
+def test_a_sweep_that_was_missed_can_be_asked_for(scans: list[Scan], tmp_path: Path) -> None:
+    """By a reader that comes late, as a stage asks."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    robot_port = free_port()
+    config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{robot_port}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    heard: list[bytes] = []
+    ros = Ros(port := free_port())
+    said = tmp_path / "said.txt"
+    with (
+        zenoh.open(config) as robot,
+        robot.declare_subscriber("loam/robot/lidar/lidar/sweep") as sweeps,
+        ros_lidar(port, f"tcp/127.0.0.1:{robot_port}", said),
+    ):
+        ros.until_read()
+        for number, scan in enumerate(scans[:30]):
+            ros.send(scan, LAYOUTS["t in ns"], number)
+            time.sleep(0.1)
+            heard += [s.payload.to_bytes() for s in iter(sweeps.try_recv, None)]
+        assert len(heard) > 5
+        header = messages.decode("Sweep", heard[2]).Header()
+        run, number = header.Run(), header.Sweep()
+        selector = "loam/robot/lidar/lidar/sweep?"
+
+        def asked(question: str) -> list[bytes]:
+            replies = robot.get(selector + question, consolidation=zenoh.ConsolidationMode.NONE)
+            return [reply.ok.payload.to_bytes() for reply in replies]
+
+        assert asked(f"run={run};sweep={number}..{number}") == [heard[2]]
+        assert asked(f"run={run};sweep={number}..{number + 2}") == heard[2:5]
+        for other in (f"run={run + 1};sweep={number}..{number}", f"run={run};sweep=900..901", ""):
+            assert asked(other) == []
+    ros.session.close()
 
 
 def test_what_can_not_be_told_is_refused(scans: list[Scan], tmp_path: Path) -> None:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import re
 import time
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +29,8 @@ QOS = "2::,5:,:,:,,"
 TOKENS = "@ros2_lv"
 #: clouds that wait; one more, and the oldest is dropped
 NEWEST = 4
+#: sweeps that can be asked for again: two seconds of them
+KEPT = 20
 SILENCE_S = 5.0
 SAY_EVERY_S = 10.0
 LOOK_S = 0.2
@@ -147,13 +151,41 @@ def message(keys: Keys, run: int, number: int, sweep: Sweep) -> bytes:
     return bytes(b.Output())
 
 
+class Kept:
+    """The last sweeps, for stages that ask for one by its number (docs/protocol.md, section 3): the
+    first message over a link that has just come up may not arrive."""
+
+    def __init__(self, session: Any, key: str, encoding: str) -> None:
+        self._key, self._encoding = key, encoding
+        self._messages: deque[tuple[int, int, bytes]] = deque(maxlen=KEPT)
+        self._queryable = session.declare_queryable(key, self._answer, complete=True)
+
+    def add(self, run: int, number: int, payload: bytes) -> None:
+        self._messages.append((run, number, payload))
+
+    def _answer(self, query: Any) -> None:
+        asked = asked_for(str(query.parameters))
+        if asked is None:
+            return
+        run, first, last = asked
+        for of_run, number, payload in tuple(self._messages):
+            if of_run == run and first <= number <= last:
+                query.reply(self._key, payload, encoding=self._encoding)
+
+
+def asked_for(parameters: str) -> tuple[int, int, int] | None:
+    """Run and numbers of `run=R;sweep=A..B`, both ends included; None: another question."""
+    match = re.fullmatch(r"run=(\d+);sweep=(\d+)\.\.(\d+)", parameters)
+    return (int(match[1]), int(match[2]), int(match[3])) if match else None
+
+
 def run(options: Options) -> int:
     """Until it is ended; raises Refused when what comes can't be understood."""
     with open_session(options.ros) as ros, open_session(options.connect) as robot:
         topic = Topic(ros, options)
         encoding = messages.encoding("Sweep")
         publisher = robot.declare_publisher(options.keys.sweep, encoding=encoding)
-        lidar = Lidar(options, topic, publisher)
+        lidar = Lidar(options, topic, publisher, Kept(robot, options.keys.sweep, encoding))
         try:
             lidar.publish()
         finally:
@@ -164,8 +196,9 @@ def run(options: Options) -> int:
 class Lidar:
     """What comes of a topic's clouds."""
 
-    def __init__(self, options: Options, topic: Topic, publisher: Any) -> None:
+    def __init__(self, options: Options, topic: Topic, publisher: Any, kept: Kept) -> None:
         self._options, self._topic, self._publisher = options, topic, publisher
+        self._kept = kept
         self._run, self._count, self._untaken = time.time_ns(), 0, 0
 
     def publish(self) -> None:
@@ -188,7 +221,9 @@ class Lidar:
             last_ns = sweep.stamp_ns
             if self._count or self._publisher.matching_status.matching:
                 keys, number = self._options.keys, self._count
-                self._publisher.put(message(keys, self._run, number, sweep))
+                made = message(keys, self._run, number, sweep)
+                self._kept.add(self._run, number, made)
+                self._publisher.put(made)
                 self._count += 1
             else:
                 self._untaken += 1
