@@ -21,7 +21,8 @@ _INLINE = re.compile(r"`([^`]+)`")
 _COMMENT = re.compile(r"(^|\s)#.*$")
 #: what a command within a sentence begins with; a script of the repository does too
 _PROGRAM = re.compile(
-    r"(make|docker|kubectl|pip|apt|pytest|ip|tcpdump|nft|sysctl|ulimit|(bin/)?zloam|zloam-\w+) "
+    r"(make|docker|kubectl|pip|apt|pytest|promtool|ip|tcpdump|nft|sysctl|ulimit|"
+    r"(bin/)?zloam|zloam-\w+) "
 )
 _ASSIGNMENT = re.compile(r"[A-Z_]+=")
 
@@ -104,7 +105,10 @@ COMMANDS: dict[str, Kind] = {
         "services/monitor/tests/test_support.py"
     ),
     "bin/zloam compare out/demo out/other": Form("services/monitor/tests/test_support.py"),
+    "zloam metrics": Form("services/monitor/tests/test_metrics.py"),
     "zloam metrics --connect ROBOT": Form("services/monitor/tests/test_metrics.py"),
+    "bin/zloam doctor": Form("tests/integration/test_readme.py"),
+    "bin/zloam doctor drive.pcap": Runs(r"all well", needs=("drive.pcap",)),
     "promtool test rules deploy/observability/alerts_test.yml": Excluded(
         "services/monitor/tests/test_metrics.py runs it where promtool is"
     ),

@@ -1,4 +1,4 @@
-"""robots, status, watch, get, set, save, reset, place, metrics: of robots that run."""
+"""robots, status, watch, get, set, save, reset, place, doctor, metrics: of robots that run."""
 
 from __future__ import annotations
 
@@ -144,6 +144,39 @@ def metrics(
         return exporter.serve(link, address, port, seconds)
 
 
+@command
+def doctor(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="A capture (pcap, pcapng) or payload file (.bin)."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="To listen to a robot.")] = 5.0,
+    model: Annotated[str | None, typer.Option(help="Of a file: driver.model")] = None,
+    metadata: Annotated[Path | None, typer.Option(help="Of a file: driver.metadata")] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Say what is wrong with a robot that runs, or with a capture, and what to do.
+
+    Ends with 0 where all is well, with 1 where a fault was found.
+    """
+    from zloam_monitor import discovery
+    from zloam_monitor import doctor as judge
+
+    if file is not None:
+        found = judge.of_file(common.kept(preset_dir), file, model, metadata)
+        well = f"{file}: all well"
+    else:
+        with discovery.linked(robot, common.endpoints(connect)) as link:
+            heard = judge.listen(link, seconds)
+        found = judge.findings(heard)
+        well = f"all well: {len(heard.living)} stages, {len(heard.poses)} poses in {seconds:.0f} s"
+    faults = any(finding.is_fault for finding in found)
+    print("\n".join([*([] if faults else [well]), *map(str, found)]))
+    return 1 if faults else 0
+
+
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     listed = (
@@ -155,6 +188,7 @@ def add(app: typer.Typer) -> None:
         (save, "save", ("zloam save", "zloam save maps/today")),
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
         (place, "place", ("zloam place --x 12 --y -3.5 --yaw 90",)),
+        (doctor, "doctor", ("zloam doctor", "zloam doctor drive.pcap")),
         (metrics, "metrics", ("zloam metrics", "zloam metrics --connect 192.168.1.5")),
     )
     for run, name, shown in listed:

@@ -1,0 +1,371 @@
+"""What is wrong with a robot or a recording, and what to do: from what any subscriber hears in some
+seconds, or from what the decoder says of a file."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor.chain import binary
+from zloam_monitor.link import Link
+from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.sources import SourceError
+from zloam_monitor.stages import ROWS, STAGES
+from zloam_monitor.watch import STALE_SECONDS
+
+#: revolutions a second that a spinning lidar makes
+SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
+#: of what came, at most so much may be missing before it is said
+FEW = 0.001
+#: packets of another model than they say seem to miss about every other one
+MISNAMED = 0.4
+#: values that all stages of a robot share
+SHARED = ("robot", "sensor.", "mounting.")
+#: of the time from sweep to sweep: a stage that takes longer falls behind
+SLOW = 1.0
+#: what stages count, and what it means for a user
+DROPS = {
+    "queue_full": "the machine is too slow for this rate: fewer points (registration.*), or "
+    "another machine for a stage",
+    "late": "messages come after others were given up: the link, or the machine, is overloaded",
+    "wrong_run": "somebody else publishes sweeps under this robot's name: a second driver, or a "
+    "second robot of one name",
+    "invalid": "messages with values that can't be are refused: another version, or a stranger",
+    "garbage": "what can't be read comes under this robot's keys: another version, or a stranger",
+    "fenced": "an instance that was replaced still publishes",
+}
+#: the driver's counts: words of a finding, and advice
+PACKETS = {
+    "packets_unknown_model": (
+        "packets name a model that is not known",
+        "set driver.model to the one on the label",
+    ),
+    "packets_model_mismatch": (
+        "packets of another sensor come on the same port",
+        "give each sensor a port or an address of its own (driver.port, driver.sensor_address)",
+    ),
+    "packets_unknown_mode": ("packets name an unknown return mode", "set driver.returns"),
+    "packets_bad_time": (
+        "packets have no time that can be",
+        "see the sensor's own page: its clock is not set, or the packets are damaged",
+    ),
+    "packets_short": ("packets are cut off", "record with a longer snap length (tcpdump -s 0)"),
+    "frames_cut": ("frames are cut off", "record with a longer snap length (tcpdump -s 0)"),
+    "datagrams_not_whole": (
+        "packets miss some of their IP fragments",
+        "let fragments through the firewall, or record on the sensor's own network card",
+    ),
+    "packets_duplicate": (
+        "packets come twice",
+        "record on one network card; live, look for a second path to the sensor",
+    ),
+    "kernel_drops": (
+        "the kernel dropped packets",
+        "raise net.core.rmem_max and driver.receive_buffer_bytes",
+    ),
+    "clock_steps": ("the sensor's clock was set", "see its receiver, or its time server"),
+    "host_clock_steps": (
+        "the host's clock was set, or packets were held up for seconds",
+        "no stamp moved; keep the host's clock by chrony, and look for a slow link",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A sentence, and what to do."""
+
+    what: str
+    do: str
+    #: false: it works all the same, and could be better
+    is_fault: bool = True
+
+    def __str__(self) -> str:
+        return f"- {self.what}\n  {self.do}"
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Statuses at the begin and at the end of some seconds, and the poses between."""
+
+    robot: str
+    seconds: float
+    before: dict[tuple[str, str], StatusRecord]
+    after: dict[tuple[str, str], StatusRecord]
+    #: (stage, instance) -> since the last status
+    silent_s: dict[tuple[str, str], float]
+    #: whose token is there
+    living: set[tuple[str, str]]
+    poses: list[PoseRecord]
+    configs: dict[str, dict[str, Any]]
+    garbage: int = 0
+
+    def alive(self) -> list[StatusRecord]:
+        return [s for who, s in self.after.items() if who in self.living]
+
+    def more(self, who: tuple[str, str], name: str) -> float:
+        """By how much a figure grew."""
+        before = self.before.get(who)
+        return self.after[who].figures.get(name, 0.0) - (
+            before.figures.get(name, 0.0) if before else 0.0
+        )
+
+
+def listen(link: Link, seconds: float) -> Heard:
+    """Some seconds of a robot."""
+    link.query_statuses()
+    link.poll()
+    before, begun = dict(link.statuses), time.monotonic()
+    first = max(link.poses, default=-1)
+    while (left := begun + seconds - time.monotonic()) > 0:
+        link.poll(min(left, 0.2))
+    link.query_statuses()
+    link.poll()
+    now = time.monotonic()
+    tokens = link.session.liveliness().get(link.keys.every_alive, timeout=2.0)
+    parts = [str(reply.ok.key_expr).split("/") for reply in tokens if reply.ok is not None]
+    return Heard(
+        link.keys.robot,
+        seconds,
+        before,
+        dict(link.statuses),
+        {who: link.silent_s(status, now) for who, status in link.statuses.items()},
+        {(part[-3], part[-2]) for part in parts},
+        [pose for sweep, pose in sorted(link.poses.items()) if sweep > first],
+        link.query_configs(),
+        link.garbage,
+    )
+
+
+def findings(heard: Heard) -> list[Finding]:
+    """Most urgent first."""
+    rules = (_stages, _instances, _health, _sensor, _drops, _poses, _pace, _settings)
+    return [finding for rule in rules for finding in rule(heard)]
+
+
+def _stages(heard: Heard) -> Iterator[Finding]:
+    there = {stage for stage, _ in heard.living}
+    for stage in STAGES:
+        if stage not in there:
+            yield Finding(
+                f"{stage} is not there",
+                f"start it (make run and docker compose start all); its last words are in its log, "
+                f"logs/{stage}.log or docker compose logs {stage}",
+            )
+    for stage, instance in sorted(heard.living):
+        silent = heard.silent_s.get((stage, instance))
+        if silent is None or silent > STALE_SECONDS:
+            since = "it was asked" if silent is None else f"{silent:.0f} s"
+            yield Finding(
+                f"{stage} ({instance}) has said nothing since {since}",
+                "it hangs, or the link to it does: see its log, and whether its machine answers",
+            )
+    if heard.garbage:
+        yield Finding(
+            f"{heard.garbage} messages could not be read here",
+            "this program and the stages are of different versions",
+        )
+
+
+def _instances(heard: Heard) -> Iterator[Finding]:
+    by_stage: dict[str, list[str]] = {}
+    for stage, instance in sorted(heard.living):
+        by_stage.setdefault(stage, []).append(instance)
+    for stage, instances in by_stage.items():
+        if len(instances) > 1 and not (stage in ROWS and ROWS[stage].replicas):
+            yield Finding(
+                f"{len(instances)} instances of {stage} are at work: {', '.join(instances)}",
+                "stop one of them; if they are of two robots, give each a name of its own (robot)",
+            )
+    versions = {s.stage: s.version for s in heard.alive() if s.version}
+    if len(set(versions.values())) > 1:
+        said = ", ".join(f"{stage} {version}" for stage, version in sorted(versions.items()))
+        yield Finding(
+            f"the stages are of different versions: {said}", "bring all up to one version"
+        )
+
+
+def _health(heard: Heard) -> Iterator[Finding]:
+    for status in heard.alive():
+        if status.health in ("degraded", "failed"):
+            yield Finding(
+                f"{status.stage} is {status.health}: {status.reason or 'without a reason'}",
+                "see what it says; zloam watch shows whether it goes on",
+            )
+
+
+def _sensor(heard: Heard) -> Iterator[Finding]:
+    for who, status in heard.after.items():
+        if status.stage != "driver" or who not in heard.living or status.end_of_run:
+            continue
+        received, lost = heard.more(who, "packets_received"), heard.more(who, "packets_lost")
+        if "packets_received" in status.figures and received <= 0:
+            yield Finding(
+                f"no packets came to the driver within {heard.seconds:.0f} s",
+                "see deploy/README.md, Network of the sensor: address, port, firewall, cable",
+            )
+        elif lost > FEW * (received + lost):
+            yield Finding(
+                f"{lost:.0f} of {received + lost:.0f} packets were lost on the way",
+                "give the sensor a network card of its own, and raise net.core.rmem_max",
+            )
+        for name, (what, do) in PACKETS.items():
+            if (count := heard.more(who, name)) > 0:
+                yield Finding(f"{what} ({count:.0f} within {heard.seconds:.0f} s)", do)
+
+
+def _drops(heard: Heard) -> Iterator[Finding]:
+    for who, status in heard.after.items():
+        if who not in heard.living:
+            continue
+        before = heard.before.get(who)
+        for each in status.inputs:
+            old = before.input(each.key) if before else None
+            for reason, do in DROPS.items():
+                count = each.dropped.get(reason, 0) - (old.dropped.get(reason, 0) if old else 0)
+                if count > 0:
+                    key = each.key.rsplit("/", 1)[-1]
+                    yield Finding(f"{status.stage} dropped {count} of {key} as {reason}", do)
+            lost = each.lost - (old.lost if old else 0)
+            if lost > 0:
+                yield Finding(
+                    f"{status.stage} misses {lost} of {each.key.rsplit('/', 1)[-1]} that nobody "
+                    "has any more",
+                    "a link was down or overloaded: see the network between the stages' machines",
+                )
+
+
+def _poses(heard: Heard) -> Iterator[Finding]:
+    if any(s.end_of_run for s in heard.alive()):
+        return
+    if not heard.poses:
+        yield Finding(
+            f"no pose came within {heard.seconds:.0f} s",
+            "what is said above comes first; else zloam status shows how far sweeps get",
+        )
+        return
+    for state, do in (
+        ("lost", "drive back to where it was, or zloam place --x X --y Y --yaw DEG"),
+        ("bridging", "it looks for its place in the map: wait, or zloam place"),
+        ("predicted", "nothing near that it could be measured by: an IMU helps"),
+        (
+            "too few points",
+            "see driver.min_range_m, max_range_m, masks, and what covers the sensor",
+        ),
+    ):
+        count = sum(HEALTH[pose.health] == state for pose in heard.poses)
+        if count:
+            yield Finding(f"{count} of {len(heard.poses)} poses are {state}", do)
+    weak = sum(pose.degenerate for pose in heard.poses)
+    if weak > 0.1 * len(heard.poses):
+        yield Finding(
+            f"{weak} of {len(heard.poses)} poses have a direction that nothing fixes",
+            "a corridor, a tunnel or a field: an IMU helps; the covariance tells how far it drifts",
+        )
+
+
+def _pace(heard: Heard) -> Iterator[Finding]:
+    instants = sorted(pose.instant_ns for pose in heard.poses)
+    if len(instants) < 3:
+        return
+    steps = sorted(b - a for a, b in pairwise(instants))
+    period_s = 1e-9 * steps[len(steps) // 2]
+    if period_s > 0 and not SLOWEST_HZ <= 1.0 / period_s <= FASTEST_HZ:
+        yield Finding(
+            f"the sensor turns {1.0 / period_s:.1f} times a second",
+            "5 to 20 are expected: set its rotation rate on its own page",
+        )
+    for status in heard.alive():
+        work = status.latencies.get("work") or status.latencies.get("end_to_end") or {}
+        # Of half of the sweeps: a single one may wait for anything.
+        if period_s > 0 and work.get("p50", 0.0) > 1000.0 * SLOW * period_s:
+            yield Finding(
+                f"{status.stage} takes {work['p50']:.0f} ms for most sweeps, which come every "
+                f"{1000 * period_s:.0f} ms",
+                "it is the slow one: give it a processor of its own, or fewer points",
+            )
+
+
+def _settings(heard: Heard) -> Iterator[Finding]:
+    said: dict[str, dict[str, list[str]]] = {}
+    for stage, values in heard.configs.items():
+        for key, value in values.items():
+            if key.startswith(SHARED):
+                said.setdefault(key, {}).setdefault(json.dumps(value), []).append(stage)
+    for key, values in sorted(said.items()):
+        if len(values) > 1:
+            each = "; ".join(f"{value} in {', '.join(stages)}" for value, stages in values.items())
+            yield Finding(
+                f"{key} differs between stages: {each}", "start all with one robot's file"
+            )
+    for status in heard.alive():
+        wanted = heard.configs.get(status.stage, {}).get("zenoh.shared_memory")
+        if wanted and not status.memory.get("messages_shm") and status.memory.get("messages_net"):
+            yield Finding(
+                f"{status.stage} sends nothing through shared memory, though "
+                "zenoh.shared_memory is on",
+                "messages go over sockets: its readers are on other machines, or it may not lock "
+                "memory (ulimit -l)",
+                is_fault=False,
+            )
+
+
+def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -> list[Finding]:
+    """Of a capture, by what the decoder counts; raises SourceError when it can't be read."""
+    command = [
+        str(binary(build, "decode")),
+        "--bin" if file.suffix == ".bin" else "--pcap",
+        str(file),
+    ]
+    command += ["--model", model] if model else []
+    command += ["--metadata", str(metadata)] if metadata else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = [line.removeprefix("zloam-decode: ") for line in done.stderr.splitlines()]
+    if done.returncode != 0:
+        raise SourceError("; ".join(said) or f"{file}: cannot be read")
+    return of_counts(json.loads(done.stdout), said)
+
+
+def of_counts(counts: dict[str, float], remarks: list[str]) -> list[Finding]:
+    """Of the decoder's summary."""
+    found = [Finding(remark, "see services/driver/README.md") for remark in remarks]
+    received, lost = counts.get("packets_received", 0), counts.get("packets_lost", 0)
+    if not received:
+        return [
+            *found,
+            Finding(
+                "no packet of a lidar is in it",
+                "was it recorded on the sensor's network, by the sensor's port (driver.port)?",
+            ),
+        ]
+    if not counts.get("points"):
+        found.append(Finding("no packet of it could be decoded", "what is said beside says why"))
+    if lost > MISNAMED * (received + lost):
+        found.append(
+            Finding(
+                f"{lost:.0f} packets seem to be missing beside {received:.0f}: they come at "
+                "another pace than the model has that they name",
+                "set driver.model to the model on the sensor's label",
+            )
+        )
+    elif lost > FEW * (received + lost):
+        found.append(
+            Finding(
+                f"{lost:.0f} of {received + lost:.0f} packets are missing",
+                "record on a machine that keeps up (tcpdump -B 8192), on the sensor's own card",
+            )
+        )
+    if counts.get("points") and counts.get("sweeps", 0) > 4 and not counts.get("complete"):
+        found.append(
+            Finding("no revolution in it is complete", "the model or the sensor's view is another")
+        )
+    for name, (what, do) in PACKETS.items():
+        if counts.get(name):
+            found.append(Finding(f"{what} ({counts[name]:.0f})", do))
+    return found

@@ -1,0 +1,190 @@
+"""The doctor names what is wrong, and says nothing where all is well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zloam_monitor import cli, doctor
+from zloam_monitor.doctor import Heard, findings, of_counts
+from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord
+from zloam_monitor.stages import STAGES
+
+
+def status(stage: str, later: bool = False, **more: Any) -> StatusRecord:
+    """Of a healthy stage; later: some seconds after."""
+    count = 150 if later else 100
+    given = {
+        "health": "ready", "reason": "", "stamp_ns": 10 if later else 5, "run": 1,
+        "last_sweep": count, "end_of_run": False, "published": {},
+        "figures": {"packets_received": 754.0 * count, "packets_lost": 3.0, "clock_steps": 1.0},
+        "latencies": {"work": {"p50": 5.0, "p95": 8.0, "p99": 9.0}}, "cpu_ms": 1.0,
+        "rss_mib": {"start": 1.0, "end": 1.0, "peak": 1.0}, "version": "0.1.0",
+        "memory": {"messages_shm": 0, "messages_net": count},
+        "inputs": (Input("loam/r/sweep", count, count, 0, 0, 0, {"queue_full": 4}, 2, 1),),
+    }  # fmt: skip
+    return StatusRecord(stage=stage, instance=f"{stage}-1", **{**given, **more})
+
+
+def pose(number: int, health: str = "ok", **more: Any) -> PoseRecord:
+    unit = np.array([0.0, 0.0, 0.0, 1.0])
+    at = number * 100_000_000
+    return PoseRecord(1, number, at, np.zeros(3), unit, HEALTH.index(health), 0, False, (), **more)
+
+
+def well() -> Heard:
+    before = {(s, f"{s}-1"): status(s) for s in STAGES}
+    after = {(s, f"{s}-1"): status(s, later=True) for s in STAGES}
+    configs = {s: {"robot": "r", "mounting.xyz_m": [0.0, 0.0, 1.0]} for s in STAGES}
+    return Heard(
+        "r", 5.0, before, after, dict.fromkeys(after, 0.5), set(after),
+        [pose(n) for n in range(50)], configs,
+    )  # fmt: skip
+
+
+def changed(heard: Heard, stage: str, **more: Any) -> Heard:
+    who = (stage, f"{stage}-1")
+    return replace(heard, after={**heard.after, who: status(stage, later=True, **more)})
+
+
+def test_a_healthy_robot_has_nothing() -> None:
+    assert findings(well()) == []
+
+
+def figures(**more: float) -> dict[str, float]:
+    return {**status("driver", later=True).figures, **more}
+
+
+def dropped(reason: str) -> tuple[Input, ...]:
+    (given,) = status("mapping", later=True).inputs
+    return (replace(given, dropped={**given.dropped, reason: 30}),)
+
+
+WRONG: dict[str, tuple[Heard, str]] = {
+    "a stage is missing": (
+        replace(well(), living=well().living - {("odometry", "odometry-1")}),
+        "odometry is not there",
+    ),
+    "a stage hangs": (
+        replace(well(), silent_s={**well().silent_s, ("mapping", "mapping-1"): 30.0}),
+        "mapping (mapping-1) has said nothing since 30 s",
+    ),
+    "two drivers": (
+        replace(
+            well(),
+            living=well().living | {("driver", "driver-2")},
+            silent_s={**well().silent_s, ("driver", "driver-2"): 0.5},
+        ),
+        "2 instances of driver are at work: driver-1, driver-2",
+    ),
+    "degraded": (
+        changed(well(), "mapping", health="degraded", reason="map not written: disk full"),
+        "mapping is degraded: map not written: disk full",
+    ),
+    "no packets": (
+        changed(well(), "driver", figures=figures(packets_received=75_400.0)),
+        "no packets came to the driver within 5 s",
+    ),
+    "packets lost": (
+        changed(well(), "driver", figures=figures(packets_lost=503.0)),
+        "500 of 38200 packets were lost",
+    ),
+    "kernel drops": (
+        changed(well(), "driver", figures=figures(kernel_drops=7.0)),
+        "the kernel dropped packets (7 within 5 s)",
+    ),
+    "sensor's clock set": (
+        changed(well(), "driver", figures=figures(clock_steps=2.0)),
+        "the sensor's clock was set",
+    ),
+    "too slow": (
+        changed(well(), "mapping", inputs=dropped("queue_full")),
+        "mapping dropped 26 of sweep as queue_full",
+    ),
+    "a second robot of one name": (
+        changed(well(), "mapping", inputs=dropped("wrong_run")),
+        "mapping dropped 30 of sweep as wrong_run",
+    ),
+    "which is slow": (
+        changed(well(), "mapping", latencies={"work": {"p50": 110.0, "p95": 120.0, "p99": 130.0}}),
+        "mapping takes 110 ms for most sweeps, which come every 100 ms",
+    ),
+    "rotation rate": (
+        replace(well(), poses=[pose(3 * n) for n in range(20)]),
+        "the sensor turns 3.3 times a second",
+    ),
+    "no pose": (replace(well(), poses=[]), "no pose came within 5 s"),
+    "lost": (
+        replace(well(), poses=[pose(n, "lost") for n in range(50)]), "50 of 50 poses are lost"
+    ),
+    "degenerate": (
+        replace(well(), poses=[pose(n, degenerate=True) for n in range(50)]),
+        "50 of 50 poses have a direction that nothing fixes",
+    ),
+    "configurations differ": (
+        replace(well(), configs={**well().configs, "mapping": {"mounting.xyz_m": [0.0, 0.0, 0.0]}}),
+        "mounting.xyz_m differs between stages",
+    ),
+    "versions differ": (
+        changed(well(), "mapping", version="0.2.0"),
+        "the stages are of different versions: driver 0.1.0",
+    ),
+    "no shared memory": (
+        replace(
+            well(), configs={**well().configs, "odometry": {"zenoh.shared_memory": True}}
+        ),
+        "odometry sends nothing through shared memory",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_each_fault_is_named_alone(name: str) -> None:
+    heard, words = WRONG[name]
+    found = findings(heard)
+    assert any(words in finding.what for finding in found), found
+    assert all(finding.do for finding in found)
+    assert len(found) == 1, found
+
+
+def test_the_end_of_a_replay_is_no_fault() -> None:
+    heard = replace(well(), poses=[])
+    for stage in STAGES:
+        same = status(stage).figures
+        heard = changed(heard, stage, end_of_run=True, figures=same)
+    assert findings(heard) == []
+
+
+GOOD = {"points": 1e6, "sweeps": 50, "complete": 48, "packets_received": 3800, "packets_lost": 0}
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ({**GOOD, "packets_received": 0}, "no packet of a lidar"),
+        ({**GOOD, "packets_lost": 3700, "complete": 0}, "another pace than the model"),
+        ({**GOOD, "packets_lost": 100}, "100 of 3900 packets are missing"),
+        ({**GOOD, "frames_cut": 9}, "frames are cut off (9)"),
+        ({**GOOD, "points": 0}, "no packet of it could be decoded"),
+        ({**GOOD, "packets_unknown_model": 12}, "a model that is not known (12)"),
+    ],
+)
+def test_a_captures_faults(counts: dict[str, float], words: str) -> None:
+    assert of_counts(GOOD, []) == []
+    assert any(words in finding.what for finding in of_counts(counts, []))
+
+
+def test_what_is_no_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["doctor", str(tmp_path / "none.pcap")]) == 1
+    assert "none.pcap" in capsys.readouterr().err
+
+
+def test_words_for_every_reason_that_stages_count() -> None:
+    source = Path(__file__).resolve().parents[3] / "services/common/runtime/account.cpp"
+    text = source.read_text().split("queue_full")[0].split("{")[-1] + source.read_text()
+    for reason in doctor.DROPS:
+        assert f'"{reason}"' in text
