@@ -55,11 +55,12 @@ std::string line_error(int number, const std::string& what) {
 std::vector<Beam> designed_beams(int lasers) {
   const double step_deg = 32.0 / lasers;
   std::vector<Beam> beams;
+  beams.reserve(static_cast<std::size_t>(lasers));
   for (int i = 0; i < lasers; ++i) beams.push_back({15.0 - step_deg * i, 0.0});
   return beams;
 }
 
-std::int64_t laser_step_ns(int lasers) { return 1'512 * (kMostLasers / lasers); }
+std::int64_t laser_step_ns(int lasers) { return std::int64_t{1'512} * (kMostLasers / lasers); }
 
 std::vector<std::uint16_t> rings_of(const std::vector<Beam>& beams) {
   std::vector<std::uint16_t> rings;

@@ -90,6 +90,7 @@ class Hesai final : public Maker {
 
 std::vector<std::string> models() {
   std::vector<std::string> labels;
+  labels.reserve(kLaserCounts.size());
   for (const int lasers : kLaserCounts) labels.push_back(label_of(lasers));
   return labels;
 }

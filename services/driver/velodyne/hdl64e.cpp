@@ -22,6 +22,11 @@ const std::uint8_t* block_of(const std::uint8_t* payload, int index) {
   return payload + kBlockBytes * static_cast<std::size_t>(index);
 }
 
+std::size_t laser_of(int bank, int channel) {
+  const int laser = kCellsPerBlock * bank + channel;
+  return static_cast<std::size_t>(laser);
+}
+
 int azimuth_of(const std::uint8_t* block) { return read_u16(block + 2); }
 
 /// Of a group: upper and lower block, with two returns twice.
@@ -178,7 +183,7 @@ Hdl64eDecoder::Cell Hdl64eDecoder::cell_of(const std::uint8_t* block, int channe
   Cell cell{};
   const int bank = bank_of(block);
   if ((bank != 0 && bank != 1) || azimuth_of(block) > kTurnCdeg) return cell;
-  const Laser& laser = lasers_[static_cast<std::size_t>(kCellsPerBlock * bank + channel)];
+  const Laser& laser = lasers_[laser_of(bank, channel)];
   const std::uint8_t* const at = block + 4 + std::ptrdiff_t{3} * channel;
   const LaserCalibration& own = laser.calibration;
   cell.raw = read_u16(at);
