@@ -148,7 +148,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
   if (new_frame || break_expected || told) {
-    // What is said holds now, however long nothing was seen.
+    // The pose that was given is of this moment, however long nothing was seen.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
     bridging = tiles.point_count() >= config.founding_points;

@@ -46,6 +46,16 @@ def build() -> Path:
 
 
 @pytest.fixture(scope="session")
+def decode() -> Path:
+    """The decoding tool, which needs no stage."""
+    folder = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
+    tool = folder / "bin" / "zloam-decode"
+    if not tool.is_file():
+        pytest.skip(f"not built: {tool}")
+    return tool
+
+
+@pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of real recordings, which is no part of the repository."""
     folder = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared")).resolve()

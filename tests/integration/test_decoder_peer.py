@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import tarfile
 from pathlib import Path
@@ -18,16 +17,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKET_BYTES = 1206
 #: the other decoder's return types: 1 strongest, 2 last, 3 both
 RETURN_TYPES = {1: 0, 2: 1, 3: 2}
-
-
-@pytest.fixture(scope="module")
-def decode() -> Path:
-    """The decoding tool."""
-    build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
-    tool = build / "bin" / "zloam-decode"
-    if not tool.is_file():
-        pytest.skip(f"not built: {tool}")
-    return tool
 
 
 def decoded(tool: Path, tmp_path: Path, *arguments: object) -> tuple[np.ndarray, dict[str, float]]:

@@ -4,7 +4,6 @@ five sensors and profiles."""
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 from pathlib import Path
 
@@ -34,15 +33,6 @@ PROFILES = (
 TOLERANCE_M = 1e-4
 #: where the frames begin
 SEAM_DEG = 180
-
-
-@pytest.fixture(scope="module")
-def decode() -> Path:
-    build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
-    tool = build / "bin" / "zloam-decode"
-    if not tool.is_file():
-        pytest.skip(f"not built: {tool}")
-    return tool
 
 
 def decoded(tool: Path, tmp_path: Path, *arguments: object) -> tuple[np.ndarray, dict[str, float]]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import dpkt
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from tests.integration.live_run import (
@@ -356,6 +357,19 @@ def test_an_odometry_that_stood_still_goes_on_in_its_map(
     assert_books(statuses, STAGES)
 
 
+def bridged(build: Path, drive: Capture, out: Path) -> tuple[Trajectory, NDArray[np.int64]]:
+    """The poses of a replay in which the map was found again soon, and their times."""
+    done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", out)
+    assert done.code == 0, done.said
+    counts = json.loads((out / "report.json").read_text())["health"]["counts"]
+    assert 0 < counts["bridging"] <= BRIDGED_SWEEPS
+    assert "lost" not in counts
+    whole = read(out / "trajectory.tum")
+    assert whole.stamps_ns is not None
+    found = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
+    return found, whole.stamps_ns
+
+
 @pytest.mark.parametrize("silence_s", SILENCES_RMSE_M)
 def test_after_a_silence_of_the_sensor_the_map_is_found_again(
     build: Path, tmp_path: Path, silence_s: float
@@ -365,19 +379,11 @@ def test_after_a_silence_of_the_sensor_the_map_is_found_again(
     duration = str(SILENCE_AT_S + silence_s + AFTER_SILENCE_S)
     options = ["--gap-start", str(SILENCE_AT_S), "--gap", str(silence_s), "--duration", duration]
     drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", *options)
-    out = tmp_path / "out"
-    done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", out)
-    assert done.code == 0, done.said
-    counts = json.loads((out / "report.json").read_text())["health"]["counts"]
-    assert 0 < counts["bridging"] <= BRIDGED_SWEEPS
-    assert "lost" not in counts
-    whole = read(out / "trajectory.tum")
-    assert whole.stamps_ns is not None
-    found = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
-    gap = int(np.argmax(np.diff(whole.stamps_ns)))
-    assert whole.stamps_ns[gap + 1] - whole.stamps_ns[gap] > 1e9 * silence_s
+    found, stamps_ns = bridged(build, drive, tmp_path / "out")
+    gap = int(np.argmax(np.diff(stamps_ns)))
+    assert stamps_ns[gap + 1] - stamps_ns[gap] > 1e9 * silence_s
     # The first poses after it are predictions, and say so.
-    after = int(whole.stamps_ns[gap + 1]) + BRIDGED_SWEEPS * 100_000_000
+    after = int(stamps_ns[gap + 1]) + BRIDGED_SWEEPS * 100_000_000
     assert rmse_m(found, drive, after) <= SILENCES_RMSE_M[silence_s]
 
 
@@ -401,16 +407,8 @@ def test_after_single_sweeps_the_map_is_found_again(
     the platform drives, and between them so much way that no sweep matches the one before."""
     drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", "14")
     keep_sweeps(drive.pcap, [range(45), *holes])
-    out = tmp_path / "out"
-    done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", out)
-    assert done.code == 0, done.said
-    counts = json.loads((out / "report.json").read_text())["health"]["counts"]
-    assert 0 < counts["bridging"] <= BRIDGED_SWEEPS
-    assert "lost" not in counts
-    whole = read(out / "trajectory.tum")
-    assert whole.stamps_ns is not None
-    found = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
-    assert rmse_m(found, drive, int(whole.stamps_ns[-AT_THE_END])) <= SILENCES_RMSE_M[5.0]
+    found, stamps_ns = bridged(build, drive, tmp_path / "out")
+    assert rmse_m(found, drive, int(stamps_ns[-AT_THE_END])) <= SILENCES_RMSE_M[5.0]
 
 
 @pytest.mark.parametrize("stage", ["registration", "driver"])

@@ -33,4 +33,9 @@ class AzimuthTable {
   std::array<std::pair<double, double>, 100> rest_;
 };
 
+inline const AzimuthTable& azimuth_table() {
+  static const AzimuthTable kTable;
+  return kTable;
+}
+
 }  // namespace zloam::driver

@@ -1,10 +1,15 @@
 #pragma once
-// Which of the two returns of a firing are given, and as what, where a packet tells the last one
+// As what returns are given: a single one, and the two of a firing where a packet tells the last one
 // from another one, the strongest or the second strongest (Velodyne and Hesai).
 
 #include "driver/decoder/packet_decoder.hpp"
 
 namespace zloam::driver {
+
+/// Of packets with one return.
+inline ReturnType single_type(ReturnMode mode) {
+  return mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+}
 
 struct PairChoice {
   bool last;

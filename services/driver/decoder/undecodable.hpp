@@ -1,5 +1,5 @@
 #pragma once
-// In place of a decoder where packets are a maker's and still can't be decoded: says why.
+// Instead of a decoder where packets are a maker's and still can't be decoded: says why.
 
 #include <string>
 #include <utility>

@@ -62,20 +62,6 @@ std::vector<Beam> designed_beams(int lasers) {
 
 std::int64_t laser_step_ns(int lasers) { return std::int64_t{1'512} * (kMostLasers / lasers); }
 
-std::vector<std::uint16_t> rings_of(const std::vector<Beam>& beams) {
-  std::vector<std::uint16_t> rings;
-  for (std::size_t i = 0; i < beams.size(); ++i) {
-    std::uint16_t rank = 0;
-    for (std::size_t other = 0; other < beams.size(); ++other) {
-      const double above_deg = beams[i].elevation_deg - beams[other].elevation_deg;
-      rank =
-          static_cast<std::uint16_t>(rank + (above_deg > 0.0 || (above_deg == 0.0 && other > i)));
-    }
-    rings.push_back(rank);
-  }
-  return rings;
-}
-
 bool looks_like_angle_corrections(std::string_view text) {
   std::string_view line;
   while (line.empty() && !text.empty()) line = take_line(text);

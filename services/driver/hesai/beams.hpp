@@ -25,9 +25,6 @@ inline constexpr std::int64_t kFirstFiringNs = 5'632 + 368;
 /// 1.512 us for 32 lasers; 16 lasers use every second of these times.
 std::int64_t laser_step_ns(int lasers);
 
-/// Rank by ascending elevation; of two alike the one that comes later in the packet is the lower.
-std::vector<std::uint16_t> rings_of(const std::vector<Beam>& beams);
-
 /// Whether its first line has three fields with commas.
 bool looks_like_angle_corrections(std::string_view text);
 

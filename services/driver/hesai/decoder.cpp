@@ -7,6 +7,7 @@
 #include "driver/decoder/azimuth_table.hpp"
 #include "driver/decoder/label.hpp"
 #include "driver/decoder/return_pair.hpp"
+#include "driver/decoder/rings.hpp"
 
 namespace zloam::driver::hesai {
 namespace {
@@ -24,11 +25,6 @@ std::uint32_t first_group_toh_us(std::uint32_t toh_us, ReturnMode mode) {
 
 std::uint32_t raw_of(const std::uint8_t* cell) { return read_u16(cell); }
 
-const AzimuthTable& azimuth_table() {
-  static const AzimuthTable kTable;
-  return kTable;
-}
-
 }  // namespace
 
 Decoder::Decoder(const Header& header, const std::vector<Beam>& beams,
@@ -36,8 +32,13 @@ Decoder::Decoder(const Header& header, const std::vector<Beam>& beams,
     : header_(header),
       options_(options),
       motor_(static_cast<double>(kBlockNs)),
-      unit_m_(static_cast<float>(header.distance_unit_mm / kMmPerMetre)) {
-  const std::vector<std::uint16_t> rings = rings_of(beams);
+      unit_m_(static_cast<float>(header.distance_unit_mm / kMmPerMetre)),
+      limits_(raw_limits(options.min_range_m, options.max_range_m,
+                         header.distance_unit_mm / kMmPerMetre)) {
+  std::vector<double> elevation_deg;
+  elevation_deg.reserve(beams.size());
+  for (const Beam& beam : beams) elevation_deg.push_back(beam.elevation_deg);
+  const std::vector<std::uint16_t> rings = rings_by_elevation(elevation_deg);
   for (std::size_t i = 0; i < beams.size(); ++i) {
     const double elevation_rad = kRadPerDeg * beams[i].elevation_deg;
     lasers_.push_back(
@@ -45,12 +46,6 @@ Decoder::Decoder(const Header& header, const std::vector<Beam>& beams,
          static_cast<std::uint32_t>(static_cast<std::int64_t>(i) * laser_step_ns(header.lasers)),
          rings[i]});
   }
-  // A limit that is a whole number of units belongs to the range; nothing has a distance of 0.
-  const double units_per_m = kMmPerMetre / header.distance_unit_mm;
-  const double lowest = std::ceil(units_per_m * options.min_range_m - 1e-6);
-  const double highest = std::floor(units_per_m * options.max_range_m + 1e-6);
-  lowest_raw_ = static_cast<std::uint32_t>(std::clamp(lowest, 1.0, 65536.0));
-  highest_raw_ = static_cast<std::uint32_t>(std::clamp(highest, 0.0, 65535.0));
   shape_stream();
   if (!options.model.empty() && plain_label(options.model) != plain_label(shape_.model)) {
     contradictions_.push_back("driver.model says " + options.model + ", the packets say " +
@@ -176,7 +171,7 @@ void Decoder::put_block(const std::uint8_t* block, const Frame& frame, ReturnTyp
                         Sink& sink) const {
   const std::uint8_t* cell = block + kAzimuthBytes;
   for (std::size_t i = 0; i < lasers_.size(); ++i, cell += kCellBytes) {
-    sink.put(point_of(i, cell, frame, type), is_return(raw_of(cell)));
+    sink.put(point_of(i, cell, frame, type), limits_.contain(raw_of(cell)));
   }
 }
 
@@ -190,8 +185,9 @@ void Decoder::put_pair(const std::uint8_t* odd, const std::uint8_t* even, const 
     // Of the first and the strongest one, the farther one counts as the last, the nearer one as the
     // strongest: as where returns are ordered by their distance.
     if (pair == Pair::kFirstAndStrongest && raw_of(odd) < raw_of(even)) std::swap(last, strongest);
-    const PairChoice choice = choose(is_return(raw_of(last)), is_return(raw_of(strongest)),
-                                     raw_of(last) == raw_of(strongest), options_.dual_returns);
+    const PairChoice choice =
+        choose(limits_.contain(raw_of(last)), limits_.contain(raw_of(strongest)),
+               raw_of(last) == raw_of(strongest), options_.dual_returns);
     sink.put(point_of(i, last, frame, choice.last_type), choice.last);
     sink.put(point_of(i, strongest, frame, choice.strongest_type), choice.strongest);
   }
@@ -201,7 +197,7 @@ std::size_t Decoder::decode_groups(const PacketPlan& plan, std::span<const Place
                                    Point* out, std::uint16_t* columns) const {
   const Tail tail = tail_of(plan.payload, header_);
   const int blocks_per_group = kBlocksPerPacket / plan.groups;
-  ReturnType single = tail.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+  ReturnType single = single_type(tail.mode);
   // The first one is none by its strength; later stages may take it for either.
   if (tail.first_only) single = ReturnType::kBoth;
   Sink sink{out};

@@ -16,6 +16,7 @@
 
 #include "driver/decoder/maker.hpp"
 #include "driver/decoder/motor.hpp"
+#include "driver/decoder/raw_limits.hpp"
 #include "driver/hesai/beams.hpp"
 #include "driver/hesai/packet.hpp"
 
@@ -60,7 +61,6 @@ class Decoder final : public PacketDecoder {
   void check_options(const Tail& tail);
   void follow(double advance_cdeg);
   const std::uint8_t* block(const std::uint8_t* payload, int index) const;
-  bool is_return(std::uint32_t raw) const { return raw >= lowest_raw_ && raw <= highest_raw_; }
   Point point_of(std::size_t laser, const std::uint8_t* cell, const Frame& frame,
                  ReturnType type) const;
   void put_block(const std::uint8_t* block, const Frame& frame, ReturnType type, Sink& sink) const;
@@ -73,7 +73,7 @@ class Decoder final : public PacketDecoder {
   std::array<Direction, kMostLasers> directions_{};
   Motor motor_;
   float unit_m_;
-  std::uint32_t lowest_raw_, highest_raw_;
+  RawLimits limits_;
   double followed_cdeg_ = -1.0;
   bool mode_noted_ = false;
   bool returns_noted_ = false;

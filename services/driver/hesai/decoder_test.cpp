@@ -8,12 +8,14 @@
 #include <numbers>
 
 #include "driver/decoder/makers.hpp"
+#include "driver/decoder/test_decoding.hpp"
 #include "driver/hesai/hesai.hpp"
 #include "driver/hesai/test_packets.hpp"
 
 namespace zloam::driver::hesai {
 namespace {
 
+using driver::test::decode_all;
 using test::Bytes;
 using test::packet;
 using test::set_cell;
@@ -40,21 +42,6 @@ std::unique_ptr<PacketDecoder> decoder_for(const Bytes& first,
                                            const DecodingOptions& options = {}) {
   std::vector<std::string> remarks;
   return make(options)->decoder({first}, remarks);
-}
-
-std::vector<Point> decode_all(PacketDecoder& decoder, const Bytes& bytes) {
-  const PacketTail tail = decoder.tail(bytes);
-  EXPECT_EQ(tail.reject, Reject::kNone);
-  const PacketPlan plan = decoder.plan(bytes, tail.mode);
-  std::vector<PlacedGroup> placed;
-  for (int g = 0; g < plan.groups; ++g) {
-    const Group& group = plan.group[static_cast<std::size_t>(g)];
-    if (group.valid) placed.push_back({g, static_cast<std::uint32_t>(group.offset_ns), 0});
-  }
-  std::vector<Point> points(decoder.most_points_per_group(tail.mode) * placed.size() + 1);
-  std::vector<std::uint16_t> columns(points.size());
-  points.resize(decoder.decode_groups(plan, placed, points.data(), columns.data()));
-  return points;
 }
 
 void expect_at(const Point& point, const Eigen::Vector3d& expected_m) {

@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 
+#include "driver/decoder/little_endian.hpp"
 #include "driver/decoder/packet_decoder.hpp"
 
 namespace zloam::driver::hesai {
@@ -29,14 +30,6 @@ inline constexpr std::size_t kSequenceBytes = 4;
 /// From the firing of one block to that of the next (manual, appendix II).
 inline constexpr std::int64_t kBlockNs = 50'000;
 static_assert(kBlocksPerPacket <= kMostGroups);
-
-inline std::uint16_t read_u16(const std::uint8_t* at) {
-  return static_cast<std::uint16_t>(at[0] | (at[1] << 8));
-}
-
-inline std::uint32_t read_u32(const std::uint8_t* at) {
-  return read_u16(at) | (static_cast<std::uint32_t>(read_u16(at + 2)) << 16);
-}
 
 /// What the first twelve bytes say.
 struct Header {

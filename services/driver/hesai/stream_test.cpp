@@ -5,11 +5,14 @@
 
 #include "driver/hesai/hesai.hpp"
 #include "driver/hesai/test_packets.hpp"
-#include "driver/sweep/assembler.hpp"
+#include "driver/sweep/test_sweeps.hpp"
 
 namespace zloam::driver::hesai {
 namespace {
 
+using driver::test::damage;
+using driver::test::expect_promises;
+using driver::test::sweeps_of;
 using test::Bytes;
 
 constexpr int kPacketsPerTurn = 250;  // of 400 us
@@ -31,30 +34,9 @@ std::vector<Bytes> packets_of(int turns, std::uint8_t mode) {
   return packets;
 }
 
-std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const std::vector<Bytes>& packets) {
-  for (const Bytes& packet : packets) assembler.add(packet, 0);
-  assembler.flush();
-  std::vector<DecodedSweep> sweeps;
-  DecodedSweep sweep;
-  while (assembler.take(sweep)) sweeps.push_back(sweep);
-  return sweeps;
-}
-
 std::unique_ptr<PacketDecoder> decoder_of(const std::vector<Bytes>& packets) {
   std::vector<std::string> remarks;
   return make({})->decoder({packets.front()}, remarks);
-}
-
-void expect_promises(const DecodedSweep& sweep) {
-  ASSERT_EQ(sweep.points.size(), sweep.columns.size());
-  std::uint32_t last_ns = 0;
-  for (const Point& p : sweep.points) {
-    ASSERT_TRUE(p.position().allFinite());
-    ASSERT_LT(p.ring, sweep.rings);
-    ASSERT_GE(p.time_ns, last_ns);
-    last_ns = p.time_ns;
-  }
-  EXPECT_LT(last_ns, 400'000'000U);
 }
 
 TEST(HesaiStream, TurnsBecomeSweeps) {
@@ -90,12 +72,7 @@ TEST(HesaiStream, DamagedPacketsBreakNoPromise) {
   for (const std::uint8_t mode : {0x37, 0x39, 0x3C}) {
     std::vector<Bytes> packets = packets_of(4, mode);
     SweepAssembler assembler(decoder_of(packets), {});
-    for (Bytes& packet : packets) {
-      for (unsigned i = random() % 20; i > 0; --i) {
-        packet[random() % packet.size()] = static_cast<std::uint8_t>(random());
-      }
-      if (random() % 50 == 0) packet.resize(random() % packet.size());
-    }
+    damage(packets, random);
     for (const DecodedSweep& sweep : sweeps_of(assembler, packets)) expect_promises(sweep);
   }
 }

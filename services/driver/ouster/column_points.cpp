@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "common/geometry/lanes.hpp"
+#include "driver/decoder/rings.hpp"
 #include "driver/ouster/column_points_wide.hpp"
 
 namespace zloam::driver::ouster {
@@ -115,16 +116,6 @@ __attribute__((always_inline)) inline std::size_t put_column(const MeasuredColum
   return static_cast<std::size_t>(reinterpret_cast<Point*>(writer.at) - out);
 }
 
-/// By ascending altitude; of two alike the lower row is the lower one.
-std::uint32_t rank_of(std::size_t pixel, const std::vector<double>& altitude_deg) {
-  std::uint32_t rank = 0;
-  for (std::size_t other = 0; other < altitude_deg.size(); ++other) {
-    const double above_deg = altitude_deg[pixel] - altitude_deg[other];
-    rank += above_deg > 0.0 || (above_deg == 0.0 && other > pixel);
-  }
-  return rank;
-}
-
 RangeLimits limits_of(const DecodingOptions& options) {
   constexpr double kMmPerMetre = 1e3;
   // No profile tells of more than 20 bits.
@@ -174,6 +165,7 @@ ColumnReader::ColumnReader(const Metadata& metadata, const DecodingOptions& opti
                                                                         : ReturnType::kBoth),
       rule(pair_rule(metadata.return_order, options.dual_returns)) {
   const Eigen::Vector3d origin_m(metadata.beam_origin_x_m, 0.0, metadata.beam_origin_z_m);
+  const std::vector<std::uint16_t> rings = rings_by_elevation(metadata.altitude_deg);
   for (std::size_t lane = 0; lane < lanes; ++lane) {
     const std::size_t pixel = lane / metadata.profile->returns;
     const std::size_t which = lane % metadata.profile->returns;
@@ -189,7 +181,7 @@ ColumnReader::ColumnReader(const Metadata& metadata, const DecodingOptions& opti
     }
     at.push_back(static_cast<std::uint32_t>(pixel * metadata.profile->pixel_bytes +
                                             metadata.profile->fields[which].range_mm.at));
-    ring.push_back(rank_of(pixel, metadata.altitude_deg));
+    ring.push_back(rings[pixel]);
   }
 }
 

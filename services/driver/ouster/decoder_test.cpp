@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "driver/decoder/test_decoding.hpp"
 #include "driver/ouster/imu_packet.hpp"
 #include "driver/ouster/ouster.hpp"
 #include "driver/ouster/test_sensor.hpp"
@@ -14,8 +15,8 @@
 namespace zloam::driver::ouster {
 namespace {
 
+using driver::test::decode_all;
 using test::Bytes;
-using test::decode_all;
 using test::Description;
 using test::empty_packet;
 using test::pixel_at;

@@ -4,11 +4,14 @@
 #include <random>
 
 #include "driver/ouster/test_sensor.hpp"
-#include "driver/sweep/assembler.hpp"
+#include "driver/sweep/test_sweeps.hpp"
 
 namespace zloam::driver::ouster {
 namespace {
 
+using driver::test::damage;
+using driver::test::expect_promises;
+using driver::test::sweeps_of;
 using test::Bytes;
 using test::Description;
 
@@ -30,15 +33,6 @@ std::vector<Bytes> packets_of(const Metadata& metadata, int frames) {
     }
   }
   return packets;
-}
-
-std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const std::vector<Bytes>& packets) {
-  for (const Bytes& packet : packets) assembler.add(packet, 0);
-  assembler.flush();
-  std::vector<DecodedSweep> sweeps;
-  DecodedSweep sweep;
-  while (assembler.take(sweep)) sweeps.push_back(sweep);
-  return sweeps;
 }
 
 std::unique_ptr<PacketDecoder> decoder_of(const Metadata& metadata) {
@@ -98,23 +92,8 @@ TEST(OusterStream, DamagedPacketsBreakNoPromise) {
     const Metadata metadata = description.metadata();
     SweepAssembler assembler(decoder_of(metadata), {});
     std::vector<Bytes> packets = packets_of(metadata, 12);
-    for (Bytes& packet : packets) {
-      for (unsigned i = random() % 20; i > 0; --i) {
-        packet[random() % packet.size()] = static_cast<std::uint8_t>(random());
-      }
-      if (random() % 50 == 0) packet.resize(random() % packet.size());
-    }
-    for (const DecodedSweep& sweep : sweeps_of(assembler, packets)) {
-      ASSERT_EQ(sweep.points.size(), sweep.columns.size());
-      std::uint32_t last_ns = 0;
-      for (const Point& p : sweep.points) {
-        ASSERT_TRUE(p.position().allFinite());
-        ASSERT_LT(p.ring, sweep.rings);
-        ASSERT_GE(p.time_ns, last_ns);
-        last_ns = p.time_ns;
-      }
-      EXPECT_LT(last_ns, 400'000'000U);
-    }
+    damage(packets, random);
+    for (const DecodedSweep& sweep : sweeps_of(assembler, packets)) expect_promises(sweep);
   }
 }
 

@@ -102,19 +102,4 @@ inline std::size_t pixel_at(const Metadata& metadata, int column, int pixel) {
          static_cast<std::size_t>(pixel) * metadata.profile->pixel_bytes;
 }
 
-inline std::vector<Point> decode_all(Decoder& decoder, const Bytes& packet) {
-  const PacketTail tail = decoder.tail(packet);
-  EXPECT_EQ(tail.reject, Reject::kNone);
-  const PacketPlan plan = decoder.plan(packet, tail.mode);
-  std::vector<PlacedGroup> placed;
-  for (int g = 0; g < plan.groups; ++g) {
-    const Group& group = plan.group[static_cast<std::size_t>(g)];
-    if (group.valid) placed.push_back({g, static_cast<std::uint32_t>(group.offset_ns), 0});
-  }
-  std::vector<Point> points(decoder.most_points_per_group(tail.mode) * placed.size() + 1);
-  std::vector<std::uint16_t> columns(points.size());
-  points.resize(decoder.decode_groups(plan, placed, points.data(), columns.data()));
-  return points;
-}
-
 }  // namespace zloam::driver::ouster::test

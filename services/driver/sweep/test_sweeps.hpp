@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <random>
 #include <vector>
 
 #include "driver/sweep/assembler.hpp"
@@ -32,14 +33,44 @@ inline std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler) {
   return sweeps;
 }
 
+/// Of whole packets, in this order.
+template <class Packets>
+std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const Packets& packets) {
+  for (const auto& packet : packets) assembler.add(packet, 0);
+  assembler.flush();
+  return sweeps_of(assembler);
+}
+
+/// Some bytes of each are others, and one in fifty is cut.
+inline void damage(std::vector<std::vector<std::uint8_t>>& packets, std::mt19937& random) {
+  for (std::vector<std::uint8_t>& packet : packets) {
+    for (unsigned i = random() % 20; i > 0; --i) {
+      packet[random() % packet.size()] = static_cast<std::uint8_t>(random());
+    }
+    if (random() % 50 == 0) packet.resize(random() % packet.size());
+  }
+}
+
+/// What holds for every sweep, whatever came.
+inline void expect_promises(const DecodedSweep& sweep) {
+  ASSERT_EQ(sweep.points.size(), sweep.columns.size());
+  std::uint32_t last_ns = 0;
+  for (const Point& p : sweep.points) {
+    ASSERT_TRUE(p.position().allFinite());
+    ASSERT_LT(p.ring, sweep.rings);
+    ASSERT_GE(p.time_ns, last_ns);
+    last_ns = p.time_ns;
+  }
+  EXPECT_LT(last_ns, 400'000'000U);
+}
+
 inline std::vector<DecodedSweep> assemble(const std::vector<Payload>& packets,
                                           AssemblerConfig config = {},
                                           PacketCounts* counts = nullptr) {
   SweepAssembler assembler(decoder(), config);
-  for (const Payload& packet : packets) assembler.add(packet, 0);
-  assembler.flush();
+  std::vector<DecodedSweep> sweeps = sweeps_of(assembler, packets);
   if (counts) *counts = assembler.counts();
-  return sweeps_of(assembler);
+  return sweeps;
 }
 
 inline void expect_in_time_order(const std::vector<DecodedSweep>& sweeps) {

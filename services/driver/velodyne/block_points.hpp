@@ -5,6 +5,7 @@
 #include <span>
 
 #include "common/geometry/point.hpp"
+#include "driver/decoder/raw_limits.hpp"
 #include "driver/velodyne/beams.hpp"
 #include "driver/velodyne/packet.hpp"
 
@@ -18,13 +19,6 @@ struct BlockFrame {
   /// of the group's first firing
   std::uint32_t time_ns;
   std::uint16_t column;
-};
-
-/// Distances that count as returns; raw 0 never does.
-struct RawLimits {
-  std::uint32_t lowest = 1;
-  std::uint32_t span = 65534;
-  bool contain(std::uint32_t raw) const { return raw - lowest <= span; }
 };
 
 /// Where points and their columns go on being written. There must be room for all cells of the

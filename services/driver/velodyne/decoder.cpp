@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "driver/decoder/azimuth_table.hpp"
+#include "driver/decoder/return_pair.hpp"
 
 namespace zloam::driver::velodyne {
 namespace {
@@ -33,11 +34,6 @@ std::string hex(std::uint8_t value) {
   return std::string("0x") + kDigits[value >> 4] + kDigits[value & 15];
 }
 
-const AzimuthTable& azimuth_table() {
-  static const AzimuthTable kTable;
-  return kTable;
-}
-
 }  // namespace
 
 Decoder::Decoder(const DecoderConfig& config) : config_(config) {
@@ -50,10 +46,11 @@ void Decoder::use_model(Model model) {
   unit_m_ = static_cast<float>(table_->distance_unit_m);
   shape_stream();
   const double stretch = shape_.group_ns / table_->group_ns;
-  stream_.emplace(Stream{BeamTables(*table_, stretch, config_.vertical_offsets),
-                         Motor(shape_.group_ns),
-                         limits(),
-                         {}});
+  stream_.emplace(
+      Stream{BeamTables(*table_, stretch, config_.vertical_offsets),
+             Motor(shape_.group_ns),
+             raw_limits(config_.min_range_m, config_.max_range_m, table_->distance_unit_m),
+             {}});
   for (int g = 0; g < kBlocksPerPacket; ++g) {
     stream_->group_offset_ns[g] = std::llround(g * shape_.group_ns) + table_->first_firing_ns;
   }
@@ -70,19 +67,6 @@ void Decoder::shape_stream() {
   shape_.packet_period_ns = {period_of(1), period_of(2)};
   const std::size_t cells = static_cast<std::size_t>(banks_) * std::size_t{kCellsPerBlock};
   shape_.most_points_per_group = {cells, 2 * cells};
-}
-
-RawLimits Decoder::limits() const {
-  // A limit that is a whole number of units belongs to the range.
-  const double lowest = std::ceil(config_.min_range_m / table_->distance_unit_m - 1e-6);
-  const double highest = std::floor(config_.max_range_m / table_->distance_unit_m + 1e-6);
-  RawLimits limits;
-  limits.lowest = static_cast<std::uint32_t>(std::clamp(lowest, 1.0, 65536.0));
-  const double span = std::min(highest, 65535.0) - limits.lowest;
-  // Nothing has so great a distance.
-  if (span < 0.0) limits.lowest = 65536;
-  limits.span = static_cast<std::uint32_t>(std::max(span, 0.0));
-  return limits;
 }
 
 std::int64_t Decoder::period_of(int returns) const {
@@ -207,10 +191,6 @@ inline void set_frame(BlockFrame& frame, const PacketPlan& plan, const PlacedGro
   frame.unit_m = unit_m;
   frame.time_ns = placed.time_ns;
   frame.column = placed.column;
-}
-
-ReturnType single_type(ReturnMode mode) {
-  return mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
 }
 
 /// Blocks of one valid group by bank and return. The flag tells the bank, not the place in the

@@ -59,7 +59,6 @@ class Decoder final : public PacketDecoder {
   };
 
   void use_model(Model model);
-  RawLimits limits() const;
   std::int64_t period_of(int returns) const;
   void shape_stream();
   Reject check_model(std::uint8_t product_id);

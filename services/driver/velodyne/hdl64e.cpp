@@ -225,8 +225,7 @@ std::size_t Hdl64eDecoder::decode_groups(const PacketPlan& plan,
     count += kept;
   };
   const bool dual = plan.mode == ReturnMode::kDual;
-  const ReturnType single =
-      plan.mode == ReturnMode::kLast ? ReturnType::kLast : ReturnType::kStrongest;
+  const ReturnType single = single_type(plan.mode);
   const double turn_rad_per_ns =
       kRadPerCdeg * plan.advance_cdeg / static_cast<double>(model_.group_ns);
   for (const PlacedGroup& placed : groups) {

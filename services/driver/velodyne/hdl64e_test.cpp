@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "driver/decoder/makers.hpp"
+#include "driver/decoder/test_decoding.hpp"
 #include "driver/sweep/assembler.hpp"
 #include "driver/velodyne/test_calibration.hpp"
 #include "driver/velodyne/test_packets.hpp"
@@ -16,6 +17,7 @@
 namespace zloam::driver::velodyne {
 namespace {
 
+using driver::test::decode_all;
 using test::Payload;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -54,21 +56,6 @@ DecodingOptions options_of(const char* model) {
 std::unique_ptr<PacketDecoder> decoder_for(const Payload& first, const DecodingOptions& options) {
   std::vector<std::string> remarks;
   return make(options)->decoder({{first.begin(), first.end()}}, remarks);
-}
-
-std::vector<Point> decode_all(PacketDecoder& decoder, const Payload& payload) {
-  const PacketTail tail = decoder.tail(payload);
-  EXPECT_EQ(tail.reject, Reject::kNone);
-  const PacketPlan plan = decoder.plan(payload, tail.mode);
-  std::vector<PlacedGroup> placed;
-  for (int g = 0; g < plan.groups; ++g) {
-    const Group& group = plan.group[static_cast<std::size_t>(g)];
-    if (group.valid) placed.push_back({g, static_cast<std::uint32_t>(group.offset_ns), 0});
-  }
-  std::vector<Point> points(decoder.most_points_per_group(tail.mode) * placed.size() + 1);
-  std::vector<std::uint16_t> columns(points.size());
-  points.resize(decoder.decode_groups(plan, placed, points.data(), columns.data()));
-  return points;
 }
 
 struct Vector {

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "driver/decoder/little_endian.hpp"
 #include "driver/decoder/packet_decoder.hpp"
 
 namespace zloam::driver::velodyne {
@@ -20,14 +21,6 @@ inline constexpr int kCellsPerBlock = 32;
 static_assert(kBlocksPerPacket <= kMostGroups);
 /// Cells of a packet, and so the most points it can give.
 inline constexpr std::size_t kMaxPointsPerPacket = 384;
-
-inline std::uint16_t read_u16(const std::uint8_t* at) {
-  return static_cast<std::uint16_t>(at[0] | (at[1] << 8));
-}
-
-inline std::uint32_t read_u32(const std::uint8_t* at) {
-  return read_u16(at) | (static_cast<std::uint32_t>(read_u16(at + 2)) << 16);
-}
 
 /// Bank of lasers a block flag stands for; -1 for none.
 inline int bank_of(const std::uint8_t* block) {

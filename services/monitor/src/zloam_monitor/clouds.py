@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 
+#: of a map's file
+LAYERED_POINT = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
+
 
 @dataclass(frozen=True)
 class Tile:
@@ -32,13 +35,18 @@ def merged(tiles: list[Tile]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
     return np.concatenate([t.points for t in ordered]), np.concatenate(layers)
 
 
-def write_pcd(path: Path, points: NDArray[Any], layers: NDArray[np.uint8]) -> None:
-    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane)."""
-    record = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
-    rows = np.empty(len(points), record)
+def layered(points: NDArray[Any], layers: NDArray[np.uint8]) -> NDArray[Any]:
+    """Records of LAYERED_POINT."""
+    rows = np.empty(len(points), LAYERED_POINT)
     for name in MAP_POINT.names or ():
         rows[name] = points[name]
     rows["layer"] = layers
+    return rows
+
+
+def write_pcd(path: Path, points: NDArray[Any], layers: NDArray[np.uint8]) -> None:
+    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane)."""
+    rows = layered(points, layers)
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\n"
         "VERSION 0.7\nFIELDS x y z intensity layer\nSIZE 4 4 4 4 1\nTYPE F F F F U\n"
@@ -55,4 +63,4 @@ def read_pcd(path: Path) -> NDArray[Any]:
     data = path.read_bytes()
     marker = b"DATA binary\n"
     start = data.index(marker) + len(marker)
-    return np.frombuffer(data, np.dtype([*MAP_POINT.descr, ("layer", "u1")]), -1, start)
+    return np.frombuffer(data, LAYERED_POINT, -1, start)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from zloam_monitor import trajectory
+from zloam_monitor.report import number_text
 from zloam_monitor.trajectory import Trajectory, TrajectoryError, interpolate, longest_step_ns
 
 #: figures of report.json: name, where, digits
@@ -67,10 +68,6 @@ def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
-def _text(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
-
-
 def _row(name: str, a: str, b: str) -> str:
     return f"{name:<24}{a:>14}{b:>14}"
 
@@ -92,13 +89,13 @@ def lines(first: Finished, second: Finished) -> list[str]:
     for name, where, digits in FIGURES:
         a, b = (_figure(run.report, where) for run in (first, second))
         if a is not None or b is not None:
-            out.append(_row(name, _text(a, digits), _text(b, digits)))
+            out.append(_row(name, number_text(a, digits), number_text(b, digits)))
     for stage in first.report.get("cpu_ms_per_sweep", {}):
         a, b = (_figure(r.report, ("cpu_ms_per_sweep", stage)) for r in (first, second))
-        out.append(_row(f"CPU of {stage}, ms", _text(a, 1), _text(b, 1)))
+        out.append(_row(f"CPU of {stage}, ms", number_text(a, 1), number_text(b, 1)))
     health = [run.report.get("health", {}) for run in (first, second)]
     for name in sorted({*health[0], *health[1]}):
         a, b = (_figure({"h": each}, ("h", name)) for each in health)
         if (a is not None or b is not None) and a != b:
-            out.append(_row(f"health: {name}", _text(a, 3), _text(b, 3)))
+            out.append(_row(f"health: {name}", number_text(a, 3), number_text(b, 3)))
     return out

@@ -21,7 +21,7 @@ from zloam_monitor.watch import STALE_SECONDS
 
 #: revolutions a second that a spinning lidar makes
 SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
-#: of what came, at most so much may be missing before it is said
+#: share of lost messages below which nothing is reported
 FEW = 0.001
 #: packets of another model than they say seem to miss about every other one
 MISNAMED = 0.4
@@ -128,15 +128,13 @@ def listen(link: Link, seconds: float) -> Heard:
     link.query_statuses()
     link.poll()
     now = time.monotonic()
-    tokens = link.session.liveliness().get(link.keys.every_alive, timeout=2.0)
-    parts = [str(reply.ok.key_expr).split("/") for reply in tokens if reply.ok is not None]
     return Heard(
         link.keys.robot,
         seconds,
         before,
         dict(link.statuses),
         {who: link.silent_s(status, now) for who, status in link.statuses.items()},
-        {(part[-3], part[-2]) for part in parts},
+        link.living_instances(),
         [pose for sweep, pose in sorted(link.poses.items()) if sweep > first],
         link.query_configs(),
         link.garbage,

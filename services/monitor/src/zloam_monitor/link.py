@@ -219,11 +219,15 @@ class Link:
         for payload in self.get(self.keys.every_status):
             self._on_status(payload)
 
+    def living_instances(self) -> set[tuple[str, str]]:
+        """(stage, instance) of those whose token is there."""
+        replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
+        parts = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
+        return {(part[-3], part[-2]) for part in parts}
+
     def living(self) -> set[str]:
         """Stages whose token is there."""
-        replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
-        found = (reply.ok for reply in replies)
-        return {str(ok.key_expr).split("/")[-3] for ok in found if ok is not None}
+        return {stage for stage, _ in self.living_instances()}
 
     def query_configs(self) -> dict[str, dict[str, Any]]:
         """Stage -> effective configuration, of all that live: a stage's token may come over a new

@@ -23,7 +23,6 @@ from zloam_monitor.point_files import READERS
 LAYERS = ("edge", "plane")
 #: of coordinates in LAS: what 32 bits of it hold reaches 214 km
 LAS_STEP_M = 1e-4
-PLY_POINT = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
 
 
 class MapError(ValueError):
@@ -84,10 +83,7 @@ def _write_pcd(path: Path, found: PointMap) -> None:
 
 
 def _write_ply(path: Path, found: PointMap) -> None:
-    rows = np.empty(len(found), PLY_POINT)
-    for name in MAP_POINT.names or ():
-        rows[name] = found.points[name]
-    rows["layer"] = found.layers
+    rows = clouds.layered(found.points, found.layers)
     properties = "".join(f"property float {name}\n" for name in MAP_POINT.names or ())
     with written_whole(path, "wb") as out:
         out.write(

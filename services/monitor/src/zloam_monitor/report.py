@@ -211,7 +211,7 @@ def write(path: Path, report: dict[str, Any]) -> None:
         out.write("\n")
 
 
-def _number(value: float | None, digits: int = 1) -> str:
+def number_text(value: float | None, digits: int = 1) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
@@ -236,9 +236,9 @@ def _stage_rows(report: dict[str, Any]) -> list[list[str]]:
                 str(sweeps["in"]),
                 str(sweeps["out"]),
                 drops,
-                _number(took.get("p50")),
-                _number(took.get("p99")),
-                _number(report["cpu_ms_per_sweep"][stage]),
+                number_text(took.get("p50")),
+                number_text(took.get("p99")),
+                number_text(report["cpu_ms_per_sweep"][stage]),
                 f"{rss['end']:.0f} ({rss['peak']:.0f})",
             ]
         )
@@ -262,9 +262,9 @@ def table(report: dict[str, Any]) -> str:
         for kind in ("pose", "odometry"):
             s = each[kind]
             lines.append(
-                f"{kind} against {name}: ATE {_number(s['ate_rmse_m'], 3)} m, "
-                f"drift {_number(s['drift_percent'], 3)} %, "
-                f"RPE over 1 m {_number(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
+                f"{kind} against {name}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
+                f"drift {number_text(s['drift_percent'], 3)} %, "
+                f"RPE over 1 m {number_text(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
                 + (f"; {s['remark']}" if s["remark"] else "")
             )
     if not report["references"]:
