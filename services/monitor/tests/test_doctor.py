@@ -24,7 +24,8 @@ def status(stage: str, later: bool = False, **more: Any) -> StatusRecord:
         "figures": {"packets_received": 754.0 * count, "packets_lost": 3.0, "clock_steps": 1.0},
         "latencies": {"work": {"p50": 5.0, "p95": 8.0, "p99": 9.0}}, "cpu_ms": 1.0,
         "rss_mib": {"start": 1.0, "end": 1.0, "peak": 1.0}, "version": "0.1.0",
-        "memory": {"messages_shm": 0, "messages_net": count},
+        # small ones, as integration's
+        "memory": {"messages_shm": 0, "messages_net": count, "bytes_copied": 900 * count},
         "inputs": (Input("loam/r/sweep", count, count, 0, 0, 0, {"queue_full": 4}, 2, 1),),
     }  # fmt: skip
     return StatusRecord(stage=stage, instance=f"{stage}-1", **{**given, **more})
@@ -39,7 +40,8 @@ def pose(number: int, health: str = "ok", **more: Any) -> PoseRecord:
 def well() -> Heard:
     before = {(s, f"{s}-1"): status(s) for s in STAGES}
     after = {(s, f"{s}-1"): status(s, later=True) for s in STAGES}
-    configs = {s: {"robot": "r", "mounting.xyz_m": [0.0, 0.0, 1.0]} for s in STAGES}
+    shared = {"robot": "r", "mounting.xyz_m": [0.0, 0.0, 1.0], "zenoh.shared_memory": True}
+    configs = dict.fromkeys(STAGES, shared)
     return Heard(
         "r", 5.0, before, after, dict.fromkeys(after, 0.5), set(after),
         [pose(n) for n in range(50)], configs,
@@ -134,10 +136,8 @@ WRONG: dict[str, tuple[Heard, str]] = {
         "the stages are of different versions: driver 0.1.0",
     ),
     "no shared memory": (
-        replace(
-            well(), configs={**well().configs, "odometry": {"zenoh.shared_memory": True}}
-        ),
-        "odometry sends nothing through shared memory",
+        changed(well(), "odometry", memory={"messages_net": 50, "bytes_copied": 50 * 300_000}),
+        "odometry receives nothing through shared memory",
     ),
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,8 @@ FEW = 0.001
 MISNAMED = 0.4
 #: values that all stages of a robot share
 SHARED = ("robot", "sensor.", "mounting.")
+#: of a message, on average: below it shared memory is not worth its while
+LARGE_BYTES = 16384
 #: of the time from sweep to sweep: a stage that takes longer falls behind
 SLOW = 1.0
 #: what stages count, and what it means for a user
@@ -117,14 +119,15 @@ class Heard:
         )
 
 
-def listen(link: Link, seconds: float) -> Heard:
-    """Some seconds of a robot."""
+def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> Heard:
+    """Some seconds of a robot; asks several times a second whether to go on."""
     link.query_statuses()
     link.poll()
     before, begun = dict(link.statuses), time.monotonic()
     first = max(link.poses, default=-1)
-    while (left := begun + seconds - time.monotonic()) > 0:
+    while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
         link.poll(min(left, 0.2))
+        link.poll()
     link.query_statuses()
     link.poll()
     now = time.monotonic()
@@ -304,14 +307,22 @@ def _settings(heard: Heard) -> Iterator[Finding]:
             )
     for status in heard.alive():
         wanted = heard.configs.get(status.stage, {}).get("zenoh.shared_memory")
-        if wanted and not status.memory.get("messages_shm") and status.memory.get("messages_net"):
+        if wanted and _large_by_socket(status.memory):
             yield Finding(
-                f"{status.stage} sends nothing through shared memory, though "
+                f"{status.stage} receives nothing through shared memory, though "
                 "zenoh.shared_memory is on",
-                "messages go over sockets: its readers are on other machines, or it may not lock "
-                "memory (ulimit -l)",
+                "messages come over sockets: their sender is on another machine, or one of the two "
+                "may not lock memory (ulimit -l)",
                 is_fault=False,
             )
+
+
+def _large_by_socket(memory: dict[str, int]) -> bool:
+    """Small messages always go over sockets."""
+    messages = memory.get("messages_net", 0)
+    if memory.get("messages_shm") or not messages:
+        return False
+    return memory.get("bytes_in_place", 0) + memory.get("bytes_copied", 0) > LARGE_BYTES * messages
 
 
 def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -> list[Finding]:
