@@ -15,7 +15,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps test-deps tools venv test-venv configure-tests build build-all aloam unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
+.PHONY: help deps test-deps tools venv view-tools test-venv configure-tests build build-all aloam unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -32,6 +32,9 @@ tools: ## deps, and the tools for testing, formatting, linting and fuzzing
 
 venv: deps
 	@$(STEP) "python packages" deploy/build/venv.sh
+
+view-tools: deps ## Python packages for zloam view and zloam foxglove
+	@$(STEP) "python packages, to look at robots" deploy/build/venv.sh --view
 
 test-venv: test-deps
 	@$(STEP) "python packages, for tests too" deploy/build/venv.sh --tests
@@ -63,12 +66,12 @@ unit-tests: configure-tests # only the tests' programs
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
-# LISTEN=0.0.0.0 lets other machines connect (demo and run).
+# RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
-PASSED := PCAP BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT LISTEN SET SET_AT
+PASSED := PCAP BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT RECORD LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
-CHAIN_ARGS = $(call passed,METHOD,--method) $(call passed,OUT,--out) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
+CHAIN_ARGS = $(call passed,METHOD,--method) $(call passed,OUT,--out) $(call passed,RECORD,--record) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
 DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TOPIC,--topic) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
   $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(CHAIN_ARGS)

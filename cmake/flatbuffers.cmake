@@ -11,14 +11,16 @@ foreach(schema IN LISTS ZLOAM_SCHEMAS)
 endforeach()
 add_custom_command(
   OUTPUT ${ZLOAM_SCHEMA_HEADERS} ${ZLOAM_SCHEMA_PY_DIR}/stamp
-  COMMAND ${CMAKE_COMMAND} -E make_directory ${ZLOAM_SCHEMA_CPP_DIR}/schemas ${ZLOAM_SCHEMA_PY_DIR}
+  COMMAND ${CMAKE_COMMAND} -E make_directory ${ZLOAM_SCHEMA_CPP_DIR}/schemas ${ZLOAM_SCHEMA_PY_DIR}/zloam/bfbs
   COMMAND ${ZLOAM_FLATC} --cpp --cpp-std c++17 --scoped-enums --reflect-names --require-explicit-ids
           -I ${CMAKE_SOURCE_DIR}/schemas -o ${ZLOAM_SCHEMA_CPP_DIR}/schemas ${ZLOAM_SCHEMAS}
   COMMAND ${ZLOAM_FLATC} --python --require-explicit-ids -I ${CMAKE_SOURCE_DIR}/schemas
           -o ${ZLOAM_SCHEMA_PY_DIR} ${ZLOAM_SCHEMAS}
+  COMMAND ${ZLOAM_FLATC} --binary --schema --bfbs-comments --bfbs-builtins -I ${CMAKE_SOURCE_DIR}/schemas
+          -o ${ZLOAM_SCHEMA_PY_DIR}/zloam/bfbs ${ZLOAM_SCHEMAS}
   COMMAND ${CMAKE_COMMAND} -E touch ${ZLOAM_SCHEMA_PY_DIR}/stamp
   DEPENDS ${ZLOAM_SCHEMAS}
-  COMMENT "flatc: C++ and Python from schemas/"
+  COMMENT "flatc: C++, Python and binary schemas from schemas/"
   VERBATIM)
 add_custom_target(zloam_schema_files ALL DEPENDS ${ZLOAM_SCHEMA_HEADERS})
 add_dependencies(programs zloam_schema_files)

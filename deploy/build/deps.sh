@@ -13,7 +13,7 @@ cd "$(dirname "$0")"
 packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libflatbuffers-dev flatbuffers-compiler
   libyaml-cpp-dev libpugixml-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
   python3 python3-venv)
-tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev)
+tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev chromium)
 case "${1:-}" in
   "") ;;
   --aloam) packages+=(libceres-dev libpcl-dev) ;;

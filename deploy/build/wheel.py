@@ -36,7 +36,12 @@ REQUIRES = (
     "rosbags>=0.11",
     "pypcd4>=1.4",
     "laspy[lazrs]>=2.5",
+    "prometheus_client>=0.19",
+    "mcap>=1.2",
+    "foxglove-schemas-flatbuffer>=0.3",
 )
+#: what is larger than all the rest: pip install 'zloam[view]'
+VIEW_REQUIRES = ("rerun-sdk>=0.40", "foxglove-sdk>=0.20")
 #: speaks to the programs: the same version as theirs
 EXACT = "eclipse-zenoh"
 
@@ -56,6 +61,8 @@ def pinned(package: str) -> str:
 
 def metadata() -> str:
     requires = "".join(f"Requires-Dist: {each}\n" for each in (*REQUIRES, pinned(EXACT)))
+    requires += "Provides-Extra: view\n"
+    requires += "".join(f'Requires-Dist: {each}; extra == "view"\n' for each in VIEW_REQUIRES)
     return (
         f"Metadata-Version: 2.1\nName: zloam\nVersion: {version()}\n"
         "Summary: LiDAR odometry and mapping over Eclipse Zenoh\n"

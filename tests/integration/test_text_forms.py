@@ -23,7 +23,7 @@ FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind,
 #: variables of a layer without which it is refused
 LAYER_VARIABLES = {"ZLOAM_PCAP": "/drive.pcap", "ZLOAM_IMU": "/imu.csv"}
 #: options with a value of their own
-VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw")
+VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw", "--from")
 #: commands that have commands
 GROUPS = ("map", "config")
 

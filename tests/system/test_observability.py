@@ -1,4 +1,4 @@
-"""Prometheus beside a robot in containers: it has the robot's figures and our alerts."""
+"""Beside a robot in containers: Prometheus has its figures and our alerts, the page shows it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ PATIENCE_S = 60.0
 
 
 @pytest.fixture
-def watched(images: None, tmp_path: Path) -> Iterator[tuple[Deployment, int]]:
-    port = free_port()
+def watched(images: None, tmp_path: Path) -> Iterator[tuple[int, int]]:
+    """Ports of Prometheus and of the page."""
+    port, page = free_port(), free_port()
     deployment = Deployment(
         f"zloam-figures-{os.getpid()}",
         tmp_path / "out",
@@ -31,23 +32,28 @@ def watched(images: None, tmp_path: Path) -> Iterator[tuple[Deployment, int]]:
             "ZLOAM_DURATION": "60",
             "ZLOAM_RATE": "realtime",
             "ZLOAM_PROMETHEUS_PORT": f"127.0.0.1:{port}",
+            "ZLOAM_WEB_PORT": f"127.0.0.1:{page}",
             "ZLOAM_METRICS_PORT": f"127.0.0.1:{free_port()}",
         },
     )
     deployment.out.mkdir()
     deployment.run("build", "prometheus")
-    deployment.run("up", "--detach", DETACHED, "prometheus")
-    yield deployment, port
+    deployment.run("up", "--detach", DETACHED, "prometheus", "web")
+    yield port, page
     deployment.run("down", "--volumes", "--timeout", "20", check=False)
 
 
+def fetched(port: int, path: str) -> Any:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/{path}", timeout=5) as answer:
+        return json.load(answer)
+
+
 def asked(port: int, path: str) -> Any:
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/api/v1/{path}", timeout=5) as answer:
-        return json.load(answer)["data"]
+    return fetched(port, f"api/v1/{path}")["data"]
 
 
-def test_prometheus_has_the_figures_and_the_alerts(watched: tuple[Deployment, int]) -> None:
-    _, port = watched
+def test_prometheus_and_the_page_show_the_robot(watched: tuple[int, int]) -> None:
+    port, page = watched
     wanted = {"driver", "registration", "odometry", "mapping", "integration"}
     ends, found = time.monotonic() + PATIENCE_S, set[str]()
     while not found >= wanted and time.monotonic() < ends:
@@ -58,6 +64,15 @@ def test_prometheus_has_the_figures_and_the_alerts(watched: tuple[Deployment, in
             continue
         found = {each["metric"]["stage"] for each in result}
     assert found >= wanted
+    state: dict[str, Any] = {}
+    while not state.get("pose") and time.monotonic() < ends:
+        time.sleep(1.0)
+        try:
+            state = fetched(page, "robots/robot/state.json")
+        except OSError:
+            continue
+    assert {stage["health"] for stage in state["stages"]} == {"ready"}
+    assert state["pose"]["health"] == "ok"
     (group,) = asked(port, "rules")["groups"]
     assert len(group["rules"]) == 10
     assert {rule["health"] for rule in group["rules"]} <= {"ok", "unknown"}

@@ -1,5 +1,6 @@
 #include "driver/io/message_fields.hpp"
 
+#include "common/messages/convert.hpp"
 #include "schemas/packets_generated.h"
 #include "schemas/sweep_generated.h"
 
@@ -36,6 +37,32 @@ SweepFields fields_of(const DecodedSweep& sweep) {
   fields.sensor_clock_step_ns = sweep.sensor_clock_step_ns;
   fields.health = health_of(sweep);
   return fields;
+}
+
+DecodedSweep sweep_of(const msg::Sweep& message) {
+  DecodedSweep sweep;
+  const PointSpan points = points_of(message.points());
+  sweep.points.assign(points.begin(), points.end());
+  sweep.columns.assign(sweep.points.size(), 0);
+  if (const auto* columns = message.columns()) {
+    sweep.columns.assign(columns->begin(), columns->end());
+  }
+  if (message.header() != nullptr) sweep.stamp_ns = message.header()->stamp_ns();
+  sweep.period_ns = message.period_ns();
+  sweep.rings = message.rings();
+  if (message.model() != nullptr) sweep.model = message.model()->str();
+  sweep.return_mode = static_cast<ReturnMode>(message.return_mode());
+  sweep.clock_source = static_cast<ClockSource>(message.clock_source());
+  sweep.complete = message.complete();
+  sweep.packets = message.packets();
+  sweep.packets_lost = message.packets_lost();
+  sweep.deskewed = message.deskewed();
+  sweep.first_packet_toh_us = message.first_packet_toh_us();
+  sweep.last_packet_toh_us = message.last_packet_toh_us();
+  sweep.packet_period_ns = message.packet_period_ns();
+  sweep.host_clock_step_ns = message.host_clock_step_ns();
+  sweep.sensor_clock_step_ns = message.sensor_clock_step_ns();
+  return sweep;
 }
 
 GnssFixFields fields_of(const ReceivedPosition& position) {

@@ -15,6 +15,8 @@
 #include <utility>
 #include <vector>
 
+#include "common/messages/verify.hpp"
+#include "driver/io/message_fields.hpp"
 #include "driver/scan/plausible.hpp"
 
 extern char** environ;
@@ -26,6 +28,7 @@ constexpr std::string_view kMagic = "ZLRC";
 constexpr std::uint64_t kLongestText = 1 << 16;
 // A frame of more is none: 20 million points.
 constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * sizeof(Point);
+constexpr std::uint64_t kLargestMessage = 1 << 25;
 // Firings of a turn where the points have no times.
 constexpr double kColumns = 1800.0;
 
@@ -273,6 +276,36 @@ class RecordedClouds : public ScanFolder {
   bool judged_ = false;
 };
 
+/// Sweeps as they were published: what was left out then is left out, and all else is as it was.
+class RecordedMessages : public ScanFolder {
+ public:
+  explicit RecordedMessages(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
+
+  bool next(DecodedSweep& sweep) override {
+    const auto head = frames_->next(FrameKind::kMessage);
+    if (!head) return false;
+    if (head->bytes > kLargestMessage) throw frames_->foreign();
+    // of the allocator, which aligns for any message
+    std::vector<std::uint8_t> bytes(head->bytes);
+    frames_->read(bytes.data(), bytes.size());
+    const VerifyResult verdict = verify<msg::Sweep>(bytes, encoding_of(Key::kSweep));
+    if (!verdict.ok()) throw SourceError(frames_->path() + ": " + verdict.reason);
+    sweep = sweep_of(message_of<msg::Sweep>(bytes));
+    ++sweeps_;
+    return true;
+  }
+
+  const std::vector<std::string>& files() const override { return files_; }
+  NamedCounts counts() const override { return {{"scans", sweeps_}}; }
+  std::vector<std::string> remarks() const override { return frames_->remarks(); }
+  std::vector<ImuReading> take_imu() override { return frames_->take_imu(); }
+
+ private:
+  std::unique_ptr<Frames> frames_;
+  std::vector<std::string> files_;
+  std::uint64_t sweeps_ = 0;
+};
+
 class RecordedPackets : public PacketSource {
  public:
   explicit RecordedPackets(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
@@ -319,6 +352,8 @@ Recording open_recording(const RecordingOptions& options) {
   recording.identity = frames->identity();
   if (recording.identity.starts_with("packets ")) {
     recording.packets = std::make_unique<RecordedPackets>(std::move(frames));
+  } else if (recording.identity.starts_with("messages ")) {
+    recording.clouds = std::make_unique<RecordedMessages>(std::move(frames));
   } else {
     recording.clouds = std::make_unique<RecordedClouds>(std::move(frames));
   }

@@ -5,7 +5,7 @@
 //
 // The pipe holds frames, little endian: "ZLRC", uint32 kind, uint64 bytes that follow.
 //
-//   1  identity   text: "clouds" or "packets", and what the recording is known by, for a replay's
+//   1  identity   text: "clouds", "packets" or "messages", and what the recording is known by, for a replay's
 //                 number
 //   2  sweep      RecordedSweep, then points of 24 bytes (common/geometry/point.hpp)
 //   3  remark     text: what is not as it should be
@@ -13,6 +13,7 @@
 //   5  end        nothing follows; without it the reader has died
 //   6  packets    for each RecordedPacket, then its bytes
 //   7  reading    RecordedReading of an inertial sensor, before the sweep after it
+//   8  message    a sweep as a driver published it (schemas/sweep.fbs), of a robot's own recording
 
 #include <cstdint>
 #include <memory>
@@ -29,7 +30,8 @@ enum class FrameKind : std::uint32_t {
   kRefusal = 4,
   kEnd = 5,
   kPackets = 6,
-  kReading = 7
+  kReading = 7,
+  kMessage = 8
 };
 
 struct FrameHead {

@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 OWN = (
     *("demo", "run", "follow", "ros-lidar"),
     *("robots", "status", "watch", "get", "set", "save", "reset", "place", "doctor", "metrics"),
+    *("web", "view", "foxglove", "record", "replay"),
 )
 COMMANDS = (*OWN, "trajectory", "compare", "support", "evaluate", "recording", "metadata")
 

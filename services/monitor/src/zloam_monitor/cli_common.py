@@ -19,6 +19,8 @@ RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Robots that run", "Files", "Programs (ea
 P = ParamSpec("P")
 #: a file could not be read or written, as with the stages
 FILE_MISSING = 3
+#: poses that a command keeps which may run for days: ten minutes at 10 Hz
+NEWEST = 6000
 #: in an endpoint: each stage's name
 STAGE = "<stage>"
 
@@ -32,8 +34,10 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.chain import BinariesMissing, ChainError
     from zloam_monitor.claims import NotOurs
     from zloam_monitor.discovery import NothingAnswers
+    from zloam_monitor.extras import Missing, ViewerError
     from zloam_monitor.link import LinkError
     from zloam_monitor.maps import MapError
+    from zloam_monitor.mcap_file import RecordingError
     from zloam_monitor.messages import SchemasMissing
     from zloam_monitor.methods import MethodError
     from zloam_monitor.ports import PortTaken
@@ -45,7 +49,7 @@ def _failed(error: BaseException) -> int | None:
 
     if isinstance(error, StageDied):
         return error.code if error.code in (2, FILE_MISSING) else 1
-    if isinstance(error, PortTaken):
+    if isinstance(error, (PortTaken, RecordingError)):
         return FILE_MISSING
     expected = (
         BinariesMissing,
@@ -53,10 +57,12 @@ def _failed(error: BaseException) -> int | None:
         LinkError,
         MapError,
         MethodError,
+        Missing,
         NothingAnswers,
         NotOurs,
         RobotFileError,
         SupportError,
+        ViewerError,
     )
     if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
         return 1
@@ -174,6 +180,12 @@ Listen = Annotated[
         metavar="ADDRESS",
         help="Address that the stages listen on; 0.0.0.0 lets other machines in. "
         "Default: zenoh.host of the robot's file, this machine only.",
+    ),
+]
+Record = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Record all that is published to MCAP, as `zloam record` does."
     ),
 ]
 Method = Annotated[

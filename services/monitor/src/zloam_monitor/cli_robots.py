@@ -44,7 +44,7 @@ def watch(
     from zloam_monitor import discovery
     from zloam_monitor import watch as watcher
 
-    with discovery.linked(robot, common.endpoints(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
         return watcher.watch(link, seconds, every)
 
 
@@ -140,7 +140,7 @@ def metrics(
     from zloam_monitor import discovery
     from zloam_monitor import metrics as exporter
 
-    with discovery.linked(robot, common.endpoints(connect)) as link:
+    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
         return exporter.serve(link, address, port, seconds)
 
 

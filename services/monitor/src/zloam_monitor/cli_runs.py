@@ -101,6 +101,7 @@ def demo(
     ] = None,
     method: common.Method = "",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
+    record: common.Record = None,
     listen: common.Listen = None,
     preset_dir: common.PresetDir = None,
     many_settings: common.ManySettings = "",
@@ -143,9 +144,10 @@ def demo(
         rate=rate,
         settings=settings,
         truth=source.truth if truth is None else truth,
-        set_at=[*(set_at or []), *several(many_settings_at)],
+        set_at=[*source.changes, *(set_at or []), *several(many_settings_at)],
         ports=ports.configured(robot, listen),
         programs=programs,
+        record=record,
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -158,6 +160,7 @@ def run(
     settings: common.Settings = None,
     method: common.Method = "",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
+    record: common.Record = None,
     listen: common.Listen = None,
     seconds: Annotated[
         float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
@@ -184,6 +187,7 @@ def run(
             seconds=seconds,
             ports=ports.configured(robot, listen),
             programs=methods.programs(method),
+            record=record,
         )
     )
     print(report.table(found))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs, remarks, report
+from zloam_monitor import outputs, recorder, remarks, report, se3
 from zloam_monitor.chain import Chain, ChainError
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
@@ -42,6 +43,8 @@ class DemoOptions:
     ports: Ports | None = None
     #: stage -> program that stands for it
     programs: dict[str, str] = field(default_factory=dict)
+    #: MCAP file of all that is published
+    record: Path | None = None
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -110,8 +113,11 @@ def run(options: DemoOptions) -> dict[str, Any]:
         options.ports,
         options.programs,
     )
-    with chain:
+    # the chain has a session from its making on
+    with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
+        if recording:
+            recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
         try:
@@ -121,10 +127,11 @@ def run(options: DemoOptions) -> dict[str, Any]:
         chain.link.query_statuses()
         chain.link.query_revisions()
         codes = chain.stop()
-        truths = outputs.truths_of_base(options.truth, outputs.mounting(configs))
+        lacks = recording.end() if recording else []
+        truths = outputs.truths_of_base(options.truth, se3.mounting(configs))
         noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
-        seen = replace(seen, remarks=noted.summary())
+        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks)
     try:
         return outputs.write_all(options.out, options.source.title, seen)
     finally:

@@ -253,12 +253,22 @@ def present(endpoints: Sequence[str] = ()) -> list[Found]:
 
 
 @contextmanager
-def linked(robot: str | None, endpoints: Sequence[str] = ()) -> Iterator[Link]:
-    """A link to the robot that is meant; says which it is."""
+def linked(
+    robot: str | None, endpoints: Sequence[str] = (), newest: int | None = None
+) -> Iterator[Link]:
+    """A link to the robot that is meant; says which it is. Of its poses it keeps the newest, all
+    where no number is given."""
     found = choose(robot, endpoints)
     print(f"connected to {found}", flush=True)
+    with linked_to(found, newest) as link:
+        yield link
+
+
+@contextmanager
+def linked_to(found: Found, newest: int | None = None) -> Iterator[Link]:
+    """A link to a robot that was found."""
     session = open_session([found.endpoint])
-    link = Link(session, Keys(found.robot))
+    link = Link(session, Keys(found.robot), newest)
     try:
         yield link
     finally:

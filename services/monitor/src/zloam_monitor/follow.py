@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs, report
+from zloam_monitor import outputs, report, se3
 from zloam_monitor.chain import ChainError
 from zloam_monitor.files import written_whole
 from zloam_monitor.keys import Keys
@@ -141,7 +141,7 @@ def _follow(options: FollowOptions) -> dict[str, Any]:
         link.poll()
         configs = link.query_configs()
         known = [path for path in options.truth if path.exists()]
-        truths = outputs.truths_of_base(known, outputs.mounting(configs))
+        truths = outputs.truths_of_base(known, se3.mounting(configs))
         seen = Run.heard(link, wall_s, truths=truths)
     finally:
         link.close()

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from zloam_monitor import records
 from zloam_monitor.clouds import Tile
 from zloam_monitor.keys import Keys
-from zloam_monitor.messages import DECODE_ERRORS
+from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory, from_records
@@ -90,9 +91,11 @@ def open_client(endpoints: list[str]) -> Any:
 class Link:
     """Keeps poses and statuses of one robot."""
 
-    def __init__(self, session: Any, keys: Keys) -> None:
+    def __init__(self, session: Any, keys: Keys, newest: int | None = None) -> None:
+        """Keeps that many of the newest poses of each kind; None: all of a run."""
         self.session = session
         self.keys = keys
+        self._newest = newest
         self.poses: dict[int, PoseRecord] = {}
         self.odometry: dict[int, PoseRecord] = {}
         self.mapped: dict[int, PoseRecord] = {}
@@ -153,22 +156,27 @@ class Link:
                 kept.clear()
             for kept, pose in self._ahead:
                 if pose.run == run:
-                    kept.setdefault(pose.sweep, pose)
+                    self._add(kept, pose)
             self._ahead.clear()
+
+    def _add(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
+        kept.setdefault(pose.sweep, pose)
+        while self._newest is not None and len(kept) > self._newest:
+            kept.pop(next(iter(kept)))
 
     def _keep(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
         """Which run it is the poses say: a stage refuses what is of another one."""
         if self.run is None:
             self._new_run(pose.run)
         if pose.run == self.run:
-            kept.setdefault(pose.sweep, pose)
+            self._add(kept, pose)
         else:
             self._ahead.append((kept, pose))
 
     def _on_pose(self, payload: bytes) -> None:
         pose = records.map_pose(payload)
         self._new_run(pose.run)
-        self.poses.setdefault(pose.sweep, pose)
+        self._add(self.poses, pose)
 
     def _on_odometry(self, payload: bytes) -> None:
         self._keep(self.odometry, records.odometry(payload))
@@ -203,16 +211,21 @@ class Link:
         self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
     ) -> Iterator[bytes]:
         """Payloads of all good answers to a query."""
-        replies = self.session.get(
+        for reply in self.replies(selector, seconds, payload):
+            if reply.ok is not None:
+                yield reply.ok.payload.to_bytes()
+
+    def replies(
+        self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
+    ) -> Any:
+        """All answers to a query."""
+        return self.session.get(
             selector,
             payload=payload,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=seconds,
         )
-        for reply in replies:
-            if reply.ok is not None:
-                yield reply.ok.payload.to_bytes()
 
     def query_statuses(self) -> None:
         """Asks all stages for their status now."""
@@ -270,18 +283,11 @@ class Link:
         """odom -> base_link, likewise."""
         return _heard(self.odometry)
 
-    def mapped_path(self) -> Trajectory | None:
-        """map -> base_link of the mapped sweeps, as mapping itself answers it."""
+    def query_path(self) -> tuple[int, NDArray[Any]]:
+        """(run, messages.STAMPED_POSE) of the mapped sweeps, as mapping itself answers it."""
         for payload in self.get(self.keys.path_map, seconds=20.0):
-            _, poses = records.path(payload)
-            t, q = poses["pose"]["translation"], poses["pose"]["rotation"]
-            return from_records(
-                {
-                    int(p["sweep"]): (int(p["instant_ns"]), list(a), list(b))
-                    for p, a, b in zip(poses, t.tolist(), q.tolist(), strict=True)
-                }
-            )
-        return None
+            return records.path(payload)
+        return 0, np.empty(0, STAMPED_POSE)
 
 
 def _heard(poses: dict[int, PoseRecord]) -> Trajectory:

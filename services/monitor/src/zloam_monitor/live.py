@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import signal
 import time
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, outputs, remarks
+from zloam_monitor import ending, outputs, recorder, remarks
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import Link
 from zloam_monitor.ports import Ports
@@ -43,6 +44,8 @@ class LiveOptions:
     seconds: float | None = None
     #: None: any free ones
     ports: Ports | None = None
+    #: MCAP file of all that is published
+    record: Path | None = None
 
 
 class Diagnosis:
@@ -129,8 +132,11 @@ def run(options: LiveOptions) -> dict[str, Any]:
         ports=options.ports,
         programs=options.programs,
     )
-    with chain:
+    # the chain has a session from its making on
+    with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
+        if recording:
+            recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         interrupt, noted = _Interrupt(), Remarks()
         with ending.handled(interrupt.ask, ending_signals()):
@@ -139,8 +145,9 @@ def run(options: LiveOptions) -> dict[str, Any]:
             chain.link.query_statuses()
             chain.link.query_revisions()
             codes = chain.stop()
+            lacks = recording.end() if recording else []
         seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
-        seen = replace(seen, remarks=noted.summary())
+        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks)
     try:
         return outputs.write_all(options.out, "live run", seen)
     finally:

@@ -41,14 +41,6 @@ class Files:
         return self.folder / known[name]
 
 
-def mounting(configs: dict[str, dict[str, Any]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """T_base_lidar out of the stages' own configuration."""
-    for values in configs.values():
-        if "mounting.xyz_m" in values:
-            return se3.from_xyz_rpy_deg(values["mounting.xyz_m"], values["mounting.rpy_deg"])
-    raise ValueError("no stage said its mounting")
-
-
 def truths_of_base(
     paths: list[Path], T_base_lidar: np.ndarray[Any, np.dtype[np.float64]]
 ) -> dict[str, Trajectory]:
@@ -214,7 +206,7 @@ def write_all(
             trajectory.write_tum(files.ground_truth, stamped)
     write_poses(files.poses, run)
     found = report.build(run)
-    found["not_written"] = missing
+    found["not_written"] = missing + run.not_recorded
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)
     write_picture(folder, title, run)

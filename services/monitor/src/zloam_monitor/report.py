@@ -46,6 +46,8 @@ class Run:
     remarks: list[str] = field(default_factory=list)
     #: of the stages that still ran at the end
     pss_mib: dict[str, float] = field(default_factory=dict)
+    #: what a recording of it lacks
+    not_recorded: list[str] = field(default_factory=list)
 
     @classmethod
     def heard(

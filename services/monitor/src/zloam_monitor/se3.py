@@ -5,6 +5,7 @@ numpy alone, so that a run needs no scipy; tests compare with scipy's rotations.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -104,3 +105,16 @@ def rotation_angle_rad(transforms: Array) -> Array:
     q = quaternions(transforms)
     angles: Array = 2 * np.arctan2(np.linalg.norm(q[:, :3], axis=1), q[:, 3])
     return angles
+
+
+def mounting(configs: Mapping[str, Mapping[str, Any]]) -> Array:
+    """T_base_lidar out of the stages' own configuration; raises ValueError where none says it."""
+    for values in configs.values():
+        if "mounting.xyz_m" in values:
+            return from_xyz_rpy_deg(values["mounting.xyz_m"], values["mounting.rpy_deg"])
+    raise ValueError("no stage said its mounting")
+
+
+def mounting_shown(configs: Mapping[str, Mapping[str, Any]]) -> Array:
+    """Likewise, to look at: without an answer the lidar is drawn in base_link."""
+    return mounting(configs) if configs else np.eye(4)

@@ -6,14 +6,17 @@ import subprocess
 import tarfile
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 from zloam_monitor import claims, places, recordings
 from zloam_monitor.processes import describe_code
-from zloam_monitor.recordings import bags, folders, mounting, stream
+from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
 
 ROBOTS = places.robots()
+#: of a robot's own recording: where none of the first sweeps has readings, it has no IMU
+IMU_JUDGED_SWEEPS = 20
 #: in place of a file of inertial readings: the simulator's own
 SIMULATED_IMU = "simulated"
 
@@ -37,6 +40,8 @@ class Source:
     settings: list[str] = field(default_factory=list)
     #: further files that it is read from
     readings: list[Path] = field(default_factory=list)
+    #: SWEEP:KEY=VALUE, as it was changed while it was recorded
+    changes: list[str] = field(default_factory=list)
 
     @property
     def files(self) -> list[Path]:
@@ -81,8 +86,30 @@ def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> S
             print(f"{path.name}: {line}", flush=True)
     except recordings.Refused as refused:
         raise SourceError(f"{path}: {refused}") from refused
-    words = [f"driver.reader={places.command()}", *_mounting(path, values, own_config)]
+    words = [f"driver.reader={places.command()}"]
+    if robot_log.is_one(path):
+        return _from_robot_log(path, words, own_config)
+    words += _mounting(path, values, own_config)
     return Source(path.name, "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=words)
+
+
+def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
+    """As the robot was configured, unless the user names another file."""
+    log = robot_log.RobotLog(path)
+    first = list(islice(log.sweeps(), IMU_JUDGED_SWEEPS))
+    if not first:
+        raise SourceError(f"{path}: there is no sweep in it (lidar/<sensor>/sweep)")
+    if any(len(robot_log.imu_of(sweep.payload)) for sweep in first):
+        words.append("driver.imu=sensor")
+    changes = []
+    if not own_config:
+        words += log.settings()
+        changes = log.changes()
+    config = ROBOTS / "vlp16-outdoor.yaml"
+    files = log.parts[1:]
+    return Source(
+        path.name, "recording", path, config, settings=words, readings=files, changes=changes
+    )
 
 
 def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]:

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from zloam_monitor.recordings import Refused, bags, folders
+from zloam_monitor.recordings import Refused, bags, folders, robot_log
 from zloam_monitor.recordings.bags import Bag, Topic
 from zloam_monitor.recordings.fields import stamp_ns
 from zloam_monitor.recordings.folders import Folder
+from zloam_monitor.recordings.robot_log import RobotLog
 from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
 
-IDENTITY, SWEEP, REMARK, REFUSAL, END, PACKETS, READING = 1, 2, 3, 4, 5, 6, 7
+IDENTITY, SWEEP, REMARK, REFUSAL, END, PACKETS, READING, MESSAGE = range(1, 9)
 HEAD = struct.Struct("<4sIQ")
 SWEEP_HEAD = struct.Struct("<qIHBB")
 PACKET_HEAD = struct.Struct("<qHHI")
@@ -56,6 +57,9 @@ def write(
     """
     frames = Frames(out)
     try:
+        if robot_log.is_one(path):
+            _write_messages(RobotLog(path), frames, imu_topic is not None)
+            return 0
         with folders.opened(path, timing.period_s) as bag:
             chosen = bag.choose(topic)
             imu = "" if imu_topic is None else bag.choose_imu(imu_topic)
@@ -71,6 +75,22 @@ def write(
         return 1
     frames.text(END, "")
     return 0
+
+
+def _write_messages(log: RobotLog, frames: Frames, with_imu: bool) -> None:
+    """Sweeps as they were published, and before each what the IMU said that came with it."""
+    frames.text(IDENTITY, f"messages {bags.identity(log.path)}")
+    last_ns = 0
+    for sweep in log.sweeps():
+        readings = robot_log.imu_of(sweep.payload) if with_imu else []
+        for reading in readings:
+            if reading["stamp_ns"] > last_ns:
+                last_ns = int(reading["stamp_ns"])
+                frames.put(READING, reading.tobytes())
+        frames.put(MESSAGE, sweep.payload)
+    for remark in log.remarks:
+        frames.text(REMARK, remark)
+    frames.text(END, "")
 
 
 def _write_sweeps(
@@ -118,6 +138,9 @@ def _write_packets(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str) ->
 
 def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
     """What is in it, and how it would be read; raises Refused."""
+    if robot_log.is_one(path):
+        yield from _robot_log_described(RobotLog(path))
+        return
     with folders.opened(path, timing.period_s) as bag:
         yield from (f"{t}" for t in bag.topics)
         chosen = bag.choose(topic)
@@ -128,3 +151,13 @@ def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
             sweeper = Sweeper(timing)
             next(iter(sweeper.sweeps(bag.messages(chosen))), None)
             yield from sweeper.said
+
+
+def _robot_log_described(log: RobotLog) -> Iterator[str]:
+    about, extent = log.about or {}, log.extent()
+    parts = f" in {len(log.parts)} files" if len(log.parts) > 1 else ""
+    yield (
+        f"recorded by zloam {about.get('version', '')} of robot {about.get('robot', '')}: "
+        f"{extent.messages} messages, {extent.seconds:.1f} s{parts}"
+    )
+    yield "replayed: its sweeps, with the configuration that was in force"

@@ -1,0 +1,152 @@
+"""record, replay, foxglove: what a robot does, kept and shown elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zloam_monitor import cli_common as common
+from zloam_monitor.cli_common import command, examples
+
+MIB = 1 << 20
+
+
+@command
+def record(
+    file: Annotated[Path, typer.Argument(help="MCAP file; it must not be there yet.")],
+    seconds: Annotated[
+        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
+    ] = None,
+    everything: Annotated[
+        bool,
+        typer.Option("--everything", help="Also what stages can make again from the sweeps."),
+    ] = False,
+    scene: Annotated[
+        bool, typer.Option(help="With what Foxglove shows beside the robot's own messages.")
+    ] = True,
+    split_mib: Annotated[int, typer.Option(min=1, help="Begin a further file after MiB.")] = 2048,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Record a robot to MCAP: for `zloam demo --bag`, `zloam replay`, Foxglove.
+
+    The file can be opened at any time, also after the recorder was killed. Ends with 1 where
+    something is missing in it.
+    """
+    from zloam_monitor import discovery, recorder
+
+    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+        options = recorder.Options(file, everything, scene, split_mib * MIB)
+        return recorder.record(link, options, seconds)
+
+
+@command
+def replay(
+    file: Annotated[Path, typer.Argument(help="Of `zloam record`.")],
+    rate: Annotated[float, typer.Option(min=1e-3, help="1: as it was; 2: twice as fast.")] = 1.0,
+    begin_s: Annotated[
+        float, typer.Option("--from", min=0.0, help="Seconds from its begin.")
+    ] = 0.0,
+    end_s: Annotated[float | None, typer.Option("--to", help="Default: its end.")] = None,
+    robot: Annotated[str, typer.Option(help="Another name for the robot.")] = "",
+    listen: Annotated[
+        str, typer.Option(metavar="ENDPOINT", help="Where it is found.")
+    ] = "127.0.0.1:7464",
+    connect: common.Connect = None,
+) -> int:
+    """Publish a recording again, for `zloam watch`, `zloam foxglove` and other subscribers.
+
+    Nothing is computed anew: `zloam demo --bag` does that.
+    """
+    from zloam_monitor import discovery, recordings, replayer, sources
+
+    endpoints = tuple(discovery.endpoint_of(each) for each in common.endpoints(connect))
+    options = replayer.Options(
+        path=file,
+        rate=rate,
+        begin_s=begin_s,
+        end_s=end_s,
+        robot=robot,
+        connect=endpoints,
+        listen=discovery.endpoint_of(listen),
+    )
+    try:
+        return replayer.replay(options)
+    except recordings.Refused as refused:
+        raise sources.SourceError(f"{file}: {refused}") from refused
+
+
+@command
+def foxglove(
+    port: Annotated[int, typer.Option(help="Of the server; 0: a free one.")] = 8765,
+    address: Annotated[
+        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
+    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Show a robot live in Foxglove or Lichtblick."""
+    from zloam_monitor import discovery, foxglove_server
+
+    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+        return foxglove_server.serve(link, address, port, seconds)
+
+
+@command
+def view(
+    web: Annotated[
+        bool, typer.Option("--web", help="In the browser, not in a window of its own.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="Of the page; the next one has the data.")] = 9090,
+    address: Annotated[
+        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Into a file (.rrd), and nowhere else.")
+    ] = None,
+    points: Annotated[bool, typer.Option(help="With sweeps, features and rejected points.")] = True,
+    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Show a robot live in Rerun: sweeps, features, map, path, latency."""
+    from zloam_monitor import discovery, rerun_view
+
+    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+        options = rerun_view.Options(web, port, address, save, points)
+        return rerun_view.view(link, options, seconds)
+
+
+@command
+def web(
+    port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 8080,
+    address: Annotated[
+        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
+    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    connect: common.Connect = None,
+) -> int:
+    """Serve a page for a browser: health, path, map and latency of all robots that answer."""
+    from zloam_monitor.web import server
+
+    return server.serve(common.endpoints(connect), address, port, seconds)
+
+
+def add(app: typer.Typer) -> None:
+    """The commands under their heading."""
+    listed = (
+        (web, "web", ("zloam web", "zloam web --address 0.0.0.0 --connect 192.168.1.5")),
+        (view, "view", ("zloam view", "zloam view --web", "zloam view --save drive.rrd")),
+        (foxglove, "foxglove", ("zloam foxglove", "zloam foxglove --connect 192.168.1.5")),
+        (record, "record", ("zloam record drive.mcap", "zloam record drive.mcap --seconds 60")),
+        (
+            replay,
+            "replay",
+            ("zloam replay drive.mcap", "zloam replay drive.mcap --from 30 --rate 4"),
+        ),
+    )
+    for run, name, shown in listed:
+        app.command(name, rich_help_panel=common.ROBOTS, epilog=examples(*shown))(run)

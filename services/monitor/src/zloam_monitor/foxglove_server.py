@@ -1,0 +1,100 @@
+"""`foxglove`: a robot, live, for Foxglove and Lichtblick, by their WebSocket protocol."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import ending, foxglove_messages, messages, se3
+from zloam_monitor.extras import needed
+from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
+from zloam_monitor.intake import MIB, Intake
+from zloam_monitor.link import Link
+from zloam_monitor.terminal import ProgressLine
+
+LAYOUT = Path(__file__).with_name("foxglove_layout.json")
+#: what waits to be shown; of more the oldest goes
+MOST_WAITING_BYTES = 32 * MIB
+#: the map and the path are shown again after so many seconds in which they grew
+SCENE_SECONDS = 1.0
+#: somebody who connects is shown the whole map, path and statuses that often
+AGAIN_SECONDS = 10.0
+
+
+class Server:
+    """Channels for all topics; what is logged goes to whoever listens."""
+
+    def __init__(self, link: Link, address: str, port: int) -> None:
+        sdk = needed("foxglove", "foxglove-sdk")
+        self._context = sdk.Context()
+        self._channels = {}
+        for topic, name in TOPICS.items():
+            full_name, data = foxglove_messages.schema(name)
+            schema = sdk.Schema(name=full_name, encoding="flatbuffer", data=data)
+            self._channels[topic] = sdk.Channel(
+                topic, schema=schema, message_encoding="flatbuffer", context=self._context
+            )
+        robot = link.keys.robot
+        self._server = sdk.start_server(
+            name=f"zloam: {robot}", host=address, port=port, context=self._context
+        )
+        self.port: int = self._server.port
+        mounting = se3.mounting_shown(link.query_configs())
+        self._scene = Scene(link.keys, SCENE_SECONDS, mounting)
+        self._intake = Intake(
+            link.session, expressions(link.keys), MOST_WAITING_BYTES, leave_out="oldest"
+        )
+        self._scene.keep_path(*link.query_path())
+        for tile in link.query_tiles():
+            self._scene.keep(tile)
+        self._again = 0.0
+        self.shown = 0
+
+    def poll(self) -> None:
+        """Shows what has come."""
+        for sample in self._intake.taken():
+            with contextlib.suppress(*messages.DECODE_ERRORS):
+                self._show(self._scene.take(sample))
+        now = time.monotonic()
+        if now > self._again:
+            self._again = now + AGAIN_SECONDS
+            self._show(self._scene.whole(time.time_ns()))
+
+    def _show(self, items: Any) -> None:
+        for each in items:
+            self._channels[each.topic].log(each.data, log_time=each.stamp_ns)
+            self.shown += 1
+
+    @property
+    def dropped(self) -> int:
+        return sum(self._intake.dropped.values())
+
+    def close(self) -> None:
+        self._intake.close()
+        self._server.stop()
+
+
+def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
+    """Until so long has passed, or Ctrl-C."""
+    server = Server(link, address, port)
+    stop: list[int] = []
+    line = ProgressLine()
+    began = time.monotonic()
+    try:
+        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+            print(
+                f"ws://{address}:{server.port} for Foxglove or Lichtblick (open connection, "
+                f"Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
+                flush=True,
+            )
+            while not stop and (seconds is None or time.monotonic() - began < seconds):
+                server.poll()
+                line.show(f"{server.shown} messages shown, {server.dropped} left out")
+                time.sleep(0.02)
+    finally:
+        line.end()
+        server.close()
+    return 0

@@ -1,0 +1,93 @@
+"""Everything that is published below some keys, as it comes, in a bounded queue."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import zenoh
+
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One message."""
+
+    key: str
+    payload: bytes
+    #: this host's clock, ns since the Unix epoch
+    received_ns: int
+
+
+class Intake:
+    """Holds at most so many bytes; of more the oldest or the newest messages are left out, and
+    counted. Zenoh's threads are never held up by who takes them out."""
+
+    def __init__(
+        self,
+        session: Any,
+        expressions: Iterable[str],
+        most_bytes: int,
+        leave_out: Literal["oldest", "newest"],
+    ) -> None:
+        self._most_bytes, self._leave_out = most_bytes, leave_out
+        self._waiting: deque[Sample] = deque()
+        self._bytes = 0
+        #: key -> messages left out
+        self.dropped: dict[str, int] = {}
+        self._changed = threading.Condition()
+        self._subscribers = [session.declare_subscriber(each, self._put) for each in expressions]
+
+    def close(self) -> None:
+        """Nothing more comes; what waits can still be taken."""
+        for subscriber in self._subscribers:
+            with contextlib.suppress(zenoh.ZError):  # its session may have been closed before it
+                subscriber.undeclare()
+        self._subscribers.clear()
+
+    def _put(self, sample: Any) -> None:
+        self.add(Sample(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+
+    def add(self, sample: Sample) -> None:
+        """As if it had come."""
+        with self._changed:
+            if self._leave_out == "newest" and self._is_full(sample):
+                self._drop(sample)
+                return
+            while self._waiting and self._is_full(sample):
+                oldest = self._waiting.popleft()
+                self._bytes -= len(oldest.payload)
+                self._drop(oldest)
+            self._waiting.append(sample)
+            self._bytes += len(sample.payload)
+            self._changed.notify()
+
+    def _is_full(self, sample: Sample) -> bool:
+        return self._bytes + len(sample.payload) > self._most_bytes
+
+    def _drop(self, sample: Sample) -> None:
+        self.dropped[sample.key] = self.dropped.get(sample.key, 0) + 1
+
+    def take(self, seconds: float = 0.0) -> Sample:
+        """The oldest; raises queue.Empty when none comes within so long."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: bool(self._waiting), seconds):
+                raise queue.Empty
+            sample = self._waiting.popleft()
+            self._bytes -= len(sample.payload)
+            return sample
+
+    def taken(self) -> Iterator[Sample]:
+        """All that wait now."""
+        while True:
+            try:
+                yield self.take()
+            except queue.Empty:
+                return

@@ -1,0 +1,162 @@
+"""An MCAP file that can be opened at any time, also after its writer was killed.
+
+MCAP ends with an index, without which most readers refuse a file. Here it is written again with
+each second's messages over the one before. A process of its own does that, so that no kill of this
+one comes in the midst of it (replaced_end.py).
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import replaced_end
+
+CHUNK_BYTES = 4 << 20
+#: how much a killed writer loses
+SYNC_SECONDS = 0.5
+
+
+class RecordingError(RuntimeError):
+    """It could not be written; the text says why, and what is in the files."""
+
+
+class _Waiting:
+    """What the library has written and the file does not have yet."""
+
+    def __init__(self, at: int = 0) -> None:
+        self.at = at
+        self.data = bytearray()
+
+    def write(self, data: Any) -> int:
+        self.data += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self.at + len(self.data)
+
+    def flush(self) -> None:
+        """Nothing: whole() does it."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> _Waiting:
+        return _Waiting(self.tell())
+
+
+class Disk:
+    """The process that writes. Ctrl-C on the terminal does not reach it."""
+
+    def __init__(self, path: Path) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", replaced_end.__file__, str(path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+
+    def replace_end(self, data: bytes, ending: bytes) -> None:
+        """Data in the place of the ending before, and then the new ending; raises OSError."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(replaced_end.HEAD.pack(len(data), len(ending)))
+            self._process.stdin.write(data)
+            self._process.stdin.write(ending)
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise OSError(f"its writer ended ({self._process.wait()})") from error
+        reply = self._process.stdout.read(replaced_end.REPLY.size)
+        if len(reply) < replaced_end.REPLY.size:
+            raise OSError(f"its writer ended ({self._process.wait()})")
+        (number,) = replaced_end.REPLY.unpack(reply)
+        if number:
+            raise OSError(number, os.strerror(number))
+
+    def close(self) -> None:
+        """Waits for its end."""
+        self._process.communicate()
+
+
+class McapFile:
+    """Schemas and channels are registered as they are first used."""
+
+    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
+        except FileExistsError as error:
+            raise RecordingError(f"{path} is there already: choose another name") from error
+        self._disk = Disk(path)
+        self._waiting = _Waiting()
+        self._writer = Writer(
+            self._waiting,  # type: ignore[arg-type]
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+        )
+        self._writer.start(profile="", library="zloam")
+        self._writer.add_metadata("zloam", metadata)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._synced = 0.0
+        self.messages = 0
+        self.bytes = 0
+        self.whole()
+
+    def put(
+        self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes
+    ) -> None:
+        """One message; `schema` is name and binary schema of a FlatBuffer, None: there is none.
+
+        Raises OSError where the disk has no room: the file stays as it was at the last sync.
+        """
+        self._writer.add_message(self._channel(topic, schema), log_ns, data, sent_ns, self.messages)
+        self.messages += 1
+        self.sync()
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Metadata that is known later."""
+        self._writer.add_metadata(name, values)
+
+    def sync(self) -> None:
+        """At least twice a second; cheap where it was done a moment ago."""
+        due = len(self._waiting.data) > CHUNK_BYTES
+        if due or time.monotonic() - self._synced > SYNC_SECONDS:
+            self.whole()
+
+    def whole(self) -> None:
+        """What was put is in the file, and the file is one that can be opened."""
+        memo: dict[int, Any] = {}
+        twin = copy.deepcopy(self._writer, memo)
+        twin.finish()  # type: ignore[no-untyped-call]
+        ending = bytes(memo[id(self._waiting)].data)
+        self._disk.replace_end(bytes(self._waiting.data), ending)
+        self._waiting.at += len(self._waiting.data)
+        self._waiting.data.clear()
+        self.bytes = self._waiting.at + len(ending)
+        self._synced = time.monotonic()
+
+    def _channel(self, topic: str, schema: tuple[str, bytes] | None) -> int:
+        if topic not in self._channels:
+            known, encoding = 0, ""
+            if schema is not None:
+                name, data = schema
+                encoding = "flatbuffer"
+                if name not in self._schemas:
+                    self._schemas[name] = self._writer.register_schema(name, encoding, data)
+                known = self._schemas[name]
+            self._channels[topic] = self._writer.register_channel(topic, encoding, known)
+        return self._channels[topic]
+
+    def close(self) -> None:
+        """Raises OSError as put() does; the file is closed in any case."""
+        try:
+            self.whole()
+        finally:
+            self._disk.close()

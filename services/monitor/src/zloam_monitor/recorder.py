@@ -1,0 +1,326 @@
+"""`record`: everything that a robot publishes, into MCAP files.
+
+Each file has the robot's messages as they were sent, with their schemas, the configuration in
+force, and beside them what Foxglove shows (foxglove_scene.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from zloam_monitor import ending, messages, se3
+from zloam_monitor.foxglove_scene import Scene
+from zloam_monitor.intake import MIB, Intake, Sample
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
+from zloam_monitor.mcap_file import McapFile, RecordingError
+from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.version import version
+
+#: what waits to be written
+MOST_WAITING_BYTES = 256 * MIB
+TOO_FAST = "they came faster than they could be written (a slower rate, or a faster disk)"
+#: the map and the path are written again after so many seconds in which they grew
+SCENE_SECONDS = 5.0
+#: below a robot: what stages make for each other and can make again from the sweeps, and views of
+#: what other keys have
+DERIVED = (
+    "lidar/*/features",
+    "lidar/*/rejected",
+    "odometry/features",
+    "odometry/progress",
+    "map/surround",
+    "map/cloud",
+    "sweep/registered",
+    "odometry/sweep",
+)
+#: identifier of a message -> its table
+TABLES = {kind.identifier: table for table, kind in messages.KINDS.items() if table != "Command"}
+TILES = "map/tile"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a recording has."""
+
+    path: Path
+    #: also what can be made again
+    everything: bool = False
+    #: what Foxglove shows, beside the robot's own messages
+    scene: bool = True
+    #: a further file begins after so many
+    split_bytes: int = 2048 * MIB
+
+
+@cache
+def schema_of(identifier: bytes) -> tuple[str, bytes] | None:
+    """Name and binary schema of the message with that identifier; None: it is none of ours."""
+    table = TABLES.get(identifier)
+    if table is None:
+        return None
+    path = messages.schemas_path() / "zloam" / "bfbs" / f"{messages.KINDS[table].schema}.bfbs"
+    return f"zloam.msg.{table}", path.read_bytes()
+
+
+def topic_of(key: str) -> str:
+    """Keys are topics, but for those of tiles, which say themselves which they are of."""
+    head, found, _ = key.partition(f"/{TILES}/")
+    return f"{head}/{TILES}" if found else key
+
+
+def expressions(keys: Keys, scene: bool) -> list[str]:
+    """All that is published; Zenoh's `**` leaves out what begins with @, which stages use among
+    themselves. A subscription to everything would make stages publish what is only made while
+    somebody listens: what is not recorded is not asked for."""
+    wanted = [
+        keys.below("lidar/*/packets"),
+        keys.below("lidar/*/sweep"),
+        keys.below("imu/*"),
+        keys.below("gnss/*"),
+        keys.odometry,
+        keys.pose,
+        keys.map_correction,
+        keys.map_odometry,
+        keys.tiles,
+        keys.every_status,
+        keys.every_revision,
+    ]
+    return [*wanted, keys.below("odometry/sweep")] if scene else wanted
+
+
+@dataclass
+class Recorder:
+    """Takes a robot's messages and writes them; used by one thread."""
+
+    link: Link
+    options: Options
+    parts: list[Path] = field(default_factory=list)
+    written: int = 0
+    #: bytes of the files before the one that is open
+    before: int = 0
+
+    def __post_init__(self) -> None:
+        keys, options = self.link.keys, self.options
+        # the file first: where it can't be made, nothing is heard
+        self._file = self._opened()
+        wanted = expressions(keys, options.scene)
+        if options.everything:
+            wanted = list(dict.fromkeys([*wanted, *map(keys.below, DERIVED)]))
+        self._raw_clouds = options.everything
+        self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
+        self._scene: Scene | None = None
+        #: what each file needs to be understood by itself
+        self._standing: dict[str, Sample] = {}
+
+    def settle(self) -> None:
+        """Asks for what was said before: configuration and its changes."""
+        configs = self.link.query_configs()
+        keys = self.link.keys
+        now = time.time_ns()
+        for key in (keys.every_config, keys.every_revision):
+            for found, payload in self._answers(key):
+                self._stand(Sample(found, payload, now))
+        if self.options.scene:
+            self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
+
+    def _answers(self, selector: str) -> Iterator[tuple[str, bytes]]:
+        for reply in self.link.replies(selector):
+            if reply.ok is not None:
+                yield str(reply.ok.key_expr), reply.ok.payload.to_bytes()
+
+    def _stand(self, sample: Sample) -> None:
+        if self._standing.get(sample.key) is None:
+            self._put(sample)
+        self._standing[sample.key] = sample
+
+    def _opened(self) -> McapFile:
+        path = self.options.path
+        number = len(self.parts) + 1
+        part = path if number == 1 else path.with_name(f"{path.stem}_{number}{path.suffix}")
+        keys = self.link.keys
+        about = {
+            "robot": keys.robot,
+            "sensor": keys.sensor,
+            "part": str(number),
+            "version": version(),
+        }
+        opened = McapFile(part, about)
+        self.parts.append(part)
+        return opened
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        return self._intake.dropped
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return self.before + self._file.bytes
+
+    def poll(self, seconds: float = 0.0) -> None:
+        """Writes what has come, waiting up to `seconds` for the first; raises RecordingError."""
+        try:
+            sample = self._intake.take(seconds)
+        except queue.Empty:
+            self._synced()
+            return
+        self._take(sample)
+        for more in self._intake.taken():
+            self._take(more)
+
+    def _take(self, sample: Sample) -> None:
+        is_view = sample.key == self.link.keys.below("odometry/sweep")
+        if not is_view or self._raw_clouds:
+            self._put(sample)
+        if sample.payload[4:8] == messages.KINDS["ConfigRevision"].identifier:
+            self._standing[sample.key] = sample
+        if self._scene is not None:
+            with contextlib.suppress(*messages.DECODE_ERRORS):
+                for shown in self._scene.take(sample):
+                    self._write(
+                        shown.topic, shown.schema, sample.received_ns, shown.stamp_ns, shown.data
+                    )
+        if self._file.bytes > self.options.split_bytes:
+            self._split()
+
+    def _put(self, sample: Sample) -> None:
+        schema = schema_of(bytes(sample.payload[4:8]))
+        self._write(
+            topic_of(sample.key), schema, sample.received_ns, sample.received_ns, sample.payload
+        )
+        self.written += 1
+
+    def _write(
+        self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes
+    ) -> None:
+        try:
+            self._file.put(topic, schema, log_ns, sent_ns, data)
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _synced(self) -> None:
+        try:
+            self._file.sync()
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: OSError) -> RecordingError:
+        return RecordingError(
+            f"{self.parts[-1]}: {error.strerror}: the recording ends here; what was written up to "
+            "half a second before is whole. The robot goes on"
+        )
+
+    def _split(self) -> None:
+        self.before += self._file.bytes
+        self._file.close()
+        self._file = self._opened()
+        for sample in self._standing.values():
+            self._put(sample)
+
+    def close(self) -> None:
+        """Writes what waits, and what was left out."""
+        self._intake.close()
+        try:
+            self.poll()
+            if self._scene is not None:
+                now = time.time_ns()
+                for shown in self._scene.last(now):
+                    self._write(shown.topic, shown.schema, now, shown.stamp_ns, shown.data)
+            if self.dropped:
+                self._file.note("zloam.dropped", {k: str(n) for k, n in self.dropped.items()})
+        finally:
+            try:
+                self._file.close()
+            except OSError as error:
+                raise self._lost(error) from error
+
+    def summary(self) -> str:
+        """How much it is, and what is not in it."""
+        listed = ", ".join(str(part) for part in self.parts)
+        line = f"{listed}: {self.written} messages, {self.size / MIB:.1f} MiB"
+        if self.dropped:
+            total = sum(self.dropped.values())
+            keys = ", ".join(sorted(self.dropped))
+            line += f"\n{total} messages are missing ({keys}): {TOO_FAST}"
+        return line
+
+
+class Beside:
+    """A recorder with a thread of its own, for a run of the same process."""
+
+    def __init__(self, link: Link, path: Path) -> None:
+        self._recorder = Recorder(link, Options(path))
+        self._ends = threading.Event()
+        self._error: RecordingError | None = None
+        self._thread = threading.Thread(target=self._run)
+
+    def begin(self) -> None:
+        """Asks for the configuration, and writes from now on; what came before waits."""
+        self._recorder.settle()
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            while not self._ends.is_set():
+                self._recorder.poll(0.2)
+        except RecordingError as error:
+            self._error = error
+
+    def end(self) -> list[str]:
+        """What it lacks; nothing where it is whole."""
+        self._ends.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        try:
+            self._recorder.close()
+        except RecordingError as error:
+            self._error = self._error or error
+        lacks = [str(self._error)] if self._error else []
+        if missing := sum(self._recorder.dropped.values()):
+            lacks.append(f"{missing} messages of {self._recorder.parts[0]}: {TOO_FAST}")
+        return lacks
+
+
+@contextlib.contextmanager
+def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
+    """Ends with the block, however that ends."""
+    if path is None:
+        yield None
+        return
+    recording = Beside(link, path)
+    try:
+        yield recording
+    except BaseException:
+        recording.end()
+        raise
+
+
+def record(link: Link, options: Options, seconds: float | None) -> int:
+    """Until so long has passed, or Ctrl-C; 1 where something is missing."""
+    recorder = Recorder(link, options)
+    stop: list[int] = []
+    line = ProgressLine()
+    try:
+        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+            print(f"recording to {options.path}; Ctrl-C ends", flush=True)
+            recorder.settle()
+            began = time.monotonic()
+            while not stop and (seconds is None or time.monotonic() - began < seconds):
+                recorder.poll(0.2)
+                line.show(
+                    f"{time.monotonic() - began:.0f} s, {recorder.written} messages, "
+                    f"{recorder.size / MIB:.1f} MiB"
+                )
+    finally:
+        line.end()
+        recorder.close()
+    print(recorder.summary(), flush=True)
+    return 1 if recorder.dropped else 0

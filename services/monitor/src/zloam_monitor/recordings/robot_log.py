@@ -1,0 +1,241 @@
+"""What `zloam record` wrote: a robot's own messages, in one MCAP file or several parts.
+
+For the driver it is a recording of sweeps, which are replayed as they were published, with the
+configuration that was in force; `zloam replay` publishes all of it again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import messages, records
+from zloam_monitor.recordings import Refused
+from zloam_monitor.records import RevisionRecord
+
+SWEEP = "zloam.msg.Sweep"
+CONFIG = "zloam.msg.EffectiveConfig"
+REVISION = "zloam.msg.ConfigRevision"
+#: of the configuration in force, what a sweep's way through the stages depends on; sweeps are taken
+#: as the driver made them
+STAGE_KEYS = ("sensor.model", "mounting.", "registration.", "odometry.", "mapping.", "integration.")
+#: of those, what is this run's own
+PLACES = ("mapping.map_path", "mapping.spill_directory", "integration.output_dir")
+
+
+@dataclass(frozen=True)
+class Logged:
+    """One message."""
+
+    topic: str
+    #: name of its schema; empty: it has none
+    schema: str
+    log_ns: int
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Of the whole recording, ns since the Unix epoch."""
+
+    begin_ns: int
+    end_ns: int
+    messages: int
+
+    @property
+    def seconds(self) -> float:
+        return 1e-9 * (self.end_ns - self.begin_ns)
+
+
+def is_one(path: Path) -> bool:
+    """Whether `zloam record` wrote it."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        if not file.read(8).startswith(b"\x89MCAP"):
+            return False
+    try:
+        return RobotLog(path).about is not None
+    except Refused:
+        return False
+
+
+@dataclass
+class RobotLog:
+    """All parts in their order."""
+
+    path: Path
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def parts(self) -> list[Path]:
+        """run.mcap, then run_2.mcap and so on, where they are there."""
+        found = [self.path]
+        while (further := self._part(len(found) + 1)).is_file():
+            found.append(further)
+        return found
+
+    def _part(self, number: int) -> Path:
+        return self.path.with_name(f"{self.path.stem}_{number}{self.path.suffix}")
+
+    @property
+    def about(self) -> dict[str, str] | None:
+        """What the recorder said of it; None: it wrote none of this."""
+        from mcap.records import Message, Metadata
+        from mcap.stream_reader import StreamReader
+
+        with self.path.open("rb") as file, _told(self.path):
+            for record in StreamReader(file).records:
+                if isinstance(record, Metadata) and record.name == "zloam":
+                    return dict(record.metadata)
+                if isinstance(record, Message):
+                    return None
+        return None
+
+    def extent(self) -> Extent:
+        """By the parts' indexes; of one without, by all its messages."""
+        begins, ends, count = [], [], 0
+        for part in self.parts:
+            statistics = _statistics(part)
+            if statistics is None:
+                stamps = [m.log_ns for m in self._linear(part)]
+                statistics = (min(stamps), max(stamps), len(stamps)) if stamps else None
+            if statistics is not None:
+                begins.append(statistics[0])
+                ends.append(statistics[1])
+                count += statistics[2]
+        if not begins:
+            raise Refused("there is no message in it")
+        return Extent(min(begins), max(ends), count)
+
+    def messages(self, wanted: tuple[str, ...] = ()) -> Iterator[Logged]:
+        """In the order in which they came; `wanted`: of these schemas only. Of a part that was cut
+        off what is whole, which is remarked."""
+        for part in self.parts:
+            yield from (m for m in self._linear(part) if not wanted or m.schema in wanted)
+
+    def _linear(self, part: Path) -> Iterator[Logged]:
+        from mcap.exceptions import McapError
+        from mcap.records import Channel, Message, Schema
+        from mcap.stream_reader import StreamReader
+
+        names: dict[int, str] = {0: ""}
+        channels: dict[int, tuple[str, str]] = {}
+        with part.open("rb") as file:
+            try:
+                for record in StreamReader(file).records:
+                    if isinstance(record, Schema):
+                        names[record.id] = record.name
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record.topic, names.get(record.schema_id, "")
+                    elif isinstance(record, Message):
+                        topic, schema = channels[record.channel_id]
+                        yield Logged(topic, schema, record.log_time, record.data)
+            except (McapError, ValueError, KeyError, EOFError) as error:
+                self.remarks.append(
+                    f"{part.name} is cut off or damaged ({type(error).__name__}): what is whole "
+                    "before that is used"
+                )
+
+    def sweeps(self) -> Iterator[Logged]:
+        """Of its first run, each once, in the order of their numbers."""
+        run: int | None = None
+        last = -1
+        missing = 0
+        for logged in self.messages((SWEEP,)):
+            header = _header(logged.payload)
+            if header is None:
+                self.remarks.append("a sweep could not be read: it is left out")
+                continue
+            if run is None:
+                run, last = header.Run(), header.Sweep() - 1
+            if header.Run() != run:
+                self.remarks.append(f"a further run begins after sweep {last}: it is left out")
+                break
+            if header.Sweep() > last:
+                missing += header.Sweep() - last - 1
+                last = header.Sweep()
+                yield logged
+        if missing:
+            self.remarks.append(f"{missing} sweeps are missing between others")
+
+    def settings(self) -> list[str]:
+        """The stages' configuration as it was in force when the recording began, KEY=VALUE."""
+        found: dict[str, Any] = {}
+        for logged in self.messages((CONFIG, SWEEP)):
+            if logged.schema == SWEEP:
+                break
+            _, values = records.effective_config(logged.payload)
+            found |= {k: v for k, v in values.items() if k.startswith(STAGE_KEYS)}
+        return [f"{k}={_text(v)}" for k, v in sorted(found.items()) if k not in PLACES]
+
+    def changes(self) -> list[str]:
+        """What was changed while it ran, SWEEP:KEY=VALUE, sweeps counted from the first one."""
+        revisions: dict[tuple[str, int], RevisionRecord] = {}
+        first: int | None = None
+        for logged in self.messages((REVISION, SWEEP)):
+            if logged.schema == REVISION:
+                revision = records.config_revision(logged.payload)
+                revisions[(revision.stage, revision.rev)] = revision
+            elif first is None and (header := _header(logged.payload)) is not None:
+                first = header.Sweep()
+        found, before = [], dict[str, dict[str, Any]]()
+        for (stage, _), revision in sorted(revisions.items()):
+            known = before.get(stage, {})
+            sweep = max(0, revision.from_sweep - (first or 0))
+            new = {k: v for k, v in revision.values.items() if known.get(k) != v}
+            found += [f"{sweep}:{key}={_text(value)}" for key, value in new.items()]
+            before[stage] = revision.values
+        return found
+
+
+def imu_of(payload: bytes) -> Any:
+    """The readings that came with a sweep (messages.IMU_SAMPLE)."""
+    sweep = messages.decode("Sweep", payload)
+    return messages.struct_vector(sweep, "Imu", messages.IMU_SAMPLE)
+
+
+def _header(payload: bytes) -> Any:
+    try:
+        return messages.decode("Sweep", payload).Header()
+    except messages.DECODE_ERRORS:
+        return None
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _statistics(part: Path) -> tuple[int, int, int] | None:
+    """(first, last, count); None: it has no index."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    with part.open("rb") as file:
+        try:
+            summary = make_reader(file).get_summary()
+        except (McapError, ValueError, OSError, KeyError):
+            return None
+    if summary is None or summary.statistics is None or not summary.statistics.message_count:
+        return None
+    said = summary.statistics
+    return said.message_start_time, said.message_end_time, said.message_count
+
+
+class _told:
+    """The library's errors as a refusal."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        """Nothing."""
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        from mcap.exceptions import McapError
+
+        if isinstance(error, (McapError, ValueError)):
+            raise Refused(f"cannot be read: {error}") from error

@@ -1,0 +1,198 @@
+"""`replay`: what a robot published is published again, for `watch`, `foxglove` and anybody else.
+
+It stands for the robot: it has its stages' tokens, and answers what they answered.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import ending, messages, records
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import open_session
+from zloam_monitor.recorder import TILES
+from zloam_monitor.recordings import Refused
+from zloam_monitor.recordings.robot_log import Logged, RobotLog
+from zloam_monitor.terminal import ProgressLine
+
+#: of those the newest is published at once where the replay begins later
+STANDING = ("zloam.msg.ConfigRevision", "zloam.msg.EffectiveConfig", "zloam.msg.MapTile")
+#: a reader that is there is linked by then
+LINK_SECONDS = 1.0
+LOOK_SECONDS = 0.2
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is published, how fast and as whom."""
+
+    path: Path
+    #: 1: as it was
+    rate: float = 1.0
+    #: seconds from its begin
+    begin_s: float = 0.0
+    end_s: float | None = None
+    #: name of the robot; empty: its own
+    robot: str = ""
+    connect: tuple[str, ...] = ()
+    listen: str = ""
+
+
+class Stand:
+    """The session that speaks for the robot."""
+
+    def __init__(self, log: RobotLog, options: Options) -> None:
+        about = log.about
+        if about is None:
+            raise Refused("it is no recording of `zloam record`: zloam demo --bag replays others")
+        self._recorded = about["robot"]
+        self.keys = Keys(options.robot or about["robot"], about.get("sensor", "lidar"))
+        self.session = open_session(list(options.connect), options.listen)
+        self._alone()
+        self._newest: dict[str, bytes] = {}
+        self._tokens: dict[tuple[str, str], Any] = {}
+        self._encodings = {
+            f"zloam.msg.{table}": messages.encoding(table) for table in messages.KINDS
+        }
+        answered = (self.keys.every_status, self.keys.every_config, self.keys.every_revision)
+        self._queryables = [self.session.declare_queryable(k, self._answer) for k in answered]
+        self.published = 0
+
+    def _alone(self) -> None:
+        """The robot itself must not be there: nobody could tell the two apart."""
+        deadline = time.monotonic() + LINK_SECONDS
+        while time.monotonic() < deadline:
+            replies = self.session.liveliness().get(self.keys.every_alive, timeout=LINK_SECONDS)
+            if any(reply.ok is not None for reply in replies):
+                self.session.close()
+                raise Refused(
+                    f"robot {self.keys.robot} is there and alive: give the recording another name "
+                    "by --robot"
+                )
+            time.sleep(0.1)
+
+    def close(self) -> None:
+        self.session.close()
+
+    def put(self, logged: Logged) -> None:
+        """On its key, below the robot's name."""
+        key = self._key(logged)
+        if key is None:
+            return
+        if logged.schema in ("zloam.msg.Status", *STANDING[:2]):
+            self._newest[key] = logged.payload
+            self._declare(key)
+        if logged.schema != "zloam.msg.EffectiveConfig":  # which is asked for only
+            self.session.put(key, logged.payload, encoding=self._encodings.get(logged.schema, ""))
+        self.published += 1
+
+    def _key(self, logged: Logged) -> str | None:
+        """None: it is no message of the robot, but a view of one."""
+        begin = f"loam/{self._recorded}/"
+        if not logged.topic.startswith(begin):
+            return None
+        rest = logged.topic.removeprefix(begin)
+        if rest == TILES:
+            tile = records.tile(logged.payload)
+            rest = "/".join([TILES, tile.layer, *map(str, tile.index)])
+        return self.keys.below(rest)
+
+    def _declare(self, key: str) -> None:
+        """The token of a stage's instance, by the key of its status or configuration."""
+        parts = key.split("/")
+        who = (parts[-3], parts[-2])
+        if "service" in parts and who not in self._tokens:
+            token = self.keys.below(f"service/{who[0]}/{who[1]}/alive")
+            self._tokens[who] = self.session.liveliness().declare_token(token)
+
+    def _answer(self, query: Any) -> None:
+        for key, payload in list(self._newest.items()):
+            if query.key_expr.intersects(_expression(key)):
+                query.reply(key, payload)
+
+
+def _expression(key: str) -> Any:
+    import zenoh
+
+    return zenoh.KeyExpr(key)
+
+
+def _from(log: RobotLog, begin_ns: int, end_ns: int) -> Iterator[Logged]:
+    """What stands at the begin, then what came until the end."""
+    standing: dict[str, Logged] = {}
+    began = False
+    for logged in log.messages():
+        if logged.log_ns > end_ns:
+            break
+        if logged.log_ns >= begin_ns:
+            if not began:
+                yield from standing.values()
+                began = True
+            yield logged
+        elif logged.schema in STANDING:
+            standing[_identity(logged)] = logged
+    if not began:
+        yield from standing.values()
+
+
+def _identity(logged: Logged) -> str:
+    if logged.schema != STANDING[2]:
+        return logged.topic
+    tile = records.tile(logged.payload)
+    return f"{tile.layer}/{tile.index}"
+
+
+def replay(options: Options) -> int:
+    """Until its end or Ctrl-C."""
+    log = RobotLog(options.path)
+    extent = log.extent()
+    begin_ns = extent.begin_ns + round(1e9 * options.begin_s)
+    end_ns = extent.end_ns
+    if options.end_s is not None:
+        end_ns = min(end_ns, extent.begin_ns + round(1e9 * options.end_s))
+    if begin_ns >= end_ns:
+        raise Refused(
+            f"it is {extent.seconds:.1f} s long: nothing lies from {options.begin_s:g} s "
+            f"to {1e-9 * (end_ns - extent.begin_ns):g} s"
+        )
+    stand = Stand(log, options)
+    stop: list[int] = []
+    try:
+        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+            print(f"robot {stand.keys.robot} at {options.listen}; Ctrl-C ends", flush=True)
+            _publish(
+                stand, _from(log, begin_ns, end_ns), options, (extent.begin_ns, begin_ns), stop
+            )
+    finally:
+        stand.close()
+    print(f"{stand.published} messages published", flush=True)
+    for remark in log.remarks:
+        print(remark, flush=True)
+    return 1 if log.remarks else 0
+
+
+def _publish(
+    stand: Stand,
+    logged: Iterator[Logged],
+    options: Options,
+    begins_ns: tuple[int, int],
+    stop: list[int],
+) -> None:
+    """In the recording's time, begun at the second of the two instants; told from the first."""
+    line = ProgressLine()
+    whole_ns, begin_ns = begins_ns
+    began = time.monotonic()
+    for each in logged:
+        due = began + 1e-9 * max(0, each.log_ns - begin_ns) / options.rate
+        while not stop and (left := due - time.monotonic()) > 0:
+            time.sleep(min(left, LOOK_SECONDS))
+        if stop:
+            break
+        stand.put(each)
+        line.show(f"{1e-9 * (each.log_ns - whole_ns):.1f} s, {stand.published} messages")
+    line.end()

@@ -1,0 +1,158 @@
+"""`view`: a robot, live, in Rerun: its own window, the browser, or a file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import ending, se3
+from zloam_monitor.extras import ViewerError, needed
+from zloam_monitor.intake import MIB, Intake
+from zloam_monitor.link import Link
+from zloam_monitor.ports import PortTaken
+from zloam_monitor.processes import is_free
+from zloam_monitor.rerun_scene import Scene, blueprint, expressions
+from zloam_monitor.terminal import ProgressLine
+
+#: what waits to be drawn; of more the oldest goes
+MOST_WAITING_BYTES = 64 * MIB
+#: the server for the browser keeps so much, for those who come later
+KEPT = "512MiB"
+APPLICATION = "zloam"
+START_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where it is shown; none of web and save: in a window of its own."""
+
+    web: bool = False
+    #: of the page, and one above it the data
+    port: int = 9090
+    #: that it listens on
+    address: str = "127.0.0.1"
+    save: Path | None = None
+    #: also sweeps, features and rejected points
+    points: bool = True
+
+
+class Viewer:
+    """Rerun's own program: a window, or a server for browsers. It ends with this."""
+
+    def __init__(self, options: Options) -> None:
+        self._settings = tempfile.TemporaryDirectory(prefix="zloam-rerun-")
+        self._quiet()
+        program = Path(needed("rerun_cli", "rerun-sdk").__file__).with_name("rerun")
+        command = [str(program), "--bind", options.address]
+        command += ["--port", str(options.port + 1), "--hide-welcome-screen"]
+        if options.web:
+            command += ["--serve-web", "--web-viewer-port", str(options.port)]
+            command += ["--server-memory-limit", KEPT]
+        environment = {**os.environ, "XDG_CONFIG_HOME": self._settings.name}
+        for port in (options.port, options.port + 1):
+            if not is_free(port, options.address):
+                raise PortTaken(f"{options.address}:{port} is taken: choose others by --port")
+        self._words = Path(self._settings.name) / "words"
+        with self._words.open("w") as out:
+            self._process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)
+
+    def _quiet(self) -> None:
+        """It tells nobody that it runs."""
+        file = Path(self._settings.name) / "rerun" / "analytics.json"
+        file.parent.mkdir()
+        said = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+        file.write_text(json.dumps(said))
+
+    def wait_for(self, port: int) -> None:
+        """Until it takes what is sent; raises ViewerError with its words where it does not."""
+        deadline = time.monotonic() + START_SECONDS
+        while time.monotonic() < deadline:
+            if self._process.poll() is not None:
+                words = self._words.read_text().strip().splitlines()[-1:]
+                raise ViewerError(
+                    f"Rerun ended: {' '.join(words)}; --web and --save need no screen"
+                )
+            with contextlib.suppress(OSError):
+                socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+                return
+            time.sleep(0.1)
+        raise ViewerError(f"Rerun does not answer after {START_SECONDS:.0f} s")
+
+    def close(self) -> None:
+        if self._process.poll() is None:
+            self._process.terminate()
+        self._process.wait()
+        self._settings.cleanup()
+
+
+@contextlib.contextmanager
+def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
+    """Shows it for the block; gives where."""
+    if options.save is not None:
+        options.save.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(options.save, default_blueprint=plan)
+        yield f"{options.save} (`rerun {options.save}` shows it)"
+        return
+    with contextlib.closing(Viewer(options)) as viewer:
+        viewer.wait_for(options.port + 1)
+        recording.connect_grpc(
+            f"rerun+http://127.0.0.1:{options.port + 1}/proxy", default_blueprint=plan
+        )
+        host = "127.0.0.1" if options.address == "0.0.0.0" else options.address
+        data = f"rerun%2Bhttp%3A%2F%2F{host}%3A{options.port + 1}%2Fproxy"
+        page = f"http://{host}:{options.port}/?url={data}"
+        try:
+            yield page if options.web else "a window of Rerun"
+        finally:
+            recording.disconnect()
+
+
+def view(link: Link, options: Options, seconds: float | None) -> int:
+    """Until so long has passed, or Ctrl-C."""
+    rr = needed("rerun", "rerun-sdk")
+    recording = rr.RecordingStream(APPLICATION, recording_id=f"{link.keys.robot}-{time.time_ns()}")
+    mounting = se3.mounting_shown(link.query_configs())
+    with _shown(recording, options, blueprint(rr)) as where:
+        scene = Scene(link.keys, recording, mounting)
+        intake = Intake(
+            link.session,
+            expressions(link.keys, options.points),
+            MOST_WAITING_BYTES,
+            leave_out="oldest",
+        )
+        scene.keep_path(*link.query_path())
+        for tile in link.query_tiles():
+            scene.keep(tile)
+        drawn = _draw(intake, scene, seconds, where)
+        recording.flush()
+    dropped = sum(intake.dropped.values())
+    print(f"{drawn} messages shown, {dropped} left out", flush=True)
+    return 0
+
+
+def _draw(intake: Intake, scene: Scene, seconds: float | None, where: str) -> int:
+    stop: list[int] = []
+    line = ProgressLine()
+    began = time.monotonic()
+    drawn = 0
+    with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        print(f"{where}; Ctrl-C ends", flush=True)
+        while not stop and (seconds is None or time.monotonic() - began < seconds):
+            for sample in intake.taken():
+                scene.take(sample)
+                drawn += 1
+            line.show(f"{drawn} messages shown")
+            time.sleep(0.02)
+    line.end()
+    intake.close()
+    return drawn

@@ -1,0 +1,220 @@
+"""What the page shows of one robot."""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zloam_monitor import doctor, se3
+from zloam_monitor.foxglove_scene import POINT_LAYERS
+from zloam_monitor.link import Link
+from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.stages import ROWS, STAGES
+from zloam_monitor.watch import STALE_SECONDS
+
+#: how long doctor listens for its findings
+LISTEN_SECONDS = 10.0
+#: of latency and rate
+HISTORY_SECONDS = 120
+#: poses by which the rate is known
+RATE_SECONDS = 5.0
+#: the path is thinned to so many points, the map's top view to so many cells
+MOST_PATH = 600
+MOST_CELLS = 20_000
+#: edge of the map's cells, m: the first that gives few enough
+CELLS_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+
+
+class RobotView:
+    """Follows one robot in a thread of its own; state() and map_view() are for any thread."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._lock = threading.Lock()
+        self._ends = threading.Event()
+        self._path: list[tuple[int, float, float]] = []
+        self._every = 1
+        self._newest = -1
+        self._newest_s = time.monotonic()
+        self._run: int | None = None
+        self._history: deque[dict[str, Any]] = deque(maxlen=HISTORY_SECONDS)
+        self._noted_s = 0.0
+        self._findings: list[dict[str, Any]] = []
+        self._judged = False
+        self._state: dict[str, Any] = {"robot": link.keys.robot}
+        self._map: dict[str, Any] = {"version": 0, "cells": ""}
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+        self._thread.start()
+
+    @property
+    def name(self) -> str:
+        return self._link.keys.robot
+
+    def close(self) -> None:
+        self._ends.set()
+        self._thread.join()
+
+    def state(self) -> dict[str, Any]:
+        with self._lock:
+            return self._state
+
+    def map_view(self) -> dict[str, Any]:
+        with self._lock:
+            return self._map
+
+    def _follow(self) -> None:
+        self._draw_map()
+        while not self._ends.is_set():
+            heard = doctor.listen(self._link, LISTEN_SECONDS, self._look)
+            if self._ends.is_set():
+                return
+            found = [
+                {"what": each.what, "do": each.do, "fault": each.is_fault}
+                for each in doctor.findings(heard)
+            ]
+            with self._lock:
+                self._findings, self._judged = found, True
+            self._draw_map()
+
+    def _draw_map(self) -> None:
+        """The one before stays where nobody answers."""
+        drawn = _top_view(self._link)
+        with self._lock:
+            if drawn["cells"] and drawn["cells"] != self._map["cells"]:
+                self._map = {**drawn, "version": self._map["version"] + 1}
+
+    def _look(self) -> bool:
+        """Several times a second; false ends the listening."""
+        self._extend_path()
+        now = time.monotonic()
+        state = self._described(now)
+        if now - self._noted_s >= 1.0:
+            self._noted_s = now
+            self._history.append({"stages": self._latency(), "rate": state["rate"]})
+        state["history"] = list(self._history)
+        with self._lock:
+            state["map_version"] = self._map["version"]
+            state["findings"], state["judged"] = self._findings, self._judged
+            self._state = state
+        return not self._ends.is_set()
+
+    def _extend_path(self) -> None:
+        link = self._link
+        if link.run != self._run:
+            self._run, self._newest = link.run, -1
+            self._path.clear()
+            self._every = 1
+        for sweep in sorted(n for n in link.poses if n > self._newest):
+            self._newest, self._newest_s = sweep, time.monotonic()
+            if sweep % self._every == 0:
+                x, y, _ = link.poses[sweep].translation
+                self._path.append((sweep, round(float(x), 2), round(float(y), 2)))
+        while len(self._path) > MOST_PATH:
+            self._every *= 2
+            self._path = [point for point in self._path if point[0] % self._every == 0]
+
+    def _described(self, now: float) -> dict[str, Any]:
+        link = self._link
+        poses = link.poses
+        newest = poses[max(poses)] if poses else None
+        return {
+            "robot": self.name,
+            "pose": _pose(newest) if newest is not None else None,
+            "age_s": round(now - self._newest_s, 1),
+            "rate": self._rate(),
+            "path": [[x, y] for _, x, y in self._path],
+            "stages": [_stage(stage, link.stage(stage), link, now) for stage in STAGES],
+        }
+
+    def _rate(self) -> float | None:
+        """Poses a second, by the instants of the newest."""
+        poses = self._link.poses
+        if not poses:
+            return None
+        newest = poses[max(poses)].instant_ns
+        within = [
+            p.instant_ns for p in poses.values() if newest - p.instant_ns < 1e9 * RATE_SECONDS
+        ]
+        span_s = 1e-9 * (newest - min(within))
+        return round((len(within) - 1) / span_s, 2) if span_s > 0 else None
+
+    def _latency(self) -> dict[str, float]:
+        """Of the newest pose: each stage's share, ms."""
+        poses = self._link.poses
+        if not poses:
+            return {}
+        return {
+            step.stage: round(1e-6 * (step.published_ns - step.received_ns), 2)
+            for step in poses[max(poses)].trace
+            if step.published_ns and step.received_ns
+        }
+
+
+def _pose(pose: PoseRecord) -> dict[str, Any]:
+    rotation = se3.matrices(pose.translation[None], pose.quaternion[None])[0]
+    sigma = np.sqrt(max(pose.covariance[i * 7] for i in range(3))) if pose.covariance else None
+    return {
+        "sweep": pose.sweep,
+        "xyz": [round(float(v), 3) for v in pose.translation],
+        "yaw_deg": round(float(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))), 1),
+        "health": HEALTH[pose.health],
+        "degenerate": pose.degenerate,
+        "sigma_m": None if sigma is None else round(float(sigma), 4),
+    }
+
+
+def _stage(stage: str, status: StatusRecord | None, link: Link, now: float) -> dict[str, Any]:
+    said: dict[str, Any] = {"name": stage, "about": ROWS[stage].summary, "health": "silent"}
+    if status is None:
+        return {**said, "reason": "nothing heard of it"}
+    silent_s = link.silent_s(status, now)
+    stale = silent_s > STALE_SECONDS
+    dropped = {r: n for each in status.inputs for r, n in each.dropped.items() if n}
+    return {
+        **said,
+        "health": "silent" if stale else status.health,
+        "reason": f"nothing heard for {silent_s:.0f} s" if stale else status.reason,
+        "queued": sum(each.queued for each in status.inputs),
+        "dropped": dropped,
+        "memory_mib": round(status.rss_mib["end"]),
+        "cpu_s": round(status.cpu_ms / 1000.0, 1),
+    }
+
+
+def _top_view(link: Link) -> dict[str, Any]:
+    """Cells of the map with points in them, seen from above: of each as int16 x and y, relative to
+    the middle one, and how high it reaches above the lowest point in it, dm."""
+    tiles = [t for t in link.query_tiles() if t.layer in POINT_LAYERS and len(t.points)]
+    if not tiles:
+        return {"cells": "", "cell_m": CELLS_M[0], "origin": [0, 0]}
+    xyz = np.concatenate(
+        [np.stack([t.points[axis] for axis in ("x", "y", "z")], axis=-1) for t in tiles]
+    )
+    for cell_m in CELLS_M:
+        cells, high_m = _cells(xyz, cell_m)
+        if len(cells) <= MOST_CELLS:
+            break
+    origin = cells[len(cells) // 2]
+    near = (np.abs(cells - origin) < 2**15).all(axis=1)
+    rows = np.column_stack([cells - origin, np.minimum(10.0 * high_m, 1000.0)])[near]
+    packed = base64.b64encode(rows.astype("<i2").tobytes()).decode()
+    return {"cells": packed, "cell_m": cell_m, "origin": [int(v) for v in origin]}
+
+
+def _cells(
+    xyz: NDArray[np.float32], cell_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Indices along x and y of those with points, and the height of the points in each, m."""
+    index = np.floor(xyz[:, :2] / cell_m).astype(np.int64)
+    cells, of_point = np.unique(index, axis=0, return_inverse=True)
+    lowest = np.full(len(cells), np.inf)
+    highest = np.full(len(cells), -np.inf)
+    np.minimum.at(lowest, of_point.ravel(), xyz[:, 2])
+    np.maximum.at(highest, of_point.ravel(), xyz[:, 2])
+    return cells, highest - lowest

@@ -1,0 +1,144 @@
+"""Hands the page and what it shows to browsers; `web`."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+
+from zloam_monitor import discovery, ending
+from zloam_monitor.discovery import Found
+from zloam_monitor.ports import PortTaken
+from zloam_monitor.version import version
+from zloam_monitor.web.robot_view import RobotView
+
+#: robots that come later are looked for that often
+SEARCH_SECONDS = 10.0
+#: of each robot: what is needed of its past
+NEWEST_POSES = 3000
+FILES = {
+    "/": ("page.html", "text/html"),
+    "/page.css": ("page.css", "text/css"),
+    "/page.js": ("page.js", "text/javascript"),
+}
+_ROBOT = re.compile(r"^/robots/([^/]+)/(state|map)\.json$")
+
+
+class Robots:
+    """All that are found, at least one; raises NothingAnswers."""
+
+    def __init__(self, endpoints: Sequence[str]) -> None:
+        self._endpoints = endpoints
+        self._views: dict[str, RobotView] = {}
+        self._open = ExitStack()
+        self._add(discovery.present(endpoints))
+
+    def search(self) -> None:
+        """Adds those that came since."""
+        self._add(discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]))
+
+    def _add(self, found: Sequence[Found]) -> None:
+        for each in found:
+            if each.robot not in self._views:
+                linked = discovery.linked_to(each, NEWEST_POSES)
+                view = RobotView(self._open.enter_context(linked))
+                self._open.callback(view.close)
+                self._views[each.robot] = view
+
+    def names(self) -> list[str]:
+        return sorted(self._views)
+
+    def view(self, name: str) -> RobotView | None:
+        return self._views.get(name)
+
+    def close(self) -> None:
+        self._open.close()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server_version = f"zloam/{version()}"
+    robots: Robots
+
+    def do_GET(self) -> None:
+        path = self.path.partition("?")[0]
+        if path in FILES:
+            name, kind = FILES[path]
+            data = (resources.files("zloam_monitor.web") / name).read_bytes()
+            self._answer(HTTPStatus.OK, kind, data)
+        elif path == "/robots.json":
+            self._json({"robots": self.robots.names(), "version": version()})
+        elif match := _ROBOT.match(path):
+            self._robot(match[1], match[2])
+        else:
+            self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"nothing is here\n")
+
+    def _robot(self, name: str, what: str) -> None:
+        view = self.robots.view(name)
+        if view is None:
+            self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"no such robot\n")
+        else:
+            self._json(view.state() if what == "state" else view.map_view())
+
+    def _json(self, value: Any) -> None:
+        data = json.dumps(value, separators=(",", ":")).encode()
+        self._answer(HTTPStatus.OK, "application/json", data)
+
+    def _answer(self, status: HTTPStatus, kind: str, data: bytes) -> None:
+        packed = "gzip" in self.headers.get("Accept-Encoding", "") and len(data) > 500
+        if packed:
+            data = gzip.compress(data, compresslevel=5)
+        self.send_response(status)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(data)))
+        self.send_header("Cache-Control", "no-store")
+        # nothing but this page may be loaded by it, or show it within itself
+        self.send_header(
+            "Content-Security-Policy", "default-src 'self'; img-src data:; frame-ancestors 'none'"
+        )
+        self.send_header("X-Content-Type-Options", "nosniff")
+        if packed:
+            self.send_header("Content-Encoding", "gzip")
+        self.end_headers()
+        self.wfile.write(data)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing: one a second."""
+
+
+def serve(endpoints: Sequence[str], address: str, port: int, seconds: float | None) -> int:
+    """Until so long has passed, or Ctrl-C."""
+    robots = Robots(endpoints)
+    handler = type("Handler", (_Handler,), {"robots": robots})
+    try:
+        server = ThreadingHTTPServer((address, port), handler)
+    except OSError as error:
+        robots.close()
+        raise PortTaken(f"can't listen on {address}:{port}: {error.strerror or error}") from error
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    stop: list[int] = []
+    began = searched = time.monotonic()
+    try:
+        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+            where, whom = f"http://{address}:{server.server_port}/", ", ".join(robots.names())
+            print(f"{where} shows {whom}; Ctrl-C ends", flush=True)
+            while not stop and (seconds is None or time.monotonic() - began < seconds):
+                time.sleep(0.1)
+                if time.monotonic() - searched > SEARCH_SECONDS:
+                    robots.search()
+                    searched = time.monotonic()
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+        robots.close()
+    return 0

@@ -1,0 +1,139 @@
+"""A recording's file can be opened at any time, by the readers that others use."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.reader import NonSeekingReader, make_reader
+
+from zloam_monitor.mcap_file import SYNC_SECONDS, McapFile, RecordingError
+
+ROOT = Path(__file__).resolve().parents[3]
+#: writes as fast as a robot with a large lidar sends, and says how far it is
+WRITER = """
+import os, sys, time
+from pathlib import Path
+from zloam_monitor.mcap_file import McapFile
+file = McapFile(Path(sys.argv[1]), {"robot": "r"})
+print("begun", flush=True)
+begun = time.time()
+for n in range(10**9):
+    now = time.time_ns()
+    file.put(f"loam/r/{n % 7}", ("zloam.msg.X", b"schema"), now, now, os.urandom(200_000))
+    time.sleep(0.005)
+"""
+
+
+def commands() -> list[str]:
+    """Of all processes."""
+    found = []
+    for each in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            found.append(each.read_text())
+    return found
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def read(path: Path) -> list[tuple[str, int, bytes]]:
+    """By the library's own readers, with and without the index; both agree."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        found = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()]
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(found)
+    with path.open("rb") as file:
+        one_by_one = NonSeekingReader(file, validate_crcs=True).iter_messages()
+        assert sorted((c.topic, m.log_time, m.data) for _, c, m in one_by_one) == sorted(found)
+    return found
+
+
+def test_what_was_put_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, {"robot": "r"})
+    assert read(path) == []
+    put = []
+    for n in range(3000):
+        put.append((f"topic{n % 5}", 10 * n, bytes([n % 256]) * (n % 3000)))
+        schema = ("zloam.msg.A", b"a") if n % 5 else None
+        file.put(put[-1][0], schema, put[-1][1], put[-1][1] + 1, put[-1][2])
+        if n % 997 == 0:
+            file.whole()
+            assert read(path) == put
+    file.close()
+    assert read(path) == put
+    with path.open("rb") as opened:
+        reader = make_reader(opened)
+        schemas = {c.topic: s for s, c, _ in reader.iter_messages()}
+        assert schemas["topic0"] is None
+        assert (schemas["topic1"].name, schemas["topic1"].encoding) == ("zloam.msg.A", "flatbuffer")
+        assert [(m.name, m.metadata) for m in reader.iter_metadata()] == [("zloam", {"robot": "r"})]
+
+
+def test_another_recording_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("precious")
+    with pytest.raises(RecordingError, match=r"a\.mcap is there already"):
+        McapFile(path, {})
+    assert path.read_text() == "precious"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_killed_writer_leaves_a_file_that_opens(tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "a.mcap"
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)],
+        env={"PYTHONPATH": str(ROOT / "services/monitor/src"), "PATH": "/usr/bin:/bin"},
+        stdout=subprocess.PIPE,
+    )
+    assert writer.stdout is not None
+    assert writer.stdout.readline() == b"begun\n"
+    time.sleep(random.Random(seed).uniform(0.2, 2.0))
+    writer.kill()
+    ended_ns = time.time_ns()
+    writer.wait()
+    writer.stdout.close()
+    # what had come whole is written
+    wait_until(lambda: not any(str(path) in command for command in commands()))
+    found = read(path)
+    # a busy machine may have held the writer up: its last word is then older
+    missing_s = 1e-9 * (ended_ns - max((m[1] for m in found), default=ended_ns))
+    assert missing_s < 1.0 + SYNC_SECONDS
+    assert all(len(data) == 200_000 for _, _, data in found)
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
+    """The limit on a file's size stands for the end of the disk: it refuses within a write."""
+    path = tmp_path / "a.mcap"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    put = []
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
+    try:
+        file = McapFile(path, {})
+        with pytest.raises(OSError):  # noqa: PT012
+            for n in range(100):
+                data = random.Random(n).randbytes(90_000)
+                file.put("t", None, n, n, data)
+                file.whole()
+                put.append(data)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(put) >= 5
+    with pytest.raises(OSError):
+        file.close()
+    assert [data for _, _, data in read(path)] == put

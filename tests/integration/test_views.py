@@ -1,0 +1,256 @@
+"""A robot that runs, seen from elsewhere: Foxglove, Rerun, the page."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from tests.integration.browser import Browser
+from tests.integration.conftest import ROOT, monitor
+from zloam_monitor.foxglove_scene import TOPICS
+from zloam_monitor.processes import free_port
+
+#: longer than all tests of this file take
+DRIVE_SECONDS = 240
+
+
+class Program:
+    """`zloam ...` that runs until it is ended."""
+
+    def __init__(self, *arguments: object, **environment: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-m", "zloam_monitor", *map(str, arguments)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src"), **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.said = ""
+
+    def find(self, pattern: str) -> str:
+        """The first group of a line that it says."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said += line
+            if match := re.search(pattern, line):
+                return match[1]
+        raise AssertionError(f"{pattern} was not said:\n{self.said}")
+
+    def end(self) -> tuple[int, str]:
+        self.process.send_signal(signal.SIGINT)
+        rest, _ = self.process.communicate(timeout=120)
+        return self.process.returncode, self.said + rest
+
+
+@pytest.fixture(scope="module")
+def robot(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where one answers that drives round a block."""
+    out = tmp_path_factory.mktemp("drive")
+    driving = Program(
+        *("demo", "--preset-dir", build, "--out", out / "out", "--rate", "realtime"),
+        f"--simulate=--duration={DRIVE_SECONDS}",
+        ZLOAM_FREE_PORTS="1",
+    )
+    yield driving.find(r"listens on tcp/(\S+)")
+    driving.process.terminate()
+    driving.process.communicate(timeout=60)
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    deadline = time.monotonic() + seconds
+    while not (found := holds()):
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    return found
+
+
+def test_foxglove_shows_it_live(robot: str, page: str) -> None:
+    """By the protocol that Foxglove speaks, read by the code it publishes with its schemas."""
+    until(lambda: (fetched(f"{page}/robots/robot/state.json").get("path") or [[0]])[-1][0] > 10.0)
+    server = Program("foxglove", "--connect", robot, "--port", 0)
+    url = server.find(r"(ws://127\.0\.0\.1:\d+)")
+    shown: dict[str, list[bytes]] = {}
+    with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:  # type: ignore[list-item]
+        topics: dict[int, str] = {}
+        deadline = time.monotonic() + 60
+        while not {"/tf", "/points", "/pose", "/map", "/path", "/log"} <= shown.keys():
+            assert time.monotonic() < deadline, shown.keys()
+            message = socket.recv(timeout=30)
+            if isinstance(message, str):
+                said = json.loads(message)
+                for number, channel in enumerate(said.get("channels", [])):
+                    assert channel["schemaName"] == f"foxglove.{TOPICS[channel['topic']]}"
+                    assert channel["encoding"] == channel["schemaEncoding"] == "flatbuffer"
+                    topics[number] = channel["topic"]
+                    asked = [{"id": number, "channelId": channel["id"]}]
+                    socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+            else:
+                _, number, _ = struct.unpack_from("<BIQ", message)
+                shown.setdefault(topics[number], []).append(message[13:])
+    code, said_all = server.end()
+    assert code == 0, said_all
+    cloud = read("/points", shown)
+    assert cloud.FrameId() == b"base_link"
+    data = np.frombuffer(cloud.DataAsNumpy().tobytes(), "<f4").reshape(-1, 4)
+    assert len(data) > 1000
+    assert 2.0 < np.linalg.norm(data[:, :3], axis=1).max() < 150.0
+    pairs = set()
+    for each in shown["/tf"]:
+        message_of_tf = module("FrameTransforms").GetRootAs(each)
+        for i in range(message_of_tf.TransformsLength()):
+            transform = message_of_tf.Transforms(i)
+            pairs.add((transform.ParentFrameId(), transform.ChildFrameId()))
+    assert pairs == {(b"map", b"odom"), (b"odom", b"base_link"), (b"base_link", b"lidar")}
+    # the whole drive, though it began before
+    path = read("/path", shown)
+    begin, end = (path.Poses(i).Position().X() for i in (0, path.PosesLength() - 1))
+    assert abs(begin) < 0.5
+    assert end > 10.0
+
+
+def module(name: str) -> Any:
+    return getattr(importlib.import_module(f"foxglove_schemas_flatbuffer.{name}"), name)
+
+
+def read(topic: str, shown: dict[str, list[bytes]]) -> Any:
+    return module(TOPICS[topic]).GetRootAs(shown[topic][-1])
+
+
+def test_rerun_s_file_has_everything(robot: str, tmp_path: Path) -> None:
+    file = tmp_path / "a.rrd"
+    done = monitor("view", "--connect", robot, "--save", file, "--seconds", 12)
+    assert done.code == 0, done.said
+    printed = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", file],
+        env={**os.environ, "XDG_CONFIG_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    for entity in (
+        "/map/path/",
+        "/odom/path/",
+        "/map/sureness",
+        "/map/tiles/plane/",
+        "/map/odom/base_link/sweep",
+        "/map/odom/base_link/lidar/features/Sharp",
+        "/map/odom/base_link/lidar/rejected",
+        "/plots/latency/odometry",
+        "/log",
+    ):
+        assert entity in printed, entity
+
+
+def test_rerun_serves_a_browser_on_this_machine_only(robot: str, tmp_path: Path) -> None:
+    """And writes nothing into the user's own settings."""
+    port = free_port()
+    viewer = Program(
+        *("view", "--connect", robot, "--web", "--port", port), XDG_CONFIG_HOME=str(tmp_path)
+    )
+    page = viewer.find(r"(http://\S+);")
+    assert page.startswith(f"http://127.0.0.1:{port}/?url=")
+    answer = urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30)
+    assert b"re_viewer" in answer.read()
+    listening = Path("/proc/net/tcp").read_text().splitlines()[1:]
+    own = [line.split()[1] for line in listening if f":{port:04X}" in line.split()[1]]
+    assert own
+    assert all(each.startswith("0100007F:") for each in own)
+    code, said = viewer.end()
+    assert code == 0, said
+    assert not (tmp_path / "rerun").exists()
+
+
+@pytest.fixture(scope="module")
+def page(robot: str) -> Iterator[str]:
+    server = Program("web", "--connect", robot, "--port", 0)
+    yield server.find(r"(http://\S+)/ shows robot")
+    code, said = server.end()
+    assert code == 0, said
+
+
+def fetched(url: str) -> Any:
+    return json.load(urllib.request.urlopen(url, timeout=30))
+
+
+def test_the_page_s_figures_are_the_robot_s(page: str) -> None:
+    assert fetched(f"{page}/robots.json")["robots"] == ["robot"]
+    state = until(lambda: (s := fetched(f"{page}/robots/robot/state.json")).get("judged") and s)
+    assert state["pose"]["health"] == "ok"
+    assert 8.0 < state["rate"] < 12.0
+    assert [s["name"] for s in state["stages"]] == [
+        *("driver", "registration", "odometry", "mapping", "integration")
+    ]
+    assert {s["health"] for s in state["stages"]} == {"ready"}
+    assert state["path"][-1] == pytest.approx(state["pose"]["xyz"][:2], abs=3.0)
+    # a machine that does other things too may be told to be slow
+    assert [f for f in state["findings"] if "slow" not in f["do"]] == []
+    drawn = until(lambda: (m := fetched(f"{page}/robots/robot/map.json"))["cells"] and m)
+    assert drawn["cell_m"] > 0
+
+
+def test_nothing_else_is_served(page: str) -> None:
+    for path in ("/../robot_view.py", "/robot_view.py", "/robots/nobody/state.json", "/robots/"):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(page + path, timeout=30)
+        assert refused.value.code == 404
+        refused.value.close()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_page_in_a_browser(page: str, tmp_path: Path, width: int, height: int) -> None:
+    with Browser(page, tmp_path / "profile", width, height) as browser:
+        browser.wait_for("document.getElementById('health').textContent === 'ok'")
+        browser.wait_for("document.querySelectorAll('#stages tr').length === 5")
+        browser.wait_for("map.cells.length > 300")
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        # by the keyboard alone: to the map, nearer, and away from the robot
+        for _ in range(10):
+            browser.press("Tab")
+            if browser.value("document.activeElement.id") == "map":
+                break
+        assert browser.value("document.activeElement.id") == "map"
+        scale = browser.value("view.scale")
+        browser.press("+")
+        assert browser.value("view.scale") > scale
+        browser.press("f")
+        assert browser.value("view.follow") is False
+        # something is drawn
+        drawn = "(c => new Set(c.getContext('2d').getImageData(0, 0, c.width, c.height).data).size)"
+        assert browser.value(f"{drawn}(document.getElementById('map'))") > 3
+        assert browser.errors == []
+
+
+def test_a_page_whose_server_is_gone_says_so(robot: str, tmp_path: Path) -> None:
+    server = Program("web", "--connect", robot, "--port", 0)
+    url = server.find(r"(http://\S+)/ shows robot")
+    with Browser(url, tmp_path / "profile", 390, 844) as browser:
+        browser.wait_for("document.getElementById('health').textContent === 'ok'")
+        assert server.end()[0] == 0
+        browser.wait_for("document.getElementById('connection').textContent.includes('is old')")
+
+
+@pytest.mark.parametrize("command", ["foxglove", "web", "view", "record"])
+def test_nobody_there_is_said(command: str, tmp_path: Path) -> None:
+    more = [tmp_path / "a.mcap"] if command == "record" else []
+    done = monitor(command, *more, "--connect", f"127.0.0.1:{free_port()}")
+    assert done.code == 1
+    assert "check that stages run there" in done.said
+    assert "Traceback" not in done.said
+    assert not (tmp_path / "a.mcap").exists()
