@@ -111,6 +111,7 @@ COMMANDS: dict[str, Kind] = {
     "bin/zloam record drive.mcap": Form("tests/integration/test_record.py"),
     "bin/zloam replay drive.mcap --from 30": Form("tests/integration/test_record.py"),
     "make view-tools": Form("make test, which installs the same"),
+    "make demo VIEW=1": Runs(ALL_WELL, ("out/demo/run.mcap", *DEMO), slow=True),
     "make demo RECORD=drive.mcap": Runs(ALL_WELL, ("drive.mcap",), slow=True),
     "make run RECORD=drive.mcap": Form("tests/integration/test_readme.py, without a recording"),
     "zloam web": Form("tests/integration/test_views.py"),

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from zloam_monitor import report
+from zloam_monitor import html_report, outputs, report
 from zloam_monitor.keys import Keys
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.report import Run
@@ -34,6 +38,51 @@ def run_with(instants_ns: list[int]) -> Run:
         )
     heard = from_records({n: (p.instant_ns, p.translation, p.quaternion) for n, p in poses.items()})
     return Run(Keys("robot", "lidar"), {}, poses, {}, heard, heard, wall_s=1.0)
+
+
+class Reader(HTMLParser):
+    """What a page says, and what it asks others for."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.text = ""
+        self.asks: list[str] = []
+        self.open: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.asks += [v or "" for name, v in attrs if name in ("src", "href")]
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Nothing is open after it."""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_says_what_the_report_says(tmp_path: Path) -> None:
+    run = run_with([STEP_NS * i for i in range(11)])
+    run = replace(run, remarks=["<script>alert(1)</script> & more"], exit_codes={"driver": 0})
+    found = outputs.write_all(tmp_path, "A <b>drive</b>", run)
+    read = Reader((tmp_path / "report.html").read_text())
+    assert read.open == []
+    assert "A <b>drive</b>" in read.text
+    assert "<script>alert(1)</script> & more" in read.text
+    assert report.summary_line(found) in read.text
+    # nothing was written by stages here
+    assert len(report.complaints(found)) >= 1
+    assert all(each in read.text for each in report.complaints(found))
+    assert [each[:22] for each in read.asks] == ["data:image/png;base64,"]
+
+
+def test_a_folder_without_a_run_is_said(tmp_path: Path) -> None:
+    with pytest.raises(html_report.NoRun, match=r"no report\.json"):
+        html_report.write(tmp_path, "nothing")
 
 
 def test_ascending_stamps_are_no_complaint() -> None:

@@ -88,8 +88,18 @@ def demo(
         ),
     ] = None,
     rate: Annotated[
-        str, typer.Option(help="max (as fast as acknowledged), realtime, or a factor.")
-    ] = "max",
+        str,
+        typer.Option(
+            help="max (as fast as acknowledged), realtime, or a factor. Default: max, and realtime "
+            "with --view."
+        ),
+    ] = "",
+    view: Annotated[
+        bool,
+        typer.Option(
+            "--view", help="Show it on a page while it runs; leave run.mcap and run.rrd, too."
+        ),
+    ] = False,
     config: common.Config = None,
     settings: common.Settings = None,
     set_at: Annotated[
@@ -109,8 +119,8 @@ def demo(
     truths: common.ManyFiles = "",
 ) -> int:
     """Replay a recording, or a simulated drive round a city block, and map it."""
+    from zloam_monitor import beside_run, methods, ports, sources, trajectory
     from zloam_monitor import demo as runner
-    from zloam_monitor import methods, ports, sources, trajectory
     from zloam_monitor.chain import binary
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import existing_files, several
@@ -141,13 +151,14 @@ def demo(
         config=config or source.config,
         robot=robot.robot,
         sensor=robot.sensor,
-        rate=rate,
+        rate=rate or ("realtime" if view else "max"),
         settings=settings,
         truth=source.truth if truth is None else truth,
         set_at=[*source.changes, *(set_at or []), *several(many_settings_at)],
         ports=ports.configured(robot, listen),
         programs=programs,
-        record=record,
+        record=record or (out / beside_run.MCAP if view else None),
+        view=view,
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after

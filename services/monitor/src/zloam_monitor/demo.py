@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs, recorder, remarks, report, se3
+from zloam_monitor import beside_run, outputs, recorder, remarks, report, se3
 from zloam_monitor.chain import Chain, ChainError
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
@@ -45,6 +45,8 @@ class DemoOptions:
     programs: dict[str, str] = field(default_factory=dict)
     #: MCAP file of all that is published
     record: Path | None = None
+    #: shown on a page while it runs, and kept for Rerun
+    view: bool = False
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -120,10 +122,11 @@ def run(options: DemoOptions) -> dict[str, Any]:
             recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
-        try:
-            wall_s = _follow(chain, options.source, line, noted, logs)
-        finally:
-            line.end()
+        with beside_run.shown(chain.ports.endpoint, options.out, options.view):
+            try:
+                wall_s = _follow(chain, options.source, line, noted, logs)
+            finally:
+                line.end()
         chain.link.query_statuses()
         chain.link.query_revisions()
         codes = chain.stop()

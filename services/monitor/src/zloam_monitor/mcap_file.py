@@ -96,7 +96,7 @@ class McapFile:
         self._disk = Disk(path)
         self._waiting = _Waiting()
         self._writer = Writer(
-            self._waiting,  # type: ignore[arg-type]
+            self._waiting,
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD,
         )
@@ -134,7 +134,7 @@ class McapFile:
         """What was put is in the file, and the file is one that can be opened."""
         memo: dict[int, Any] = {}
         twin = copy.deepcopy(self._writer, memo)
-        twin.finish()  # type: ignore[no-untyped-call]
+        twin.finish()
         ending = bytes(memo[id(self._waiting)].data)
         self._disk.replace_end(bytes(self._waiting.data), ending)
         self._waiting.at += len(self._waiting.data)

@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from zloam_monitor import claims, clouds, evaluation, picture, report, se3, trajectory
+from zloam_monitor import (
+    beside_run,
+    claims,
+    clouds,
+    evaluation,
+    html_report,
+    picture,
+    report,
+    se3,
+    trajectory,
+)
 from zloam_monitor.claims import Claim
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
@@ -74,7 +84,10 @@ MADE_BY_STAGES = (
     "trajectory.journal",
     *(f"logs/{stage}.log" for stage in STAGES),
 )
-MADE_HERE = ("ground_truth.tum", "picture.png", "report.json", "poses.csv")
+MADE_HERE = (
+    *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
+    *(beside_run.MCAP, beside_run.RERUN, "logs/web.log", "logs/view.log"),
+)
 #: of the further runs that the stages saw, and of further instances
 FURTHER = (
     "trajectory_[0-9]*.tum",
@@ -210,4 +223,5 @@ def write_all(
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)
     write_picture(folder, title, run)
+    html_report.write(folder, title)
     return found

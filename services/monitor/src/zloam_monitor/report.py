@@ -226,7 +226,8 @@ def _grid(rows: list[list[str]]) -> list[str]:
     ]
 
 
-def _stage_rows(report: dict[str, Any]) -> list[list[str]]:
+def stage_rows(report: dict[str, Any]) -> list[list[str]]:
+    """A head, and a row a stage."""
     rows = [["stage", "in", "out", "dropped", "p50 ms", "p99 ms", "CPU ms/sweep", "RSS MiB (peak)"]]
     for stage, sweeps in report["sweeps"].items():
         took = report["work_ms"].get(stage) or {}
@@ -247,7 +248,8 @@ def _stage_rows(report: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _latency_line(report: dict[str, Any]) -> str:
+def latency_line(report: dict[str, Any]) -> str:
+    """A sentence."""
     parts = []
     for name, words in (("end_to_end", "fused pose"), ("mapped_pose", "mapped pose")):
         found = report["latency_ms"][name]
@@ -258,7 +260,7 @@ def _latency_line(report: dict[str, Any]) -> str:
 
 def table(report: dict[str, Any]) -> str:
     """For the end of a run, to be read by a person."""
-    lines = _grid(_stage_rows(report))
+    lines = _grid(stage_rows(report))
     lines.append("")
     for name, each in report["references"].items():
         for kind in ("pose", "odometry"):
@@ -271,23 +273,32 @@ def table(report: dict[str, Any]) -> str:
             )
     if not report["references"]:
         lines.append("no truth was given: no error can be stated")
-    lines.append(_latency_line(report))
-    factor = report["realtime_factor"]
-    lines.append(
-        f"{report['identities']['sweeps']} sweeps, {report['identities']['poses']} poses, "
-        f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
-        + (f", {factor:.1f} × real time" if factor else "")
-    )
+    lines.append(latency_line(report))
+    lines.append(summary_line(report))
     lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
     if earlier := report.get("earlier_runs"):
         lines.append("files of earlier runs: " + ", ".join(earlier))
-    complaints = report["identities"]["complaints"] + [
-        f"not written: {each}" for each in report.get("not_written", [])
-    ]
-    complaints += [
-        f"{stage} ended with {code}" for stage, code in report["exit_codes"].items() if code != 0
-    ]
-    lines.append("accounted for: " + ("yes" if not complaints else "NO: " + "; ".join(complaints)))
+    wrong = complaints(report)
+    lines.append("accounted for: " + ("yes" if not wrong else "NO: " + "; ".join(wrong)))
     return "\n".join(lines)
+
+
+def summary_line(report: dict[str, Any]) -> str:
+    """How much it was, and how fast."""
+    factor = report["realtime_factor"]
+    return (
+        f"{report['identities']['sweeps']} sweeps, {report['identities']['poses']} poses, "
+        f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
+        + (f", {factor:.1f} × real time" if factor else "")
+    )
+
+
+def complaints(report: dict[str, Any]) -> list[str]:
+    """What is not as it should be; nothing where all is accounted for."""
+    return [
+        *report["identities"]["complaints"],
+        *(f"not written: {each}" for each in report.get("not_written", [])),
+        *(f"{stage} ended with {code}" for stage, code in report["exit_codes"].items() if code),
+    ]
