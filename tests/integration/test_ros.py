@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tests.integration.conftest import Capture
+from tests.integration.conftest import Capture, WithoutDriver
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.processes import free_port
@@ -194,7 +194,7 @@ def heard(
         f"integration.output_dir={out}",
         "flow.wait_for=[registration, odometry, mapping, integration, ros]",
     ]
-    chain = Chain(build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
+    chain = WithoutDriver(build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
     with chain:
         ros = command(build, robot_file, chain, port, "ros.imu_topic=/imu")
         # a listener first: Zenoh's clients do not wait for one
@@ -210,6 +210,8 @@ def heard(
                 chain.link.keys.below(f"imu/{robot.sensor}"), found.imu.append
             )
             graph(found, port)
+            # the reader first: the replay waits for ros, and not for who reads it
+            Chain.start(chain, "driver")
             while not chain.finished():
                 chain.link.poll(0.2)
                 chain.check()
