@@ -1,6 +1,7 @@
 #include "mapping/bridging.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "mapping/place_search.hpp"
 
@@ -19,6 +20,8 @@ constexpr std::size_t kMostPlaces = 8;
 constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 constexpr double kFarthest_m = 30.0, kMostTurned_rad = 1.6;
 constexpr double kFar_m = 0.1;
+// What a match adds to the heading that it begins with.
+constexpr double kFar_rad = 0.1;
 // Of a sweep's points, of those where the map may know nothing too: below it there is no likeness.
 constexpr double kLeastShare = 0.25;
 // Sweeps in a row that find the same frame.
@@ -28,6 +31,10 @@ constexpr double kSame_m = 0.3, kSame_rad = 0.03;
 // wrong ones 0.7; right ones that have come to rest are rarely below 0.7
 // (docs/experiments/2026-11-26-lost-by-fit.md).
 constexpr double kLeast = 0.75, kLeastAtRest = 0.5;
+// Ten sigmas; and less than this no odometry is sure of (docs/experiments/2026-11-27-carried-unseen.md).
+constexpr double kContradiction = 100.0, kContradictory_rad = 0.1;
+// Shares that differ by less say nothing.
+constexpr double kAlike = 0.005;
 // Nobody is elsewhere after less than this.
 constexpr double kShortGap_s = 1.0;
 
@@ -53,10 +60,30 @@ bool explains(const Match& match, double share, const FitRecord& usual) {
   return !usual.usual() || match.fit >= share * *usual.usual();
 }
 
+double turned_rad(const Pose& a, const Pose& b) {
+  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
+}
+
+/// Of two places that explain about as much, as in a room that looks the same from its other end,
+/// the nearer one.
+bool is_likelier(const Match& a, const Match& b, const Pose& guess) {
+  const double more = static_cast<double>(a.inliers) / std::max(b.inliers, 1U);
+  if (more > 1.0 + kAlike || more < 1.0 - kAlike) return more > 1.0;
+  return turned_rad(guess, a.T_map_base) < turned_rad(guess, b.T_map_base);
+}
+
 }  // namespace
 
 bool is_astray(const Match& match, const FitRecord& usual) {
   return match.ok && !explains(match, match.converged ? kLeastAtRest : kLeast, usual);
+}
+
+bool contradicts(const Match& match, const Prediction& prediction) {
+  if (!match.ok) return false;
+  const Vector6 off = log_se3(prediction.T_map_base.inverse() * match.T_map_base);
+  if (off.head<3>().norm() < kSame_m && off.tail<3>().norm() < kContradictory_rad) return false;
+  const Matrix6 covariance = prediction.covariance + match.covariance;
+  return off.dot(covariance.ldlt().solve(off)) > kContradiction;
 }
 
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s) {
@@ -69,9 +96,10 @@ Matrix6 bridge_covariance(const MappingConfig& config, double gap_s) {
 
 Bridged bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
                const TileMap& tiles, const MappingConfig& config, double median_residual_m,
-               const FitRecord& usual, double gap_s, std::uint32_t attempt) {
+               const FitRecord& usual, double gap_s, std::uint32_t attempt, bool any_heading) {
   Bridged best;
   best.match.T_map_base = guess.T_map_base;
+  const SearchArea area = area_of(config, gap_s, attempt);
   const auto matched_from = [&](const Pose& T_map_base) {
     Prediction start = guess;
     start.T_map_base = T_map_base;
@@ -83,9 +111,11 @@ Bridged bridge(MappingMethod& method, const MappingInput& input, const Predictio
     const double moved_m = (T_map_base.inverse() * match.T_map_base).translation().norm();
     if (match.ok && moved_m > kFar_m) match = matched_from(Pose(match.T_map_base));
     if (!fits(match, config, median_residual_m) || share(match) < kLeastShare) return;
-    if (best.match.ok && match.inliers <= best.match.inliers) return;
+    if (best.match.ok && !is_likelier(match, best.match, guess.T_map_base)) return;
     const bool enough = share(match) >= config.bridge_inlier_ratio;
-    best = {match, enough && explains(match, kLeast, usual)};
+    const bool near =
+        turned_rad(guess.T_map_base, match.T_map_base) <= area.rotation_rad + kFar_rad;
+    best = {match, enough && near && explains(match, kLeast, usual)};
   };
   take(guess.T_map_base);
   // Found before: what fits where it was expected needs no more of the map.
@@ -93,12 +123,27 @@ Bridged bridge(MappingMethod& method, const MappingInput& input, const Predictio
   if (best.match.ok && gap_s <= 0.0 && moved_m < kSame_m) {
     best.sure = explains(best.match, kLeast, usual);
   }
-  const bool found = best.sure && gap_s < kShortGap_s;
+  const bool found = best.sure && gap_s < kShortGap_s && !any_heading;
   if (!found && (attempt < kOften || attempt % kSeldom == 0)) {
-    const SearchArea area = area_of(config, gap_s, attempt);
-    for (const Pose& p : likely_places(tiles, input, guess.T_map_base, area, kMostPlaces)) take(p);
+    SearchArea searched = area;
+    if (any_heading) searched.rotation_rad = M_PI;
+    for (const Pose& p : likely_places(tiles, input, guess.T_map_base, searched, kMostPlaces)) {
+      take(p);
+    }
   }
   return best;
+}
+
+bool lies_better_elsewhere(MappingMethod& method, const MappingInput& input, const Match& here,
+                           const TileMap& tiles, const MappingConfig& config,
+                           double median_residual_m) {
+  const SearchArea area{config.bridge_distance_m, M_PI};
+  for (const Pose& place : likely_places(tiles, input, here.T_map_base, area, kMostPlaces)) {
+    const Match match = method.match(input, {place, bridge_covariance(config, 0.0)});
+    if (!fits(match, config, median_residual_m) || !match.converged) continue;
+    if (match.fit > here.fit && is_likelier(match, here, here.T_map_base)) return true;
+  }
+  return false;
 }
 
 bool Agreement::add(const Pose& T_map_odom, const Pose& T_odom_base) {

@@ -26,10 +26,20 @@ struct Bridged {
 /// inliers among those whose residual is below twice the median of before (0: unknown). sure when
 /// their share reaches bridge_inlier_ratio and they explain as much as usually. After a short gap the guess alone is enough, where it
 /// is sure. The longer the gap, the wider the search; wider also with each few of the sweeps that
-/// were searched for before (attempt), up to four times bridge_distance_m.
+/// were searched for before (attempt), up to four times bridge_distance_m. any_heading: it may have
+/// been turned unseen; a place that is turned farther than after such a gap is not sure.
 Bridged bridge(MappingMethod& method, const MappingInput& input, const Prediction& guess,
                const TileMap& tiles, const MappingConfig& config, double median_residual_m,
-               const FitRecord& usual, double gap_s, std::uint32_t attempt);
+               const FitRecord& usual, double gap_s, std::uint32_t attempt, bool any_heading);
+
+/// Whether a match and the odometry exclude each other: one of the two is wrong.
+bool contradicts(const Match& match, const Prediction& prediction);
+
+/// Whether a sweep that matched lies better elsewhere, at any heading, as far off as after a short
+/// gap. If not, its surroundings may have changed.
+bool lies_better_elsewhere(MappingMethod& method, const MappingInput& input, const Match& here,
+                           const TileMap& tiles, const MappingConfig& config,
+                           double median_residual_m);
 
 /// Whether sweeps that are not sure one by one bear each other out: where the platform has gone on
 /// into what the map does not know, most of a sweep lies nowhere in it.

@@ -25,9 +25,8 @@ std::string InsertionPolicy::judge(const Pose& T_map_base, double residual_m) {
   residuals_.push_back(residual_m);
   const auto window = static_cast<std::size_t>(std::max(config_.insert_residual_window, 1));
   if (residuals_.size() > window) residuals_.pop_front();
-  if (known && residual_m > config_.insert_residual_factor * median) {
-    return "residual above its recent median";
-  }
+  worse_ = known && residual_m > config_.insert_residual_factor * median ? worse_ + 1 : 0;
+  if (worse_ > 0) return "residual above its recent median";
   if (!last_inserted_) return {};
   if (config_.insert_distance_m <= 0.0 && config_.insert_rotation_rad <= 0.0) return {};
   const Vector6 moved = log_se3(last_inserted_->inverse() * T_map_base);

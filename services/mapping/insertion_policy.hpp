@@ -1,6 +1,7 @@
 #pragma once
 // Which matched sweeps go into the map. Depends on sweeps and poses only, never on load or time.
 
+#include <cstdint>
 #include <deque>
 #include <optional>
 #include <string>
@@ -20,6 +21,8 @@ class InsertionPolicy {
   /// with the median of the sweeps matched before, inserted or not, so that a lasting change of the
   /// surroundings does not shut the map for ever.
   std::string judge(const Pose& T_map_base, double residual_m);
+  /// So many in a row, up to the last one judged, had a residual above it.
+  std::uint32_t worse_in_row() const { return worse_; }
   void inserted_at(const Pose& T_map_base) { last_inserted_ = T_map_base; }
   /// Nothing to compare with: 0.
   double median_residual_m() const;
@@ -27,6 +30,7 @@ class InsertionPolicy {
  private:
   MappingConfig config_;
   std::deque<double> residuals_;
+  std::uint32_t worse_ = 0;
   std::optional<Pose> last_inserted_;
 };
 

@@ -21,6 +21,9 @@ constexpr double kLongestGap_s = 5.0;
 constexpr std::uint32_t kSettling = 3;
 // A sweep of fewer is called too small; one of more that found no match is only predicted.
 constexpr std::uint32_t kFewestPoints = 50;
+// So many matches in a row that are worse than those before are no chance; and how often it is
+// looked for a better place while they go on.
+constexpr std::uint32_t kWorse = 3, kWorseAgain = 5;
 
 // Below this a covariance from outside counts as none.
 Matrix6 sane_covariance(const Matrix6& covariance) {
@@ -107,6 +110,7 @@ struct Mapper::State {
 
   Prediction predict(const MappingInput& input);
   Match align(const MappingInput& input, const Prediction& prediction);
+  bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
   void judge(const MappingInput& input, const Match& match, MappingResult& result);
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   void remember(const MappingInput& input, const MappingResult& result);
@@ -164,10 +168,21 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   return prediction;
 }
 
+// A place that explains much of a sweep may still be the wrong one of two that look alike: then it
+// is not where the odometry leads, or sweep after sweep fits worse than before, and the right one
+// better.
+bool Mapper::State::is_elsewhere(const MappingInput& input, const Match& match,
+                                 const Prediction& prediction) {
+  const std::uint32_t worse = policy.worse_in_row();
+  const bool is_worse = worse >= kWorse && (worse - kWorse) % kWorseAgain == 0;
+  if (!match.ok || (!is_worse && !contradicts(match, prediction))) return false;
+  return lies_better_elsewhere(*method, input, match, tiles, config, policy.median_residual_m());
+}
+
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging && settling == 0) {
     const Match match = method->match(input, prediction);
-    const bool astray = is_astray(match, fits);
+    const bool astray = is_astray(match, fits) || is_elsewhere(input, match, prediction);
     if (match.ok && match.converged) fits.add(match.fit);
     if (!astray) return match;
     bridging = lost = true;
@@ -175,7 +190,7 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
     agreement.reset();
   }
   Bridged found = bridge(*method, input, prediction, tiles, config, policy.median_residual_m(),
-                         fits, unseen_s, bridged_sweeps);
+                         fits, unseen_s, bridged_sweeps, lost);
   Match& match = found.match;
   const Pose T_odom_map = input.T_odom_base * match.T_map_base.inverse();
   const bool agreed = match.ok && agreement.add(T_odom_map.inverse(), input.T_odom_base);

@@ -71,7 +71,8 @@ TEST(MessageFields, ASweepIsReadBackAsItWas) {
   const auto message = build(header, fields_of(sweep));
   const DecodedSweep read = sweep_of(*flatbuffers::GetRoot<msg::Sweep>(message.data()));
   ASSERT_EQ(read.points.size(), sweep.points.size());
-  EXPECT_EQ(std::memcmp(read.points.data(), sweep.points.data(), sweep.points.size() * sizeof(Point)), 0);
+  EXPECT_EQ(
+      std::memcmp(read.points.data(), sweep.points.data(), sweep.points.size() * sizeof(Point)), 0);
   EXPECT_EQ(read.columns, sweep.columns);
   EXPECT_EQ(read.stamp_ns, sweep.stamp_ns);
   // All else, as a message says it: the bytes are the same.
