@@ -21,6 +21,20 @@ def test_numbers_that_change_are_no_news() -> None:
     assert remarks.summary()[0] == f"{shown[0]} (said 60 times)"
 
 
+def test_what_several_stages_say_is_one_line() -> None:
+    remarks = Remarks()
+    room = "no room for shared memory: 64 MiB"
+    said = [f"driver: {room}", "no packets", f"mapping: {room}", "mapping: slow"]
+    assert remarks.news(said, 0.0) == [f"driver, mapping: {room}", "no packets", "mapping: slow"]
+    # one more stage is news, and none that said it before
+    assert remarks.news([*said, f"odometry: {room}"], 1.0) == [f"odometry: {room}"]
+    assert remarks.summary() == [
+        f"driver, mapping, odometry: {room} (said 2 times)",
+        "no packets (said 2 times)",
+        "mapping: slow (said 2 times)",
+    ]
+
+
 def test_what_comes_again_after_a_while_is_news() -> None:
     remarks = Remarks()
     assert remarks.news(["driver: no packets for 3 s"], 0.0)

@@ -35,9 +35,7 @@ def status(connect: common.Connect = None, robot: common.Robot = None) -> int:
 def watch(
     connect: common.Connect = None,
     robot: common.Robot = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
-    ] = None,
+    seconds: common.ForSeconds = None,
     every: Annotated[float, typer.Option(help="Seconds between two looks.")] = 2.0,
 ) -> int:
     """Look again and again."""
@@ -129,10 +127,8 @@ def place(
 @command
 def metrics(
     port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 9464,
-    address: Annotated[
-        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
-    ] = "127.0.0.1",
-    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    address: common.Address = "127.0.0.1",
+    seconds: common.ForSeconds = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
 ) -> int:

@@ -173,9 +173,7 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     record: common.Record = None,
     listen: common.Listen = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
-    ] = None,
+    seconds: common.ForSeconds = None,
     preset_dir: common.PresetDir = None,
     many_settings: common.ManySettings = "",
 ) -> int:

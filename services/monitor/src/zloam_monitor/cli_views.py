@@ -16,9 +16,7 @@ MIB = 1 << 20
 @command
 def record(
     file: Annotated[Path, typer.Argument(help="MCAP file; it must not be there yet.")],
-    seconds: Annotated[
-        float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")
-    ] = None,
+    seconds: common.ForSeconds = None,
     everything: Annotated[
         bool,
         typer.Option("--everything", help="Also what stages can make again from the sweeps."),
@@ -81,10 +79,8 @@ def replay(
 @command
 def foxglove(
     port: Annotated[int, typer.Option(help="Of the server; 0: a free one.")] = 8765,
-    address: Annotated[
-        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
-    ] = "127.0.0.1",
-    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    address: common.Address = "127.0.0.1",
+    seconds: common.ForSeconds = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
 ) -> int:
@@ -101,14 +97,12 @@ def view(
         bool, typer.Option("--web", help="In the browser, not in a window of its own.")
     ] = False,
     port: Annotated[int, typer.Option(help="Of the page; the next one has the data.")] = 9090,
-    address: Annotated[
-        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
-    ] = "127.0.0.1",
+    address: common.Address = "127.0.0.1",
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Into a file (.rrd), and nowhere else.")
     ] = None,
     points: Annotated[bool, typer.Option(help="With sweeps, features and rejected points.")] = True,
-    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    seconds: common.ForSeconds = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
 ) -> int:
@@ -123,10 +117,8 @@ def view(
 @command
 def web(
     port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 8080,
-    address: Annotated[
-        str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")
-    ] = "127.0.0.1",
-    seconds: Annotated[float | None, typer.Option(help="Default: until it is interrupted.")] = None,
+    address: common.Address = "127.0.0.1",
+    seconds: common.ForSeconds = None,
     connect: common.Connect = None,
 ) -> int:
     """Serve a page for a browser: health, path, map and latency of all robots that answer."""

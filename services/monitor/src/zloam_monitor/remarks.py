@@ -1,5 +1,6 @@
 """What stages say of themselves while they run, shown once: reasons in their statuses, and warnings
-and errors in their logs. What differs by numbers only is one remark."""
+and errors in their logs. What differs by numbers only is one remark; what several stages say is one
+line."""
 
 from __future__ import annotations
 
@@ -63,14 +64,30 @@ class Remarks:
                 self._known[kind] = _Remark(text, now)
             else:
                 known.times, known.last = known.times + 1, now
-        return found
+        return [text for text, _ in _joined((text, 1) for text in found)]
 
     def summary(self) -> list[str]:
         """Each cause with its first text, and how often it was said."""
+        said = ((remark.text, remark.times) for remark in self._known.values())
         return [
-            remark.text + (f" (said {remark.times} times)" if remark.times > 1 else "")
-            for remark in self._known.values()
+            text + (f" (said {times} times)" if times > 1 else "") for text, times in _joined(said)
         ]
+
+
+def _joined(said: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
+    """`stage: words` of several as `stage, stage: words`, with the most often it was said."""
+    stages: dict[str, list[str]] = {}
+    words: dict[str, tuple[str, int]] = {}
+    for text, times in said:
+        stage, colon, rest = text.partition(": ")
+        kind = _NUMBER.sub("#", rest) if colon else text
+        stages.setdefault(kind, []).append(stage)
+        first, most = words.get(kind, (rest if colon else "", 0))
+        words[kind] = first, max(most, times)
+    return [
+        (", ".join(stages[kind]) + (f": {rest}" if rest else ""), times)
+        for kind, (rest, times) in words.items()
+    ]
 
 
 def reasons(statuses: Iterable[StatusRecord], healths: tuple[str, ...] = TROUBLED) -> list[str]:
