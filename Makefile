@@ -80,7 +80,7 @@ demo: build $(if $(METHOD),aloam) ## simulate a city loop (or replay PCAP=, BAG=
 	@$(ZLOAM) demo $(DEMO_ARGS)
 
 run: build $(if $(METHOD),aloam) ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
-	@$(ZLOAM) run $(call passed,CONFIG,--config) $(CHAIN_ARGS)
+	@$(ZLOAM) run $(call passed,CONFIG,--config) $(if $(STANDBY),--standby) $(CHAIN_ARGS)
 
 test: build-all test-venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh

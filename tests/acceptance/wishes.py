@@ -1,5 +1,5 @@
-"""What users of such systems ask for most often, by the numbers of shared/reference/users.md, and
-the tests that hold it; or why there is none yet."""
+"""What users of such systems ask for most often, by the numbers of the list that the project began
+with, and the tests that hold it; or why there is none yet."""
 
 from __future__ import annotations
 

@@ -54,6 +54,7 @@ class LiveRun:
         store: bool = True,
         slower: float = SLOWER,
         seconds: float = SECONDS,
+        more: tuple[str, ...] = (),
     ) -> None:
         self.out, self.port = out, live.free_udp_port()
         robot = names(robot_file, [])
@@ -65,6 +66,7 @@ class LiveRun:
             f"mapping.map_path={out / 'map.pcd'}",
             f"mapping.voxels_every={VOXELS_EVERY}",
             f"mapping.store_link_s={STORE_LINK_S if store else 0}",
+            *more,
         ]
         self.chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
         self._store: list[str] = []

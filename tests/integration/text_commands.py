@@ -128,6 +128,8 @@ COMMANDS: dict[str, Kind] = {
     "make run CONFIG=deploy/robots/vlp16-outdoor.yaml": LiveRun(
         r"no packets on UDP 2368 for \d+ s: ", LIVE
     ),
+    "make run STANDBY=1": LiveRun(r"no packets on UDP 2368 for \d+ s: ", LIVE, slow=True),
+    "zloam run --standby": Form("tests/integration/test_standby.py"),
     "make run LISTEN=0.0.0.0": LiveRun(r"open to the network: ", LIVE, slow=True),
     "make build": Form("every test that needs the programs"),
     # The command beside a run.

@@ -42,6 +42,9 @@ void bind_recovery(Parameters& p, RecoveryConfig& c) {
         "live: sweeps queued before the oldest is dropped", Effect::kNone);
   p.add("recovery.queue_mib", &c.queue_mib, {1, 65536}, "MiB", "bytes queued by one input",
         Effect::kNone);
+  p.add("recovery.standby", &c.standby,
+        "a second instance of a stage is meant to be there, and takes over when the first has gone",
+        Effect::kNone);
 }
 
 }  // namespace

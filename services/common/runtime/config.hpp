@@ -75,6 +75,8 @@ struct RecoveryConfig {
   /// live: sweeps a stage holds before it drops the oldest, and bytes of any queue
   int queue_sweeps = 4;
   int queue_mib = 256;
+  /// a second instance of a stage is meant to be there
+  bool standby = false;
 };
 
 struct SharedConfig {

@@ -170,9 +170,11 @@ bool StageCore::stand_by() {
   };
   if (!wait_for_links(has_elder, kElderWait)) return true;
   declare_status();
-  log_warning("standing by", {{"reason", singleton_->others()}});
+  const bool meant = setup_.shared.recovery.standby;
+  if (meant) log_info("standing by");
+  if (!meant) log_warning("standing by", {{"reason", singleton_->others()}});
   while (*muted_ && !stopping_.load()) {
-    ready(false, singleton_->others());
+    ready(false, meant ? "standing by" : singleton_->others());
     publish_status();
     const auto until = steady_ns() + kStatusPeriod / std::chrono::nanoseconds(1);
     while (*muted_ && !stopping_.load() && steady_ns() < until) {
@@ -189,7 +191,7 @@ bool StageCore::stand_by() {
 
 /// Another instance that came after both were at work.
 void StageCore::watch_second() {
-  if (!singleton_) return;
+  if (!singleton_ || setup_.shared.recovery.standby) return;
   const std::string others = singleton_->others();
   if (!others.empty() && others != said_of_others_) log_warning(others);
   if (others.empty() && !said_of_others_.empty()) log_info("the other instance has gone");

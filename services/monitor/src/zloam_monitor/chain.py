@@ -18,6 +18,8 @@ from zloam_monitor.stages import STAGES
 if TYPE_CHECKING:
     from typing import Self
 
+#: stages of which a second instance stands by: what they know is in the stream
+STOOD_BY = ("registration", "odometry", "mapping", "integration")
 #: consumers first, so that the first sweep finds its readers
 START_ORDER = STAGES[::-1]
 READY_SECONDS = 60.0
@@ -116,6 +118,15 @@ class Chain:
         """Starts a stage, also one that was ended before; `log`: name of its file without .log."""
         path = self._logs / f"{log or stage}.log"
         self.processes.start(stage, self._commands[stage], path, self.environments.get(stage))
+
+    def start_standbys(self) -> None:
+        """A second instance of each stage whose place can be taken (recovery.standby). `start` of
+        its name starts it again."""
+        for stage in STOOD_BY:
+            name = f"{stage}-standby"
+            own = ["--instance", name, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
+            self._commands[name] = self._commands[stage] + own
+            self.start(name)
 
     def start_replica(
         self, stage: str, instance: str, environment: dict[str, str] | None = None

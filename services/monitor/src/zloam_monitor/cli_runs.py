@@ -172,6 +172,14 @@ def run(
     method: common.Method = "",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     record: common.Record = None,
+    standby: Annotated[
+        bool,
+        typer.Option(
+            "--standby",
+            help="With a second instance of each stage but the driver, which takes over within "
+            "half a second when the first one dies: no sweep is left without a pose.",
+        ),
+    ] = False,
     listen: common.Listen = None,
     seconds: common.ForSeconds = None,
     preset_dir: common.PresetDir = None,
@@ -197,6 +205,7 @@ def run(
             ports=ports.configured(robot, listen),
             programs=methods.programs(method),
             record=record,
+            standby=standby,
         )
     )
     print(report.table(found))

@@ -29,6 +29,8 @@ from zloam_monitor.trajectory import Trajectory, from_records
 QUERY_SECONDS = 5.0
 #: a link takes a moment to come up; then an instance that is there answers at once
 PATIENCE_SECONDS = 2.0
+#: what an instance says of itself that takes over when the other one has gone (recovery.standby)
+STANDING_BY = "standing by"
 
 
 class LinkError(RuntimeError):
@@ -195,9 +197,9 @@ class Link:
             self.heard[who] = time.monotonic()
 
     def stage(self, stage: str) -> StatusRecord | None:
-        """The newest status of a stage."""
+        """The newest status of a stage; of one that stands by only where no other was heard."""
         found = [s for (name, _), s in self.statuses.items() if name == stage]
-        return max(found, key=lambda s: s.stamp_ns, default=None)
+        return max(found, key=lambda s: (s.reason != STANDING_BY, s.stamp_ns), default=None)
 
     def silent_s(self, status: StatusRecord, now: float) -> float:
         """How long ago it came; now is the monotonic clock's."""

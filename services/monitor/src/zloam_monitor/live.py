@@ -46,6 +46,8 @@ class LiveOptions:
     ports: Ports | None = None
     #: MCAP file of all that is published
     record: Path | None = None
+    #: with a second instance of each stage that takes over when the first one dies
+    standby: bool = False
 
 
 class Diagnosis:
@@ -122,6 +124,8 @@ def run(options: LiveOptions) -> dict[str, Any]:
     """Until Ctrl-C; raises when a stage dies; returns the report."""
     claim = outputs.claim(options.out, [options.config])
     settings = [*outputs.stage_settings(options.out), *options.settings]
+    if options.standby:
+        settings.append("recovery.standby=true")
     chain = Chain(
         options.build,
         options.config,
@@ -135,6 +139,8 @@ def run(options: LiveOptions) -> dict[str, Any]:
     # the chain has a session from its making on
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
+        if options.standby:
+            chain.start_standbys()
         if recording:
             recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
