@@ -171,8 +171,11 @@ bool StageCore::stand_by() {
   if (!wait_for_links(has_elder, kElderWait)) return true;
   declare_status();
   const bool meant = setup_.shared.recovery.standby;
-  if (meant) log_info("standing by");
-  if (!meant) log_warning("standing by", {{"reason", singleton_->others()}});
+  if (meant) {
+    log_info("standing by");
+  } else {
+    log_warning("standing by", {{"reason", singleton_->others()}});
+  }
   while (*muted_ && !stopping_.load()) {
     ready(false, meant ? "standing by" : singleton_->others());
     publish_status();

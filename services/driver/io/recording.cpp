@@ -28,7 +28,6 @@ constexpr std::string_view kMagic = "ZLRC";
 constexpr std::uint64_t kLongestText = 1 << 16;
 // A frame of more is none: 20 million points.
 constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * sizeof(Point);
-constexpr std::uint64_t kLargestMessage = 1 << 25;
 // Firings of a turn where the points have no times.
 constexpr double kColumns = 1800.0;
 
@@ -284,7 +283,7 @@ class RecordedMessages : public ScanFolder {
   bool next(DecodedSweep& sweep) override {
     const auto head = frames_->next(FrameKind::kMessage);
     if (!head) return false;
-    if (head->bytes > kLargestMessage) throw frames_->foreign();
+    if (!fits(Key::kSweep, head->bytes)) throw frames_->foreign();
     // of the allocator, which aligns for any message
     std::vector<std::uint8_t> bytes(head->bytes);
     frames_->read(bytes.data(), bytes.size());

@@ -124,17 +124,20 @@ class Chain:
         its name starts it again."""
         for stage in STOOD_BY:
             name = f"{stage}-standby"
-            own = ["--instance", name, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
-            self._commands[name] = self._commands[stage] + own
+            self._commands[name] = self._command_as(stage, name)
             self.start(name)
+
+    def _command_as(self, stage: str, instance: str) -> list[str]:
+        """Of a stage under another name, at a port of its own."""
+        own = ["--instance", instance, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
+        return self._commands[stage] + own
 
     def start_replica(
         self, stage: str, instance: str, environment: dict[str, str] | None = None
     ) -> None:
         """One more instance of a stage, under its own name, at a port of its own."""
-        own = ["--instance", instance, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
         log = self._logs / f"{instance}.log"
-        self.processes.start(instance, self._commands[stage] + own, log, environment)
+        self.processes.start(instance, self._command_as(stage, instance), log, environment)
 
     def close(self) -> None:
         """Ends all stages, then the link."""

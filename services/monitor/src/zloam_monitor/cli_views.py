@@ -10,8 +10,6 @@ import typer
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
 
-MIB = 1 << 20
-
 
 @command
 def record(
@@ -34,8 +32,9 @@ def record(
     something is missing in it.
     """
     from zloam_monitor import discovery, recorder
+    from zloam_monitor.intake import MIB
 
-    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+    with discovery.linked(robot, common.endpoints(connect), newest=0) as link:
         options = recorder.Options(file, everything, scene, split_mib * MIB)
         return recorder.record(link, options, seconds)
 
@@ -56,7 +55,7 @@ def replay(
 ) -> int:
     """Publish a recording again, for `zloam watch`, `zloam foxglove` and other subscribers.
 
-    Nothing is computed anew: `zloam demo --bag` does that.
+    Nothing is computed again: `zloam demo --bag` does that.
     """
     from zloam_monitor import discovery, recordings, replayer, sources
 
@@ -87,7 +86,7 @@ def foxglove(
     """Show a robot live in Foxglove or Lichtblick."""
     from zloam_monitor import discovery, foxglove_server
 
-    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+    with discovery.linked(robot, common.endpoints(connect), newest=0) as link:
         return foxglove_server.serve(link, address, port, seconds)
 
 
@@ -109,7 +108,7 @@ def view(
     """Show a robot live in Rerun: sweeps, features, map, path, latency."""
     from zloam_monitor import discovery, rerun_view
 
-    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+    with discovery.linked(robot, common.endpoints(connect), newest=0) as link:
         options = rerun_view.Options(web, port, address, save, points)
         return rerun_view.view(link, options, seconds)
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 
+#: layers of the map with points to look at
+POINT_LAYERS = ("edge", "plane")
 #: of a map's file
 LAYERED_POINT = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -52,6 +53,19 @@ def handled(
     finally:
         for number, old in before.items():
             signal.signal(number, old)
+
+
+#: what ends a command that runs until it is told: Ctrl-C, a supervisor, the terminal's end
+TOLD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def until_told(seconds: float | None = None) -> Iterator[Callable[[], bool]]:
+    """Gives whether to go on: none of those signals came, and not so long has passed."""
+    told: list[int] = []
+    began = time.monotonic()
+    with handled(told.append, TOLD):
+        yield lambda: not told and (seconds is None or time.monotonic() - began < seconds)
 
 
 def raised(number: int) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from zloam_monitor import foxglove_messages as foxglove
 from zloam_monitor import messages, records, se3
-from zloam_monitor.clouds import Tile
+from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.foxglove_messages import Numbers, Transform
 from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
@@ -38,8 +38,6 @@ TOPICS = {
 MOST_MAP_POINTS = 400_000
 #: of the path, evenly chosen
 MOST_PATH_POSES = 1000
-#: layers of the map with points to look at
-POINT_LAYERS = ("edge", "plane")
 _LEVELS = {"failed": foxglove.ERROR, "degraded": foxglove.WARNING}
 
 
@@ -61,7 +59,7 @@ def expressions(keys: Keys) -> list[str]:
     return [
         keys.pose,
         keys.odometry,
-        keys.below("odometry/sweep"),
+        keys.odometry_sweep,
         keys.tiles,
         keys.every_status,
     ]
@@ -92,7 +90,7 @@ class Scene:
             return list(self._pose(records.map_pose(sample.payload)))
         if sample.key == keys.odometry:
             return list(self._odometry_pose(records.odometry(sample.payload)))
-        if sample.key == keys.below("odometry/sweep"):
+        if sample.key == keys.odometry_sweep:
             return [_cloud(sample.payload)]
         if sample.key.startswith(keys.below("map/tile/")):
             return list(self._tile(records.tile(sample.payload), sample.received_ns))

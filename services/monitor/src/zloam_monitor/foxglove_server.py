@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -80,17 +79,15 @@ class Server:
 def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
     """Until so long has passed, or Ctrl-C."""
     server = Server(link, address, port)
-    stop: list[int] = []
     line = ProgressLine()
-    began = time.monotonic()
     try:
-        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        with ending.until_told(seconds) as goes_on:
             print(
                 f"ws://{address}:{server.port} for Foxglove or Lichtblick (open connection, "
                 f"Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
                 flush=True,
             )
-            while not stop and (seconds is None or time.monotonic() - began < seconds):
+            while goes_on():
                 server.poll()
                 line.show(f"{server.shown} messages shown, {server.dropped} left out")
                 time.sleep(0.02)

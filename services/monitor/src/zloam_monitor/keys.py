@@ -34,6 +34,10 @@ class Keys:
         return self.below("odometry/features")
 
     @property
+    def odometry_sweep(self) -> str:
+        return self.below("odometry/sweep")
+
+    @property
     def map_correction(self) -> str:
         return self.below("map/correction")
 

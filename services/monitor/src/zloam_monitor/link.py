@@ -94,7 +94,7 @@ class Link:
     """Keeps poses and statuses of one robot."""
 
     def __init__(self, session: Any, keys: Keys, newest: int | None = None) -> None:
-        """Keeps that many of the newest poses of each kind; None: all of a run."""
+        """Keeps that many of the newest poses of each kind; None: all of a run; 0: it only asks."""
         self.session = session
         self.keys = keys
         self._newest = newest
@@ -115,7 +115,11 @@ class Link:
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
             queue.SimpleQueue()
         )
-        self._subscribers = [
+        self._subscribers = [] if newest == 0 else self._all_subscribed()
+
+    def _all_subscribed(self) -> list[Any]:
+        keys = self.keys
+        return [
             self._subscribe(keys.pose, self._on_pose),
             self._subscribe(keys.odometry, self._on_odometry),
             self._subscribe(keys.map_odometry, self._on_mapped),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -115,11 +114,6 @@ def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Rem
     return time.monotonic() - began
 
 
-def ending_signals() -> tuple[int, ...]:
-    """What ends a live run with its files."""
-    return signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-
-
 def run(options: LiveOptions) -> dict[str, Any]:
     """Until Ctrl-C; raises when a stage dies; returns the report."""
     claim = outputs.claim(options.out, [options.config])
@@ -145,7 +139,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
             recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         interrupt, noted = _Interrupt(), Remarks()
-        with ending.handled(interrupt.ask, ending_signals()):
+        with ending.handled(interrupt.ask, ending.TOLD):
             wall_s = _watch(chain, options, interrupt, noted)
             print("writing trajectory and map", flush=True)
             chain.link.query_statuses()

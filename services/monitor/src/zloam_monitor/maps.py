@@ -20,7 +20,6 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.point_files import READERS
 
-LAYERS = ("edge", "plane")
 #: of coordinates in LAS: what 32 bits of it hold reaches 214 km
 LAS_STEP_M = 1e-4
 
@@ -140,9 +139,9 @@ def cropped(found: PointMap, limits: dict[str, tuple[float, float]]) -> PointMap
 
 
 def of_layer(found: PointMap, layer: str) -> PointMap:
-    if layer not in LAYERS:
-        raise MapError(f"--layer: '{layer}' is none of {', '.join(LAYERS)}")
-    return found.kept(found.layers == LAYERS.index(layer))
+    if layer not in clouds.POINT_LAYERS:
+        raise MapError(f"--layer: '{layer}' is none of {', '.join(clouds.POINT_LAYERS)}")
+    return found.kept(found.layers == clouds.POINT_LAYERS.index(layer))
 
 
 def thinned(found: PointMap, voxel_m: float) -> PointMap:
@@ -168,7 +167,7 @@ def described(path: Path, found: PointMap) -> list[str]:
     lines = [f"{path}: {len(found)} points, {path.stat().st_size / 1e6:.1f} MB"]
     if not len(found):
         return lines
-    for number, name in enumerate(LAYERS):
+    for number, name in enumerate(clouds.POINT_LAYERS):
         lines.append(f"{name}: {int((found.layers == number).sum())} points")
     low, high = found.xyz.min(axis=0), found.xyz.max(axis=0)
     for axis, a, b in zip("xyz", low, high, strict=True):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -93,7 +92,7 @@ def expressions(keys: Keys, scene: bool) -> list[str]:
         keys.every_status,
         keys.every_revision,
     ]
-    return [*wanted, keys.below("odometry/sweep")] if scene else wanted
+    return [*wanted, keys.odometry_sweep] if scene else wanted
 
 
 @dataclass
@@ -177,7 +176,7 @@ class Recorder:
             self._take(more)
 
     def _take(self, sample: Sample) -> None:
-        is_view = sample.key == self.link.keys.below("odometry/sweep")
+        is_view = sample.key == self.link.keys.odometry_sweep
         if not is_view or self._raw_clouds:
             self._put(sample)
         if sample.payload[4:8] == messages.KINDS["ConfigRevision"].identifier:
@@ -306,14 +305,13 @@ def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
 def record(link: Link, options: Options, seconds: float | None) -> int:
     """Until so long has passed, or Ctrl-C; 1 where something is missing."""
     recorder = Recorder(link, options)
-    stop: list[int] = []
     line = ProgressLine()
     try:
-        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        with ending.until_told(seconds) as goes_on:
             print(f"recording to {options.path}; Ctrl-C ends", flush=True)
             recorder.settle()
             began = time.monotonic()
-            while not stop and (seconds is None or time.monotonic() - began < seconds):
+            while goes_on():
                 recorder.poll(0.2)
                 line.show(
                     f"{time.monotonic() - began:.0f} s, {recorder.written} messages, "

@@ -1,4 +1,4 @@
-"""A program of its own: keeps a file whole whose end is written anew with each piece.
+"""A program of its own: keeps a file whole whose end is written again with each piece.
 
 replaced_end.py FILE: reads from standard input HEAD, then data and ending; writes data in the place
 of the ending before, and the ending after it; answers with an errno, 0: done. A piece that does not

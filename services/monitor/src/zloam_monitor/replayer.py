@@ -5,9 +5,8 @@ It stands for the robot: it has its stages' tokens, and answers what they answer
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,12 +160,11 @@ def replay(options: Options) -> int:
             f"to {1e-9 * (end_ns - extent.begin_ns):g} s"
         )
     stand = Stand(log, options)
-    stop: list[int] = []
     try:
-        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        with ending.until_told() as goes_on:
             print(f"robot {stand.keys.robot} at {options.listen}; Ctrl-C ends", flush=True)
             _publish(
-                stand, _from(log, begin_ns, end_ns), options, (extent.begin_ns, begin_ns), stop
+                stand, _from(log, begin_ns, end_ns), options, (extent.begin_ns, begin_ns), goes_on
             )
     finally:
         stand.close()
@@ -181,7 +179,7 @@ def _publish(
     logged: Iterator[Logged],
     options: Options,
     begins_ns: tuple[int, int],
-    stop: list[int],
+    goes_on: Callable[[], bool],
 ) -> None:
     """In the recording's time, begun at the second of the two instants; told from the first."""
     line = ProgressLine()
@@ -189,9 +187,9 @@ def _publish(
     began = time.monotonic()
     for each in logged:
         due = began + 1e-9 * max(0, each.log_ns - begin_ns) / options.rate
-        while not stop and (left := due - time.monotonic()) > 0:
+        while goes_on() and (left := due - time.monotonic()) > 0:
             time.sleep(min(left, LOOK_SECONDS))
-        if stop:
+        if not goes_on():
             break
         stand.put(each)
         line.show(f"{1e-9 * (each.log_ns - whole_ns):.1f} s, {stand.published} messages")

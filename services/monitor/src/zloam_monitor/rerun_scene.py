@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import messages, records, se3
-from zloam_monitor.clouds import Tile
+from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.extras import needed
-from zloam_monitor.foxglove_scene import POINT_LAYERS
 from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
 from zloam_monitor.map_frame import MapFrame, Matrix, matrix
@@ -38,7 +37,7 @@ ELLIPSOID_SCALE = 10.0
 def expressions(keys: Keys, everything: bool) -> list[str]:
     """What a scene has to hear; `everything`: also what is published only while somebody looks."""
     wanted = [keys.pose, keys.odometry, keys.tiles, keys.every_status]
-    looked_at = [keys.below("odometry/sweep"), keys.features, keys.below("lidar/*/rejected")]
+    looked_at = [keys.odometry_sweep, keys.features, keys.below("lidar/*/rejected")]
     return wanted + looked_at if everything else wanted
 
 
@@ -83,7 +82,7 @@ class Scene:
             self._odometry_pose(records.odometry(sample.payload))
         elif sample.key == keys.features:
             self._features(sample.payload)
-        elif sample.key == keys.below("odometry/sweep"):
+        elif sample.key == keys.odometry_sweep:
             self._sweep(sample.payload)
         elif sample.key.endswith("/rejected"):
             self._rejected(sample.payload)

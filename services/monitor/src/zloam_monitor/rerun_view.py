@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import socket
 import subprocess
 import tempfile
@@ -141,13 +140,11 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
 
 
 def _draw(intake: Intake, scene: Scene, seconds: float | None, where: str) -> int:
-    stop: list[int] = []
     line = ProgressLine()
-    began = time.monotonic()
     drawn = 0
-    with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+    with ending.until_told(seconds) as goes_on:
         print(f"{where}; Ctrl-C ends", flush=True)
-        while not stop and (seconds is None or time.monotonic() - began < seconds):
+        while goes_on():
             for sample in intake.taken():
                 scene.take(sample)
                 drawn += 1

@@ -134,10 +134,32 @@ class RobotLog:
                         topic, schema = channels[record.channel_id]
                         yield Logged(topic, schema, record.log_time, record.data)
             except Exception as error:  # the library has no one error for what is damaged
-                self.remarks.append(
-                    f"{part.name} is cut off or damaged ({type(error).__name__}): what is whole "
-                    "before that is used"
-                )
+                self._damaged(part, error)
+
+    def _damaged(self, part: Path, error: Exception) -> None:
+        self.remarks.append(
+            f"{part.name} is cut off or damaged ({type(error).__name__}): what is whole before "
+            "that is used"
+        )
+
+    def _indexed(self, part: Path, schema: str) -> Iterator[bytes]:
+        """Rare messages, without reading all others; of a part without an index, by all."""
+        from mcap.reader import make_reader
+
+        if _statistics(part) is None:
+            yield from (m.payload for m in self._linear(part) if m.schema == schema)
+            return
+        with part.open("rb") as file:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            named = {s.id for s in summary.schemas.values() if s.name == schema}
+            topics = [c.topic for c in summary.channels.values() if c.schema_id in named]
+            if topics:
+                found = reader.iter_messages(topics=topics, log_time_order=False)
+                try:
+                    yield from (message.data for _, _, message in found)
+                except Exception as error:  # the library has no one error for what is damaged
+                    self._damaged(part, error)
 
     def sweeps(self) -> Iterator[Logged]:
         """Of its first run, each once, in the order of their numbers."""
@@ -174,17 +196,16 @@ class RobotLog:
     def changes(self) -> list[str]:
         """What was changed while it ran, SWEEP:KEY=VALUE, sweeps counted from the first one."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
-        first: int | None = None
-        for logged in self.messages((REVISION, SWEEP)):
-            if logged.schema == REVISION:
-                revision = records.config_revision(logged.payload)
+        for part in self.parts:
+            for payload in self._indexed(part, REVISION):
+                revision = records.config_revision(payload)
                 revisions[(revision.stage, revision.rev)] = revision
-            elif first is None and (header := _header(logged.payload)) is not None:
-                first = header.Sweep()
+        begin = next(self.sweeps(), None)
+        first = _header(begin.payload).Sweep() if revisions and begin is not None else 0
         found, before = [], dict[str, dict[str, Any]]()
         for (stage, _), revision in sorted(revisions.items()):
             known = before.get(stage, {})
-            sweep = max(0, revision.from_sweep - (first or 0))
+            sweep = max(0, revision.from_sweep - first)
             new = {k: v for k, v in revision.values.items() if known.get(k) != v}
             found += [f"{sweep}:{key}={_text(value)}" for key, value in new.items()]
             before[stage] = revision.values

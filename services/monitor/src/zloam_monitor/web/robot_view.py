@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3
-from zloam_monitor.foxglove_scene import POINT_LAYERS
+from zloam_monitor.clouds import POINT_LAYERS
 from zloam_monitor.link import Link
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES

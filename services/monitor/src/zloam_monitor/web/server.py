@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import json
 import re
-import signal
 import threading
 import time
 from collections.abc import Sequence
@@ -125,13 +124,12 @@ def serve(endpoints: Sequence[str], address: str, port: int, seconds: float | No
         raise PortTaken(f"can't listen on {address}:{port}: {error.strerror or error}") from error
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
-    stop: list[int] = []
-    began = searched = time.monotonic()
+    searched = time.monotonic()
     try:
-        with ending.handled(stop.append, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        with ending.until_told(seconds) as goes_on:
             where, whom = f"http://{address}:{server.server_port}/", ", ".join(robots.names())
             print(f"{where} shows {whom}; Ctrl-C ends", flush=True)
-            while not stop and (seconds is None or time.monotonic() - began < seconds):
+            while goes_on():
                 time.sleep(0.1)
                 if time.monotonic() - searched > SEARCH_SECONDS:
                     robots.search()
