@@ -30,6 +30,10 @@ const std::vector<Entry>& entries() {
        park_scene},
       {{"moving", "the loop of city with traffic: vans ahead and behind, oncoming cars, people"},
        moving_scene},
+      {{"town", "closed drive of 3.2 km or more through a grid of streets, many of them twice"},
+       town_scene},
+      {{"town_later", "town a week later: other cars, a new wall, another drive"},
+       town_later_scene},
   };
   return all;
 }

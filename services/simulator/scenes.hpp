@@ -38,5 +38,7 @@ Scene flat_scene(const SceneOptions& options);
 Scene field_scene(const SceneOptions& options);
 Scene park_scene(const SceneOptions& options);
 Scene moving_scene(const SceneOptions& options);
+Scene town_scene(const SceneOptions& options);
+Scene town_later_scene(const SceneOptions& options);
 
 }  // namespace zloam::simulator
