@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "common/geometry/motion_check.hpp"
+#include "common/geometry/trajectory.hpp"
 #include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "integration/integration.hpp"
 #include "integration/journal.hpp"
-#include "integration/trajectory.hpp"
 
 namespace zloam::integration {
 

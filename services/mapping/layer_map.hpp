@@ -12,8 +12,8 @@
 #include <span>
 #include <vector>
 
+#include "common/containers/flat_index.hpp"
 #include "common/containers/pool.hpp"
-#include "mapping/flat_index.hpp"
 #include "mapping/grid_index.hpp"
 #include "mapping/mapping.hpp"
 

@@ -6,8 +6,8 @@
 #include <map>
 #include <sstream>
 
+#include "common/containers/flat_index.hpp"
 #include "common/geometry/map_file.hpp"
-#include "mapping/flat_index.hpp"
 #include "mapping/grid_index.hpp"
 #include "mapping/layer_map.hpp"
 

@@ -106,7 +106,7 @@ class Lately {
 
 struct Mapper::State {
   State(const MappingConfig& c, std::unique_ptr<MappingMethod> m)
-      : config(c), method(std::move(m)), tiles(c), policy(c) {}
+      : config(c), method(std::move(m)), tiles(c), policy(c), submaps(c.submap_m) {}
 
   Prediction predict(const MappingInput& input);
   Match align(const MappingInput& input, const Prediction& prediction);
@@ -121,6 +121,7 @@ struct Mapper::State {
   std::unique_ptr<MappingMethod> method;
   TileMap tiles;
   InsertionPolicy policy;
+  SubmapBuilder submaps;
   Pose T_map_odom = Pose::Identity();
   std::vector<PathPose> path;
   std::optional<LastPose> last;
@@ -252,13 +253,27 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
 }
 
 void Mapper::State::insert(const MappingInput& input, const Match& match, MappingResult& result) {
-  if (!result.reason.empty()) return;
+  SubmapInput seen;
+  seen.sweep = input.sweep;
+  seen.instant_ns = instant_of(input);
+  seen.T_map_base = result.T_map_base;
+  seen.covariance = result.covariance;
+  seen.found = result.health == Health::kOk || result.health == Health::kDegenerate;
+  seen.degenerate = result.health == Health::kDegenerate;
+  seen.range_noise_m = input.range_noise_m;
+  if (!result.reason.empty()) {
+    result.submap = submaps.add(seen);
+    return;
+  }
   Match placed = match;
   placed.T_map_base = result.T_map_base;
   const InsertClouds clouds = method->insert(input, placed);
   tiles.insert(Layer::kEdge, clouds.edges, placed.T_map_base);
   tiles.insert(Layer::kPlane, clouds.planes, placed.T_map_base);
   policy.inserted_at(placed.T_map_base);
+  seen.edges = clouds.edges;
+  seen.planes = clouds.planes;
+  result.submap = submaps.add(seen);
   result.inserted = true;
   result.changed = tiles.take_changed();
 }
@@ -310,6 +325,7 @@ MappingResult Mapper::process(const MappingInput& input) {
 void Mapper::configure(const MappingConfig& config) {
   state_->config = config;
   state_->policy.configure(config);
+  state_->submaps.configure(config.submap_m);
   state_->method->configure(config);
 }
 
@@ -349,6 +365,7 @@ std::vector<VoxelTile> Mapper::take_changed_voxels(double growth) {
   return state_->method->take_changed(growth);
 }
 
+std::optional<Submap> Mapper::finish_submap() { return state_->submaps.finish(); }
 const Pose& Mapper::T_map_odom() const { return state_->T_map_odom; }
 const std::vector<PathPose>& Mapper::path() const { return state_->path; }
 std::optional<Tile> Mapper::tile(const TileId& id) const { return state_->tiles.tile(id); }

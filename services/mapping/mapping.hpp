@@ -26,6 +26,7 @@
 #include "common/geometry/se3.hpp"
 #include "common/plane_map/saved_voxel.hpp"
 #include "mapping/config.hpp"
+#include "mapping/submap_builder.hpp"
 
 namespace zloam::mapping {
 
@@ -139,6 +140,8 @@ struct MappingResult {
   std::vector<Tile> evicted;
   /// why the sweep was not inserted, empty when it was
   std::string reason;
+  /// that ended with this sweep
+  std::optional<Submap> submap;
 };
 
 struct PathPose {
@@ -177,6 +180,8 @@ class Mapper {
   /// Somebody says that the next sweep is at this pose: it is searched for around it, also where it
   /// was thought to be found. Nothing is inserted before it is.
   void place(const Pose& T_map_base);
+  /// The submap in the making, at the end of a run; none where too little was seen.
+  std::optional<Submap> finish_submap();
   /// What the method has counted, of the cubes in which that has grown by more than this share
   /// since they were handed out (0: those that changed at all), ascending.
   std::vector<VoxelTile> take_changed_voxels(double growth);

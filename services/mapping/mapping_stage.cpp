@@ -59,6 +59,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
       surround_(stage.outlet(Key::kMapSurround)),
       cloud_(stage.outlet(Key::kMapCloud)),
       registered_(stage.outlet(Key::kSweepRegistered)),
+      submap_(stage.outlet(Key::kSubmap)),
       ack_(stage.flow_ack("mapping")),
       files_(folder_of(output.map_path), ".zloam-map-runs") {
   runtime::InletOptions options;
@@ -171,6 +172,7 @@ void MappingStage::process(const Sweep& sweep) {
     note_figures(result);
     unsaved_ |= result.inserted;
     unpublished_.insert(result.changed.begin(), result.changed.end());
+    publish_submap(sweep, result.submap);
     publish_views(sweep, result);
     prev_mapped_ = input.sweep;
     last_mapped_ = sweep;
@@ -236,6 +238,25 @@ void MappingStage::publish_map(const Sweep& sweep, bool all) {
   if (mapped_ % output_.voxels_every == 0 || all) {
     publish_voxels(sweep, all ? 0.0 : output_.voxels_growth);
   }
+}
+
+// The last message of a run says that no more come, also where nothing is left to be said.
+void MappingStage::publish_submap(const Sweep& sweep, const std::optional<Submap>& submap) {
+  // Kept from the first reader on: one that is started again asks for what it missed.
+  submaps_read_ = submaps_read_ || submap_.matching();
+  if (!submaps_read_ || config_.submap_m <= 0.0) return;
+  std::optional<Submap> closed = submap;
+  if (sweep.end_of_run() && !closed) closed = mapper_.finish_submap();
+  if (sweep.end_of_run() && !closed) {
+    closed.emplace();
+    closed->first_sweep = closed->last_sweep = closed->sweep = closed->before_sweep = sweep.sweep();
+    closed->instant_ns = sweep->instant_ns();
+  }
+  if (!closed) return;
+  HeaderFields header = submap_.header(sweep);
+  header.frame = "base_link";
+  header.map_id = map_id_;
+  submap_.publish(header, build(header, *closed));
 }
 
 void MappingStage::publish_tiles(const Sweep& sweep, double growth) {

@@ -40,6 +40,7 @@ class MappingStage {
   void publish_voxels(const Sweep& sweep, double growth);
   /// What others keep of the map: what has grown enough, or all that has changed.
   void publish_map(const Sweep& sweep, bool all);
+  void publish_submap(const Sweep& sweep, const std::optional<Submap>& submap);
   void forget_published();
   void publish_registered(const Sweep& sweep, const MappingResult& result);
   void note_figures(const MappingResult& result);
@@ -68,6 +69,7 @@ class MappingStage {
   runtime::Outlet& surround_;
   runtime::Outlet& cloud_;
   runtime::Outlet& registered_;
+  runtime::Outlet& submap_;
   runtime::FlowAck& ack_;
   // Odometry's covariance since the sweep mapped before.
   Matrix6 covariance_since_ = Matrix6::Zero();
@@ -84,6 +86,7 @@ class MappingStage {
   // Points counted in a tile when it was published.
   std::map<TileId, std::uint64_t> published_;
   std::optional<Sweep> last_mapped_;
+  bool submaps_read_ = false;
   bool unsaved_ = false;
   runtime::OutputFiles files_;
   // Of the last mapped sweep, for replies.

@@ -1,6 +1,6 @@
 #include "mapping/voxel_filter.hpp"
 
-#include "mapping/flat_index.hpp"
+#include "common/containers/flat_index.hpp"
 #include "mapping/grid_index.hpp"
 
 namespace zloam::mapping {

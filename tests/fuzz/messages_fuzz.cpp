@@ -184,12 +184,15 @@ void read_any(fuzz::Input& in) {
   fault_of<msg::EffectiveConfig>(encoding, span);
   fault_of<msg::FlowAck>(encoding, span);
   fault_of<msg::GnssBatch>(encoding, span);
+  fault_of<msg::GraphPoses>(encoding, span);
   fault_of<msg::HostTime>(encoding, span);
   fault_of<msg::ImuBatch>(encoding, span);
+  fault_of<msg::Loop>(encoding, span);
   fault_of<msg::Packets>(encoding, span);
   fault_of<msg::Path>(encoding, span);
   fault_of<msg::Rejected>(encoding, span);
   fault_of<msg::Status>(encoding, span);
+  fault_of<msg::Submap>(encoding, span);
 }
 
 void send_token(fuzz::Input& in) {

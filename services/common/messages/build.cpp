@@ -237,6 +237,34 @@ Buffer build(const HeaderFields& header, const CloudFields& f) {
   return finish(b, msg::CreateCloud(b, head, f.instant_ns, points, &pose));
 }
 
+Buffer build(const HeaderFields& header, const Submap& s) {
+  Builder b(room_for(s.points.size() * sizeof(MapPoint)));
+  const auto points = put_points(b, std::span<const MapPoint>(s.points));
+  const auto covariance = put_covariance(b, s.step_covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(s.T_map_submap);
+  return finish(b, msg::CreateSubmap(b, head, s.first_sweep, s.sweep, s.instant_ns, &pose,
+                                     covariance, s.step_m, s.connected,
+                                     static_cast<float>(s.range_noise_m), points, s.before_sweep));
+}
+
+Buffer build(const HeaderFields& header, const LoopFields& f) {
+  Builder b(kSmall);
+  const auto covariance = put_covariance(b, f.covariance);
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_from_to);
+  return finish(b, msg::CreateLoop(b, head, f.from_sweep, f.to_sweep, &pose, covariance, f.overlap,
+                                   f.residual_m, f.chi2, f.verdict));
+}
+
+Buffer build(const HeaderFields& header, const GraphPosesFields& f) {
+  Builder b(room_for(f.poses.size_bytes()));
+  const auto poses = put_structs(b, f.poses);
+  const auto head = build_header(b, header);
+  return finish(
+      b, msg::CreateGraphPoses(b, head, f.revision, poses, f.loops, f.chi2_before, f.chi2_after));
+}
+
 Buffer build(const HeaderFields& header, const RejectedFields& f) {
   Builder b(room_for(f.points.size_bytes() + f.reasons.size_bytes()));
   const auto points = put_points(b, f.points);

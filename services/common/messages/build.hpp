@@ -14,6 +14,7 @@
 #include "common/geometry/inertial_step.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
+#include "common/geometry/submap.hpp"
 #include "common/messages/header.hpp"
 #include "common/messages/kinds.hpp"
 
@@ -150,6 +151,23 @@ struct CloudFields {
   Pose T_frame_base = Pose::Identity();
 };
 
+struct LoopFields {
+  std::uint64_t from_sweep = 0, to_sweep = 0;
+  Pose T_from_to = Pose::Identity();
+  Matrix6 covariance = Matrix6::Zero();
+  double overlap = 0.0;
+  double residual_m = 0.0;
+  double chi2 = 0.0;
+  msg::LoopVerdict verdict = msg::LoopVerdict::Alone;
+};
+
+struct GraphPosesFields {
+  std::uint32_t revision = 0;
+  std::span<const msg::SubmapPose> poses{};
+  std::uint32_t loops = 0;
+  double chi2_before = 0.0, chi2_after = 0.0;
+};
+
 struct RejectedFields {
   PointSpan points{};
   std::span<const msg::RejectReason> reasons{};
@@ -215,6 +233,9 @@ Buffer build(const HeaderFields& header, const MapCorrectionFields& fields);
 Buffer build(const HeaderFields& header, const MapPoseFields& fields);
 Buffer build(const HeaderFields& header, const MapTileFields& fields);
 Buffer build(const HeaderFields& header, const CloudFields& fields);
+Buffer build(const HeaderFields& header, const Submap& submap);
+Buffer build(const HeaderFields& header, const LoopFields& fields);
+Buffer build(const HeaderFields& header, const GraphPosesFields& fields);
 Buffer build(const HeaderFields& header, const RejectedFields& fields);
 Buffer build(const HeaderFields& header, const PacketsFields& fields);
 Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,

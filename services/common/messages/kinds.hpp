@@ -8,8 +8,10 @@
 #include "schemas/features_generated.h"
 #include "schemas/flow_ack_generated.h"
 #include "schemas/gnss_generated.h"
+#include "schemas/graph_poses_generated.h"
 #include "schemas/host_time_generated.h"
 #include "schemas/imu_generated.h"
+#include "schemas/loop_generated.h"
 #include "schemas/map_correction_generated.h"
 #include "schemas/map_pose_generated.h"
 #include "schemas/map_tile_generated.h"
@@ -20,6 +22,7 @@
 #include "schemas/progress_generated.h"
 #include "schemas/rejected_generated.h"
 #include "schemas/status_generated.h"
+#include "schemas/submap_generated.h"
 #include "schemas/sweep_generated.h"
 
 namespace zloam {
@@ -43,8 +46,10 @@ ZLOAM_KIND(ConfigRevision, "config_revision", "ZLCR");
 ZLOAM_KIND(Features, "features", "ZLFE");
 ZLOAM_KIND(FlowAck, "flow_ack", "ZLAK");
 ZLOAM_KIND(GnssBatch, "gnss", "ZLGN");
+ZLOAM_KIND(GraphPoses, "graph_poses", "ZLGP");
 ZLOAM_KIND(HostTime, "host_time", "ZLHT");
 ZLOAM_KIND(ImuBatch, "imu", "ZLIM");
+ZLOAM_KIND(Loop, "loop", "ZLLO");
 ZLOAM_KIND(MapCorrection, "map_correction", "ZLMC");
 ZLOAM_KIND(MapPose, "map_pose", "ZLMP");
 ZLOAM_KIND(MapTile, "map_tile", "ZLTI");
@@ -55,6 +60,7 @@ ZLOAM_KIND(Path, "path", "ZLPA");
 ZLOAM_KIND(Progress, "progress", "ZLPR");
 ZLOAM_KIND(Rejected, "rejected", "ZLRJ");
 ZLOAM_KIND(Status, "status", "ZLST");
+ZLOAM_KIND(Submap, "submap", "ZLSM");
 ZLOAM_KIND(Sweep, "sweep", "ZLSW");
 #undef ZLOAM_KIND
 

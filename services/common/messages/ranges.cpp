@@ -250,8 +250,29 @@ std::string range_error(const msg::HostTime& m) {
       .take();
 }
 
+std::string range_error(const msg::GraphPoses& m) {
+  Checker c;
+  c.header(m.header()).finite(m.chi2_before(), "chi2_before").finite(m.chi2_after(), "chi2_after");
+  for (const msg::SubmapPose& p : structs_of(m.poses())) {
+    c.time(p.instant_ns(), "poses").pose(p.map(), "poses").pose(p.world(), "poses");
+  }
+  return c.take();
+}
+
 std::string range_error(const msg::ImuBatch& m) {
   return Checker().header(m.header()).imu(m.samples()).take();
+}
+
+std::string range_error(const msg::Loop& m) {
+  return Checker()
+      .header(m.header())
+      .pose(m.pose_from_to(), "pose_from_to")
+      .covariance(m.covariance())
+      .finite(m.overlap(), "overlap")
+      .finite(m.residual_m(), "residual_m")
+      .finite(m.chi2(), "chi2")
+      .require(m.verdict() <= msg::LoopVerdict::MAX, "verdict is unknown")
+      .take();
 }
 
 std::string range_error(const msg::MapCorrection& m) {
@@ -348,6 +369,23 @@ std::string range_error(const msg::Status& m) {
       .require(m.stage() != nullptr && m.instance() != nullptr, "stage or instance is missing")
       .require(m.health() <= msg::ServiceHealth::MAX, "health is unknown")
       .finite(m.cpu_ms(), "cpu_ms")
+      .take();
+}
+
+std::string range_error(const msg::Submap& m) {
+  // The last of a run may be empty: it says that no more come.
+  const std::uint64_t last = m.header() == nullptr ? 0 : m.header()->sweep();
+  return Checker()
+      .header(m.header())
+      .require(m.first_sweep() <= m.frame_sweep() && m.frame_sweep() <= last,
+               "frame_sweep lies outside of the submap")
+      .time(m.instant_ns(), "instant_ns")
+      .pose(m.pose_map_submap(), "pose_map_submap")
+      .covariance(m.step_covariance())
+      .require(std::isfinite(m.step_m()) && m.step_m() >= 0.0, "step_m is negative or not finite")
+      .require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
+               "range_noise_m is negative or not finite")
+      .finite_points(m.points(), "points")
       .take();
 }
 

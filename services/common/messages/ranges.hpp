@@ -15,8 +15,10 @@ std::string range_error(const msg::ConfigRevision& m);
 std::string range_error(const msg::Features& m);
 std::string range_error(const msg::FlowAck& m);
 std::string range_error(const msg::GnssBatch& m);
+std::string range_error(const msg::GraphPoses& m);
 std::string range_error(const msg::HostTime& m);
 std::string range_error(const msg::ImuBatch& m);
+std::string range_error(const msg::Loop& m);
 std::string range_error(const msg::MapCorrection& m);
 std::string range_error(const msg::MapPose& m);
 std::string range_error(const msg::MapTile& m);
@@ -27,6 +29,7 @@ std::string range_error(const msg::Path& m);
 std::string range_error(const msg::Progress& m);
 std::string range_error(const msg::Rejected& m);
 std::string range_error(const msg::Status& m);
+std::string range_error(const msg::Submap& m);
 std::string range_error(const msg::Sweep& m);
 
 }  // namespace zloam

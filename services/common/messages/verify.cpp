@@ -49,8 +49,10 @@ template VerifyResult verify<msg::ConfigRevision>(std::span<const std::uint8_t>,
 template VerifyResult verify<msg::Features>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::FlowAck>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::GnssBatch>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::GraphPoses>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::HostTime>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::ImuBatch>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::Loop>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapCorrection>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapPose>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapTile>(std::span<const std::uint8_t>, std::string_view);
@@ -62,6 +64,7 @@ template VerifyResult verify<msg::Path>(std::span<const std::uint8_t>, std::stri
 template VerifyResult verify<msg::Progress>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Rejected>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Status>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::Submap>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Sweep>(std::span<const std::uint8_t>, std::string_view);
 
 }  // namespace zloam

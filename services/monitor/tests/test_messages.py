@@ -22,11 +22,15 @@ def _needs_generated_code() -> None:
         pytest.skip(str(missing))
 
 
+#: fields of structs that hold a Pose
+POSES = ("pose", "map", "world")
+
+
 def generated_value(struct: Any, path: tuple[str, ...]) -> Any:
     """Reads x or translation.x by the generated accessors."""
     for name in path[:-1]:
         accessor = "".join(part.capitalize() for part in name.split("_"))
-        inner = messages.STRUCTS["Pose"] if name == "pose" else None
+        inner = messages.STRUCTS["Pose"] if name in POSES else None
         type_name = "Pose" if inner is not None else ("Quat" if name == "rotation" else "Vec3")
         child = getattr(messages.module(type_name), type_name)()
         struct = getattr(struct, accessor)(child)

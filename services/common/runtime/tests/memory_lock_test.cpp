@@ -19,15 +19,15 @@ TEST(MemoryLock, TheCapabilityLiftsTheLimit) {
 
 TEST(MemoryLock, AStageLocksThePoolsOfTheOthersToo) {
   EXPECT_TRUE(pools_fit(kUnlimited, 4096));
-  EXPECT_TRUE(pools_fit(32 * kMib, 4));  // eight programs
-  EXPECT_FALSE(pools_fit(32 * kMib - 1, 4));
+  EXPECT_TRUE(pools_fit(36 * kMib, 4));  // nine programs
+  EXPECT_FALSE(pools_fit(36 * kMib - 1, 4));
   EXPECT_FALSE(pools_fit(8 * kMib, 4));
 }
 
 TEST(MemoryLock, PoolsNeedAPlace) {
   const std::string folder = testing::TempDir();
   EXPECT_EQ(no_place_for_pools(folder, 1), "");
-  // 8 PiB for eight programs: nobody's disk.
+  // 9 PiB for nine programs: nobody's disk.
   EXPECT_THAT(no_place_for_pools(folder, 1 << 30), testing::HasSubstr(folder));
   EXPECT_THAT(no_place_for_pools("/nowhere", 1), testing::HasSubstr("/nowhere: No such file"));
 }

@@ -54,6 +54,22 @@ class Keys:
         return self.below("map/tile/**")
 
     @property
+    def submap(self) -> str:
+        return self.below("map/submap")
+
+    @property
+    def graph_poses(self) -> str:
+        return self.below("graph/poses")
+
+    @property
+    def graph_loop(self) -> str:
+        return self.below("graph/loop")
+
+    @property
+    def path_world(self) -> str:
+        return self.below("path/world")
+
+    @property
     def path_map(self) -> str:
         return self.below("path/map")
 

@@ -40,6 +40,7 @@ IMU_SAMPLE = np.dtype(
     [("stamp_ns", "<i8"), ("linear_acceleration", VEC3), ("angular_velocity", VEC3)]
 )
 STAMPED_POSE = np.dtype([("instant_ns", "<i8"), ("sweep", "<u8"), ("pose", POSE)])
+SUBMAP_POSE = np.dtype([("sweep", "<u8"), ("instant_ns", "<i8"), ("map", POSE), ("world", POSE)])
 PACKET_ENTRY = np.dtype(
     [("received_ns", "<i8"), ("offset", "<u4"), ("length", "<u2"), ("port", "<u2")]
 )
@@ -53,6 +54,7 @@ STRUCTS = {
     "MapPoint": MAP_POINT,
     "ImuSample": IMU_SAMPLE,
     "StampedPose": STAMPED_POSE,
+    "SubmapPose": SUBMAP_POSE,
     "PacketEntry": PACKET_ENTRY,
 }
 
@@ -74,8 +76,10 @@ KINDS = {
     "Features": Kind("features", b"ZLFE"),
     "FlowAck": Kind("flow_ack", b"ZLAK"),
     "GnssBatch": Kind("gnss", b"ZLGN"),
+    "GraphPoses": Kind("graph_poses", b"ZLGP"),
     "HostTime": Kind("host_time", b"ZLHT"),
     "ImuBatch": Kind("imu", b"ZLIM"),
+    "Loop": Kind("loop", b"ZLLO"),
     "MapCorrection": Kind("map_correction", b"ZLMC"),
     "MapPose": Kind("map_pose", b"ZLMP"),
     "MapTile": Kind("map_tile", b"ZLTI"),
@@ -86,6 +90,7 @@ KINDS = {
     "Progress": Kind("progress", b"ZLPR"),
     "Rejected": Kind("rejected", b"ZLRJ"),
     "Status": Kind("status", b"ZLST"),
+    "Submap": Kind("submap", b"ZLSM"),
     "Sweep": Kind("sweep", b"ZLSW"),
 }
 

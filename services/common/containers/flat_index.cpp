@@ -1,8 +1,8 @@
-#include "mapping/flat_index.hpp"
+#include "common/containers/flat_index.hpp"
 
 #include <bit>
 
-namespace zloam::mapping {
+namespace zloam {
 
 FlatIndex::FlatIndex(std::size_t capacity) {
   const std::size_t slots = std::bit_ceil(capacity < 16 ? std::size_t{16} : capacity);
@@ -49,4 +49,4 @@ void FlatIndex::erase(std::uint64_t key) {
   --size_;
 }
 
-}  // namespace zloam::mapping
+}  // namespace zloam

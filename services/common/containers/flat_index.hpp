@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-namespace zloam::mapping {
+namespace zloam {
 
 class FlatIndex {
  public:
@@ -46,4 +46,4 @@ class FlatIndex {
   unsigned shift_ = 0;
 };
 
-}  // namespace zloam::mapping
+}  // namespace zloam

@@ -1,4 +1,4 @@
-#include "integration/trajectory.hpp"
+#include "common/geometry/trajectory.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cstring>
 #include <sstream>
 
-namespace zloam::integration {
+namespace zloam {
 namespace {
 
 std::string whole(const Trajectory& poses, TrajectoryText::Line line) {
@@ -91,4 +91,4 @@ TEST(TrajectoryText, DigitsAreThoseOfPrintf) {
 }
 
 }  // namespace
-}  // namespace zloam::integration
+}  // namespace zloam

@@ -9,7 +9,7 @@
 
 #include "common/geometry/se3.hpp"
 
-namespace zloam::integration {
+namespace zloam {
 
 struct TrajectoryPose {
   /// the instant the pose holds for, ns since the Unix epoch
@@ -42,4 +42,4 @@ class TrajectoryText {
   std::string piece_;
 };
 
-}  // namespace zloam::integration
+}  // namespace zloam

@@ -1,11 +1,11 @@
-#include "integration/trajectory.hpp"
+#include "common/geometry/trajectory.hpp"
 
 #include <charconv>
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
 
-namespace zloam::integration {
+namespace zloam {
 namespace {
 
 constexpr std::size_t kPiece = 1U << 16;
@@ -54,4 +54,4 @@ std::string_view TrajectoryText::next() {
   return piece_;
 }
 
-}  // namespace zloam::integration
+}  // namespace zloam

@@ -1,0 +1,34 @@
+#pragma once
+// What was seen along a few metres of way, in one frame that nothing bends later.
+
+#include <cstdint>
+#include <vector>
+
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+
+namespace zloam {
+
+struct Submap {
+  std::uint64_t first_sweep = 0, last_sweep = 0;
+  /// the sweep whose base_link is the submap's frame, in the middle of the way, and its instant, ns
+  /// since the Unix epoch
+  std::uint64_t sweep = 0;
+  std::int64_t instant_ns = 0;
+  /// where mapping had it
+  Pose T_map_submap = Pose::Identity();
+  /// of the motion since the frame of the submap before, tangent at this one: of both poses, and of
+  /// what the points between left open
+  Matrix6 step_covariance = Matrix6::Zero();
+  /// the sweep of that frame; of the first submap its own
+  std::uint64_t before_sweep = 0;
+  /// way since that frame, m
+  double step_m = 0.0;
+  /// every sweep since that frame was found in the map
+  bool connected = true;
+  double range_noise_m = 0.0;
+  /// frame of the submap: means of voxels, in the order in which these were first hit
+  std::vector<MapPoint> points;
+};
+
+}  // namespace zloam

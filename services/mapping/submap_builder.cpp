@@ -1,0 +1,137 @@
+#include "mapping/submap_builder.hpp"
+
+#include "mapping/grid_index.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+// Fine enough for planes of a metre to be fitted to what is left.
+constexpr double kLeaf_m = 0.3;
+// A sweep's own uncertainty counts when the sensor has moved by so much since the last one that did:
+// at rest the same points are matched to the same map again.
+constexpr double kMoved_m = 0.1, kMoved_rad = 0.02;
+// Below this a submap tells no place.
+constexpr std::size_t kFewestPoints = 300;
+
+Matrix6 carried(const Matrix6& covariance, const Pose& T_now_before) {
+  const Matrix6 carry = adjoint(T_now_before);
+  return carry * covariance * carry.transpose();
+}
+
+}  // namespace
+
+void SubmapBuilder::move(const SubmapInput& input) {
+  if (T_map_base_before_) {
+    const Pose T_now_before = input.T_map_base.inverse() * *T_map_base_before_;
+    open_ = carried(open_, T_now_before);
+    unfound_ = carried(unfound_, T_now_before);
+    frame_ = carried(frame_, T_now_before);
+    since_m_ += T_now_before.translation().norm();
+  } else {
+    counted_at_ = input.T_map_base.translation();
+    counted_turn_ = input.T_map_base.linear();
+  }
+  T_map_base_before_ = input.T_map_base;
+  connected_ = connected_ && input.found;
+  if (!input.found) {
+    // Of many in a row the last one says it all.
+    unfound_ = input.covariance;
+    return;
+  }
+  const double moved_m = (input.T_map_base.translation() - counted_at_).norm();
+  const double turned_rad = log_so3(counted_turn_.transpose() * input.T_map_base.linear()).norm();
+  if (moved_m < kMoved_m && turned_rad < kMoved_rad) return;
+  // Where the points hold, both ends are as uncertain as their matches; along what they leave open
+  // each sweep adds its own.
+  if (input.degenerate) open_ += input.covariance;
+  counted_at_ = input.T_map_base.translation();
+  counted_turn_ = input.T_map_base.linear();
+}
+
+void SubmapBuilder::take(PointSpan points, const Pose& T_first_base) {
+  for (const Point& point : points) {
+    const Eigen::Vector3d p = T_first_base * point.position().cast<double>();
+    if (!p.allFinite()) continue;
+    const std::uint64_t key = pack_key(grid_index(p, kLeaf_m));
+    std::uint32_t place = places_.find(key);
+    if (place == FlatIndex::kNone) {
+      place = static_cast<std::uint32_t>(voxels_.size());
+      places_.insert(key, place);
+      voxels_.emplace_back();
+    }
+    Voxel& voxel = voxels_[place];
+    voxel.sum += p;
+    voxel.intensity += static_cast<double>(point.intensity);
+    ++voxel.count;
+  }
+}
+
+std::optional<Submap> SubmapBuilder::add(const SubmapInput& input) {
+  if (!(way_m_ > 0.0)) return std::nullopt;
+  std::optional<Submap> closed;
+  // What follows may lie anywhere against it.
+  if (!input.found) closed = finish();
+  move(input);
+  if (!input.found) return closed;
+  const double step_m =
+      steps_.empty()
+          ? 0.0
+          : (input.T_map_base.translation() - steps_.back().T_map_base.translation()).norm();
+  const double way_m = steps_.empty() ? 0.0 : steps_.back().way_m + step_m;
+  const Matrix6 open = open_ + unfound_;
+  steps_.push_back({input.sweep, input.instant_ns, input.T_map_base, way_m, input.covariance, open,
+                    frame_ + open + input.covariance, since_m_, connected_});
+  range_noise_m_ = input.range_noise_m;
+  const Pose T_first_base = steps_.front().T_map_base.inverse() * input.T_map_base;
+  take(input.edges, T_first_base);
+  take(input.planes, T_first_base);
+  if (way_m >= way_m_) closed = close();
+  return closed;
+}
+
+std::optional<Submap> SubmapBuilder::finish() {
+  if (steps_.empty() || voxels_.size() < kFewestPoints) {
+    steps_.clear();
+    voxels_.clear();
+    places_ = FlatIndex();
+    return std::nullopt;
+  }
+  return close();
+}
+
+Submap SubmapBuilder::close() {
+  std::size_t middle = 0;
+  while (2.0 * steps_[middle].way_m < steps_.back().way_m) ++middle;
+  const Step& frame = steps_[middle];
+  Submap out;
+  out.first_sweep = steps_.front().sweep;
+  out.last_sweep = steps_.back().sweep;
+  out.sweep = frame.sweep;
+  out.before_sweep = before_sweep_.value_or(frame.sweep);
+  before_sweep_ = frame.sweep;
+  out.instant_ns = frame.instant_ns;
+  out.T_map_submap = frame.T_map_base;
+  out.step_covariance = frame.covariance;
+  out.step_m = frame.since_m;
+  out.connected = frame.connected;
+  out.range_noise_m = range_noise_m_;
+  const Pose T_submap_first = frame.T_map_base.inverse() * steps_.front().T_map_base;
+  out.points.reserve(voxels_.size());
+  for (const Voxel& voxel : voxels_) {
+    const Eigen::Vector3f p = (T_submap_first * (voxel.sum / voxel.count)).cast<float>();
+    out.points.push_back({p.x(), p.y(), p.z(), static_cast<float>(voxel.intensity / voxel.count)});
+  }
+  // What came after the frame's sweep is the next one's.
+  const Pose T_now_frame = steps_.back().T_map_base.inverse() * frame.T_map_base;
+  frame_ = carried(frame.own, T_now_frame);
+  open_ = open_ + unfound_ - carried(frame.open, T_now_frame);
+  unfound_.setZero();
+  since_m_ -= frame.since_m;
+  connected_ = true;
+  steps_.clear();
+  voxels_.clear();
+  places_ = FlatIndex();
+  return out;
+}
+
+}  // namespace zloam::mapping

@@ -1,0 +1,90 @@
+#pragma once
+// Cuts the mapped sweeps into submaps: what was seen along a few metres of way, in one frame that
+// nothing bends later. They are what the graph of loops (services/graph) is made of.
+//
+// A submap holds consecutive sweeps of one stretch in which each of them was found in the map, so
+// that it is as rigid as the map matching is exact. It ends after a way, never after a time: what
+// stands still tells nothing new. Which sweeps are in it depends on nothing but the sweeps.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/containers/flat_index.hpp"
+#include "common/geometry/point.hpp"
+#include "common/geometry/se3.hpp"
+#include "common/geometry/submap.hpp"
+
+namespace zloam::mapping {
+
+/// One mapped sweep.
+struct SubmapInput {
+  std::uint64_t sweep = 0;
+  std::int64_t instant_ns = 0;
+  Pose T_map_base = Pose::Identity();
+  Matrix6 covariance = Matrix6::Zero();
+  /// its pose was found in the map
+  bool found = false;
+  /// the points left a direction open
+  bool degenerate = false;
+  double range_noise_m = 0.0;
+  /// frame base_link at the instant
+  PointSpan edges, planes;
+};
+
+class SubmapBuilder {
+ public:
+  /// way_m: of a submap; 0: there are none.
+  explicit SubmapBuilder(double way_m) : way_m_(way_m) {}
+
+  /// Sweeps in order. The submap that ends with this one, if one does.
+  std::optional<Submap> add(const SubmapInput& input);
+  /// The one in the making, at the end of a run; none where too little was seen.
+  std::optional<Submap> finish();
+  /// From the next submap on.
+  void configure(double way_m) { way_m_ = way_m; }
+  void reset() { *this = SubmapBuilder(way_m_); }
+
+ private:
+  struct Voxel {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    double intensity = 0.0;
+    std::uint32_t count = 0;
+  };
+  struct Step {
+    std::uint64_t sweep;
+    std::int64_t instant_ns;
+    Pose T_map_base;
+    double way_m;
+    // Since the frame of the submap before.
+    // Of this pose, of what was left open since the frame of the submap before, and of all of the
+    // motion since then.
+    Matrix6 own, open, covariance;
+    double since_m;
+    bool connected;
+  };
+
+  void move(const SubmapInput& input);
+  void take(PointSpan points, const Pose& T_first_base);
+  Submap close();
+
+  double way_m_;
+  // Of the submap in the making; points in the frame of its first sweep.
+  std::vector<Step> steps_;
+  FlatIndex places_;
+  std::vector<Voxel> voxels_;
+  double range_noise_m_ = 0.0;
+  // Since the frame of the submap before.
+  std::optional<Pose> T_map_base_before_;
+  std::optional<std::uint64_t> before_sweep_;
+  Eigen::Vector3d counted_at_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d counted_turn_ = Eigen::Matrix3d::Identity();
+  Matrix6 frame_ = Matrix6::Zero();
+  Matrix6 open_ = Matrix6::Zero();
+  Matrix6 unfound_ = Matrix6::Zero();
+  double since_m_ = 0.0;
+  bool connected_ = true;
+};
+
+}  // namespace zloam::mapping
