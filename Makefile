@@ -15,7 +15,7 @@ export ZLOAM_SHARED ?= $(abspath ../shared)
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
-.PHONY: help deps test-deps tools venv view-tools test-venv configure-tests build build-all aloam unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
+.PHONY: help deps test-deps tools venv view-tools test-venv configure-tests build build-all aloam graph unit-tests demo run test test-full slow-tests accept bench bench-peers packages reference sanitize system arm64 fuzz fmt lint clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -41,11 +41,11 @@ test-venv: test-deps
 
 # A build folder that once had the tests keeps them.
 $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | deps
-	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF -DZLOAM_ALOAM=OFF)
+	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF -DZLOAM_ALOAM=OFF -DZLOAM_GRAPH=OFF)
 
 configure-tests: test-deps
 	@grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt || \
-	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON -DZLOAM_ALOAM=ON
+	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON -DZLOAM_ALOAM=ON -DZLOAM_GRAPH=ON
 
 build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs
@@ -55,6 +55,12 @@ aloam: build # A-LOAM's programs, and PCL and Ceres for them
 	@grep -qs '^ZLOAM_ALOAM:BOOL=ON' $(BUILD)/CMakeCache.txt || \
 	  $(STEP) "configure $(PRESET) with A-LOAM" cmake --preset $(PRESET) -DZLOAM_ALOAM=ON
 	@$(STEP) "build A-LOAM's programs" cmake --build $(BUILD) -j $(JOBS) --target aloam_programs
+
+graph: build # the graph of loops, and OpenCV and Ceres for it
+	@$(STEP) "system packages, for the graph of loops" deploy/build/deps.sh --graph
+	@grep -qs '^ZLOAM_GRAPH:BOOL=ON' $(BUILD)/CMakeCache.txt || \
+	  $(STEP) "configure $(PRESET) with the graph of loops" cmake --preset $(PRESET) -DZLOAM_GRAPH=ON
+	@$(STEP) "build the graph of loops" cmake --build $(BUILD) -j $(JOBS) --target zloam-graph
 
 build-all: configure-tests ## build unit tests and benchmarks too
 	@$(STEP) "build $(PRESET) with tests" cmake --build $(BUILD) -j $(JOBS)
@@ -66,20 +72,20 @@ unit-tests: configure-tests # only the tests' programs
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
-# VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
+# GRAPH=1 closes loops (trajectory_world.tum); VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
 PASSED := PCAP BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT RECORD LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
-CHAIN_ARGS = $(call passed,METHOD,--method) $(call passed,OUT,--out) $(call passed,RECORD,--record) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
+CHAIN_ARGS = $(call passed,METHOD,--method) $(if $(GRAPH),--graph) $(call passed,OUT,--out) $(call passed,RECORD,--record) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
 DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TOPIC,--topic) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
   $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(if $(VIEW),--view) $(CHAIN_ARGS)
 
-demo: build $(if $(METHOD),aloam) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
+demo: build $(if $(METHOD),aloam) $(if $(GRAPH),graph) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
 	@$(ZLOAM) demo $(DEMO_ARGS)
 
-run: build $(if $(METHOD),aloam) ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
+run: build $(if $(METHOD),aloam) $(if $(GRAPH),graph) ## run live on a sensor: CONFIG=deploy/robots/vlp16-outdoor.yaml
 	@$(ZLOAM) run $(call passed,CONFIG,--config) $(if $(STANDBY),--standby) $(CHAIN_ARGS)
 
 test: build-all test-venv ## unit and integration tests, layers, schemas

@@ -10,6 +10,7 @@ endif()
 option(ZLOAM_WERROR "Warnings are errors" ON)
 option(ZLOAM_TESTS "Unit tests and benchmarks, and GTest and Ceres for them" ON)
 option(ZLOAM_ALOAM "A-LOAM's stages, and PCL and Ceres for them" ON)
+option(ZLOAM_GRAPH "The graph of loops, and OpenCV and Ceres for it" ON)
 set(ZLOAM_SANITIZE "" CACHE STRING "Sanitizers, e.g. address,undefined")
 
 find_program(ZLOAM_CCACHE ccache)

@@ -3,6 +3,7 @@
 # Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
 #   deps.sh            build and run the programs
 #   deps.sh --aloam    also A-LOAM's programs
+#   deps.sh --graph    also the graph of loops
 #   deps.sh --tests    also those, unit tests, benchmarks and fuzzing
 #   deps.sh --tools    also formatting and linting
 # Where a Docker Engine answers, tests also need what makes base images without a registry.
@@ -13,13 +14,14 @@ cd "$(dirname "$0")"
 packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libflatbuffers-dev flatbuffers-compiler
   libyaml-cpp-dev libpugixml-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
   python3 python3-venv)
-tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev clang libclang-rt-dev chromium)
+tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev libopencv-features2d-dev clang libclang-rt-dev chromium)
 case "${1:-}" in
   "") ;;
   --aloam) packages+=(libceres-dev libpcl-dev) ;;
+  --graph) packages+=(libceres-dev libopencv-features2d-dev) ;;
   --tests) packages+=("${tests[@]}") ;;
   --tools) packages+=("${tests[@]}" clang-format clang-tidy) ;;
-  *) echo "usage: deps.sh [--aloam | --tests | --tools]" >&2; exit 2 ;;
+  *) echo "usage: deps.sh [--aloam | --graph | --tests | --tools]" >&2; exit 2 ;;
 esac
 [ -z "${1:-}" ] || ! docker info >/dev/null 2>&1 || packages+=(mmdebstrap)
 

@@ -14,6 +14,7 @@ from tests.bench import (
     decode_ouster,
     drive,
     framework,
+    graph,
     live,
     memory,
     peers,
@@ -42,6 +43,7 @@ def all_benchmarks(
         simulator,
         peers,
         scaling,
+        graph,
         drive,
     )
     rows = [b for module in modules for b in module.benchmarks(setting)]

@@ -43,7 +43,12 @@ def checkout(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     listed = copy / "services/stages.json"
     listed.write_text(json.dumps([*json.loads(listed.read_text()), entry()]))
     library = build / "lib/libzloam_zenoh.so"
-    options = ["-DZLOAM_TESTS=OFF", "-DZLOAM_ALOAM=OFF", f"-DZLOAM_ZENOH_LIBRARY={library}"]
+    options = [
+        "-DZLOAM_TESTS=OFF",
+        "-DZLOAM_ALOAM=OFF",
+        "-DZLOAM_GRAPH=OFF",
+        f"-DZLOAM_ZENOH_LIBRARY={library}",
+    ]
     # the compiler's cache has what is the same: all but the list
     environment = {**os.environ, "CCACHE_BASEDIR": str(copy), "CCACHE_NOHASHDIR": "1"}
     for words in (

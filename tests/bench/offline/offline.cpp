@@ -31,6 +31,7 @@
 #include "run_files.hpp"
 #include "scan_reader.hpp"
 #include "settings.hpp"
+#include "submap_file.hpp"
 
 namespace zloam::offline {
 namespace {
@@ -42,6 +43,7 @@ struct Options {
   Pose T_base_lidar = Pose::Identity();
   Pose T_base_imu = Pose::Identity();
   std::vector<ImuReading> imu;
+  std::string submaps;
   bool with_mapping = true;
   // of every so many sweeps the last ones do not reach mapping, as when it is away
   std::uint64_t gap_every = 0, gap_sweeps = 0;
@@ -97,6 +99,8 @@ Options parse_options(const std::vector<std::string>& args) {
       }
       Pose& mounting = args[i - 6] == "--mount" ? o.T_base_lidar : o.T_base_imu;
       mounting = pose_from_xyz_rpy_deg({v[0], v[1], v[2]}, {v[3], v[4], v[5]});
+    } else if (args[i] == "--submaps") {
+      o.submaps = value();
     } else if (args[i] == "--imu") {
       o.imu = driver::read_imu_file(value());
     } else if (!parse_reading(args[i], value, o.reading)) {
@@ -137,6 +141,7 @@ class Run {
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
             "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
             "odom_axis_z,map_iterations,imu_used,imu_contradictions\n";
+    if (!o_.submaps.empty()) submaps_file_.open(o_.submaps, std::ios::binary);
     fused_file_.open(o_.out + "/fused.tum");
     covariance_file_.open(o_.out + "/covariance.csv");
     fused_csv_.open(o_.out + "/fused.csv");
@@ -175,6 +180,10 @@ class Run {
     iterations_ += odom.diagnostics.iterations;
     points_ += scan.points.size();
     ++sweeps_;
+  }
+
+  void finish() {
+    if (const auto submap = mapper_.finish_submap()) write_submap(submaps_file_, *submap);
   }
 
   void summary() const {
@@ -223,6 +232,7 @@ class Run {
       m.range_noise_m = input.range_noise_m;
       const mapping::MappingResult r = mapper_.process(m);
       write_tum(est_file_, odom.instant_ns, r.T_map_base);
+      if (r.submap) write_submap(submaps_file_, *r.submap);
       write_map_row(r, odom);
       fuse(odom, r);
       return;
@@ -290,7 +300,7 @@ class Run {
   mapping::Mapper mapper_;
   integration::Integrator integrator_;
   std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
-      fused_covariance_file_, cost_file_;
+      fused_covariance_file_, cost_file_, submaps_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;
   double mapping_ms_ = 0.0;
@@ -311,6 +321,7 @@ int run(const std::vector<std::string>& args) {
     thin_out(scan, options.thin);
     run.sweep(i, scan);
   }
+  run.finish();
   run.summary();
   return 0;
 }

@@ -57,9 +57,11 @@ class Chain:
         set_at: Sequence[str] = (),
         ports: Ports | None = None,
         programs: Mapping[str, str] | None = None,
+        beside: Sequence[str] = (),
     ) -> None:
         """Without `ports` the stages listen on free ones of this machine. `programs`: what stands
-        for a stage instead of its own program (methods.py)."""
+        for a stage instead of its own program (methods.py). `beside`: further stages, which are
+        started first and have their part of the run's end."""
         chosen = programs or {}
         self.processes = Processes()
         self.ports = ports or Ports(free_base_port())
@@ -71,8 +73,9 @@ class Chain:
         self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
             stage: self._command(binary(build, chosen.get(stage, stage)), config, settings, set_at)
-            for stage in STAGES
+            for stage in (*STAGES, *beside)
         }
+        self._beside = tuple(beside)
         self._logs = logs
         self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))
 
@@ -97,9 +100,10 @@ class Chain:
 
     def __enter__(self) -> Self:
         try:
-            for stage in START_ORDER:
+            readers = (*self._beside, *START_ORDER[:-1])
+            for stage in (*readers, START_ORDER[-1]):
                 if stage == "driver":
-                    self._wait_for(START_ORDER[:-1])
+                    self._wait_for(readers)
                 self.start(stage)
         except BaseException:
             self.close()
@@ -190,8 +194,9 @@ class Chain:
                 )
 
     def finished(self) -> bool:
-        """Integration and mapping have handled the last sweep of the run."""
-        found = [self.link.stage(stage) for stage in ("integration", "mapping")]
+        """Those that read last have handled the last sweep of the run."""
+        last = ("integration", "mapping", *self._beside)
+        found = [self.link.stage(stage) for stage in last]
         return all(s is not None and s.end_of_run for s in found)
 
     def statuses(self) -> dict[str, StatusRecord]:

@@ -191,6 +191,13 @@ Record = Annotated[
         metavar="FILE", help="Record all that is published to MCAP, as `zloam record` does."
     ),
 ]
+Graph = Annotated[
+    bool,
+    typer.Option(
+        "--graph",
+        help="With the graph of loops: trajectory_world.tum has the poses with loops closed.",
+    ),
+]
 Method = Annotated[
     str,
     typer.Option(

@@ -110,6 +110,7 @@ def demo(
         ),
     ] = None,
     method: common.Method = "",
+    graph: common.Graph = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
     record: common.Record = None,
     listen: common.Listen = None,
@@ -159,6 +160,7 @@ def demo(
         programs=programs,
         record=record or (out / beside_run.MCAP if view else None),
         view=view,
+        graph=graph,
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -170,6 +172,7 @@ def run(
     config: common.Config = None,
     settings: common.Settings = None,
     method: common.Method = "",
+    graph: common.Graph = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     record: common.Record = None,
     standby: Annotated[
@@ -206,6 +209,7 @@ def run(
             programs=methods.programs(method),
             record=record,
             standby=standby,
+            graph=graph,
         )
     )
     print(report.table(found))

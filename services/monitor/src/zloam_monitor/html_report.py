@@ -87,11 +87,12 @@ def _picture(path: Path) -> str:
 def _errors(found: dict[str, Any]) -> str:
     rows = []
     for name, each in found["references"].items():
-        for kind in ("pose", "odometry"):
-            s = each[kind]
+        for kind, words in reports.KINDS.items():
+            if (s := each.get(kind)) is None:
+                continue
             rows.append(
                 [
-                    f"{kind} against {name}",
+                    f"{words} against {name}",
                     reports.number_text(s["ate_rmse_m"], 3),
                     reports.number_text(s["drift_percent"], 3),
                     reports.number_text(s["rpe_1m_m"], 3),

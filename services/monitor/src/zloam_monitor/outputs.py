@@ -39,6 +39,7 @@ class Files:
             "trajectory_tum": "trajectory.tum",
             "trajectory_kitti": "trajectory.kitti",
             "odometry_tum": "odometry.tum",
+            "world_tum": "trajectory_world.tum",
             "ground_truth": "ground_truth.tum",
             "map": "map.pcd",
             "picture": "picture.png",
@@ -72,7 +73,11 @@ def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
 def stage_settings(folder: Path) -> list[str]:
     """Tells the stages to leave their files here: they write at the end of a run."""
     files = Files(folder.resolve())
-    return [f"integration.output_dir={files.folder}", f"mapping.map_path={files.map}"]
+    return [
+        f"integration.output_dir={files.folder}",
+        f"mapping.map_path={files.map}",
+        f"graph.output_dir={files.folder}",
+    ]
 
 
 #: what the stages write, and this program after them
@@ -80,9 +85,10 @@ MADE_BY_STAGES = (
     "trajectory.tum",
     "trajectory.kitti",
     "odometry.tum",
+    "trajectory_world.tum",
     "map.pcd",
     "trajectory.journal",
-    *(f"logs/{stage}.log" for stage in STAGES),
+    *(f"logs/{stage}.log" for stage in (*STAGES, "graph")),
 )
 MADE_HERE = (
     *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
@@ -91,6 +97,7 @@ MADE_HERE = (
 #: of the further runs that the stages saw, and of further instances
 FURTHER = (
     "trajectory_[0-9]*.tum",
+    "trajectory_world_[0-9]*.tum",
     "trajectory_[0-9]*.kitti",
     "odometry_[0-9]*.tum",
     "map_[0-9]*.pcd",
@@ -148,6 +155,9 @@ def collected(folder: Path, run: Run) -> Run:
         trajectory.write_tum(files.odometry_tum, run.odometry)
     elif len(run.odometry):
         run = replace(run, odometry=numbered(written, run.odometry))
+    written = of_run(files.world_tum, run.trajectory)
+    if written.exists():
+        run = replace(run, world=numbered(written, run.trajectory))
     return run
 
 
@@ -203,6 +213,8 @@ def missing_files(folder: Path, run: Run) -> list[str]:
         missing.append(f"{files.trajectory_tum} by integration (what was heard is in its place)")
     if run.mapped and not files.map.exists():
         missing.append(f"{files.map} by mapping")
+    if len(run.trajectory) and run.graph is not None and not files.world_tum.exists():
+        missing.append(f"{files.world_tum} by graph")
     return missing
 
 

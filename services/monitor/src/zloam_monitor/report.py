@@ -22,6 +22,8 @@ from zloam_monitor.trajectory import Trajectory
 
 #: a file that could not be written
 FILE_CODE = 3
+#: kind of trajectory in the report -> what it is called
+KINDS = {"pose": "pose", "odometry": "odometry", "world": "pose with loops closed"}
 #: name in the report -> name in Scores
 SCORE_NAMES = ("ate_rmse_m", "drift_percent", "rpe_1m_m")
 
@@ -48,6 +50,10 @@ class Run:
     pss_mib: dict[str, float] = field(default_factory=dict)
     #: what a recording of it lacks
     not_recorded: list[str] = field(default_factory=list)
+    #: with loops closed, where a graph did so
+    world: Trajectory | None = None
+    #: last words of the graph, where there is one
+    graph: StatusRecord | None = None
 
     @classmethod
     def heard(
@@ -71,6 +77,7 @@ class Run:
             exit_codes=exit_codes or {},
             set_at=as_set_at(link.revisions, link.run),
             pss_mib=pss_mib or {},
+            graph=link.stage("graph"),
         )
 
 
@@ -123,6 +130,13 @@ def accounts_of(run: Run) -> Accounts:
     return account(run.statuses, run.keys, len(run.trajectory), dropped)
 
 
+def _loops(run: Run) -> dict[str, int] | None:
+    """What the graph made of the run; None without one."""
+    if run.graph is None:
+        return None
+    return {name: int(run.graph.figures.get(name, 0)) for name in ("submaps", "loops", "revision")}
+
+
 def build(run: Run) -> dict[str, Any]:
     """The report as issue and README define it; null where nothing is known."""
     accounts = accounts_of(run)
@@ -130,6 +144,8 @@ def build(run: Run) -> dict[str, Any]:
         "pose": {name: evaluation.evaluate(run.trajectory, t) for name, t in run.truths.items()},
         "odometry": {name: evaluation.evaluate(run.odometry, t) for name, t in run.truths.items()},
     }
+    if run.world is not None:
+        scores["world"] = {n: evaluation.evaluate(run.world, t) for n, t in run.truths.items()}
     whole, work = latency.by_stage(run.poses.values(), run.mapped.values())
     end_to_end = latency.from_last_packet(run.poses.values(), "integration")
     mapped_pose = latency.from_last_packet(run.mapped.values(), "mapping")
@@ -177,6 +193,7 @@ def build(run: Run) -> dict[str, Any]:
         "stamps_went_back": went_back,
         "health": pose_health.judge(run.poses.values()).as_dict(),
         "exit_codes": run.exit_codes,
+        "loops": _loops(run),
         "set_at": run.set_at,
         "remarks": run.remarks,
         "references": {
@@ -263,16 +280,19 @@ def table(report: dict[str, Any]) -> str:
     lines = _grid(stage_rows(report))
     lines.append("")
     for name, each in report["references"].items():
-        for kind in ("pose", "odometry"):
-            s = each[kind]
+        for kind, words in KINDS.items():
+            if (s := each.get(kind)) is None:
+                continue
             lines.append(
-                f"{kind} against {name}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
+                f"{words} against {name}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
                 f"drift {number_text(s['drift_percent'], 3)} %, "
                 f"RPE over 1 m {number_text(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
                 + (f"; {s['remark']}" if s["remark"] else "")
             )
     if not report["references"]:
         lines.append("no truth was given: no error can be stated")
+    if loops := report.get("loops"):
+        lines.append(f"{loops['loops']} loops in force between {loops['submaps']} submaps")
     lines.append(latency_line(report))
     lines.append(summary_line(report))
     lines.append(pose_health.line(report["health"]))

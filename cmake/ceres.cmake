@@ -1,0 +1,11 @@
+# zloam_ceres. Debian's Ceres::ceres is the static library. The shared one beside it, with what its
+# headers need: who ships these programs sees by ldd what comes along (THIRD_PARTY.md).
+include_guard(GLOBAL)
+find_package(Ceres REQUIRED)
+find_library(CERES_LIBRARY ceres REQUIRED)
+get_target_property(CERES_INCLUDES Ceres::ceres INTERFACE_INCLUDE_DIRECTORIES)
+get_target_property(CERES_HEADERS_NEED Ceres::ceres INTERFACE_LINK_LIBRARIES)
+list(FILTER CERES_HEADERS_NEED INCLUDE REGEX "glog|gflags|Threads|Eigen")
+add_library(zloam_ceres INTERFACE)
+target_include_directories(zloam_ceres SYSTEM INTERFACE ${CERES_INCLUDES})
+target_link_libraries(zloam_ceres INTERFACE ${CERES_LIBRARY} ${CERES_HEADERS_NEED})

@@ -1,0 +1,265 @@
+#include "graph/graph_stage.hpp"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+
+#include "common/geometry/atomic_file.hpp"
+#include "common/runtime/recall.hpp"
+
+namespace zloam::graph {
+namespace {
+
+constexpr const char* kFile = "trajectory_world.tum";
+constexpr int kTries = 2;
+
+Submap submap_of(const msg::Submap& message) {
+  Submap out;
+  out.first_sweep = message.first_sweep();
+  out.last_sweep = message.header()->sweep();
+  out.sweep = message.frame_sweep();
+  out.before_sweep = message.prev_frame_sweep();
+  out.instant_ns = message.instant_ns();
+  out.T_map_submap = pose_of(message.pose_map_submap());
+  out.step_covariance = covariance_of(message.step_covariance());
+  out.step_m = message.step_m();
+  out.connected = message.connected();
+  out.range_noise_m = static_cast<double>(message.range_noise_m());
+  const auto points = map_points_of(message.points());
+  out.points.assign(points.begin(), points.end());
+  return out;
+}
+
+}  // namespace
+
+GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
+    : stage_(stage),
+      config_(config),
+      graph_(config),
+      poses_(stage.outlet(Key::kGraphPoses)),
+      loops_(stage.outlet(Key::kGraphLoop)),
+      files_(config.output_dir, ".zloam-graph-runs") {
+  runtime::InletOptions options;
+  options.sweeps = runtime::SweepSet::kPublisherDecides;
+  options.lossless = true;
+  options.ends_run = false;
+  stage.inlet<msg::Submap>(Key::kSubmap, options, [this](const SubmapMessage& m) { take(m); });
+  stage.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const PoseMessage& m) { take(m); });
+  stage.answer(stage.keys().of(Key::kPathWorld), [this](runtime::Answer& a) { answer_path(a); });
+  stage.answer(stage.keys().of(Key::kGraphLoop), [this](runtime::Answer& a) { answer_loops(a); });
+  // {"from_sweep": 120, "to_sweep": 870}: the loop between these two submaps is taken out.
+  stage.command("remove", [this](const std::string& arguments) { return remove(arguments); });
+  stage.command("save", [this](const std::string&) { return save(); });
+  stage.on_new_run([this](const msg::Header& first) { new_run(first); });
+  stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.on_stop([this] {
+    if (!unsaved_) return;
+    if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
+  });
+}
+
+void GraphStage::new_run(const msg::Header& first) {
+  const bool was_in_run = !path_.empty() || !graph_.nodes().empty();
+  submaps_end_ = poses_end_ = false;
+  // The map goes on, and with it the graph.
+  if (was_in_run && runtime::goes_on(first, path_.empty() ? 0 : path_.back().instant_ns,
+                                     runtime::kLongestSearch_ns)) {
+    return;
+  }
+  if (unsaved_) write_files();
+  graph_ = LoopGraph(config_);
+  path_.clear();
+  last_.reset();
+  map_id_.reset();
+  run_ = {first.run(), first.replay(), 0};
+  if (!was_in_run && first.sweep() > 0) catch_up(first);
+}
+
+void GraphStage::catch_up(const msg::Header& first) {
+  for (const auto& path :
+       runtime::recall_at<msg::Path>(stage_, stage_.keys().of(Key::kPathMap), kTries, false)) {
+    for (const msg::StampedPose& p : structs_of(path->poses())) {
+      if (p.sweep() >= first.sweep()) break;
+      path_.push_back({p.instant_ns(), p.sweep(), pose_of(p.pose())});
+    }
+  }
+  std::size_t found = 0;
+  for (const SubmapMessage& submap : runtime::recall<msg::Submap>(
+           stage_, Key::kSubmap, runtime::sweeps_from(first.run(), 0, first.sweep() - 1), kTries)) {
+    take(submap);
+    ++found;
+  }
+  runtime::log_info("taken up in the middle of a run",
+                    {{"submaps", found}, {"poses", path_.size()}});
+}
+
+void GraphStage::take(const SubmapMessage& message) {
+  if (map_id_ && *map_id_ != message.header().map_id()) {
+    runtime::log_warning("mapping began a new map: so does the graph",
+                         {{"sweep", message.sweep()}});
+    if (unsaved_) write_files();
+    graph_ = LoopGraph(config_);
+    path_.clear();
+  }
+  map_id_ = message.header().map_id();
+  const bool is_known =
+      !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
+  if (structs_of(message->points()).size() > 0 && !is_known) {
+    const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
+    const Update update = graph_.add(submap_of(*message));
+    stage_.latency("submap", 1e-6 * static_cast<double>(stage_.now_ns()) - begin_ms);
+    publish(message, update);
+    unsaved_ = true;
+  }
+  if (message.end_of_run()) {
+    submaps_end_ = true;
+    note_end(message.header());
+  }
+}
+
+void GraphStage::take(const PoseMessage& message) {
+  if (path_.empty() || message->instant_ns() > path_.back().instant_ns) {
+    path_.push_back({message->instant_ns(), message.sweep(), pose_of(message->pose_map_base())});
+    unsaved_ = true;
+  }
+  if (message.end_of_run()) {
+    poses_end_ = true;
+    note_end(message.header());
+  }
+}
+
+void GraphStage::note_end(const msg::Header& header) {
+  if (submaps_end_ && poses_end_) stage_.end_of_run(header.run());
+}
+
+LoopFields GraphStage::fields_of(const Loop& loop) const {
+  LoopFields fields;
+  fields.from_sweep = graph_.nodes()[loop.from].sweep;
+  fields.to_sweep = graph_.nodes()[loop.to].sweep;
+  fields.T_from_to = loop.T_from_to;
+  fields.covariance = loop.covariance;
+  fields.overlap = loop.overlap;
+  fields.residual_m = loop.residual_m;
+  fields.chi2 = loop.chi2;
+  fields.verdict = static_cast<msg::LoopVerdict>(loop.verdict);
+  return fields;
+}
+
+void GraphStage::publish(const SubmapMessage& cause, const Update& update) {
+  for (const Loop& loop : update.loops) {
+    const LoopFields fields = fields_of(loop);
+    const HeaderFields header = loops_.header(cause);
+    loops_.publish(header, build(header, fields));
+    if (loop.verdict == Verdict::kTakenBack) {
+      runtime::log_warning("a loop contradicts the others and is taken back",
+                           {{"from_sweep", fields.from_sweep}, {"to_sweep", fields.to_sweep}});
+    }
+  }
+  if (update.revised) {
+    runtime::log_info("loops closed", {{"revision", graph_.revision()},
+                                       {"sweep", cause.sweep()},
+                                       {"moved_m", graph_.last_move_m()}});
+  }
+  stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
+  stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
+  stage_.figure("revision", graph_.revision());
+  last_ = cause;
+  publish_poses(cause);
+}
+
+void GraphStage::publish_poses(const SubmapMessage& cause) {
+  std::vector<msg::SubmapPose> poses;
+  for (const Node& node : graph_.nodes()) {
+    poses.emplace_back(node.sweep, node.instant_ns, to_message(node.T_map_submap),
+                       to_message(node.T_world_submap));
+  }
+  header_ = poses_.header(cause);
+  header_.frame = "world";
+  GraphPosesFields fields;
+  fields.revision = graph_.revision();
+  fields.poses = poses;
+  fields.loops = static_cast<std::uint32_t>(graph_.loops_in_force());
+  fields.chi2_before = graph_.chi2_before();
+  fields.chi2_after = graph_.chi2_after();
+  poses_.publish(header_, build(header_, fields));
+}
+
+void GraphStage::answer_path(runtime::Answer& answer) {
+  std::vector<msg::StampedPose> poses;
+  for (const TimedPose& p : path_) {
+    poses.emplace_back(p.instant_ns, p.sweep,
+                       to_message(graph_.corrected(p.instant_ns, p.T_map_base)));
+  }
+  answer.reply(stage_.keys().of(Key::kPathWorld), encoding_of(Key::kPathWorld),
+               build_path(header_, poses));
+}
+
+void GraphStage::answer_loops(runtime::Answer& answer) {
+  // By number the runtime answers.
+  if (!answer.parameters().empty()) return;
+  const std::string key = stage_.keys().of(Key::kGraphLoop);
+  for (const Loop& loop : graph_.loops()) {
+    answer.reply(key, encoding_of(Key::kGraphLoop), build(header_, fields_of(loop)));
+  }
+}
+
+runtime::CommandReply GraphStage::remove(const std::string& arguments_json) {
+  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
+  constexpr std::array<const char*, 2> names = {"from_sweep", "to_sweep"};
+  std::array<std::size_t, 2> ends{};
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto found = arguments.find(names[i]);
+    if (found == arguments.end() || !found->is_number_unsigned()) {
+      return {false, std::string(names[i]) + " is missing, or no sweep's number", "{}"};
+    }
+    const auto& nodes = graph_.nodes();
+    const auto node = std::find_if(nodes.begin(), nodes.end(), [&](const Node& n) {
+      return n.sweep == found->get<std::uint64_t>();
+    });
+    if (node == nodes.end()) {
+      return {false, std::string(names[i]) + ": no submap has its frame there; see graph/poses",
+              "{}"};
+    }
+    ends[i] = static_cast<std::size_t>(node - nodes.begin());
+  }
+  if (!graph_.remove(ends[0], ends[1])) {
+    return {false, "no loop is in force between these submaps", "{}"};
+  }
+  if (last_) publish_poses(*last_);
+  unsaved_ = true;
+  const nlohmann::json results = {{"revision", graph_.revision()},
+                                  {"loops", graph_.loops_in_force()}};
+  return {true, "loop removed", results.dump()};
+}
+
+runtime::CommandReply GraphStage::save() {
+  if (config_.output_dir.empty()) return {false, "no file: graph.output_dir is not set", "{}"};
+  const std::string error = write_files();
+  if (!error.empty()) return {false, error, "{}"};
+  const nlohmann::json results = {{"poses", path_.size()}, {"revision", graph_.revision()}};
+  return {true, "trajectory written to " + config_.output_dir, results.dump()};
+}
+
+std::string GraphStage::write_files() {
+  if (config_.output_dir.empty()) return {};
+  Trajectory trajectory;
+  for (const TimedPose& p : path_) {
+    trajectory.push_back({p.instant_ns, graph_.corrected(p.instant_ns, p.T_map_base)});
+  }
+  run_.count = trajectory.size();
+  const std::string path = files_.path(kFile, files_.suffix(run_, {kFile}));
+  TrajectoryText text(trajectory, tum_line);
+  std::string error = write_file_atomically(path, [&] { return text.next(); });
+  if (error.empty()) error = files_.made(path, run_);
+  stage_.degraded("trajectory", error);
+  if (!error.empty()) {
+    runtime::log_error("trajectory not written", {{"reason", error}});
+    return error;
+  }
+  unsaved_ = false;
+  runtime::log_info("trajectory with loops closed written",
+                    {{"file", path}, {"poses", trajectory.size()}});
+  return {};
+}
+
+}  // namespace zloam::graph

@@ -1,0 +1,161 @@
+#include "graph/loop_graph.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "graph/test_town.hpp"
+
+namespace zloam::graph {
+namespace {
+
+double rms_off(const std::vector<Pose>& poses, const std::vector<Pose>& truth) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    sum += (poses[i].translation() - truth[i].translation()).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(truth.size()));
+}
+
+struct Ran {
+  LoopGraph graph;
+  std::vector<Pose> mapped, world;
+};
+
+Ran run(const TestDrive& drive) {
+  Ran out{LoopGraph(GraphConfig{}), {}, {}};
+  for (const Submap& submap : drive.submaps) out.graph.add(submap);
+  for (const Node& node : out.graph.nodes()) {
+    out.mapped.push_back(node.T_map_submap);
+    out.world.push_back(node.T_world_submap);
+  }
+  return out;
+}
+
+// Of the loops in force.
+double worst_loop_m(const LoopGraph& graph, const TestDrive& drive) {
+  double worst = 0.0;
+  for (const Loop& loop : graph.loops()) {
+    if (loop.verdict != Verdict::kAccepted) continue;
+    const Pose real = drive.truth[loop.from].inverse() * drive.truth[loop.to];
+    worst = std::max(worst, (loop.T_from_to.translation() - real.translation()).norm());
+  }
+  return worst;
+}
+
+TEST(LoopGraph, ClosesLoopsOfADriftingDrive) {
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    TestTown town(seed);
+    const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, seed);
+    const Ran ran = run(driven);
+    EXPECT_GE(ran.graph.loops_in_force(), 15U) << seed;
+    EXPECT_LT(worst_loop_m(ran.graph, driven), 0.1) << seed;
+    EXPECT_GT(rms_off(ran.mapped, driven.truth), 0.4) << seed;
+    EXPECT_LT(rms_off(ran.world, driven.truth), 0.5 * rms_off(ran.mapped, driven.truth)) << seed;
+  }
+}
+
+TEST(LoopGraph, FindsAPlaceAgainFromTheOtherSide) {
+  TestTown town(4);
+  const TestDrive driven = drive(town, rounds(40.0, 2, true), 0.05, 0.003, 4);
+  const Ran ran = run(driven);
+  EXPECT_GE(ran.graph.loops_in_force(), 15U);
+  EXPECT_LT(worst_loop_m(ran.graph, driven), 0.1);
+}
+
+TEST(LoopGraph, MovesNothingWhereMappingIsRight) {
+  TestTown town(5);
+  const TestDrive driven = drive(town, rounds(40.0, 2), 0.0, 0.0, 5);
+  const Ran ran = run(driven);
+  EXPECT_GE(ran.graph.loops_in_force(), 10U);
+  EXPECT_EQ(ran.graph.revision(), 0U);
+  EXPECT_LT(rms_off(ran.world, driven.truth), 1e-9);
+}
+
+// Two squares of streets that look the same, 150 m apart: what the way between rules out is not
+// believed, however well it matches.
+TEST(LoopGraph, EqualPlacesFarApartAreNoLoop) {
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    TestTown here(seed, 80.0);
+    std::vector<Pose> truth, there;
+    for (int i = 0; i < 8; ++i) truth.push_back(pose_at(-30.0 + 8.0 * i, 0.0, 0.0));
+    for (int i = 0; i < 8; ++i) there.push_back(pose_at(120.0 + 8.0 * i, 0.0, 0.0));
+    TestDrive driven = drive(here, truth, 0.02, 0.001, seed);
+    std::vector<Pose> all = truth;
+    all.insert(all.end(), there.begin(), there.end());
+    TestTown nothing(std::vector<Wall>{});
+    TestDrive whole = drive(nothing, all, 0.02, 0.001, seed);
+    // The second square is seen as the first one.
+    for (std::size_t i = 0; i < 16; ++i) {
+      whole.submaps[i].points = here.seen_from(truth[i % 8]);
+    }
+    const Ran ran = run(whole);
+    EXPECT_EQ(ran.graph.loops_in_force(), 0U) << seed;
+    EXPECT_EQ(ran.graph.revision(), 0U) << seed;
+  }
+}
+
+TEST(LoopGraph, WithoutALoopAllIsAsIfItHadNeverBeen) {
+  TestTown town(6);
+  const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 6);
+  Ran ran = run(driven);
+  std::vector<std::pair<std::size_t, std::size_t>> all;
+  for (const Loop& loop : ran.graph.loops()) {
+    if (loop.verdict == Verdict::kAccepted) all.emplace_back(loop.from, loop.to);
+  }
+  ASSERT_FALSE(all.empty());
+  for (const auto& [from, to] : all) EXPECT_TRUE(ran.graph.remove(from, to));
+  EXPECT_FALSE(ran.graph.remove(all.front().first, all.front().second));
+  EXPECT_EQ(ran.graph.loops_in_force(), 0U);
+  Ran without{LoopGraph(GraphConfig{}), {}, {}};
+  for (std::size_t i = 0; i < driven.submaps.size(); ++i) {
+    const Node& node = ran.graph.nodes()[i];
+    const Pose& mapped = driven.submaps[i].T_map_submap;
+    EXPECT_LT((node.T_world_submap.matrix() - mapped.matrix()).norm(), 1e-12) << i;
+  }
+}
+
+TEST(LoopGraph, TheSameSubmapsGiveTheSameBytes) {
+  TestTown town(7);
+  const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 7);
+  const Ran first = run(driven), second = run(driven);
+  for (std::size_t i = 0; i < first.world.size(); ++i) {
+    EXPECT_EQ(first.world[i].matrix(), second.world[i].matrix());
+  }
+}
+
+TEST(LoopGraph, CorrectsPosesBetweenSubmapsWithoutAStep) {
+  TestTown town(8);
+  const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 8);
+  const Ran ran = run(driven);
+  const Node& a = ran.graph.nodes()[10];
+  const Node& b = ran.graph.nodes()[11];
+  EXPECT_LT((ran.graph.corrected(a.instant_ns, a.T_map_submap).matrix() - a.T_world_submap.matrix())
+                .norm(),
+            1e-9);
+  Pose before = ran.graph.corrected(a.instant_ns, a.T_map_submap);
+  for (int k = 1; k <= 100; ++k) {
+    const double share = k / 100.0;
+    const Pose T_map_base =
+        a.T_map_submap * exp_se3(share * log_se3(a.T_map_submap.inverse() * b.T_map_submap));
+    const auto instant =
+        a.instant_ns + static_cast<std::int64_t>(share * double(b.instant_ns - a.instant_ns));
+    const Pose now = ran.graph.corrected(instant, T_map_base);
+    EXPECT_LT((now.translation() - before.translation()).norm(), 0.2) << k;
+    before = now;
+  }
+  EXPECT_LT((before.matrix() - b.T_world_submap.matrix()).norm(), 1e-6);
+}
+
+TEST(LoopGraph, ASubmapThatWasMissedIsAGapInTheChain) {
+  TestTown town(9);
+  TestDrive driven = drive(town, rounds(40.0, 2), 0.02, 0.001, 9);
+  driven.submaps.erase(driven.submaps.begin() + 12);
+  const Ran ran = run(driven);
+  EXPECT_FALSE(ran.graph.nodes()[12].connected);
+  EXPECT_TRUE(ran.graph.nodes()[13].connected);
+  EXPECT_GE(ran.graph.loops_in_force(), 10U);
+}
+
+}  // namespace
+}  // namespace zloam::graph

@@ -1,0 +1,121 @@
+"""The graph of loops beside a replay: what it makes of a drive in which mapping drifts, and that
+nobody else notices it."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.conftest import Capture, digests, kill, monitor, simulate
+from zloam_monitor import messages, outputs, sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.records import ReplyRecord
+from zloam_monitor.robot_file import names
+
+#: a poor sensor, and a map that is forgotten behind it: the second round begins anew
+SENSOR = ("--noise", "0.06", "--dropout", "0.3", "--range-bias-mm", "30")
+FORGETS = "mapping.voxel_planes.keep_radius_m=25"
+POSES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
+#: of LoopVerdict
+ACCEPTED = 0
+WORLD = ("trajectory_world.tum",)
+
+
+@pytest.fixture(scope="module")
+def rounds(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    """Twice round the block."""
+    folder = tmp_path_factory.mktemp("rounds")
+    drive = ("--world", "city", "--seed", "5", "--laps", "2", "--speed-factor", "1.6")
+    return simulate(build, folder, *drive, *SENSOR)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(build: Path, rounds: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a demo with the graph leaves."""
+    out = tmp_path_factory.mktemp("with_graph")
+    given = ("--pcap", rounds.pcap, "--truth", rounds.truth_lidar, "--set", FORGETS)
+    done = monitor("demo", "--preset-dir", build, *given, "--graph", "--out", out)
+    assert done.code == 0, done.said
+    assert "loops in force between" in done.said
+    assert "pose with loops closed against" in done.said
+    return out
+
+
+def test_closed_loops_are_nearer_to_the_truth(undisturbed: Path) -> None:
+    report = json.loads((undisturbed / "report.json").read_text())
+    assert report["loops"]["submaps"] > 60
+    assert report["loops"]["loops"] > 15
+    errors = report["ate_rmse_m"]
+    assert errors["world"] < 0.8 * errors["pose"]
+
+
+def chain_of(build: Path, robot_file: Path, rounds: Capture, out: Path, *more: str) -> Chain:
+    robot = names(robot_file, [])
+    settings = [
+        *outputs.stage_settings(out),
+        *sources.from_pcap(rounds.pcap).driver_settings("max"),
+        FORGETS,
+    ]
+    where = (build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
+    return Chain(*where, beside=more)
+
+
+def test_a_graph_that_is_killed_is_missed_by_nobody_and_answers_strangers(
+    build: Path, robot_file: Path, rounds: Capture, undisturbed: Path, tmp_path: Path
+) -> None:
+    chain = chain_of(build, robot_file, rounds, tmp_path, "graph")
+    keys, newest = chain.link.keys, list[bytes]()
+    heard = chain.link.session.declare_subscriber(
+        keys.graph_poses, lambda sample: newest.append(bytes(sample.payload))
+    )
+    with chain:
+        for sweep in (150, 500):
+            while len(chain.link.mapped) < sweep:
+                chain.link.poll(0.05)
+                chain.check()
+            kill(chain, "graph")
+            time.sleep(0.5)
+            chain.start("graph")
+        while not chain.finished():
+            chain.link.poll(0.2)
+            chain.check()
+        assert digests(tmp_path, POSES) == digests(undisturbed, POSES)
+        # It took up what it had missed: the same graph as if it had never been away.
+        assert digests(tmp_path, WORLD) == digests(undisturbed, WORLD)
+        heard.undeclare()
+        takes_a_loop_out(chain, newest[-1])
+        assert all(code == 0 for code in chain.stop().values())
+    assert digests(tmp_path, WORLD) != digests(undisturbed, WORLD)
+
+
+def takes_a_loop_out(chain: Chain, payload: bytes) -> None:
+    """As anybody can who speaks the messages."""
+    poses = messages.decode("GraphPoses", payload)
+    submaps = messages.struct_vector(poses, "Poses", messages.SUBMAP_POSE)
+    assert len(submaps) > 60
+    assert np.isfinite(submaps["world"]["translation"]["x"]).all()
+    path = messages.decode("Path", next(iter(chain.link.get(chain.link.keys.path_world))))
+    corrected = messages.struct_vector(path, "Poses", messages.STAMPED_POSE)
+    assert len(corrected) == len(chain.link.mapped)
+    answers = [messages.decode("Loop", each) for each in chain.link.get(chain.link.keys.graph_loop)]
+    loops = [(m.FromSweep(), m.ToSweep()) for m in answers if m.Verdict() == ACCEPTED]
+    assert poses.Loops() == len(loops) > 15
+
+    def remove(ends: tuple[int, int]) -> ReplyRecord:
+        arguments = {"from_sweep": ends[0], "to_sweep": ends[1]}
+        reply = chain.link.command("graph", "remove", arguments)
+        assert reply is not None
+        return reply
+
+    for each in loops:
+        assert remove(each).ok
+    again = remove(loops[0])
+    assert not again.ok
+    assert "no loop is in force" in again.message
+    unknown = remove((1, 2))
+    assert not unknown.ok
+    assert "from_sweep" in unknown.message
