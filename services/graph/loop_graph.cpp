@@ -15,6 +15,8 @@ namespace {
 constexpr double kPlaneChi2 = 13.8;
 // Beside that: what matching can bridge, m.
 constexpr double kReach_m = 8.0;
+// Less uncertain than that is what matching begins with anyway.
+constexpr double kSure_m = 1.0;
 // Two places that differ by less are one.
 constexpr double kSame_m = 1.5, kSame_rad = 0.15;
 constexpr double kSameGuess_m = 4.0;
@@ -172,16 +174,16 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
     const Pose expected = places[from].T_world_place.inverse() * places[to].T_world_place;
     const double distance_m = expected.translation().head<2>().norm();
     const double sigma_m = std::sqrt(known[from]->topLeftCorner<2, 2>().trace());
-    if (distance_m > kReach_m + config.verify.radius_m + std::sqrt(kPlaneChi2) * sigma_m) continue;
-    if (distance_m < config.verify.radius_m / 2.0 && sigma_m < 1.0) {
-      near.push_back({from, expected, 0});
+    // Where it is known well enough, what is seen need not be asked for it.
+    if (sigma_m < kSure_m) {
+      if (distance_m < config.verify.radius_m / 2.0) near.push_back({from, expected, 0});
       continue;
     }
+    if (distance_m > kReach_m + config.verify.radius_m + std::sqrt(kPlaneChi2) * sigma_m) continue;
     const PlaceMatch match = match_places(places[from].features, places[to].features, config.place);
     if (match.agreeing == 0) continue;
     Pose guess = turned_by(match.yaw_rad);
-    guess.translation() << match.shift_m, expected.translation().z();
-    if (sigma_m > 1.0) guess.translation().z() = 0.0;
+    guess.translation() << match.shift_m, 0.0;
     seen.push_back({from, guess, match.agreeing});
   }
   std::stable_sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {

@@ -45,9 +45,11 @@ std::uint64_t lockable_bytes() {
                         limit.rlim_cur == RLIM_INFINITY ? kUnlimited : limit.rlim_cur);
 }
 
+// A program locks its own pool, and those of whoever it reads from: at most all that are read, and
+// the tile store, which answers.
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib) {
   const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
-  return lockable_bytes / stage_list().size() >= pool;
+  return lockable_bytes / (stages_that_are_read() + 2) >= pool;
 }
 
 // A file there takes its room only as it is written: a pool that was made and finds none then ends

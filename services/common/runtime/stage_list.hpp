@@ -39,4 +39,7 @@ std::vector<std::string> acknowledging_stages();
 /// Stages of the chain that have an input from the key: its publisher is not ready before them.
 std::vector<std::string> readers_of(Key key);
 
+/// How many stages publish something that another one reads.
+std::size_t stages_that_are_read();
+
 }  // namespace zloam::runtime

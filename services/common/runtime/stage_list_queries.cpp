@@ -38,6 +38,17 @@ std::vector<std::string> acknowledging_stages() {
   return names_of_the_chain([&](const StageRow& row) { return holds(row.writes, ack); });
 }
 
+std::size_t stages_that_are_read() {
+  const auto is_read = [](const std::string& pattern) {
+    return std::any_of(stage_list().begin(), stage_list().end(),
+                       [&](const StageRow& row) { return holds(row.reads, pattern); });
+  };
+  return static_cast<std::size_t>(
+      std::count_if(stage_list().begin(), stage_list().end(), [&](const StageRow& row) {
+        return std::any_of(row.writes.begin(), row.writes.end(), is_read);
+      }));
+}
+
 std::vector<std::string> readers_of(Key key) {
   const std::string_view pattern = key_row(key).pattern;
   return names_of_the_chain([&](const StageRow& row) { return holds(row.reads, pattern); });
