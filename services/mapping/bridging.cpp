@@ -48,8 +48,12 @@ SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t atte
 
 bool fits(const Match& match, const MappingConfig& config, double median_residual_m) {
   if (!match.ok || match.candidates == 0) return false;
-  return median_residual_m <= 0.0 ||
-         match.inlier_residual_m < config.insert_residual_factor * median_residual_m;
+  if (median_residual_m > 0.0) {
+    return match.inlier_residual_m < config.insert_residual_factor * median_residual_m;
+  }
+  // Nothing is known of how sweeps fit this map: what has not come to rest, or lies beside its
+  // surfaces by as much as the matching lets pass, has not found its place.
+  return match.converged && match.residual_m < config.voxel_planes.matcher.fine_gate_m;
 }
 
 double share(const Match& match) {

@@ -22,7 +22,11 @@ struct VoxelPlanesConfig {
   std::uint32_t enough_tile_points = 7000;
 };
 
+/// kLocalize: the map is there, and stays as it is.
+enum class MappingMode : std::uint8_t { kMap, kLocalize };
+
 struct MappingConfig {
+  MappingMode mode = MappingMode::kMap;
   std::uint32_t every = 1;
   double tile_edge_m = 50.0;
   std::array<int, 3> window_tiles = {21, 21, 11};

@@ -112,6 +112,7 @@ struct Mapper::State {
   Match align(const MappingInput& input, const Prediction& prediction);
   bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
   void judge(const MappingInput& input, const Match& match, MappingResult& result);
+  bool left_map(const Match& match);
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   void remember(const MappingInput& input, const MappingResult& result);
   Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
@@ -138,6 +139,8 @@ struct Mapper::State {
   bool break_expected = false;
   // Where somebody says that it is.
   std::optional<Pose> told;
+  // In a row that met nothing of a map that stays as it is.
+  std::uint32_t unmatched = 0;
   // Matches to come before anything is inserted.
   std::uint32_t settling = 0;
 };
@@ -227,14 +230,20 @@ double Mapper::State::turn_change_rad(const MappingInput& input) const {
 }
 
 void Mapper::State::judge(const MappingInput& input, const Match& match, MappingResult& result) {
-  const bool founding = !match.ok && !bridging && tiles.point_count() < config.founding_points;
-  if (match.ok && settling > 0) {
+  if (match.ok) unmatched = 0;
+  const bool without_map = tiles.point_count() < config.founding_points;
+  const bool founding = !match.ok && !bridging && without_map;
+  if (without_map && config.mode == MappingMode::kLocalize) {
+    result.health = Health::kLost;
+    result.reason = "there is no map to find it in";
+  } else if (match.ok && settling > 0) {
     // Its pose is as distorted as the sweep.
     result.health = Health::kBridging;
     result.reason = "a new odometry frame is still settling";
   } else if (match.ok) {
     result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
     result.reason = policy.judge(match.T_map_base, match.residual_m);
+    if (config.mode == MappingMode::kLocalize) result.reason = "the map stays as it is";
   } else if (bridging) {
     // Also of a sweep without points: its pose is not in the map.
     const bool given_up = bridged_sweeps > config.bridge_sweeps;
@@ -249,7 +258,22 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   } else {
     result.health = match.candidates < kFewestPoints ? Health::kTooFewPoints : Health::kPredicted;
     result.reason = "too few correspondences: predicted only";
+    if (left_map(match)) {
+      result.health = Health::kLost;
+      result.reason = "the sweeps have met nothing of the map: searched for";
+    }
   }
+}
+
+// A map that does not grow ends somewhere: a prediction alone is no place in it for long.
+bool Mapper::State::left_map(const Match& match) {
+  if (config.mode != MappingMode::kLocalize || match.ok) return false;
+  if (++unmatched <= config.bridge_sweeps) return false;
+  unmatched = 0;
+  bridging = lost = true;
+  bridged_sweeps = 0;
+  agreement.reset();
+  return true;
 }
 
 void Mapper::State::insert(const MappingInput& input, const Match& match, MappingResult& result) {

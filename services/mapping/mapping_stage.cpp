@@ -120,13 +120,19 @@ void MappingStage::new_run(const msg::Header& first) {
     return;
   }
   if (unsaved_) write_files();
+  if (was_in_run && config_.mode == MappingMode::kLocalize) {
+    // The map stays; where the robot went meanwhile nobody knows.
+    mapper_.place(last_T_map_base_);
+    return;
+  }
   mapper_ = Mapper(config_);
   forget_published();
   // The map is named after the run that initialized it.
   map_id_ = first.run();
   replay_ = first.replay();
   if (was_in_run) return;
-  if (!(first.replay() && first.sweep() == 0)) restart(first);
+  const bool localizes = config_.mode == MappingMode::kLocalize;
+  if (localizes || !(first.replay() && first.sweep() == 0)) restart(first);
   // Not before: while it asks for its own tiles it can't answer.
   stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }
@@ -380,6 +386,9 @@ runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
 }
 
 runtime::CommandReply MappingStage::reset() {
+  if (config_.mode == MappingMode::kLocalize) {
+    return {false, "mapping.mode is localize: the map stays as it is", "{}"};
+  }
   mapper_.reset();
   forget_published();
   ++map_id_;

@@ -126,7 +126,9 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   const std::int64_t away_ns = first.stamp_ns() - pose->instant_ns();
   const bool same_run = pose.run() == first.run();
   const bool recent = static_cast<double>(away_ns) * 1e-9 < output_.take_back_s;
-  if (first.replay() ? !same_run : !recent || away_ns < -1'000'000'000) {
+  const bool of_now = first.replay() ? same_run : recent && away_ns >= -1'000'000'000;
+  // One that is only looked into may be as old as it likes, and of any run.
+  if (!of_now && config_.mode != MappingMode::kLocalize) {
     runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
   }
@@ -178,12 +180,21 @@ void MappingStage::restart(const msg::Header& first) {
     saved.odom_epoch = first.odom_epoch();
     saved.T_map_odom = pose_of(correction->pose_map_odom());
   }
+  const bool localizes = config_.mode == MappingMode::kLocalize;
+  if (!has_map && localizes) {
+    stage_.degraded("map",
+                    "mapping.mode is localize, and no tile store has a map: every pose is "
+                    "Lost; start zloam-store on the folder of a map (store.path)");
+    return;
+  }
   if (!has_map && !take_pose(first, saved)) return;
   if (!has_map) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
                                " is lost: no store has it; creating a new one in its frame");
   }
   mapper_.restore(saved);
+  // Of another run: nobody knows how it moved since. It is begun where the map was left.
+  if (localizes && next_sweep_ == 0) mapper_.place(saved.T_map_base);
   // A file that the instance before did not come to, also when nothing is added to the map.
   unsaved_ = mapper_.point_count() > 0;
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);

@@ -179,6 +179,8 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
 
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
+  // A replay in the map of another run only looks into it: done again, it begins as it did before.
+  if (header.replay() && header.map_id() != 0 && header.map_id() != header.run()) return;
   // Sweep numbers start again with each run of a map, the sensor's time does not.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
   // The capture is replayed again: what is left of the last time would be the newer one, and a

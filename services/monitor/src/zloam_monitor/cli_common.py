@@ -31,6 +31,7 @@ def said(error: object) -> None:
 
 def _failed(error: BaseException) -> int | None:
     """The exit code of a failure that its text explains; None: a fault of this program."""
+    from zloam_monitor.beside_stages import BesideError
     from zloam_monitor.chain import BinariesMissing, ChainError
     from zloam_monitor.claims import NotOurs
     from zloam_monitor.discovery import NothingAnswers
@@ -52,6 +53,7 @@ def _failed(error: BaseException) -> int | None:
     if isinstance(error, (PortTaken, RecordingError)):
         return FILE_MISSING
     expected = (
+        BesideError,
         BinariesMissing,
         ChainError,
         LinkError,
@@ -189,6 +191,20 @@ Record = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE", help="Record all that is published to MCAP, as `zloam record` does."
+    ),
+]
+Map = Annotated[
+    Path | None,
+    typer.Option(
+        "--map", metavar="FOLDER", help="Keep the map there, by the tile store (new or empty)."
+    ),
+]
+Localize = Annotated[
+    bool,
+    typer.Option(
+        "--localize",
+        help="Find the robot in the map of --map, which stays as it is, from where that run ended "
+        "(elsewhere: `zloam place`).",
     ),
 ]
 Graph = Annotated[

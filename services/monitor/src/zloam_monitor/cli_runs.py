@@ -111,6 +111,8 @@ def demo(
     ] = None,
     method: common.Method = "",
     graph: common.Graph = False,
+    map: common.Map = None,
+    localize: common.Localize = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
     record: common.Record = None,
     listen: common.Listen = None,
@@ -122,11 +124,13 @@ def demo(
     """Replay a recording, or a simulated drive round a city block, and map it."""
     from zloam_monitor import beside_run, methods, ports, sources, trajectory
     from zloam_monitor import demo as runner
+    from zloam_monitor.beside_stages import Beside
     from zloam_monitor.chain import binary
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import existing_files, several
 
-    settings = [*(settings or []), *several(many_settings)]
+    beside = Beside(graph, map, localize)
+    settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     truth = [*(truth or []), *existing_files(truths)] or None
     programs = methods.programs(method)
     if topic:
@@ -160,7 +164,7 @@ def demo(
         programs=programs,
         record=record or (out / beside_run.MCAP if view else None),
         view=view,
-        graph=graph,
+        beside=beside.stages(),
     )
     for path in options.truth:
         trajectory.read(path)  # a wrong file is said before the run, not after
@@ -173,6 +177,8 @@ def run(
     settings: common.Settings = None,
     method: common.Method = "",
     graph: common.Graph = False,
+    map: common.Map = None,
+    localize: common.Localize = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     record: common.Record = None,
     standby: Annotated[
@@ -190,10 +196,12 @@ def run(
 ) -> int:
     """Run on a live sensor until Ctrl-C, which writes trajectory and map."""
     from zloam_monitor import live, methods, places, ports, report
+    from zloam_monitor.beside_stages import Beside
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import several
 
-    settings = [*(settings or []), *several(many_settings)]
+    beside = Beside(graph, map, localize)
+    settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     file = config or places.robot_file("vlp16-outdoor")
     robot = names(file, settings)
     found = live.run(
@@ -209,7 +217,7 @@ def run(
             programs=methods.programs(method),
             record=record,
             standby=standby,
-            graph=graph,
+            beside=beside.stages(),
         )
     )
     print(report.table(found))

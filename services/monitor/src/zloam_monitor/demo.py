@@ -47,8 +47,8 @@ class DemoOptions:
     record: Path | None = None
     #: shown on a page while it runs, and kept for Rerun
     view: bool = False
-    #: with the graph of loops
-    graph: bool = False
+    #: stages beside the chain
+    beside: tuple[str, ...] = ()
 
 
 def _line(chain: Chain, source: Source, began: float) -> str:
@@ -116,7 +116,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         options.set_at,
         options.ports,
         options.programs,
-        ("graph",) if options.graph else (),
+        options.beside,
     )
     # the chain has a session from its making on
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:

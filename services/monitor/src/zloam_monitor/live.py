@@ -47,8 +47,8 @@ class LiveOptions:
     record: Path | None = None
     #: with a second instance of each stage that takes over when the first one dies
     standby: bool = False
-    #: with the graph of loops
-    graph: bool = False
+    #: stages beside the chain
+    beside: tuple[str, ...] = ()
 
 
 class Diagnosis:
@@ -131,7 +131,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
         options.sensor,
         ports=options.ports,
         programs=options.programs,
-        beside=("graph",) if options.graph else (),
+        beside=options.beside,
     )
     # the chain has a session from its making on
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:

@@ -88,7 +88,7 @@ MADE_BY_STAGES = (
     "trajectory_world.tum",
     "map.pcd",
     "trajectory.journal",
-    *(f"logs/{stage}.log" for stage in (*STAGES, "graph")),
+    *(f"logs/{stage}.log" for stage in (*STAGES, "graph", "store")),
 )
 MADE_HERE = (
     *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),

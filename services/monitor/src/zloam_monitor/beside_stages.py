@@ -1,0 +1,47 @@
+"""What runs beside the chain, if somebody asks for it: the graph of loops, the tile store."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+#: longer than a store on a slow disk takes to start
+STORE_LINK_S = 10.0
+
+
+class BesideError(ValueError):
+    """The map can't be used so; the text says why."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """As asked for."""
+
+    graph: bool
+    map: Path | None
+    localize: bool
+
+    def __post_init__(self) -> None:
+        if self.map is None:
+            if self.localize:
+                raise BesideError("--localize needs a map: --map FOLDER")
+            return
+        has_map = self.map.is_dir() and any(self.map.iterdir())
+        if self.localize and not has_map:
+            raise BesideError(f"{self.map} holds no map: a run with --map leaves one there")
+        if has_map and not self.localize:
+            raise BesideError(
+                f"{self.map} holds a map already: name a new folder, or find the robot in it "
+                "with --localize"
+            )
+
+    def stages(self) -> tuple[str, ...]:
+        return (*(("graph",) if self.graph else ()), *(("store",) if self.map else ()))
+
+    def settings(self) -> list[str]:
+        """Those that somebody gives override them."""
+        if self.map is None:
+            return []
+        mode = "localize" if self.localize else "map"
+        link = f"mapping.store_link_s={STORE_LINK_S}"
+        return [f"store.path={self.map.resolve()}", link, f"mapping.mode={mode}"]

@@ -1,0 +1,112 @@
+"""A robot in a map of an earlier run: found in it, and the map stays as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.conftest import Capture, digests, monitor, simulate
+from zloam_monitor import clouds, se3, trajectory
+
+CITY = ("--world", "city", "--seed", "5", "--speed-factor", "1.6")
+#: of the same streets: slower, and another half of the round
+AGAIN = ("--world", "city", "--seed", "5", "--speed-factor", "0.9", "--duration", "40")
+
+
+@pytest.fixture(scope="module")
+def first(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    """Once round the block, to where it began."""
+    return simulate(build, tmp_path_factory.mktemp("first"), *CITY)
+
+
+@pytest.fixture(scope="module")
+def again(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    return simulate(build, tmp_path_factory.mktemp("again"), *AGAIN)
+
+
+@pytest.fixture(scope="module")
+def mapped(build: Path, first: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first run's folder: its results, and `map` at rest."""
+    out = tmp_path_factory.mktemp("mapped")
+    where = ("--map", out / "map", "--out", out)
+    done = monitor("demo", "--preset-dir", build, "--pcap", first.pcap, *where)
+    assert done.code == 0, done.said
+    return out
+
+
+def errors_m(written: Path, driven: Capture, mapped: Capture) -> np.ndarray:
+    """Without any alignment: the map's origin is the first pose of the run that made it."""
+    poses = trajectory.read(written)
+    assert poses.stamps_ns is not None
+    truth, inside = trajectory.interpolate(trajectory.read(driven.truth_base), poses.stamps_ns)
+    origin = trajectory.read(mapped.truth_base).transforms[0]
+    in_map = se3.inverse(origin[None])[0] @ truth.transforms
+    return np.linalg.norm(poses.positions[inside] - in_map[:, :3, 3], axis=1)
+
+
+def map_points(folder: Path) -> set[tuple[float, ...]]:
+    points = clouds.read_pcd(folder / "map.pcd")
+    return {tuple(point) for point in points[["x", "y", "z"]].tolist()}
+
+
+def localized(build: Path, capture: Capture, mapped: Path, out: Path, *more: str) -> str:
+    where = ("--map", mapped / "map", "--localize", "--out", out)
+    done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, *where, *more)
+    assert done.code == 0, done.said
+    return done.said
+
+
+def test_it_is_found_where_the_map_was_left_and_the_map_stays(
+    build: Path, first: Capture, again: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    said = localized(build, again, mapped, tmp_path)
+    off = errors_m(tmp_path / "trajectory.tum", again, first)
+    assert np.sqrt((off[5:] ** 2).mean()) < 0.03, said
+    assert off[5:].max() < 0.15, said
+    before, after = map_points(mapped), map_points(tmp_path)
+    # A mean that lies on the edge of its voxel may come back into the one beside it.
+    assert len(before ^ after) < 0.001 * len(before)
+
+
+def test_a_second_time_gives_the_same_bytes(
+    build: Path, again: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    localized(build, again, mapped, tmp_path / "a")
+    localized(build, again, mapped, tmp_path / "b")
+    files = ("trajectory.tum", "map.pcd")
+    assert digests(tmp_path / "a", files) == digests(tmp_path / "b", files)
+
+
+def test_another_world_is_not_the_map(build: Path, mapped: Path, tmp_path: Path) -> None:
+    other = simulate(build, tmp_path, "--world", "indoor", "--seed", "2", "--duration", "20")
+    said = localized(build, other, mapped, tmp_path / "out")
+    assert " lost" in said
+    poses = (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]
+    ok = sum(line.split(",")[2] == "0" for line in poses)
+    assert ok <= 2, said
+
+
+def test_maps_are_neither_overwritten_nor_invented(
+    build: Path, first: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    given = ("demo", "--preset-dir", build, "--pcap", first.pcap, "--out", tmp_path / "out")
+    over = monitor(*given, "--map", mapped / "map")
+    assert over.code == 1
+    assert "holds a map already" in over.said
+    nothing = monitor(*given, "--map", tmp_path / "none", "--localize")
+    assert nothing.code == 1
+    assert "holds no map" in nothing.said
+    nowhere = monitor(*given, "--localize")
+    assert nowhere.code == 1
+    assert "--map FOLDER" in nowhere.said
+
+
+def test_without_a_store_every_pose_is_lost(build: Path, first: Capture, tmp_path: Path) -> None:
+    given = ("--pcap", first.pcap, "--set", "mapping.mode=localize", "--out", tmp_path)
+    done = monitor("demo", "--preset-dir", build, *given)
+    assert "no tile store has a map" in done.said
+    poses = (tmp_path / "poses.csv").read_text().splitlines()[1:]
+    health = [line.split(",")[2] for line in poses]
+    assert set(health[2:]) == {"9"}
