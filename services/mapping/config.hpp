@@ -67,7 +67,7 @@ struct MappingConfig {
   /// minimum share of matched points of an accepted match while bridging
   double bridge_inlier_ratio = 0.5;
   std::uint32_t bridge_sweeps = 20;
-  /// way covered by a submap, m
+  /// way covered by a submap, m; 0: none are made
   double submap_m = 10.0;
   std::uint64_t archive_points = 20'000'000;
   std::string spill_directory;

@@ -23,8 +23,6 @@ void bind_map(Parameters& p, MappingConfig& c) {
         "voxel size of the map's edge points");
   p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m",
         "voxel size of the map's plane points");
-  p.add("mapping.submap_m", &c.submap_m, {0.0, 1000.0}, "m",
-        "way covered by a submap for the graph of loops; 0: none are made");
   p.add("mapping.archive_points", &c.archive_points, {0, 1e12}, "",
         "points kept in memory of tiles outside the window; more go to a file", Effect::kNone);
   p.add("mapping.spill_directory", &c.spill_directory,

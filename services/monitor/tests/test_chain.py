@@ -17,6 +17,7 @@ import pytest
 
 from fake_stage import SWEEPS, loop
 from zloam_monitor import cli, clouds, messages, trajectory
+from zloam_monitor.chain import BinariesMissing, binary
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.processes import endpoints, free_base_port
@@ -162,7 +163,7 @@ def test_missing_binaries_and_truth_are_said_before_the_start(
     assert demo(build, "--truth", str(build / "none.tum")) == 1
     assert "none.tum" in capsys.readouterr().err
     assert cli.main(["demo", "--preset-dir", str(tmp_path / "none")]) == 1
-    assert "build first" in capsys.readouterr().err
+    assert "build it first (make build)" in capsys.readouterr().err
 
 
 def test_live_run_says_what_is_missing_and_writes_at_the_end(
@@ -280,3 +281,12 @@ def test_watch_of_nobody_says_so() -> None:
     endpoint = endpoints(free_base_port())[0]
     assert cli.main(["watch", "--connect", endpoint, "--seconds", "0.5", "--every", "0.2"]) == 1
     assert time.monotonic() - began < 20
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [("graph", "graph"), ("aloam-odometry", "aloam"), ("store", "build")],
+)
+def test_what_is_not_built_names_its_target(tmp_path: Path, name: str, target: str) -> None:
+    with pytest.raises(BinariesMissing, match=rf"make {target}\)"):
+        binary(tmp_path, name)

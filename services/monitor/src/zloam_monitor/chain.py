@@ -39,7 +39,9 @@ def binary(build: Path, name: str) -> Path:
     """Path of one program of a build folder."""
     path = build / "bin" / f"zloam-{name}"
     if not path.is_file():
-        raise BinariesMissing(f"{path} does not exist: build first (make build)")
+        # what not every robot needs is built by itself
+        target = next((t for t in ("graph", "aloam") if name.startswith(t)), "build")
+        raise BinariesMissing(f"{path} does not exist: build it first (make {target})")
     return path
 
 
