@@ -23,7 +23,7 @@ void get(std::ifstream& file, T& value) {
 
 inline void write_submap(std::ofstream& file, const Submap& s) {
   using submap_file::put;
-  for (const std::uint64_t n : {s.first_sweep, s.last_sweep, s.sweep}) put(file, n);
+  for (const std::uint64_t n : {s.first_sweep, s.last_sweep, s.sweep, s.before_sweep}) put(file, n);
   put(file, s.instant_ns);
   const Eigen::Matrix4d T = s.T_map_submap.matrix();
   put(file, T);
@@ -42,7 +42,8 @@ inline std::vector<Submap> read_submaps(const std::string& path) {
   std::vector<Submap> all;
   while (file.peek() != EOF) {
     Submap s;
-    for (std::uint64_t* n : {&s.first_sweep, &s.last_sweep, &s.sweep}) get(file, *n);
+    for (std::uint64_t* n : {&s.first_sweep, &s.last_sweep, &s.sweep, &s.before_sweep})
+      get(file, *n);
     get(file, s.instant_ns);
     get(file, s.T_map_submap.matrix());
     get(file, s.step_covariance);
