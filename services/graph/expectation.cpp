@@ -11,11 +11,6 @@ struct Arc {
   std::size_t factor;
 };
 
-Matrix6 carried(const Matrix6& covariance, const Pose& T_to_at) {
-  const Matrix6 carry = adjoint(T_to_at);
-  return carry * covariance * carry.transpose();
-}
-
 }  // namespace
 
 std::vector<std::optional<Matrix6>> uncertainties(std::size_t to, std::span<const Pose> poses,

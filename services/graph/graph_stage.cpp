@@ -13,6 +13,8 @@ namespace {
 constexpr const char* kFile = "trajectory_world.tum";
 constexpr int kTries = 2;
 
+static_assert(static_cast<int>(Verdict::kRemoved) == static_cast<int>(msg::LoopVerdict::MAX));
+
 Submap submap_of(const msg::Submap& message) {
   Submap out;
   out.first_sweep = message.first_sweep();

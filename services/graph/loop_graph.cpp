@@ -60,11 +60,6 @@ Between factor_of(const Loop& loop) {
   return {loop.from, loop.to, loop.T_from_to, loop.covariance, true};
 }
 
-double squared_distance(const Pose& expected, const Pose& found, const Matrix6& covariance) {
-  const Vector6 error = log_se3(expected.inverse() * found);
-  return error.dot(covariance.ldlt().solve(error));
-}
-
 }  // namespace
 
 const char* verdict_name(Verdict verdict) {
@@ -121,8 +116,8 @@ void LoopGraph::State::add_node(const Submap& submap) {
   Place place{Surfaces(points), place_features(place_image(points, config.place), config.place)};
   place.T_place_submap.linear() = submap.T_map_submap.linear();
   place.T_map_place.translation() = submap.T_map_submap.translation();
-  Node node{submap.sweep,        submap.first_sweep,  submap.last_sweep, submap.instant_ns,
-            submap.T_map_submap, submap.T_map_submap, submap.connected,  submap.step_m};
+  Node node{submap.sweep,        submap.instant_ns, submap.T_map_submap,
+            submap.T_map_submap, submap.connected,  submap.step_m};
   place.T_world_place = place.T_map_place;
   if (!nodes.empty()) {
     const Place& before = places.back();
@@ -130,12 +125,11 @@ void LoopGraph::State::add_node(const Submap& submap) {
     step.from = nodes.size() - 1;
     step.to = nodes.size();
     step.T_from_to = before.T_map_place.inverse() * place.T_map_place;
-    const Matrix6 turn = adjoint(place.T_place_submap);
     // Of what was missed between the two nothing is known but where both are.
     const bool missed = submap.before_sweep != nodes.back().sweep;
     if (missed) node.connected = false;
     step.covariance =
-        turn * submap.step_covariance * turn.transpose() + diagonal(kLeast_m, kLeast_rad);
+        carried(submap.step_covariance, place.T_place_submap) + diagonal(kLeast_m, kLeast_rad);
     if (missed) {
       const double way_m = step.T_from_to.translation().norm();
       step.covariance +=
@@ -269,9 +263,8 @@ bool LoopGraph::State::bears_out(const Loop& a, const Loop& b) const {
   };
   const Pose by_b = along(a.from, b.from) * b.T_from_to * along(b.to, a.to);
   const double drift_m = way_m(a.to, b.to) + way_m(a.from, b.from);
-  const Matrix6 carry = adjoint(along(a.to, b.to));
   const Matrix6 covariance =
-      a.covariance + carry * b.covariance * carry.transpose() +
+      a.covariance + carried(b.covariance, along(a.to, b.to)) +
       diagonal(config.drift_share * drift_m, config.drift_rad_per_m * drift_m);
   return squared_distance(by_b, a.T_from_to, covariance) < config.most_chi2;
 }
@@ -365,8 +358,7 @@ Loop LoopGraph::State::of_submaps(Loop loop) const {
   const Pose& from = places[loop.from].T_place_submap;
   const Pose& to = places[loop.to].T_place_submap;
   loop.T_from_to = from.inverse() * loop.T_from_to * to;
-  const Matrix6 turn = adjoint(to.inverse());
-  loop.covariance = turn * loop.covariance * turn.transpose();
+  loop.covariance = carried(loop.covariance, to.inverse());
   return loop;
 }
 

@@ -56,7 +56,7 @@ struct Loop {
 };
 
 struct Node {
-  std::uint64_t sweep = 0, first_sweep = 0, last_sweep = 0;
+  std::uint64_t sweep = 0;
   std::int64_t instant_ns = 0;
   /// where mapping had the submap, and where the graph has it
   Pose T_map_submap = Pose::Identity();

@@ -2,7 +2,7 @@
 // A place seen along gravity: a picture whose brightness is the number of heights at which a cell
 // holds a point, walls bright and ground dark, and the corners in it with descriptors that do not
 // depend on the heading. Method: Gupta et al., "Effectively Detecting Loop Closures using Point
-// Cloud Density Maps", ICRA 2024 (ORB on density images), with heights in place of densities: how
+// Cloud Density Maps", ICRA 2024 (ORB on density images), with heights instead of densities: how
 // often a beam fell into a cell says more about the sensor than about the place.
 
 #include <Eigen/Core>

@@ -84,9 +84,13 @@ ceres::Solver::Options solver_options() {
 
 }  // namespace
 
+double squared_distance(const Pose& expected, const Pose& found, const Matrix6& covariance) {
+  const Vector6 error = log_se3(expected.inverse() * found);
+  return error.dot(covariance.ldlt().solve(error));
+}
+
 double chi2(const Between& factor, const Pose& T_world_from, const Pose& T_world_to) {
-  const Vector6 error = log_se3(factor.T_from_to.inverse() * T_world_from.inverse() * T_world_to);
-  return error.dot(factor.covariance.ldlt().solve(error));
+  return squared_distance(factor.T_from_to, T_world_from.inverse() * T_world_to, factor.covariance);
 }
 
 Optimised optimised(std::vector<Pose> poses, std::span<const Between> factors) {

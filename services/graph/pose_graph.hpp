@@ -18,6 +18,9 @@ struct Between {
   bool robust = false;
 };
 
+/// Of a pose from the expected one, by the covariance of their difference; six degrees of freedom.
+double squared_distance(const Pose& expected, const Pose& found, const Matrix6& covariance);
+
 /// Squared distance of a factor from what two poses say, six degrees of freedom.
 double chi2(const Between& factor, const Pose& T_world_from, const Pose& T_world_to);
 

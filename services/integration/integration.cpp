@@ -28,11 +28,6 @@ constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
-Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
-  const Matrix6 Ad = adjoint(T_to_from);
-  return Ad * covariance * Ad.transpose();
-}
-
 }  // namespace
 
 std::optional<std::uint64_t> scheduled_correction(std::uint64_t sweep,

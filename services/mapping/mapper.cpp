@@ -218,8 +218,8 @@ Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
   if (bridging) return prediction.covariance;
   // The first pose is the map's frame.
   if (!last) return prior_covariance(config, Matrix6::Zero());
-  const Matrix6 carry = adjoint(input.T_odom_base.inverse() * last->T_odom_base);
-  return carry * last->covariance * carry.transpose() + prediction.covariance;
+  const Pose T_now_last = input.T_odom_base.inverse() * last->T_odom_base;
+  return carried(last->covariance, T_now_last) + prediction.covariance;
 }
 
 // By how much the sweep turned more or less than the one before.

@@ -167,8 +167,7 @@ void MappingStage::process(const Sweep& sweep) {
   MappingInput input = input_of(sweep);
   const Pose back =
       T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
-  covariance_since_ = adjoint(back) * covariance_since_ * adjoint(back).transpose() +
-                      covariance_of(sweep->covariance());
+  covariance_since_ = carried(covariance_since_, back) + covariance_of(sweep->covariance());
   T_odom_base_before_ = input.T_odom_base;
   if (input.sweep % config_.every == 0) {
     input.step_covariance = covariance_since_;

@@ -13,11 +13,6 @@ constexpr double kMoved_m = 0.1, kMoved_rad = 0.02;
 // Below this a submap tells no place.
 constexpr std::size_t kFewestPoints = 300;
 
-Matrix6 carried(const Matrix6& covariance, const Pose& T_now_before) {
-  const Matrix6 carry = adjoint(T_now_before);
-  return carry * covariance * carry.transpose();
-}
-
 }  // namespace
 
 void SubmapBuilder::move(const SubmapInput& input) {
@@ -90,13 +85,15 @@ std::optional<Submap> SubmapBuilder::add(const SubmapInput& input) {
 }
 
 std::optional<Submap> SubmapBuilder::finish() {
-  if (steps_.empty() || voxels_.size() < kFewestPoints) {
-    steps_.clear();
-    voxels_.clear();
-    places_ = FlatIndex();
-    return std::nullopt;
-  }
-  return close();
+  if (!steps_.empty() && voxels_.size() >= kFewestPoints) return close();
+  clear();
+  return std::nullopt;
+}
+
+void SubmapBuilder::clear() {
+  steps_.clear();
+  voxels_.clear();
+  places_ = FlatIndex();
 }
 
 Submap SubmapBuilder::close() {
@@ -128,9 +125,7 @@ Submap SubmapBuilder::close() {
   unfound_.setZero();
   since_m_ -= frame.since_m;
   connected_ = true;
-  steps_.clear();
-  voxels_.clear();
-  places_ = FlatIndex();
+  clear();
   return out;
 }
 

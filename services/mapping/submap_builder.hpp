@@ -44,7 +44,6 @@ class SubmapBuilder {
   std::optional<Submap> finish();
   /// From the next submap on.
   void configure(double way_m) { way_m_ = way_m; }
-  void reset() { *this = SubmapBuilder(way_m_); }
 
  private:
   struct Voxel {
@@ -57,7 +56,6 @@ class SubmapBuilder {
     std::int64_t instant_ns;
     Pose T_map_base;
     double way_m;
-    // Since the frame of the submap before.
     // Of this pose, of what was left open since the frame of the submap before, and of all of the
     // motion since then.
     Matrix6 own, open, covariance;
@@ -68,6 +66,7 @@ class SubmapBuilder {
   void move(const SubmapInput& input);
   void take(PointSpan points, const Pose& T_first_base);
   Submap close();
+  void clear();
 
   double way_m_;
   // Of the submap in the making; points in the frame of its first sweep.

@@ -32,8 +32,8 @@ PoseTree::Uncertainty PoseTree::add(const OdometryStep& step) {
   if (goes_on) {
     const OdometryStep& before = steps_.back();
     const double dt_s = 1e-9 * static_cast<double>(step.instant_ns - before.instant_ns);
-    const Matrix6 back = adjoint(step.T_odom_base.inverse() * before.T_odom_base);
-    covariance_ = back * covariance_ * back.transpose() + step.step_covariance;
+    const Pose T_now_before = step.T_odom_base.inverse() * before.T_odom_base;
+    covariance_ = carried(covariance_, T_now_before) + step.step_covariance;
     found.twist = step.step_covariance / (dt_s * dt_s);
   } else {
     covariance_.setZero();

@@ -100,15 +100,10 @@ Scene field_scene(const SceneOptions& options) {
   }
   const Terrain ground({-170, -160}, {170, 160}, 1.0, {0.6, 0.05, 0.02}, options.seed);
   Drive ride;
-  ride.max_speed_m_s = 4.0 * options.speed_factor;
+  ride.max_speed_m_s = 4.0;
   ride.height_m = 1.6;
   ride.roll_deg = ride.pitch_deg = 1.0;
-  ride.heading_deg = options.heading_deg;
-  ride.laps = options.laps;
-  scene.lift_onto(ground);
-  ride.ground = [&](double x, double y) { return ground.height(x, y); };
-  const Trajectory trajectory = drive(path, ride, options.seed);
-  return {World(scene.take(), ground), trajectory};
+  return on_ground(scene, ground, path, ride, options);
 }
 
 Scene park_scene(const SceneOptions& options) {
@@ -146,16 +141,11 @@ Scene park_scene(const SceneOptions& options) {
   }
   const Terrain ground({-160, -150}, {160, 150}, 1.0, {0.8, 0.06, 0.03}, options.seed);
   Drive ride;
-  ride.max_speed_m_s = 2.5 * options.speed_factor;
+  ride.max_speed_m_s = 2.5;
   ride.height_m = 1.4;
   ride.roll_deg = ride.pitch_deg = 1.2;
   ride.sway_hz = 1.1;
-  ride.heading_deg = options.heading_deg;
-  ride.laps = options.laps;
-  scene.lift_onto(ground);
-  ride.ground = [&](double x, double y) { return ground.height(x, y); };
-  const Trajectory trajectory = drive(path, ride, options.seed);
-  return {World(scene.take(), ground), trajectory};
+  return on_ground(scene, ground, path, ride, options);
 }
 
 }  // namespace zloam::simulator

@@ -159,14 +159,7 @@ Scene make_town(const SceneOptions& options, bool later) {
       streets.build(crossing, next, bare, streets.houses.chance(0.12));
     }
   }
-  Drive ride;
-  ride.heading_deg = options.heading_deg;
-  ride.laps = options.laps;
-  ride.max_speed_m_s *= options.speed_factor;
-  scene.lift_onto(ground);
-  ride.ground = [&](double x, double y) { return ground.height(x, y); };
-  const Trajectory trajectory = drive(path, ride, options.seed);
-  return {World(scene.take(), ground), trajectory};
+  return on_ground(scene, ground, path, Drive(), options);
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 #include <functional>
 #include <stdexcept>
 
+#include "simulator/scene_builder.hpp"
+
 namespace zloam::simulator {
 namespace {
 
@@ -39,6 +41,17 @@ const std::vector<Entry>& entries() {
 }
 
 }  // namespace
+
+Scene on_ground(SceneBuilder& scene, const Terrain& ground, const Path& path, Drive ride,
+                const SceneOptions& options) {
+  ride.heading_deg = options.heading_deg;
+  ride.laps = options.laps;
+  ride.max_speed_m_s *= options.speed_factor;
+  scene.lift_onto(ground);
+  ride.ground = [&](double x, double y) { return ground.height(x, y); };
+  const Trajectory trajectory = drive(path, ride, options.seed);
+  return {World(scene.take(), ground), trajectory};
+}
 
 std::vector<SceneInfo> scene_list() {
   std::vector<SceneInfo> out;

@@ -6,7 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "simulator/path.hpp"
 #include "simulator/sensor.hpp"
+#include "simulator/terrain.hpp"
 
 namespace zloam::simulator {
 
@@ -28,6 +30,12 @@ std::vector<SceneInfo> scene_list();
 
 /// Throws std::invalid_argument for an unknown name.
 std::shared_ptr<const Scene> make_scene(const std::string& name, const SceneOptions& options);
+
+class SceneBuilder;
+
+/// What was built, set onto uneven ground, and the ride over it as the options have it.
+Scene on_ground(SceneBuilder& scene, const Terrain& ground, const Path& path, Drive ride,
+                const SceneOptions& options);
 
 /// The single worlds; same as make_scene with their names.
 Scene city_scene(const SceneOptions& options);

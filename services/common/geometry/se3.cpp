@@ -100,6 +100,11 @@ Matrix6 adjoint(const Pose& pose) {
   return ad;
 }
 
+Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from) {
+  const Matrix6 Ad = adjoint(T_to_from);
+  return Ad * covariance * Ad.transpose();
+}
+
 Pose normalised(const Pose& pose) {
   Pose out = Pose::Identity();
   out.linear() = Eigen::Quaterniond(pose.linear()).normalized().toRotationMatrix();

@@ -38,6 +38,9 @@ Vector6 log_se3(const Pose& motion);
 /// Ad(T): exp_se3(adjoint(T) * x) = T * exp_se3(x) * T^-1.
 Matrix6 adjoint(const Pose& pose);
 
+/// A covariance whose tangent is at `from`, with the tangent at `to`.
+Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from);
+
 /// The nearest rotation, against the drift of long products.
 Pose normalised(const Pose& pose);
 

@@ -158,10 +158,5 @@ int run(const std::vector<std::string>& args) {
 }  // namespace zloam::offline
 
 int main(int argc, char** argv) {
-  try {
-    return zloam::offline::run(std::vector<std::string>(argv + 1, argv + argc));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "zloam-graph-offline: %s\n", error.what());
-    return 2;
-  }
+  return zloam::offline::run_main("zloam-graph-offline", argc, argv, zloam::offline::run);
 }

@@ -6,7 +6,10 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <cstdio>
+#include <exception>
 #include <fstream>
+#include <string>
+#include <vector>
 
 #include "common/geometry/se3.hpp"
 
@@ -28,6 +31,17 @@ inline void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& po
                 static_cast<long long>(stamp_ns % 1000000000), pose.translation().x(),
                 pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w());
   file << line;
+}
+
+/// The program's main(): 2, and why, where the run throws.
+inline int run_main(const char* name, int argc, char** argv,
+                    int (*run)(const std::vector<std::string>& args)) {
+  try {
+    return run(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: %s\n", name, error.what());
+    return 2;
+  }
 }
 
 }  // namespace zloam::offline

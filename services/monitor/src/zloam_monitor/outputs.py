@@ -24,7 +24,7 @@ from zloam_monitor.claims import Claim
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import PORT_ORDER
 from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 
@@ -88,7 +88,7 @@ MADE_BY_STAGES = (
     "trajectory_world.tum",
     "map.pcd",
     "trajectory.journal",
-    *(f"logs/{stage}.log" for stage in (*STAGES, "graph", "store")),
+    *(f"logs/{stage}.log" for stage in PORT_ORDER),
 )
 MADE_HERE = (
     *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
