@@ -165,8 +165,17 @@ void GraphStage::publish(const SubmapMessage& cause, const Update& update) {
   stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
   stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
   stage_.figure("revision", graph_.revision());
+  note_fit();
   last_ = cause;
   publish_poses(cause);
+}
+
+void GraphStage::note_fit() {
+  stage_.degraded("graph", graph_.fitted()
+                               ? ""
+                               : "the loops in force could not be fitted: the poses are those "
+                                 "of before; take the newest one out with "
+                                 "command/graph/remove (loops: get graph/loop)");
 }
 
 void GraphStage::publish_poses(const SubmapMessage& cause) {
@@ -227,6 +236,7 @@ runtime::CommandReply GraphStage::remove(const std::string& arguments_json) {
   if (!graph_.remove(ends[0], ends[1])) {
     return {false, "no loop is in force between these submaps", "{}"};
   }
+  note_fit();
   if (last_) publish_poses(*last_);
   unsaved_ = true;
   const nlohmann::json results = {{"revision", graph_.revision()},

@@ -33,6 +33,7 @@ class GraphStage {
   void take(const PoseMessage& message);
   void note_end(const msg::Header& header);
   void publish(const SubmapMessage& cause, const Update& update);
+  void note_fit();
   void publish_poses(const SubmapMessage& cause);
   void answer_path(runtime::Answer& answer);
   /// All loops that were ever candidates to be in force, as they stand now.

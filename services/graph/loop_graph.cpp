@@ -108,6 +108,7 @@ struct LoopGraph::State {
   std::vector<Between> chain;
   std::vector<Loop> loops;
   std::uint32_t revision = 0;
+  bool fitted = true;
   double chi2_before = 0.0, chi2_after = 0.0, last_move_m = 0.0;
 };
 
@@ -319,9 +320,11 @@ bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
   std::vector<Pose> mapped;
   for (const Place& place : places) mapped.push_back(place.T_map_place);
   std::vector<Pose> poses = mapped;
+  fitted = true;
   while (contradicts_mapping()) {
     const Optimised result = optimised(mapped, factors(false));
-    if (!result.converged) return false;
+    fitted = result.converged;
+    if (!fitted) return false;
     chi2_before = result.chi2_before;
     chi2_after = result.chi2_after;
     poses = result.poses;
@@ -404,6 +407,7 @@ std::size_t LoopGraph::loops_in_force() const {
                     [](const Loop& loop) { return loop.verdict == Verdict::kAccepted; }));
 }
 double LoopGraph::last_move_m() const { return state_->last_move_m; }
+bool LoopGraph::fitted() const { return state_->fitted; }
 std::uint32_t LoopGraph::revision() const { return state_->revision; }
 double LoopGraph::chi2_before() const { return state_->chi2_before; }
 double LoopGraph::chi2_after() const { return state_->chi2_after; }

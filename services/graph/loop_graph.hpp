@@ -91,6 +91,8 @@ class LoopGraph {
   std::size_t loops_in_force() const;
   /// How often the poses have changed.
   std::uint32_t revision() const;
+  /// False: the loops in force could not be fitted, and the poses are those of before.
+  bool fitted() const;
   /// By how much the last revision moved a submap at most.
   double last_move_m() const;
   /// of the last optimisation

@@ -116,7 +116,7 @@ Optimised optimised(std::vector<Pose> poses, std::span<const Between> factors) {
   }
   ceres::Solver::Summary summary;
   ceres::Solve(solver_options(), &problem, &summary);
-  out.converged = summary.IsSolutionUsable();
+  out.converged = summary.termination_type == ceres::CONVERGENCE;
   out.chi2_before = 2.0 * summary.initial_cost;
   out.chi2_after = 2.0 * summary.final_cost;
   out.poses.reserve(states.size());

@@ -28,6 +28,7 @@ struct Optimised {
   std::vector<Pose> poses;
   /// sums over the factors, with the robust ones as they count
   double chi2_before = 0.0, chi2_after = 0.0;
+  /// it came to rest; else the poses are not to be used
   bool converged = false;
 };
 

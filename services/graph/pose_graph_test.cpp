@@ -116,6 +116,14 @@ TEST(Uncertainties, AreWhatSamplesOfTheChainSay) {
   }
 }
 
+TEST(PoseGraph, SaysThatItDidNotComeToRest) {
+  Chain c = chain(10, 7);
+  EXPECT_TRUE(optimised(c.truth, c.factors).converged);
+  c.factors.push_back({1, 8, Pose::Identity(), diagonal(0.01, 0.001), true});
+  c.factors.back().T_from_to.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(optimised(c.truth, c.factors).converged);
+}
+
 TEST(Uncertainties, ALoopMakesTheWayShorterInBothDirections) {
   Chain c = chain(30, 7);
   const auto without = uncertainties(29, c.truth, c.factors);

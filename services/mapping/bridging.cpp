@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mapping/place_search.hpp"
-
 namespace zloam::mapping {
 namespace {
 
@@ -38,6 +36,8 @@ constexpr double kAlike = 0.005;
 // Nobody is elsewhere after less than this.
 constexpr double kShortGap_s = 1.0;
 
+}  // namespace
+
 SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t attempt) {
   const double width = 1.0 + static_cast<double>(attempt / kSweepsOfAWidth % kWidths);
   const double distance_m =
@@ -45,6 +45,8 @@ SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t atte
   const double rotation_rad = width * config.bridge_rotation_rad + kTurn_radps * gap_s;
   return {std::min(distance_m, kFarthest_m), std::min(rotation_rad, kMostTurned_rad)};
 }
+
+namespace {
 
 bool fits(const Match& match, const MappingConfig& config, double median_residual_m) {
   if (!match.ok || match.candidates == 0) return false;

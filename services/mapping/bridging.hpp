@@ -3,10 +3,15 @@
 
 #include "common/geometry/fit_record.hpp"
 #include "mapping/method.hpp"
+#include "mapping/place_search.hpp"
 
 namespace zloam::mapping {
 
 class TileMap;
+
+/// Where a sweep is searched for when nothing was seen for so long; wider with each few of the
+/// sweeps that were searched for before.
+SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t attempt);
 
 /// How far off the guess may be when nothing was seen for so long.
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s);

@@ -8,6 +8,7 @@
 #include "mapping/mapping.hpp"
 #include "mapping/method.hpp"
 #include "mapping/pose_covariance.hpp"
+#include "mapping/relocalizer.hpp"
 #include "mapping/tile_map.hpp"
 #include "mapping/voxel_planes_method.hpp"
 
@@ -112,6 +113,9 @@ struct Mapper::State {
   Match align(const MappingInput& input, const Prediction& prediction);
   bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
   void judge(const MappingInput& input, const Match& match, MappingResult& result);
+  void begin_search();
+  Match searched(const MappingInput& input, const Prediction& prediction);
+  Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
   bool left_map(const Match& match);
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   void remember(const MappingInput& input, const MappingResult& result);
@@ -135,6 +139,7 @@ struct Mapper::State {
   // Nothing was seen of the motion for so long since the last sweep that was found.
   double unseen_s = 0.0;
   Agreement agreement;
+  Relocalizer relocalizer;
   // The next sweep may not go on where the last one was.
   bool break_expected = false;
   // Where somebody says that it is.
@@ -155,12 +160,19 @@ Prediction Mapper::State::predict(const MappingInput& input) {
     T_map_odom = normalised(moved * input.T_odom_base.inverse());
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
-  if (new_frame || break_expected || told) {
+  const bool stays = config.mode == MappingMode::kLocalize;
+  if (new_frame || break_expected || told || (stays && gap_s > kLongestGap_s)) {
     // The pose that was given is of this moment, however long nothing was seen.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
     bridging = tiles.point_count() >= config.founding_points;
     bridged_sweeps = 0;
+    const double drifted_s = unseen_s > kLongestGap_s ? 0.0 : unseen_s;
+    if (lost) {
+      relocalizer.reset();
+    } else {
+      relocalizer.expect(T_map_odom, area_of(config, drifted_s, 0));
+    }
   }
   if (new_frame && bridging) settling = kSettling;
   break_expected = false;
@@ -189,10 +201,36 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
     const bool astray = is_astray(match, fits) || is_elsewhere(input, match, prediction);
     if (match.ok && match.converged) fits.add(match.fit);
     if (!astray) return match;
-    bridging = lost = true;
-    bridged_sweeps = 0;
-    agreement.reset();
+    begin_search();
   }
+  if (config.mode != MappingMode::kLocalize || !bridging) return searched(input, prediction);
+  return searched_everywhere(input, prediction);
+}
+
+void Mapper::State::begin_search() {
+  bridging = lost = true;
+  bridged_sweeps = 0;
+  agreement.reset();
+  relocalizer.reset();
+}
+
+// Of a map that stays as it is nothing else is known than that the robot may be in it.
+Match Mapper::State::searched_everywhere(const MappingInput& input, const Prediction& prediction) {
+  Match match = relocalizer.look(*method, input, tiles);
+  ++bridged_sweeps;
+  if (match.ok) {
+    bridging = lost = false;
+    unseen_s = 0.0;
+    relocalizer.reset();
+    settling -= std::min(settling, 1U);
+  } else {
+    match.T_map_base = prediction.T_map_base;
+    method->not_found();
+  }
+  return match;
+}
+
+Match Mapper::State::searched(const MappingInput& input, const Prediction& prediction) {
   Bridged found = bridge(*method, input, prediction, tiles, config, policy.median_residual_m(),
                          fits, unseen_s, bridged_sweeps, lost);
   Match& match = found.match;
@@ -270,9 +308,7 @@ bool Mapper::State::left_map(const Match& match) {
   if (config.mode != MappingMode::kLocalize || match.ok) return false;
   if (++unmatched <= config.bridge_sweeps) return false;
   unmatched = 0;
-  bridging = lost = true;
-  bridged_sweeps = 0;
-  agreement.reset();
+  begin_search();
   return true;
 }
 

@@ -32,6 +32,8 @@ struct Match {
   bool converged = true;
   /// sum of the robust weights for each feature that was looked up: 1 when all lie in the map
   double fit = 0.0;
+  /// likewise, but each point for itself: it compares places
+  double explained = 0.0;
   double residual_m = 0.0;
   double inlier_residual_m = 0.0;  // where the map is not known everywhere: of what it knows
 };

@@ -230,6 +230,8 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
   match.inliers = match.correspondences;
   match.converged = result.converged;
   match.fit = result.matched_weight / std::max<double>(1.0, static_cast<double>(result.tried));
+  match.explained =
+      result.explained_weight / std::max<double>(1.0, static_cast<double>(result.tried));
   match.residual_m = result.residual_rms_m;
   match.inlier_residual_m = result.inlier_rms_m;
   const plane_map::Degeneracy& d = result.degeneracy;

@@ -15,6 +15,7 @@ from tests.bench import (
     drive,
     framework,
     graph,
+    kidnap,
     live,
     memory,
     peers,
@@ -44,6 +45,7 @@ def all_benchmarks(
         peers,
         scaling,
         graph,
+        kidnap,
         drive,
     )
     rows = [b for module in modules for b in module.benchmarks(setting)]

@@ -101,6 +101,9 @@ COMMANDS: dict[str, Kind] = {
     "bin/zloam map convert out/demo/map.pcd map.laz --voxel 0.2": Form(
         "services/monitor/tests/test_maps.py"
     ),
+    "bin/zloam map grid out/demo/map.pcd grid.yaml": Form(
+        "services/monitor/tests/test_map_exports.py"
+    ),
     "bin/zloam trajectory out/demo/trajectory.tum drive.csv": Form(
         "services/monitor/tests/test_support.py"
     ),

@@ -243,8 +243,9 @@ SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints
   return {planes.finish(motion.T_mid.linear()), blobs.finish(motion.T_mid.linear())};
 }
 
-ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m) {
-  const float kernel2 = squared(kernel_m);
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m,
+                           double fine_kernel_m) {
+  const float kernel2 = squared(kernel_m), fine2 = squared(fine_kernel_m);
   ResidualAccount out;
   for (const PlaneResidual& r : residuals) {
     const float told = kernel2 / (kernel2 + r.squared_m2);
@@ -253,6 +254,7 @@ ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kern
     out.told_squared += told * told * r.squared_m2;
     out.told_root_squared += told * r.squared_m2;
     out.lever2 += r.weight * r.lever2_m2;
+    out.fine_weight += squared(fine2 / (fine2 + r.squared_m2));
   }
   return out;
 }

@@ -71,6 +71,7 @@ struct ResidualAccount {
   double told_weight = 0.0, told_root = 0.0;
   double told_squared = 0.0, told_root_squared = 0.0;
   double lever2 = 0.0;  // sum of weighted squared lever arms, m^2
+  double fine_weight = 0.0;
 };
 
 /// Points of a sweep, and for each what the map said of it in the iteration before: most of them
@@ -106,6 +107,7 @@ void to_local(std::span<const SlotPoint> points, const SlotMotions& motions,
 SweepSums accumulate(VoxelPlaneMap& map, const SweepPoints& sweep, MatchedPoints& matched,
                      const SweepMotion& motion, const Gate& gate, const WeakAxis& weak = {});
 
-ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m);
+ResidualAccount account_of(std::span<const PlaneResidual> residuals, double kernel_m,
+                           double fine_kernel_m);
 
 }  // namespace zloam::plane_map

@@ -269,6 +269,7 @@ ScanToMapResult ScanToMap::result_of(const MatchResult& match, const SweepInput&
   out.inlier_rms_m = match.inlier_rms_m;
   out.matched_fraction = match.matched_fraction;
   out.matched_weight = match.matched_weight;
+  out.explained_weight = match.explained_weight;
   out.gate_m = gate_m_;
   out.iterations = match.iterations;
   out.converged = match.converged;

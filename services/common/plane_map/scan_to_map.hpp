@@ -51,7 +51,8 @@ struct ScanToMapResult {
   double residual_rms_m = 0.0;  // of planes, see MatchResult
   double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
-  double matched_weight = 0.0;  // sum of the robust weights of the matches
+  double matched_weight = 0.0;    // sum of the robust weights of the matches
+  double explained_weight = 0.0;  // see MatchResult
   double gate_m = 0.0;
   double prediction_error_m = 0.0;  // at the gate's range
   int iterations = 0;

@@ -148,12 +148,14 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
   result.bend = last.bend;
-  const ResidualAccount account = account_of(matched_.residuals, gates.first.kernel_m);
+  const ResidualAccount account =
+      account_of(matched_.residuals, gates.first.kernel_m, config_.fine_kernel_m);
   result.degeneracy =
       judge(sums.planes, account.lever2, predicted_covariance(prior), information_scale(map));
   result.residual_rms_m = std::sqrt(account.told_root_squared / std::max(account.told_root, 1e-12));
   result.inlier_rms_m = std::sqrt(account.told_squared / std::max(account.told_weight, 1e-12));
   result.matched_weight = sums.planes.weight + sums.blobs.weight;
+  result.explained_weight = account.fine_weight;
   result.matched_fraction = static_cast<double>(matches) / static_cast<double>(result.tried);
   return result;
 }

@@ -75,6 +75,9 @@ struct MatchResult {
   double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights
+  /// Likewise, each point for itself and always with the fine kernel: it compares places, whatever
+  /// the matching began with.
+  double explained_weight = 0.0;
   std::size_t tried = 0;
   std::size_t matches = 0;
   int iterations = 0;

@@ -54,6 +54,42 @@ def map_crop(
     return _written(source, to, limits, layer, voxel)
 
 
+@command
+def map_grid(
+    source: Source,
+    to: Annotated[Path, typer.Argument(metavar="TO", help="Ends with .yaml; the image beside it.")],
+    cell: Annotated[float, typer.Option(help="Edge of a cell, m.")] = 0.2,
+    height: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="LOW HIGH", help="Of obstacles above the ground, m."),
+    ] = (0.2, 2.0),
+) -> int:
+    """An occupancy grid for Nav2: pgm and yaml."""
+    from zloam_monitor import map_exports, maps
+
+    grid = map_exports.occupancy(maps.read(source), cell, height)
+    image = map_exports.write_grid(to, grid)
+    rows, columns = grid.cells.shape
+    occupied, free = grid.count(map_exports.OCCUPIED), grid.count(map_exports.FREE)
+    print(f"{to}, {image}: {columns} x {rows} cells, {occupied} occupied, {free} free")
+    return 0
+
+
+@command
+def map_autoware(
+    source: Source,
+    to: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new one.")],
+    tile: Annotated[float, typer.Option(help="Edge of a tile, m.")] = 20.0,
+) -> int:
+    """A point cloud map for Autoware: tiles, their metadata, and the projection."""
+    from zloam_monitor import map_exports, maps
+
+    found = maps.read(source)
+    tiles = map_exports.write_autoware(to, found, tile)
+    print(f"{to}: {len(found)} points in {tiles} tiles")
+    return 0
+
+
 def _written(
     source: Path,
     to: Path,
@@ -140,6 +176,10 @@ def add(app: typer.Typer) -> None:
     )
     map_app.command("crop", epilog=examples("zloam map crop map.pcd floor.ply --z -2 2.5"))(
         map_crop
+    )
+    map_app.command("grid", epilog=examples("zloam map grid out/demo/map.pcd grid.yaml"))(map_grid)
+    map_app.command("autoware", epilog=examples("zloam map autoware out/demo/map.pcd town"))(
+        map_autoware
     )
     app.add_typer(map_app, name="map", rich_help_panel=common.FILES)
     app.command(

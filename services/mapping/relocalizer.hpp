@@ -1,0 +1,81 @@
+#pragma once
+// Finds a robot of which nothing is known but that it may be in a map that stays as it is.
+//
+// What the last sweeps saw is laid over the whole map (wall_map.hpp), and the sweep is matched from
+// each likely place. A place is a hypothesis as long as sweep after sweep is found where the
+// odometry leads from it. It is believed when it has stood over some way, explains the sweeps, the
+// sweeps see through none of its walls, and no other place of the map explains nearly as much. A
+// wrong place is worse than none: where the map looks the same twice, the robot stays lost until
+// what it sees tells the two apart.
+
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "mapping/method.hpp"
+#include "mapping/place_search.hpp"
+#include "mapping/wall_map.hpp"
+
+namespace zloam::mapping {
+
+class TileMap;
+
+class Relocalizer {
+ public:
+  /// One sweep, in order. ok: it is found. The map is read once, at the first call.
+  Match look(MappingMethod& method, const MappingInput& input, const TileMap& tiles);
+  /// What was seen before does not count.
+  void reset();
+  /// Begins again, and somebody has reason to think that the next sweep is around there: a place
+  /// near it is believed at once, unless another one explains more.
+  void expect(const Pose& T_map_odom, const SearchArea& area);
+
+ private:
+  struct Hypothesis {
+    Pose T_map_odom = Pose::Identity();
+    Eigen::Vector3d born_at_odom_m = Eigen::Vector3d::Zero();
+    // Sums over the sweeps that it was matched with: of what is explained, and of the walls that are
+    // seen through.
+    double explained = 0.0, seen_through = 0.0;
+    int looks = 0;
+    bool is_expected = false;
+    // With the last one.
+    Match match;
+
+    double likeness() const;
+  };
+
+  void see(const MappingInput& input);
+  Surroundings surroundings(const MappingInput& input) const;
+  struct Expected {
+    Pose T_map_odom;
+    SearchArea area;
+  };
+
+  bool is_expected(const Pose& T_map_base, const MappingInput& input) const;
+  /// Matches the sweep with the first so many.
+  void follow(MappingMethod& method, const MappingInput& input, const SweepView& view,
+              std::size_t most);
+  /// Takes up the places that are not known yet.
+  void propose(MappingMethod& method, const MappingInput& input, const SweepView& view,
+               const std::vector<Pose>& places);
+  void propose_all(MappingMethod& method, const MappingInput& input, const SweepView& view,
+                   const TileMap& tiles, const Surroundings& around);
+  void sort();
+  bool may_be_believed(const Hypothesis& hypothesis, const MappingInput& input) const;
+  /// The one that was expected, where no other explains more.
+  const Hypothesis* expected_one(const MappingInput& input) const;
+  /// The likeliest one, where no other explains nearly as much.
+  const Hypothesis* only_one(const MappingInput& input) const;
+
+  std::optional<WallMap> map_;
+  // Frame odom, of the last sweeps.
+  std::deque<std::vector<Eigen::Vector3d>> seen_;
+  // The likeliest first.
+  std::vector<Hypothesis> hypotheses_;
+  std::optional<Expected> expected_;
+  std::optional<std::int64_t> looked_ns_;
+  std::int64_t wait_ns_ = 0;
+};
+
+}  // namespace zloam::mapping

@@ -1,0 +1,224 @@
+// A robot of which nothing is known, in a map that stays as it is: found where the map tells, lost
+// where it does not.
+
+#include "mapping/relocalizer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "mapping/mapping.hpp"
+#include "mapping/test_room.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+constexpr std::uint32_t kPeriod_ns = 100'000'000;
+constexpr double kStep_m = 0.1;
+constexpr int kSweeps = 40;
+
+Pose at(double x, double y, double yaw_deg) {
+  return pose_from_xyz_rpy_deg({x, y, 0.0}, {0.0, 0.0, yaw_deg});
+}
+
+/// The same from its other end.
+test::Room hall() { return {{{-9.0, -5.0, -1.3}, {9.0, 5.0, 2.7}}, {}}; }
+
+/// A furnished room whose pillars stand elsewhere.
+test::Room other_room() {
+  return {{{-7.0, -9.0, -1.3}, {9.0, 4.0, 2.7}},
+          {{{-3.0, 1.0, -1.3}, {-1.5, 2.0, 2.7}}, {{3.0, -5.0, -1.3}, {3.6, -3.0, 1.5}}}};
+}
+
+/// As the stage gets them: a sweep that was moved to its end.
+MappingInput input_of(int sweep, std::uint32_t epoch, const test::Scan& scan,
+                      const Pose& T_odom_base) {
+  MappingInput input;
+  input.sweep = static_cast<std::uint64_t>(sweep);
+  input.stamp_ns = std::int64_t{sweep} * kPeriod_ns;
+  input.instant_ns = input.period_ns = kPeriod_ns;
+  input.odom_epoch = epoch;
+  input.T_odom_base = T_odom_base;
+  input.edges = scan.edges;
+  input.planes = scan.planes;
+  return input;
+}
+
+SavedMap mapped(const test::Room& room) {
+  Mapper mapper{MappingConfig{}};
+  SavedMap saved;
+  for (int i = 0; i < 30; ++i) {
+    const Pose truth = at(-3.0 + 0.2 * i, -2.0 + 0.15 * i, 4.0 * i);
+    const test::Scan scan = test::scan(room, truth, 0.01, 100U + static_cast<unsigned>(i));
+    const MappingResult result = mapper.process(input_of(i, 0, scan, truth));
+    saved.T_map_base = result.T_map_base;
+  }
+  for (const TileId& id : mapper.tiles()) saved.tiles.push_back(*mapper.tile(id));
+  saved.voxels = mapper.take_changed_voxels(0.0);
+  return saved;
+}
+
+struct Found {
+  int sweeps = 0;
+  double worst_m = 0.0, worst_rad = 0.0;
+};
+
+class Kidnapped : public ::testing::Test {
+ protected:
+  static Mapper localizing(const test::Room& room) {
+    MappingConfig config;
+    config.mode = MappingMode::kLocalize;
+    Mapper mapper(config);
+    mapper.restore(mapped(room));
+    return mapper;
+  }
+
+  /// Put down at start, it drives ahead. An hour later, so that nobody knows where it is.
+  static Found drive(Mapper& mapper, const test::Room& room, const Pose& start,
+                     double step_m = kStep_m) {
+    Found found;
+    const Pose T_odom_start = at(40.0, -7.0, 65.0);
+    for (int i = 0; i < kSweeps; ++i) {
+      const Pose moved = at(step_m * i, 0.0, 0.0);
+      const Pose truth = start * moved;
+      const test::Scan scan = test::scan(room, truth, 0.01, 500U + static_cast<unsigned>(i));
+      const MappingResult r = mapper.process(input_of(36'000 + i, 1, scan, T_odom_start * moved));
+      if (r.health != Health::kOk && r.health != Health::kDegenerate) continue;
+      const Pose off = truth.inverse() * r.T_map_base;
+      ++found.sweeps;
+      found.worst_m = std::max(found.worst_m, off.translation().norm());
+      found.worst_rad = std::max(found.worst_rad, Eigen::AngleAxisd(off.linear()).angle());
+    }
+    return found;
+  }
+};
+
+TEST_F(Kidnapped, IsFoundWhereverItWasPutDown) {
+  const test::Room room = test::furnished_room();
+  for (const Pose& start : {at(-6.0, 5.0, -90.0), at(9.0, -3.0, 120.0), at(1.0, 5.5, 200.0)}) {
+    Mapper mapper = localizing(room);
+    const Found found = drive(mapper, room, start);
+    EXPECT_GT(found.sweeps, 10) << start.translation().transpose();
+    EXPECT_LT(found.worst_m, 0.05);
+    EXPECT_LT(found.worst_rad, 0.01);
+  }
+}
+
+TEST_F(Kidnapped, IsFoundAgainAfterAnotherPlace) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper = localizing(room);
+  EXPECT_GT(drive(mapper, room, at(-6.0, 5.0, -90.0)).sweeps, 10);
+  const Pose start = at(9.0, -3.0, 120.0);
+  int last = 0;
+  for (int i = 0; i < kSweeps; ++i) {
+    const Pose moved = at(kStep_m * i, 0.0, 0.0);
+    const test::Scan scan = test::scan(room, start * moved, 0.01, 700U + static_cast<unsigned>(i));
+    // The odometry saw nothing of it.
+    const MappingResult r =
+        mapper.process(input_of(72'000 + i, 1, scan, at(44.0, -7.0, 65.0) * moved));
+    if (r.health != Health::kOk) continue;
+    ++last;
+    EXPECT_LT((start * moved).translation().x() - r.T_map_base.translation().x(), 0.05) << i;
+    EXPECT_LT(((start * moved).inverse() * r.T_map_base).translation().norm(), 0.05) << i;
+  }
+  EXPECT_GT(last, 10);
+}
+
+TEST_F(Kidnapped, AnotherRoomIsNotTheMap) {
+  Mapper mapper = localizing(test::furnished_room());
+  EXPECT_EQ(drive(mapper, other_room(), at(2.0, -1.0, 30.0)).sweeps, 0);
+}
+
+TEST_F(Kidnapped, StaysLostWhereTheMapLooksTheSameTwice) {
+  Mapper mapper = localizing(hall());
+  EXPECT_EQ(drive(mapper, hall(), at(3.0, -2.0, 100.0)).sweeps, 0);
+}
+
+TEST_F(Kidnapped, WhoStandsStillIsNotBelieved) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper = localizing(room);
+  EXPECT_EQ(drive(mapper, room, at(9.0, -3.0, 120.0), 0.0).sweeps, 0);
+}
+
+// Of two places that look alike it is the one that somebody named.
+TEST_F(Kidnapped, IsFoundAtOnceWhereItIsExpected) {
+  Mapper mapper = localizing(hall());
+  mapper.place(at(3.6, -2.4, 105.0));
+  const Found found = drive(mapper, hall(), at(3.0, -2.0, 100.0), 0.0);
+  EXPECT_GT(found.sweeps, kSweeps - 10);
+  EXPECT_LT(found.worst_m, 0.05);
+}
+
+TEST_F(Kidnapped, IsNotFoundWhereItIsExpectedIfItIsElsewhere) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper = localizing(room);
+  mapper.place(at(-6.0, 5.0, -90.0));
+  const Found found = drive(mapper, room, at(9.0, -3.0, 120.0));
+  EXPECT_GT(found.sweeps, 10);
+  EXPECT_LT(found.worst_m, 0.05);
+}
+
+TEST(WallMap, HasNoPlaceForWhatHasNoWalls) {
+  std::vector<Eigen::Vector3f> ground, walls;
+  for (int i = 0; i < 100; ++i) {
+    for (int j = 0; j < 100; ++j) {
+      ground.emplace_back(0.2F * static_cast<float>(i), 0.2F * static_cast<float>(j), 0.0F);
+    }
+    for (int k = 0; k < 10; ++k) {
+      walls.emplace_back(0.2F * static_cast<float>(i), 3.0F, 0.2F * static_cast<float>(k));
+    }
+  }
+  const WallMap of_ground(ground), of_walls(walls), of_nothing({});
+  const Surroundings plain(ground), walled(walls), none({});
+  EXPECT_TRUE(of_walls.likely_places(plain, 4).empty());
+  EXPECT_TRUE(of_ground.likely_places(walled, 4).empty());
+  EXPECT_TRUE(of_nothing.likely_places(walled, 4).empty());
+  EXPECT_TRUE(of_walls.likely_places(none, 4).empty());
+  EXPECT_FALSE(of_walls.likely_places(walled, 4).empty());
+  EXPECT_NEAR(of_walls.share_at(walled, Pose::Identity()), 1.0, 1e-9);
+}
+
+// An independent truth: every place and heading of the grid, one after the other.
+TEST(WallMap, ItsBestPlaceIsTheBestOfAll) {
+  const test::Room room = test::furnished_room();
+  std::vector<Eigen::Vector3f> map;
+  for (const Pose& from : {at(0.0, 0.0, 0.0), at(9.0, 5.0, 40.0), at(-6.0, -4.0, 10.0)}) {
+    for (const Point& p : test::scan(room, from, 0.01, 1).planes) {
+      map.push_back((from * p.position().cast<double>()).cast<float>());
+    }
+  }
+  const WallMap walls(map);
+  for (const Pose& truth : {at(5.0, 4.0, 77.0), at(-6.5, 2.0, 190.0)}) {
+    std::vector<Eigen::Vector3f> seen;
+    for (const Point& p : test::scan(room, truth, 0.01, 2).planes) seen.push_back(p.position());
+    const Surroundings around(seen);
+    const auto places = walls.likely_places(around, 4);
+    ASSERT_FALSE(places.empty());
+    EXPECT_LT((places.front().translation() - truth.translation()).head<2>().norm(), 0.5);
+    double best = 0.0;
+    for (int turn = 0; turn < 128; ++turn) {
+      for (double x = -8.0; x <= 12.0; x += 0.25) {
+        for (double y = -6.0; y <= 8.0; y += 0.25) {
+          best = std::max(best, walls.share_at(around, at(x, y, turn * 360.0 / 128.0)));
+        }
+      }
+    }
+    EXPECT_NEAR(walls.share_at(around, places.front()), best, 0.01);
+  }
+}
+
+TEST(WallMap, SeesThroughWallsThatAreNotThere) {
+  const test::Room room = test::furnished_room();
+  const Pose truth = at(0.0, 0.0, 0.0);
+  std::vector<Eigen::Vector3f> map;
+  for (const Point& p : test::scan(room, truth, 0.01, 1).planes) map.push_back(p.position());
+  const WallMap walls(map);
+  const test::Scan own = test::scan(room, truth, 0.01, 2);
+  const SweepView view(input_of(0, 0, own, truth));
+  EXPECT_LT(walls.seen_through(view, truth), 0.01);
+  // Two metres nearer to a wall than it is.
+  EXPECT_GT(walls.seen_through(view, at(2.0, 0.0, 0.0)), 0.1);
+}
+
+}  // namespace
+}  // namespace zloam::mapping

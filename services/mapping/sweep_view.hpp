@@ -1,0 +1,32 @@
+#pragma once
+// How far a sweep sees in each direction, to know through what it sees.
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mapping/mapping.hpp"
+
+namespace zloam::mapping {
+
+class SweepView {
+ public:
+  explicit SweepView(const MappingInput& input);
+
+  /// Range of the nearest return in a direction (unit, frame lidar) or beside it, m; 0: there is
+  /// none.
+  float nearest_m(const Eigen::Vector3f& direction) const;
+
+ private:
+  // 2 degrees each; elevations from straight down on.
+  static constexpr int kAzimuths = 180, kElevations = 90;
+  struct Bin {
+    int azimuth, elevation;
+  };
+  static Bin bin_of(const Eigen::Vector3f& direction);
+  static std::size_t index(int azimuth, int elevation) {
+    return static_cast<std::size_t>(elevation * kAzimuths + azimuth);
+  }
+  std::vector<float> nearest_m_;
+};
+
+}  // namespace zloam::mapping

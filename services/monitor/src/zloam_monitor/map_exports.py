@@ -1,0 +1,154 @@
+"""Maps for other systems: an occupancy grid for Nav2, tiles for Autoware.
+
+Formats: map_server's image and YAML (Nav2), pointcloud_map_metadata.yaml and
+map_projector_info.yaml (Autoware's map loaders). Frame and origin are those of the map.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from zloam_monitor.files import written_whole
+from zloam_monitor.maps import MapError, PointMap, write
+
+#: what map_server takes for occupied, free and unknown with the thresholds below
+OCCUPIED, FREE, UNKNOWN = 0, 254, 205
+THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}
+#: the ground is the lowest of what lies in such squares, and around them
+GROUND_M = 1.0
+#: a map has a point of a plane in each voxel of this edge
+PLANE_LEAF_M = 0.4
+MOST_CELLS = 100_000_000
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells by row (y) and column (x), from the lower left corner on."""
+
+    cells: NDArray[np.uint8]
+    cell_m: float
+    low: tuple[float, float]
+
+    def count(self, value: int) -> int:
+        return int((self.cells == value).sum())
+
+
+def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Grid:
+    """Occupied where something stands within these heights above the ground around it; free where
+    only ground was seen; else unknown."""
+    low_m, high_m = height
+    if not cell_m > 0.0:
+        raise MapError(f"--cell: {cell_m:g} m is no edge of a cell")
+    if not 0.0 < low_m < high_m:
+        raise MapError(f"--height: {low_m:g} to {high_m:g} m is nothing above the ground")
+    if not len(found):
+        raise MapError("the map has no points: nothing written")
+    xyz = found.xyz
+    above_m = xyz[:, 2] - _ground(xyz)
+    low = np.floor(xyz[:, :2].min(axis=0) / cell_m) * cell_m
+    at = np.floor((xyz[:, :2] - low) / cell_m).astype(np.int64)
+    columns, rows = at.max(axis=0) + 1
+    if rows * columns > MOST_CELLS:
+        raise MapError(f"{columns} x {rows} cells: a larger --cell is needed")
+    obstacle = (above_m >= low_m) & (above_m <= high_m)
+    # Between two points of a wall there is wall: wider by half of that, and narrower again.
+    steps = math.ceil(0.5 * PLANE_LEAF_M / cell_m)
+    wide = _widened(_marked(at[obstacle], (rows, columns)), steps)
+    occupied = ~_widened(~wide, steps)
+    ground = _marked(at[np.abs(above_m) < low_m], (rows, columns))
+    cells = np.full((rows, columns), UNKNOWN, np.uint8)
+    cells[_widened(ground, round(PLANE_LEAF_M / cell_m))] = FREE
+    cells[occupied] = OCCUPIED
+    return Grid(cells, cell_m, (float(low[0]), float(low[1])))
+
+
+def _marked(at: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    out = np.zeros(shape, bool)
+    out[at[:, 1], at[:, 0]] = True
+    return out
+
+
+def _widened(cells: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+    """By so many cells to each side."""
+    out = cells.copy()
+    for axis in (0, 1):
+        once = out.copy()
+        for step in range(1, steps + 1):
+            ahead = [slice(None), slice(None)]
+            behind = [slice(None), slice(None)]
+            ahead[axis], behind[axis] = slice(step, None), slice(None, -step)
+            out[tuple(ahead)] |= once[tuple(behind)]
+            out[tuple(behind)] |= once[tuple(ahead)]
+    return out
+
+
+def _ground(xyz: Array) -> Array:
+    """Height of the ground below each point: the median of the lowest points in the square around
+    it and beside it, so that neither a wall nor a stray point below the ground is one."""
+    at = np.floor(xyz[:, :2] / GROUND_M).astype(np.int64)
+    at -= at.min(axis=0)
+    columns, rows = at.max(axis=0) + 3
+    if rows * columns > MOST_CELLS:
+        raise MapError(f"{columns:.0f} x {rows:.0f} m is too wide for a grid: crop it")
+    lowest = np.full((rows, columns), np.inf)
+    np.minimum.at(lowest, (at[:, 1] + 1, at[:, 0] + 1), xyz[:, 2])
+    lowest[np.isinf(lowest)] = np.nan
+    squares, which = np.unique(at[:, 1] * columns + at[:, 0], return_inverse=True)
+    y, x = squares // columns, squares % columns
+    around = np.stack([lowest[y + dy, x + dx] for dy in range(3) for dx in range(3)])
+    return np.asarray(np.nanmedian(around, axis=0)[which.ravel()], np.float64)
+
+
+def write_grid(path: Path, grid: Grid) -> Path:
+    """`path` ends with .yaml; the image is beside it. Its path is returned."""
+    if path.suffix.lower() not in {".yaml", ".yml"}:
+        raise MapError(f"{path}: .yaml is expected; the image is written beside it")
+    image = path.with_suffix(".pgm")
+    rows, columns = grid.cells.shape
+    with written_whole(image, "wb") as out:
+        out.write(f"P5\n{columns} {rows}\n255\n".encode())
+        out.write(grid.cells[::-1].tobytes())
+    described = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": grid.cell_m,
+        "origin": [*grid.low, 0.0],
+        "negate": 0,
+        **THRESHOLDS,
+    }
+    with written_whole(path) as text:
+        yaml.safe_dump(described, text, sort_keys=False)
+    return image
+
+
+def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
+    """Tiles, what they cover, and that the map has no place on earth. How many tiles."""
+    if not tile_m > 0.0:
+        raise MapError(f"--tile: {tile_m:g} m is no edge of a tile")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise MapError(f"{folder}: exists already; name a folder that does not")
+    if not len(found):
+        raise MapError("the map has no points: nothing written")
+    tiles, which = np.unique(
+        np.floor(found.xyz[:, :2] / tile_m).astype(np.int64), axis=0, return_inverse=True
+    )
+    which = which.ravel()
+    described: dict[str, float | list[float]] = {"x_resolution": tile_m, "y_resolution": tile_m}
+    for number, (i, j) in enumerate(tiles):
+        name = f"{i}_{j}.pcd"
+        write(folder / "pointcloud_map.pcd" / name, found.kept(which == number))
+        described[name] = [float(i * tile_m), float(j * tile_m)]
+    with written_whole(folder / "map_projector_info.yaml") as text:
+        yaml.safe_dump({"projector_type": "Local"}, text)
+    # Last: without it nobody takes the folder for a map.
+    with written_whole(folder / "pointcloud_map_metadata.yaml") as text:
+        yaml.safe_dump(described, text, sort_keys=False)
+    return len(tiles)
