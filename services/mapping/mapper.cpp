@@ -17,6 +17,8 @@ namespace {
 
 // For longer the last motion says nothing about where the sensor is now.
 constexpr double kLongestGap_s = 5.0;
+// In a map that stays as it is somebody may have carried the sensor away within that.
+constexpr double kWatched_s = 1.0;
 // A new odometry knows its first sweep's motion only from the second, and what is distorted must
 // not go into the map: so many sweeps in a row must be found in it first.
 constexpr std::uint32_t kSettling = 3;
@@ -161,7 +163,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
   const bool stays = config.mode == MappingMode::kLocalize;
-  if (new_frame || break_expected || told || (stays && gap_s > kLongestGap_s)) {
+  if (new_frame || break_expected || told || (stays && gap_s > kWatched_s)) {
     // The pose that was given is of this moment, however long nothing was seen.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();

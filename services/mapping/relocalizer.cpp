@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "mapping/tile_map.hpp"
 #include "mapping/voxel_filter.hpp"
@@ -24,11 +25,11 @@ constexpr double kStart_m = 0.5, kStart_rad = 0.05, kFar_m = 0.1;
 constexpr double kSame_m = 0.5, kSame_rad = 0.05;
 // Of a sweep, with less there is no likeness.
 constexpr double kLeastLikeness = 0.15;
-// What makes a place be believed (docs/experiments/2026-11-27-kidnapped.md): looks and way, what is
-// explained, walls seen through, and what any other place may have of its likeness.
+// What makes a place be believed (docs/experiments/2026-11-27-kidnapped.md): looks and way, its
+// likeness, and what any other place may have of that.
 constexpr int kLooks = 3;
 constexpr double kWay_m = 1.0;
-constexpr double kExplained = 0.5, kSeenThrough = 0.05, kUnique = 0.9;
+constexpr double kLikeness = 0.3, kUnique = 0.9;
 // Before it is believed all places of the map with this share of its walls are looked at; so many
 // are too many to be told apart.
 constexpr double kAlike = 0.85;
@@ -151,14 +152,26 @@ void Relocalizer::propose(MappingMethod& method, const MappingInput& input, cons
     h.is_expected = is_expected(h.match.T_map_base, input);
     hypotheses_.push_back(h);
   }
-  sort();
-  if (hypotheses_.size() > kMostHypotheses) hypotheses_.resize(kMostHypotheses);
+  sort(input);
 }
 
-void Relocalizer::sort() {
-  std::stable_sort(
-      hypotheses_.begin(), hypotheses_.end(),
-      [](const Hypothesis& a, const Hypothesis& b) { return a.likeness() > b.likeness(); });
+// Two that have come to the same place are one, and no rivals: the older one stays.
+void Relocalizer::sort(const MappingInput& input) {
+  std::stable_sort(hypotheses_.begin(), hypotheses_.end(),
+                   [](const Hypothesis& a, const Hypothesis& b) { return a.looks > b.looks; });
+  std::vector<Hypothesis> apart;
+  for (const Hypothesis& h : hypotheses_) {
+    const Pose T_map_base = h.T_map_odom * input.T_odom_base;
+    const auto same = [&](const Hypothesis& o) {
+      return is_same(o.T_map_odom * input.T_odom_base, T_map_base);
+    };
+    if (std::none_of(apart.begin(), apart.end(), same)) apart.push_back(h);
+  }
+  std::stable_sort(apart.begin(), apart.end(), [](const Hypothesis& a, const Hypothesis& b) {
+    return a.likeness() > b.likeness();
+  });
+  if (apart.size() > kMostHypotheses) apart.resize(kMostHypotheses);
+  hypotheses_ = std::move(apart);
 }
 
 void Relocalizer::propose_all(MappingMethod& method, const MappingInput& input,
@@ -181,9 +194,7 @@ void Relocalizer::propose_all(MappingMethod& method, const MappingInput& input,
 bool Relocalizer::may_be_believed(const Hypothesis& hypothesis, const MappingInput& input) const {
   const double way_m = (input.T_odom_base.translation() - hypothesis.born_at_odom_m).norm();
   return hypothesis.looks >= kLooks && hypothesis.match.converged &&
-         (hypothesis.is_expected || way_m >= kWay_m) &&
-         hypothesis.explained / hypothesis.looks >= kExplained &&
-         hypothesis.seen_through / hypothesis.looks <= kSeenThrough;
+         (hypothesis.is_expected || way_m >= kWay_m) && hypothesis.likeness() >= kLikeness;
 }
 
 const Relocalizer::Hypothesis* Relocalizer::expected_one(const MappingInput& input) const {
@@ -214,7 +225,7 @@ Match Relocalizer::look(MappingMethod& method, const MappingInput& input, const 
     propose_all(method, input, view, tiles, *around);
     wait_ns_ = hypotheses_.empty() ? std::min(2 * wait_ns_, kLongestLook_ns) : kLook_ns;
   } else {
-    sort();
+    sort(input);
   }
   if (const Hypothesis* expected = expected_one(input)) return expected->match;
   const Hypothesis* likeliest = only_one(input);

@@ -61,7 +61,7 @@ class Relocalizer {
                const std::vector<Pose>& places);
   void propose_all(MappingMethod& method, const MappingInput& input, const SweepView& view,
                    const TileMap& tiles, const Surroundings& around);
-  void sort();
+  void sort(const MappingInput& input);
   bool may_be_believed(const Hypothesis& hypothesis, const MappingInput& input) const;
   /// The one that was expected, where no other explains more.
   const Hypothesis* expected_one(const MappingInput& input) const;

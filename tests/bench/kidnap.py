@@ -96,7 +96,7 @@ class Kidnaps:
     outside: int = 0
     outside_found: int = 0
     #: sweeps until the first right place, and errors from the third sweep after it on, m
-    sweeps: list[int] = field(default_factory=list)
+    sweeps: list[float] = field(default_factory=list)
     off_m: list[float] = field(default_factory=list)
     cpu_ms: float = 0.0
 
@@ -183,7 +183,7 @@ def _judge(
     seen.mapped += 1
     if len(right) and right[0] < MOST_SWEEPS:
         seen.found += 1
-        seen.sweeps.append(int(right[0]))
+        seen.sweeps.append(float(right[0]))
         seen.off_m += [float(each) for each in off_m[right[3:]]]
 
 
