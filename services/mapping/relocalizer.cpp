@@ -227,15 +227,15 @@ Match Relocalizer::look(MappingMethod& method, const MappingInput& input, const 
   } else {
     sort(input);
   }
-  if (const Hypothesis* expected = expected_one(input)) return expected->match;
-  const Hypothesis* likeliest = only_one(input);
-  if (likeliest == nullptr) return {};
+  const Hypothesis* likely = expected_one(input);
+  if (likely == nullptr) likely = only_one(input);
+  if (likely == nullptr) return {};
   if (!around) around = surroundings(input);
-  const double share = map_->share_at(*around, likeliest->T_map_odom * level_at(input));
+  const double share = map_->share_at(*around, likely->T_map_odom * level_at(input));
   const std::vector<Pose> alike = map_->likely_places(*around, kTooMany, kAlike * share);
-  if (alike.size() == kTooMany) return {};
   propose(method, input, view, alike);
-  const Hypothesis* found = only_one(input);
+  if (const Hypothesis* expected = expected_one(input)) return expected->match;
+  const Hypothesis* found = alike.size() < kTooMany ? only_one(input) : nullptr;
   return found != nullptr ? found->match : Match{};
 }
 

@@ -12,6 +12,8 @@ namespace {
 
 constexpr std::uint64_t kMiB = 1U << 20;
 constexpr std::chrono::seconds kFetchTimeout{20};
+// Answers that were lost on this machine, under load, are asked for again.
+constexpr int kFetches = 3;
 // A whole map at the end of a run, while the disk is slow.
 constexpr std::size_t kHeldMessages = 4096;
 // Until their publisher was asked, which takes a moment when it is there.
@@ -63,14 +65,20 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   const auto reply = [this](runtime::Answer& a) { answer(a); };
   stage.answer(stage.keys().all_tiles(), reply);
   stage.answer(stage.keys().of(Key::kMapOdometry), reply);
-  stage.on_end_of_run([this](std::uint64_t) { fetch(); });
+  stage.on_end_of_run([this](std::uint64_t) {
+    fetches_left_ = kFetches;
+    fetch();
+  });
   stage.every(std::chrono::milliseconds(config_.sync_ms), [this] { every_period(); });
   stage.every(kAskEvery, [this] {
     hear_publisher();
     settle_held();
     ask_publisher();
   });
-  stage.on_stop([this] { store_.sync(); });
+  stage.on_stop([this] {
+    finish_fetch();
+    store_.sync();
+  });
 }
 
 void StoreStage::say_recovery() const {
@@ -225,32 +233,71 @@ void StoreStage::answer(runtime::Answer& answer) {
   }
 }
 
+// What was lost of the tiles while they were published: mapping has them all.
 void StoreStage::fetch() {
+  --fetches_left_;
+  {
+    const std::lock_guard lock(fetched_->mutex);
+    fetched_->is_running = true;
+  }
   zenoh::GetOptions options;
   options.timeout = kFetchTimeout;
   stage_.session().get(
       stage_.keys().all_tiles(),
       [fetched = fetched_](zenoh::Reply&& reply) {
         if (!reply.ok()) return;
+        zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(reply.sample->payload));
         const std::lock_guard lock(fetched->mutex);
-        fetched->samples.push_back(std::move(*reply.sample));
+        if (bytes.torn()) {
+          ++fetched->torn;
+        } else {
+          fetched->answers.push_back({reply.sample->encoding, std::move(bytes)});
+        }
       },
-      [] {}, options);
+      [fetched = fetched_] {
+        const std::lock_guard lock(fetched->mutex);
+        fetched->is_running = false;
+        fetched->ended.notify_all();
+      },
+      options);
 }
 
 void StoreStage::take_fetched() {
-  std::vector<zenoh::Sample> samples;
+  std::vector<Fetched::Answer> answers;
+  std::size_t torn = 0;
   {
     const std::lock_guard lock(fetched_->mutex);
-    samples.swap(fetched_->samples);
+    answers.swap(fetched_->answers);
+    if (!fetched_->is_running) torn = std::exchange(fetched_->torn, 0);
   }
-  for (zenoh::Sample& sample : samples) {
-    const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(sample.payload));
-    if (!verify<msg::MapTile>(bytes.data(), sample.encoding).ok()) continue;
-    const auto& tile = message_of<msg::MapTile>(bytes.data());
+  for (const Fetched::Answer& answer : answers) {
+    const auto bytes = answer.bytes.data();
+    if (!verify<msg::MapTile>(bytes, answer.encoding).ok()) continue;
+    const auto& tile = message_of<msg::MapTile>(bytes);
     // An answer of a map that is gone must not bring it back.
     const msg::Header& header = *tile.header();
-    if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes.data());
+    if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes);
+  }
+  if (torn == 0) return;
+  if (fetches_left_ > 0) {
+    fetch();
+  } else {
+    stage_.degraded("map", std::to_string(torn) +
+                               " tiles of the map were lost on their way from "
+                               "mapping: the map at rest lacks them");
+  }
+}
+
+// The stage stops, and may have asked a moment ago.
+void StoreStage::finish_fetch() {
+  for (int i = 0; i <= kFetches; ++i) {
+    {
+      std::unique_lock lock(fetched_->mutex);
+      fetched_->ended.wait_for(lock, kFetchTimeout, [this] { return !fetched_->is_running; });
+    }
+    take_fetched();
+    const std::lock_guard lock(fetched_->mutex);
+    if (!fetched_->is_running) return;
   }
 }
 

@@ -2,6 +2,7 @@
 // Wires the tile store to the runtime: takes map/tile/** and the newest map/odometry, answers gets
 // for both.
 
+#include <condition_variable>
 #include <deque>
 #include <memory>
 #include <mutex>
@@ -48,19 +49,29 @@ class StoreStage {
   /// Asks mapping for all its tiles, as puts may be dropped; what is newer is taken.
   void fetch();
   void take_fetched();
+  void finish_fetch();
   void every_period();
   void say_recovery() const;
 
   /// What the callbacks of a get hand over; outlives the stage when an answer is late.
   struct Fetched {
+    struct Answer {
+      std::string encoding;
+      zenoh::AlignedBytes bytes;
+    };
     std::mutex mutex;
-    std::vector<zenoh::Sample> samples;
+    std::condition_variable ended;
+    bool is_running = false;
+    // Taken out of shared memory at once, before it is written again.
+    std::vector<Answer> answers;
+    std::size_t torn = 0;
   };
 
   runtime::Stage& stage_;
   StoreConfig config_;
   TileStore store_;
   Generations generations_;
+  int fetches_left_ = 0;
   std::shared_ptr<Fetched> fetched_ = std::make_shared<Fetched>();
   std::uint64_t old_ = 0;
 

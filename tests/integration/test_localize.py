@@ -79,6 +79,24 @@ def test_a_second_time_gives_the_same_bytes(
     assert digests(tmp_path / "a", files) == digests(tmp_path / "b", files)
 
 
+def test_it_is_found_without_a_hint(
+    build: Path, first: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    """Put down with another heading than the one that the map was left with."""
+    seconds = ("--speed-factor", "0.9", "--duration", "30", "--heading-deg", "130")
+    turned = simulate(build, tmp_path, *CITY[:4], *seconds)
+    said = localized(build, turned, mapped, tmp_path / "out")
+    off = errors_m(tmp_path / "out" / "trajectory.tum", turned, first)
+    rows = (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]
+    ok = np.array([row.split(",")[2] == "0" for row in rows])
+    # The last pose may lie after the truth's end.
+    assert 0 <= len(ok) - len(off) <= 1
+    ok = ok[: len(off)]
+    assert not ok[0]
+    assert ok.mean() > 0.7, said
+    assert off[ok].max() < 0.15, said
+
+
 def test_another_world_is_not_the_map(build: Path, mapped: Path, tmp_path: Path) -> None:
     other = simulate(build, tmp_path, "--world", "indoor", "--seed", "2", "--duration", "20")
     said = localized(build, other, mapped, tmp_path / "out")
