@@ -46,6 +46,13 @@ SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t atte
   return {std::min(distance_m, kFarthest_m), std::min(rotation_rad, kMostTurned_rad)};
 }
 
+Match matched_from_afar(MappingMethod& method, const MappingInput& input, const Prediction& start) {
+  Match match = method.match(input, start);
+  const double moved_m = (start.T_map_base.inverse() * match.T_map_base).translation().norm();
+  if (!match.ok || moved_m <= kFar_m) return match;
+  return method.match(input, {Pose(match.T_map_base), start.covariance});
+}
+
 namespace {
 
 bool fits(const Match& match, const MappingConfig& config, double median_residual_m) {
@@ -106,16 +113,8 @@ Bridged bridge(MappingMethod& method, const MappingInput& input, const Predictio
   Bridged best;
   best.match.T_map_base = guess.T_map_base;
   const SearchArea area = area_of(config, gap_s, attempt);
-  const auto matched_from = [&](const Pose& T_map_base) {
-    Prediction start = guess;
-    start.T_map_base = T_map_base;
-    return method.match(input, start);
-  };
   const auto take = [&](const Pose& T_map_base) {
-    Match match = matched_from(T_map_base);
-    // From so far the iteration may have ended on its way.
-    const double moved_m = (T_map_base.inverse() * match.T_map_base).translation().norm();
-    if (match.ok && moved_m > kFar_m) match = matched_from(Pose(match.T_map_base));
+    const Match match = matched_from_afar(method, input, {T_map_base, guess.covariance});
     if (!fits(match, config, median_residual_m) || share(match) < kLeastShare) return;
     if (best.match.ok && !is_likelier(match, best.match, guess.T_map_base)) return;
     const bool enough = share(match) >= config.bridge_inlier_ratio;

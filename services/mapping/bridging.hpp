@@ -13,6 +13,9 @@ class TileMap;
 /// sweeps that were searched for before.
 SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t attempt);
 
+/// Matches, and once more from where that ended: from afar the iteration may have ended on its way.
+Match matched_from_afar(MappingMethod& method, const MappingInput& input, const Prediction& start);
+
 /// How far off the guess may be when nothing was seen for so long.
 Matrix6 bridge_covariance(const MappingConfig& config, double gap_s);
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "mapping/bridging.hpp"
 #include "mapping/tile_map.hpp"
 #include "mapping/voxel_filter.hpp"
 
@@ -18,9 +19,8 @@ constexpr std::int64_t kLook_ns = 500'000'000, kLongestLook_ns = 2'000'000'000;
 constexpr std::size_t kMostPlaces = 16, kMostExpected = 8, kMostHypotheses = 32;
 // Of the hypotheses, that are followed between two looks.
 constexpr std::size_t kFollowed = 3;
-// How far off a place of the search may be, one sigma, and from where the iteration may have ended
-// on its way.
-constexpr double kStart_m = 0.5, kStart_rad = 0.05, kFar_m = 0.1;
+// How far off a place of the search may be, one sigma.
+constexpr double kStart_m = 0.5, kStart_rad = 0.05;
 // Two places are one, and a sweep is where its hypothesis led to.
 constexpr double kSame_m = 0.5, kSame_rad = 0.05;
 // Of a sweep, with less there is no likeness.
@@ -39,10 +39,7 @@ Match matched(MappingMethod& method, const MappingInput& input, const Pose& T_ma
   Matrix6 covariance = Matrix6::Zero();
   covariance.diagonal().head<3>().setConstant(kStart_m * kStart_m);
   covariance.diagonal().tail<3>().setConstant(kStart_rad * kStart_rad);
-  Match match = method.match(input, {T_map_base, covariance});
-  const double moved_m = (T_map_base.inverse() * match.T_map_base).translation().norm();
-  if (!match.ok || moved_m <= kFar_m) return match;
-  return method.match(input, {Pose(match.T_map_base), covariance});
+  return matched_from_afar(method, input, {T_map_base, covariance});
 }
 
 bool is_same(const Pose& a, const Pose& b) {

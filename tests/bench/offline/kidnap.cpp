@@ -34,35 +34,19 @@ namespace {
 // While it is carried nothing is seen.
 constexpr double kLeastAway_s = 0.1, kMostAway_s = 20.0;
 
+/// What mapping takes of one sweep, and the points that it reads.
 struct Sweep {
-  std::int64_t stamp_ns = 0;
-  std::uint32_t period_ns = 0;
-  std::int64_t instant_ns = 0;
-  Pose T_odom_base = Pose::Identity();
-  Vector6 twist_per_s = Vector6::Zero();
-  Matrix6 covariance = Matrix6::Zero();
-  Health health = Health::kOk;
-  bool degenerate = false;
-  double range_noise_m = 0.0;
+  mapping::MappingInput input;
   PointVector edges, planes;
-};
 
-mapping::MappingInput input_of(const Sweep& s, std::uint64_t number) {
-  mapping::MappingInput m;
-  m.sweep = number;
-  m.stamp_ns = s.stamp_ns;
-  m.instant_ns = static_cast<std::uint32_t>(s.instant_ns - s.stamp_ns);
-  m.period_ns = s.period_ns;
-  m.T_odom_base = s.T_odom_base;
-  m.twist_per_s = s.twist_per_s;
-  m.step_covariance = s.covariance;
-  m.edges = s.edges;
-  m.planes = s.planes;
-  m.health = s.health;
-  m.degenerate = s.degenerate;
-  m.range_noise_m = s.range_noise_m;
-  return m;
-}
+  std::int64_t instant_ns() const { return input.stamp_ns + input.instant_ns; }
+  mapping::MappingInput with_points() const {
+    mapping::MappingInput out = input;
+    out.edges = edges;
+    out.planes = planes;
+    return out;
+  }
+};
 
 /// Each sweep of a capture as odometry hands it on.
 template <typename Take>
@@ -83,18 +67,20 @@ void drive(const std::string& path, const Take& take) {
     input.less_flat = features.less_flat;
     const auto odom = odometry.process(input);
     Sweep s;
-    s.stamp_ns = scan.stamp_ns;
-    s.period_ns = scan.period_ns;
-    s.instant_ns = odom.instant_ns;
-    s.T_odom_base = odom.T_odom_base;
-    s.twist_per_s = odom.twist_per_s;
-    s.covariance = odom.covariance;
-    s.health = odom.health;
-    s.degenerate = odom.degeneracy.degenerate;
-    s.range_noise_m = registration.range_noise_m;
+    mapping::MappingInput& m = s.input;
+    m.sweep = number;
+    m.stamp_ns = scan.stamp_ns;
+    m.instant_ns = static_cast<std::uint32_t>(odom.instant_ns - scan.stamp_ns);
+    m.period_ns = scan.period_ns;
+    m.T_odom_base = odom.T_odom_base;
+    m.twist_per_s = odom.twist_per_s;
+    m.step_covariance = odom.covariance;
+    m.health = odom.health;
+    m.degenerate = odom.degeneracy.degenerate;
+    m.range_noise_m = registration.range_noise_m;
     s.edges.assign(odom.edges.begin(), odom.edges.end());
     s.planes.assign(odom.planes.begin(), odom.planes.end());
-    take(s, number);
+    take(s);
   }
 }
 
@@ -110,12 +96,11 @@ mapping::SavedMap map_of(const std::string& path) {
     }
   };
   const mapping::OutputConfig output;
-  drive(path, [&](const Sweep& s, std::uint64_t number) {
-    const mapping::MappingInput input = input_of(s, number);
-    const auto result = mapper.process(input);
-    saved.instant_ns = s.instant_ns;
+  drive(path, [&](const Sweep& s) {
+    const auto result = mapper.process(s.with_points());
+    saved.instant_ns = s.instant_ns();
     saved.T_map_base = result.T_map_base;
-    if ((number + 1) % output.voxels_every == 0) publish(output.voxels_growth);
+    if ((s.input.sweep + 1) % output.voxels_every == 0) publish(output.voxels_growth);
   });
   publish(0.0);
   for (const auto& id : mapper.tiles()) saved.tiles.push_back(*mapper.tile(id));
@@ -134,12 +119,13 @@ void turn(PointVector& points, const Eigen::Matrix3f& R) {
 
 /// As of a robot whose base_link is turned against the drive's, in another frame of the odometry.
 Sweep carried_to(Sweep s, const Pose& T_odom_drive, const Pose& T_turned_base) {
-  s.T_odom_base = normalised(T_odom_drive * s.T_odom_base * T_turned_base.inverse());
+  mapping::MappingInput& m = s.input;
+  m.T_odom_base = normalised(T_odom_drive * m.T_odom_base * T_turned_base.inverse());
   Vector6 twist;
-  twist << T_turned_base.linear() * s.twist_per_s.head<3>(),
-      T_turned_base.linear() * s.twist_per_s.tail<3>();
-  s.twist_per_s = twist;
-  s.covariance = carried(s.covariance, T_turned_base.inverse());
+  twist << T_turned_base.linear() * m.twist_per_s.head<3>(),
+      T_turned_base.linear() * m.twist_per_s.tail<3>();
+  m.twist_per_s = twist;
+  m.step_covariance = carried(m.step_covariance, T_turned_base.inverse());
   turn(s.edges, T_turned_base.linear().cast<float>());
   turn(s.planes, T_turned_base.linear().cast<float>());
   return s;
@@ -178,7 +164,7 @@ Options parse_options(const std::vector<std::string>& args) {
 
 std::vector<Sweep> sweeps_of(const std::string& path) {
   std::vector<Sweep> sweeps;
-  drive(path, [&](const Sweep& s, std::uint64_t) { sweeps.push_back(s); });
+  drive(path, [&](const Sweep& s) { sweeps.push_back(s); });
   return sweeps;
 }
 
@@ -210,15 +196,14 @@ class Robot {
     const bool begins_again = kidnap % 2 == 1;
     if (begins_again) ++epoch_;
     const Pose T_odom_drive = frame_from(begins_again ? Pose::Identity() : T_odom_base_,
-                                         sweeps[first].T_odom_base * T_turned_base.inverse());
+                                         sweeps[first].input.T_odom_base * T_turned_base.inverse());
     const double away_s = uniform(kLeastAway_s, kMostAway_s);
     const std::int64_t shift_ns =
-        now_ns_ + static_cast<std::int64_t>(1e9 * away_s) - sweeps[first].stamp_ns;
+        now_ns_ + static_cast<std::int64_t>(1e9 * away_s) - sweeps[first].input.stamp_ns;
     for (std::size_t i = 0; i < o_.sweeps; ++i) {
       Sweep s = carried_to(sweeps[first + i], T_odom_drive, T_turned_base);
-      const std::int64_t instant_ns = s.instant_ns;
-      s.stamp_ns += shift_ns;
-      s.instant_ns += shift_ns;
+      const std::int64_t instant_ns = s.instant_ns();
+      s.input.stamp_ns += shift_ns;
       char head[80];
       std::snprintf(head, sizeof head, "%d,%d,%.9f,%zu,%lld", kidnap, is_outside ? 1 : 0,
                     heading_rad, i, static_cast<long long>(instant_ns));
@@ -250,7 +235,8 @@ class Robot {
   }
 
   void see(const Sweep& s, const char* head) {
-    mapping::MappingInput input = input_of(s, number_++);
+    mapping::MappingInput input = s.with_points();
+    input.sweep = number_++;
     input.odom_epoch = epoch_;
     const double before_ms = cpu_ms();
     const auto r = mapper_.process(input);
@@ -263,8 +249,8 @@ class Robot {
     std::snprintf(pose, sizeof pose, ",%d,%.6f,%.6f,%.6f,%.9f,%.9f,%.9f,%.9f\n",
                   static_cast<int>(r.health), t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
     out_ << head << pose;
-    T_odom_base_ = s.T_odom_base;
-    now_ns_ = s.instant_ns;
+    T_odom_base_ = input.T_odom_base;
+    now_ns_ = s.instant_ns();
   }
 
   const Options& o_;
