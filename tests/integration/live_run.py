@@ -27,6 +27,8 @@ KILL_AT = 45
 VOXELS_EVERY = 20
 BRIDGING = HEALTH.index("bridging")
 PATIENCE_S = 60.0
+#: of each log, where a run did not get where it should
+LAST_LINES = 8
 #: what a killed publisher has sent is read within; less than a process takes to start
 IN_FLIGHT_S = 0.1
 STAGES = ("registration", "odometry", "mapping", "integration")
@@ -129,13 +131,29 @@ class LiveRun:
     def _heard(self) -> str:
         """What came here, for whoever looks why something did not."""
         link = self.chain.link
-        stages = ", ".join(f"{s} {self._health(s) or 'silent'}" for s in (*STAGES, "driver"))
         peers = len(link.session.info.peers_zid())
-        return (
+        lines = [
             f"poses {len(self.poses)}, mapped {len(self.mapped)}, "
             f"odometry {sum(map(len, self.odometry_poses.values()))}, unread {link.garbage}; "
-            f"{stages}; connected to {peers}; sender {self._sender.is_alive()}"
-        )
+            f"connected to {peers}; sender {self._sender.is_alive()}"
+        ]
+        lines += [self._said_by(stage) for stage in ("driver", *STAGES)]
+        for log in sorted(self.out.rglob("*.log")):
+            last = log.read_text(errors="replace").splitlines()[-LAST_LINES:]
+            lines += [f"{log.name}: {line}" for line in last]
+        return "\n".join(lines)
+
+    def _said_by(self, stage: str) -> str:
+        status = self.chain.link.stage(stage)
+        if status is None:
+            return f"{stage}: silent"
+        inputs = [
+            f"{i.key} received {i.received}, processed {i.processed}, lost {i.lost}, {i.dropped}"
+            for i in status.inputs
+        ]
+        packets = {name: count for name, count in status.figures.items() if "packets" in name}
+        said = f"{stage}: {status.health} ({status.reason}), at sweep {status.last_sweep}"
+        return "; ".join([said, *inputs, f"published {status.published}", str(packets)])
 
     def until_poses(self, count: int) -> None:
         """And until mapping is past the sweep at which it last gave its voxels to the store."""
