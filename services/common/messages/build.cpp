@@ -81,6 +81,7 @@ Buffer build(const HeaderFields& header, const SweepFields& f) {
   m.add_packet_period_ns(f.packet_period_ns);
   m.add_host_clock_step_ns(f.host_clock_step_ns);
   m.add_sensor_clock_step_ns(f.sensor_clock_step_ns);
+  if (f.slices > 1) m.add_slices(f.slices);
   return finish(b, m.Finish());
 }
 
@@ -111,6 +112,7 @@ Buffer build(const HeaderFields& header, const FeaturesFields& f) {
   m.add_health(to_message(f.health));
   m.add_range_noise_m(f.range_noise_m);
   m.add_imu(imu);
+  if (f.slices > 1) m.add_slices(f.slices);
   return finish(b, m.Finish());
 }
 
@@ -164,6 +166,7 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   m.add_state_covariance(state);
   m.add_inertial_state(inertial_state);
   m.add_fit(f.fit);
+  if (f.slices > 1) m.add_slices(f.slices);
   if (f.inertial) {
     const msg::Vec3 change = vec(f.inertial->velocity_change_mps);
     const msg::Vec3 turn = vec(f.inertial->turn_rad);
@@ -285,6 +288,13 @@ Buffer build(const HeaderFields& header, const PacketsFields& f) {
   const auto model = b.CreateString(f.model);
   const auto head = build_header(b, header);
   return finish(b, msg::CreatePackets(b, head, entries, data, model));
+}
+
+Buffer build_angles(const HeaderFields& header, std::span<const msg::AngleReading> readings) {
+  Builder b(room_for(readings.size_bytes()));
+  const auto list = put_structs(b, readings);
+  const auto head = build_header(b, header);
+  return finish(b, msg::CreateMotorAngles(b, head, list));
 }
 
 Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,

@@ -42,6 +42,7 @@ struct SweepFields {
   std::uint32_t packet_period_ns = 0;
   std::int64_t host_clock_step_ns = 0;
   std::int64_t sensor_clock_step_ns = 0;
+  std::uint16_t slices = 1;
 };
 
 struct FeaturesFields {
@@ -59,6 +60,7 @@ struct FeaturesFields {
   Health health = Health::kOk;
   float range_noise_m = 0.0F;
   std::span<const msg::ImuSample> imu{};
+  std::uint16_t slices = 1;
 };
 
 /// The direction that the data fixes least, as in the schemas.
@@ -106,6 +108,7 @@ struct OdometryFeaturesFields {
   std::optional<InertialStep> inertial{};
   std::span<const double> inertial_state{};
   double fit = 0.0;
+  std::uint16_t slices = 1;
 };
 
 struct MapCorrectionFields {
@@ -238,6 +241,7 @@ Buffer build(const HeaderFields& header, const LoopFields& fields);
 Buffer build(const HeaderFields& header, const GraphPosesFields& fields);
 Buffer build(const HeaderFields& header, const RejectedFields& fields);
 Buffer build(const HeaderFields& header, const PacketsFields& fields);
+Buffer build_angles(const HeaderFields& header, std::span<const msg::AngleReading> readings);
 Buffer build_imu(const HeaderFields& header, std::span<const msg::ImuSample> samples,
                  msg::ClockSource clock_source);
 Buffer build_gnss(const HeaderFields& header, std::span<const GnssFixFields> fixes);

@@ -26,6 +26,8 @@ constexpr std::array kTable = {
            N::kSweep, "live newest 4, replay lossless", kSweep_bytes},
     KeyRow{Key::kImu, "imu/<sensor>", "imu", "any", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},
+    KeyRow{Key::kAngle, "lidar/<sensor>/angle", "angle", "any", C::kLiveDrop, "interactive_high",
+           N::kSeq, "lossless"},
     KeyRow{Key::kGnss, "gnss/<sensor>", "gnss", "driver", C::kLiveDrop, "interactive_high", N::kSeq,
            "lossless"},
     KeyRow{Key::kFeatures, "lidar/<sensor>/features", "features", "registration", C::kLiveDrop,

@@ -14,6 +14,7 @@ enum class Key : std::uint8_t {
   kPackets,
   kSweep,
   kImu,
+  kAngle,
   kGnss,
   kFeatures,
   kRejected,

@@ -1,6 +1,7 @@
 #pragma once
 // Name, version and identifier of each kind of message.
 
+#include "schemas/angle_generated.h"
 #include "schemas/cloud_generated.h"
 #include "schemas/command_generated.h"
 #include "schemas/config_generated.h"
@@ -53,6 +54,7 @@ ZLOAM_KIND(Loop, "loop", "ZLLO");
 ZLOAM_KIND(MapCorrection, "map_correction", "ZLMC");
 ZLOAM_KIND(MapPose, "map_pose", "ZLMP");
 ZLOAM_KIND(MapTile, "map_tile", "ZLTI");
+ZLOAM_KIND(MotorAngles, "angle", "ZLAN");
 ZLOAM_KIND(Odometry, "odometry", "ZLOD");
 ZLOAM_KIND(OdometryFeatures, "odometry_features", "ZLOF");
 ZLOAM_KIND(Packets, "packets", "ZLPK");

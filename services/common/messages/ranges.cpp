@@ -263,6 +263,15 @@ std::string range_error(const msg::ImuBatch& m) {
   return Checker().header(m.header()).imu(m.samples()).take();
 }
 
+std::string range_error(const msg::MotorAngles& m) {
+  Checker c;
+  c.header(m.header());
+  for (const msg::AngleReading& r : structs_of(m.readings())) {
+    c.time(r.stamp_ns(), "readings").finite(r.angle_rad(), "readings");
+  }
+  return c.take();
+}
+
 std::string range_error(const msg::Loop& m) {
   return Checker()
       .header(m.header())

@@ -18,6 +18,7 @@ std::string range_error(const msg::GnssBatch& m);
 std::string range_error(const msg::GraphPoses& m);
 std::string range_error(const msg::HostTime& m);
 std::string range_error(const msg::ImuBatch& m);
+std::string range_error(const msg::MotorAngles& m);
 std::string range_error(const msg::Loop& m);
 std::string range_error(const msg::MapCorrection& m);
 std::string range_error(const msg::MapPose& m);

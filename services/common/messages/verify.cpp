@@ -56,6 +56,7 @@ template VerifyResult verify<msg::Loop>(std::span<const std::uint8_t>, std::stri
 template VerifyResult verify<msg::MapCorrection>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapPose>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::MapTile>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::MotorAngles>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Odometry>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::OdometryFeatures>(std::span<const std::uint8_t>,
                                                     std::string_view);

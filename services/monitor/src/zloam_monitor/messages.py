@@ -83,6 +83,7 @@ KINDS = {
     "MapCorrection": Kind("map_correction", b"ZLMC"),
     "MapPose": Kind("map_pose", b"ZLMP"),
     "MapTile": Kind("map_tile", b"ZLTI"),
+    "MotorAngles": Kind("angle", b"ZLAN"),
     "Odometry": Kind("odometry", b"ZLOD"),
     "OdometryFeatures": Kind("odometry_features", b"ZLOF"),
     "Packets": Kind("packets", b"ZLPK"),
