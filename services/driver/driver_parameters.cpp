@@ -4,6 +4,10 @@
 #include <cstdlib>
 #include <functional>
 
+#include "driver/io/metadata_file.hpp"
+#include "driver/io/scip_link.hpp"
+#include "driver/spinning/mount_file.hpp"
+
 namespace zloam::driver {
 namespace {
 
@@ -70,9 +74,16 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
          {"kitti", SourceKind::kKitti},
          {"scans", SourceKind::kScans},
          {"recording", SourceKind::kRecording},
-         {"zenoh", SourceKind::kZenoh}},
-        "source of packets or scans", Effect::kNone);
-  p.add("driver.path", &c.path, "file or folder of a recorded source", Effect::kNone);
+         {"zenoh", SourceKind::kZenoh},
+         {"scip", SourceKind::kScip},
+         {"scip_log", SourceKind::kScipLog}},
+        "source of packets or scans; scip: a Hokuyo scanner, scip_log: a recorded session of one",
+        Effect::kNone);
+  p.add(
+      "driver.path", &c.path,
+      "file or folder of a recorded source; of scip: tcp://host:port (UTM-30LX-EW: port 10940), or "
+      "a serial device such as /dev/ttyACM0",
+      Effect::kNone);
   p.add("driver.topic", &c.topic,
         "of a bag: topic of the clouds or packets; empty: the only one there is", Effect::kNone);
   p.add("driver.time_field", &c.time_field,
@@ -101,10 +112,11 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
   std::vector<std::string> models = known_models();
   models.insert(models.begin(), "auto");
   p.add("driver.model", &c.model, models, "model of the sensor; auto: from the packets");
-  p.add("driver.metadata", &c.metadata,
-        "file in which the sensor describes its beams and packets (`zloam metadata` fetches it); "
-        "empty: the .json beside a capture",
-        Effect::kNone);
+  p.add(
+      "driver.metadata", &c.metadata,
+      "file in which the sensor describes its beams and packets (`zloam metadata` fetches it), or "
+      "what is known of a scanner on a motor; empty: the .json beside a capture",
+      Effect::kNone);
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
          {"strongest", ReturnChoice::kStrongest},
@@ -158,7 +170,8 @@ void bind_scans(runtime::Parameters& p, DriverConfig& c) {
 }
 
 bool has_packets(SourceKind source) {
-  return source != SourceKind::kKitti && source != SourceKind::kScans;
+  return source == SourceKind::kUdp || source == SourceKind::kPcap || source == SourceKind::kBin ||
+         source == SourceKind::kRecording || source == SourceKind::kZenoh;
 }
 
 void bind_imu(runtime::Parameters& p, DriverConfig& c) {
@@ -200,7 +213,7 @@ void bind_imu(runtime::Parameters& p, DriverConfig& c) {
 }  // namespace
 
 bool is_live(SourceKind source) {
-  return source == SourceKind::kUdp || source == SourceKind::kZenoh;
+  return source == SourceKind::kUdp || source == SourceKind::kZenoh || source == SourceKind::kScip;
 }
 
 std::optional<double> rate_factor(const std::string& rate) {
@@ -217,6 +230,7 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
   bind_imu(p, c);
   p.check("driver.rate", [&c] { return rate_error(c.rate); });
   p.check("driver.path", [&c]() -> std::string {
+    if (c.source == SourceKind::kScip) return device_error(c.path);
     return !is_live(c.source) && c.path.empty() ? "is empty, but driver.source is a file or folder"
                                                 : "";
   });
@@ -258,6 +272,26 @@ PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar) {
   return {config.min_range_m, config.max_range_m,
           MaskConfig{azimuth_sectors(config.azimuth_mask_deg), config.body_box_min_m,
                      config.body_box_max_m, T_base_lidar}};
+}
+
+ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar) {
+  const PointLimits limits = point_limits(config, T_base_lidar);
+  ScipSourceConfig source;
+  spinning::SpinningConfig& spinning = source.spinning;
+  if (!config.metadata.empty()) {
+    try {
+      spinning::read_mount(text_of_metadata(config.metadata), source.client, spinning);
+    } catch (const std::invalid_argument& error) {
+      throw SourceError(config.metadata + ": " + error.what());
+    }
+  }
+  source.client.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
+  spinning.min_range_m = limits.min_range_m;
+  spinning.max_range_m = limits.max_range_m;
+  spinning.mask = limits.mask;
+  spinning.clock_source =
+      config.source == SourceKind::kScip ? ClockSource::kHost : ClockSource::kCapture;
+  return source;
 }
 
 PacketStreamConfig packet_stream_config(const DriverConfig& config,

@@ -8,18 +8,29 @@
 #include "common/runtime/config.hpp"
 #include "common/runtime/parameters.hpp"
 #include "driver/io/packet_source.hpp"
+#include "driver/io/scip_source.hpp"
 #include "driver/io/sweep_source.hpp"
 
 namespace zloam::driver {
 
-enum class SourceKind : std::uint8_t { kUdp, kPcap, kBin, kKitti, kScans, kRecording, kZenoh };
+enum class SourceKind : std::uint8_t {
+  kUdp,
+  kPcap,
+  kBin,
+  kKitti,
+  kScans,
+  kRecording,
+  kZenoh,
+  kScip,
+  kScipLog
+};
 enum class ImuChoice : std::uint8_t { kNone, kFile, kZenoh, kSensor };
 enum class ClockChoice : std::uint8_t { kAuto, kReceive, kUtc, kFree };
 enum class ReturnChoice : std::uint8_t { kAuto, kStrongest, kLast, kDual };
 
 struct DriverConfig {
   SourceKind source = SourceKind::kUdp;
-  /// file or folder of a finite source
+  /// file or folder of a finite source, or the device of a scanner
   std::string path;
   /// of a recording: which clouds, and the program that reads it
   std::string topic;
@@ -70,6 +81,11 @@ bool is_live(SourceKind source);
 std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts);
 
 PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar);
+
+ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar);
+
+/// Of a scanner on a motor, with the file in driver.metadata. Throws SourceError.
+ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar);
 
 PacketStreamConfig packet_stream_config(const DriverConfig& config,
                                         const runtime::SharedConfig& shared);

@@ -11,6 +11,7 @@
 #include "driver/io/message_fields.hpp"
 #include "driver/io/metadata_file.hpp"
 #include "driver/io/recorded_source.hpp"
+#include "schemas/angle_generated.h"
 #include "schemas/packets_generated.h"
 
 namespace zloam::driver {
@@ -50,6 +51,8 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
       open_udp_source();
     } else if (config_.source == SourceKind::kZenoh) {
       open_zenoh();
+    } else if (config_.source == SourceKind::kScip) {
+      open_scanner();
     } else {
       open_finite();
     }
@@ -82,6 +85,26 @@ void DriverStage::open_zenoh() {
   stage_.inlet<msg::Packets>(
       Key::kPackets, options,
       [this](const runtime::Received<msg::Packets>& packets) { on_packets(packets); });
+  window_.start_live();
+}
+
+void DriverStage::open_scanner() {
+  auto scanner = sweeps_of_scanner(
+      config_.path, scip_source_config(config_, stage_.shared().mounting.T_base_lidar()),
+      kSocketWaitMs);
+  ScipSource& turned = *scanner;
+  source_ = std::move(scanner);
+  runtime::InletOptions options;
+  options.order = runtime::Order::kAsTheyCome;
+  options.lossless = true;
+  options.outside_runs = true;
+  stage_.inlet<msg::MotorAngles>(Key::kAngle, options,
+                                 [&turned](const runtime::Received<msg::MotorAngles>& angles) {
+                                   if (angles->readings() == nullptr) return;
+                                   for (const msg::AngleReading* reading : *angles->readings()) {
+                                     turned.add({reading->stamp_ns(), reading->angle_rad()});
+                                   }
+                                 });
   window_.start_live();
 }
 

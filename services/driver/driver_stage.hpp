@@ -28,6 +28,7 @@ class DriverStage {
   void open_finite();
   void open_udp_source();
   void open_zenoh();
+  void open_scanner();
 
   runtime::Poll poll_live();
   /// The next sweep of a live source, if there is one.

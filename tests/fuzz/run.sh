@@ -27,7 +27,7 @@ fi
 mapfile -t sources < <(find services/{common,driver,registration,odometry,mapping,integration,store} -name '*.cpp' \
   ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' | sort)
 sources+=(services/ros/{cdr,graph}.cpp "$out/generated/stage_list.cpp")
-targets=(packets position nmea pcap tables settings messages ros)
+targets=(packets position nmea pcap scip tables settings messages ros)
 libraries="-lpcap -lyaml-cpp -lpugixml -lflatbuffers -lspdlog -lfmt -lcrypto -lxxhash"
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"

@@ -63,6 +63,14 @@ def main(target: Path) -> None:
     write(target / "nmea", "rmc", sentence[1:-5])
     imu = b"\0\1\0\0" + struct.pack("<iII", 1_700_000_000, 0, 4) + b"imu\0"
     write(target / "ros", "imu", imu + struct.pack("<37d", *(0.125 * n for n in range(37))))
+    # Checksums are put in by the target.
+    device = b"MODL:U;,DMIN:23;,DMAX:60000;,ARES:1440;,AMIN:0;,AMAX:1080;,AFRT:540;,SCAN:2400;"
+    lines = b"\n".join(device.split(b","))
+    scan = b"MD0538054201000\n99\n_65>\n0?X00G001ooo7D`\n\n"
+    echoes = b"NE0538053901000\n99\noooo\n0O@01T&1m002F0010000nP\n\n"
+    asked = b"QT\n00\n\nTM2\n03\n\nVV\n00\n\nPP\n00\n" + lines + b"\n\nII\n00\nSTAT:well;\n\n"
+    write(target / "scip", "session", b"\x01" + asked + scan + echoes)
+    write(target / "scip", "dialogue", b"\x03" + asked + b"TM0\n00\n\nTM1\n00\n_65>\n\n" + scan)
     wire = frame(data_packet(1, 0, 0x37))
     head = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
     record = struct.pack("<IIII", 1, 2, len(wire), len(wire)) + wire

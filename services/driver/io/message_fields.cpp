@@ -35,6 +35,7 @@ SweepFields fields_of(const DecodedSweep& sweep) {
   fields.packet_period_ns = sweep.packet_period_ns;
   fields.host_clock_step_ns = sweep.host_clock_step_ns;
   fields.sensor_clock_step_ns = sweep.sensor_clock_step_ns;
+  fields.slices = sweep.slices;
   fields.health = health_of(sweep);
   return fields;
 }
@@ -62,6 +63,7 @@ DecodedSweep sweep_of(const msg::Sweep& message) {
   sweep.packet_period_ns = message.packet_period_ns();
   sweep.host_clock_step_ns = message.host_clock_step_ns();
   sweep.sensor_clock_step_ns = message.sensor_clock_step_ns();
+  sweep.slices = std::max<std::uint16_t>(1, message.slices());
   return sweep;
 }
 

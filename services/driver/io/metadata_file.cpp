@@ -26,7 +26,9 @@ std::string beside(const std::string& capture) {
   return {};
 }
 
-std::string text_of(const std::string& path) {
+}  // namespace
+
+std::string text_of_metadata(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file || fs::is_directory(path)) {
     throw SourceError(path + ": " + std::strerror(file ? EISDIR : errno));
@@ -40,13 +42,11 @@ std::string text_of(const std::string& path) {
   return text;
 }
 
-}  // namespace
-
 void read_metadata(const std::string& named, const std::string& capture, DecodingOptions& options) {
   const std::string path = named.empty() && !capture.empty() ? beside(capture) : named;
   if (path.empty()) return;
   try {
-    options.metadata = text_of(path);
+    options.metadata = text_of_metadata(path);
   } catch (const SourceError&) {
     if (!named.empty()) throw;
     return;  // whatever it is, nobody said that it belongs to the capture

@@ -7,6 +7,9 @@
 
 namespace zloam::driver {
 
+/// The file's bytes. Throws SourceError where it can't be read, or is longer than any description.
+std::string text_of_metadata(const std::string& path);
+
 /// Reads the file that is named into the options. Without a name, what lies beside a capture:
 /// drive.json, or drive_0.json, for drive.pcap; nothing where there is none. Throws SourceError for
 /// a named file that can't be read or describes no sensor that is decoded here.

@@ -26,6 +26,16 @@ RecordedSource open_bag(const DriverConfig& config, const PacketStreamConfig& st
           {}};
 }
 
+/// The motor's angles lie beside the session.
+RecordedSource open_session(const DriverConfig& config, const Pose& T_base_lidar) {
+  const std::string angles = angles_beside(config.path);
+  RecordedSource opened{nullptr, {}, {config.path, angles}};
+  if (!config.metadata.empty()) opened.files.push_back(config.metadata);
+  opened.sweeps = sweeps_of_session(config.path, read_angle_file(angles),
+                                    scip_source_config(config, T_base_lidar));
+  return opened;
+}
+
 RecordedSource open_scans(const DriverConfig& config, const PointLimits& limits) {
   auto scans = config.source == SourceKind::kKitti ? open_kitti(config.path, config.scan)
                                                    : open_synth(config.path);
@@ -50,6 +60,8 @@ RecordedSource open_recorded(const DriverConfig& config, const runtime::SharedCo
     case SourceKind::kRecording:
       read_metadata(config.metadata, "", stream.decoding);
       return open_bag(config, stream, limits);
+    case SourceKind::kScipLog:
+      return open_session(config, shared.mounting.T_base_lidar());
     default:
       return open_scans(config, limits);
   }

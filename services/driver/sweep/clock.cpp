@@ -89,7 +89,9 @@ void SensorClock::observe(std::int64_t sensor_ns, std::int64_t received_ns,
 }
 
 /// What truncation takes off the receive times at most: the least delay is short by it.
-std::int64_t SensorClock::truncated_ns() const { return grain_ns_ >= kCoarseNs ? grain_ns_ : 0; }
+std::int64_t SensorClock::truncated_ns() const {
+  return !paced_ && grain_ns_ >= kCoarseNs ? grain_ns_ : 0;
+}
 
 /// A delay that is another one and stays: the host's clock was set. The run keeps its time. A delay
 /// that changes is a backlog.

@@ -28,7 +28,8 @@ std::int64_t toh_difference_us(std::uint32_t a_us, std::uint32_t b_us);
 /// within a sweep are the sensor's own.
 class SensorClock {
  public:
-  explicit SensorClock(ClockMode mode) : mode_(mode) {}
+  /// paced: messages come once in a turn, so that even times are no sign of truncated ones.
+  explicit SensorClock(ClockMode mode, bool paced = false) : mode_(mode), paced_(paced) {}
 
   /// Ties the clock. received_ns 0: unknown.
   void anchor(std::int64_t sensor_ns, std::uint32_t toh_us, std::int64_t received_ns,
@@ -68,6 +69,7 @@ class SensorClock {
   std::int64_t truncated_ns() const;
 
   ClockMode mode_;
+  bool paced_;
   std::int64_t offset_ns_ = 0;
   std::int64_t target_offset_ns_ = 0;
   /// from the sensor's time to the host's when tied; another than offset_ns_ in UTC mode

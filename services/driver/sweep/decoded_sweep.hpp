@@ -51,6 +51,8 @@ struct DecodedSweep {
   std::int64_t sensor_clock_step_ns = 0;
   /// true when the source moved the points to one instant already
   bool deskewed = false;
+  /// so many sweeps in a row see together what a turn shows
+  std::uint16_t slices = 1;
 };
 
 }  // namespace zloam::driver

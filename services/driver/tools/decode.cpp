@@ -9,12 +9,14 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <iterator>
 #include <string>
 
 #include "driver/io/metadata_file.hpp"
+#include "driver/io/scip_source.hpp"
 #include "driver/io/sweep_source.hpp"
 
 namespace {
@@ -68,6 +70,8 @@ Options parse(int argc, char** argv) {
   add_source("--bin", "payloads of data packets, one after the other");
   add_source("--kitti", "a folder of scans in KITTI's layout");
   add_source("--scans", "a folder of scans with times");
+  add_source("--session",
+             "replies of a Hokuyo scanner; turned by the angles in the .csv beside it");
   const auto take_model = [&options](const std::string& name) {
     options.decoding.model = name;
     if (is_known_model(name)) return;
@@ -173,12 +177,22 @@ struct Totals {
   std::vector<std::string> remarks;
 };
 
+std::unique_ptr<SweepSource> open_session(const std::string& path) {
+  ScipSourceConfig config;
+  const auto angles = std::filesystem::path(path).replace_extension(".csv");
+  config.spinning.turns = std::filesystem::exists(angles);
+  std::vector<spinning::AngleReading> readings;
+  if (config.spinning.turns) readings = read_angle_file(angles.string());
+  return sweeps_of_session(path, std::move(readings), config);
+}
+
 std::unique_ptr<SweepSource> open_source(const Options& options,
                                          std::span<const std::uint8_t> in_memory) {
   if (options.kind == "--kitti") {
     return sweeps_of_scans(open_kitti(options.path, {TimeModel::kClockwise, 0.1, 180.0}));
   }
   if (options.kind == "--scans") return sweeps_of_scans(open_synth(options.path));
+  if (options.kind == "--session") return open_session(options.path);
   PacketStreamConfig stream;
   stream.decoding = options.decoding;
   stream.assembler = options.assembler;

@@ -1,0 +1,168 @@
+#include "driver/io/scip_link.hpp"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cstring>
+#include <utility>
+
+#include "driver/io/packet_source.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::string_view kTcp = "tcp://";
+constexpr int kConnectMs = 2000;
+constexpr std::size_t kReadBytes = 1 << 16;
+
+std::int64_t wall_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+struct HostPort {
+  std::string host;
+  std::uint16_t port = 0;
+};
+
+/// Nothing but an empty host where the text is none.
+HostPort host_and_port(const std::string& device) {
+  const std::string rest = device.substr(kTcp.size());
+  const std::size_t colon = rest.rfind(':');
+  if (colon == std::string::npos || colon == 0) return {};
+  std::uint16_t port = 0;
+  const char* const end = rest.data() + rest.size();
+  const auto [at, error] = std::from_chars(rest.data() + colon + 1, end, port);
+  if (error != std::errc{} || at != end || port == 0) return {};
+  return {rest.substr(0, colon), port};
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() {
+    if (fd_ >= 0) close(fd_);
+  }
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  Descriptor& operator=(Descriptor&&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+class Device : public ScipLink {
+ public:
+  Device(Descriptor fd, bool socket) : fd_(std::move(fd)), socket_(socket), buffer_(kReadBytes) {}
+
+  Read read(std::vector<std::uint8_t>& bytes, std::int64_t& received_ns, int timeout_ms) override {
+    pollfd waiting{fd_.get(), POLLIN, 0};
+    if (poll(&waiting, 1, timeout_ms) <= 0) return Read::kNothing;
+    const ssize_t size = ::read(fd_.get(), buffer_.data(), buffer_.size());
+    received_ns = wall_ns();
+    if (size < 0 && (errno == EAGAIN || errno == EINTR)) return Read::kNothing;
+    if (size <= 0) {
+      why_ = size == 0 ? "the other side closed the connection" : std::strerror(errno);
+      return Read::kClosed;
+    }
+    bytes.assign(buffer_.begin(), buffer_.begin() + size);
+    return Read::kBytes;
+  }
+
+  void write(const std::string& bytes) override {
+    // Commands are a few bytes: what does not fit at once never will.
+    const ssize_t sent = socket_ ? send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL)
+                                 : ::write(fd_.get(), bytes.data(), bytes.size());
+    if (sent != static_cast<ssize_t>(bytes.size())) {
+      why_ = sent < 0 ? std::strerror(errno) : "it takes no more bytes";
+    }
+  }
+
+  std::string why() const override { return why_; }
+
+ private:
+  Descriptor fd_;
+  bool socket_;
+  std::vector<std::uint8_t> buffer_;
+  std::string why_;
+};
+
+std::string connect_error(int fd, const addrinfo& address) {
+  if (connect(fd, address.ai_addr, address.ai_addrlen) == 0) return {};
+  if (errno != EINPROGRESS) return std::strerror(errno);
+  pollfd waiting{fd, POLLOUT, 0};
+  if (poll(&waiting, 1, kConnectMs) <= 0) return "no answer";
+  int error = 0;
+  socklen_t size = sizeof error;
+  getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &size);
+  return error == 0 ? "" : std::strerror(error);
+}
+
+std::unique_ptr<ScipLink> open_tcp(const std::string& device) {
+  const HostPort at = host_and_port(device);
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  addrinfo* found = nullptr;
+  const std::string port = std::to_string(at.port);
+  if (const int error = getaddrinfo(at.host.c_str(), port.c_str(), &hints, &found); error != 0) {
+    throw SourceError(device + ": " + gai_strerror(error));
+  }
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> address(found, freeaddrinfo);
+  Descriptor fd(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  if (fd.get() < 0) throw SourceError(device + ": " + std::strerror(errno));
+  const int on = 1;
+  setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+  setsockopt(fd.get(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+  if (const std::string error = connect_error(fd.get(), *address); !error.empty()) {
+    throw SourceError(device + ": " + error);
+  }
+  return std::make_unique<Device>(std::move(fd), true);
+}
+
+std::unique_ptr<ScipLink> open_serial(const std::string& device) {
+  Descriptor fd(open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  if (fd.get() < 0) {
+    const bool denied = errno == EACCES;
+    throw SourceError(device + ": " + std::strerror(errno) +
+                      (denied ? "; is this user in the group dialout?" : ""));
+  }
+  termios settings{};
+  if (tcgetattr(fd.get(), &settings) != 0) {
+    throw SourceError(device + ": is no serial device");
+  }
+  cfmakeraw(&settings);
+  // Over USB the rate does not matter.
+  cfsetspeed(&settings, B115200);
+  if (tcsetattr(fd.get(), TCSANOW, &settings) != 0) {
+    throw SourceError(device + ": " + std::strerror(errno));
+  }
+  return std::make_unique<Device>(std::move(fd), false);
+}
+
+}  // namespace
+
+std::string device_error(const std::string& device) {
+  if (device.starts_with(kTcp)) {
+    return host_and_port(device).host.empty() ? "is no tcp://host:port" : "";
+  }
+  return device.starts_with('/') ? ""
+                                 : "is neither tcp://host:port nor a path such as /dev/ttyACM0";
+}
+
+std::unique_ptr<ScipLink> open_scip_device(const std::string& device) {
+  return device.starts_with(kTcp) ? open_tcp(device) : open_serial(device);
+}
+
+}  // namespace zloam::driver

@@ -1,0 +1,34 @@
+#pragma once
+// How the bytes of a SCIP device come: a connection, a serial device, a recorded session.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace zloam::driver {
+
+class ScipLink {
+ public:
+  enum class Read : std::uint8_t { kBytes, kNothing, kClosed };
+
+  virtual ~ScipLink() = default;
+  /// Waits up to timeout_ms. received_ns: ns since the Unix epoch. kClosed: the connection has gone,
+  /// why() says how; of a file: its end.
+  virtual Read read(std::vector<std::uint8_t>& bytes, std::int64_t& received_ns,
+                    int timeout_ms) = 0;
+  virtual void write(const std::string& bytes) = 0;
+  virtual std::string why() const { return {}; }
+};
+
+/// "tcp://192.168.0.10:10940" or "/dev/ttyACM0". Throws SourceError when it can't be opened.
+std::unique_ptr<ScipLink> open_scip_device(const std::string& device);
+
+/// Replies as they were received: records of big-endian 32-bit seconds, microseconds and length,
+/// and the bytes. Throws SourceError.
+std::unique_ptr<ScipLink> open_scip_session(const std::string& path);
+
+/// Empty, or what is wrong with the text of a device.
+std::string device_error(const std::string& device);
+
+}  // namespace zloam::driver

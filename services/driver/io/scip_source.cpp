@@ -1,0 +1,237 @@
+#include "driver/io/scip_source.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <thread>
+#include <utility>
+
+#include "driver/io/scip_link.hpp"
+#include "driver/io/stamped_table.hpp"
+
+namespace zloam::driver {
+namespace {
+
+constexpr std::int64_t kFirstPauseNs = 250'000'000;
+constexpr std::int64_t kLongestPauseNs = 4'000'000'000;
+// A line that comes later than that is of no use to anybody.
+constexpr std::int64_t kKeptAnglesNs = 10'000'000'000;
+// A second of lines without an angle is reported.
+constexpr std::uint64_t kSaidAfterLines = 40;
+
+std::int64_t wall_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+std::int64_t steady_ns() {
+  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// What a live and a recorded scanner share: bytes to scans to sweeps.
+class ScannerSweeps : public ScipSource {
+ public:
+  explicit ScannerSweeps(const ScipSourceConfig& config)
+      : client_(config.client), sweeps_(config.spinning) {}
+
+  void add(const spinning::AngleReading& reading) override { sweeps_.add(reading); }
+  void record(bool on) override { recording_ = on; }
+  std::vector<RawPacket> take_packets() override { return std::exchange(packets_, {}); }
+
+  NamedCounts counts() const override {
+    NamedCounts all = {{"packets_received", chunks_}, {"reconnects", reconnects_}};
+    for (const auto& count : client_.counts()) all.push_back(count);
+    for (const auto& count : sweeps_.counts()) all.push_back(count);
+    return all;
+  }
+
+  std::vector<std::string> remarks() const override {
+    std::vector<std::string> all = client_.remarks();
+    all.insert(all.end(), remarks_.begin(), remarks_.end());
+    return all;
+  }
+
+ protected:
+  void take_bytes(const std::vector<std::uint8_t>& bytes, std::int64_t received_ns) {
+    ++chunks_;
+    if (recording_) packets_.push_back({bytes, received_ns, 0});
+    client_.add(bytes, received_ns);
+    pass_on();
+  }
+
+  void pass_on() {
+    while (auto scan = client_.take_scan()) sweeps_.add(std::move(*scan), *client_.parameters());
+    if (sweeps_.without_angle_in_row() >= kSaidAfterLines) {
+      say("lines come, but no angle of the motor for their times: does it publish "
+          "(lidar/<sensor>/angle), and by the same clock?");
+    }
+  }
+
+  void say(const std::string& text) {
+    if (std::find(remarks_.begin(), remarks_.end(), text) == remarks_.end()) {
+      remarks_.push_back(text);
+    }
+  }
+
+  scip::Client client_;
+  spinning::SpinningSweeps sweeps_;
+  std::uint64_t reconnects_ = 0;
+
+ private:
+  bool recording_ = false;
+  std::uint64_t chunks_ = 0;
+  std::vector<RawPacket> packets_;
+  std::vector<std::string> remarks_;
+};
+
+class LiveScanner : public ScannerSweeps {
+ public:
+  LiveScanner(std::string device, const ScipSourceConfig& config, int timeout_ms)
+      : ScannerSweeps(config), device_(std::move(device)), timeout_ms_(timeout_ms) {
+    link_ = open_scip_device(device_);
+    client_.connected(wall_ns());
+  }
+
+  Pull pull(DecodedSweep& sweep) override {
+    if (sweeps_.take(sweep)) return Pull::kSweep;
+    if (!link_ && !reconnected()) return Pull::kNothing;
+    send();
+    std::int64_t received_ns = 0;
+    switch (link_->read(bytes_, received_ns, timeout_ms_)) {
+      case ScipLink::Read::kBytes:
+        pause_ns_ = kFirstPauseNs;
+        take_bytes(bytes_, received_ns);
+        break;
+      case ScipLink::Read::kNothing:
+        break;
+      case ScipLink::Read::kClosed:
+        lost(device_ + ": " + link_->why() + ": it is connected anew");
+        return Pull::kNothing;
+    }
+    client_.look(wall_ns());
+    if (!client_.refusal().empty()) throw SourceError(device_ + ": " + client_.refusal());
+    send();
+    if (client_.take_reconnect()) lost({});
+    return sweeps_.take(sweep) ? Pull::kSweep : Pull::kNothing;
+  }
+
+  void add(const spinning::AngleReading& reading) override {
+    ScannerSweeps::add(reading);
+    sweeps_.forget_angles_before(reading.stamp_ns - kKeptAnglesNs);
+  }
+
+  void flush() override { sweeps_.flush(); }
+
+ private:
+  void send() {
+    if (const std::string output = client_.take_output(); !output.empty()) link_->write(output);
+  }
+
+  void lost(const std::string& why) {
+    if (!why.empty()) say(why);
+    link_.reset();
+    again_ns_ = steady_ns() + pause_ns_;
+    pause_ns_ = std::min(2 * pause_ns_, kLongestPauseNs);
+  }
+
+  bool reconnected() {
+    if (steady_ns() < again_ns_) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(timeout_ms_));
+      return false;
+    }
+    try {
+      link_ = open_scip_device(device_);
+    } catch (const SourceError& error) {
+      lost(error.what());
+      return false;
+    }
+    ++reconnects_;
+    client_.connected(wall_ns());
+    return true;
+  }
+
+  std::string device_;
+  int timeout_ms_;
+  std::unique_ptr<ScipLink> link_;
+  std::vector<std::uint8_t> bytes_;
+  std::int64_t pause_ns_ = kFirstPauseNs;
+  std::int64_t again_ns_ = 0;
+};
+
+class RecordedScanner : public ScannerSweeps {
+ public:
+  RecordedScanner(const std::string& path, std::vector<spinning::AngleReading> angles,
+                  const ScipSourceConfig& config)
+      : ScannerSweeps(passive(config)), path_(path), link_(open_scip_session(path)) {
+    for (const spinning::AngleReading& reading : angles) add(reading);
+    client_.connected(0);
+  }
+
+  Pull pull(DecodedSweep& sweep) override {
+    std::int64_t received_ns = 0;
+    while (!sweeps_.take(sweep)) {
+      if (ended_) return Pull::kEnd;
+      if (link_->read(bytes_, received_ns, 0) == ScipLink::Read::kBytes) {
+        take_bytes(bytes_, received_ns);
+      } else {
+        end();
+      }
+    }
+    return Pull::kSweep;
+  }
+
+ private:
+  static ScipSourceConfig passive(ScipSourceConfig config) {
+    config.client.asks = false;
+    return config;
+  }
+
+  void end() {
+    ended_ = true;
+    if (!link_->why().empty()) say(link_->why());
+    if (!client_.parameters()) {
+      say(path_ + ": holds no reply to PP, without which no scan can be used");
+    }
+    client_.flush();
+    pass_on();
+    sweeps_.flush();
+  }
+
+  std::string path_;
+  std::unique_ptr<ScipLink> link_;
+  std::vector<std::uint8_t> bytes_;
+  bool ended_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<ScipSource> sweeps_of_scanner(const std::string& device,
+                                              const ScipSourceConfig& config, int timeout_ms) {
+  return std::make_unique<LiveScanner>(device, config, timeout_ms);
+}
+
+std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
+                                              std::vector<spinning::AngleReading> angles,
+                                              const ScipSourceConfig& config) {
+  return std::make_unique<RecordedScanner>(path, std::move(angles), config);
+}
+
+std::string angles_beside(const std::string& session) {
+  const std::filesystem::path path = std::filesystem::path(session).replace_extension(".csv");
+  if (std::filesystem::is_regular_file(path)) return path.string();
+  throw SourceError(session +
+                    ": the motor's angles are missing, a table with t_ns and angle_rad in " +
+                    path.string() +
+                    ": a scanner that stands still sees one plane, in which no motion in three "
+                    "dimensions can be found");
+}
+
+std::vector<spinning::AngleReading> read_angle_file(const std::string& path) {
+  std::vector<spinning::AngleReading> readings;
+  for (const StampedRow& row : read_stamped_table(path, {"t_ns", "angle_rad"})) {
+    readings.push_back({row.stamp_ns, row.values.front()});
+  }
+  if (readings.empty()) throw SourceError(path + ": holds no reading");
+  return readings;
+}
+
+}  // namespace zloam::driver

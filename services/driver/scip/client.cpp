@@ -1,0 +1,332 @@
+#include "driver/scip/client.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+namespace zloam::driver::scip {
+namespace {
+
+constexpr std::int64_t kSecondNs = 1'000'000'000;
+// A device answers within some milliseconds, QT while it measures within a turn.
+constexpr std::int64_t kAnswerNs = kSecondNs;
+constexpr std::int64_t kSilentNs = kSecondNs;
+constexpr std::int64_t kRebootNs = 10 * kSecondNs;
+constexpr int kMostUnanswered = 3;
+constexpr int kMostBad = 3;
+constexpr int kCounterReadings = 10;
+// Lines that tie the clock: those of about a second.
+constexpr std::int64_t kTieNs = kSecondNs;
+
+bool well(const Head& head) { return head.status == "00"; }
+
+}  // namespace
+
+void Client::connected(std::int64_t now_ns) {
+  reader_.clear();
+  output_.clear();
+  tie_.reset();
+  unanswered_ = 0;
+  heard_ns_ = now_ns;
+  if (!config_.asks) {
+    state_ = State::kMeasuring;
+    return;
+  }
+  begin(now_ns);
+}
+
+void Client::begin(std::int64_t now_ns) {
+  bad_in_row_ = 0;
+  ask("QT", State::kStopping, now_ns);
+}
+
+void Client::ask(const std::string& command, State state, std::int64_t now_ns) {
+  output_ += command + "\n";
+  asked_ = command;
+  asked_ns_ = now_ns;
+  state_ = state;
+}
+
+void Client::add(std::span<const std::uint8_t> bytes, std::int64_t received_ns) {
+  reader_.add(bytes, received_ns);
+  while (const auto reply = reader_.take()) on_reply(*reply);
+}
+
+void Client::look(std::int64_t now_ns) {
+  if (!config_.asks || state_ == State::kIdle) return;
+  if (state_ == State::kRebooting || state_ == State::kMeasuring) {
+    const bool reboots = state_ == State::kRebooting;
+    if (now_ns - (reboots ? asked_ns_ : heard_ns_) < (reboots ? kRebootNs : kSilentNs)) return;
+    if (!reboots) {
+      ++timeouts_;
+      say("the scanner fell silent while it measured: it is connected anew");
+    }
+    state_ = State::kIdle;
+    reconnect_ = true;
+    return;
+  }
+  if (now_ns - asked_ns_ < kAnswerNs) return;
+  ++timeouts_;
+  if (++unanswered_ < kMostUnanswered) return begin(now_ns);
+  say("no answer to " + asked_ + " from what is at driver.path: is it a Hokuyo scanner (SCIP 2)?");
+  state_ = State::kIdle;
+  reconnect_ = true;
+}
+
+void Client::say(const std::string& remark) {
+  if (std::find(remarks_.begin(), remarks_.end(), remark) == remarks_.end()) {
+    remarks_.push_back(remark);
+  }
+}
+
+void Client::bad_message(std::int64_t now_ns) {
+  if (!config_.asks || state_ == State::kStopping || ++bad_in_row_ < kMostBad) return;
+  ++restarts_;
+  begin(now_ns);
+}
+
+void Client::on_reply(const RawReply& reply) {
+  ++replies_;
+  heard_ns_ = reply.received_ns;
+  const auto head = head_of(reply);
+  if (!head) {
+    ++bad_status_;
+    return bad_message(reply.received_ns);
+  }
+  // A stream from before is not ours.
+  const bool ours = state_ == State::kMeasuring || state_ == State::kStarting;
+  const bool data = scan_request(*head) && reply.lines.size() > 2;
+  if (data) return ours ? on_scan(reply, *head) : void();
+  if (!config_.asks) return head->command == "PP" ? on_parameters(reply) : void();
+  if (is_fault(*head)) return fault(*head, reply.received_ns);
+  if (head->command + head->parameters != asked_) {
+    unexpected_ += state_ == State::kStopping ? 0 : 1;
+    return;
+  }
+  unanswered_ = 0;
+  on_answer(reply, *head);
+}
+
+void Client::on_answer(const RawReply& reply, const Head& head) {
+  const std::int64_t now_ns = reply.received_ns;
+  switch (state_) {
+    case State::kStopping:
+      return head.status == "0E" ? ask("SCIP2.0", State::kScip2, now_ns)
+                                 : ask("TM2", State::kLeavingAdjust, now_ns);
+    case State::kScip2:
+      return ask("TM2", State::kLeavingAdjust, now_ns);
+    case State::kLeavingAdjust:
+      return ask("VV", State::kVersion, now_ns);
+    case State::kVersion:
+      return ask("PP", State::kParameters, now_ns);
+    case State::kParameters:
+      return on_parameters(reply);
+    case State::kStatus:
+      return on_status(reply);
+    case State::kAdjusting:
+      if (well(head) || head.status == "02") {
+        counters_read_ = 0;
+        return ask("TM1", State::kReadingTime, now_ns);
+      }
+      return after_adjusting(now_ns);
+    case State::kReadingTime:
+      return on_counter(reply);
+    case State::kAdjusted:
+      return after_adjusting(now_ns);
+    case State::kStarting:
+      return on_started(head, now_ns);
+    default:
+      if (head.status == "98") say("the scanner stopped to check itself, and measures again");
+  }
+}
+
+void Client::on_parameters(const RawReply& reply) {
+  int damaged = 0;
+  const auto values = values_of(reply, damaged);
+  bad_checksum_ += static_cast<std::uint64_t>(damaged);
+  try {
+    const Parameters now = parameters_of(values);
+    if (parameters_ && parameters_->turn_ns() != now.turn_ns()) clock_.reset();
+    parameters_ = now;
+  } catch (const std::invalid_argument& error) {
+    say(std::string("the scanner can't be used: ") + error.what());
+    if (config_.asks) bad_message(reply.received_ns);
+    return;
+  }
+  if (!config_.asks) return;
+  if (request().last_step < request().first_step) {
+    refusal_ =
+        "none of the scanner's steps lies between scanner.from_deg and scanner.to_deg of the file "
+        "in "
+        "driver.metadata";
+    return;
+  }
+  ask("II", State::kStatus, reply.received_ns);
+}
+
+void Client::on_status(const RawReply& reply) {
+  int damaged = 0;
+  const auto values = values_of(reply, damaged);
+  const auto status = values.find("STAT");
+  if (status != values.end() && status->second.find("abnormal") != std::string::npos) {
+    say("the scanner says of itself: " + status->second);
+  }
+  ask("TM0", State::kAdjusting, reply.received_ns);
+}
+
+void Client::on_counter(const RawReply& reply) {
+  if (const auto counter = counter_of(reply)) {
+    const std::int64_t round_ns = reply.received_ns - asked_ns_;
+    if (round_ns >= 0 && (!tie_ || round_ns < tie_->round_ns)) {
+      tie_ = {*counter, asked_ns_ + round_ns / 2, round_ns};
+    }
+  } else {
+    ++bad_checksum_;
+  }
+  const bool more = ++counters_read_ < kCounterReadings;
+  ask(more ? "TM1" : "TM2", more ? State::kReadingTime : State::kAdjusted, reply.received_ns);
+}
+
+void Client::after_adjusting(std::int64_t now_ns) {
+  if (!tie_)
+    say("the scanner does not tell its counter (TM0, TM1): its lines' times are tied to "
+        "when they are received");
+  ask(continuous_command(request()), State::kStarting, now_ns);
+}
+
+void Client::on_started(const Head& head, std::int64_t now_ns) {
+  if (well(head)) {
+    state_ = State::kMeasuring;
+    return;
+  }
+  const bool unknown = head.status == "0E" || head.status == "0F";
+  if (unknown && config_.intensities && !config_.several_echoes) {
+    config_.intensities = false;
+    say("the scanner gives no intensities: they are 0");
+    return after_adjusting(now_ns);
+  }
+  refusal_ = "the scanner does not measure: " + meaning(head);
+  if (unknown && config_.several_echoes)
+    refusal_ += "; set scanner.several_echoes: false in driver.metadata";
+}
+
+void Client::fault(const Head& head, std::int64_t now_ns) {
+  ++faults_;
+  say("the scanner reports a fault: " + meaning(head));
+  // 21 to 49: it checks itself, and says 98 when it is done.
+  const bool checks = head.status >= "21" && head.status <= "49";
+  if (!checks) reboot(now_ns);
+}
+
+void Client::reboot(std::int64_t now_ns) {
+  // Twice within a second, or it does nothing.
+  output_ += "RB\nRB\n";
+  asked_ = "RB";
+  asked_ns_ = now_ns;
+  state_ = State::kRebooting;
+}
+
+ScanRequest Client::request() const {
+  const Parameters& p = *parameters_;
+  const auto step = [&](double degrees) {
+    return p.front_step + static_cast<int>(std::lround(degrees / 360.0 * p.steps_per_turn));
+  };
+  ScanRequest request;
+  request.first_step = std::max(p.first_step, step(config_.from_deg));
+  request.last_step = std::min(p.last_step, step(config_.to_deg));
+  request.cluster = config_.cluster;
+  request.intensities = config_.intensities;
+  request.several_echoes = config_.several_echoes;
+  request.continuous = true;
+  request.skipped = config_.skipped;
+  return request;
+}
+
+void Client::on_scan(const RawReply& reply, const Head& head) {
+  Scan scan;
+  switch (read_scan(reply, head, scan)) {
+    case ScanError::kNone:
+      break;
+    case ScanError::kNoScan:
+      return;
+    case ScanError::kChecksum:
+      ++bad_checksum_;
+      return bad_message(reply.received_ns);
+    case ScanError::kCharacters:
+      ++bad_characters_;
+      return bad_message(reply.received_ns);
+    case ScanError::kLength:
+      ++bad_length_;
+      return bad_message(reply.received_ns);
+  }
+  bad_in_row_ = 0;
+  ++scans_read_;
+  if (!parameters_) {
+    say("scans came before the scanner's parameters (PP): without them they are of no use");
+    return;
+  }
+  if (clock_) return place(std::move(scan));
+  first_.push_back(std::move(scan));
+  const std::int64_t apart = 1 + first_.front().request.skipped;
+  const std::int64_t span_ns =
+      static_cast<std::int64_t>(first_.size()) * parameters_->turn_ns() * apart;
+  if (span_ns >= kTieNs) tie_clock();
+}
+
+LineArrival Client::arrival(const Scan& scan) const {
+  return {scan.counter_ms, parameters_->step_ns(scan.request.last_step), scan.received_ns};
+}
+
+void Client::tie_clock() {
+  std::vector<LineArrival> arrivals;
+  for (const Scan& scan : first_) arrivals.push_back(arrival(scan));
+  clock_.emplace(parameters_->turn_ns(), arrivals);
+  if (tie_) clock_->tie(tie_->counter_ms, tie_->host_ns);
+  for (Scan& scan : std::exchange(first_, {})) place(std::move(scan));
+}
+
+void Client::place(Scan scan) {
+  const std::uint64_t steps = clock_->steps();
+  TimedScan timed;
+  timed.stamp_ns = clock_->place(arrival(scan)) + config_.stamp_offset_ns;
+  timed.clock_step = clock_->steps() != steps;
+  if (timed.clock_step) say("the scanner's counter was set: was it started again?");
+  const ScanRequest& request = scan.request;
+  if (request.continuous) {
+    const std::int64_t apart = 1 + request.skipped;
+    timed.turns = std::max<std::int64_t>(1, (clock_->turns() + apart / 2) / apart);
+  }
+  scans_lost_ += static_cast<std::uint64_t>(timed.turns - 1);
+  timed.scan = std::move(scan);
+  scans_.push_back(std::move(timed));
+}
+
+void Client::flush() {
+  if (!first_.empty()) tie_clock();
+}
+
+std::optional<TimedScan> Client::take_scan() {
+  if (scans_.empty()) return std::nullopt;
+  TimedScan scan = std::move(scans_.front());
+  scans_.pop_front();
+  return scan;
+}
+
+std::vector<std::pair<std::string_view, std::uint64_t>> Client::counts() const {
+  return {{"replies_received", replies_},
+          {"scans_read", scans_read_},
+          {"scans_lost", scans_lost_},
+          {"replies_too_long", reader_.too_long()},
+          {"replies_bad_status", bad_status_},
+          {"replies_bad_checksum", bad_checksum_},
+          {"replies_bad_characters", bad_characters_},
+          {"replies_bad_length", bad_length_},
+          {"replies_unexpected", unexpected_},
+          {"answers_missing", timeouts_},
+          {"device_faults", faults_},
+          {"restarts", restarts_},
+          {"clock_steps", clock_ ? clock_->steps() : 0}};
+}
+
+}  // namespace zloam::driver::scip

@@ -1,0 +1,146 @@
+#pragma once
+// The dialogue with a SCIP device: stops what it was doing, asks who it is, ties its clock, starts
+// it and watches it. No socket, no clock: bytes and times come in, bytes to send go out.
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "driver/scip/line_clock.hpp"
+#include "driver/scip/scan.hpp"
+
+namespace zloam::driver::scip {
+
+struct ClientConfig {
+  /// false: only what comes is read, as of a recorded session
+  bool asks = true;
+  bool intensities = true;
+  bool several_echoes = false;
+  /// steps to measure, from the scanner's front, degrees counter-clockwise; cut to what it has
+  double from_deg = -180.0;
+  double to_deg = 180.0;
+  int cluster = 1;
+  /// scans that are left out between two
+  int skipped = 0;
+  /// added to the scans' stamps
+  std::int64_t stamp_offset_ns = 0;
+};
+
+/// A scan with its place in time.
+struct TimedScan {
+  Scan scan;
+  /// step 0, ns since the Unix epoch
+  std::int64_t stamp_ns = 0;
+  /// turns since the scan before; 1 when none is missing
+  std::int64_t turns = 1;
+  bool clock_step = false;
+};
+
+class Client {
+ public:
+  explicit Client(const ClientConfig& config) : config_(config) {}
+
+  /// A new connection: the dialogue begins again.
+  void connected(std::int64_t now_ns);
+  void add(std::span<const std::uint8_t> bytes, std::int64_t received_ns);
+  /// Looks at the time: what was not answered.
+  void look(std::int64_t now_ns);
+
+  /// Bytes to send.
+  std::string take_output() { return std::exchange(output_, {}); }
+  std::optional<TimedScan> take_scan();
+  /// Nothing more will come: what waits for more is given out.
+  void flush();
+  /// Once true after a silence that only a new connection can end, or a reboot.
+  bool take_reconnect() { return std::exchange(reconnect_, false); }
+  /// Once the device has said who it is.
+  const std::optional<Parameters>& parameters() const { return parameters_; }
+  bool measuring() const { return state_ == State::kMeasuring; }
+
+  std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
+  /// Sentences about what is not as it should be; grows, none twice.
+  const std::vector<std::string>& remarks() const { return remarks_; }
+  /// The device can't be used: a sentence that says why. Empty: it can.
+  const std::string& refusal() const { return refusal_; }
+
+ private:
+  enum class State : std::uint8_t {
+    kIdle,
+    kStopping,
+    kScip2,
+    kLeavingAdjust,
+    kVersion,
+    kParameters,
+    kStatus,
+    kAdjusting,
+    kReadingTime,
+    kAdjusted,
+    kStarting,
+    kMeasuring,
+    kRebooting
+  };
+
+  void ask(const std::string& command, State state, std::int64_t now_ns);
+  void begin(std::int64_t now_ns);
+  void on_reply(const RawReply& reply);
+  void on_answer(const RawReply& reply, const Head& head);
+  void on_scan(const RawReply& reply, const Head& head);
+  void on_parameters(const RawReply& reply);
+  void on_status(const RawReply& reply);
+  void on_counter(const RawReply& reply);
+  void on_started(const Head& head, std::int64_t now_ns);
+  void tie_clock();
+  void place(Scan scan);
+  LineArrival arrival(const Scan& scan) const;
+  void after_adjusting(std::int64_t now_ns);
+  void bad_message(std::int64_t now_ns);
+  void fault(const Head& head, std::int64_t now_ns);
+  void reboot(std::int64_t now_ns);
+  void say(const std::string& remark);
+  ScanRequest request() const;
+
+  ClientConfig config_;
+  State state_ = State::kIdle;
+  std::string asked_;
+  std::int64_t asked_ns_ = 0;
+  std::int64_t heard_ns_ = 0;
+  int unanswered_ = 0;
+  int bad_in_row_ = 0;
+  std::string output_;
+  bool reconnect_ = false;
+  ReplyReader reader_;
+  std::optional<Parameters> parameters_;
+  /// until there are enough to tie the clock
+  std::vector<Scan> first_;
+  std::optional<LineClock> clock_;
+  /// of the TM1 with the least round trip
+  struct Tie {
+    std::uint32_t counter_ms = 0;
+    std::int64_t host_ns = 0;
+    std::int64_t round_ns = 0;
+  };
+  std::optional<Tie> tie_;
+  int counters_read_ = 0;
+  std::deque<TimedScan> scans_;
+  std::vector<std::string> remarks_;
+  std::string refusal_;
+
+  std::uint64_t replies_ = 0;
+  std::uint64_t scans_read_ = 0;
+  std::uint64_t scans_lost_ = 0;
+  std::uint64_t bad_status_ = 0;
+  std::uint64_t bad_checksum_ = 0;
+  std::uint64_t bad_characters_ = 0;
+  std::uint64_t bad_length_ = 0;
+  std::uint64_t unexpected_ = 0;
+  std::uint64_t timeouts_ = 0;
+  std::uint64_t faults_ = 0;
+  std::uint64_t restarts_ = 0;
+};
+
+}  // namespace zloam::driver::scip

@@ -1,0 +1,98 @@
+#include "driver/scip/line_clock.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace zloam::driver::scip {
+namespace {
+
+constexpr std::uint32_t kCounterMask = 0xFFFFFF;
+constexpr std::uint32_t kHalf = 0x800000;
+constexpr std::int64_t kMillisecondNs = 1'000'000;
+// No counter can be so far ahead of the time that has passed.
+constexpr std::int64_t kAheadMs = 1'000;
+// After so many missing turns the motor's evenness says nothing of the phase.
+constexpr std::int64_t kMostTurns = 40;
+
+/// (a - b) of two counters, -2^23 ... 2^23 - 1.
+std::int64_t counters_apart_ms(std::uint32_t a, std::uint32_t b) {
+  const std::uint32_t ahead = (a - b) & kCounterMask;
+  return static_cast<std::int64_t>(ahead) - (ahead >= kHalf ? kCounterMask + 1LL : 0);
+}
+
+}  // namespace
+
+LineClock::LineClock(std::int64_t turn_ns, std::span<const LineArrival> first)
+    : turn_ns_(turn_ns), clock_(ClockMode::kReceive, true) {
+  Phase trial;
+  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  for (const LineArrival& line : first) {
+    const std::int64_t step0_ns = advance(trial, line, turn_ns);
+    if (&line == first.data()) {
+      first_ = line;
+      first_step0_ns_ = step0_ns;
+    }
+    if (trial.steps == 0 && line.received_ns != 0) {
+      least_ns = std::min(least_ns, line.received_ns - line.sent_after_ns - step0_ns);
+    }
+  }
+  const bool known = least_ns != std::numeric_limits<std::int64_t>::max();
+  clock_.anchor(first_step0_ns_, 0, known ? first_step0_ns_ + least_ns : 0, 0);
+}
+
+void LineClock::tie(std::uint32_t counter_ms, std::int64_t host_ns) {
+  // The middle of the millisecond that the counter shows.
+  const std::int64_t apart_ns = counters_apart_ms(first_.counter_ms, counter_ms) * kMillisecondNs -
+                                kMillisecondNs / 2 + first_step0_ns_ % kMillisecondNs;
+  shift_ns_ = host_ns + apart_ns - clock_.to_epoch_ns(first_step0_ns_);
+}
+
+void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_ns) {
+  const std::int64_t apart_ms = counters_apart_ms(line.counter_ms, phase.counter_ms);
+  const bool known = line.received_ns != 0 && phase.first_received_ns != 0;
+  const std::int64_t passed_ms = (line.received_ns - phase.first_received_ns) / kMillisecondNs;
+  const std::int64_t counted_ms = phase.unwrapped_ms + apart_ms - phase.first_ms;
+  if (apart_ms >= 0 && (!known || counted_ms <= passed_ms + kAheadMs)) {
+    phase.unwrapped_ms += apart_ms;
+    return;
+  }
+  // The device was started again: its time goes on by what the host saw pass.
+  ++phase.steps;
+  const std::int64_t since_ns = known ? line.received_ns - phase.received_ns : turn_ns;
+  phase.unwrapped_ms += std::max<std::int64_t>(1, since_ns / kMillisecondNs);
+  phase.first_ms = phase.unwrapped_ms;
+  phase.first_received_ns = line.received_ns;
+}
+
+/// The step 0 of the next line by the device's own time, ns.
+std::int64_t LineClock::advance(Phase& phase, const LineArrival& line, std::int64_t turn_ns) {
+  if (phase.begun) {
+    unwrap(phase, line, turn_ns);
+  } else {
+    phase.unwrapped_ms = phase.first_ms = line.counter_ms & kCounterMask;
+    phase.first_received_ns = line.received_ns;
+  }
+  phase.counter_ms = line.counter_ms & kCounterMask;
+  phase.received_ns = line.received_ns;
+  const std::int64_t least_ns = phase.unwrapped_ms * kMillisecondNs;
+  std::int64_t step0_ns = least_ns + kMillisecondNs / 2;
+  if (phase.begun) {
+    phase.turns = std::max<std::int64_t>(1, (step0_ns - phase.step0_ns + turn_ns / 2) / turn_ns);
+    if (phase.turns <= kMostTurns) {
+      step0_ns = std::clamp(phase.step0_ns + phase.turns * turn_ns, least_ns,
+                            least_ns + kMillisecondNs - 1);
+    }
+  }
+  phase.begun = true;
+  phase.step0_ns = step0_ns;
+  return step0_ns;
+}
+
+std::int64_t LineClock::place(const LineArrival& line) {
+  const std::int64_t step0_ns = advance(phase_, line, turn_ns_);
+  clock_.observe(step0_ns, line.received_ns, line.sent_after_ns);
+  clock_.advance(step0_ns);
+  return clock_.to_epoch_ns(step0_ns) + shift_ns_;
+}
+
+}  // namespace zloam::driver::scip

@@ -1,0 +1,47 @@
+#pragma once
+// The angle of a motor between the readings of its encoder.
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+
+namespace zloam::driver::spinning {
+
+/// One reading; not wrapped, or wrapped to a turn.
+struct AngleReading {
+  std::int64_t stamp_ns = 0;
+  double angle_rad = 0.0;
+};
+
+enum class Angle : std::uint8_t { kKnown, kNotYet, kMissing };
+
+class AngleTrack {
+ public:
+  /// Readings in their order; one that is not later than the last, or not finite, is counted and
+  /// left out. A step of more than half a turn is the encoder's own wrap.
+  void add(AngleReading reading);
+
+  /// kNotYet: the readings do not reach the time yet. kMissing: they never will, as it is before
+  /// the first of them or in a gap of more than 50 ms.
+  Angle at(std::int64_t stamp_ns, double& angle_rad) const;
+  /// Whether all angles up to then are decided.
+  bool reaches(std::int64_t stamp_ns) const;
+  /// Readings before then are not asked for any more.
+  void forget_before(std::int64_t stamp_ns);
+
+  std::uint64_t received() const { return received_; }
+  std::uint64_t refused() const { return refused_; }
+
+ private:
+  std::optional<double> on_line(std::size_t after, std::int64_t stamp_ns) const;
+
+  std::deque<AngleReading> readings_;
+  /// the encoder's least step
+  double grain_rad_ = 0.0;
+  double last_raw_rad_ = 0.0;
+  double wraps_rad_ = 0.0;
+  std::uint64_t received_ = 0;
+  std::uint64_t refused_ = 0;
+};
+
+}  // namespace zloam::driver::spinning

@@ -1,0 +1,104 @@
+#include "driver/spinning/mount_file.hpp"
+
+#include <yaml-cpp/yaml.h>
+
+#include <cmath>
+#include <functional>
+#include <map>
+#include <numbers>
+#include <stdexcept>
+
+namespace zloam::driver::spinning {
+namespace {
+
+using Readers = std::map<std::string, std::function<void(const YAML::Node&)>>;
+
+/// A number within these; written so that what is no number does not pass.
+std::function<void(const YAML::Node&)> number(double& into, double least, double most) {
+  return [&into, least, most](const YAML::Node& node) {
+    const auto value = node.as<double>();
+    if (!(value >= least && value <= most)) {
+      throw std::invalid_argument("is not within " + std::to_string(least) + " and " +
+                                  std::to_string(most));
+    }
+    into = value;
+  };
+}
+
+std::function<void(const YAML::Node&)> flag(bool& into) {
+  return [&into](const YAML::Node& node) { into = node.as<bool>(); };
+}
+
+std::function<void(const YAML::Node&)> vector(Eigen::Vector3d& into) {
+  return [&into](const YAML::Node& node) {
+    if (!node.IsSequence() || node.size() != 3) {
+      throw std::invalid_argument("is not three numbers: [x, y, z]");
+    }
+    for (std::size_t i = 0; i < 3; ++i) into[static_cast<Eigen::Index>(i)] = node[i].as<double>();
+    if (!into.allFinite()) throw std::invalid_argument("is not finite");
+  };
+}
+
+void read_section(const YAML::Node& section, const std::string& name, const Readers& readers) {
+  for (const auto& entry : section) {
+    const auto key = entry.first.as<std::string>();
+    const auto reader = readers.find(key);
+    if (reader == readers.end()) throw std::invalid_argument(name + "." + key + " is no key of it");
+    try {
+      reader->second(entry.second);
+    } catch (const YAML::Exception&) {
+      throw std::invalid_argument(name + "." + key + " is not of the kind that is wanted");
+    } catch (const std::invalid_argument& error) {
+      throw std::invalid_argument(name + "." + key + " " + error.what());
+    }
+  }
+}
+
+YAML::Node parsed(const std::string& text) {
+  try {
+    return YAML::Load(text);
+  } catch (const YAML::Exception& error) {
+    throw std::invalid_argument(std::string("is no YAML: ") + error.what());
+  }
+}
+
+}  // namespace
+
+void read_mount(const std::string& text, scip::ClientConfig& client, SpinningConfig& spinning) {
+  Mount& mount = spinning.mount;
+  Eigen::Vector3d xyz_m = Eigen::Vector3d::Zero(), rpy_deg = Eigen::Vector3d::Zero();
+  double zero_deg = 0.0, delay_ms = 0.0;
+  bool backward = false;
+  const Readers of_scanner = {{"rpy_deg", vector(rpy_deg)},
+                              {"xyz_m", vector(xyz_m)},
+                              {"from_deg", number(client.from_deg, -180.0, 180.0)},
+                              {"to_deg", number(client.to_deg, -180.0, 180.0)},
+                              {"intensities", flag(client.intensities)},
+                              {"several_echoes", flag(client.several_echoes)},
+                              {"sweep_s", number(spinning.sweep_s, 0.02, 5.0)}};
+  const Readers of_motor = {{"axis", vector(mount.axis)},
+                            {"zero_deg", number(zero_deg, -360.0, 360.0)},
+                            {"backward", flag(backward)},
+                            {"delay_ms", number(delay_ms, -1000.0, 1000.0)},
+                            {"turn_s", number(spinning.turn_s, 0.1, 30.0)}};
+  const YAML::Node root = parsed(text);
+  if (root && !root.IsNull() && !root.IsMap()) {
+    throw std::invalid_argument("has no sections scanner and motor");
+  }
+  for (const auto& entry : root) {
+    const auto name = entry.first.as<std::string>();
+    if (name != "scanner" && name != "motor") throw std::invalid_argument(name + " is no section");
+    read_section(entry.second, name, name == "scanner" ? of_scanner : of_motor);
+  }
+  if (!(mount.axis.norm() > 0.0)) throw std::invalid_argument("motor.axis has no length");
+  if (client.to_deg <= client.from_deg) {
+    throw std::invalid_argument("scanner.to_deg is not above scanner.from_deg");
+  }
+  mount.axis.normalize();
+  mount.T_motor_scanner = pose_from_xyz_rpy_deg(xyz_m, rpy_deg);
+  mount.zero_rad = zero_deg * std::numbers::pi / 180.0;
+  mount.direction = backward ? -1.0 : 1.0;
+  mount.angle_delay_ns = std::llround(1e6 * delay_ms);
+}
+
+}  // namespace zloam::driver::spinning

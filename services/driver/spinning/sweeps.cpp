@@ -1,0 +1,170 @@
+#include "driver/spinning/sweeps.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace zloam::driver::spinning {
+namespace {
+
+// Lines whose angles are this late never get any: live, the motor's readings have stopped.
+constexpr std::int64_t kAngleLateNs = 1'000'000'000;
+// Lines are told apart by so many numbers; those in reach of each other have different ones.
+constexpr std::uint16_t kLineNumbers = 64;
+constexpr double kMetresPerMm = 1e-3;
+
+}  // namespace
+
+SpinningSweeps::SpinningSweeps(const SpinningConfig& config)
+    : config_(config), mask_(config.mask) {}
+
+void SpinningSweeps::add(AngleReading reading) {
+  reading.stamp_ns -= config_.mount.angle_delay_ns;
+  track_.add(reading);
+  settle(false);
+}
+
+void SpinningSweeps::add(scip::TimedScan scan, const scip::Parameters& scanner) {
+  const scip::ScanRequest& request = scan.scan.request;
+  Line line;
+  line.begin_ns = scan.stamp_ns + scanner.step_ns(request.first_step);
+  line.end_ns = scan.stamp_ns + scanner.step_ns(request.last_step);
+  const std::int64_t line_ns = scanner.turn_ns() * (1 + request.skipped);
+  if (lines_per_sweep_ == 0) {
+    lines_per_sweep_ = std::max<std::int64_t>(
+        1, std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)));
+  }
+  turn_ += scan.turns;
+  line.sweep = turn_ / lines_per_sweep_;
+  line.scanner = scanner;
+  line.scan = std::move(scan);
+  waiting_.push_back(std::move(line));
+  ++lines_;
+  settle(false);
+}
+
+/// Lines whose angles are decided, in their order.
+void SpinningSweeps::settle(bool ended) {
+  while (!waiting_.empty()) {
+    const Line& line = waiting_.front();
+    const bool late = waiting_.back().end_ns - line.end_ns > kAngleLateNs;
+    if (config_.turns && !ended && !late && !track_.reaches(line.end_ns)) return;
+    if (angles_of(line)) {
+      without_angle_in_row_ = 0;
+      put(line);
+    } else {
+      ++without_angle_;
+      ++without_angle_in_row_;
+    }
+    track_.forget_before(line.begin_ns);
+    waiting_.pop_front();
+  }
+}
+
+bool SpinningSweeps::angles_of(const Line& line) {
+  const std::vector<scip::Echo>& echoes = line.scan.scan.echoes;
+  angles_rad_.assign(echoes.size(), 0.0);
+  if (!config_.turns) return true;
+  for (std::size_t i = 0; i < echoes.size(); ++i) {
+    const std::int64_t at_ns = line.scan.stamp_ns + line.scanner.step_ns(echoes[i].step);
+    if (track_.at(at_ns, angles_rad_[i]) != Angle::kKnown) return false;
+  }
+  return true;
+}
+
+void SpinningSweeps::put(const Line& line) {
+  if (open_ && line.sweep != sweep_number_) close();
+  if (!open_) open(line);
+  put_points(line);
+  sweep_.packets += 1;
+  sweep_.last_packet_ns = line.scan.scan.received_ns;
+  line_number_ = static_cast<std::uint16_t>((line_number_ + 1) % kLineNumbers);
+  if (sweep_.packets == lines_per_sweep_) close();
+}
+
+void SpinningSweeps::open(const Line& line) {
+  const std::int64_t line_ns = line.scanner.turn_ns() * (1 + line.scan.scan.request.skipped);
+  sweep_ = {};
+  sweep_number_ = line.sweep;
+  sweep_.stamp_ns = line.begin_ns;
+  sweep_.period_ns = static_cast<std::uint32_t>(lines_per_sweep_ * line_ns);
+  sweep_.rings = kLineNumbers;
+  sweep_.slices = static_cast<std::uint16_t>(
+      std::max(1L, std::lround(1e9 * config_.turn_s / sweep_.period_ns)));
+  sweep_.model = line.scanner.model;
+  sweep_.return_mode = ReturnMode::kStrongest;
+  sweep_.clock_source = config_.clock_source;
+  open_ = true;
+}
+
+void SpinningSweeps::put_points(const Line& line) {
+  const Mount& mount = config_.mount;
+  const std::vector<scip::Echo>& echoes = line.scan.scan.echoes;
+  for (std::size_t i = 0; i < echoes.size(); ++i) {
+    const scip::Echo& echo = echoes[i];
+    const double range_m = kMetresPerMm * echo.range_mm;
+    if (echo.range_mm < std::max(1U, line.scanner.least_mm) ||
+        echo.range_mm > line.scanner.most_mm) {
+      ++no_range_;
+      continue;
+    }
+    if (range_m < config_.min_range_m || range_m > config_.max_range_m) {
+      ++masked_;
+      continue;
+    }
+    const double azimuth_rad = line.scanner.azimuth_rad(echo.step);
+    const Eigen::Vector3d p_scanner(range_m * std::cos(azimuth_rad),
+                                    range_m * std::sin(azimuth_rad), 0.0);
+    const double turn_rad = mount.direction * (angles_rad_[i] - mount.zero_rad);
+    const Eigen::Vector3d p =
+        Eigen::AngleAxisd(turn_rad, mount.axis) * (mount.T_motor_scanner * p_scanner);
+    const std::int64_t at_ns = line.scan.stamp_ns + line.scanner.step_ns(echo.step);
+    const Point point{static_cast<float>(p.x()),
+                      static_cast<float>(p.y()),
+                      static_cast<float>(p.z()),
+                      static_cast<float>(echo.intensity),
+                      static_cast<std::uint32_t>(at_ns - sweep_.stamp_ns),
+                      line_number_,
+                      echo.number == 0 ? ReturnType::kStrongest : ReturnType::kLast,
+                      0};
+    if (mask_.active() && !mask_.keeps(point)) {
+      ++masked_;
+      continue;
+    }
+    sweep_.points.push_back(point);
+    sweep_.columns.push_back(line_number_);
+    ++points_;
+  }
+}
+
+void SpinningSweeps::close() {
+  if (!open_) return;
+  const auto wanted = static_cast<std::uint32_t>(lines_per_sweep_);
+  sweep_.packets_lost = wanted - std::min(wanted, sweep_.packets);
+  sweep_.complete = sweep_.packets_lost == 0;
+  open_ = false;
+  whole_.push_back(std::exchange(sweep_, {}));
+}
+
+void SpinningSweeps::flush() {
+  settle(true);
+  close();
+}
+
+bool SpinningSweeps::take(DecodedSweep& sweep) {
+  if (whole_.empty()) return false;
+  sweep = std::move(whole_.front());
+  whole_.pop_front();
+  return true;
+}
+
+std::vector<std::pair<std::string_view, std::uint64_t>> SpinningSweeps::counts() const {
+  return {{"lines", lines_},
+          {"points", points_},
+          {"points_masked", masked_},
+          {"steps_without_range", no_range_},
+          {"lines_without_angle", without_angle_},
+          {"angles_received", track_.received()},
+          {"angles_refused", track_.refused()}};
+}
+
+}  // namespace zloam::driver::spinning

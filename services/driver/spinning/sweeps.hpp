@@ -1,0 +1,102 @@
+#pragma once
+// Lines of a 2-D scanner on a motor to sweeps of points. Every point is turned by the motor's angle
+// at its own instant. Method: J. Zhang, S. Singh, "LOAM: Lidar Odometry and Mapping in Real-time",
+// RSS 2014, section IV and the hardware of section VII.
+
+#include <cstdint>
+#include <deque>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+#include "driver/scip/client.hpp"
+#include "driver/spinning/angle_track.hpp"
+#include "driver/sweep/decoded_sweep.hpp"
+#include "driver/sweep/mask.hpp"
+
+namespace zloam::driver::spinning {
+
+/// From a scanner's point to the lidar's frame: p = R(axis, direction * (angle - zero)) (T p_S). The
+/// axis is fixed to the carrier and goes through the lidar frame's origin.
+struct Mount {
+  Pose T_motor_scanner = Pose::Identity();
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitX();
+  double zero_rad = 0.0;
+  /// +1 or -1
+  double direction = 1.0;
+  /// by how much the readings' stamps are late
+  std::int64_t angle_delay_ns = 0;
+};
+
+struct SpinningConfig {
+  /// false: the scanner stands still, level by zero_rad
+  bool turns = true;
+  Mount mount;
+  /// time from one sweep to the next
+  double sweep_s = 0.1;
+  /// in which all directions are seen once
+  double turn_s = 1.0;
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  MaskConfig mask;
+  ClockSource clock_source = ClockSource::kUnknown;
+};
+
+class SpinningSweeps {
+ public:
+  explicit SpinningSweeps(const SpinningConfig& config);
+
+  void add(scip::TimedScan scan, const scip::Parameters& scanner);
+  void add(AngleReading reading);
+  /// No line from before then will come.
+  void forget_angles_before(std::int64_t stamp_ns) { track_.forget_before(stamp_ns); }
+  bool take(DecodedSweep& sweep);
+  /// Nothing more will come: waiting lines take the angles that there are, the open sweep ends.
+  void flush();
+
+  std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
+  /// Lines left out as no angle came for them, in a row until now; see counts().
+  std::uint64_t without_angle_in_row() const { return without_angle_in_row_; }
+
+ private:
+  struct Line {
+    scip::TimedScan scan;
+    scip::Parameters scanner;
+    std::int64_t begin_ns = 0;
+    std::int64_t end_ns = 0;
+    /// by its turn since the first line
+    std::int64_t sweep = 0;
+  };
+
+  void settle(bool ended);
+  /// False when an angle is missing within the line.
+  bool angles_of(const Line& line);
+  void put(const Line& line);
+  void put_points(const Line& line);
+  void open(const Line& line);
+  void close();
+
+  SpinningConfig config_;
+  PointMask mask_;
+  AngleTrack track_;
+  std::deque<Line> waiting_;
+  /// of the line's echoes
+  std::vector<double> angles_rad_;
+  DecodedSweep sweep_;
+  bool open_ = false;
+  std::int64_t sweep_number_ = 0;
+  std::int64_t lines_per_sweep_ = 0;
+  /// of the last line that came
+  std::int64_t turn_ = -1;
+  std::uint16_t line_number_ = 0;
+  std::deque<DecodedSweep> whole_;
+  std::uint64_t lines_ = 0;
+  std::uint64_t points_ = 0;
+  std::uint64_t masked_ = 0;
+  std::uint64_t no_range_ = 0;
+  std::uint64_t without_angle_ = 0;
+  std::uint64_t without_angle_in_row_ = 0;
+};
+
+}  // namespace zloam::driver::spinning

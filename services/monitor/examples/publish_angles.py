@@ -1,0 +1,48 @@
+"""Publishes the angle of the motor that turns a scanner, read as lines "t_ns,angle_rad" from the
+standard input: put your encoder in their place. The stamps are of this host's clock.
+PYTHONPATH=build/release/generated/python python publish_angles.py ENDPOINT ROBOT SENSOR"""
+
+import sys
+import time
+from typing import Any
+
+import flatbuffers
+import zenoh
+from zloam.msg import AngleReading, Header, MotorAngles
+
+KIND = "application/x-flatbuffers;schema=angle;major=1"
+#: readings go out in batches, so often
+BATCH_NS = 20_000_000
+
+
+def message(robot: str, sensor: str, seq: int, readings: list[tuple[int, float]]) -> bytes:
+    b = flatbuffers.Builder(1024)
+    names = [b.CreateString(text) for text in (robot, sensor, "lidar", "my-motor")]
+    b.StartVector(16, len(readings), 8)
+    for stamp_ns, angle_rad in reversed(readings):
+        AngleReading.CreateAngleReading(b, stamp_ns, angle_rad)
+    angles = b.EndVector()
+    Header.Start(b)
+    Header.AddRobot(b, names[0]), Header.AddSensor(b, names[1]), Header.AddFrame(b, names[2])
+    Header.AddInstance(b, names[3]), Header.AddStampNs(b, readings[0][0]), Header.AddSeq(b, seq)
+    header = Header.End(b)
+    MotorAngles.Start(b)
+    MotorAngles.AddHeader(b, header), MotorAngles.AddReadings(b, angles)
+    b.Finish(MotorAngles.End(b), file_identifier=b"ZLAN")
+    return bytes(b.Output())
+
+
+endpoint, robot, sensor = sys.argv[1:4]
+links = f'{{connect: {{endpoints: ["{endpoint}"]}}}}'
+with zenoh.open(zenoh.Config.from_json5(links)) as session:
+    publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/angle", encoding=KIND)
+    waiting: list[tuple[int, float]] = []
+    seq = 0
+    for line in sys.stdin:
+        stamp, angle = line.split(",")
+        waiting.append((int(stamp), float(angle)))
+        if waiting[-1][0] - waiting[0][0] < BATCH_NS:
+            continue
+        publisher.put(message(robot, sensor, seq, waiting))
+        waiting, seq = [], seq + 1
+    time.sleep(0.5)  # for what is on its way

@@ -1,0 +1,1 @@
+"""A Hokuyo scanner that is none: what the tests need of one."""

@@ -1,0 +1,197 @@
+"""A simulated scanner: over TCP or a pseudo-terminal it answers as the real one does, and sends the
+scans of a session at their pace. Faults on request."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.hokuyo import peer
+
+#: the simulator's counter at the start, ms, and how much later the first line is received, s
+COUNTER_MS, FIRST_LINE_S = 1_000_000, 0.0176
+#: from the first command until the session begins: the dialogue takes less
+BEFORE_S = 0.5
+
+
+def encoded(value: int, characters: int) -> bytes:
+    return bytes((value >> 6 * i & 0x3F) + 0x30 for i in reversed(range(characters)))
+
+
+def summed(text: bytes) -> bytes:
+    return text + bytes([peer.checksum(text)])
+
+
+def answer(echo: bytes, status: bytes, lines: list[bytes] | None = None) -> bytes:
+    return b"\n".join([echo, summed(status), *(lines or [])]) + b"\n\n"
+
+
+class Device:
+    """Serves one connection after the other until it is closed."""
+
+    def __init__(self, session: Path, seconds: float) -> None:
+        #: as driver.path has it
+        self.name = ""
+        self.parameters = b""
+        #: seconds after the first line, and its bytes
+        self.scans: list[tuple[float, bytes]] = []
+        #: the session's time of its first line, s since the Unix epoch
+        self.first_s = 0.0
+        for stamp, data in peer.records(session):
+            if data.startswith(b"PP"):
+                self.parameters = data
+            elif b"\n99b\n" in data:
+                self.first_s = self.first_s or stamp
+                if stamp - self.first_s > seconds:
+                    break
+                self.scans.append((stamp - self.first_s, data))
+        self.commands: list[bytes] = []
+        self.sent = 0
+        #: called with the number of each scan before it is sent; true: the connection is cut
+        self.cut: Callable[[int], bool] = lambda number: False
+        #: what becomes of the bytes of a scan
+        self.spoil: Callable[[int, bytes], bytes] = lambda number, data: data
+        self._began: float | None = None
+        self._measuring = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def counter_ms(self) -> int:
+        since = time.monotonic() - self.began + FIRST_LINE_S
+        return int(COUNTER_MS + 1e3 * since) & 0xFFFFFF
+
+    @property
+    def began(self) -> float:
+        """Monotonic time at which the session's first line is sent."""
+        while self._began is None:
+            time.sleep(0.005)
+        return self._began
+
+    @property
+    def finished(self) -> bool:
+        return self.sent == len(self.scans)
+
+    def _answer(self, command: bytes) -> bytes:
+        self.commands.append(command)
+        if self._began is None:
+            self._began = time.monotonic() + BEFORE_S
+        if command == b"QT":
+            self._measuring = False
+        elif command == b"PP":
+            return self.parameters
+        elif command == b"VV":
+            return answer(
+                command, b"00", [b"VEND:Hokuyo;" + bytes([peer.checksum(b"VEND:Hokuyo")])]
+            )
+        elif command == b"II":
+            return answer(command, b"00", [b"STAT:well;" + bytes([peer.checksum(b"STAT:well")])])
+        elif command == b"TM1":
+            return answer(command, b"00", [summed(encoded(self.counter_ms(), 4))])
+        elif command.startswith(b"ME"):
+            self._measuring = True
+        elif command not in (b"TM0", b"TM2"):
+            return answer(command, b"0E")
+        return answer(command, b"00")
+
+    def _serve(self, read: Callable[[], bytes | None], write: Callable[[bytes], None]) -> None:
+        """read: what came within some ms; None: the other side has gone."""
+        waiting = b""
+        while not self._stop.is_set():
+            data = read()
+            if data is None:
+                return
+            waiting += data
+            while b"\n" in waiting:
+                command, waiting = waiting.split(b"\n", 1)
+                write(self._answer(command))
+            if not self._measuring or self.finished:
+                continue
+            due = self.began + self.scans[self.sent][0]
+            if time.monotonic() < due:
+                continue
+            # a scan that was missed while nobody listened is not sent later
+            number = self.sent
+            self.sent += 1
+            if time.monotonic() > due + 0.5:
+                continue
+            if self.cut(number):
+                return
+            write(self.spoil(number, self.scans[number][1]))
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+class TcpDevice(Device):
+    """At an address of this machine."""
+
+    def __init__(self, session: Path, seconds: float) -> None:
+        super().__init__(session, seconds)
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(0.1)
+        self.name = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+        self._thread.start()
+
+    def _run(self) -> None:
+        with self._server:
+            while not self._stop.is_set():
+                try:
+                    link, _ = self._server.accept()
+                except TimeoutError:
+                    continue
+                with link:
+                    link.settimeout(0.002)
+                    self._serve(lambda link=link: _received(link), link.sendall)  # type: ignore[misc]
+                self._measuring = False
+
+
+def _received(link: socket.socket) -> bytes | None:
+    try:
+        return link.recv(4096) or None
+    except TimeoutError:
+        return b""
+    except OSError:
+        return None
+
+
+class SerialDevice(Device):
+    """A pseudo-terminal."""
+
+    def __init__(self, session: Path, seconds: float) -> None:
+        super().__init__(session, seconds)
+        self._fd, slave = pty.openpty()
+        tty.setraw(slave)
+        self.name = os.ttyname(slave)
+        self._slave = slave
+        self._thread.start()
+
+    def _read(self) -> bytes:
+        ready, _, _ = select.select([self._fd], [], [], 0.002)
+        return os.read(self._fd, 4096) if ready else b""
+
+    def _write(self, data: bytes) -> None:
+        while data:
+            data = data[os.write(self._fd, data[:1024]) :]
+
+    def _run(self) -> None:
+        self._serve(self._read, self._write)
+        os.close(self._fd)
+        os.close(self._slave)
+
+
+def moved(record: bytes, milliseconds: int) -> bytes:
+    """A scan whose counter is another."""
+    lines = record.split(b"\n")
+    lines[2] = summed(encoded(milliseconds & 0xFFFFFF, 4))
+    return b"\n".join(lines)
