@@ -1,4 +1,4 @@
-// Writes the packets of a virtual VLP-16 to files or the network, and the truth beside them.
+// Writes what a virtual VLP-16, or a virtual Hokuyo on a motor, sends to files or the network, and the truth beside them.
 
 #include <unistd.h>
 
@@ -15,6 +15,7 @@
 #include "simulator/faults.hpp"
 #include "simulator/imu.hpp"
 #include "simulator/io/parallel.hpp"
+#include "simulator/io/scanner_files.hpp"
 #include "simulator/io/scene_file.hpp"
 #include "simulator/io/sinks.hpp"
 #include "simulator/io/zenoh_sink.hpp"
@@ -256,9 +257,20 @@ void write_packets(const Options& options, const Sensor& sensor, double duration
   progress.finish(count);
 }
 
+// At the first pose for as long as the motion would last.
+Trajectory at_rest(const Scene& scene) {
+  const Pose pose = scene.trajectory.at(0.0).T_world_body;
+  const Eigen::Vector3d forward = pose.linear().col(0);
+  Knot knot = Knot::Zero();
+  knot.head<3>() = pose.translation();
+  knot[3] = std::atan2(forward.y(), forward.x());
+  return {{knot, knot}, scene.trajectory.duration_s()};
+}
+
 void run(const Options& options) {
-  const auto scene = options.world.ends_with(".yaml") ? read_scene(options.world, options.scene)
-                                                      : make_scene(options.world, options.scene);
+  auto scene = options.world.ends_with(".yaml") ? read_scene(options.world, options.scene)
+                                                : make_scene(options.world, options.scene);
+  if (options.still) scene = std::make_shared<const Scene>(Scene{scene->world, at_rest(*scene)});
   const Sensor sensor(scene, options.simulation);
   // Beyond the end of the motion it stands still.
   const double duration_s = options.duration_s > 0.0 ? options.duration_s : sensor.duration_s();
@@ -266,7 +278,13 @@ void run(const Options& options) {
   write_trajectory(options.truth_base, sensor, duration_s, true);
   write_sweep_truth(options.truth_sweeps, sensor, duration_s);
   write_imu(options, sensor, duration_s);
-  write_packets(options, sensor, duration_s);
+  if (options.scans) {
+    write_scanner_files(Scanner(scene, options.simulation, options.scanner),
+                        options.simulation.epoch_ns, duration_s, options.threads,
+                        !options.quiet && isatty(STDERR_FILENO) != 0, options.scanner_files);
+  } else {
+    write_packets(options, sensor, duration_s);
+  }
 }
 
 }  // namespace

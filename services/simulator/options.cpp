@@ -17,6 +17,9 @@ constexpr int kUsageError = 2;
 // Values that need a conversion after parsing.
 struct Raw {
   std::string mode = "strongest";
+  std::string motor = "swing";
+  std::array<double, 3> scanner_xyz{};
+  std::array<double, 3> scanner_rpy_deg{};
   std::string duration = "full";
   std::string epoch;
   std::array<double, 3> mount_xyz{};
@@ -44,6 +47,7 @@ void add_world_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--speed-factor", o.scene.speed_factor, "Multiplies the greatest speed")
       ->check(CLI::Range(0.05, 3.0))
       ->capture_default_str();
+  app.add_flag("--still", o.still, "The platform stays where it begins");
   app.add_option("--laps", o.scene.laps, "Rounds of a closed path, without a stop")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
@@ -84,6 +88,32 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
                  "Full beam angle; above 0: mixed pixels, and second returns in mode dual")
       ->capture_default_str();
   app.add_option("--epoch", raw.epoch, "UTC at the start, default 2024-01-01T00:00:10");
+}
+
+void add_scanner_options(CLI::App& app, Options& o, Raw& raw) {
+  MotorConfig& m = o.scanner.motor;
+  app.add_flag("--hokuyo", o.scans, "A Hokuyo UTM-30LX on a motor in place of the VLP-16");
+  app.add_option("--session", o.scanner_files.session,
+                 "File of the scanner's replies as they were received, for driver.source scip_log");
+  app.add_option("--angles", o.scanner_files.angles, "The motor's angles, CSV");
+  app.add_option("--scanner-noise", o.scanner.noise_sigma_m, "Its range noise, 1 sigma, m")
+      ->capture_default_str();
+  app.add_option("--scanner-xyz", raw.scanner_xyz,
+                 "Place of the scanner in what the motor turns: x y z in m");
+  app.add_option("--scanner-rpy-deg", raw.scanner_rpy_deg, "Its roll pitch yaw in degrees");
+  app.add_option("--motor", raw.motor, "swing: to and fro; turn: on and on; still")
+      ->check(CLI::IsMember({"swing", "turn", "still"}))
+      ->capture_default_str();
+  app.add_option("--motor-speed", m.speed_deg_s, "Degrees a second")->capture_default_str();
+  app.add_option("--motor-amplitude-deg", m.amplitude_deg, "Of a swing, to either side")
+      ->capture_default_str();
+  app.add_option("--motor-still-deg", m.still_deg, "Where a motor that stands still stands")
+      ->capture_default_str();
+  app.add_option("--encoder-rate", m.encoder_hz, "Readings of the encoder a second")
+      ->capture_default_str();
+  app.add_option("--encoder-step-deg", m.encoder_step_deg, "Its step")->capture_default_str();
+  app.add_option("--encoder-delay", m.encoder_delay_s, "By how much its stamps are late, s")
+      ->capture_default_str();
 }
 
 void add_outputs(CLI::App& app, Options& o, Raw& raw) {
@@ -177,6 +207,11 @@ void convert(const Raw& raw, Options& o) {
   const std::map<std::string, ReturnMode> modes = {{"strongest", ReturnMode::kStrongest},
                                                    {"last", ReturnMode::kLast},
                                                    {"dual", ReturnMode::kDual}};
+  const std::map<std::string, MotorKind> motors = {
+      {"swing", MotorKind::kSwing}, {"turn", MotorKind::kTurn}, {"still", MotorKind::kStill}};
+  o.scanner.motor.kind = motors.at(raw.motor);
+  o.scanner.T_motor_scanner = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.scanner_xyz.data()),
+                                                    Eigen::Vector3d(raw.scanner_rpy_deg.data()));
   constexpr double kBeamMrad = 3.0;  // of the VLP-16
   o.simulation.sensor.range_bias_sigma_m = raw.range_bias_mm * 1e-3;
   o.simulation.sensor.mode = modes.at(raw.mode);
@@ -237,6 +272,7 @@ std::optional<int> parse_options(int argc, char** argv, Options& options) {
   app.add_flag("--list-worlds", list, "Names and descriptions of the worlds");
   add_world_options(app, options, raw);
   add_sensor_options(app, options, raw);
+  add_scanner_options(app, options, raw);
   add_outputs(app, options, raw);
   add_zenoh_options(app, options);
   add_imu_options(app, options, raw);

@@ -7,6 +7,7 @@
 
 #include "simulator/faults.hpp"
 #include "simulator/imu.hpp"
+#include "simulator/io/scanner_files.hpp"
 #include "simulator/io/zenoh_sink.hpp"
 #include "simulator/scenes.hpp"
 #include "simulator/sensor.hpp"
@@ -19,6 +20,12 @@ struct Options {
   SimulationConfig simulation;
   FaultConfig faults;
   ImuConfig imu_config;
+  /// the platform stays where it begins
+  bool still = false;
+  /// a Hokuyo on a motor in place of the VLP-16
+  bool scans = false;
+  ScannerConfig scanner;
+  ScannerFiles scanner_files;
   double duration_s = 0.0;  ///< 0: the whole motion
   int threads = 2;
   bool quiet = false;

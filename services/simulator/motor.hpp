@@ -1,0 +1,45 @@
+#pragma once
+// The motor that turns a 2-D scanner: its angle at every instant, and what its encoder tells.
+
+#include <cstdint>
+#include <vector>
+
+namespace zloam::simulator {
+
+enum class MotorKind : std::uint8_t { kStill, kSwing, kTurn };
+
+struct MotorConfig {
+  MotorKind kind = MotorKind::kSwing;
+  double speed_deg_s = 180.0;
+  double amplitude_deg = 90.0;  ///< of a swing, to either side
+  double reversal_s = 0.06;     ///< in which a swing goes from one direction to the other
+  double still_deg = 0.0;       ///< where a motor that stands still stands
+  double encoder_hz = 500.0;    ///< readings a second
+  double encoder_step_deg = 0.25;
+  double encoder_delay_s = 0.0;  ///< by how much the readings' stamps are late
+};
+
+/// One reading of the encoder.
+struct AngleReading {
+  std::int64_t time_ns = 0;  ///< as stamped, after the start
+  double angle_rad = 0.0;
+};
+
+/// Angles are about the scanner's forward axis, right-handed, 0 where the scan plane is level. A
+/// swing starts at -amplitude, at rest.
+class Motor {
+ public:
+  /// Throws std::invalid_argument for settings outside their limits.
+  explicit Motor(const MotorConfig& config);
+
+  double angle_rad(double time_s) const;
+  /// From one reversal to the next, s; of a turning motor half a turn; of a still one 1 s.
+  double sweep_s() const;
+  /// Readings with index first ... first + count - 1, made at index / encoder_hz.
+  std::vector<AngleReading> readings(std::int64_t first, std::int64_t count) const;
+
+ private:
+  MotorConfig config_;
+};
+
+}  // namespace zloam::simulator
