@@ -115,11 +115,14 @@ struct Mapper::State {
   Match align(const MappingInput& input, const Prediction& prediction);
   bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
   void judge(const MappingInput& input, const Match& match, MappingResult& result);
+  static Match near_odometry(Match match, const Prediction& prediction);
   void begin_search();
   Match searched(const MappingInput& input, const Prediction& prediction);
   Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
   bool left_map(const Match& match);
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
+  bool goes_on(const MappingInput& input) const;
+  MappingResult carry(const MappingInput& input);
   void remember(const MappingInput& input, const MappingResult& result);
   Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
   double turn_change_rad(const MappingInput& input) const;
@@ -200,6 +203,7 @@ bool Mapper::State::is_elsewhere(const MappingInput& input, const Match& match,
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging && settling == 0) {
     const Match match = method->match(input, prediction);
+    if (input.slices > 1) return near_odometry(match, prediction);
     const bool astray = is_astray(match, fits) || is_elsewhere(input, match, prediction);
     if (match.ok && match.converged) fits.add(match.fit);
     if (!astray) return match;
@@ -207,6 +211,16 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
   }
   if (config.mode != MappingMode::kLocalize || !bridging) return searched(input, prediction);
   return searched_everywhere(input, prediction);
+}
+
+// A turn of slices comes once a second, and half of it may be new: how it fits says little of
+// whether the place is right. The odometry has followed each slice of it, and says when it is lost.
+Match Mapper::State::near_odometry(Match match, const Prediction& prediction) {
+  if (match.ok && contradicts(match, prediction)) {
+    match.ok = false;
+    match.T_map_base = prediction.T_map_base;
+  }
+  return match;
 }
 
 void Mapper::State::begin_search() {
@@ -340,6 +354,27 @@ void Mapper::State::insert(const MappingInput& input, const Match& match, Mappin
   result.changed = tiles.take_changed();
 }
 
+// Nothing is to be settled before the odometry can be followed.
+bool Mapper::State::goes_on(const MappingInput& input) const {
+  const bool same_frame =
+      last ? input.odom_epoch == last->odom_epoch : config.mode != MappingMode::kLocalize;
+  return same_frame && !break_expected && !told;
+}
+
+// A pose without points of its own: where the odometry leads from the last match.
+MappingResult Mapper::State::carry(const MappingInput& input) {
+  MappingResult result;
+  result.sweep = input.sweep;
+  result.T_map_odom = T_map_odom;
+  result.T_map_base = normalised(T_map_odom * input.T_odom_base);
+  result.covariance =
+      predicted_covariance(input, {result.T_map_base, sane_covariance(input.step_covariance)});
+  result.health = bridging ? (lost ? Health::kLost : Health::kBridging) : input.health;
+  result.reason = "its points come with a later sweep";
+  remember(input, result);
+  return result;
+}
+
 void Mapper::State::remember(const MappingInput& input, const MappingResult& result) {
   last = LastPose{instant_of(input), input.odom_epoch,  result.T_map_base,
                   input.T_odom_base, input.twist_per_s, result.covariance};
@@ -365,6 +400,7 @@ MappingResult Mapper::process(const MappingInput& input) {
     result.reason = "pose or twist not finite";
     return result;
   }
+  if (input.points_follow() && s.goes_on(input)) return s.carry(input);
   const Prediction prediction = s.predict(input);
   result.evicted = s.tiles.follow(prediction.T_map_base.translation());
   const Match match = s.align(input, prediction);

@@ -57,6 +57,11 @@ struct MappingInput {
   Health health = Health::kOk;
   bool degenerate = false;
   double range_noise_m = 0.02;
+  /// above 1: of so many poses in a row one has points, those of a whole turn of a scan that comes
+  /// in slices
+  std::uint32_t slices = 1;
+
+  bool points_follow() const { return slices > 1 && planes.empty(); }
 };
 
 /// Cube (i, j, k) spans [i, i+1) * tile edge on x, likewise y and z, frame map.

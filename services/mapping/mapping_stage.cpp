@@ -150,6 +150,7 @@ MappingInput MappingStage::input_of(const Sweep& sweep) {
   input.edges = points_of(sweep->edges());
   input.planes = points_of(sweep->planes());
   input.health = health_of(sweep->health());
+  input.slices = std::max<std::uint32_t>(1, sweep->slices());
   input.degenerate = sweep->degenerate();
   input.range_noise_m = static_cast<double>(sweep->range_noise_m());
   if (mapped_ > 0 && sweep->prev_sweep() == prev_mapped_) input.inertial = inertial_step_of(*sweep);

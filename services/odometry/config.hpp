@@ -74,6 +74,13 @@ struct OdometryConfig {
   double imu_start_acceleration_mps2 = 0.5;
   double imu_rest_acceleration_mps2 = 0.02;
 
+  // --- slices of a scan that covers the field only after many of them ---------------------------
+  /// The motion changes from slice to slice by about these accelerations, one sigma.
+  double slice_acceleration_sigma_mps2 = 0.1;
+  double slice_angular_acceleration_sigma_radps2 = 0.1;
+  /// With an inertial sensor: what the mean force over a slice is off by.
+  double slice_force_sigma_mps2 = 0.05;
+
   // --- matching against recent sweeps -------------------------------------------------------
   /// Sweeps kept in the target.
   int window_sweeps = 20;

@@ -8,6 +8,7 @@
 #include "common/geometry/error_record.hpp"
 #include "common/geometry/fit_record.hpp"
 #include "common/geometry/motion_covariance.hpp"
+#include "odometry/knot_odometry.hpp"
 #include "odometry/matcher.hpp"
 #include "odometry/motion_prediction.hpp"
 #include "odometry/start.hpp"
@@ -52,6 +53,8 @@ struct Odometry::State : MotionMemory {
   WindowMap recent;
   InertialAid inertial;
   FitRecord fits;
+  /// of scans that come in slices
+  std::optional<KnotOdometry> knots;
 
   // The first sweep was a piece of a turn, and was not begun with.
   bool passed_piece = false;
@@ -316,6 +319,10 @@ Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Predictio
 
 OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   State& s = *state_;
+  if (sweep.slices > 1) {
+    if (!s.knots) s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
+    return s.knots->process(sweep);
+  }
   const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
   OdometryResult result;
   result.sweep = sweep.sweep;
@@ -368,6 +375,7 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
 
 void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
   State& s = *state_;
+  if (sweep.slices > 1) return;
   if (s.is_piece(sweep)) {
     s.passed_piece = true;
     return;
@@ -415,7 +423,10 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   }
 }
 
-void Odometry::configure(const OdometryConfig& config) { state_->config = config; }
+void Odometry::configure(const OdometryConfig& config) {
+  state_->config = config;
+  if (state_->knots) state_->knots->configure(config);
+}
 
 void Odometry::reset() {
   state_ = std::make_unique<State>(state_->config, state_->T_base_lidar, state_->T_base_imu);

@@ -32,6 +32,8 @@ struct FeatureSweep {
   std::uint32_t period_ns = 100000000;
   /// true when the source moved all points to the sweep's end already
   bool deskewed = false;
+  /// so many sweeps in a row see together what another lidar sees in one
+  std::uint32_t slices = 1;
   double range_noise_m = 0.02;
   PointSpan less_sharp, less_flat;
   /// of an inertial sensor, some readings beyond both ends; empty: there is none

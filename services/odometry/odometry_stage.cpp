@@ -106,6 +106,7 @@ FeatureSweep OdometryStage::input_of(const Features& features) {
   input.stamp_ns = features.header().stamp_ns();
   input.period_ns = features->period_ns();
   input.deskewed = features->deskewed();
+  input.slices = std::max<std::uint16_t>(1, features->slices());
   input.range_noise_m = static_cast<double>(features->range_noise_m());
   input.less_sharp = points_of(features->less_sharp());
   input.less_flat = points_of(features->less_flat());
@@ -176,6 +177,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   fields.state_covariance = result.state_covariance;
   fields.inertial = result.inertial_step;
   fields.fit = result.fit;
+  fields.slices = features->slices();
   std::vector<double> inertial_state;
   if (result.inertia) inertial_state = packed(*result.inertia);
   fields.inertial_state = inertial_state;

@@ -80,11 +80,14 @@ void OdometryStage::restart(const msg::Header& first) {
   const int tries = first.replay() ? kReplayTries : 1;
   const auto commits =
       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
-  if (continue_frame(first, commits)) {
+  // The window of slices is not in the messages: what follows is a frame of its own.
+  const bool in_slices = std::any_of(commits.begin(), commits.end(),
+                                     [](const Commit& commit) { return commit->slices() > 1; });
+  if (!in_slices && continue_frame(first, commits)) {
     catch_up(first);
     return;
   }
-  if (first.replay()) return;
+  if (first.replay() && !in_slices) return;
   begin_frame(first, commits);
   // The queue may have given up meanwhile what registration still has.
   if (waited) do_again(first.run(), first.sweep());

@@ -41,6 +41,7 @@ FeaturesFields fields_of(const msg::Sweep& sweep, const RegistrationResult& resu
   f.health = result.health == Health::kOk ? source : result.health;
   f.range_noise_m = static_cast<float>(config.range_noise_m);
   f.imu = structs_of(sweep.imu());
+  f.slices = sweep.slices();
   return f;
 }
 

@@ -1,6 +1,6 @@
 // zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
 // yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
-// [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
+// [--sweep S] [--stamp-offset-us US] [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
 //
 // Registration, odometry, mapping and integration over a capture, a folder of scans or a
 // simulated drive (scan_reader.hpp), in one process and without any messages. Writes odom.tum and
@@ -63,6 +63,10 @@ bool parse_reading(const std::string& name, const Value& value, ReadOptions& rea
     reading.timing.model = driver::TimeModel::kDeskewed;
   } else if (name == "--elevation-offset") {
     reading.elevation_offset_deg = std::stod(value());
+  } else if (name == "--sweep") {
+    reading.sweep_s = std::stod(value());
+  } else if (name == "--stamp-offset-us") {
+    reading.stamp_offset_us = std::stod(value());
   } else if (name == "--range-offset") {
     reading.range_offset_m = std::stod(value());
   } else {
@@ -162,6 +166,7 @@ class Run {
     input.period_ns = scan.period_ns;
     input.deskewed = scan.deskewed;
     input.range_noise_m = o_.settings.registration.range_noise_m;
+    input.slices = scan.slices;
     input.less_sharp = features.less_sharp;
     input.less_flat = features.less_flat;
     const auto readings = imu_.covering(scan.stamp_ns, scan.stamp_ns + scan.period_ns);
@@ -230,6 +235,7 @@ class Run {
       m.health = odom.health;
       m.degenerate = odom.degeneracy.degenerate;
       m.range_noise_m = input.range_noise_m;
+      m.slices = input.slices;
       const mapping::MappingResult r = mapper_.process(m);
       write_tum(est_file_, odom.instant_ns, r.T_map_base);
       if (r.submap) write_submap(submaps_file_, *r.submap);

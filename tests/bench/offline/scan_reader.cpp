@@ -4,11 +4,27 @@
 #include <numbers>
 
 #include "drive_source.hpp"
+#include "driver/io/scip_source.hpp"
 
 namespace zloam::offline {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// A scanner's session with its motor's angles beside it, if it has one.
+std::unique_ptr<driver::SweepSource> open_session(const fs::path& path,
+                                                  const ReadOptions& options) {
+  driver::ScipSourceConfig config;
+  config.spinning.sweep_s = options.sweep_s;
+  config.client.stamp_offset_ns = std::llround(1e3 * options.stamp_offset_us);
+  const fs::path angles = fs::path(path).replace_extension(".csv");
+  config.spinning.turns = fs::exists(angles);
+  return driver::sweeps_of_session(path.string(),
+                                   config.spinning.turns
+                                       ? driver::read_angle_file(angles.string())
+                                       : std::vector<driver::spinning::AngleReading>{},
+                                   config);
+}
 
 std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOptions& options) {
   if (path.extension() == ".yaml") return std::make_unique<search::DriveSource>(path);
@@ -18,6 +34,7 @@ std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOption
     }
     return driver::sweeps_of_scans(driver::open_kitti(path.string(), options.timing));
   }
+  if (path.extension() == ".logr") return open_session(path, options);
   const bool bare = path.extension() == ".bin";
   driver::PacketStreamConfig stream;
   stream.assembler.clock_mode =
@@ -64,6 +81,7 @@ bool ScanReader::next(Scan& scan) {
   scan.stamp_ns = sweep.stamp_ns;
   scan.period_ns = sweep.period_ns;
   scan.rings = sweep.rings;
+  scan.slices = sweep.slices;
   // the 16-byte layout can't say it of itself
   scan.deskewed = sweep.deskewed || options_.timing.model == driver::TimeModel::kDeskewed;
   scan.points = std::move(sweep.points);

@@ -20,6 +20,7 @@ struct Scan {
   std::uint16_t rings = 16;
   /// all points hold for one instant, the end of the sweep
   bool deskewed = false;
+  std::uint16_t slices = 1;
   PointVector points;  ///< frame lidar, in time order
 };
 
@@ -30,6 +31,10 @@ struct ReadOptions {
   double elevation_offset_deg = 0.0;
   /// added to each range, m
   double range_offset_m = 0.0;
+  /// of a scanner's session: lines of so much time are one sweep
+  double sweep_s = 0.1;
+  /// added to its lines' stamps
+  double stamp_offset_us = 0.0;
 };
 
 class ScanReader {

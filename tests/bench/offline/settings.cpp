@@ -67,6 +67,9 @@ void add_odometry(odometry::OdometryConfig& c, Fields& fields) {
   ZLOAM_FIELD("odometry.", c, use_imu);
   ZLOAM_FIELD("odometry.", c, imu_force_noise);
   ZLOAM_FIELD("odometry.", c, imu_rate_noise);
+  ZLOAM_FIELD("odometry.", c, slice_acceleration_sigma_mps2);
+  ZLOAM_FIELD("odometry.", c, slice_angular_acceleration_sigma_radps2);
+  ZLOAM_FIELD("odometry.", c, slice_force_sigma_mps2);
   ZLOAM_FIELD("odometry.", c, imu_force_error_mps2);
   ZLOAM_FIELD("odometry.", c, imu_scale_error);
   ZLOAM_FIELD("odometry.", c, imu_force_bias_mps2);

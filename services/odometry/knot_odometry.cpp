@@ -1,0 +1,212 @@
+#include "odometry/knot_odometry.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/containers/thinning.hpp"
+#include "odometry/matcher.hpp"
+
+namespace zloam::odometry {
+namespace {
+
+// A longer silence is not bridged: the motion since is unknown.
+constexpr std::int64_t kMostGap_ns = 500'000'000;
+// Of the usual share of points on surfaces. Around a corner, where much is new, it falls to three
+// fifths; a sensor that was carried away sees less. What is well below is not usual, either.
+constexpr double kLost = 0.5;
+constexpr double kStillUsual = 0.8;
+// A platform that is at rest while the target is founded: its gyroscope reads its bias.
+constexpr double kRestRate_radps = 0.02;
+
+}  // namespace
+
+KnotOdometry::KnotOdometry(const OdometryConfig& config, const Pose& T_base_lidar,
+                           const Pose& T_base_imu)
+    : config_(config), T_base_lidar_(T_base_lidar), T_base_imu_(T_base_imu), window_(config) {}
+
+void KnotOdometry::configure(const OdometryConfig& config) {
+  config_ = config;
+  window_.configure(config);
+}
+
+void KnotOdometry::reset() { *this = KnotOdometry(config_, T_base_lidar_, T_base_imu_); }
+
+void KnotOdometry::begin(const FeatureSweep& sweep, const Pose& T_odom_base) {
+  turn_ = std::max<std::size_t>(2, sweep.slices);
+  OdometryConfig of_target = config_;
+  of_target.window_sweeps = static_cast<int>(turn_) * config_.window_sweeps;
+  recent_.emplace(of_target, sweep.range_noise_m);
+  window_.begin(T_odom_base);
+  window_.inertia() = {};
+  kept_.clear();
+  explained_ = {};
+  seen_ = 0;
+  bad_in_row_ = 0;
+  end_ns_ = sweep.stamp_ns;
+  begun_ = true;
+}
+
+Slice KnotOdometry::slice_of(const FeatureSweep& sweep) const {
+  Slice slice;
+  const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
+  const auto period_ns = std::max<std::int64_t>(1, end_ns - end_ns_);
+  slice.period_s = 1e-9 * static_cast<double>(period_ns);
+  const std::size_t wanted =
+      std::max<std::size_t>(1, static_cast<std::size_t>(config_.max_matched_points) / (2 * turn_));
+  const Thinning thinning{std::max<std::size_t>(1, (sweep.less_flat.size() + wanted - 1) / wanted),
+                          sweep.sweep};
+  thinning.each(sweep.less_flat, [&](const Point& p) {
+    if (!is_usable(p)) return;
+    const std::int64_t since_ns = sweep.stamp_ns + p.time_ns - end_ns_;
+    const double part = static_cast<double>(since_ns) / static_cast<double>(period_ns);
+    slice.points.push_back(
+        {T_base_lidar_ * p.position().cast<double>(), std::clamp(part, 0.0, 1.0)});
+  });
+  if (config_.use_imu && !sweep.imu.empty()) {
+    slice.rate_bias_radps = window_.inertia().rate_bias_radps;
+    ImuErrors errors;
+    errors.rate_radps = slice.rate_bias_radps;
+    slice.inertia =
+        integrate(sweep.imu, end_ns_, static_cast<std::uint32_t>(period_ns), T_base_imu_, errors);
+  }
+  return slice;
+}
+
+/// The points of a kept slice in base_link at a pose.
+PointVector KnotOdometry::placed(std::size_t k, PointSpan points, const Pose& T_odom_to) const {
+  constexpr std::size_t kSteps = 64;
+  const Kept& kept = kept_[k];
+  const Pose& before = window_.knots()[k];
+  const Vector6 twist = log_se3(before.inverse() * window_.knots()[k + 1]);
+  const std::vector<Pose> along = exp_se3_along(twist, 0.0, 1.0 / kSteps, kSteps + 1);
+  const Pose T_to_before = T_odom_to.inverse() * before;
+  const auto span_ns = static_cast<double>(std::max<std::int64_t>(1, kept.end_ns - kept.begin_ns));
+  PointVector out;
+  out.reserve(points.size());
+  for (const Point& p : points) {
+    if (!is_usable(p)) continue;
+    const double part = static_cast<double>(kept.stamp_ns + p.time_ns - kept.begin_ns) / span_ns;
+    const auto step = static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * kSteps));
+    const Eigen::Vector3f q =
+        (T_to_before * (along[step] * (T_base_lidar_ * p.position().cast<double>()))).cast<float>();
+    out.push_back({q.x(), q.y(), q.z(), p.intensity, p.time_ns, p.ring, p.return_type, p.reserved});
+  }
+  return out;
+}
+
+/// The first turn as the target, as far as its motion is known by now.
+void KnotOdometry::found() {
+  recent_->clear();
+  for (std::size_t k = 0; k < turn_; ++k) {
+    const Pose& T_odom_end = window_.knots()[k + 1];
+    recent_->add(placed(k, kept_[k].planes, T_odom_end), T_odom_end);
+  }
+}
+
+/// Gravity, and the gyroscope's bias where the platform rests, from the first turn.
+void KnotOdometry::note_rest() {
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();
+  double time_s = 0.0;
+  for (const Slice& slice : window_.slices()) {
+    if (!slice.inertia) return;
+    force += slice.period_s * slice.inertia->mean_force_mps2;
+    turn += slice.inertia->turn_rad;
+    time_s += slice.period_s;
+  }
+  window_.inertia().gravity_mps2 = -(window_.knots().front().linear() * force) / time_s;
+  const Eigen::Vector3d rate_radps = turn / time_s;
+  if (rate_radps.norm() < kRestRate_radps) window_.inertia().rate_bias_radps = rate_radps;
+}
+
+/// The oldest slice leaves the window and becomes a part of the target.
+void KnotOdometry::let_settle() {
+  while (window_.slices().size() > 2 * turn_) {
+    if (seen_ > 3 * turn_) {
+      const Pose& T_odom_end = window_.knots()[1];
+      recent_->add(placed(0, kept_.front().planes, T_odom_end), T_odom_end);
+    }
+    window_.pop();
+    kept_.pop_front();
+  }
+}
+
+void KnotOdometry::fill_clouds(OdometryResult& result) const {
+  if (seen_ < 2 * turn_ || seen_ % turn_ != 0) return;
+  for (std::size_t k = 0; k < turn_; ++k) {
+    for (auto [from, to] :
+         {std::pair{&kept_[k].edges, &result.edges}, std::pair{&kept_[k].planes, &result.planes}}) {
+      const PointVector points = placed(k, *from, result.T_odom_base);
+      to->insert(to->end(), points.begin(), points.end());
+    }
+  }
+  const auto at_end = static_cast<std::uint32_t>(kept_.back().end_ns - kept_.back().stamp_ns);
+  for (PointVector* points : {&result.edges, &result.planes}) {
+    for (Point& p : *points) p.time_ns = at_end;
+  }
+}
+
+Health KnotOdometry::judge(const FeatureSweep& sweep, const KnotSolution& solution) {
+  if (seen_ <= turn_) return Health::kOk;
+  const double usual = explained_.usual().value_or(0.0);
+  const bool far_worse = solution.explained < kLost * usual;
+  const bool bad = !solution.solved || far_worse;
+  bad_in_row_ = bad ? bad_in_row_ + 1 : 0;
+  if (solution.explained > kStillUsual * usual) explained_.add(solution.explained);
+  if (!any_usable(sweep.less_flat)) return Health::kEmpty;
+  if (far_worse) return Health::kLost;
+  return bad ? Health::kPredicted : Health::kOk;
+}
+
+OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
+  const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
+  const std::int64_t gap_ns = sweep.stamp_ns - end_ns_;
+  const bool torn = begun_ && (gap_ns > kMostGap_ns || end_ns <= end_ns_);
+  const bool hopeless = bad_in_row_ >= config_.restart_after * static_cast<int>(turn_);
+  if (!begun_ || torn || hopeless) {
+    begin(sweep, begun_ ? window_.knots().back() : Pose::Identity());
+  }
+  OdometryResult result;
+  result.sweep = sweep.sweep;
+  result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
+  result.instant_ns = end_ns;
+
+  Slice slice = slice_of(sweep);
+  if (seen_ < turn_) slice.points.clear();
+  kept_.push_back({end_ns_,
+                   end_ns,
+                   sweep.stamp_ns,
+                   {sweep.less_sharp.begin(), sweep.less_sharp.end()},
+                   {sweep.less_flat.begin(), sweep.less_flat.end()}});
+  window_.push(std::move(slice));
+  const Pose predicted = window_.knots().back();
+  ++seen_;
+  if (seen_ > 2 * turn_) {
+    const double root_s = std::sqrt(window_.slices().back().period_s);
+    window_.inertia().gravity_sigma_mps2 = config_.imu_gravity_walk * root_s;
+    window_.inertia().rate_bias_sigma_radps = config_.imu_rate_walk * root_s;
+  }
+  end_ns_ = end_ns;
+  prev_sweep_ = sweep.sweep;
+  if (seen_ == turn_) note_rest();
+  if (seen_ >= turn_ && seen_ <= 2 * turn_) found();
+  let_settle();
+  KnotSolution solution;
+  if (seen_ > turn_) solution = window_.solve(*recent_, sweep.range_noise_m);
+
+  result.health = judge(sweep, solution);
+  result.T_odom_base = window_.knots().back();
+  result.twist_per_s = window_.velocity(window_.slices().size() - 1);
+  result.covariance = config_.covariance_scale * solution.covariance;
+  const Pose error = predicted.inverse() * result.T_odom_base;
+  result.diagnostics.iterations = solution.iterations;
+  result.diagnostics.planes = solution.matched;
+  result.diagnostics.residual_m = solution.residual_m;
+  result.diagnostics.prediction_error_m = error.translation().norm();
+  result.diagnostics.prediction_error_rad = log_so3(error.linear()).norm();
+  result.diagnostics.imu_used = window_.slices().back().inertia.has_value();
+  fill_clouds(result);
+  return result;
+}
+
+}  // namespace zloam::odometry

@@ -1,0 +1,230 @@
+// A scanner's plane turned in a furnished room: the pose while it moves, with and without an
+// inertial sensor, and what is said when it can't be known.
+
+#include "odometry/knot_odometry.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace zloam::odometry {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr std::int64_t kSliceNs = 100'000'000;
+constexpr int kLines = 4;
+constexpr int kSteps = 181;  // of half a turn
+
+/// A room of 10 x 8 x 3 m with three boxes in it.
+double range_to_room(const Eigen::Vector3d& from, const Eigen::Vector3d& along) {
+  double nearest = 1e9;
+  const auto look = [&](const Eigen::Vector3d& low, const Eigen::Vector3d& high, bool inside) {
+    double enter = 0.0, leave = 1e9;
+    for (int i = 0; i < 3; ++i) {
+      if (std::abs(along[i]) < 1e-12) continue;
+      double a = (low[i] - from[i]) / along[i];
+      double b = (high[i] - from[i]) / along[i];
+      if (a > b) std::swap(a, b);
+      enter = std::max(enter, a);
+      leave = std::min(leave, b);
+    }
+    if (inside) nearest = std::min(nearest, leave);
+    if (!inside && enter < leave && enter > 0.0) nearest = std::min(nearest, enter);
+  };
+  look({-5.0, -4.0, -1.0}, {5.0, 4.0, 2.0}, true);
+  look({2.0, 1.0, -1.0}, {3.0, 2.5, 1.0}, false);
+  look({-3.5, -2.5, -1.0}, {-2.0, -1.5, 0.3}, false);
+  look({-1.0, 2.5, -1.0}, {0.5, 3.5, 1.2}, false);
+  return nearest;
+}
+
+/// Starts from rest after the second second, swings about, speeds of 0.4 m/s.
+Pose T_room_base(double t_s) {
+  const double moving_s = std::max(0.0, t_s - 2.0);
+  const double eased_s = moving_s * moving_s / (moving_s + 1.0);
+  Pose pose = Pose::Identity();
+  pose.translation() =
+      Eigen::Vector3d(1.2 * std::sin(0.3 * eased_s), 0.5 * (1.0 - std::cos(0.35 * eased_s)),
+                      0.03 * std::sin(0.9 * eased_s));
+  pose.linear() = exp_so3({0.02 * std::sin(0.8 * eased_s), 0.03 * std::sin(0.6 * eased_s),
+                           0.5 * std::sin(0.4 * eased_s)});
+  return pose;
+}
+
+struct Drive {
+  std::mt19937 random{7};
+  double noise_m = 0.01;
+  PointVector points;
+  std::vector<ImuReading> imu;
+
+  FeatureSweep slice(int number, bool with_imu) {
+    std::normal_distribution<double> noise(0.0, noise_m);
+    const std::int64_t begin_ns = number * kSliceNs;
+    points.clear();
+    for (int line = 0; line < kLines; ++line) {
+      for (int step = 0; step < kSteps; ++step) {
+        const std::int64_t at_ns = (line * kSliceNs + step * kSliceNs / kSteps) / kLines;
+        const double t_s = 1e-9 * static_cast<double>(begin_ns + at_ns);
+        const double roll = kPi * t_s;  // half a turn a second
+        const double theta = -kPi / 2.0 + kPi * step / (kSteps - 1);
+        const Eigen::Vector3d along_base(std::cos(theta), std::sin(theta) * std::cos(roll),
+                                         std::sin(theta) * std::sin(roll));
+        const Pose T = T_room_base(t_s);
+        const double range_m =
+            range_to_room(T.translation(), T.linear() * along_base) + noise(random);
+        const Eigen::Vector3f p = (range_m * along_base).cast<float>();
+        points.push_back({p.x(), p.y(), p.z(), 0.0F, static_cast<std::uint32_t>(at_ns),
+                          static_cast<std::uint16_t>((number * kLines + line) % 64),
+                          ReturnType::kStrongest, 0});
+      }
+    }
+    FeatureSweep sweep;
+    sweep.sweep = static_cast<std::uint64_t>(number);
+    sweep.stamp_ns = 1'700'000'000'000'000'000 + begin_ns;
+    sweep.period_ns = kSliceNs;
+    sweep.slices = 10;
+    sweep.range_noise_m = noise_m;
+    sweep.less_flat = points;
+    if (with_imu) sweep.imu = readings(begin_ns, sweep.stamp_ns - begin_ns);
+    return sweep;
+  }
+
+  /// An ideal sensor but for constant biases, by differences of the motion.
+  ImuSpan readings(std::int64_t begin_ns, std::int64_t zero_ns) {
+    imu.clear();
+    constexpr std::int64_t kStepNs = 5'000'000;
+    for (std::int64_t at = begin_ns - 30'000'000; at <= begin_ns + kSliceNs + 30'000'000;
+         at += kStepNs) {
+      const double t = 1e-9 * static_cast<double>(at);
+      constexpr double h = 1e-3;
+      const Pose a = T_room_base(t - h), b = T_room_base(t), c = T_room_base(t + h);
+      const Eigen::Vector3d acceleration =
+          (c.translation() - 2.0 * b.translation() + a.translation()) / (h * h);
+      ImuReading reading;
+      reading.stamp_ns = zero_ns + at;
+      reading.force_mps2 = b.linear().transpose() * (acceleration + Eigen::Vector3d(0, 0, 9.81)) +
+                           Eigen::Vector3d(0.02, -0.01, 0.01);
+      reading.rate_radps = log_so3(a.linear().transpose() * c.linear()) / (2.0 * h) +
+                           Eigen::Vector3d(2e-3, -1e-3, 1e-3);
+      imu.push_back(reading);
+    }
+    return imu;
+  }
+};
+
+struct Outcome {
+  double worst_m = 0.0;
+  double rms_m = 0.0;
+  int not_ok = 0;
+};
+
+Outcome drive(KnotOdometry& odometry, int slices, bool with_imu) {
+  Drive scans;
+  Outcome out;
+  int counted = 0;
+  for (int i = 0; i < slices; ++i) {
+    const OdometryResult result = odometry.process(scans.slice(i, with_imu));
+    if (i < 20) continue;
+    const Pose truth = T_room_base(1e-9 * static_cast<double>((i + 1) * kSliceNs));
+    const double off_m = (result.T_odom_base.translation() - truth.translation()).norm();
+    out.worst_m = std::max(out.worst_m, off_m);
+    out.rms_m += off_m * off_m;
+    out.not_ok += result.health == Health::kOk ? 0 : 1;
+    ++counted;
+  }
+  out.rms_m = std::sqrt(out.rms_m / counted);
+  return out;
+}
+
+TEST(KnotOdometryTest, FollowsWithAnInertialSensor) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  const Outcome out = drive(odometry, 250, true);
+  EXPECT_EQ(out.not_ok, 0);
+  EXPECT_LT(out.rms_m, 0.02);
+  EXPECT_LT(out.worst_m, 0.05);
+}
+
+TEST(KnotOdometryTest, FollowsWithoutOne) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  const Outcome out = drive(odometry, 250, false);
+  EXPECT_EQ(out.not_ok, 0);
+  EXPECT_LT(out.rms_m, 0.04);
+  EXPECT_LT(out.worst_m, 0.12);
+}
+
+TEST(KnotOdometryTest, TheSameSlicesGiveTheSameBytes) {
+  std::vector<Eigen::Matrix4d> poses[2];
+  for (auto& all : poses) {
+    KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+    Drive scans;
+    for (int i = 0; i < 40; ++i) {
+      all.push_back(odometry.process(scans.slice(i, true)).T_odom_base.matrix());
+    }
+  }
+  EXPECT_EQ(poses[0], poses[1]);
+}
+
+TEST(KnotOdometryTest, EachSliceIsHandedOnOnceItHasSettled) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  std::size_t points = 0;
+  for (int i = 0; i < 60; ++i) {
+    const OdometryResult result = odometry.process(scans.slice(i, false));
+    const bool turn_ends = i >= 19 && i % 10 == 9;
+    EXPECT_EQ(!result.planes.empty(), turn_ends) << i;
+    points += result.planes.size();
+    // In base_link at the result's instant: the walls are where they are.
+    for (std::size_t k = 0; k < result.planes.size(); k += 97) {
+      const Eigen::Vector3d p =
+          T_room_base(0.1 * (i + 1)) * result.planes[k].position().cast<double>();
+      EXPECT_LT(p.cwiseAbs().x(), 5.15);
+      EXPECT_LT(p.cwiseAbs().y(), 4.15);
+    }
+  }
+  EXPECT_EQ(points, std::size_t{50 * kLines * kSteps});
+}
+
+TEST(KnotOdometryTest, SlicesOfAnotherPlaceAreNotCalledWell) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  for (int i = 0; i < 40; ++i) odometry.process(scans.slice(i, false));
+  int well = 0;
+  for (int i = 40; i < 60; ++i) {
+    FeatureSweep sweep = scans.slice(i, false);
+    // Carried away in an instant: a turned room of another size.
+    for (Point& p : scans.points) {
+      const float x = p.x;
+      p.x = 0.5F * p.y;
+      p.y = -1.7F * x;
+    }
+    sweep.less_flat = scans.points;
+    const Health health = odometry.process(sweep).health;
+    if (i >= 50) well += health == Health::kOk ? 1 : 0;
+  }
+  EXPECT_EQ(well, 0);
+}
+
+TEST(KnotOdometryTest, ASilenceBeginsATargetAnew) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  OdometryResult last;
+  for (int i = 0; i < 40; ++i) last = odometry.process(scans.slice(i, false));
+  FeatureSweep later = scans.slice(60, false);
+  const OdometryResult result = odometry.process(later);
+  EXPECT_EQ(result.prev_sweep, 60U);
+  EXPECT_TRUE(result.planes.empty());
+}
+
+TEST(KnotOdometryTest, EmptySlicesAreSaid) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  for (int i = 0; i < 30; ++i) odometry.process(scans.slice(i, false));
+  FeatureSweep empty = scans.slice(30, false);
+  empty.less_flat = {};
+  EXPECT_EQ(odometry.process(empty).health, Health::kEmpty);
+}
+
+}  // namespace
+}  // namespace zloam::odometry

@@ -1,0 +1,125 @@
+#pragma once
+// The motion over the last slices of a scan that covers the field only after many of them, as of a
+// 2-D scanner that a motor turns: one knot at the end of each slice, all of them solved together.
+//
+// Unknowns: T_k, base_link at the end of slice k; between two knots the motion is a constant twist,
+// T(t) = T_{k-1} Exp(a Log(T_{k-1}^-1 T_k)), a in [0, 1].
+//   plane       r = n . (T(t) p) - d, against planes of the slices that have left the window
+//   smoothness  e = v_{k+1} - v_k, v_k = Log(T_{k-1}^-1 T_k) / dt_k: accelerations are bounded
+//   inertia     in its place where there is a sensor: the turn from knot to knot is the gyroscope's
+//               but for its bias; mean velocities differ by what gravity and the force make
+// The first knot is held. Gauss-Newton with Geman-McClure weights, as in motion_solver.hpp.
+// Continuous-time estimation with knots: Bosse and Zlot, ICRA 2009; Zhang and Singh (RSS 2014) match
+// the growing sweep with one constant twist in place of it.
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "odometry/config.hpp"
+#include "odometry/imu_integration.hpp"
+#include "odometry/motion_solver.hpp"
+#include "odometry/odometry.hpp"
+#include "odometry/window_map.hpp"
+
+namespace zloam::odometry {
+
+/// A point that is matched.
+struct SlicePoint {
+  Eigen::Vector3d position;  ///< frame base_link at its own time
+  double part;               ///< 0 at the knot before, 1 at the slice's own
+};
+
+/// From the end of the slice before to its own end.
+struct Slice {
+  double period_s = 0.1;
+  std::vector<SlicePoint> points;
+  std::optional<SweepInertia> inertia;
+  /// what the gyroscope was taken to be off by there
+  Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
+};
+
+/// What is known of gravity and of the gyroscope.
+struct KnotInertia {
+  Eigen::Vector3d gravity_mps2 = Eigen::Vector3d::Zero();  ///< frame odom
+  Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
+  /// one sigma of what they wander by until the next slice
+  double gravity_sigma_mps2 = 0.02;
+  double rate_bias_sigma_radps = 2e-4;
+};
+
+/// The pose at a part of the way from one knot to the next.
+Pose between(const Pose& before, const Pose& after, double part);
+
+struct KnotSolution {
+  std::uint32_t iterations = 0;
+  std::uint32_t matched = 0;
+  std::uint32_t looked_up = 0;
+  double residual_m = 0.0;
+  /// of the points of the newest half: the share that lies on a surface, 0 to 1
+  double explained = 0.0;
+  bool converged = false;
+  /// false: too few matches; the knots are as they were
+  bool solved = false;
+  /// of the last step, tangent at base_link
+  Matrix6 covariance = Matrix6::Zero();
+  /// of the residuals alone, as if the window were rigid: T at the last knot
+  NormalEquations data;
+};
+
+class KnotWindow {
+ public:
+  explicit KnotWindow(const OdometryConfig& config) : config_(config) {}
+
+  /// Everything anew, from this pose and most likely at rest.
+  void begin(const Pose& T_odom_base);
+  /// With its knot as the motion so far, or the inertial sensor, foretells it.
+  void push(Slice slice);
+  /// The oldest slice leaves; its end is the first knot from then on.
+  void pop();
+
+  /// knots()[k] is at the begin, knots()[k + 1] at the end of slices()[k].
+  const std::deque<Pose>& knots() const { return knots_; }
+  const std::deque<Slice>& slices() const { return slices_; }
+
+  /// Matches and solves until the steps are small.
+  KnotSolution solve(WindowMap& target, double range_noise_m);
+
+  /// Mean twist of a slice, m/s and rad/s.
+  Vector6 velocity(std::size_t k) const;
+  void configure(const OdometryConfig& config) { config_ = config; }
+  KnotInertia& inertia() { return inertia_; }
+  const KnotInertia& inertia() const { return inertia_; }
+
+ private:
+  struct System;
+  struct Match;
+
+  std::vector<Match> match(WindowMap& target, double gate_m, std::size_t& looked_up);
+  double explained_of_newest(const std::vector<Match>& matches, double kernel_m) const;
+  void add_points(const std::vector<Match>& matches, double weight, double kernel_m, System& system,
+                  NormalEquations& data) const;
+  void add_smoothness(std::size_t k, System& system) const;
+  void add_turn(std::size_t k, System& system) const;
+  void add_force(std::size_t k, System& system) const;
+  void add_motion(const KnotInertia& before, System& system) const;
+  void move(const Eigen::VectorXd& step);
+  Matrix6 last_step_covariance(const System& system,
+                               const Eigen::LDLT<Eigen::MatrixXd>& ldlt) const;
+
+  OdometryConfig config_;
+  std::deque<Pose> knots_;
+  std::deque<Slice> slices_;
+  /// of the slice that left last
+  Vector6 velocity_before_ = Vector6::Zero();
+  /// of the velocity, beside what accelerations make: only at the start
+  Vector6 velocity_before_sigma_ = Vector6::Zero();
+  double period_before_s_ = 0.1;
+  std::optional<SweepInertia> inertia_before_;
+  KnotInertia inertia_;
+};
+
+}  // namespace zloam::odometry
