@@ -1,0 +1,355 @@
+#include "driver/calibration/mount_calibration.hpp"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <stdexcept>
+#include <tuple>
+#include <utility>
+
+namespace zloam::driver::calibration {
+namespace {
+
+constexpr std::size_t kUnknowns = 5;
+using Vector = std::array<double, kUnknowns>;  // pitch and yaw, degrees; y and z, m; delay, ms
+
+constexpr std::size_t kMostPoints = 60'000;
+constexpr std::size_t kLeastInVoxel = 30;
+// Beyond these a recording does not tell the unknown: 0.05 degrees, 5 mm, 1 ms.
+constexpr Vector kAsked = {0.05, 0.05, 0.005, 0.005, 1.0};
+// A platform that moves leaves few points on planes.
+constexpr double kLeastFlat = 0.3;
+// Delays that are looked at before anything is solved: a turn of 180 degrees a second is off by
+// seven degrees at the most of them.
+constexpr double kFarthestDelay_ms = 40.0, kDelayStep_ms = 4.0;
+
+/// Voxels, from coarse to fine: edge, and how thick a plane in them may be.
+struct Stage {
+  double edge_m, thick_m;
+  int rounds;
+  bool whole;
+};
+constexpr std::array kStages = {Stage{2.0, 0.25, 3, false}, Stage{1.5, 0.1, 3, false},
+                                Stage{1.0, 0.05, 3, false}, Stage{1.0, 0.05, 5, true}};
+
+/// One return in the scanner's plane.
+struct Ray {
+  Eigen::Vector3d point;
+  std::int64_t at_ns;
+};
+
+class Points {
+ public:
+  Points(const Recording& recording, spinning::Mount start)
+      : recording_(recording), start_(std::move(start)) {
+    std::size_t echoes = 0;
+    for (const scip::TimedScan& line : recording.lines) echoes += line.scan.echoes.size();
+    const std::size_t stride = std::max<std::size_t>(1, echoes / kMostPoints);
+    std::size_t i = 0;
+    for (const scip::TimedScan& line : recording.lines) {
+      for (const scip::Echo& echo : line.scan.echoes) {
+        if (i++ % stride == 0) add(line, echo);
+      }
+    }
+  }
+
+  std::size_t size() const { return rays_.size(); }
+
+  /// Where a return lies with these unknowns. False where the motor's angle is not known.
+  bool at(std::size_t i, const Vector& x, Eigen::Vector3d& p) const {
+    const Ray& ray = rays_[i];
+    const auto delay_ns = static_cast<std::int64_t>(std::llround(1e6 * x[4]));
+    double before = 0.0, after = 0.0;
+    // Between two whole nanoseconds, so that it can be differentiated.
+    const double rest_ns = 1e6 * x[4] - static_cast<double>(delay_ns);
+    constexpr std::int64_t kSpan_ns = 500'000;
+    const std::int64_t at_ns = ray.at_ns + delay_ns;
+    if (recording_.angles.at(at_ns - kSpan_ns, before) != spinning::Angle::kKnown ||
+        recording_.angles.at(at_ns + kSpan_ns, after) != spinning::Angle::kKnown) {
+      return false;
+    }
+    const double part = 0.5 + 0.5 * rest_ns / static_cast<double>(kSpan_ns);
+    const double angle_rad = before + part * (after - before);
+    const double turn_rad = start_.direction * (angle_rad - start_.zero_rad);
+    p = Eigen::AngleAxisd(turn_rad, start_.axis) * (mounted(x) * ray.point);
+    return true;
+  }
+
+ private:
+  void add(const scip::TimedScan& line, const scip::Echo& echo) {
+    const scip::Parameters& scanner = recording_.scanner;
+    if (echo.range_mm < std::max(1U, scanner.least_mm) || echo.range_mm > scanner.most_mm) return;
+    const double range_m = 1e-3 * echo.range_mm;
+    const double azimuth_rad = scanner.azimuth_rad(echo.step);
+    rays_.push_back({range_m * Eigen::Vector3d(std::cos(azimuth_rad), std::sin(azimuth_rad), 0.0),
+                     line.stamp_ns + scanner.step_ns(echo.step)});
+  }
+
+  Pose mounted(const Vector& x) const {
+    Pose pose = pose_from_xyz_rpy_deg({0.0, x[2], x[3]}, {0.0, x[0], x[1]});
+    pose.translation().x() = start_.T_motor_scanner.translation().x();
+    return pose;
+  }
+
+  const Recording& recording_;
+  spinning::Mount start_;
+  std::vector<Ray> rays_;
+};
+
+struct Plane {
+  Eigen::Vector3d centre, normal;
+  double thickness_m;
+};
+
+Plane plane_of(const std::vector<Eigen::Vector3d>& points) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) sum += p;
+  const Eigen::Vector3d centre = sum / static_cast<double>(points.size());
+  Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& p : points) moments += (p - centre) * (p - centre).transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(moments);
+  const double variance = axes.eigenvalues()[0] / static_cast<double>(points.size());
+  return {centre, axes.eigenvectors().col(0), std::sqrt(std::max(0.0, variance))};
+}
+
+/// Returns of one voxel that lie on a plane.
+using Patch = std::vector<std::size_t>;
+
+std::vector<Eigen::Vector3d> placed(const Points& points, const Patch& patch, const Vector& x) {
+  std::vector<Eigen::Vector3d> out(patch.size(), Eigen::Vector3d::Zero());
+  for (std::size_t i = 0; i < patch.size(); ++i) points.at(patch[i], x, out[i]);
+  return out;
+}
+
+std::vector<Patch> patches_of(const Points& points, const Vector& x, const Stage& stage) {
+  std::map<std::tuple<int, int, int>, Patch> voxels;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    Eigen::Vector3d p;
+    if (!points.at(i, x, p)) continue;
+    const Eigen::Vector3i cell = (p / stage.edge_m).array().floor().cast<int>();
+    voxels[{cell.x(), cell.y(), cell.z()}].push_back(i);
+  }
+  std::vector<Patch> patches;
+  for (const auto& [cell, all] : voxels) {
+    if (all.size() < kLeastInVoxel) continue;
+    const std::vector<Eigen::Vector3d> where = placed(points, all, x);
+    const Plane plane = plane_of(where);
+    if (plane.thickness_m > stage.thick_m) continue;
+    Patch near;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const double off_m = std::abs(plane.normal.dot(where[i] - plane.centre));
+      if (off_m < 3.0 * plane.thickness_m + 0.01) near.push_back(all[i]);
+    }
+    if (near.size() >= kLeastInVoxel) patches.push_back(std::move(near));
+  }
+  return patches;
+}
+
+// Patches of one wall or floor: their normals and planes differ by no more than this.
+constexpr double kSameTurn = 0.9986;  // cosine of three degrees
+constexpr double kSamePlane_m = 0.06;
+constexpr double kSameReach_m = 8.0;
+
+/// What a mount is off by bends a floor as a whole, and hardly a metre of it.
+std::vector<Patch> joined(const Points& points, std::vector<Patch> patches, const Vector& x) {
+  std::sort(patches.begin(), patches.end(),
+            [](const Patch& a, const Patch& b) { return a.size() > b.size(); });
+  std::vector<Patch> whole;
+  std::vector<Plane> planes;
+  for (const Patch& patch : patches) {
+    const Plane plane = plane_of(placed(points, patch, x));
+    const auto same = std::find_if(planes.begin(), planes.end(), [&](const Plane& other) {
+      const Eigen::Vector3d apart = plane.centre - other.centre;
+      return std::abs(plane.normal.dot(other.normal)) > kSameTurn &&
+             std::abs(other.normal.dot(apart)) < kSamePlane_m && apart.norm() < kSameReach_m;
+    });
+    if (same == planes.end()) {
+      whole.push_back(patch);
+      planes.push_back(plane);
+    } else {
+      Patch& of = whole[static_cast<std::size_t>(same - planes.begin())];
+      of.insert(of.end(), patch.begin(), patch.end());
+    }
+  }
+  return whole;
+}
+
+double thickness_m(const Points& points, const std::vector<Patch>& patches, const Vector& x) {
+  double squares = 0.0, count = 0.0;
+  for (const Patch& patch : patches) {
+    const double off_m = plane_of(placed(points, patch, x)).thickness_m;
+    squares += static_cast<double>(patch.size()) * off_m * off_m;
+    count += static_cast<double>(patch.size());
+  }
+  return std::sqrt(squares / std::max(1.0, count));
+}
+
+struct OffPlane {
+  const Points& points;
+  const Patch& patch;
+
+  bool operator()(double const* const* parameters, double* residuals) const {
+    Vector x{};
+    std::copy_n(parameters[0], kUnknowns, x.begin());
+    const std::vector<Eigen::Vector3d> where = placed(points, patch, x);
+    const Plane plane = plane_of(where);
+    for (std::size_t i = 0; i < where.size(); ++i) {
+      residuals[i] = plane.normal.dot(where[i] - plane.centre);
+    }
+    return true;
+  }
+};
+
+struct Solved {
+  Vector x{};
+  Vector sigma{};
+  bool converged = false;
+};
+
+// Farther than that no scanner is from where it was mounted; beyond lie solutions in which all points
+// fall together.
+constexpr Vector kFarthest = {10.0, 10.0, 0.3, 0.3, 100.0};
+
+/// One sigma of each unknown. What is not flat about a surface is the same for all of its points: each
+/// surface counts as one witness (covariance of clusters, White 1980), and as no better one than the
+/// noise of its points allows.
+Vector sigmas_of(ceres::Problem& problem) {
+  using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+  using Column = Eigen::Matrix<double, kUnknowns, 1>;
+  Matrix information = Matrix::Zero(), scatter = Matrix::Zero();
+  double squares = 0.0, count = 0.0;
+  std::vector<ceres::ResidualBlockId> blocks;
+  problem.GetResidualBlocks(&blocks);
+  for (ceres::ResidualBlockId block : blocks) {
+    ceres::Problem::EvaluateOptions one;
+    one.residual_blocks = {block};
+    double cost = 0.0;
+    std::vector<double> residuals, gradient;
+    ceres::CRSMatrix jacobian;
+    problem.Evaluate(one, &cost, &residuals, &gradient, &jacobian);
+    const auto rows = static_cast<Eigen::Index>(residuals.size());
+    const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, kUnknowns, Eigen::RowMajor>> J(
+        jacobian.values.data(), rows, kUnknowns);
+    information += J.transpose() * J;
+    const Eigen::Map<const Column> g(gradient.data());
+    scatter += g * g.transpose();
+    squares += 2.0 * cost;
+    count += static_cast<double>(rows);
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix> axes(information);
+  Vector sigma;
+  sigma.fill(1e3);
+  constexpr double kLeastInformation = 1e-9;
+  if (axes.eigenvalues()[0] < kLeastInformation) return sigma;
+  const Matrix inverse = information.inverse();
+  const Matrix by_noise = squares / std::max(1.0, count) * inverse;
+  const Matrix by_surface = inverse * scatter * inverse;
+  for (std::size_t i = 0; i < kUnknowns; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    sigma[i] = std::sqrt(std::max(by_noise(k, k), by_surface(k, k)));
+  }
+  return sigma;
+}
+
+Solved solve(const Points& points, const std::vector<Patch>& patches, const Vector& start,
+             const Vector& around) {
+  Solved out{start, {}, false};
+  ceres::Problem problem;
+  for (const Patch& patch : patches) {
+    auto* cost = new ceres::DynamicNumericDiffCostFunction<OffPlane>(new OffPlane{points, patch});
+    cost->AddParameterBlock(static_cast<int>(kUnknowns));
+    cost->SetNumResiduals(static_cast<int>(patch.size()));
+    problem.AddResidualBlock(cost, nullptr, out.x.data());
+  }
+  for (std::size_t i = 0; i < kUnknowns; ++i) {
+    const auto index = static_cast<int>(i);
+    problem.SetParameterLowerBound(out.x.data(), index, around[i] - kFarthest[i]);
+    problem.SetParameterUpperBound(out.x.data(), index, around[i] + kFarthest[i]);
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
+  options.max_num_iterations = 15;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  out.converged = summary.IsSolutionUsable();
+  out.sigma = sigmas_of(problem);
+  return out;
+}
+
+/// The delay with which most returns lie on planes: the other unknowns are small beside it.
+Vector with_best_delay(const Points& points, Vector x) {
+  const double known_ms = x[4];
+  std::pair<double, double> best{-1.0, known_ms};
+  for (double off_ms = -kFarthestDelay_ms; off_ms <= kFarthestDelay_ms; off_ms += kDelayStep_ms) {
+    x[4] = known_ms + off_ms;
+    double flat = 0.0;
+    for (const Patch& patch : patches_of(points, x, kStages.back())) {
+      flat += static_cast<double>(patch.size());
+    }
+    best = std::max(best, std::pair{flat, x[4]});
+  }
+  x[4] = best.second;
+  return x;
+}
+
+std::string objection_to(const MountCalibration& found) {
+  if (found.planes == 0) return "no flat surface was seen";
+  if (found.flat_share < kLeastFlat) {
+    return "what was seen does not become flat: did the platform move, or do the angles belong to "
+           "another recording?";
+  }
+  constexpr std::array names = {"pitch", "yaw", "y", "z", "delay"};
+  std::string missing;
+  const auto unknowns = found.unknowns();
+  for (std::size_t i = 0; i < kUnknowns; ++i) {
+    if (!unknowns[i]->found) missing += (missing.empty() ? "" : ", ") + std::string(names[i]);
+  }
+  if (missing.empty()) return {};
+  return "the recording does not tell " + missing +
+         ": take one of a minute, where walls, floor and ceiling are near";
+}
+
+}  // namespace
+
+MountCalibration calibrate(const Recording& recording, const spinning::Mount& start) {
+  if (recording.lines.empty()) throw std::invalid_argument("there is no line in the recording");
+  if (recording.angles.received() == 0) throw std::invalid_argument("there is no angle");
+  const Points points(recording, start);
+  const Eigen::Vector3d place = start.T_motor_scanner.translation();
+  const Vector known = {0.0, 0.0, place.y(), place.z(),
+                        1e-6 * static_cast<double>(start.angle_delay_ns)};
+  MountCalibration out;
+  out.before_m = thickness_m(points, patches_of(points, known, kStages.front()), known);
+  Solved solved{with_best_delay(points, known), {}, false};
+  std::vector<Patch> patches;
+  for (const Stage& stage : kStages) {
+    for (int round = 0; round < stage.rounds; ++round) {
+      patches = patches_of(points, solved.x, stage);
+      if (patches.empty()) break;
+      if (stage.whole) patches = joined(points, std::move(patches), solved.x);
+      solved = solve(points, patches, solved.x, known);
+    }
+  }
+  out.planes = patches.size();
+  for (const Patch& patch : patches) out.points += patch.size();
+  out.flat_share = static_cast<double>(out.points) / static_cast<double>(points.size());
+  out.after_m = thickness_m(points, patches, solved.x);
+  const auto unknown = [&](std::size_t i) {
+    const bool inside = std::abs(solved.x[i] - known[i]) < 0.99 * kFarthest[i];
+    const bool found = solved.converged && inside && solved.sigma[i] < kAsked[i];
+    return Unknown{solved.x[i], solved.sigma[i], found};
+  };
+  out.pitch_deg = unknown(0);
+  out.yaw_deg = unknown(1);
+  out.y_m = unknown(2);
+  out.z_m = unknown(3);
+  out.delay_ms = unknown(4);
+  out.objection = objection_to(out);
+  return out;
+}
+
+}  // namespace zloam::driver::calibration
