@@ -92,6 +92,8 @@ COMMANDS: dict[str, Kind] = {
         ALL_WELL, DEMO, ("velodyne",), slow=True
     ),
     "make demo BIN=packets.bin": Runs(ALL_WELL, DEMO, ("packets.bin",), slow=True),
+    "make demo SENSOR=hokuyo IMU=simulated": Runs(ALL_WELL, DEMO, slow=True),
+    "make demo SESSION=drive.logr": Form("tests/integration/test_hokuyo.py, by zloam demo"),
     "bin/zloam recording drive.mcap": Runs(r"/points", needs=("drive.mcap",)),
     "bin/zloam evaluate TRAJECTORY TRUTH": Runs(
         r"ate_rmse_m: 0\.0\n",

@@ -35,12 +35,16 @@ class BinariesMissing(RuntimeError):
     """The stages were not built."""
 
 
+#: of programs that not every robot needs: the beginning of their names -> what builds them
+TARGETS = {"graph": "graph", "aloam": "aloam", "calibrate": "graph"}
+
+
 def binary(build: Path, name: str) -> Path:
     """Path of one program of a build folder."""
     path = build / "bin" / f"zloam-{name}"
     if not path.is_file():
         # what not every robot needs is built by itself
-        target = next((t for t in ("graph", "aloam") if name.startswith(t)), "build")
+        target = next((t for n, t in TARGETS.items() if name.startswith(n)), "build")
         raise BinariesMissing(f"{path} does not exist: build it first (make {target})")
     return path
 

@@ -17,6 +17,7 @@ from zloam_monitor.stages import ROWS
 PROGRAMS = (
     *((row.name, row.summary) for row in ROWS.values()),
     ("decode", "Points of a capture as text."),
+    ("calibrate", "Where a scanner sits on its motor, from a session at rest."),
 )
 
 

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from zloam_monitor.sources import Source
 
 SIMULATED_IMU = "simulated"
+#: options of demo that name a recording
+RECORDED = ("pcap", "bin", "kitti", "scans", "bag", "session")
+#: simulated where nothing else is said
+CITY, INDOOR = "city", "indoor"
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class _Recorded:
     kitti: Path | None
     scans: Path | None
     bag: Path | None
+    session: Path | None
     imu: str | None
     settings: list[str]
     own_config: bool
@@ -33,7 +38,7 @@ class _Recorded:
     def source(self) -> Source | None:
         from zloam_monitor import sources
 
-        named = [name for name in ("pcap", "bin", "kitti", "scans", "bag") if getattr(self, name)]
+        named = [name for name in RECORDED if getattr(self, name)]
         if len(named) > 1:
             raise sources.SourceError(f"only one of --{' and --'.join(named)} can be replayed")
         if named and self.imu == SIMULATED_IMU:
@@ -46,6 +51,8 @@ class _Recorded:
             return sources.from_bin(self.bin)
         if self.kitti:
             return sources.from_kitti(self.kitti, Path("out/unpacked"))
+        if self.session:
+            return sources.from_session(self.session)
         if self.bag:
             return sources.from_bag(self.bag, self.settings, self.own_config)
         return sources.from_scans(self.scans) if self.scans else None
@@ -67,7 +74,23 @@ def demo(
         ),
     ] = None,
     topic: Annotated[str, typer.Option(help="Of a bag, where several have clouds.")] = "",
-    world: Annotated[str, typer.Option(help="Simulated without a recording.")] = "city",
+    session: Annotated[
+        Path | None,
+        typer.Option(
+            help="Replies of a Hokuyo scanner on a motor, as they were received, with the "
+            "motor's angles in the .csv beside it."
+        ),
+    ] = None,
+    hokuyo: Annotated[
+        bool,
+        typer.Option(
+            "--hokuyo", help="Simulate a Hokuyo scanner on a motor in place of the VLP-16."
+        ),
+    ] = False,
+    world: Annotated[
+        str,
+        typer.Option(help=f"Simulated without a recording. Default: {CITY}; --hokuyo: {INDOOR}."),
+    ] = "",
     seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
     simulate: Annotated[
         list[str] | None,
@@ -136,16 +159,19 @@ def demo(
     if topic:
         settings.append(f"driver.topic={topic}")
     source = _Recorded(
-        pcap, bin, kitti, scans, bag, imu, settings, own_config=config is not None
+        pcap, bin, kitti, scans, bag, session, imu, settings, config is not None
     ).source()
     build = common.kept(preset_dir)
     binary(build, "driver")
     if source is None:
+        world = world or (INDOOR if hokuyo else CITY)
         print(f"simulating {world}, seed {seed}", flush=True)
         with_imu = imu == SIMULATED_IMU
         simulator = binary(build, "simulator")
         inputs = [*(truth or []), *([config] if config else [])]
-        source = sources.simulated(simulator, out, world, seed, simulate or [], with_imu, inputs)
+        source = sources.simulated(
+            simulator, out, world, seed, simulate or [], with_imu, inputs, hokuyo
+        )
     if imu and imu != SIMULATED_IMU:
         source = sources.with_imu(source, Path(imu))
     robot = names(config or source.config, settings)

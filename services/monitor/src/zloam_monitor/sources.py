@@ -17,6 +17,8 @@ from zloam_monitor.recordings.sweeps import Timing
 ROBOTS = places.robots()
 #: of a robot's own recording: where none of the first sweeps has readings, it has no IMU
 IMU_JUDGED_SWEEPS = 20
+#: of the simulated path: half a metre a second at most, as suits a scanner with a turn a second
+HOKUYO_SPEED_FACTOR = 0.35
 #: in place of a file of inertial readings: the simulator's own
 SIMULATED_IMU = "simulated"
 
@@ -30,7 +32,7 @@ class Source:
     """One recording."""
 
     title: str
-    kind: str  # pcap, bin, kitti, scans, recording
+    kind: str  # pcap, bin, kitti, scans, recording, scip_log
     path: Path
     #: configuration when none was named
     config: Path
@@ -190,10 +192,22 @@ def from_scans(folder: Path) -> Source:
     return Source(folder.name, "scans", folder, ROBOTS / "vlp16-outdoor.yaml", truth, count)
 
 
+def from_session(path: Path) -> Source:
+    """A Hokuyo scanner's replies as they were received, and the angles of its motor beside them."""
+    _existing(path, "the session")
+    # without them the driver refuses the session
+    angles = [path.with_suffix(".csv")] if path.with_suffix(".csv").is_file() else []
+    return Source(path.name, "scip_log", path, ROBOTS / "hokuyo.yaml", readings=angles)
+
+
 def with_imu(source: Source, readings: Path) -> Source:
     """The same with inertial readings; a file that can't be read is the driver's to refuse."""
     settings = ["driver.imu=file", f"driver.imu_path={readings.resolve()}"]
-    return replace(source, settings=[*source.settings, *settings], readings=[readings])
+    return replace(
+        source,
+        settings=[*source.settings, *settings],
+        readings=[*source.readings, readings],
+    )
 
 
 def simulated(
@@ -204,19 +218,27 @@ def simulated(
     extra: Iterable[str],
     imu: bool = False,
     inputs: Iterable[Path] = (),
+    hokuyo: bool = False,
 ) -> Source:
-    """A capture made by the simulator, its truth, and its inertial readings where wanted."""
-    made = ("capture.pcap", "simulated_truth.tum", "imu.csv")
-    claim = claims.claim(out, made[: 3 if imu else 2], inputs)
-    capture, truth, readings = (out / name for name in made)
+    """A capture made by the simulator, its truth, and its inertial readings where wanted.
+
+    hokuyo: a session of a scanner on a motor, with the motor's angles, in place of the capture.
+    """
+    recorded = ("session.logr", "session.csv") if hokuyo else ("capture.pcap",)
+    made = (*recorded, "simulated_truth.tum", *(("imu.csv",) if imu else ()))
+    claim = claims.claim(out, made, inputs)
+    capture, truth, readings = out / made[0], out / "simulated_truth.tum", out / "imu.csv"
+    wanted = ["--out", str(capture)]
+    if hokuyo:
+        wanted = ["--hokuyo", "--session", str(capture), "--angles", str(out / made[1])]
+        wanted += ["--speed-factor", str(HOKUYO_SPEED_FACTOR)]
     command = [
         str(simulator),
         "--world",
         world,
         "--seed",
         str(seed),
-        "--out",
-        str(capture),
+        *wanted,
         "--truth",
         str(truth),
         *(["--imu", str(readings)] if imu else []),
@@ -230,4 +252,6 @@ def simulated(
         )
     title = f"{world}, seed {seed}, simulated"
     source = Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
+    if hokuyo:
+        source = replace(from_session(capture), title=title, truth=[truth])
     return with_imu(source, readings) if imu else source

@@ -1,0 +1,304 @@
+"""A Hokuyo scanner on a motor: real sessions, a simulated drive in a replay, and live over TCP and
+a serial line with what may go wrong there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.hokuyo import peer
+from tests.hokuyo.device import Device, SerialDevice, TcpDevice
+from tests.integration.conftest import ROOT, digests, kill, monitor
+from zloam_monitor import evaluation, trajectory
+from zloam_monitor.chain import Chain
+from zloam_monitor.records import HEALTH
+from zloam_monitor.robot_file import names
+from zloam_monitor.trajectory import from_records
+
+ROBOT = ROOT / "deploy" / "robots" / "hokuyo.yaml"
+SESSIONS = ("utm_30lx", "uxm_30lx_e", "urg_04lx")
+POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("rest", "V16")])
+#: the platform stands for the first two seconds
+SECONDS = 40
+#: live, of the same drive
+LIVE_SECONDS = 12.0
+PATIENCE_S = 60.0
+FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_a_real_session_byte_by_byte(decode: Path, shared: Path, tmp_path: Path, name: str) -> None:
+    session = shared / "data" / "hokuyo" / f"{name}.logr"
+    out = tmp_path / "points"
+    command = [str(decode), "--session", str(session), "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = json.loads(done.stdout)
+    replies = peer.replies(session)
+    assert all(peer.is_whole(reply) for reply in replies)
+    assert told["replies_received"] == len(replies)
+    assert sum(told[f"replies_{what}"] for what in told_bad()) == 0
+    scans = peer.scans(session)
+    assert told["scans_read"] == len(scans) >= 1
+    points = np.fromfile(out, POINT)
+    values = dict(
+        line.split(b";")[0].split(b":", 1)
+        for reply in replies
+        if reply[0] == b"PP"
+        for line in reply[2:]
+    )
+    expected = [expected_points(scan, values) for scan in scans]
+    np.testing.assert_allclose(points["xyz"], np.concatenate([e[0] for e in expected]), atol=1e-5)
+    np.testing.assert_array_equal(
+        points["intensity"], np.concatenate([e[1] for e in expected]).astype(np.float32)
+    )
+
+
+def told_bad() -> tuple[str, ...]:
+    return ("too_long", "bad_status", "bad_checksum", "bad_characters", "bad_length", "unexpected")
+
+
+def expected_points(scan: peer.Scan, of: dict[bytes, bytes]) -> tuple[np.ndarray, np.ndarray]:
+    steps = scan.first_step + np.arange(len(scan.ranges_mm))
+    azimuth = 2 * np.pi * (steps - int(of[b"AFRT"])) / int(of[b"ARES"])
+    seen = (scan.ranges_mm >= int(of[b"DMIN"])) & (scan.ranges_mm <= int(of[b"DMAX"]))
+    flat = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(steps))], axis=1)
+    return (1e-3 * scan.ranges_mm[:, None] * flat)[seen], scan.intensities[seen]
+
+
+class Drive:
+    """A simulated session with its angles, readings and truth."""
+
+    def __init__(self, build: Path, folder: Path) -> None:
+        self.session, self.angles = folder / "drive.logr", folder / "drive.csv"
+        self.imu, self.truth = folder / "imu.csv", folder / "truth.tum"
+        options = ["--world", "indoor", "--seed", "4", "--hokuyo", "--speed-factor", "0.35"]
+        outputs = ["--session", str(self.session), "--angles", str(self.angles)]
+        outputs += ["--imu", str(self.imu), "--truth", str(self.truth)]
+        outputs += ["--duration", str(SECONDS)]
+        simulator = build / "bin" / "zloam-simulator"
+        subprocess.run([simulator, "--quiet", *options, *outputs], check=True)
+
+
+@pytest.fixture(scope="module")
+def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    return Drive(build, tmp_path_factory.mktemp("hokuyo"))
+
+
+def replay(build: Path, drive: Drive, out: Path, *more: object) -> None:
+    done = monitor(
+        *("demo", "--preset-dir", build, "--session", drive.session, "--out", out, *more)
+    )
+    assert done.code == 0, done.said
+
+
+def error_m(drive: Drive, out: Path) -> float:
+    truth, found = trajectory.read(drive.truth), trajectory.read(out / "trajectory.tum")
+    return evaluation.evaluate(found, truth).ate_rmse_m
+
+
+@pytest.mark.parametrize(("with_imu", "most_m"), [(True, 0.05), (False, 0.15)])
+def test_a_replayed_drive(
+    build: Path, drive: Drive, tmp_path: Path, with_imu: bool, most_m: float
+) -> None:
+    replay(build, drive, tmp_path, *(["--imu", drive.imu] if with_imu else []))
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert error_m(drive, tmp_path) <= most_m
+    poses = (tmp_path / "trajectory.tum").read_text().splitlines()
+    # ten a second, from a scanner that shows everything once a second
+    assert len(poses) >= 10 * SECONDS - 1
+    assert report["health"]["counts"] == {"ok": report["health"]["poses"]}
+
+
+def test_the_same_bytes_twice(build: Path, drive: Drive, tmp_path: Path) -> None:
+    for out in ("a", "b"):
+        replay(build, drive, tmp_path / out, "--imu", drive.imu)
+    assert digests(tmp_path / "a", FILES) == digests(tmp_path / "b", FILES)
+
+
+def test_a_session_without_angles_is_refused(build: Path, drive: Drive, tmp_path: Path) -> None:
+    alone = tmp_path / "alone.logr"
+    shutil.copy(drive.session, alone)
+    done = monitor("demo", "--preset-dir", build, "--session", alone, "--out", tmp_path / "out")
+    assert done.code != 0
+    assert "angles are missing" in done.said
+    assert "one plane" in done.said
+
+
+def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Drive, tmp_path: Path) -> None:
+    mount = tmp_path / "mount.yaml"
+    mount.write_text("scanner: {rpy_deg: [0, 0, 0]}\nmotor: {delay_s: 1}\n")
+    command = [str(build / "bin" / "zloam-driver"), "--config", str(ROBOT)]
+    settings = ("driver.source=scip_log", f"driver.path={drive.session}")
+    for setting in (*settings, f"driver.metadata={mount}"):
+        command += ["--set", setting]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert str(mount) in done.stderr
+    assert "motor.delay_s" in done.stderr
+
+
+def calibrated(build: Path, session: Path) -> tuple[int, dict[str, dict[str, Any]], str]:
+    """Exit code, what was found, and what was said."""
+    command = [str(build / "bin" / "zloam-calibrate"), str(session)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, yaml.safe_load(done.stdout) or {}, done.stderr
+
+
+@pytest.mark.parametrize(("world", "seed"), [("indoor", 7), ("handheld", 3)])
+def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None:
+    pitch_deg, yaw_deg, y_m, z_m, delay_ms = 0.6, -0.9, 0.015, -0.03, 7.5
+    session = tmp_path / "still.logr"
+    command = [str(build / "bin" / "zloam-simulator"), "--quiet", "--hokuyo", "--still"]
+    command += ["--world", world, "--seed", str(seed), "--duration", "60"]
+    command += ["--session", str(session), "--angles", str(session.with_suffix(".csv"))]
+    command += ["--scanner-rpy-deg", "0", str(pitch_deg), str(yaw_deg)]
+    command += ["--scanner-xyz", "0", str(y_m), str(z_m), "--encoder-delay", str(1e-3 * delay_ms)]
+    subprocess.run(command, check=True)
+    code, found, said = calibrated(build, session)
+    assert code == 0, said
+    assert found["scanner"]["rpy_deg"][1:] == pytest.approx([pitch_deg, yaw_deg], abs=0.05)
+    assert found["scanner"]["xyz_m"][1:] == pytest.approx([y_m, z_m], abs=0.005)
+    # the lines' stamps are late by the time that they take to be received: 2 ms in the simulator
+    assert found["motor"]["delay_ms"] == pytest.approx(delay_ms - 2.0, abs=1.0)
+
+
+def test_a_platform_that_moves_is_not_calibrated(build: Path, drive: Drive) -> None:
+    code, _, said = calibrated(build, drive.session)
+    assert code == 1
+    assert "move" in said
+
+
+class Live:
+    """The chain on a simulated device, with its motor's angles."""
+
+    def __init__(self, build: Path, device: Device, drive: Drive, out: Path) -> None:
+        self.device, self.drive, self.build = device, drive, build
+        settings = [f"driver.path={device.name}", f"integration.output_dir={out}"]
+        robot = names(ROBOT, [])
+        self.chain = Chain(build, ROBOT, robot.robot, settings, out, robot.sensor)
+        self._motor: subprocess.Popen[str] | None = None
+        self._feeder = threading.Thread(target=self._feed)
+        self._stop = threading.Event()
+        #: commands until all was sent
+        self.asked: list[bytes] = []
+
+    def __enter__(self) -> Live:
+        self.chain.__enter__()
+        self.chain.wait_linked()
+        example = ROOT / "services" / "monitor" / "examples" / "publish_angles.py"
+        endpoint = f"tcp/127.0.0.1:{self.chain.base_port}"
+        self._motor = subprocess.Popen(
+            [sys.executable, example, endpoint, "robot", "lidar"],
+            stdin=subprocess.PIPE,
+            text=True,
+            env={"PYTHONPATH": str(self.build / "generated" / "python")},
+        )
+        self._feeder.start()
+        return self
+
+    def _feed(self) -> None:
+        """The angles at their pace, stamped by this host's clock as the device's lines are."""
+        assert self._motor is not None
+        assert self._motor.stdin is not None
+        rows = np.loadtxt(self.drive.angles, delimiter=",", skiprows=1)
+        at_s = 1e-9 * rows[:, 0] - self.device.first_s
+        shift_ns = time.time_ns() - int(1e9 * (time.monotonic() - self.device.began))
+        for since_s, (_, angle) in zip(at_s, rows, strict=True):
+            while time.monotonic() < self.device.began + since_s:
+                if self._stop.is_set():
+                    return
+                time.sleep(0.01)
+            self._motor.stdin.write(f"{shift_ns + int(1e9 * since_s)},{angle}\n")
+            self._motor.stdin.flush()
+
+    def until_sent(self) -> None:
+        while not self.device.finished:
+            self.chain.link.poll(0.1)
+            self.chain.processes.check()
+        # what follows is the silence of a device that has nothing more to send
+        self.asked = list(self.device.commands)
+        ends = time.monotonic() + 2.0
+        while time.monotonic() < ends:
+            self.chain.link.poll(0.1)
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._feeder.join()
+        if self._motor is not None:
+            assert self._motor.stdin is not None
+            self._motor.stdin.close()
+            self._motor.wait()
+        self.chain.close()
+        self.device.close()
+
+    def error_m(self) -> float:
+        """Of the poses that say they are well, against the truth at the device's time."""
+        truth = trajectory.read(self.drive.truth)
+        poses = [p for p in self.chain.link.poses.values() if p.health == HEALTH.index("ok")]
+        shift_ns = time.time_ns() - int(1e9 * (time.monotonic() - self.device.began))
+        shift_ns -= int(1e9 * self.device.first_s)
+        rows = {
+            i: (p.instant_ns - shift_ns, p.translation, p.quaternion) for i, p in enumerate(poses)
+        }
+        return evaluation.evaluate(from_records(rows), truth).ate_rmse_m
+
+
+def test_live_with_a_killed_odometry(build: Path, drive: Drive, tmp_path: Path) -> None:
+    with Live(build, TcpDevice(drive.session, 1.5 * LIVE_SECONDS), drive, tmp_path) as live:
+        link = live.chain.link
+        while len(link.poses) < 50:
+            link.poll(0.1)
+        last = max(link.poses)
+        kill(live.chain, "odometry")
+        live.chain.start("odometry", "odometry-again")
+        live.until_sent()
+        after = [p for p in link.poses.values() if p.sweep > last + 60]
+        well = [p for p in after if p.health == HEALTH.index("ok")]
+        assert len(well) >= 0.5 * len(after) > 0, [HEALTH[p.health] for p in after]
+        assert live.error_m() <= 0.15
+
+
+@pytest.mark.parametrize("kind", [TcpDevice, SerialDevice])
+def test_live(
+    build: Path, drive: Drive, tmp_path: Path, kind: type[TcpDevice] | type[SerialDevice]
+) -> None:
+    with Live(build, kind(drive.session, LIVE_SECONDS), drive, tmp_path) as live:
+        live.until_sent()
+        assert len(live.chain.link.poses) >= 9 * LIVE_SECONDS
+        assert live.error_m() <= 0.15
+        assert live.asked[0] == b"QT"
+        assert live.asked.count(b"TM1") == 10
+
+
+def test_live_with_a_lost_connection_and_damaged_scans(
+    build: Path, drive: Drive, tmp_path: Path
+) -> None:
+    device = TcpDevice(drive.session, LIVE_SECONDS)
+    lost = int(len(device.scans) * 0.6)
+    device.cut = lambda number: number == lost
+
+    def spoilt(number: int, data: bytes) -> bytes:
+        middle = len(data) // 2
+        return data[:middle] + b"~" + data[middle + 1 :] if number % 50 == 20 else data
+
+    device.spoil = spoilt
+    with Live(build, device, drive, tmp_path) as live:
+        live.until_sent()
+        status = live.chain.link.stage("driver")
+        figures = status.figures
+        assert figures["reconnects"] >= 1
+        assert figures["replies_bad_checksum"] >= 5
+        assert figures["scans_lost"] >= 5
+        newest = max(p.instant_ns for p in live.chain.link.poses.values())
+        assert newest > time.time_ns() - int(10e9)
+        assert live.asked.count(b"QT") == 2
