@@ -84,6 +84,9 @@ DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TO
   $(if $(filter hokuyo,$(SENSOR)),--hokuyo) $(call passed,SESSION,--session) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(if $(VIEW),--view) $(CHAIN_ARGS)
 
+# A word that nobody knows is no default.
+$(if $(filter-out vlp16 hokuyo,$(SENSOR)),$(error SENSOR=$(SENSOR): vlp16 (the default) or hokuyo is simulated))
+
 demo: build $(if $(METHOD),aloam) $(if $(GRAPH),graph) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
 	@$(ZLOAM) demo $(DEMO_ARGS)
 

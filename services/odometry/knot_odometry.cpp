@@ -147,7 +147,7 @@ void KnotOdometry::fill_clouds(OdometryResult& result) const {
 }
 
 Health KnotOdometry::judge(const FeatureSweep& sweep, const KnotSolution& solution) {
-  if (seen_ <= turn_) return Health::kOk;
+  if (!settled()) return Health::kOk;
   const double usual = explained_.usual().value_or(0.0);
   const bool far_worse = solution.explained < kLost * usual;
   const bool bad = !solution.solved || far_worse;
@@ -192,7 +192,7 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   if (seen_ >= turn_ && seen_ <= 2 * turn_) found();
   let_settle();
   KnotSolution solution;
-  if (seen_ > turn_) solution = window_.solve(*recent_, sweep.range_noise_m);
+  if (settled()) solution = window_.solve(*recent_, sweep.range_noise_m);
 
   result.health = judge(sweep, solution);
   result.T_odom_base = window_.knots().back();

@@ -31,7 +31,8 @@ class KnotOdometry {
 
   void begin(const FeatureSweep& sweep, const Pose& T_odom_base);
   Slice slice_of(const FeatureSweep& sweep) const;
-  bool founding() const { return seen_ < 2 * turn_; }
+  /// Enough of a second turn is there to be matched: a slice alone leaves directions open.
+  bool settled() const { return seen_ > turn_ + turn_ / 2; }
   void found();
   void note_rest();
   void let_settle();

@@ -25,7 +25,7 @@ if ! command -v "$compiler" >/dev/null ||
 fi
 # Everything but the programs themselves, what needs more libraries, and the tests.
 mapfile -t sources < <(find services/{common,driver,registration,odometry,mapping,integration,store} -name '*.cpp' \
-  ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' | sort)
+  ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' ! -path '*/calibration/*' | sort)
 sources+=(services/ros/{cdr,graph}.cpp "$out/generated/stage_list.cpp")
 targets=(packets position nmea pcap scip tables settings messages ros)
 libraries="-lpcap -lyaml-cpp -lpugixml -lflatbuffers -lspdlog -lfmt -lcrypto -lxxhash"

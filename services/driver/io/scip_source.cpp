@@ -1,7 +1,9 @@
 #include "driver/io/scip_source.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdio>
 #include <filesystem>
 #include <thread>
 #include <utility>
@@ -60,10 +62,23 @@ class ScannerSweeps : public ScipSource {
 
   void pass_on() {
     while (auto scan = client_.take_scan()) sweeps_.add(std::move(*scan), *client_.parameters());
+    watch_motor();
     if (sweeps_.without_angle_in_row() >= kSaidAfterLines) {
       say("lines come, but no angle of the motor for their times: does it publish "
           "(lidar/<sensor>/angle), and by the same clock?");
     }
+  }
+
+  void watch_motor() {
+    const std::optional<double> turn_s = sweeps_.other_turn_s();
+    if (!turn_s || turn_said_) return;
+    turn_said_ = true;
+    std::array<char, 200> text{};
+    std::snprintf(text.data(), text.size(),
+                  "the motor shows all directions in %.2f s, which is not motor.turn_s of the file "
+                  "in driver.metadata: the pose hangs on it",
+                  *turn_s);
+    say(text.data());
   }
 
   void say(const std::string& text) {
@@ -78,6 +93,7 @@ class ScannerSweeps : public ScipSource {
 
  private:
   bool recording_ = false;
+  bool turn_said_ = false;
   std::uint64_t chunks_ = 0;
   std::vector<RawPacket> packets_;
   std::vector<std::string> remarks_;

@@ -29,6 +29,8 @@ class AngleTrack {
   /// Readings before then are not asked for any more.
   void forget_before(std::int64_t stamp_ns);
 
+  /// The last one that was taken, not wrapped.
+  const AngleReading& last() const { return readings_.back(); }
   std::uint64_t received() const { return received_; }
   std::uint64_t refused() const { return refused_; }
 

@@ -19,7 +19,9 @@ SpinningSweeps::SpinningSweeps(const SpinningConfig& config)
 
 void SpinningSweeps::add(AngleReading reading) {
   reading.stamp_ns -= config_.mount.angle_delay_ns;
+  const std::uint64_t refused = track_.refused();
   track_.add(reading);
+  if (track_.refused() == refused) turn_watch_.add(track_.last());
   settle(false);
 }
 
@@ -143,6 +145,13 @@ void SpinningSweeps::close() {
   sweep_.complete = sweep_.packets_lost == 0;
   open_ = false;
   whole_.push_back(std::exchange(sweep_, {}));
+}
+
+std::optional<double> SpinningSweeps::other_turn_s() const {
+  constexpr double kShare = 0.25;
+  const std::optional<double> measured = turn_watch_.turn_s();
+  if (!measured || std::abs(*measured - config_.turn_s) < kShare * config_.turn_s) return {};
+  return measured;
 }
 
 void SpinningSweeps::flush() {

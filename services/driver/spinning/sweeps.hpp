@@ -12,6 +12,7 @@
 #include "common/geometry/se3.hpp"
 #include "driver/scip/client.hpp"
 #include "driver/spinning/angle_track.hpp"
+#include "driver/spinning/turn_watch.hpp"
 #include "driver/sweep/decoded_sweep.hpp"
 #include "driver/sweep/mask.hpp"
 
@@ -56,6 +57,8 @@ class SpinningSweeps {
   void flush();
 
   std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
+  /// How long the motor really takes, where that is another time than turn_s.
+  std::optional<double> other_turn_s() const;
   /// Lines left out as no angle came for them, in a row until now; see counts().
   std::uint64_t without_angle_in_row() const { return without_angle_in_row_; }
 
@@ -80,6 +83,7 @@ class SpinningSweeps {
   SpinningConfig config_;
   PointMask mask_;
   AngleTrack track_;
+  TurnWatch turn_watch_;
   std::deque<Line> waiting_;
   /// of the line's echoes
   std::vector<double> angles_rad_;

@@ -161,6 +161,8 @@ def demo(
     source = _Recorded(
         pcap, bin, kitti, scans, bag, session, imu, settings, config is not None
     ).source()
+    if hokuyo and source is not None:
+        raise sources.SourceError("--hokuyo simulates a scanner: it goes with no recording")
     build = common.kept(preset_dir)
     binary(build, "driver")
     if source is None:

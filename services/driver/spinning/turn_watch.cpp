@@ -1,0 +1,57 @@
+#include "driver/spinning/turn_watch.hpp"
+
+#include <cmath>
+#include <numbers>
+
+namespace zloam::driver::spinning {
+namespace {
+
+// Back by more than this is a reversal, and no encoder's step.
+constexpr double kReversal_rad = 0.035;
+constexpr int kEnoughTurns = 3;
+
+}  // namespace
+
+void TurnWatch::end(std::int64_t stamp_ns, double angle_rad) {
+  if (whole_) {
+    ++turns_;
+    sum_s_ += 1e-9 * static_cast<double>(stamp_ns - from_ns_);
+  }
+  whole_ = true;
+  from_ns_ = farthest_ns_ = stamp_ns;
+  from_rad_ = farthest_rad_ = angle_rad;
+}
+
+void TurnWatch::add(const AngleReading& reading) {
+  if (!begun_) {
+    begun_ = true;
+    from_ns_ = farthest_ns_ = reading.stamp_ns;
+    from_rad_ = farthest_rad_ = reading.angle_rad;
+    return;
+  }
+  const double moved_rad = reading.angle_rad - from_rad_;
+  if (way_ == 0.0) {
+    if (std::abs(moved_rad) < kReversal_rad) return;
+    way_ = moved_rad > 0.0 ? 1.0 : -1.0;
+  }
+  if (way_ * (reading.angle_rad - farthest_rad_) > 0.0) {
+    farthest_rad_ = reading.angle_rad;
+    farthest_ns_ = reading.stamp_ns;
+  } else if (way_ * (farthest_rad_ - reading.angle_rad) > kReversal_rad) {
+    end(farthest_ns_, farthest_rad_);
+    way_ = -way_;
+  }
+  // A swing of just half a turn ends by its reversal.
+  const double turned_rad = way_ * (reading.angle_rad - from_rad_);
+  if (turned_rad < std::numbers::pi + 2.0 * kReversal_rad) return;
+  const double part = std::numbers::pi / turned_rad;
+  end(from_ns_ + std::llround(part * static_cast<double>(reading.stamp_ns - from_ns_)),
+      from_rad_ + way_ * std::numbers::pi);
+}
+
+std::optional<double> TurnWatch::turn_s() const {
+  if (turns_ < kEnoughTurns) return std::nullopt;
+  return sum_s_ / turns_;
+}
+
+}  // namespace zloam::driver::spinning

@@ -1,0 +1,35 @@
+#pragma once
+// How long a motor takes to show a scanner all directions once: from one reversal to the next, or
+// for half a turn.
+
+#include <cstdint>
+#include <optional>
+
+#include "driver/spinning/angle_track.hpp"
+
+namespace zloam::driver::spinning {
+
+class TurnWatch {
+ public:
+  /// Readings in their order, not wrapped.
+  void add(const AngleReading& reading);
+  /// The mean of the turns so far, s; nothing before the third.
+  std::optional<double> turn_s() const;
+
+ private:
+  void end(std::int64_t stamp_ns, double angle_rad);
+
+  bool begun_ = false;
+  std::int64_t from_ns_ = 0;
+  double from_rad_ = 0.0;
+  /// the farthest of the present turn, and when
+  double farthest_rad_ = 0.0;
+  std::int64_t farthest_ns_ = 0;
+  double way_ = 0.0;  ///< +1, -1; 0: not known yet
+  /// the first turn was begun by somebody else
+  bool whole_ = false;
+  int turns_ = 0;
+  double sum_s_ = 0.0;
+};
+
+}  // namespace zloam::driver::spinning
