@@ -5,6 +5,7 @@
 
 #include "common/containers/thinning.hpp"
 #include "odometry/matcher.hpp"
+#include "odometry/motion_prediction.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -158,6 +159,17 @@ Health KnotOdometry::judge(const FeatureSweep& sweep, const KnotSolution& soluti
   return bad ? Health::kPredicted : Health::kOk;
 }
 
+/// Of the window taken as rigid: what two turns leave open, no slice's motion can tell.
+Degeneracy KnotOdometry::weak_directions(const KnotSolution& solution) const {
+  MotionPrior prior;
+  prior.begin_sigma = sigmas(config_.begin_sigma_m, config_.begin_sigma_rad);
+  const double period_s = window_.slices().back().period_s;
+  prior.twist_sigma = period_s * period_s *
+                      sigmas(config_.slice_acceleration_sigma_mps2,
+                             config_.slice_angular_acceleration_sigma_radps2);
+  return find_weak_directions(solution.data, prior, config_);
+}
+
 OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
   const std::int64_t gap_ns = sweep.stamp_ns - end_ns_;
@@ -194,7 +206,11 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   KnotSolution solution;
   if (settled()) solution = window_.solve(*recent_, sweep.range_noise_m);
 
+  if (solution.solved) result.degeneracy = weak_directions(solution);
   result.health = judge(sweep, solution);
+  if (result.health == Health::kOk && result.degeneracy.degenerate) {
+    result.health = Health::kDegenerate;
+  }
   result.T_odom_base = window_.knots().back();
   result.twist_per_s = window_.velocity(window_.slices().size() - 1);
   result.covariance = config_.covariance_scale * solution.covariance;

@@ -38,6 +38,7 @@ class KnotOdometry {
   void let_settle();
   PointVector placed(std::size_t k, PointSpan points, const Pose& T_odom_to) const;
   void fill_clouds(OdometryResult& result) const;
+  Degeneracy weak_directions(const KnotSolution& solution) const;
   Health judge(const FeatureSweep& sweep, const KnotSolution& solution);
 
   OdometryConfig config_;
