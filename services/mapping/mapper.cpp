@@ -202,7 +202,7 @@ bool Mapper::State::is_elsewhere(const MappingInput& input, const Match& match,
 
 Match Mapper::State::align(const MappingInput& input, const Prediction& prediction) {
   if (!bridging && settling == 0) {
-    const Match match = method->match(input, prediction);
+    Match match = method->match(input, prediction);
     if (input.slices > 1) return near_odometry(match, prediction);
     const bool astray = is_astray(match, fits) || is_elsewhere(input, match, prediction);
     if (match.ok && match.converged) fits.add(match.fit);

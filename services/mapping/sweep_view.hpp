@@ -24,7 +24,7 @@ class SweepView {
   };
   static Bin bin_of(const Eigen::Vector3f& direction);
   static std::size_t index(int azimuth, int elevation) {
-    return static_cast<std::size_t>(elevation * kAzimuths + azimuth);
+    return static_cast<std::size_t>(elevation) * kAzimuths + static_cast<std::size_t>(azimuth);
   }
   std::vector<float> nearest_m_;
 };

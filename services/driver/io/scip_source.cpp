@@ -175,7 +175,7 @@ class LiveScanner : public ScannerSweeps {
 
 class RecordedScanner : public ScannerSweeps {
  public:
-  RecordedScanner(const std::string& path, std::vector<spinning::AngleReading> angles,
+  RecordedScanner(const std::string& path, const std::vector<spinning::AngleReading>& angles,
                   const ScipSourceConfig& config)
       : ScannerSweeps(passive(config)), path_(path), link_(open_scip_session(path)) {
     for (const spinning::AngleReading& reading : angles) add(reading);
@@ -226,9 +226,9 @@ std::unique_ptr<ScipSource> sweeps_of_scanner(const std::string& device,
 }
 
 std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
-                                              std::vector<spinning::AngleReading> angles,
+                                              const std::vector<spinning::AngleReading>& angles,
                                               const ScipSourceConfig& config) {
-  return std::make_unique<RecordedScanner>(path, std::move(angles), config);
+  return std::make_unique<RecordedScanner>(path, angles, config);
 }
 
 std::string angles_beside(const std::string& session) {

@@ -30,7 +30,7 @@ std::unique_ptr<ScipSource> sweeps_of_scanner(const std::string& device,
 
 /// angles: in their order; empty for a scanner that stands still. Throws SourceError.
 std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
-                                              std::vector<spinning::AngleReading> angles,
+                                              const std::vector<spinning::AngleReading>& angles,
                                               const ScipSourceConfig& config);
 
 /// "drive.csv" of "drive.logr". Throws SourceError when it is not there: without the motor's angles

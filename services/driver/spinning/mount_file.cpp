@@ -43,13 +43,14 @@ void read_section(const YAML::Node& section, const std::string& name, const Read
   for (const auto& entry : section) {
     const auto key = entry.first.as<std::string>();
     const auto reader = readers.find(key);
-    if (reader == readers.end()) throw std::invalid_argument(name + "." + key + " is no key of it");
+    const std::string whole = std::string(name).append(".").append(key);
+    if (reader == readers.end()) throw std::invalid_argument(whole + " is no key of it");
     try {
       reader->second(entry.second);
     } catch (const YAML::Exception&) {
-      throw std::invalid_argument(name + "." + key + " is not of the kind that is wanted");
+      throw std::invalid_argument(whole + " is not of the kind that is wanted");
     } catch (const std::invalid_argument& error) {
-      throw std::invalid_argument(name + "." + key + " " + error.what());
+      throw std::invalid_argument(std::string(whole).append(" ").append(error.what()));
     }
   }
 }

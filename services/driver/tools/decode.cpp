@@ -183,7 +183,7 @@ std::unique_ptr<SweepSource> open_session(const std::string& path) {
   config.spinning.turns = std::filesystem::exists(angles);
   std::vector<spinning::AngleReading> readings;
   if (config.spinning.turns) readings = read_angle_file(angles.string());
-  return sweeps_of_session(path, std::move(readings), config);
+  return sweeps_of_session(path, readings, config);
 }
 
 std::unique_ptr<SweepSource> open_source(const Options& options,

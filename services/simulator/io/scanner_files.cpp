@@ -19,6 +19,7 @@ std::vector<ScanLine> lines_of(const Scanner& scanner, std::int64_t first, std::
                                int threads) {
   std::vector<ScanLine> lines(static_cast<std::size_t>(count));
   std::vector<std::future<void>> workers;
+  workers.reserve(static_cast<std::size_t>(threads));
   for (int worker = 0; worker < threads; ++worker) {
     workers.push_back(std::async(std::launch::async, [&, worker] {
       for (std::int64_t i = worker; i < count; i += threads) {
@@ -88,10 +89,9 @@ void write_angles(const Scanner& scanner, std::int64_t epoch_ns, double duration
   const auto count = static_cast<std::int64_t>(
       std::ceil((duration_s + kAfter_s) * scanner.config().motor.encoder_hz));
   for (const AngleReading& reading : scanner.motor().readings(0, count)) {
-    std::array<char, 64> text{};
-    std::snprintf(text.data(), text.size(), "%lld,%.9f\n",
-                  static_cast<long long>(epoch_ns + reading.time_ns), reading.angle_rad);
-    file.write(std::string(text.data()));
+    std::array<char, 32> angle{};
+    std::snprintf(angle.data(), angle.size(), ",%.9f\n", reading.angle_rad);
+    file.write(std::to_string(epoch_ns + reading.time_ns) + angle.data());
   }
   file.close();
 }
