@@ -26,10 +26,6 @@ Vector6 acceleration_sigmas(const OdometryConfig& config) {
 
 }  // namespace
 
-Pose between(const Pose& before, const Pose& after, double part) {
-  return before * exp_se3(part * log_se3(before.inverse() * after));
-}
-
 /// H x = -g over the free knots (1 ... n), gravity and the gyroscope's bias.
 struct KnotWindow::System {
   explicit System(std::size_t knots) : n(knots), H(size(), size()), g(size()) {
@@ -126,24 +122,23 @@ void KnotWindow::pop() {
   knots_.pop_front();
 }
 
-std::vector<KnotWindow::Match> KnotWindow::match(WindowMap& target, double gate_m,
-                                                 std::size_t& looked_up) {
+std::vector<KnotWindow::Match> KnotWindow::match(WindowMap& target, double gate_m) const {
   std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Matrix3d> rotations;
   std::vector<Match> matches;
   for (std::size_t k = 0; k < slices_.size(); ++k) {
     const Vector6 twist = log_se3(knots_[k].inverse() * knots_[k + 1]);
     for (const SlicePoint& p : slices_[k].points) {
       const Pose T = knots_[k] * exp_se3(p.part * twist);
       positions.push_back(T * p.position);
+      rotations.emplace_back(T.linear());
       Match m{};
       m.part = p.part;
       m.slice = k;
       m.position = p.position;
-      m.J.head<3>() = Eigen::RowVector3d::Zero();
       matches.push_back(m);
     }
   }
-  looked_up = positions.size();
   std::vector<WindowMap::Hint> hints(positions.size());
   target.find(positions, hints, 1);
   std::size_t kept = 0;
@@ -153,8 +148,7 @@ std::vector<KnotWindow::Match> KnotWindow::match(WindowMap& target, double gate_
     Match m = matches[i];
     m.r = plane->normal.dot(positions[i]) - plane->offset;
     if (std::abs(m.r) >= gate_m) continue;
-    const Eigen::Matrix3d R = between(knots_[m.slice], knots_[m.slice + 1], m.part).linear();
-    const Eigen::Vector3d n_base = R.transpose() * plane->normal;
+    const Eigen::Vector3d n_base = rotations[i].transpose() * plane->normal;
     m.J.head<3>() = n_base.transpose();
     m.J.tail<3>() = m.position.cross(n_base).transpose();
     m.normal = plane->normal;
@@ -304,10 +298,8 @@ KnotSolution KnotWindow::solve(WindowMap& target, double range_noise_m) {
   const double weight = 1.0 / (noise_m * noise_m * std::max(1.0, config_.correlation));
   double kernel_m = kStartWidths * config_.kernel_m;
   for (int i = 0; i < kMostIterations; ++i) {
-    std::size_t looked_up = 0;
-    const std::vector<Match> matches = match(target, kGateWidths * kernel_m, looked_up);
+    const std::vector<Match> matches = match(target, kGateWidths * kernel_m);
     out.matched = static_cast<std::uint32_t>(matches.size());
-    out.looked_up = static_cast<std::uint32_t>(looked_up);
     if (out.matched < static_cast<std::uint32_t>(config_.min_correspondences)) break;
     System system(knots_.size());
     out.data = {};

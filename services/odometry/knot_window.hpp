@@ -51,13 +51,9 @@ struct KnotInertia {
   double rate_bias_sigma_radps = 2e-4;
 };
 
-/// The pose at a part of the way from one knot to the next.
-Pose between(const Pose& before, const Pose& after, double part);
-
 struct KnotSolution {
   std::uint32_t iterations = 0;
   std::uint32_t matched = 0;
-  std::uint32_t looked_up = 0;
   double residual_m = 0.0;
   /// of the points of the newest half: the share that lies on a surface, 0 to 1
   double explained = 0.0;
@@ -98,7 +94,7 @@ class KnotWindow {
   struct System;
   struct Match;
 
-  std::vector<Match> match(WindowMap& target, double gate_m, std::size_t& looked_up);
+  std::vector<Match> match(WindowMap& target, double gate_m) const;
   double explained_of_newest(const std::vector<Match>& matches, double kernel_m) const;
   void add_points(const std::vector<Match>& matches, double weight, double kernel_m, System& system,
                   NormalEquations& data) const;

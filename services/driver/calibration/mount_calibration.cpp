@@ -73,19 +73,16 @@ class Points {
     }
     const double part = 0.5 + 0.5 * rest_ns / static_cast<double>(kSpan_ns);
     const double angle_rad = before + part * (after - before);
-    const double turn_rad = start_.direction * (angle_rad - start_.zero_rad);
-    p = Eigen::AngleAxisd(turn_rad, start_.axis) * (mounted(x) * ray.point);
+    p = spinning::turned(start_, angle_rad, mounted(x) * ray.point);
     return true;
   }
 
  private:
   void add(const scip::TimedScan& line, const scip::Echo& echo) {
     const scip::Parameters& scanner = recording_.scanner;
-    if (echo.range_mm < std::max(1U, scanner.least_mm) || echo.range_mm > scanner.most_mm) return;
-    const double range_m = 1e-3 * echo.range_mm;
-    const double azimuth_rad = scanner.azimuth_rad(echo.step);
-    rays_.push_back({range_m * Eigen::Vector3d(std::cos(azimuth_rad), std::sin(azimuth_rad), 0.0),
-                     line.stamp_ns + scanner.step_ns(echo.step)});
+    if (const auto point = spinning::in_scanner(scanner, echo)) {
+      rays_.push_back({*point, line.stamp_ns + scanner.step_ns(echo.step)});
+    }
   }
 
   Pose mounted(const Vector& x) const {

@@ -3,7 +3,7 @@
 // of a platform that stands still: the flat things that it saw are flat when both are right.
 //
 // Minimised with Ceres: distances of the points in a voxel from the plane through all of them, the
-// plane being a function of the unknowns (variable projection). Voxels are chosen anew with each
+// plane being a function of the unknowns (variable projection). Voxels are chosen again with each
 // solution, larger and thicker ones first. A turn of the scanner about the motor's axis is the
 // encoder's zero, and a shift along the axis moves every point alike: neither can be found.
 

@@ -12,7 +12,6 @@
 
 #include <cerrno>
 #include <charconv>
-#include <chrono>
 #include <cstring>
 #include <utility>
 
@@ -24,10 +23,6 @@ namespace {
 constexpr std::string_view kTcp = "tcp://";
 constexpr int kConnectMs = 2000;
 constexpr std::size_t kReadBytes = 1 << 16;
-
-std::int64_t wall_ns() {
-  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
-}
 
 struct HostPort {
   std::string host;

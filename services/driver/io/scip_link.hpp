@@ -1,12 +1,18 @@
 #pragma once
 // How the bytes of a SCIP device come: a connection, a serial device, a recorded session.
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 namespace zloam::driver {
+
+/// This host's clock, by which bytes are stamped: ns since the Unix epoch.
+inline std::int64_t wall_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
 
 class ScipLink {
  public:

@@ -21,12 +21,12 @@ constexpr std::int64_t kKeptAnglesNs = 10'000'000'000;
 // A second of lines without an angle is reported.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
-std::int64_t wall_ns() {
-  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
-}
-
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+std::filesystem::path angles_path(const std::string& session) {
+  return std::filesystem::path(session).replace_extension(".csv");
 }
 
 /// What a live and a recorded scanner share: bytes to scans to sweeps.
@@ -76,7 +76,7 @@ class ScannerSweeps : public ScipSource {
     std::array<char, 200> text{};
     std::snprintf(text.data(), text.size(),
                   "the motor shows all directions in %.2f s, which is not motor.turn_s of the file "
-                  "in driver.metadata: the pose hangs on it",
+                  "in driver.metadata: the pose depends on it",
                   *turn_s);
     say(text.data());
   }
@@ -120,7 +120,7 @@ class LiveScanner : public ScannerSweeps {
       case ScipLink::Read::kNothing:
         break;
       case ScipLink::Read::kClosed:
-        lost(device_ + ": " + link_->why() + ": it is connected anew");
+        lost(device_ + ": " + link_->why() + ": it is connected again");
         return Pull::kNothing;
     }
     client_.look(wall_ns());
@@ -231,8 +231,16 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
   return std::make_unique<RecordedScanner>(path, angles, config);
 }
 
+std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourceConfig config) {
+  const std::filesystem::path angles = angles_path(path);
+  config.spinning.turns = std::filesystem::exists(angles);
+  std::vector<spinning::AngleReading> readings;
+  if (config.spinning.turns) readings = read_angle_file(angles.string());
+  return sweeps_of_session(path, readings, config);
+}
+
 std::string angles_beside(const std::string& session) {
-  const std::filesystem::path path = std::filesystem::path(session).replace_extension(".csv");
+  const std::filesystem::path path = angles_path(session);
   if (std::filesystem::is_regular_file(path)) return path.string();
   throw SourceError(session +
                     ": the motor's angles are missing, a table with t_ns and angle_rad in " +

@@ -33,6 +33,10 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
                                               const std::vector<spinning::AngleReading>& angles,
                                               const ScipSourceConfig& config);
 
+/// For looking at a session alone: turned by the angles beside it, or as of a scanner that stands
+/// still where there are none. Throws SourceError.
+std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourceConfig config);
+
 /// "drive.csv" of "drive.logr". Throws SourceError when it is not there: without the motor's angles
 /// a scanner sees one plane, in which no motion in three dimensions can be found.
 std::string angles_beside(const std::string& session);

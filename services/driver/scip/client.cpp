@@ -60,7 +60,7 @@ void Client::look(std::int64_t now_ns) {
     if (now_ns - (reboots ? asked_ns_ : heard_ns_) < (reboots ? kRebootNs : kSilentNs)) return;
     if (!reboots) {
       ++timeouts_;
-      say("the scanner fell silent while it measured: it is connected anew");
+      say("the scanner fell silent while it measured: it is connected again");
     }
     state_ = State::kIdle;
     reconnect_ = true;

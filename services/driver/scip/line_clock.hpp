@@ -38,7 +38,6 @@ class LineClock {
   std::int64_t turns() const { return phase_.turns; }
   /// How often the counter was set, as by a restart of the device.
   std::uint64_t steps() const { return phase_.steps; }
-  std::int64_t take_host_step_ns() { return clock_.take_host_step_ns(); }
 
  private:
   /// Of the device's own time.

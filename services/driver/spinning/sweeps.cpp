@@ -14,6 +14,18 @@ constexpr double kMetresPerMm = 1e-3;
 
 }  // namespace
 
+std::optional<Eigen::Vector3d> in_scanner(const scip::Parameters& scanner, const scip::Echo& echo) {
+  if (echo.range_mm < std::max(1U, scanner.least_mm) || echo.range_mm > scanner.most_mm) return {};
+  const double range_m = kMetresPerMm * echo.range_mm;
+  const double azimuth_rad = scanner.azimuth_rad(echo.step);
+  return Eigen::Vector3d(range_m * std::cos(azimuth_rad), range_m * std::sin(azimuth_rad), 0.0);
+}
+
+Eigen::Vector3d turned(const Mount& mount, double angle_rad, const Eigen::Vector3d& in_motor) {
+  const double turn_rad = mount.direction * (angle_rad - mount.zero_rad);
+  return Eigen::AngleAxisd(turn_rad, mount.axis) * in_motor;
+}
+
 SpinningSweeps::SpinningSweeps(const SpinningConfig& config)
     : config_(config), mask_(config.mask) {}
 
@@ -103,22 +115,17 @@ void SpinningSweeps::put_points(const Line& line) {
   const std::vector<scip::Echo>& echoes = line.scan.scan.echoes;
   for (std::size_t i = 0; i < echoes.size(); ++i) {
     const scip::Echo& echo = echoes[i];
-    const double range_m = kMetresPerMm * echo.range_mm;
-    if (echo.range_mm < std::max(1U, line.scanner.least_mm) ||
-        echo.range_mm > line.scanner.most_mm) {
+    const std::optional<Eigen::Vector3d> p_scanner = in_scanner(line.scanner, echo);
+    if (!p_scanner) {
       ++no_range_;
       continue;
     }
+    const double range_m = kMetresPerMm * echo.range_mm;
     if (range_m < config_.min_range_m || range_m > config_.max_range_m) {
       ++masked_;
       continue;
     }
-    const double azimuth_rad = line.scanner.azimuth_rad(echo.step);
-    const Eigen::Vector3d p_scanner(range_m * std::cos(azimuth_rad),
-                                    range_m * std::sin(azimuth_rad), 0.0);
-    const double turn_rad = mount.direction * (angles_rad_[i] - mount.zero_rad);
-    const Eigen::Vector3d p =
-        Eigen::AngleAxisd(turn_rad, mount.axis) * (mount.T_motor_scanner * p_scanner);
+    const Eigen::Vector3d p = turned(mount, angles_rad_[i], mount.T_motor_scanner * *p_scanner);
     const std::int64_t at_ns = line.scan.stamp_ns + line.scanner.step_ns(echo.step);
     const Point point{static_cast<float>(p.x()),
                       static_cast<float>(p.y()),

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <optional>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -29,6 +30,11 @@ struct Mount {
   /// by how much the readings' stamps are late
   std::int64_t angle_delay_ns = 0;
 };
+
+/// Where an echo lies in the scanner's plane; nothing for a code or a range that it can't have.
+std::optional<Eigen::Vector3d> in_scanner(const scip::Parameters& scanner, const scip::Echo& echo);
+/// To the lidar's frame, at an angle of the motor's encoder.
+Eigen::Vector3d turned(const Mount& mount, double angle_rad, const Eigen::Vector3d& in_motor);
 
 struct SpinningConfig {
   /// false: the scanner stands still, level by zero_rad

@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
-#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -177,22 +176,13 @@ struct Totals {
   std::vector<std::string> remarks;
 };
 
-std::unique_ptr<SweepSource> open_session(const std::string& path) {
-  ScipSourceConfig config;
-  const auto angles = std::filesystem::path(path).replace_extension(".csv");
-  config.spinning.turns = std::filesystem::exists(angles);
-  std::vector<spinning::AngleReading> readings;
-  if (config.spinning.turns) readings = read_angle_file(angles.string());
-  return sweeps_of_session(path, readings, config);
-}
-
 std::unique_ptr<SweepSource> open_source(const Options& options,
                                          std::span<const std::uint8_t> in_memory) {
   if (options.kind == "--kitti") {
     return sweeps_of_scans(open_kitti(options.path, {TimeModel::kClockwise, 0.1, 180.0}));
   }
   if (options.kind == "--scans") return sweeps_of_scans(open_synth(options.path));
-  if (options.kind == "--session") return open_session(options.path);
+  if (options.kind == "--session") return sweeps_of_session(options.path, {});
   PacketStreamConfig stream;
   stream.decoding = options.decoding;
   stream.assembler = options.assembler;

@@ -11,19 +11,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A scanner's session with its motor's angles beside it, if it has one.
 std::unique_ptr<driver::SweepSource> open_session(const fs::path& path,
                                                   const ReadOptions& options) {
   driver::ScipSourceConfig config;
   config.spinning.sweep_s = options.sweep_s;
   config.client.stamp_offset_ns = std::llround(1e3 * options.stamp_offset_us);
-  const fs::path angles = fs::path(path).replace_extension(".csv");
-  config.spinning.turns = fs::exists(angles);
-  return driver::sweeps_of_session(path.string(),
-                                   config.spinning.turns
-                                       ? driver::read_angle_file(angles.string())
-                                       : std::vector<driver::spinning::AngleReading>{},
-                                   config);
+  return driver::sweeps_of_session(path.string(), config);
 }
 
 std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOptions& options) {
