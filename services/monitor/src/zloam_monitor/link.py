@@ -27,8 +27,10 @@ from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
-#: a link takes a moment to come up; then an instance that is there answers at once
+#: a link takes a moment to come up; then an instance that is there answers at once ...
 PATIENCE_SECONDS = 2.0
+#: ... unless its host is busy: one whose token is there is asked again that long
+BUSY_SECONDS = 15.0
 #: what an instance says of itself that takes over when the other one has gone (recovery.standby)
 STANDING_BY = "standing by"
 
@@ -251,7 +253,7 @@ class Link:
     def query_configs(self) -> dict[str, dict[str, Any]]:
         """Stage -> effective configuration, of all that live: a stage's token may come over a new
         link before its answers do."""
-        deadline = time.monotonic() + PATIENCE_SECONDS
+        deadline = time.monotonic() + BUSY_SECONDS
         found: dict[str, dict[str, Any]] = {}
         while True:
             found |= dict(records.effective_config(p) for p in self.get(self.keys.every_config))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor.chain import ChainError
-from zloam_monitor.link import PATIENCE_SECONDS, Link
+from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
 
 #: where a setting begins, or one that holds from a sweep on
@@ -48,9 +48,10 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
 
 def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -> ReplyRecord:
     """The stage's answer; raises when there is none."""
-    deadline = time.monotonic() + PATIENCE_SECONDS
+    asked = time.monotonic()
     while (reply := link.command(stage, verb, dict(arguments))) is None:
-        if time.monotonic() > deadline:
+        patience = BUSY_SECONDS if stage in link.living() else PATIENCE_SECONDS
+        if time.monotonic() > asked + patience:
             raise ChainError(f"{verb}: no instance of {stage} answered")
         time.sleep(0.1)
     return reply
