@@ -60,8 +60,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   odometry.implausible = [this](const runtime::Message& m) {
     return implausible(OdometryMessage(m));
   };
-  stage.inlet<msg::Odometry>(Key::kOdometry, odometry,
-                             [this](const OdometryMessage& message) { return take(message); });
+  inlet_ = &stage.inlet<msg::Odometry>(
+      Key::kOdometry, odometry, [this](const OdometryMessage& message) { return take(message); });
   runtime::InletOptions corrections;
   corrections.sweeps = runtime::SweepSet::kPublisherDecides;
   corrections.lossless = true;

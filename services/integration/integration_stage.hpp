@@ -51,6 +51,7 @@ class IntegrationStage {
                        const Trajectory& odometry);
 
   runtime::Stage& stage_;
+  runtime::Inlet* inlet_ = nullptr;
   IntegrationConfig config_;
   Integrator integrator_;
   runtime::Outlet& pose_;

@@ -82,10 +82,13 @@ void IntegrationStage::catch_up(const msg::Header& first) {
   for (const OdometryMessage& pose : runtime::recall<msg::Odometry>(
            stage_, Key::kOdometry, runtime::sweeps_from(first.run(), next_sweep_), kTries)) {
     // A replay gives nothing up: the rest comes in order by itself.
-    if (gap.add(next_sweep_, pose.sweep()) && first.replay()) return;
+    if (gap.add(next_sweep_, pose.sweep()) && first.replay()) break;
     process(pose);
   }
-  if (first.replay()) return;
+  if (first.replay()) {
+    inlet_->continue_at(first.run(), next_sweep_);
+    return;
+  }
   gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
   runtime::report(stage_, gap);
 }

@@ -72,8 +72,8 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   };
   options.keep =
       std::min(kCommitsKept, static_cast<std::size_t>(stage.shared().recovery.keep_messages));
-  stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
-                                     [this](const Sweep& sweep) { return take(sweep); });
+  inlet_ = &stage.inlet<msg::OdometryFeatures>(Key::kOdometryFeatures, options,
+                                               [this](const Sweep& sweep) { return take(sweep); });
   started_ns_ = stage.now_ns();
   declare_answers();
   declare_commands();
@@ -82,6 +82,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
     // What could not be written is tried again at the stage's end.
     unsaved_ |= !write_files().empty();
   });
+  stage.on_hand_over([this] { leave_map(); });
   stage.on_stop([this] {
     if (last_mapped_) publish_map(*last_mapped_, true);
     if (!unsaved_) return;
@@ -216,6 +217,7 @@ void MappingStage::publish_pose(const Sweep& sweep, const MappingResult& result)
   header.map_id = map_id_;
   pose_.publish(header, build(header, pose));
   last_header_ = header;
+  last_pose_ = {header, pose};
   last_instant_ns_ = pose.instant_ns;
   last_T_map_base_ = result.T_map_base;
 }
@@ -342,6 +344,7 @@ Buffer MappingStage::cloud_message(const HeaderFields& header,
 }
 
 void MappingStage::answer_tiles(runtime::Answer& answer) {
+  if (leaves_) answer_voxels(answer);
   for (const TileId& id : mapper_.tiles()) {
     const TileIndex& at = id.index;
     const std::string key = stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k);

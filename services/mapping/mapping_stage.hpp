@@ -47,6 +47,10 @@ class MappingStage {
   Buffer tile_message(const HeaderFields& header, const Tile& tile) const;
   Buffer cloud_message(const HeaderFields& header, const std::vector<LayeredPoint>& points) const;
   void answer_tiles(runtime::Answer& answer);
+  Buffer voxel_message(const HeaderFields& header, const VoxelTile& tile) const;
+  void answer_voxels(runtime::Answer& answer);
+  /// Answers what the store may not have yet: another mapping goes on.
+  void leave_map();
   void answer_cloud(runtime::Answer& answer, Key key, bool whole);
   void answer_path(runtime::Answer& answer);
   runtime::CommandReply save(const std::string& arguments_json);
@@ -59,6 +63,10 @@ class MappingStage {
   std::string write_files();
 
   runtime::Stage& stage_;
+  runtime::Inlet* inlet_ = nullptr;
+  /// another mapping goes on with this one's map
+  bool leaves_ = false;
+  std::optional<std::pair<HeaderFields, MapPoseFields>> last_pose_;
   const MappingConfig& config_;
   const OutputConfig& output_;
   Mapper mapper_;

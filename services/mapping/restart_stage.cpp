@@ -2,7 +2,10 @@
 // and its last pose, integration its last corrections.
 
 #include <algorithm>
+#include <map>
 #include <span>
+#include <tuple>
+#include <utility>
 
 #include "common/runtime/recall.hpp"
 #include "mapping/mapping_stage.hpp"
@@ -78,33 +81,56 @@ void add_tile(const msg::MapTile& m, SavedMap& saved) {
 
 }  // namespace
 
-void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
+Buffer MappingStage::voxel_message(const HeaderFields& header, const VoxelTile& tile) const {
   std::vector<msg::MapVoxel> voxels;
   std::vector<std::uint32_t> leads;
+  for (const plane_map::SavedVoxel& v : tile.voxels) {
+    voxels.push_back(to_message(v));
+    leads.push_back(v.lead);
+  }
+  MapTileFields fields;
+  fields.layer = kVoxels;
+  fields.i = tile.index.i;
+  fields.j = tile.index.j;
+  fields.k = tile.index.k;
+  fields.edge_m = tile.edge_m;
+  fields.version = tile.version;
+  fields.voxels = voxels;
+  fields.leads = leads;
+  fields.root_voxel_m = tile.root_voxel_m;
+  fields.levels = static_cast<std::uint8_t>(tile.levels);
+  fields.range_noise_m = tile.range_noise_m;
+  return build(header, fields);
+}
+
+void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
   for (const VoxelTile& tile : mapper_.take_changed_voxels(growth)) {
-    voxels.clear();
-    leads.clear();
-    for (const plane_map::SavedVoxel& v : tile.voxels) {
-      voxels.push_back(to_message(v));
-      leads.push_back(v.lead);
-    }
-    MapTileFields fields;
-    fields.layer = kVoxels;
-    fields.i = tile.index.i;
-    fields.j = tile.index.j;
-    fields.k = tile.index.k;
-    fields.edge_m = tile.edge_m;
-    fields.version = tile.version;
-    fields.voxels = voxels;
-    fields.leads = leads;
-    fields.root_voxel_m = tile.root_voxel_m;
-    fields.levels = static_cast<std::uint8_t>(tile.levels);
-    fields.range_noise_m = tile.range_noise_m;
     HeaderFields header = tile_.header(sweep);
     header.frame = "map";
     header.map_id = map_id_;
-    tile_.publish_at(stage_.keys().tile(kVoxels, fields.i, fields.j, fields.k), header,
-                     build(header, fields));
+    const TileIndex& at = tile.index;
+    tile_.publish_at(stage_.keys().tile(kVoxels, at.i, at.j, at.k), header,
+                     voxel_message(header, tile));
+  }
+}
+
+void MappingStage::leave_map() {
+  if (std::exchange(leaves_, true)) return;
+  const std::string pose = stage_.keys().of(Key::kMapOdometry);
+  stage_.answer(pose, [this, pose](runtime::Answer& answer) {
+    if (!last_pose_ || !answer.parameters().empty()) return;
+    const auto& [header, fields] = *last_pose_;
+    answer.reply(pose, encoding_of(Key::kMapOdometry), build(header, fields));
+  });
+}
+
+// Where a store listens it has the rest.
+void MappingStage::answer_voxels(runtime::Answer& answer) {
+  constexpr double kAll = -1.0;
+  for (const VoxelTile& tile : mapper_.take_changed_voxels(tile_.matching() ? 0.0 : kAll)) {
+    const TileIndex& at = tile.index;
+    answer.reply(stage_.keys().tile(kVoxels, at.i, at.j, at.k), encoding_of(Key::kMapTile),
+                 voxel_message(last_header_, tile));
   }
 }
 
@@ -137,10 +163,20 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   saved.T_map_base = pose_of(pose->pose_map_base());
   saved.twist_per_s = twist_of(pose->twist());
   map_id_ = pose.header().map_id();
-  for (const auto& tile :
+  // The store and the instance before may both have a cube.
+  using TileMessage = runtime::Received<msg::MapTile>;
+  std::map<std::tuple<std::string, int, int, int>, TileMessage> newest;
+  const auto rank = [](const TileMessage& tile) {
+    return std::pair(tile.header().term(), tile->version());
+  };
+  for (TileMessage& tile :
        runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
-    if (tile.header().map_id() == map_id_) add_tile(*tile, saved);
+    if (tile.header().map_id() != map_id_) continue;
+    const std::tuple at(tile->layer()->str(), tile->i(), tile->j(), tile->k());
+    const auto [kept, is_new] = newest.try_emplace(at, tile);
+    if (!is_new && rank(kept->second) < rank(tile)) kept->second = tile;
   }
+  for (const auto& [at, tile] : newest) add_tile(*tile, saved);
   last_instant_ns_ = saved.instant_ns;
   if (same_run) next_sweep_ = pose.sweep() + 1;
   return true;
@@ -197,7 +233,10 @@ void MappingStage::restart(const msg::Header& first) {
   if (localizes && next_sweep_ == 0) mapper_.place(saved.T_map_base);
   // A file that the instance before did not come to, also when nothing is added to the map.
   unsaved_ = mapper_.point_count() > 0;
-  if (first.replay()) ack_.done_below(first.run(), next_sweep_);
+  if (first.replay()) {
+    inlet_->continue_at(first.run(), next_sweep_);
+    ack_.done_below(first.run(), next_sweep_);
+  }
   const std::size_t points = mapper_.point_count();
   stage_.figure("map_points_taken_back", static_cast<double>(points));
   runtime::log_warning("resuming the map of the previous instance",

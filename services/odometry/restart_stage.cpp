@@ -85,6 +85,7 @@ void OdometryStage::restart(const msg::Header& first) {
                                      [](const Commit& commit) { return commit->slices() > 1; });
   if (!in_slices && continue_frame(first, commits)) {
     catch_up(first);
+    if (first.replay()) inlet_->continue_at(first.run(), next_sweep_);
     return;
   }
   if (first.replay() && !in_slices) return;

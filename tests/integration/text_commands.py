@@ -145,6 +145,8 @@ COMMANDS: dict[str, Kind] = {
         r"maps/today", ("out/demo/maps/today/map.pcd", "out/demo/maps/today/trajectory.tum")
     ),
     "bin/zloam reset": BesideRun(r"map emptied"),
+    "bin/zloam handover odometry": Form("tests/integration/test_handover.py"),
+    "zloam handover mapping": Form("tests/integration/test_handover.py"),
     "bin/zloam place --x 12 --y -3.5 --yaw 90": Form("tests/integration/test_readme.py"),
     "zloam status --connect ROBOT": BesideRun(
         r"connected to robot robot at tcp/127\.0\.0\.1:746", meaning=(("ROBOT", "127.0.0.1"),)

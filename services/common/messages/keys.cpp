@@ -77,13 +77,16 @@ constexpr std::array kTable = {
            "data_low", N::kNone, "query"},
     KeyRow{Key::kAlive, "service/<stage>/<instance>/alive", "", "every stage", C::kQuery, "data",
            N::kNone, "liveliness token"},
-    KeyRow{Key::kActive, "service/<stage>/<instance>/active/<since_ns>", "",
+    KeyRow{Key::kActive, "service/<stage>/<instance>/active/<term>/<since_ns>", "",
            "driver, odometry, mapping, integration, store", C::kQuery, "data", N::kNone,
            "liveliness token"},
     KeyRow{Key::kRun, "service/driver/<instance>/run/<run>", "", "driver", C::kQuery, "data",
            N::kNone, "liveliness token"},
     KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
            N::kNone, "query", kText_bytes},
+    // Below command/, so that an access rule covers it.
+    KeyRow{Key::kTakeover, "command/<stage>/takeover/<instance>", "",
+           "odometry, mapping, integration", C::kQuery, "data", N::kNone, "query"},
     KeyRow{Key::kConfigRevision, "config/<stage>", "config_revision",
            "registration, odometry, mapping", C::kDrop, "data_high", N::kNone, "all", kText_bytes},
 };
@@ -187,9 +190,13 @@ std::string Keys::time(std::string_view stage, std::string_view instance) const 
 std::string Keys::alive(std::string_view stage, std::string_view instance) const {
   return below(service(stage, instance, "alive"));
 }
-std::string Keys::active(std::string_view stage, std::string_view instance,
+std::string Keys::active(std::string_view stage, std::string_view instance, std::string_view term,
                          std::string_view since_ns) const {
-  return below(service(stage, instance, "active/" + chunk_or_all(since_ns)));
+  return below(
+      service(stage, instance, "active/" + chunk_or_all(term) + "/" + chunk_or_all(since_ns)));
+}
+std::string Keys::takeover(std::string_view stage, std::string_view instance) const {
+  return command(stage, "takeover") + "/" + chunk(instance);
 }
 std::string Keys::run(std::string_view instance, std::string_view run) const {
   return below(service("driver", instance, "run/" + chunk_or_all(run)));

@@ -43,6 +43,7 @@ enum class Key : std::uint8_t {
   kActive,
   kRun,
   kCommand,
+  kTakeover,
   kConfigRevision,
 };
 
@@ -97,9 +98,10 @@ class Keys {
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string time(std::string_view stage, std::string_view instance) const;
   std::string alive(std::string_view stage, std::string_view instance) const;
-  /// "*" for any instance and time
-  std::string active(std::string_view stage, std::string_view instance,
+  /// "*" for any instance, term and time
+  std::string active(std::string_view stage, std::string_view instance, std::string_view term,
                      std::string_view since_ns) const;
+  std::string takeover(std::string_view stage, std::string_view instance) const;
   std::string run(std::string_view instance, std::string_view run) const;
   std::string command(std::string_view stage, std::string_view verb) const;
   /// "*" asks for all stages'

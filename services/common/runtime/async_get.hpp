@@ -16,6 +16,8 @@ namespace zloam::runtime {
 
 class AsyncGet {
  public:
+  static constexpr std::chrono::nanoseconds kEndless = std::chrono::nanoseconds::max();
+
   bool started() const { return state_ != nullptr; }
 
   void start(zenoh::Session& session, const std::string& selector,
@@ -29,7 +31,9 @@ class AsyncGet {
         selector,
         [state = state_](zenoh::Reply&& reply) {
           const std::lock_guard lock(state->mutex);
-          if (reply.ok()) state->samples.push_back(std::move(*reply.sample));
+          if (!reply.ok()) return;
+          state->samples.push_back(std::move(*reply.sample));
+          state->heard_ns = steady_ns();
         },
         [state = state_, shared] {
           {
@@ -41,13 +45,17 @@ class AsyncGet {
         options);
   }
 
-  /// The samples once all have come; then started() is false again.
-  std::optional<std::vector<zenoh::Sample>> take() {
+  /// The samples once all have come; then started() is false again. Sooner where some have come, and
+  /// no more for `quiet`: who was asked and hangs answers nothing.
+  std::optional<std::vector<zenoh::Sample>> take(std::chrono::nanoseconds quiet = kEndless) {
     if (!state_) return std::nullopt;
     std::vector<zenoh::Sample> samples;
     {
       const std::lock_guard lock(state_->mutex);
-      if (!state_->done) return std::nullopt;
+      const std::int64_t silent_ns = steady_ns() - state_->heard_ns;
+      if (!state_->done && (state_->samples.empty() || silent_ns < quiet.count())) {
+        return std::nullopt;
+      }
       samples = std::move(state_->samples);
     }
     state_.reset();
@@ -58,20 +66,22 @@ class AsyncGet {
   struct State {
     std::mutex mutex;
     std::vector<zenoh::Sample> samples;
+    std::int64_t heard_ns = 0;
     bool done = false;
   };
   std::shared_ptr<State> state_;
 };
 
-/// The same, waiting until all have come.
-inline std::vector<zenoh::Sample> get_and_wait(zenoh::Session& session, const std::string& selector,
-                                               std::chrono::milliseconds timeout) {
+/// The same, waiting until all have come, or `quiet` as above.
+inline std::vector<zenoh::Sample> get_and_wait(
+    zenoh::Session& session, const std::string& selector, std::chrono::milliseconds timeout,
+    std::chrono::nanoseconds quiet = AsyncGet::kEndless) {
   constexpr std::int64_t kLook_ns = 100 * kMs;
   const auto bell = std::make_shared<Shared>();
   AsyncGet get;
   get.start(session, selector, timeout, bell);
   while (true) {
-    if (auto samples = get.take()) return std::move(*samples);
+    if (auto samples = get.take(quiet)) return std::move(*samples);
     bell->wait_until(steady_ns() + kLook_ns);
   }
 }

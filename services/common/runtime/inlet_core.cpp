@@ -30,6 +30,7 @@ InletCore::InletCore(InletSetup setup, std::shared_ptr<Shared> shared, InletEven
       seen_(setup_.limits),
       kept_(setup_.options.keep, setup_.queue_bytes) {
   account_.key = setup_.key;
+  if (setup_.joins_at_once) sequencer_.join_at_once();
 }
 
 Account InletCore::account() const {
@@ -118,6 +119,13 @@ void InletCore::accept(Raw raw) {
                                      " is not the one that is followed");
     return;
   }
+  // What others kept of an instance that was overtaken is as good as it was.
+  if (!raw.recovered && fence_.refuses(message.header->term(), steady_ns())) {
+    report_drop(Drop::kFenced, "sweep " + std::to_string(message.header->sweep()) + " of " +
+                                   message.header->instance()->str() +
+                                   ", which another instance has overtaken");
+    return;
+  }
   if (!admitted(message) || !plausible(message)) return;
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
@@ -134,6 +142,7 @@ void InletCore::accept(Raw raw) {
     if (*drop == Drop::kDuplicate && echo) events_.second_copy(run, sweep);
     return;
   }
+  if (!raw.recovered) fence_.took(kept.header->term(), steady_ns());
   keep(kept, bytes, raw.sample.encoding);
   events_.saw(run, sweep);
   note_seen(raw.recovered);
@@ -173,13 +182,15 @@ void InletCore::keep(const Message& message, const zenoh::AlignedBytes& bytes,
 }
 
 void InletCore::answer_kept(zenoh::Query& query) const {
-  if (query.parameters() != kKept) return;
   std::string encoding;
   {
     const std::lock_guard lock(shared_->mutex);
     encoding = encoding_;
   }
-  for (auto& entry : kept_.all()) query.reply(setup_.key, entry.payload, encoding);
+  const bool all = query.parameters() == kKept;
+  for (const auto& entry : all ? kept_.all() : kept_.select(query.parameters())) {
+    query.reply(setup_.key, entry.payload, encoding);
+  }
 }
 
 void InletCore::note_seen(bool recovered) {
@@ -258,6 +269,8 @@ void InletCore::handle(Message message) {
     count_drop(Drop::kWrongRun);
     return;
   }
+  if (setup_.options.order == Order::kBySweep && sequencer_.takes_back(message, steady_ns()))
+    return;
   settle(std::move(message), setup_.handler);
 }
 

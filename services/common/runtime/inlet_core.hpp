@@ -11,6 +11,7 @@
 #include "common/runtime/seen_numbers.hpp"
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/shared.hpp"
+#include "common/runtime/term_fence.hpp"
 #include "common/zenoh/aligned.hpp"
 #include "common/zenoh/zenoh.hpp"
 
@@ -45,6 +46,8 @@ struct InletSetup {
   VerifyFunction verify = nullptr;
   HeaderFunction header = nullptr;
   std::function<Outcome(const Message&)> handler;
+  /// of an instance that goes on in another's place
+  bool joins_at_once = false;
   /// drops every k-th received message before it is counted, to prove recovery; 0: off
   std::uint64_t fault_every = 0;
 };
@@ -65,7 +68,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;
 
-  /// Any thread: get <key>?kept=1.
+  /// Any thread: get <key>?kept=1, or by number, as the publisher answers it.
   void answer_kept(zenoh::Query& query) const;
   /// Any thread: queues, counts, rings.
   void on_sample(zenoh::Sample sample, bool recovered);
@@ -126,6 +129,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   // The worker's own.
   Sequencer sequencer_;
   SeenNumbers seen_;
+  TermFence fence_;
   std::deque<Message> arrivals_;
   MessageCache kept_;
   std::uint64_t complaints_ = 0;

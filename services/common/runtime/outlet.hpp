@@ -19,9 +19,9 @@ class Outlet {
   /// Whether someone listens now: for what is only computed then.
   virtual bool matching() const = 0;
 
-  /// Header of the next message: the cause's, with this publisher's number, instance and trace
-  /// point. Call it when the work is done, as it takes the time of publication. Sensor, frame,
-  /// term, odom epoch and map id stay the cause's unless changed.
+  /// Header of the next message: the cause's, with this publisher's number, instance, term and
+  /// trace point. Call it when the work is done, as it takes the time of publication. Sensor, frame,
+  /// odom epoch and map id stay the cause's unless changed.
   virtual HeaderFields header(const Message& cause) = 0;
   /// For sources: robot, sensor, instance, number and trace point are filled in.
   virtual HeaderFields header(std::int64_t received_ns, std::int64_t started_ns) = 0;

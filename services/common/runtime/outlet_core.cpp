@@ -137,6 +137,7 @@ HeaderFields OutletCore::header(std::int64_t received_ns, std::int64_t started_n
   h.sensor = setup_.sensor;
   h.seq = seq_;
   h.instance = setup_.instance;
+  if (setup_.term) h.term = setup_.term();
   h.trace.push_back(
       {setup_.stage, setup_.host, setup_.instance, received_ns, started_ns, wall_ns()});
   return h;
@@ -146,6 +147,7 @@ HeaderFields OutletCore::header(const Message& cause) {
   HeaderFields h = header_fields(*cause.header);
   h.seq = seq_;
   h.instance = setup_.instance;
+  if (setup_.term) h.term = setup_.term();
   if (setup_.config_rev) h.config_rev = setup_.config_rev(h.run, h.sweep);
   h.trace.push_back(
       {setup_.stage, setup_.host, setup_.instance, cause.received_ns, cause.started_ns, wall_ns()});
@@ -204,7 +206,7 @@ bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
 }
 
 void OutletCore::answer(zenoh::Query&& query) {
-  if (*setup_.muted) return;
+  if (*setup_.muted && !answers_in_silence_) return;
   for (const auto& entry : cache_.select(query.parameters())) {
     query.reply(setup_.key, entry.payload, encoding_);
     republished_.fetch_add(1);

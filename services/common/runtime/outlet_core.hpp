@@ -28,6 +28,8 @@ struct OutletSetup {
   std::size_t keep_bytes = std::size_t{256} << 20;
   /// revision of the configuration with which a sweep is worked on
   std::function<std::uint32_t(std::uint64_t run, std::uint64_t sweep)> config_rev;
+  /// this instance's, of a stage that there is once; null: the cause's
+  std::function<std::uint32_t()> term;
   /// true: another instance publishes, and nothing leaves here
   std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
 };
@@ -69,6 +71,8 @@ class OutletCore final : public Outlet {
   HeaderFields header(std::int64_t received_ns, std::int64_t started_ns) override;
   void publish(const HeaderFields& header, Buffer message) override;
   void publish_at(const std::string& key, const HeaderFields& header, Buffer message) override;
+  /// Goes on answering by number though another instance publishes: which one is going to ask.
+  void answer_in_silence() { answers_in_silence_ = true; }
   bool publish_again(std::uint64_t run, std::uint64_t sweep) override;
   std::uint64_t published() const override { return published_.load(); }
 
@@ -95,6 +99,7 @@ class OutletCore final : public Outlet {
   std::uint64_t seq_ = 0;
   mutable std::mutex last_mutex_;
   std::optional<Published> last_;
+  std::atomic<bool> answers_in_silence_{false};
   std::atomic<std::uint64_t> published_{0}, bytes_{0}, republished_{0};
   std::optional<zenoh::Publisher> live_;
   // Declared when a replay is seen: congestion control belongs to a publisher.

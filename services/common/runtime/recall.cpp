@@ -40,11 +40,13 @@ std::string sweeps_from(std::uint64_t run, std::uint64_t first, std::uint64_t la
 }
 
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
-                                     VerifyFunction verify, HeaderFunction header, int tries) {
+                                     VerifyFunction verify, HeaderFunction header, int tries,
+                                     std::chrono::milliseconds quiet) {
+  const std::chrono::nanoseconds wait = stage.overtook() ? quiet : AsyncGet::kEndless;
   std::vector<zenoh::Sample> samples;
   for (int i = 0; i < tries && samples.empty(); ++i) {
     if (i > 0) std::this_thread::sleep_for(kBetween);
-    samples = get_and_wait(stage.session(), selector, kTimeout);
+    samples = get_and_wait(stage.session(), selector, kTimeout, wait);
   }
   std::vector<Message> found;
   for (zenoh::Sample& sample : samples) {
@@ -56,6 +58,7 @@ std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
     message.header = header(message.bytes);
     message.received_ns = message.started_ns = stage.now_ns();
     message.recovered = true;
+    stage.note_term(message.header->term());
     found.push_back(std::move(message));
   }
   return found;

@@ -51,9 +51,15 @@ void report(Stage& stage, const Gap& gap);
 
 /// Asks and waits, for the worker only. What is no message in order is left out. A link that is not
 /// yet up looks like nobody who answers: `tries` askings, 200 ms apart, before nothing is taken for
-/// an answer.
+/// an answer. `quiet`: so long after some have come no more are waited for, where an instance that
+/// was overtaken is still there: it may hang, and say not even that it has nothing.
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
-                                     VerifyFunction verify, HeaderFunction header, int tries);
+                                     VerifyFunction verify, HeaderFunction header, int tries,
+                                     std::chrono::milliseconds quiet);
+/// Of messages from memory, which come at once.
+inline constexpr std::chrono::milliseconds kQuietMemory{300};
+/// Of what may come from a disk.
+inline constexpr std::chrono::milliseconds kQuietDisk{1500};
 
 /// Each (run, sweep) once, ascending.
 void sort_by_sweep(std::vector<Message>& messages);
@@ -63,7 +69,8 @@ std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, in
                                    bool by_sweep) {
   std::vector<Message> messages = recall_messages(
       stage, selector, &verify<T>,
-      [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries);
+      [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries,
+      by_sweep ? kQuietMemory : kQuietDisk);
   if (by_sweep) sort_by_sweep(messages);
   std::vector<Received<T>> found;
   found.reserve(messages.size());

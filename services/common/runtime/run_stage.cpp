@@ -2,9 +2,11 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <iterator>
 
 #include "common/runtime/fault.hpp"
@@ -153,8 +155,24 @@ zenoh::Session listening_session(const SharedConfig& shared, const std::string& 
   }
 }
 
+// Set in a process that was overtaken before it began again.
+constexpr const char* kOvertaken = "ZLOAM_WAS_OVERTAKEN";
+
+/// The same process with everything forgotten: what another instance has gone on with meanwhile must
+/// not be gone on with here. Returns only where it could not be done.
+void begin_again(const std::vector<const char*>& arguments) {
+  setenv(kOvertaken, "1", 1);
+  std::fflush(nullptr);
+  std::vector<char*> words;
+  for (const char* word : arguments) words.push_back(const_cast<char*>(word));
+  words.push_back(nullptr);
+  execv("/proc/self/exe", words.data());
+  log_error("could not begin again", {{"what", std::strerror(errno)}});
+}
+
 /// What the stage throws while it is wired and run becomes its exit code in main().
 int work(const StageSpec& spec, StageSetup setup) {
+  const auto start_again = setup.start_again;
   zenoh::init_log("error");
   zenoh::Session session = listening_session(setup.shared, spec.name);
   session.set_error_handler([](std::string_view what) {
@@ -174,7 +192,13 @@ int work(const StageSpec& spec, StageSetup setup) {
       stage.close();
       code = kExitOk;
     }
-    if (!session.close()) {
+    const bool closed = session.close();
+    if (stage.begins_again()) {
+      log_info("another instance has taken over: beginning again, to stand by");
+      start_again();
+      code = kExitFailure;
+    }
+    if (!closed) {
       log_warning("the session did not close in time");
       std::fflush(nullptr);
       _exit(code);
@@ -185,7 +209,7 @@ int work(const StageSpec& spec, StageSetup setup) {
   return code;
 }
 
-int run(const StageSpec& spec, const CommandLine& line) {
+int run(const StageSpec& spec, const CommandLine& line, const std::vector<const char*>& arguments) {
   SharedConfig shared;
   Parameters parameters;
   bind(parameters, shared);
@@ -218,6 +242,11 @@ int run(const StageSpec& spec, const CommandLine& line) {
   setup.result_json = parameters.result_values_json();
   setup.parameters = &parameters;
   setup.presets = std::move(presets);
+  setup.longest_work = spec.longest_work;
+  setup.was_overtaken = std::getenv(kOvertaken) != nullptr;
+  // Once: the process that begins again is to be seen at work.
+  if (!setup.was_overtaken) setup.fault_hang_at_sweep = fault("ZLOAM_FAULT_HANG_AT_SWEEP");
+  setup.start_again = [arguments] { begin_again(arguments); };
   // A copy: the parameters go on pointing into the one here.
   setup.shared = shared;
   return work(spec, std::move(setup));
@@ -232,7 +261,7 @@ int run_stage(int argc, const char* const* argv, const StageSpec& spec) {
   setup_log(spec.name, "info", false);
   bound_heap(spec.kept_block_bytes);
   try {
-    return run(spec, line);
+    return run(spec, line, {argv, argv + argc});
   } catch (const ConfigError& e) {
     log_error(e.what());
     return kExitUsage;

@@ -1,6 +1,7 @@
 #include "common/runtime/sequencer.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace zloam::runtime {
 namespace {
@@ -45,8 +46,8 @@ void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   replay_known_ = true;
   const std::uint64_t sweep = first.header->sweep();
   const bool from_the_start = replay_ || sweep <= kMissedAtStart;
-  next_ = from_the_start ? 0 : sweep;
-  joining_ = from_the_start && sweep != 0;
+  next_ = from_the_start && !joins_at_once_ ? 0 : sweep;
+  joining_ = from_the_start && sweep != 0 && !joins_at_once_;
   held_.clear();
   given_up_sweeps_.clear();
   gap_since_.reset();
@@ -253,8 +254,22 @@ void Sequencer::remove_if(const std::function<bool(const Message&)>& unfit, std:
   note_gap(now_ns);
 }
 
+bool Sequencer::takes_back(Message& message, std::int64_t now_ns) {
+  const bool at_once = std::exchange(joins_at_once_, false);
+  const std::uint64_t sweep = message.header->sweep();
+  if (at_once && !continued_ && replay_ && sweep > 0) {
+    next_ = 0;
+    joining_ = true;
+  }
+  if (sweep < next_) return false;
+  held_.emplace(sweep, std::move(message));
+  note_gap(now_ns);
+  return true;
+}
+
 void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   running_ = true;
+  continued_ = true;
   if (run != run_) replay_known_ = false;
   run_ = run;
   joining_ = false;

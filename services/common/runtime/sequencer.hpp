@@ -70,6 +70,12 @@ class Sequencer {
 
   /// Sweeps below are taken for handled.
   void continue_at(std::uint64_t run, std::uint64_t sweep);
+  /// Before the start, of an instance that goes on in another's place: a replay's first message comes
+  /// out at once, whatever its number, so that its stage learns by what others keep where to go on.
+  void join_at_once() { joins_at_once_ = true; }
+  /// Whether a message that has come out is not the next one after all, by what was learnt from it:
+  /// then it was taken back. Where nothing was learnt the run is joined as by anybody else.
+  bool takes_back(Message& message, std::int64_t now_ns);
   std::size_t held() const { return held_.size() + future_.size(); }
   std::uint64_t next_sweep() const { return next_; }
   Arrivals arrivals() const;
@@ -100,6 +106,8 @@ class Sequencer {
   bool replay_known_ = false;
   /// replay: nothing has come out of this run yet, and its start may not exist any more
   bool joining_ = false;
+  bool joins_at_once_ = false;
+  bool continued_ = false;
   std::uint64_t next_ = 0;
   std::map<std::uint64_t, Message> held_;
   /// messages of a newer run, kept until the current one has come out

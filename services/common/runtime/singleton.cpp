@@ -1,7 +1,10 @@
 #include "common/runtime/singleton.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <limits>
+#include <utility>
 
 namespace zloam::runtime {
 namespace {
@@ -10,6 +13,13 @@ constexpr std::chrono::milliseconds kTimeout{500};
 // More are a flood of somebody's.
 constexpr std::size_t kMostOthers = 64;
 
+template <class Number>
+bool parse(std::string_view text, Number* number) {
+  const char* end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, *number);
+  return error == std::errc{} && rest == end && !text.empty();
+}
+
 }  // namespace
 
 std::optional<Seniority> seniority_of(const std::string& key) {
@@ -17,25 +27,35 @@ std::optional<Seniority> seniority_of(const std::string& key) {
   const std::size_t active = key.rfind(kActive);
   if (active == std::string::npos || active == 0) return std::nullopt;
   const std::size_t begin = key.rfind('/', active - 1) + 1;
-  std::int64_t since_ns = 0;
-  const char* end = key.data() + key.size();
-  const auto [rest, error] = std::from_chars(key.data() + active + kActive.size(), end, since_ns);
-  if (error != std::errc{} || rest != end) return std::nullopt;
-  return Seniority{since_ns, key.substr(begin, active - begin)};
+  const std::string_view numbers = std::string_view(key).substr(active + kActive.size());
+  const std::size_t slash = numbers.find('/');
+  if (slash == std::string_view::npos) return std::nullopt;
+  Seniority found{0, 0, key.substr(begin, active - begin)};
+  if (!parse(numbers.substr(0, slash), &found.term)) return std::nullopt;
+  if (!parse(numbers.substr(slash + 1), &found.since_ns)) return std::nullopt;
+  return found;
 }
 
 Singleton::Singleton(zenoh::Session& session, const Keys& keys, const std::string& stage,
                      Seniority own, std::shared_ptr<std::atomic<bool>> muted)
     : session_(session),
+      keys_(keys),
       stage_(stage),
-      all_(keys.active(stage, "*", "*")),
-      own_(std::move(own)),
-      muted_(std::move(muted)) {
+      all_(keys.active(stage, "*", "*", "*")),
+      muted_(std::move(muted)),
+      term_(own.term),
+      own_(std::move(own)) {
   subscriber_ = session_.declare_liveliness_subscriber(all_, [this](zenoh::Sample&& sample) {
     hear(sample.key, sample.kind == zenoh::SampleKind::kPut);
   });
-  token_ = session_.declare_liveliness_token(
-      keys.active(stage, own_.second, std::to_string(own_.first)));
+  declare(own_.term);
+}
+
+// The new one before the old one goes: there is no moment without.
+void Singleton::declare(std::uint32_t term) {
+  zenoh::LivelinessToken token = session_.declare_liveliness_token(
+      keys_.active(stage_, own_.instance, std::to_string(term), std::to_string(own_.since_ns)));
+  token_ = std::move(token);
 }
 
 void Singleton::ask() {
@@ -44,27 +64,93 @@ void Singleton::ask() {
 
 void Singleton::hear(const std::string& key, bool there) {
   const auto other = seniority_of(key);
-  if (!other || *other == own_) return;
+  if (!other) return;
   const std::lock_guard lock(mutex_);
+  // What this instance said itself, now or under a lesser term.
+  if (other->instance == own_.instance && other->since_ns == own_.since_ns) return;
   if (!there) {
     others_.erase(*other);
+    passed_.erase(*other);
   } else if (others_.size() < kMostOthers) {
     others_.insert(*other);
   }
-  *muted_ = !others_.empty() && *others_.begin() < own_;
+  *muted_ = held_ || elder_locked();
+}
+
+void Singleton::take_over() {
+  std::uint32_t term = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    term = own_.term;
+    for (const Seniority& other : others_) {
+      if (other < own_) passed_.insert(other);
+      term = std::max(term, other.term);
+    }
+    if (term < std::numeric_limits<std::uint32_t>::max()) ++term;
+  }
+  at_least(term);
+}
+
+void Singleton::at_least(std::uint32_t term) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (term < own_.term) return;
+    own_.term = term;
+    term_ = term;
+    *muted_ = held_ || elder_locked();
+  }
+  declare(term);
+}
+
+void Singleton::hold(bool silent) {
+  const std::lock_guard lock(mutex_);
+  held_ = silent;
+  *muted_ = held_ || elder_locked();
+}
+
+std::optional<Seniority> Singleton::elder_locked() const {
+  for (const Seniority& other : others_) {
+    if (!(other < own_)) return std::nullopt;
+    if (!passed_.contains(other)) return other;
+  }
+  return std::nullopt;
+}
+
+std::optional<Seniority> Singleton::elder() const {
+  const std::lock_guard lock(mutex_);
+  return elder_locked();
+}
+
+bool Singleton::overtaken() const {
+  const auto other = elder();
+  return other && other->term > term_.load();
+}
+
+bool Singleton::has_passed() const {
+  const std::lock_guard lock(mutex_);
+  return !passed_.empty();
+}
+
+std::vector<std::string> Singleton::juniors() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> names;
+  for (const Seniority& other : others_) {
+    if (own_ < other) names.push_back(other.instance);
+  }
+  return names;
 }
 
 std::string Singleton::others() const {
   const std::lock_guard lock(mutex_);
   if (others_.empty()) return {};
-  const bool younger = *others_.begin() < own_;
   std::string names;
-  for (const auto& [since_ns, instance] : others_) {
-    names += (names.empty() ? "" : ", ") + instance;
+  for (const Seniority& other : others_) {
+    names += (names.empty() ? "" : ", ") + other.instance;
   }
   return "there is a second " + stage_ + " in this robot (" + names + "): " +
-         (younger ? "this one came later and is silent until the other has gone"
-                  : "it came later and is silent; end one of them, or give one robot another name");
+         (elder_locked()
+              ? "this one came later and is silent until the other has gone"
+              : "it came later and is silent; end one of them, or give one robot another name");
 }
 
 }  // namespace zloam::runtime

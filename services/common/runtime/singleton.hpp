@@ -1,8 +1,9 @@
 #pragma once
-// Of a stage that there is once in a robot, the elder instance works and a younger one is silent
-// (docs/protocol.md, section 15): two drivers of one sensor, two integrations, two robots of one
-// name whose networks were joined. Each declares a liveliness token with the time since which it is
-// there; all see the same tokens and so agree, and both say what they see.
+// Of a stage that there is once in a robot, one instance works and the others are silent
+// (docs/protocol.md, sections 6 and 15): standbys, two drivers of one sensor, two robots of one name
+// whose networks were joined. Each declares a liveliness token with its term and the time since
+// which it is there. The greatest term works; of one term, who was there first. All see the same
+// tokens and so agree, and each says what it sees.
 
 #include <atomic>
 #include <cstdint>
@@ -11,17 +12,28 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <utility>
+#include <tuple>
+#include <vector>
 
 #include "common/messages/keys.hpp"
 #include "common/zenoh/zenoh.hpp"
 
 namespace zloam::runtime {
 
-/// (since, instance): the least is the elder.
-using Seniority = std::pair<std::int64_t, std::string>;
+/// Ascending: the least of several is the one that works.
+struct Seniority {
+  /// one more each time another instance took over
+  std::uint32_t term = 1;
+  std::int64_t since_ns = 0;
+  std::string instance{};
 
-/// ".../service/<stage>/<instance>/active/<since_ns>"; nothing for another key.
+  friend bool operator==(const Seniority&, const Seniority&) = default;
+  friend bool operator<(const Seniority& a, const Seniority& b) {
+    return std::tie(b.term, a.since_ns, a.instance) < std::tie(a.term, b.since_ns, b.instance);
+  }
+};
+
+/// ".../service/<stage>/<instance>/active/<term>/<since_ns>"; nothing for another key.
 std::optional<Seniority> seniority_of(const std::string& key);
 
 class Singleton {
@@ -32,18 +44,45 @@ class Singleton {
 
   /// Asks once, so that tokens on links that are up already are known.
   void ask();
+
+  // The worker's, not for callbacks.
+  /// A term above all that were heard: those who had them are no elders any more, here or, once
+  /// they hear of it, there.
+  void take_over();
+  /// The own term is no less than one that this stage's messages had.
+  void at_least(std::uint32_t term);
+  /// Silent whatever the others are, while one of them is asked to take over.
+  void hold(bool silent);
+
+  // Any thread.
+  std::uint32_t term() const { return term_.load(); }
+  /// Another instance has a greater term: what this one knows is not to be gone on with.
+  bool overtaken() const;
+  /// One that this instance has overtaken is still there.
+  bool has_passed() const;
+  /// The one that works, where it is not this one.
+  std::optional<Seniority> elder() const;
+  /// Those that could take over, the eldest first.
+  std::vector<std::string> juniors() const;
   /// What is to be said of other instances, to both; empty: there are none.
   std::string others() const;
 
  private:
   void hear(const std::string& key, bool there);
+  void declare(std::uint32_t term);
+  std::optional<Seniority> elder_locked() const;
 
   zenoh::Session& session_;
+  const Keys& keys_;
   std::string stage_, all_;
-  Seniority own_;
   std::shared_ptr<std::atomic<bool>> muted_;
+  std::atomic<std::uint32_t> term_;
   mutable std::mutex mutex_;
+  Seniority own_;
   std::set<Seniority> others_;
+  /// overtaken by this one
+  std::set<Seniority> passed_;
+  bool held_ = false;
   std::optional<zenoh::LivelinessToken> token_;
   // Last: its callback ends before what it uses goes.
   std::optional<zenoh::Subscriber> subscriber_;

@@ -22,6 +22,7 @@
 // worker thread, one after another, so a stage needs no lock. Only notify(), accounts and figures
 // may be used from others.
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -63,6 +64,9 @@ struct StageSpec {
   /// after the configuration is read and the session is open: declares everything and returns. What
   /// it throws ends the process: ConfigError 2, IoError 3, anything else 1.
   std::function<void(Stage&)> wire;
+  /// what one sweep may take: when nothing comes of sweeps for longer, another instance that stands
+  /// by goes on in this one's place
+  std::chrono::milliseconds longest_work{1000};
   /// the largest block that the heap keeps for the next sweep when it is freed, at most 32 MiB.
   /// Blocks of a dense sweep, mapped and cleared anew each time, are a fifth of a stage's time.
   int kept_block_bytes = 32 << 20;
@@ -162,6 +166,9 @@ class Stage {
   virtual void on_end_of_run(std::function<void(std::uint64_t run)> task) = 0;
   /// A new run begins (also the first): forget the one before. Called before its first message.
   virtual void on_new_run(std::function<void(const msg::Header& first)> task) = 0;
+  /// Another instance is about to go on in this one's place: what only this one knows is to be
+  /// answered from now on, for the seconds in which the other asks. Nothing is published any more.
+  virtual void on_hand_over(std::function<void()> task) = 0;
   /// Before the end of the process (signal or stop()): save what is there.
   virtual void on_stop(std::function<void()> task) = 0;
 
@@ -180,6 +187,10 @@ class Stage {
   virtual void latency(const std::string& name, double milliseconds) = 0;
   /// A lasting impairment, e.g. a file that can't be written; empty text: over. Any thread.
   virtual void degraded(const std::string& topic, const std::string& reason) = 0;
+  /// A message of this stage, of an instance before, had that term: this one's is no less.
+  virtual void note_term(std::uint32_t term) = 0;
+  /// It works in the place of one that is still there, and may hang.
+  virtual bool overtook() const = 0;
   /// Readiness of the stage's own, e.g. a socket; until true is said the stage is Starting.
   virtual void ready(bool yes, const std::string& reason) = 0;
   /// One snapshot of all inputs. Any thread.

@@ -1,6 +1,7 @@
 #include "common/runtime/stage_core.hpp"
 
 #include <algorithm>
+#include <thread>
 
 #include "common/runtime/log.hpp"
 
@@ -10,6 +11,8 @@ namespace {
 constexpr std::int64_t kPoll_ns = 20 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
 constexpr std::size_t kOutputMemory = 256;
+// Of one that handed over: the other asks for what it kept.
+constexpr std::int64_t kLinger_ns = 2000 * kMs;
 // Questions and commands that wait for the worker.
 constexpr std::size_t kMostTasks = 1024;
 
@@ -62,8 +65,15 @@ bool StageCore::follows(const Message& message) {
   return gate_.admit(message.header->run(), message.header->replay(), steady_ns());
 }
 
+/// As an endless loop in an algorithm would.
+void StageCore::hang() {
+  log_warning("FAULT INJECTION: the worker hangs on purpose");
+  while (true) std::this_thread::yield();
+}
+
 bool StageCore::before_message(const Message& message) {
   const std::uint64_t run = message.header->run();
+  if (message.header->sweep() == setup_.fault_hang_at_sweep) hang();
   if (in_run_ && run == run_) return true;
   if (!gate_.follows(run)) return false;
   {
@@ -182,6 +192,11 @@ bool StageCore::work_on_inputs() {
 }
 
 bool StageCore::work() {
+  if (is_replaceable() && singleton_->overtaken()) overtaken_ = true;
+  if (overtaken_ && steady_ns() - handed_over_ns_.load() > kLinger_ns) {
+    begins_again_ = true;
+    return false;
+  }
   bool busy = run_tasks();
   if (*muted_) {
     // What it made of them would be a second opinion, and the other's map or frame in its own.
@@ -207,7 +222,7 @@ void StageCore::run_timers() {
 
 void StageCore::wait() {
   const std::int64_t now = steady_ns();
-  std::int64_t until = now + (polls_.empty() ? kIdle_ns : kPoll_ns);
+  std::int64_t until = now + (polls_.empty() && !overtaken_ ? kIdle_ns : kPoll_ns);
   const auto sooner = [&until](std::optional<std::int64_t> t) {
     if (t) until = std::min(until, *t);
   };
@@ -219,12 +234,15 @@ void StageCore::wait() {
 }
 
 int StageCore::run() {
+  declare_handover();
   declare_service();
-  while (!stopping_.load()) {
-    if (!work() && !stopping_.load()) wait();
+  while (!stopping_.load() && !begins_again_) {
+    if (!work() && !stopping_.load() && !begins_again_) wait();
   }
   // No input from here on; what is queued stays in the accounts as queued.
   subscribers_.clear();
+  // What there is to be saved is the other's now.
+  if (overtaken_) on_stop_.clear();
   for (const auto& task : on_stop_) {
     try {
       task();

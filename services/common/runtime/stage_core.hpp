@@ -39,6 +39,14 @@ struct StageSetup {
   std::uint64_t fault_every = 0;
   /// ZLOAM_FAULT_DEAF_SWEEPS
   std::uint64_t fault_deaf_sweeps = 0;
+  /// ZLOAM_FAULT_HANG_AT_SWEEP
+  std::optional<std::uint64_t> fault_hang_at_sweep;
+  /// StageSpec::longest_work
+  std::chrono::milliseconds longest_work{1000};
+  /// Another instance is at work for certain: this process was overtaken before.
+  bool was_overtaken = false;
+  /// Makes a new process of this one at once; for a worker that hangs. Null: nothing does.
+  std::function<void()> start_again = nullptr;
 };
 
 class StageCore final : public Stage, private InletEvents {
@@ -53,6 +61,8 @@ class StageCore final : public Stage, private InletEvents {
   int run();
   /// Undeclares everything; the session may be closed after it.
   void close();
+  /// Another instance goes on in this one's place, which is to begin again and stand by.
+  bool begins_again() const { return begins_again_; }
 
   const Identity& identity() const override { return setup_.identity; }
   const SharedConfig& shared() const override { return setup_.shared; }
@@ -79,6 +89,9 @@ class StageCore final : public Stage, private InletEvents {
   void every(std::chrono::milliseconds period, std::function<void()> task) override;
   void on_end_of_run(std::function<void(std::uint64_t)> task) override;
   void on_new_run(std::function<void(const msg::Header&)> task) override;
+  void on_hand_over(std::function<void()> task) override {
+    on_hand_over_.push_back(std::move(task));
+  }
   void on_stop(std::function<void()> task) override { on_stop_.push_back(std::move(task)); }
   void end_of_run(std::uint64_t run) override;
   void notify() override { bell_->notify(); }
@@ -88,6 +101,8 @@ class StageCore final : public Stage, private InletEvents {
   void figure(const std::string& name, double value) override;
   void latency(const std::string& name, double ms) override { latencies_.add(name, ms); }
   void degraded(const std::string& topic, const std::string& reason) override;
+  void note_term(std::uint32_t term) override;
+  bool overtook() const override { return singleton_ && singleton_->has_passed(); }
   void ready(bool yes, const std::string& reason) override;
   std::vector<Account> accounts() const override;
   std::int64_t now_ns() const override { return wall_ns(); }
@@ -111,9 +126,17 @@ class StageCore final : public Stage, private InletEvents {
   /// Notes that something about the sweep was published now; false when that was just before: a
   /// replica's copy is no call for help.
   bool note_output(std::uint64_t sweep);
+  [[noreturn]] static void hang();
   void note_latencies(const Message& message);
   void declare_service();
   void declare_status();
+  /// Of another instance's work nothing is lost when this one goes on with it.
+  bool is_replaceable() const;
+  bool has_elder();
+  void wait_for_turn();
+  void declare_handover();
+  CommandReply hand_over(const std::string& arguments_json);
+  void watch_overtaken();
   void watch_tokens();
   void watch_second();
   void watch_handlers();
@@ -167,12 +190,20 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<Timer> timers_;
   std::vector<std::function<void(std::uint64_t)>> on_end_of_run_;
   std::vector<std::function<void(const msg::Header&)>> on_new_run_;
+  std::vector<std::function<void()>> on_hand_over_;
   std::vector<std::function<void()>> on_stop_;
 
   std::mutex tasks_mutex_;
   std::deque<std::function<void()>> tasks_;
 
   std::atomic<bool> stopping_{false};
+  std::atomic<bool> overtaken_{false};
+  /// monotonic; 0: never
+  std::atomic<std::int64_t> handed_over_ns_{0};
+  /// another instance is asked to take over, or has done so
+  std::atomic<bool> leaving_{false};
+  bool took_over_ = false;
+  bool begins_again_ = false;
   std::atomic<int> exit_code_{0};
   RunGate gate_;
   /// replay: sweep -> when its outputs were last published, monotonic ns
@@ -202,6 +233,7 @@ class StageCore final : public Stage, private InletEvents {
   std::string said_of_others_;
   std::uint64_t oversized_ = 0;
   int looks_at_heap_ = 0;
+  int looks_overtaken_ = 0;
 
   std::optional<zenoh::LivelinessToken> alive_;
   std::optional<zenoh::Subscriber> drivers_;

@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <utility>
 
 #include "common/runtime/log.hpp"
-#include "common/runtime/recall.hpp"
 #include "common/runtime/run_id.hpp"
 #include "common/runtime/stage_core.hpp"
 
@@ -22,19 +20,7 @@ constexpr int kLooksUntilCalm = 5;
 // Statuses for which the heap is given back after an oversized message: what was still on its way
 // at the first one is free by then.
 constexpr int kLooksAtHeap = 5;
-constexpr std::int64_t kStandByLook_ns = 20 * kMs;
-// For any other stage's link, and from the first one's on for the elder's.
-constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50};
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
-
-/// The last chunk of a driver's token.
-std::optional<std::uint64_t> run_of(const std::string& key) {
-  std::uint64_t run = 0;
-  const char* end = key.data() + key.size();
-  const auto [rest, error] = std::from_chars(key.data() + key.rfind('/') + 1, end, run);
-  if (error != std::errc{} || rest != end) return std::nullopt;
-  return run;
-}
 
 }  // namespace
 
@@ -128,6 +114,7 @@ StatusFields StageCore::status() const {
   f.figures = figures_;
   f.figures["rss_anon_mib"] = f.usage.rss_anon_mib;
   f.figures["rss_shm_mib"] = f.usage.rss_shm_mib;
+  if (singleton_) f.figures["term"] = singleton_->term();
   return f;
 }
 
@@ -141,55 +128,6 @@ void StageCore::note_source(StatusFields* f) const {
   f->last_sweep = last->sweep;
   f->has_sweep = true;
   f->end_of_run = last->ended;
-}
-
-void StageCore::watch_tokens() {
-  const Identity& id = setup_.identity;
-  if (const auto place = stage_place(id.stage); place && !stage_list()[*place].replicas) {
-    singleton_.emplace(session_, keys_, id.stage, Seniority{started_ns_, id.instance}, muted_);
-  }
-  // What a driver reads is of no driver's run.
-  if (id.stage == "driver") return;
-  drivers_ =
-      session_.declare_liveliness_subscriber(keys_.run("*", "*"), [this](zenoh::Sample&& sample) {
-        const bool there = sample.kind == zenoh::SampleKind::kPut;
-        if (const auto run = run_of(sample.key)) gate_.token(sample.key, *run, there);
-      });
-}
-
-bool StageCore::stand_by() {
-  if (!singleton_) return true;
-  // Links come up in the background; who sees no stage at all may be the first one.
-  const auto linked = [this] {
-    return !session_.liveliness_get(keys_.alive("*", "*"), kLinkWait).empty();
-  };
-  if (!wait_for_links(linked, kLinkWait)) return true;
-  const auto has_elder = [this] {
-    singleton_->ask();
-    return muted_->load();
-  };
-  if (!wait_for_links(has_elder, kElderWait)) return true;
-  declare_status();
-  const bool meant = setup_.shared.recovery.standby;
-  if (meant) {
-    log_info("standing by");
-  } else {
-    log_warning("standing by", {{"reason", singleton_->others()}});
-  }
-  while (*muted_ && !stopping_.load()) {
-    ready(false, meant ? "standing by" : singleton_->others());
-    publish_status();
-    const auto until = steady_ns() + kStatusPeriod / std::chrono::nanoseconds(1);
-    while (*muted_ && !stopping_.load() && steady_ns() < until) {
-      bell_->wait_until(steady_ns() + kStandByLook_ns);
-    }
-  }
-  // Its answers look at what is wired now.
-  queryables_.clear();
-  status_publisher_.reset();
-  ready(true, "");
-  if (!stopping_.load()) log_info("the other instance has gone");
-  return !stopping_.load();
 }
 
 /// Another instance that came after both were at work.
@@ -264,6 +202,7 @@ void StageCore::status_loop() {
     lock.unlock();
     watch_overload();
     watch_second();
+    watch_overtaken();
     watch_handlers();
     watch_oversized();
     watch_inputs();

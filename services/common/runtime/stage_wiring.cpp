@@ -84,6 +84,7 @@ Outlet& StageCore::outlet_at(Key key, const std::string& full_key) {
   if (key == Key::kFeatures) s.keep_messages *= kFeaturesKeptTimes;
   s.keep_bytes = static_cast<std::size_t>(setup_.shared.recovery.keep_mib) << 20;
   s.config_rev = [this](std::uint64_t run, std::uint64_t sweep) { return config_rev(run, sweep); };
+  if (singleton_) s.term = [this] { return singleton_->term(); };
   s.muted = muted_;
   outlets_.push_back(std::make_unique<OutletCore>(std::move(s), session_));
   return *outlets_.back();
@@ -101,6 +102,7 @@ Inlet& StageCore::add_inlet(Key key, const std::string& full_key, const InletOpt
   s.verify = verify;
   s.header = header;
   s.handler = std::move(handler);
+  s.joins_at_once = took_over_;
   s.fault_every = setup_.fault_every;
   InletEvents& events = *this;
   const auto inlet = std::make_shared<InletCore>(std::move(s), bell_, events);
@@ -158,7 +160,7 @@ void StageCore::command(const std::string& verb, CommandHandler handler) {
 
 void StageCore::answer(const std::string& full_key, std::function<void(Answer&)> handler) {
   queryables_.push_back(session_.declare_queryable(full_key, [this, handler](zenoh::Query&& query) {
-    if (*muted_) return;
+    if (*muted_ && !leaving_) return;
     const auto shared_query = std::make_shared<zenoh::Query>(std::move(query));
     const bool taken = offer([handler, shared_query] {
       QueryAnswer answer(*shared_query);

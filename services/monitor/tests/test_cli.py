@@ -15,7 +15,8 @@ from zloam_monitor.cli_files import PROGRAMS
 ROOT = Path(__file__).resolve().parents[3]
 OWN = (
     *("demo", "run", "follow", "ros-lidar"),
-    *("robots", "status", "watch", "get", "set", "save", "reset", "place", "doctor", "metrics"),
+    *("robots", "status", "watch", "get", "set", "save", "reset", "place", "handover", "doctor"),
+    "metrics",
     *("web", "view", "foxglove", "record", "replay"),
 )
 COMMANDS = (*OWN, "trajectory", "compare", "support", "evaluate", "recording", "metadata")

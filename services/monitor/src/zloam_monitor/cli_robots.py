@@ -1,4 +1,4 @@
-"""robots, status, watch, get, set, save, reset, place, doctor, metrics: of robots that run."""
+"""robots, status, watch, get, set, save, reset, place, handover, doctor, metrics: of robots."""
 
 from __future__ import annotations
 
@@ -125,6 +125,22 @@ def place(
 
 
 @command
+def handover(
+    stage: Annotated[str, typer.Argument(help="odometry, mapping or integration.")],
+    to: Annotated[
+        str | None, typer.Argument(help="Instance. Default: the one that has stood by longest.")
+    ] = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+) -> int:
+    """Let an instance that stands by go on with a stage's work; no sweep is lost."""
+    from zloam_monitor import discovery, settings
+
+    with discovery.linked(robot, common.endpoints(connect)) as link:
+        return settings.hand_over(link, stage, to)
+
+
+@command
 def metrics(
     port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 9464,
     address: common.Address = "127.0.0.1",
@@ -184,6 +200,7 @@ def add(app: typer.Typer) -> None:
         (save, "save", ("zloam save", "zloam save maps/today")),
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
         (place, "place", ("zloam place --x 12 --y -3.5 --yaw 90",)),
+        (handover, "handover", ("zloam handover mapping", "zloam handover odometry odometry-2")),
         (doctor, "doctor", ("zloam doctor", "zloam doctor drive.pcap")),
         (metrics, "metrics", ("zloam metrics", "zloam metrics --connect 192.168.1.5")),
     )

@@ -12,6 +12,7 @@ from typing import Any
 from zloam_monitor.chain import ChainError
 from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
+from zloam_monitor.stages import ROWS
 
 #: where a setting begins, or one that holds from a sweep on
 _BEGIN = re.compile(r"\s+(?=(?:[0-9]+:)?(?:robot|[a-z_]+(?:\.[a-z0-9_]+)+)=)")
@@ -89,6 +90,16 @@ def reset(link: Link, stages: Iterable[str]) -> int:
         print(f"{stage}: {reply.message}")
         codes.append(0 if reply.ok else 1)
     return max(codes)
+
+
+def hand_over(link: Link, stage: str, to: str | None) -> int:
+    """Lets an instance that stands by go on with a stage's work."""
+    able = [row.name for row in ROWS.values() if row.in_chain and row.reads and not row.replicas]
+    if stage not in able:
+        raise ChainError(f"handover: {stage}: one of {', '.join(able)} is expected")
+    reply = commanded(link, stage, "handover", {} if to is None else {"to": to})
+    print(reply.message)
+    return 0 if reply.ok else 1
 
 
 def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> int:

@@ -1,0 +1,238 @@
+// Which of several instances of a stage works: tokens, standing by, hand-over, being overtaken
+// (docs/protocol.md, sections 6 and 15).
+
+#include <algorithm>
+#include <charconv>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <utility>
+
+#include "common/runtime/log.hpp"
+#include "common/runtime/progress_watch.hpp"
+#include "common/runtime/recall.hpp"
+#include "common/runtime/stage_core.hpp"
+#include "common/runtime/stage_list.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+constexpr std::int64_t kStandByLook_ns = 20 * kMs;
+constexpr std::int64_t kStandByStatus_ns = 1000 * kMs;
+// For any other stage's link, and from the first one's on for the elder's; for it where it is known
+// to be there.
+constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50}, kKnownElderWait{3000};
+constexpr std::chrono::milliseconds kHandOver{3000};
+// Statuses, a second apart, after which a worker that does not come round is taken for one that
+// never will.
+constexpr int kLooksAtHang = 6;
+
+/// The last chunk of a driver's token.
+std::optional<std::uint64_t> run_of(const std::string& key) {
+  std::uint64_t run = 0;
+  const char* end = key.data() + key.size();
+  const auto [rest, error] = std::from_chars(key.data() + key.rfind('/') + 1, end, run);
+  if (error != std::errc{} || rest != end) return std::nullopt;
+  return run;
+}
+
+/// What a standby hears of the instance that works: its first input and its first output.
+class Listener {
+ public:
+  Listener(zenoh::Session& session, const Keys& keys, const StageRow& row,
+           std::chrono::milliseconds longest_work)
+      : watch_(std::chrono::nanoseconds(longest_work).count()) {
+    const auto full = [&keys](const std::string& pattern) {
+      for (const KeyRow& key : key_table()) {
+        if (key.pattern == pattern) return keys.of(key.key);
+      }
+      throw std::logic_error("no such key: " + pattern);
+    };
+    input_ = session.declare_subscriber(full(row.reads.front()),
+                                        [this](zenoh::Sample&&) { watch_.input(steady_ns()); });
+    output_ = session.declare_subscriber(full(row.writes.front()),
+                                         [this](zenoh::Sample&&) { watch_.output(); });
+  }
+
+  bool stalls(const std::optional<Seniority>& elder) {
+    if (elder != elder_) watch_.begin();
+    elder_ = elder;
+    return elder && watch_.stalls(steady_ns());
+  }
+
+ private:
+  ProgressWatch watch_;
+  std::optional<Seniority> elder_;
+  std::optional<zenoh::Subscriber> input_, output_;
+};
+
+/// A question to take over, for the thread that stands by.
+struct Asked {
+  std::mutex mutex;
+  std::optional<zenoh::Query> query;
+};
+
+}  // namespace
+
+void StageCore::watch_tokens() {
+  const Identity& id = setup_.identity;
+  if (const auto place = stage_place(id.stage); place && !stage_list()[*place].replicas) {
+    singleton_.emplace(session_, keys_, id.stage, Seniority{1, started_ns_, id.instance}, muted_);
+  }
+  // What a driver reads is of no driver's run.
+  if (id.stage == "driver") return;
+  drivers_ =
+      session_.declare_liveliness_subscriber(keys_.run("*", "*"), [this](zenoh::Sample&& sample) {
+        const bool there = sample.kind == zenoh::SampleKind::kPut;
+        if (const auto run = run_of(sample.key)) gate_.token(sample.key, *run, there);
+      });
+}
+
+bool StageCore::is_replaceable() const {
+  const auto place = stage_place(setup_.identity.stage);
+  return singleton_ && place && stage_list()[*place].in_chain &&
+         !stage_list()[*place].reads.empty();
+}
+
+bool StageCore::has_elder() {
+  const auto wait = [this](std::chrono::milliseconds at_most) {
+    return setup_.was_overtaken ? kKnownElderWait : at_most;
+  };
+  // Links come up in the background; who sees no stage at all may be the first one.
+  const auto linked = [this] {
+    return stopping_.load() || !session_.liveliness_get(keys_.alive("*", "*"), kLinkWait).empty();
+  };
+  if (!wait_for_links(linked, wait(kLinkWait))) return false;
+  const auto found = [this] {
+    singleton_->ask();
+    return stopping_.load() || muted_->load();
+  };
+  return wait_for_links(found, wait(kElderWait));
+}
+
+bool StageCore::stand_by() {
+  if (!singleton_ || !has_elder()) return true;
+  declare_status();
+  const bool meant = setup_.shared.recovery.standby || setup_.was_overtaken;
+  if (meant) {
+    log_info("standing by");
+  } else {
+    log_warning("standing by", {{"reason", singleton_->others()}});
+  }
+  wait_for_turn();
+  // Its answers look at what is wired now.
+  queryables_.clear();
+  status_publisher_.reset();
+  ready(true, "");
+  return !stopping_.load();
+}
+
+void StageCore::wait_for_turn() {
+  const bool meant = setup_.shared.recovery.standby || setup_.was_overtaken;
+  const Identity& id = setup_.identity;
+  const std::string key = keys_.takeover(id.stage, id.instance);
+  const auto asked = std::make_shared<Asked>();
+  std::optional<Listener> listener;
+  if (is_replaceable()) {
+    queryables_.push_back(
+        session_.declare_queryable(key, [asked, bell = bell_](zenoh::Query&& query) {
+          {
+            const std::lock_guard lock(asked->mutex);
+            asked->query.emplace(std::move(query));
+          }
+          bell->notify();
+        }));
+    listener.emplace(session_, keys_, stage_list()[*stage_place(id.stage)], setup_.longest_work);
+  }
+  std::int64_t told_ns = 0;
+  const char* why = "the other instance has gone";
+  std::optional<zenoh::Query> query;
+  while (!stopping_.load()) {
+    const auto elder = singleton_->elder();
+    if (!elder) break;
+    if (listener && listener->stalls(elder)) {
+      why = "the other instance does nothing with what comes";
+      break;
+    }
+    {
+      const std::lock_guard lock(asked->mutex);
+      query = std::exchange(asked->query, std::nullopt);
+    }
+    if (query) {
+      why = "the other instance hands over";
+      break;
+    }
+    if (steady_ns() - told_ns >= kStandByStatus_ns) {
+      ready(false, meant ? "standing by" : singleton_->others());
+      publish_status();
+      told_ns = steady_ns();
+    }
+    bell_->wait_until(steady_ns() + kStandByLook_ns);
+  }
+  if (stopping_.load()) return;
+  took_over_ = is_replaceable();
+  singleton_->take_over();
+  log_info("taking over", {{"why", why}, {"term", singleton_->term()}});
+  if (query) query->reply(key, zenoh::Bytes::copy_of(std::to_string(singleton_->term())));
+}
+
+void StageCore::note_term(std::uint32_t term) {
+  if (singleton_ && term > singleton_->term()) singleton_->at_least(term);
+}
+
+void StageCore::declare_handover() {
+  if (!is_replaceable()) return;
+  command("handover", [this](const std::string& arguments) { return hand_over(arguments); });
+}
+
+// Between two sweeps, on the worker: what was published is all that this instance knows that others
+// do not, and the next one asks for it as after a kill.
+CommandReply StageCore::hand_over(const std::string& arguments_json) {
+  const auto arguments = nlohmann::json::parse(arguments_json);
+  const std::string stage = setup_.identity.stage;
+  const std::vector<std::string> waiting = singleton_->juniors();
+  if (waiting.empty()) {
+    return {false, "no other instance of " + stage +
+                       " stands by: start one (zloam run --standby, recovery.standby)"};
+  }
+  std::string to = waiting.front();
+  if (arguments.contains("to")) {
+    if (!arguments["to"].is_string()) return {false, "to: the name of an instance is expected"};
+    to = arguments["to"].get<std::string>();
+  }
+  if (std::find(waiting.begin(), waiting.end(), to) == waiting.end()) {
+    std::string names;
+    for (const std::string& name : waiting) names += (names.empty() ? "" : ", ") + name;
+    return {false, "no instance " + to + " of " + stage + " stands by; these do: " + names};
+  }
+  singleton_->hold(true);
+  leaving_ = true;
+  for (const auto& task : on_hand_over_) task();
+  zenoh::GetOptions options;
+  options.timeout = kHandOver;
+  for (const zenoh::Reply& reply : session_.get(keys_.takeover(stage, to), options)) {
+    if (!reply.ok()) continue;
+    overtaken_ = true;
+    handed_over_ns_ = steady_ns();
+    for (const auto& outlet : outlets_) outlet->answer_in_silence();
+    const StatusFields now = status();
+    return {true, to + " goes on after sweep " +
+                      (now.has_sweep ? std::to_string(now.last_sweep) : std::string("none")) +
+                      ", term " + reply.sample->payload.to_string()};
+  }
+  leaving_ = false;
+  singleton_->hold(false);
+  return {false, to + " does not answer: this instance goes on"};
+}
+
+/// Its worker may be where it never comes back from.
+void StageCore::watch_overtaken() {
+  const bool is_over = overtaken_ || (is_replaceable() && singleton_->overtaken());
+  looks_overtaken_ = is_over ? looks_overtaken_ + 1 : 0;
+  if (!is_over) return;
+  notify();
+  if (looks_overtaken_ < kLooksAtHang || !setup_.start_again) return;
+  log_error("another instance has taken over, and the worker hangs: beginning again");
+  setup_.start_again();
+}
+
+}  // namespace zloam::runtime

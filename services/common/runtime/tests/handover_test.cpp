@@ -1,0 +1,202 @@
+// Two instances of a stage on sessions of their own: one hands over, hangs, or is overtaken.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <set>
+
+#include "common/runtime/run_id.hpp"
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::kKeys;
+using test::kPatience;
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::Watched;
+
+/// An integration that gives each odometry out as a pose; held, it hangs in a sweep.
+struct Instance {
+  Instance(zenoh::Session opened, const std::string& name) : session(std::move(opened)) {
+    StageSetup s = setup("integration", name);
+    s.shared.recovery.standby = true;
+    stage = std::make_unique<StageCore>(std::move(s), session);
+    thread = std::thread([this] {
+      if (!stage->stand_by()) return;
+      wire();
+      works.change([](bool& w) { w = true; });
+      stage->run();
+      ended.change([](bool& e) { e = true; });
+    });
+  }
+  ~Instance() {
+    hold.change([](bool& held) { held = false; });
+    stage->stop();
+    thread.join();
+  }
+  void wire() {
+    Outlet& out = stage->outlet(Key::kPose);
+    stage->inlet<msg::Odometry>(Key::kOdometry, {},
+                                [this, &out](const Received<msg::Odometry>& odometry) {
+                                  hold.wait([](bool held) { return !held; });
+                                  HeaderFields h = out.header(odometry);
+                                  h.frame = "map";
+                                  out.publish(h, build(h, MapPoseFields{}));
+                                });
+  }
+
+  zenoh::Session session;
+  std::unique_ptr<StageCore> stage;
+  Watched<bool> works, ended, hold;
+  std::thread thread;
+};
+
+/// A source of odometry, and what is heard of poses: sweep -> (instance, term).
+class Chain {
+ public:
+  using Heard = std::map<std::uint64_t, std::set<std::pair<std::string, std::uint32_t>>>;
+
+  explicit Chain(zenoh::Session opened) : session_(std::move(opened)) {
+    zenoh::PublisherOptions options;
+    options.encoding = encoding_of(Key::kOdometry);
+    out_.emplace(session_.declare_publisher(kKeys.of(Key::kOdometry), options));
+    poses_.emplace(
+        session_.declare_subscriber(kKeys.of(Key::kPose), [this](zenoh::Sample&& sample) {
+          const zenoh::AlignedBytes bytes = zenoh::view_aligned(sample.payload);
+          const msg::Header& h = *message_of<msg::MapPose>(bytes.data()).header();
+          heard.change([&](Heard& all) { all[h.sweep()].insert({h.instance()->str(), h.term()}); });
+        }));
+    thread_ = std::thread([this] {
+      for (std::uint64_t sweep = 0; !done_.load(); ++sweep) {
+        HeaderFields h = sweep_header(1, sweep, false);
+        h.stamp_ns = wall_ns();
+        out_->put(zenoh::Bytes::own(build(h, OdometryFields{})));
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      }
+    });
+  }
+  ~Chain() {
+    done_ = true;
+    thread_.join();
+  }
+  bool hears(const std::string& instance, std::uint32_t term) {
+    heard.change([](Heard& all) { all.clear(); });
+    return heard.wait([&](const Heard& all) {
+      return std::ranges::any_of(all, [&](const auto& each) {
+        return each.second.contains({instance, term});
+      });
+    });
+  }
+  zenoh::Session& session() { return session_; }
+
+  Watched<Heard> heard;
+
+ private:
+  zenoh::Session session_;
+  std::optional<zenoh::Publisher> out_;
+  std::optional<zenoh::Subscriber> poses_;
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
+
+std::string said(zenoh::Session& session, const std::string& arguments) {
+  zenoh::GetOptions options;
+  options.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+  options.payload = zenoh::Bytes::copy_of(arguments);
+  for (const zenoh::Reply& reply : session.get(kKeys.command("integration", "handover"), options)) {
+    if (!reply.ok()) continue;
+    const zenoh::AlignedBytes bytes = zenoh::view_aligned(reply.sample->payload);
+    const auto& r = *flatbuffers::GetRoot<msg::CommandReply>(bytes.data().data());
+    return (r.ok() ? "ok: " : "no: ") + r.message()->str();
+  }
+  return "nobody answered";
+}
+
+bool waits(Instance& instance) {
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (instance.stage->status().reason != "standing by") {
+    if (std::chrono::steady_clock::now() > until) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  return true;
+}
+
+const auto kYes = [](bool yes) { return yes; };
+
+TEST(HandOver, TheOneThatStandsByGoesOnWithAGreaterTerm) {
+  const Network network(3);
+  Chain chain(network.open(2));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  EXPECT_THAT(said(chain.session(), "{}"), testing::HasSubstr("no: no other instance"));
+  Instance younger(network.open(1), "younger");
+  ASSERT_TRUE(waits(younger));
+  EXPECT_EQ(said(chain.session(), R"({"to": "nobody"})"),
+            "no: no instance nobody of integration stands by; these do: younger");
+  EXPECT_THAT(said(chain.session(), R"({"to": "younger"})"),
+              testing::AllOf(testing::HasSubstr("ok: younger goes on after sweep "),
+                             testing::EndsWith(", term 2")));
+  ASSERT_TRUE(chain.hears("younger", 2));
+  ASSERT_TRUE(elder.ended.wait(kYes));
+  EXPECT_TRUE(elder.stage->begins_again());
+  EXPECT_FALSE(younger.stage->begins_again());
+}
+
+TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {
+  const Network network(3);
+  Chain chain(network.open(2));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  Instance younger(network.open(1), "younger");
+  ASSERT_TRUE(waits(younger));
+  ASSERT_TRUE(chain.hears("elder", 1));
+  elder.hold.change([](bool& held) { held = true; });
+  ASSERT_TRUE(chain.hears("younger", 2));
+  chain.heard.change([](auto& all) { all.clear(); });
+  elder.hold.change([](bool& held) { held = false; });
+  ASSERT_TRUE(elder.ended.wait(kYes));
+  EXPECT_TRUE(elder.stage->begins_again());
+  ASSERT_TRUE(chain.hears("younger", 2));
+  for (const auto& [sweep, who] : chain.heard.get()) {
+    EXPECT_THAT(who, testing::ElementsAre(std::pair<std::string, std::uint32_t>("younger", 2)))
+        << sweep;
+  }
+}
+
+TEST(HandOver, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
+  const Network network(2);
+  Watched<std::vector<std::uint64_t>> seen;
+  RunningStage reader(network.open(0), setup("integration"), [&](Stage& stage) {
+    stage.inlet<msg::Odometry>(Key::kOdometry, {}, [&](const Received<msg::Odometry>& odometry) {
+      seen.change([&](auto& list) { list.push_back(odometry.sweep()); });
+    });
+  });
+  zenoh::Session source = network.open(1);
+  zenoh::PublisherOptions options;
+  options.encoding = encoding_of(Key::kOdometry);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kOdometry), options);
+  while (!out.matching()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  const auto put = [&](std::uint64_t sweep, std::uint32_t term) {
+    HeaderFields h = sweep_header(1, sweep, true);
+    h.term = term;
+    out.put(zenoh::Bytes::own(build(h, OdometryFields{})));
+  };
+  put(0, 1);
+  put(1, 2);
+  put(2, 1);
+  put(2, 2);
+  put(3, 2);
+  ASSERT_TRUE(seen.wait([](const auto& list) { return list.size() == 4; }));
+  EXPECT_THAT(seen.get(), testing::ElementsAre(0, 1, 2, 3));
+  const Account account = reader->accounts().at(0);
+  EXPECT_EQ(account.dropped[static_cast<std::size_t>(Drop::kFenced)], 1U);
+  EXPECT_EQ(account.dropped[static_cast<std::size_t>(Drop::kDuplicate)], 0U);
+}
+
+}  // namespace
+}  // namespace zloam::runtime
