@@ -4,11 +4,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "integration/state_bits.hpp"
+
 namespace zloam::integration {
 namespace {
 
 // Odometry poses kept to carry a correction's covariance to the present, and corrections kept.
 constexpr std::size_t kRecent = 256;
+// Of them, where no mapped pose tells which are still referred to.
+constexpr std::size_t kSaved = 32;
 
 Matrix6 finite_or_zero(const Matrix6& covariance) {
   if (!covariance.allFinite()) return Matrix6::Zero();
@@ -57,6 +61,41 @@ void Integrator::restore(const OdometryPose& pose, const Pose& T_map_base) {
   last_fused_ = FusedPose{};
   last_fused_->T_map_base = T_map_base;
   last_T_map_odom_ = normalised(T_map_base * pose.T_odom_base.inverse());
+}
+
+std::vector<std::uint64_t> Integrator::state() const {
+  // What is before the last mapped pose no later one refers to.
+  const std::uint64_t from = mapped_ ? mapped_->sweep : 0;
+  Integrator kept(config_);
+  kept.mapped_ = mapped_;
+  kept.steps_ = steps_;
+  kept.last_odometry_ = last_odometry_;
+  kept.last_fused_ = last_fused_;
+  kept.last_T_map_odom_ = last_T_map_odom_;
+  kept.first_epoch_ = first_epoch_;
+  kept.corrected_ns_ = corrected_ns_;
+  for (const OdometryPose& pose : recent_) {
+    if (pose.sweep >= from) kept.recent_.push_back(pose);
+  }
+  while (kept.recent_.size() > kSaved) kept.recent_.pop_front();
+  for (auto it = corrections_.lower_bound(from); it != corrections_.end(); ++it) {
+    kept.corrections_.insert(*it);
+  }
+  StateBits bits;
+  kept.each(bits);
+  return bits.take();
+}
+
+bool Integrator::resume(std::span<const std::uint64_t> state) {
+  reset();
+  StateBits bits(state);
+  each(bits);
+  if (!bits.complete() || !last_fused_ || !last_odometry_) {
+    reset();
+    return false;
+  }
+  newest_pose_ = last_fused_->sweep;
+  return true;
 }
 
 std::vector<FusedPose> Integrator::add(const OdometryPose& pose) {

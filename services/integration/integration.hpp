@@ -19,6 +19,7 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "common/geometry/health.hpp"
@@ -42,6 +43,12 @@ struct OdometryPose {
   Weak weak{};
   /// the source is paced: the pose waits for its correction
   bool replay = false;
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(sweep, instant_ns, odom_epoch, T_odom_base, twist_per_s, step_covariance, health, weak,
+         replay);
+  }
 };
 
 struct Correction {
@@ -52,6 +59,11 @@ struct Correction {
   Matrix6 covariance = Matrix6::Zero();
   Health health = Health::kOk;
   Weak weak{};
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(sweep, odom_epoch, T_map_odom, covariance, health, weak);
+  }
 };
 
 struct FusedPose {
@@ -65,6 +77,12 @@ struct FusedPose {
   bool jump = false;
   Health health = Health::kOk;
   Weak weak{};
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(sweep, instant_ns, T_map_base, twist_per_s, covariance, correction_sweep, has_correction,
+         jump, health, weak);
+  }
 };
 
 /// The correction that pose n waits for in replay; none before the first.
@@ -82,6 +100,10 @@ class Integrator {
 
   /// Poses that wait for a correction.
   std::size_t waiting() const { return waiting_.size(); }
+  /// Of the newest pose that has left.
+  std::optional<std::uint64_t> last_sweep() const {
+    return last_fused_ ? std::optional(last_fused_->sweep) : std::nullopt;
+  }
   /// The correction that the first of them waits for.
   std::optional<std::uint64_t> awaited() const;
   void reset();
@@ -90,6 +112,11 @@ class Integrator {
   void new_run();
   /// Goes on behind a pose that another instance gave out.
   void restore(const OdometryPose& pose, const Pose& T_map_base);
+
+  /// What the poses after the last one that has left depend on, but for those that wait.
+  std::vector<std::uint64_t> state() const;
+  /// Goes on as the integrator whose state it was, to the bit; false, and empty: it is none.
+  bool resume(std::span<const std::uint64_t> state);
 
  private:
   std::vector<FusedPose> release();
@@ -112,6 +139,11 @@ class Integrator {
   /// The map has not corrected the pose for long: it depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(recent_, corrections_, mapped_, steps_, last_odometry_, last_fused_, last_T_map_odom_,
+         first_epoch_, corrected_ns_);
+  }
 
   IntegrationConfig config_;
   std::deque<OdometryPose> waiting_;
@@ -126,6 +158,11 @@ class Integrator {
     Pose T_map_base = Pose::Identity();
     Pose T_odom_base = Pose::Identity();
     Matrix6 covariance = Matrix6::Zero();
+
+    template <class Bits>
+    void each(Bits& bits) {
+      bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance);
+    }
   };
   std::optional<MappedPose> mapped_;
   StepFusion steps_;

@@ -50,6 +50,7 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
       ack_(stage.flow_ack("integration")),
       correction_check_(kCorrectionReach),
       journal_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.journal"),
+      state_(config.output_dir.empty() ? "" : config.output_dir + "/trajectory.state"),
       files_(config.output_dir, ".zloam-trajectory-runs") {
   runtime::InletOptions odometry;
   odometry.sweeps = runtime::SweepSet::kPublisherDecides;
@@ -76,7 +77,9 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
   stage.command("save", [this](const std::string& arguments) { return save(arguments); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
-    if (write_files().empty()) journal_.remove();
+    if (!write_files().empty()) return;
+    journal_.remove();
+    state_.remove();
   });
   stage.on_stop([this] {
     if (!unsaved_) return;
@@ -102,6 +105,7 @@ void IntegrationStage::new_run(const msg::Header& first) {
   run_ = {first.run(), first.replay(), 0};
   if (was_in_run) {
     note_journal(journal_.begin({}));
+    note_journal(state_.begin());
   } else {
     restart(first);
   }
@@ -191,6 +195,10 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   trajectory_.push_back({fused.instant_ns, fused.T_map_base});
   last_instant_ns_ = fused.instant_ns;
   unsaved_ = true;
+  // Before the journal: the state after a pose that is in it is always there.
+  if (integrator_.last_sweep() == fused.sweep) {
+    note_journal(state_.write({header.run, fused.sweep, integrator_.state()}));
+  }
   // After the pose: killed in between, the next instance gives it out once more, and readers drop
   // the second copy. Before the acknowledgement: what is acknowledged is not asked for again.
   note_journal(journal_.append({header.run, fused.sweep, fused.instant_ns, header.odom_epoch,

@@ -12,6 +12,7 @@
 #include "common/runtime/stage.hpp"
 #include "integration/integration.hpp"
 #include "integration/journal.hpp"
+#include "integration/state_file.hpp"
 
 namespace zloam::integration {
 
@@ -29,6 +30,8 @@ class IntegrationStage {
   /// Goes on with the trajectory of an instance that was killed; restart_stage.cpp.
   void restart(const msg::Header& first);
   void take_up(const std::vector<JournalPose>& poses, bool same_run);
+  /// Goes on to the bit; false: no state was left, or none of this program.
+  bool resume(std::vector<JournalPose>& poses);
   /// What an instance that was killed left of a run that does not go on.
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
@@ -65,6 +68,7 @@ class IntegrationStage {
   /// of the newest odometry that was accepted: where corrections are compared
   Pose T_odom_base_ = Pose::Identity();
   Journal journal_;
+  StateFile state_;
   runtime::OutputFiles files_;
   /// in which the trajectory began
   runtime::OutputFiles::Run run_;

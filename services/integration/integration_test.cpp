@@ -125,6 +125,67 @@ TEST(Integration, ReplayDoesNotDependOnArrival) {
   EXPECT_EQ(runs[0], runs[2]);
 }
 
+/// A drive whose odometry drifts and whose map corrects it: something to learn from.
+std::vector<FusedPose> drive(Integrator& integrator, bool replay, std::uint64_t from,
+                             std::uint64_t until) {
+  std::vector<FusedPose> poses;
+  const auto take = [&poses](const std::vector<FusedPose>& more) {
+    poses.insert(poses.end(), more.begin(), more.end());
+  };
+  for (std::uint64_t n = from; n < until; ++n) {
+    const double x = static_cast<double>(n);
+    OdometryPose pose = odometry(n, replay);
+    pose.T_odom_base = pose_from_xyz_rpy_deg({0.5 * x, std::sin(x), 0.01 * x}, {0.1 * x, 0.0, x});
+    pose.weak.degenerate = n % 7 == 3;
+    take(integrator.add(pose));
+    // A live mapping is a sweep behind.
+    if (!replay && n == 0) continue;
+    const std::uint64_t k = replay ? n : n - 1;
+    take(
+        integrator.add(correction(k, along(0.003 * static_cast<double>(k) + 0.002 * std::cos(x)))));
+  }
+  return poses;
+}
+
+// An instance that goes on in another's place is that one, to the bit.
+TEST(Integration, WhoResumesAStateGoesOnToTheBit) {
+  for (const bool replay : {true, false}) {
+    Integrator whole{IntegrationConfig{}};
+    const std::vector<FusedPose> expected = drive(whole, replay, 0, 80);
+    for (std::uint64_t at = 1; at < 79; ++at) {
+      Integrator before{IntegrationConfig{}};
+      const std::size_t left = drive(before, replay, 0, at).size();
+      Integrator after{IntegrationConfig{}};
+      ASSERT_TRUE(after.resume(before.state()));
+      EXPECT_EQ(after.last_sweep(), before.last_sweep());
+      const std::vector<FusedPose> rest = drive(after, replay, at, 80);
+      ASSERT_EQ(left + rest.size(), expected.size());
+      for (std::size_t i = 0; i < rest.size(); ++i) {
+        const FusedPose& wanted = expected[left + i];
+        ASSERT_EQ(rest[i].sweep, wanted.sweep);
+        ASSERT_EQ(rest[i].T_map_base.matrix(), wanted.T_map_base.matrix()) << at << " " << i;
+        ASSERT_EQ(rest[i].covariance, wanted.covariance) << at << " " << i;
+        ASSERT_EQ(rest[i].health, wanted.health);
+        ASSERT_EQ(rest[i].jump, wanted.jump);
+      }
+    }
+  }
+}
+
+TEST(Integration, WhatIsNoStateIsNotResumed) {
+  Integrator one{IntegrationConfig{}};
+  drive(one, true, 0, 20);
+  const std::vector<std::uint64_t> state = one.state();
+  for (std::size_t cut = 0; cut < state.size(); ++cut) {
+    Integrator other{IntegrationConfig{}};
+    EXPECT_FALSE(other.resume(std::span(state).first(cut)));
+    EXPECT_FALSE(other.last_sweep().has_value());
+  }
+  std::vector<std::uint64_t> longer = state;
+  longer.push_back(0);
+  EXPECT_FALSE(Integrator{IntegrationConfig{}}.resume(longer));
+}
+
 TEST(Integration, LiveTakesTheNewestAndNeverWaits) {
   Integrator integrator{IntegrationConfig{}};
   EXPECT_FALSE(integrator.add(odometry(0, false)).at(0).has_correction);

@@ -14,7 +14,7 @@ constexpr int kTries = 5;
 }  // namespace
 
 void IntegrationStage::restart(const msg::Header& first) {
-  const std::vector<JournalPose> poses = journal_.read();
+  std::vector<JournalPose> poses = journal_.read();
   const bool same_run = !poses.empty() && poses.back().run == first.run();
   // A replay that begins at its first sweep is done anew, or from the start once more.
   const bool goes_on =
@@ -25,10 +25,14 @@ void IntegrationStage::restart(const msg::Header& first) {
   if (!goes_on) {
     if (!first.replay()) write_left(poses);
     note_journal(journal_.begin({}));
+    note_journal(state_.begin());
     return;
   }
+  const bool to_the_bit = same_run && resume(poses);
+  note_journal(state_.begin());
   note_journal(journal_.begin(poses));
   take_up(poses, same_run);
+  if (to_the_bit) note_journal(state_.write({run_.id, poses.back().sweep, integrator_.state()}));
   if (same_run) {
     catch_up(first);
   } else {
@@ -48,6 +52,18 @@ void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
   write_run({poses.front().run, false, poses.size()}, trajectory, odometry);
 }
 
+// Poses that were given out after the newest state are made once more: the same, which readers have.
+bool IntegrationStage::resume(std::vector<JournalPose>& poses) {
+  const auto saved = state_.read(poses.back().run, poses.back().sweep);
+  if (!saved || saved->sweep < poses.front().sweep) return false;
+  if (!integrator_.resume(saved->words) || integrator_.last_sweep() != saved->sweep) {
+    integrator_.reset();
+    return false;
+  }
+  std::erase_if(poses, [&](const JournalPose& pose) { return pose.sweep > saved->sweep; });
+  return true;
+}
+
 void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_run) {
   for (const JournalPose& pose : poses) {
     trajectory_.push_back({pose.instant_ns, pose.T_map_base});
@@ -61,7 +77,7 @@ void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_
   // Whether the odometry went on over the runs is not known: the next pose hangs on this one.
   pose.odom_epoch = same_run ? last.odom_epoch : ~last.odom_epoch;
   pose.T_odom_base = last.T_odom_base;
-  integrator_.restore(pose, last.T_map_base);
+  if (integrator_.last_sweep() != last.sweep) integrator_.restore(pose, last.T_map_base);
   if (!same_run) integrator_.new_run();
   next_sweep_ = same_run ? last.sweep + 1 : 0;
   last_instant_ns_ = last.instant_ns;

@@ -21,6 +21,11 @@ struct Weak {
   /// one sigma along the weakest direction, m (rad when only a rotation is weak)
   double sigma_measured = 0.0;
   double sigma_predicted = 0.0;
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(degenerate, translation, rotation, sigma_measured, sigma_predicted);
+  }
 };
 
 class StepFusion {
@@ -38,6 +43,11 @@ class StepFusion {
   /// Of such a step, as they did lately beyond the errors of the mapped poses; none before a few of
   /// these.
   std::optional<Matrix6> covariance() const;
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(odometry_, map_, fused_, twist_per_s_);
+  }
 
  private:
   // Of the errors in one sweep.

@@ -451,6 +451,16 @@ void Mapper::restore(const SavedMap& saved) {
   s.break_expected = true;
 }
 
+void Mapper::insert_again(const MappingInput& input, const Pose& T_map_odom) {
+  State& s = *state_;
+  MappingResult result;
+  result.sweep = input.sweep;
+  result.T_map_base = normalised(T_map_odom * input.T_odom_base);
+  const Prediction there{result.T_map_base, prior_covariance(s.config, input.step_covariance)};
+  s.tiles.follow(result.T_map_base.translation());
+  s.insert(input, s.method->accept(input, there), result);
+}
+
 void Mapper::expect_break() { state_->break_expected = true; }
 
 void Mapper::place(const Pose& T_map_base) {

@@ -182,6 +182,8 @@ class Mapper {
   /// The odometry may not have gone on where it was: the next sweep is searched for as after a new
   /// epoch, around where the odometry says.
   void expect_break();
+  /// After restore(): a sweep that the instance before put into the map when that had been saved.
+  void insert_again(const MappingInput& input, const Pose& T_map_odom);
   /// Somebody says that the next sweep is at this pose: it is searched for around it, also where it
   /// was thought to be found. Nothing is inserted before it is.
   void place(const Pose& T_map_base);

@@ -28,6 +28,7 @@ class MappingStage {
   void restart(const msg::Header& first);
   void wait_for_store(bool known_run) const;
   /// With the map and the pose that the store keeps; false: it has none that holds now.
+  using CorrectionMessage = runtime::Received<msg::MapCorrection>;
   bool take_back(const msg::Header& first, SavedMap& saved);
   bool take_pose(const msg::Header& first, SavedMap& saved);
   runtime::Outcome take(const Sweep& sweep);
@@ -49,6 +50,9 @@ class MappingStage {
   void answer_tiles(runtime::Answer& answer);
   Buffer voxel_message(const HeaderFields& header, const VoxelTile& tile) const;
   void answer_voxels(runtime::Answer& answer);
+  /// What the instance before put into the map after the store had it last.
+  std::size_t insert_again(const msg::Header& first,
+                           const std::vector<CorrectionMessage>& corrections);
   /// Answers what the store may not have yet: another mapping goes on.
   void leave_map();
   void answer_cloud(runtime::Answer& answer, Key key, bool whole);
@@ -66,6 +70,8 @@ class MappingStage {
   runtime::Inlet* inlet_ = nullptr;
   /// another mapping goes on with this one's map
   bool leaves_ = false;
+  /// of this run, the newest whose voxels the store gave back
+  std::optional<std::uint64_t> stored_sweep_;
   std::optional<std::pair<HeaderFields, MapPoseFields>> last_pose_;
   const MappingConfig& config_;
   const OutputConfig& output_;

@@ -53,6 +53,8 @@ class MappingMethod {
   /// Takes the matched sweep into the method's own structures, before the mapper puts the returned
   /// clouds into the tile map. Spans stay valid until the next call.
   virtual InsertClouds insert(const MappingInput& input, const Match& match) = 0;
+  /// Instead of match(): the sweep lies as predicted.
+  virtual Match accept(const MappingInput& input, const Prediction& prediction) = 0;
   /// The sweep that was matched last was searched for in vain: no motion is known from it on.
   virtual void not_found() {}
   virtual void reset() = 0;

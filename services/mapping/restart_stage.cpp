@@ -176,7 +176,12 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
     const auto [kept, is_new] = newest.try_emplace(at, tile);
     if (!is_new && rank(kept->second) < rank(tile)) kept->second = tile;
   }
-  for (const auto& [at, tile] : newest) add_tile(*tile, saved);
+  for (const auto& [at, tile] : newest) {
+    add_tile(*tile, saved);
+    if (tile.run() == first.run() && tile->layer()->str() == kVoxels) {
+      stored_sweep_ = std::max(stored_sweep_.value_or(0), tile.sweep());
+    }
+  }
   last_instant_ns_ = saved.instant_ns;
   if (same_run) next_sweep_ = pose.sweep() + 1;
   return true;
@@ -196,6 +201,33 @@ bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
   saved.twist_per_s = twist_of(poses.back()->twist());
   last_instant_ns_ = saved.instant_ns = poses.back()->instant_ns();
   return true;
+}
+
+// The voxels go to the store every some sweeps; where there was no store, what can be had is a map
+// of the last seconds.
+std::size_t MappingStage::insert_again(const msg::Header& first,
+                                       const std::vector<CorrectionMessage>& corrections) {
+  const std::uint64_t from = stored_sweep_ ? *stored_sweep_ + 1 : 0;
+  std::map<std::uint64_t, const CorrectionMessage*> inserted;
+  for (const CorrectionMessage& correction : corrections) {
+    const bool fits = correction.run() == first.run() && correction.sweep() >= from &&
+                      correction.header().map_id() == map_id_ && correction->inserted();
+    if (fits) inserted[correction.sweep()] = &correction;
+  }
+  if (inserted.empty()) return 0;
+  const std::string wanted =
+      runtime::sweeps_from(first.run(), inserted.begin()->first, inserted.rbegin()->first);
+  std::size_t count = 0;
+  for (const Sweep& sweep :
+       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, wanted, 1)) {
+    const auto found = inserted.find(sweep.sweep());
+    if (found == inserted.end()) continue;
+    const CorrectionMessage& correction = *found->second;
+    if (correction.header().odom_epoch() != sweep.header().odom_epoch()) continue;
+    mapper_.insert_again(input_of(sweep), pose_of(correction->pose_map_odom()));
+    ++count;
+  }
+  return count;
 }
 
 void MappingStage::restart(const msg::Header& first) {
@@ -229,6 +261,7 @@ void MappingStage::restart(const msg::Header& first) {
                                " is lost: no store has it; creating a new one in its frame");
   }
   mapper_.restore(saved);
+  const std::size_t again = insert_again(first, corrections);
   // Of another run: nobody knows how it moved since. It is begun where the map was left.
   if (localizes && next_sweep_ == 0) mapper_.place(saved.T_map_base);
   // A file that the instance before did not come to, also when nothing is added to the map.
@@ -242,6 +275,7 @@ void MappingStage::restart(const msg::Header& first) {
   runtime::log_warning("resuming the map of the previous instance",
                        {{"points", points},
                         {"voxel_cubes", saved.voxels.size()},
+                        {"sweeps_again", again},
                         {"map_id", map_id_},
                         {"frame_known", saved.T_map_odom.has_value()}});
   runtime::Gap gap{.ns = first.stamp_ns() - last_instant_ns_};

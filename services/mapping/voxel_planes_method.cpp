@@ -53,6 +53,7 @@ class VoxelPlanesMethod : public MappingMethod {
       : VoxelPlanesMethod(config.voxel_planes, config.drift_limit) {}
 
   Match match(const MappingInput& input, const Prediction& prediction) override;
+  Match accept(const MappingInput& input, const Prediction& prediction) override;
   InsertClouds insert(const MappingInput& input, const Match& match) override;
   void not_found() override {
     if (scan_to_map_) scan_to_map_->forget_motion();
@@ -239,6 +240,15 @@ Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& pred
       match.T_map_base.linear().transpose() * result.T_map_base_mid.linear();
   match.degeneracy = judged(d, R_base_mid);
   tried_.push_back({result, match.T_map_base});
+  return match;
+}
+
+Match VoxelPlanesMethod::accept(const MappingInput& input, const Prediction& prediction) {
+  begin(input, prediction);
+  Match match;
+  match.ok = true;
+  match.T_map_base = prediction.T_map_base;
+  match.covariance = prediction.covariance;
   return match;
 }
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from tests.acceptance import live
 from tests.integration.conftest import Capture, kill
-from zloam_monitor import messages
+from zloam_monitor import messages, se3
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.robot_file import names
-from zloam_monitor.trajectory import Trajectory, from_records, read
+from zloam_monitor.trajectory import Trajectory, from_records, interpolate, read
 
 SECONDS = 9.0
 #: the live capture is sent slower than it was recorded, so that a busy machine is no fault
@@ -36,11 +36,41 @@ STAGES = ("registration", "odometry", "mapping", "integration")
 STORE_LINK_S = 10
 
 
+def written_in(folder: Path) -> Trajectory:
+    """What integration wrote; sweep n is its n-th pose."""
+    written = read(folder / "trajectory.tum")
+    return Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
+
+
+def rmse_m(found: Trajectory, drive: Capture, from_ns: int = 0) -> float:
+    """Of the positions from an instant on, in the frame of the map: nothing is aligned, so that a
+    frame that has moved is an error."""
+    assert found.stamps_ns is not None
+    truth, inside = interpolate(read(drive.truth_base), found.stamps_ns)
+    estimate = found.transforms[inside]
+    assert found.sweeps[0] == 0
+    wanted = se3.inverse(truth.transforms[0]) @ truth.transforms
+    error = np.linalg.norm(wanted[:, :3, 3] - estimate[:, :3, 3], axis=1)
+    after = found.stamps_ns[inside] >= from_ns
+    assert after.any()
+    return float(np.sqrt(np.mean(error[after] ** 2)))
+
+
 def store_command(build: Path, robot_file: Path, chain: Chain, path: Path) -> list[str]:
     own = [f"zenoh.base_port={chain.base_port}", f"store.path={path}"]
     own.append(f"zenoh.connect=[{chain._own_endpoint()}]")
     command = [str(binary(build, "store")), "--config", str(robot_file)]
     return [*command, *(word for setting in own for word in ("--set", setting))]
+
+
+def link_time(chain: Chain, times_s: dict[tuple[int, int], float]) -> Any:
+    """A subscriber that notes when each pose came."""
+
+    def note(sample: Any) -> None:
+        header = messages.decode("MapPose", sample.payload.to_bytes()).Header()
+        times_s.setdefault((header.Run(), header.Sweep()), time.monotonic())
+
+    return chain.link.session.declare_subscriber(chain.link.keys.pose, note)
 
 
 class LiveRun:
@@ -84,6 +114,8 @@ class LiveRun:
         #: instance -> its sweeps, in the order of their coming
         self.odometry_poses: dict[str, list[int]] = {}
         self.odometry_commits: dict[str, list[int]] = {}
+        #: when each first came here, by the monotonic clock
+        self.pose_times_s: dict[tuple[int, int], float] = {}
         #: the newest of the odometry's commits that its readers kept when a stage was killed
         self.kept_commit = -1
 
@@ -96,6 +128,7 @@ class LiveRun:
         keys = self.chain.link.keys
         self._note(keys.odometry, "Odometry", self.odometry_poses)
         self._note(keys.odometry_features, "OdometryFeatures", self.odometry_commits)
+        self._subscribers.append(link_time(self.chain, self.pose_times_s))
         self._sender.start()
         return self
 
@@ -117,6 +150,16 @@ class LiveRun:
             for pose in found.values():
                 kept.setdefault((pose.run, pose.sweep), pose)
         self.chain.processes.check()
+
+    def longest_pause_s(self, from_s: float) -> float:
+        """Between two poses, the later one after that, as they came here."""
+        times = np.array(sorted(self.pose_times_s.values()))
+        return float(np.diff(times)[times[1:] > from_s].max(initial=0.0))
+
+    def wait(self, seconds: float) -> None:
+        ends = time.monotonic() + seconds
+        while time.monotonic() < ends:
+            self._poll()
 
     def _health(self, stage: str) -> str:
         status = self.chain.link.stage(stage)

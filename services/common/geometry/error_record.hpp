@@ -57,6 +57,12 @@ class ErrorRecord {
   }
   int errors() const { return errors_; }
 
+  /// All that it knows, for who keeps or brings it back.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(translation_, rotation_, errors_);
+  }
+
  private:
   static constexpr double kMemory = 0.9;
   Eigen::Matrix3d translation_;

@@ -4,6 +4,7 @@
 
 #include "common/runtime/session_config.hpp"
 #include "common/runtime/shared.hpp"
+#include "common/runtime/status.hpp"
 #include "common/zenoh/aligned.hpp"
 
 namespace zloam::runtime {
@@ -37,8 +38,9 @@ zenoh::Config client_config(const ZenohConfig& config, const std::vector<std::st
 }
 
 HealthAnswer answer_of(const msg::Status& status) {
+  const bool stands_by = status.reason() != nullptr && status.reason()->str() == kStandingBy;
   const bool well = status.health() == msg::ServiceHealth::Ready ||
-                    status.health() == msg::ServiceHealth::Degraded;
+                    status.health() == msg::ServiceHealth::Degraded || stands_by;
   std::string text = msg::EnumNameServiceHealth(status.health());
   if (status.reason() != nullptr && status.reason()->size() > 0) {
     text += ": " + status.reason()->str();

@@ -73,6 +73,7 @@ void Singleton::hear(const std::string& key, bool there) {
     passed_.erase(*other);
   } else if (others_.size() < kMostOthers) {
     others_.insert(*other);
+    greatest_ = std::max(greatest_, other->term);
   }
   *muted_ = held_ || elder_locked();
 }
@@ -81,10 +82,9 @@ void Singleton::take_over() {
   std::uint32_t term = 0;
   {
     const std::lock_guard lock(mutex_);
-    term = own_.term;
+    term = std::max(own_.term, greatest_);
     for (const Seniority& other : others_) {
       if (other < own_) passed_.insert(other);
-      term = std::max(term, other.term);
     }
     if (term < std::numeric_limits<std::uint32_t>::max()) ++term;
   }

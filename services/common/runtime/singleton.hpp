@@ -82,6 +82,8 @@ class Singleton {
   std::set<Seniority> others_;
   /// overtaken by this one
   std::set<Seniority> passed_;
+  /// of all that were heard, also of those that have gone
+  std::uint32_t greatest_ = 0;
   bool held_ = false;
   std::optional<zenoh::LivelinessToken> token_;
   // Last: its callback ends before what it uses goes.

@@ -240,7 +240,7 @@ int StageCore::run() {
     if (!work() && !stopping_.load() && !begins_again_) wait();
   }
   // No input from here on; what is queued stays in the accounts as queued.
-  subscribers_.clear();
+  unsubscribe();
   // What there is to be saved is the other's now.
   if (overtaken_) on_stop_.clear();
   for (const auto& task : on_stop_) {
@@ -275,6 +275,11 @@ void StageCore::fail(const std::string& reason) {
   stop();
 }
 
+void StageCore::unsubscribe() {
+  const std::lock_guard lock(subscriptions_mutex_);
+  subscriptions_.clear();
+}
+
 void StageCore::close() {
   {
     const std::lock_guard lock(status_mutex_);
@@ -285,7 +290,7 @@ void StageCore::close() {
   alive_.reset();
   drivers_.reset();
   singleton_.reset();
-  subscribers_.clear();
+  unsubscribe();
   queryables_.clear();
   host_times_.reset();
   source_ = nullptr;

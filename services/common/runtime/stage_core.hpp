@@ -115,6 +115,7 @@ class StageCore final : public Stage, private InletEvents {
                    std::function<Outcome(const Message&)> handler) override;
 
  private:
+  struct Subscription;
   void saw(std::uint64_t run, std::uint64_t sweep) override { live_->saw(run, sweep); }
   bool follows(const Message& message) override;
   bool before_message(const Message& message) override;
@@ -152,6 +153,10 @@ class StageCore final : public Stage, private InletEvents {
   void status_loop();
   void watch_overload();
   void watch_inputs();
+  void subscribe(Subscription& subscription);
+  /// Tells the publishers once more that this input is read.
+  void subscribe_again(const std::map<std::string, std::string>& silences);
+  void unsubscribe();
   /// Asks other hosts for their time, and says how far off they are.
   void watch_clocks();
   void publish_status();
@@ -172,7 +177,15 @@ class StageCore final : public Stage, private InletEvents {
   std::optional<Singleton> singleton_;
 
   std::vector<std::shared_ptr<InletCore>> inlets_;
-  std::vector<zenoh::Subscriber> subscribers_;
+  /// One for each inlet.
+  struct Subscription {
+    std::shared_ptr<InletCore> inlet;
+    std::optional<zenoh::Subscriber> subscriber;
+    /// monotonic: when it is declared again if nothing comes; how long after that once more
+    std::int64_t again_ns = 0, wait_ns = 0;
+  };
+  std::mutex subscriptions_mutex_;
+  std::vector<Subscription> subscriptions_;
   std::vector<std::unique_ptr<OutletCore>> outlets_;
   std::vector<std::unique_ptr<FlowAckCore>> acks_;
   std::unique_ptr<FlowWindowCore> window_;

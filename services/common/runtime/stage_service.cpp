@@ -21,6 +21,8 @@ constexpr int kLooksUntilCalm = 5;
 // at the first one is free by then.
 constexpr int kLooksAtHeap = 5;
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
+// Between two subscriptions of an input of which nothing comes.
+constexpr std::int64_t kFirstAgain_ns = 2000 * kMs, kLastAgain_ns = 60000 * kMs;
 
 }  // namespace
 
@@ -244,8 +246,29 @@ void StageCore::watch_inputs() {
       inputs.push_back({inlet->account_locked(), paced && inlet->of_each_sweep()});
     }
   }
-  for (const auto& [topic, reason] : input_watch_.look(inputs, steady_ns())) {
-    degraded(topic, reason);
+  const auto found = input_watch_.look(inputs, steady_ns());
+  for (const auto& [topic, reason] : found) degraded(topic, reason);
+  subscribe_again(found);
+}
+
+// A link that was lost and came back (a process that had no processor for longer than the lease) can
+// lack what one side declared on it: the publisher then sends nothing here, for good, and everybody
+// says that he is well (docs/protocol.md, section 11).
+void StageCore::subscribe_again(const std::map<std::string, std::string>& silences) {
+  const std::int64_t now = steady_ns();
+  const std::lock_guard lock(subscriptions_mutex_);
+  for (Subscription& subscription : subscriptions_) {
+    const auto found = silences.find("silent " + subscription.inlet->key());
+    const bool silent = found != silences.end() && !found->second.empty();
+    if (!silent) subscription.wait_ns = 0;
+    if (!silent || (subscription.wait_ns > 0 && now < subscription.again_ns)) continue;
+    // A silence begins: it may be over soon.
+    const bool begins = subscription.wait_ns == 0;
+    subscription.wait_ns = std::clamp(2 * subscription.wait_ns, kFirstAgain_ns, kLastAgain_ns);
+    subscription.again_ns = now + subscription.wait_ns;
+    if (begins) continue;
+    log_warning("nothing comes: subscribing again", {{"key", subscription.inlet->key()}});
+    subscribe(subscription);
   }
 }
 

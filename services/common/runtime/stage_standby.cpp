@@ -114,7 +114,7 @@ bool StageCore::stand_by() {
   declare_status();
   const bool meant = setup_.shared.recovery.standby || setup_.was_overtaken;
   if (meant) {
-    log_info("standing by");
+    log_info(std::string(kStandingBy));
   } else {
     log_warning("standing by", {{"reason", singleton_->others()}});
   }
@@ -162,7 +162,7 @@ void StageCore::wait_for_turn() {
       break;
     }
     if (steady_ns() - told_ns >= kStandByStatus_ns) {
-      ready(false, meant ? "standing by" : singleton_->others());
+      ready(false, meant ? std::string(kStandingBy) : singleton_->others());
       publish_status();
       told_ns = steady_ns();
     }

@@ -114,9 +114,19 @@ Inlet& StageCore::add_inlet(Key key, const std::string& full_key, const InletOpt
     queryables_.push_back(session_.declare_queryable(
         full_key, [inlet](zenoh::Query&& query) { inlet->answer_kept(query); }, false));
   }
-  subscribers_.push_back(session_.declare_subscriber(
-      full_key, [inlet](zenoh::Sample&& sample) { inlet->on_sample(std::move(sample), false); }));
+  const std::lock_guard lock(subscriptions_mutex_);
+  subscriptions_.push_back({inlet, std::nullopt});
+  subscribe(subscriptions_.back());
   return *inlet;
+}
+
+void StageCore::subscribe(Subscription& subscription) {
+  const std::shared_ptr<InletCore> inlet = subscription.inlet;
+  // The old one first: of two of one session only the first is told to others.
+  subscription.subscriber.reset();
+  subscription.subscriber.emplace(session_.declare_subscriber(
+      inlet->key(),
+      [inlet](zenoh::Sample&& sample) { inlet->on_sample(std::move(sample), false); }));
 }
 
 FlowWindow& StageCore::flow_window(Outlet& sweeps) {

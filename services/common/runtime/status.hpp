@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/messages/build.hpp"
@@ -12,6 +13,9 @@
 #include "common/runtime/statistics.hpp"
 
 namespace zloam::runtime {
+
+/// What an instance gives as its reason that waits, as it is meant to, until it is needed.
+inline constexpr std::string_view kStandingBy = "standing by";
 
 struct OutputAccountFields {
   std::string key;

@@ -87,7 +87,7 @@ MADE_BY_STAGES = (
     "odometry.tum",
     "trajectory_world.tum",
     "map.pcd",
-    "trajectory.journal",
+    *("trajectory.journal", "trajectory.state.0", "trajectory.state.1"),
     *(f"logs/{stage}.log" for stage in PORT_ORDER),
 )
 MADE_HERE = (
