@@ -85,6 +85,21 @@ struct FusedPose {
   }
 };
 
+/// A correction that was used, as a pose.
+struct MappedPose {
+  std::uint64_t sweep = 0;
+  std::uint32_t odom_epoch = 0;
+  std::int64_t instant_ns = 0;
+  Pose T_map_base = Pose::Identity();
+  Pose T_odom_base = Pose::Identity();
+  Matrix6 covariance = Matrix6::Zero();
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance);
+  }
+};
+
 /// The correction that pose n waits for in replay; none before the first.
 std::optional<std::uint64_t> scheduled_correction(std::uint64_t sweep,
                                                   const IntegrationConfig& config);
@@ -150,20 +165,6 @@ class Integrator {
   std::map<std::uint64_t, Correction> corrections_;
   std::deque<OdometryPose> recent_;  // to carry a correction's covariance forward
   std::optional<std::uint64_t> newest_pose_;
-  // The last correction that was used, as a pose.
-  struct MappedPose {
-    std::uint64_t sweep = 0;
-    std::uint32_t odom_epoch = 0;
-    std::int64_t instant_ns = 0;
-    Pose T_map_base = Pose::Identity();
-    Pose T_odom_base = Pose::Identity();
-    Matrix6 covariance = Matrix6::Zero();
-
-    template <class Bits>
-    void each(Bits& bits) {
-      bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance);
-    }
-  };
   std::optional<MappedPose> mapped_;
   StepFusion steps_;
   std::optional<OdometryPose> last_odometry_;

@@ -82,7 +82,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
     // What could not be written is tried again at the stage's end.
     unsaved_ |= !write_files().empty();
   });
-  stage.on_hand_over([this] { leave_map(); });
+  stage.on_hand_over([this](bool leaves) { leave_map(leaves); });
   stage.on_stop([this] {
     if (last_mapped_) publish_map(*last_mapped_, true);
     if (!unsaved_) return;
@@ -344,7 +344,10 @@ Buffer MappingStage::cloud_message(const HeaderFields& header,
 }
 
 void MappingStage::answer_tiles(runtime::Answer& answer) {
-  if (leaves_) answer_voxels(answer);
+  for (const VoxelTile& tile : left_voxels_) {
+    const TileIndex& at = tile.index;
+    answer.reply(voxel_key(at), encoding_of(Key::kMapTile), voxel_message(last_header_, tile));
+  }
   for (const TileId& id : mapper_.tiles()) {
     const TileIndex& at = id.index;
     const std::string key = stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k);

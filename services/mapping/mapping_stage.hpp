@@ -49,12 +49,13 @@ class MappingStage {
   Buffer cloud_message(const HeaderFields& header, const std::vector<LayeredPoint>& points) const;
   void answer_tiles(runtime::Answer& answer);
   Buffer voxel_message(const HeaderFields& header, const VoxelTile& tile) const;
-  void answer_voxels(runtime::Answer& answer);
+  std::string voxel_key(const TileIndex& at) const;
+  void publish_voxels(const Sweep& sweep, const std::vector<VoxelTile>& tiles);
   /// What the instance before put into the map after the store had it last.
   std::size_t insert_again(const msg::Header& first,
                            const std::vector<CorrectionMessage>& corrections);
   /// Answers what the store may not have yet: another mapping goes on.
-  void leave_map();
+  void leave_map(bool leaves);
   void answer_cloud(runtime::Answer& answer, Key key, bool whole);
   void answer_path(runtime::Answer& answer);
   runtime::CommandReply save(const std::string& arguments_json);
@@ -68,8 +69,9 @@ class MappingStage {
 
   runtime::Stage& stage_;
   runtime::Inlet* inlet_ = nullptr;
-  /// another mapping goes on with this one's map
-  bool leaves_ = false;
+  /// another mapping goes on with this one's map: what of it the store has not
+  std::vector<VoxelTile> left_voxels_;
+  bool answers_pose_ = false;
   /// of this run, the newest whose voxels the store gave back
   std::optional<std::uint64_t> stored_sweep_;
   std::optional<std::pair<HeaderFields, MapPoseFields>> last_pose_;

@@ -115,6 +115,7 @@ Eigen::Matrix3d turned_by(int turn) {
 void score(const Cells& cells, const std::vector<Eigen::Vector3d>& points, int turn, int steps,
            std::vector<Scored>& out) {
   std::vector<std::int32_t> indices;
+  indices.reserve(points.size());
   const Eigen::Matrix3d R = turned_by(turn);
   for (const Eigen::Vector3d& p : points) indices.push_back(cells.index_of(R * p));
   const std::uint8_t* values = cells.values();

@@ -103,35 +103,39 @@ Buffer MappingStage::voxel_message(const HeaderFields& header, const VoxelTile& 
   return build(header, fields);
 }
 
+std::string MappingStage::voxel_key(const TileIndex& at) const {
+  return stage_.keys().tile(kVoxels, at.i, at.j, at.k);
+}
+
 void MappingStage::publish_voxels(const Sweep& sweep, double growth) {
-  for (const VoxelTile& tile : mapper_.take_changed_voxels(growth)) {
+  publish_voxels(sweep, mapper_.take_changed_voxels(growth));
+}
+
+void MappingStage::publish_voxels(const Sweep& sweep, const std::vector<VoxelTile>& tiles) {
+  for (const VoxelTile& tile : tiles) {
     HeaderFields header = tile_.header(sweep);
     header.frame = "map";
     header.map_id = map_id_;
-    const TileIndex& at = tile.index;
-    tile_.publish_at(stage_.keys().tile(kVoxels, at.i, at.j, at.k), header,
-                     voxel_message(header, tile));
+    tile_.publish_at(voxel_key(tile.index), header, voxel_message(header, tile));
   }
 }
 
-void MappingStage::leave_map() {
-  if (std::exchange(leaves_, true)) return;
+void MappingStage::leave_map(bool leaves) {
+  if (!leaves) {
+    if (last_mapped_) publish_voxels(*last_mapped_, left_voxels_);
+    left_voxels_.clear();
+    return;
+  }
+  // Where a store listens it has the rest.
+  constexpr double kAll = -1.0;
+  left_voxels_ = mapper_.take_changed_voxels(tile_.matching() ? 0.0 : kAll);
+  if (std::exchange(answers_pose_, true)) return;
   const std::string pose = stage_.keys().of(Key::kMapOdometry);
   stage_.answer(pose, [this, pose](runtime::Answer& answer) {
     if (!last_pose_ || !answer.parameters().empty()) return;
     const auto& [header, fields] = *last_pose_;
     answer.reply(pose, encoding_of(Key::kMapOdometry), build(header, fields));
   });
-}
-
-// Where a store listens it has the rest.
-void MappingStage::answer_voxels(runtime::Answer& answer) {
-  constexpr double kAll = -1.0;
-  for (const VoxelTile& tile : mapper_.take_changed_voxels(tile_.matching() ? 0.0 : kAll)) {
-    const TileIndex& at = tile.index;
-    answer.reply(stage_.keys().tile(kVoxels, at.i, at.j, at.k), encoding_of(Key::kMapTile),
-                 voxel_message(last_header_, tile));
-  }
 }
 
 // Creating a map supersedes the stored one; give the store time to answer first. A run that no

@@ -97,6 +97,7 @@ WallMap::WallMap(std::span<const Eigen::Vector3f> points) {
   origin_ = low;
   const std::vector<Eigen::Vector3f> wall_points = walls_of(points);
   std::vector<Eigen::Vector2f> walls;
+  walls.reserve(wall_points.size());
   for (const Eigen::Vector3f& w : wall_points) walls.emplace_back(w.head<2>() - origin_);
   for (const float cell_m : kCells_m) {
     const Eigen::Vector2f cells = (high - low) / cell_m;
@@ -332,6 +333,7 @@ std::vector<Pose> WallMap::likely_places(const Surroundings& around, std::size_t
   if (pyramids_.empty() || around.walls_.empty()) return {};
   const Pyramid& pyramid = pyramid_for(around);
   std::vector<Cells> turned;
+  turned.reserve(kTurns);
   for (int turn = 0; turn < kTurns; ++turn) {
     turned.push_back(turned_by(turn, around, pyramid.cell_m));
   }

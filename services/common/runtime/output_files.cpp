@@ -91,7 +91,7 @@ bool OutputFiles::is_free(const std::string& path, const Run& run, const Entries
 std::string OutputFiles::suffix(const Run& run, const std::vector<std::string>& names) const {
   const Entries entries = read();
   for (int number = 1;; ++number) {
-    const std::string suffix = number == 1 ? "" : "_" + std::to_string(number);
+    std::string suffix = number == 1 ? "" : "_" + std::to_string(number);
     const bool free = std::all_of(names.begin(), names.end(), [&](const std::string& name) {
       return is_free(path(name, suffix), run, entries);
     });

@@ -164,6 +164,7 @@ void begin_again(const std::vector<const char*>& arguments) {
   setenv(kOvertaken, "1", 1);
   std::fflush(nullptr);
   std::vector<char*> words;
+  words.reserve(arguments.size() + 1);
   for (const char* word : arguments) words.push_back(const_cast<char*>(word));
   words.push_back(nullptr);
   execv("/proc/self/exe", words.data());

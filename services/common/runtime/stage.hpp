@@ -166,9 +166,10 @@ class Stage {
   virtual void on_end_of_run(std::function<void(std::uint64_t run)> task) = 0;
   /// A new run begins (also the first): forget the one before. Called before its first message.
   virtual void on_new_run(std::function<void(const msg::Header& first)> task) = 0;
-  /// Another instance is about to go on in this one's place: what only this one knows is to be
-  /// answered from now on, for the seconds in which the other asks. Nothing is published any more.
-  virtual void on_hand_over(std::function<void()> task) = 0;
+  /// leaves: another instance is about to go on in this one's place. What only this one knows is to
+  /// be answered from now on, for the seconds in which the other asks; nothing is published any more.
+  /// Then false, where the other does not: this one goes on.
+  virtual void on_hand_over(std::function<void(bool leaves)> task) = 0;
   /// Before the end of the process (signal or stop()): save what is there.
   virtual void on_stop(std::function<void()> task) = 0;
 

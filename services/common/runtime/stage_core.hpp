@@ -89,7 +89,7 @@ class StageCore final : public Stage, private InletEvents {
   void every(std::chrono::milliseconds period, std::function<void()> task) override;
   void on_end_of_run(std::function<void(std::uint64_t)> task) override;
   void on_new_run(std::function<void(const msg::Header&)> task) override;
-  void on_hand_over(std::function<void()> task) override {
+  void on_hand_over(std::function<void(bool)> task) override {
     on_hand_over_.push_back(std::move(task));
   }
   void on_stop(std::function<void()> task) override { on_stop_.push_back(std::move(task)); }
@@ -203,7 +203,7 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<Timer> timers_;
   std::vector<std::function<void(std::uint64_t)>> on_end_of_run_;
   std::vector<std::function<void(const msg::Header&)>> on_new_run_;
-  std::vector<std::function<void()>> on_hand_over_;
+  std::vector<std::function<void(bool)>> on_hand_over_;
   std::vector<std::function<void()>> on_stop_;
 
   std::mutex tasks_mutex_;

@@ -78,7 +78,8 @@ ServiceHealth StageCore::health(std::string* reason) const {
   if (!degraded_.empty()) {
     std::string all;
     for (const auto& [topic, why] : degraded_) {
-      all += (all.empty() ? "" : "; ") + topic + ": " + why;
+      if (!all.empty()) all += "; ";
+      all.append(topic).append(": ").append(why);
     }
     return because(all, ServiceHealth::kDegraded);
   }

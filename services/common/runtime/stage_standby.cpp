@@ -206,7 +206,7 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   }
   singleton_->hold(true);
   leaving_ = true;
-  for (const auto& task : on_hand_over_) task();
+  for (const auto& task : on_hand_over_) task(true);
   zenoh::GetOptions options;
   options.timeout = kHandOver;
   for (const zenoh::Reply& reply : session_.get(keys_.takeover(stage, to), options)) {
@@ -221,6 +221,7 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   }
   leaving_ = false;
   singleton_->hold(false);
+  for (const auto& task : on_hand_over_) task(false);
   return {false, to + " does not answer: this instance goes on"};
 }
 

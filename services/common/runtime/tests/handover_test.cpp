@@ -40,6 +40,9 @@ struct Instance {
     thread.join();
   }
   void wire() {
+    stage->on_hand_over([this](bool leaves) {
+      left.change([leaves](std::vector<bool>& all) { all.push_back(leaves); });
+    });
     Outlet& out = stage->outlet(Key::kPose);
     stage->inlet<msg::Odometry>(Key::kOdometry, {},
                                 [this, &out](const Received<msg::Odometry>& odometry) {
@@ -53,6 +56,7 @@ struct Instance {
   zenoh::Session session;
   std::unique_ptr<StageCore> stage;
   Watched<bool> works, ended, hold;
+  Watched<std::vector<bool>> left;
   std::thread thread;
 };
 
@@ -145,6 +149,20 @@ TEST(HandOver, TheOneThatStandsByGoesOnWithAGreaterTerm) {
   ASSERT_TRUE(elder.ended.wait(kYes));
   EXPECT_TRUE(elder.stage->begins_again());
   EXPECT_FALSE(younger.stage->begins_again());
+}
+
+TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  const auto ghost = chain.session().declare_liveliness_token(
+      kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
+  std::string reply;
+  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  EXPECT_EQ(reply, "no: ghost does not answer: this instance goes on");
+  EXPECT_THAT(elder.left.get(), testing::ElementsAre(true, false));
+  EXPECT_TRUE(chain.hears("elder", 1));
 }
 
 TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {

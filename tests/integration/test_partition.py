@@ -1,0 +1,139 @@
+"""Two hosts, as network namespaces, whose link is cut and comes back: an instance that works on one
+side, one that stands by on the other, both ways round (docs/protocol.md, section 6)."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.conftest import Capture, simulate
+from tests.integration.live_run import LiveRun
+from tests.integration.test_handover import assert_nothing_is_missing, until_waiting
+from zloam_monitor import chain as chains
+from zloam_monitor import settings
+from zloam_monitor.chain import Chain
+from zloam_monitor.ports import Ports
+
+SECONDS = 26.0
+FIRST, APART = 40, 30
+#: longer than a link lives without a sign of life (zenoh.lease_ms), and more
+CUT_S = 6.0
+STAGES = ("odometry", "mapping", "integration")
+
+
+@dataclass(frozen=True)
+class Far:
+    """The other host; the stages of this one listen where it reaches them."""
+
+    name: str
+    near_address: str
+    address: str
+
+    def link(self, state: str) -> None:
+        ip("-n", self.name, "link", "set", "far", state)
+
+    def command(self, command: list[str]) -> list[str]:
+        return ["ip", "netns", "exec", self.name, *command]
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+@pytest.fixture
+def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
+    name = f"zloam-{os.getpid()}"
+    subnet = f"10.77.{os.getpid() % 250}"
+    near = f"n{os.getpid()}"
+    other = Far(name, f"{subnet}.1", f"{subnet}.2")
+    try:
+        ip("netns", "add", name)
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"no network namespace can be made here: {error}")
+    try:
+        ip("link", "add", near, "type", "veth", "peer", "name", "far", "netns", name)
+        ip("address", "add", f"{other.near_address}/24", "dev", near)
+        ip("link", "set", near, "up")
+        ip("-n", name, "address", "add", f"{other.address}/24", "dev", "far")
+        ip("-n", name, "link", "set", "lo", "up")
+        other.link("up")
+        # All of this host listen there, this process too.
+        monkeypatch.setattr(chains, "Ports", lambda base: Ports(base, other.near_address))
+        monkeypatch.setattr(
+            Chain, "_own_endpoint", lambda self: f"tcp/{other.near_address}:{self._own_port}"
+        )
+        yield other
+    finally:
+        ip("netns", "delete", name)
+
+
+@pytest.fixture(scope="module")
+def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("drive")
+    return simulate(build, folder, "--world", "city", "--seed", "4", "--duration", str(SECONDS + 1))
+
+
+def start_far(run: LiveRun, other: Far, stage: str) -> str:
+    """An instance that stands by on the other host."""
+    name = f"{stage}-far"
+    command = [*run.chain._commands[stage], "--instance", name]
+    command += ["--set", f"zenoh.listen=[tcp/{other.address}:0]"]
+    run.chain._commands[name] = other.command(command)
+    run.chain.start(name)
+    until_waiting(run, stage, name)
+    return name
+
+
+def cut(run: LiveRun, other: Far) -> None:
+    """While poses go on to come."""
+    other.link("down")
+    ends = time.monotonic() + CUT_S
+    before = len(run.poses)
+    while time.monotonic() < ends:
+        run._poll()
+    assert len(run.poses) > before + 20
+    other.link("up")
+
+
+def one_of(quick: str) -> list[object]:
+    slow = pytest.mark.slow
+    return [stage if stage == quick else pytest.param(stage, marks=slow) for stage in STAGES]
+
+
+@pytest.mark.parametrize("works", ["near", "far"])
+@pytest.mark.parametrize("stage", one_of("odometry"))
+def test_a_cut_link_costs_no_pose(
+    build: Path,
+    robot_file: Path,
+    drive: Capture,
+    far: Far,
+    tmp_path: Path,
+    stage: str,
+    works: str,
+) -> None:
+    more = ("recovery.standby=true",)
+    run = LiveRun(build, robot_file, drive, tmp_path, seconds=SECONDS, more=more)
+    with run:
+        name = start_far(run, far, stage)
+        run.until_poses(FIRST)
+        if works == "far":
+            reply = settings.commanded(run.chain.link, stage, "handover", {"to": name})
+            assert reply.ok, reply.message
+            own = next(i for s, i in run.chain.link.statuses if s == stage and i != name)
+            until_waiting(run, stage, own)
+        run.until_poses(len(run.poses) + APART)
+        cut(run, far)
+        run.until_poses(len(run.poses) + APART)
+        statuses = run.end()
+    assert_nothing_is_missing(run, tmp_path, statuses["driver"].last_sweep)
+    # each sweep has one odometry, but for the newest at a take-over, which is given again
+    counts = np.bincount(list(itertools.chain(*run.odometry_poses.values())))
+    assert (counts > 1).sum() <= 3
