@@ -21,6 +21,7 @@ from zloam_monitor.robot_file import names
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 RUN_SECONDS = 120.0
 LOCKABLE_MIB = 8
+ATTEMPTS = 3
 #: without the capability that lifts the limit, which only root has to give away
 SMALL = [
     *(["setpriv", "--bounding-set=-ipc_lock", "--inh-caps=-ipc_lock"] if os.getuid() == 0 else []),
@@ -105,13 +106,21 @@ def unlimited(
 def test_a_pool_that_the_reader_cannot_lock(
     build: Path, robot_file: Path, capture: Capture, unlimited: dict[str, str], tmp_path: Path
 ) -> None:
-    """Mapping has room for pools as small as its own; odometry's is larger."""
-    chain = SmallChain(build, robot_file, capture, tmp_path, ("mapping",), "zenoh.pool_mib=1")
-    account = chain.follow()["mapping"].inputs[0]
-    assert account.recovered > 0, "nothing was lost: the test shows nothing"
-    assert account.balanced()
-    assert account.lost == 0
-    assert digests(tmp_path, FILES) == unlimited
+    """Mapping has room for pools as small as its own; odometry's is larger. Whether a link shares
+    memory is settled as it comes up, and beside other work it may not: then nothing can be lost."""
+    recovered = 0
+    for attempt in range(ATTEMPTS):
+        out = tmp_path / str(attempt)
+        out.mkdir()
+        chain = SmallChain(build, robot_file, capture, out, ("mapping",), "zenoh.pool_mib=1")
+        account = chain.follow()["mapping"].inputs[0]
+        assert account.balanced()
+        assert account.lost == 0
+        assert digests(out, FILES) == unlimited
+        recovered += account.recovered
+        if recovered > 0:
+            break
+    assert recovered > 0, "nothing was lost: the test shows nothing"
 
 
 def test_without_room_for_the_pools_there_is_no_shared_memory(
