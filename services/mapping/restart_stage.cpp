@@ -141,6 +141,8 @@ void MappingStage::leave_map(bool leaves) {
 // Creating a map supersedes the stored one; give the store time to answer first. A run that no
 // other stage knows waits for a store only where one is deployed.
 void MappingStage::wait_for_store(bool known_run) const {
+  // The one before is still there for a moment, and has the map.
+  if (stage_.overtook()) return;
   const double wait_s =
       known_run ? std::max(kStoreLink_s, output_.store_link_s) : output_.store_link_s;
   const double up_s = 1e-9 * static_cast<double>(stage_.now_ns() - started_ns_);
@@ -188,7 +190,8 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   }
   last_instant_ns_ = saved.instant_ns;
   if (same_run) next_sweep_ = pose.sweep() + 1;
-  return true;
+  // A pose alone is no map.
+  return !saved.tiles.empty() || !saved.voxels.empty();
 }
 
 // Without a store the map is gone, but not where it was: integration knows the last pose in it.
