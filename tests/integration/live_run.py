@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance import live
@@ -25,13 +26,15 @@ SLOWER = 1.5
 #: killed when so many poses have come
 KILL_AT = 45
 VOXELS_EVERY = 20
-BRIDGING = HEALTH.index("bridging")
+BRIDGING, LOST = HEALTH.index("bridging"), HEALTH.index("lost")
 PATIENCE_S = 60.0
 #: of each log, where a run did not get where it should
 LAST_LINES = 8
 #: what a killed publisher has sent is read within; less than a process takes to start
 IN_FLIGHT_S = 0.1
 STAGES = ("registration", "odometry", "mapping", "integration")
+#: those of which one instance works and others stand by
+REPLACED = ("odometry", "mapping", "integration")
 #: mapping founds no map before the store is there; more than its link ever takes
 STORE_LINK_S = 10
 
@@ -40,6 +43,12 @@ def written_in(folder: Path) -> Trajectory:
     """What integration wrote; sweep n is its n-th pose."""
     written = read(folder / "trajectory.tum")
     return Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
+
+
+def one_quick(stages: tuple[str, ...], quick: str) -> list[object]:
+    """One of them in each run of the tests, all in `make test-full`."""
+    slow = pytest.mark.slow
+    return [stage if stage == quick else pytest.param(stage, marks=slow) for stage in stages]
 
 
 def rmse_m(found: Trajectory, drive: Capture, from_ns: int = 0) -> float:
@@ -160,6 +169,19 @@ class LiveRun:
         ends = time.monotonic() + seconds
         while time.monotonic() < ends:
             self._poll()
+
+    def assert_one_trajectory(self, last_sweep: int | None, bridged: int = 0) -> Trajectory:
+        """Each sweep has its pose, in one map and one frame; what integration wrote."""
+        assert last_sweep is not None
+        assert len({run_id for run_id, _ in self.poses}) == 1
+        written = read(self.out / "trajectory.tum")
+        assert len(written) == last_sweep + 1
+        said = [pose.health for pose in self.poses.values()]
+        assert said.count(LOST) == 0
+        assert said.count(BRIDGING) <= bridged
+        # nobody began a map or a frame of its own: at 10 Hz a car goes less than that in a sweep
+        assert np.linalg.norm(np.diff(written.positions, axis=0), axis=1).max() < 2.0
+        return written
 
     def _health(self, stage: str) -> str:
         status = self.chain.link.stage(stage)

@@ -13,9 +13,10 @@ import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
 from tests.integration.live_run import (
-    BRIDGING,
+    REPLACED,
     STORE_LINK_S,
     LiveRun,
+    one_quick,
     rmse_m,
     store_command,
     written_in,
@@ -23,7 +24,6 @@ from tests.integration.live_run import (
 from zloam_monitor import settings, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import STANDING_BY, Link
-from zloam_monitor.records import HEALTH
 from zloam_monitor.robot_file import names
 from zloam_monitor.trajectory import read
 
@@ -32,11 +32,9 @@ SECONDS = 26.0
 SHORT_S = 17.0
 #: poses between two of them; the first when there is a map
 FIRST, APART = 40, 30
-REPLACED = ("odometry", "mapping", "integration")
 #: stopped for longer than a link lives without a sign of life (zenoh.lease_ms), and more
 STOPPED_S = 5.0
 PATIENCE_S = 60.0
-LOST = HEALTH.index("lost")
 #: of the undisturbed run's error, and metres on top: a mapping that goes on with another's map has
 #: it whole, but not what that one had learnt of its own errors (six in 27 s: 0.019 to 0.028 m in
 #: place of 0.016; with the store's map alone 0.05)
@@ -89,26 +87,6 @@ def live(
     return LiveRun(build, robot_file, drive, out, seconds=seconds, more=more)
 
 
-def one_of(quick: str) -> list[object]:
-    """The stages that can be replaced: one in each run of the tests, all in `make test-full`."""
-    slow = pytest.mark.slow
-    return [stage if stage == quick else pytest.param(stage, marks=slow) for stage in REPLACED]
-
-
-def assert_nothing_is_missing(
-    run: LiveRun, out: Path, last_sweep: int | None, bridged: int = 0
-) -> None:
-    assert last_sweep is not None
-    assert len({run_id for run_id, _ in run.poses}) == 1
-    written = read(out / "trajectory.tum")
-    assert len(written) == last_sweep + 1
-    said = [pose.health for pose in run.poses.values()]
-    assert said.count(LOST) == 0
-    assert said.count(BRIDGING) <= bridged
-    # nobody began a map or a frame of its own: at 10 Hz a car goes less than that in a sweep
-    assert np.linalg.norm(np.diff(written.positions, axis=0), axis=1).max() < 2.0
-
-
 def test_on_command_nothing_is_missing(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
@@ -127,16 +105,15 @@ def test_on_command_nothing_is_missing(
             assert reply.message.endswith(f", term {2 + count // len(REPLACED)}")
             poses = len(run.poses) + APART
         statuses = run.end()
-    assert_nothing_is_missing(run, tmp_path, statuses["driver"].last_sweep)
-    (by_both,) = {len(run.odometry_poses)}
-    assert by_both == 2
+    run.assert_one_trajectory(statuses["driver"].last_sweep)
+    assert len(run.odometry_poses) == 2
     # of each identity one pose was published, but for the newest commit's, which is given again
     counts = np.bincount(list(itertools.chain(*run.odometry_poses.values())))
     assert counts.max() <= 2
     assert (counts > 1).sum() <= 2
 
 
-@pytest.mark.parametrize("stage", one_of("odometry"))
+@pytest.mark.parametrize("stage", one_quick(REPLACED, "odometry"))
 def test_one_that_stands_still_is_overtaken_and_stands_by(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
 ) -> None:
@@ -150,19 +127,18 @@ def test_one_that_stands_still_is_overtaken_and_stands_by(
         process.send(signal.SIGSTOP)
         stopped = time.monotonic()
         run.until_poses(len(run.poses) + APART)
-        while time.monotonic() < stopped + STOPPED_S:
-            run._poll()
+        run.wait(stopped + STOPPED_S - time.monotonic())
         process.send(signal.SIGCONT)
         until_waiting(run, stage, own)
         run.until_poses(len(run.poses) + APART)
         statuses = run.end()
-    assert_nothing_is_missing(run, tmp_path, statuses["driver"].last_sweep)
+    run.assert_one_trajectory(statuses["driver"].last_sweep)
     # whoever stands still for longer than a link lives has lost it: what it had to say died there
     assert statuses[stage].figures["term"] >= 2.0
     assert "beginning again" in (tmp_path / f"{stage}.log").read_text()
 
 
-@pytest.mark.parametrize("stage", one_of("integration"))
+@pytest.mark.parametrize("stage", one_quick(REPLACED, "integration"))
 def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
 ) -> None:
@@ -178,7 +154,7 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
         statuses = run.end()
     # a look for the place may take mapping seconds: it hangs for longer before it is taken for hung
     bridged = BRIDGED_SWEEPS if stage == "mapping" else 0
-    assert_nothing_is_missing(run, tmp_path, statuses["driver"].last_sweep, bridged)
+    run.assert_one_trajectory(statuses["driver"].last_sweep, bridged)
     assert statuses[stage].figures["term"] >= 2.0
     said = (tmp_path / f"{stage}.log").read_text()
     assert "on purpose" in said

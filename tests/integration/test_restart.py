@@ -17,6 +17,7 @@ from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from tests.integration.live_run import (
     BRIDGING,
     KILL_AT,
+    LOST,
     PATIENCE_S,
     SECONDS,
     STAGES,
@@ -33,7 +34,6 @@ from zloam_monitor.trajectory import Trajectory, read
 
 #: of the undisturbed run's, and metres on top (the acceptance of the stages' restart)
 WORSE, FLOOR_M = 1.2, 0.01
-LOST = HEALTH.index("lost")
 FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
 #: longer than a gap that a constant motion tells over
 AWAY_SWEEPS = 15

@@ -1,10 +1,10 @@
 #include "common/runtime/fault.hpp"
 
-#include <charconv>
 #include <cstdlib>
 #include <string_view>
 
 #include "common/runtime/parameters.hpp"
+#include "common/runtime/whole_number.hpp"
 
 namespace zloam::runtime {
 
@@ -12,9 +12,8 @@ std::optional<std::uint64_t> fault(const std::string& variable) {
   const char* text = std::getenv(variable.c_str());
   if (text == nullptr || *text == '\0') return std::nullopt;
   const std::string_view view(text);
-  std::uint64_t number = 0;
-  const auto [end, error] = std::from_chars(view.data(), view.data() + view.size(), number);
-  if (error != std::errc{} || end != view.data() + view.size()) {
+  const auto number = whole_number<std::uint64_t>(view);
+  if (!number) {
     throw ConfigError(variable + ": value '" + std::string(view) +
                       "' is refused: a whole number is expected");
   }

@@ -1,8 +1,9 @@
 #include "common/runtime/outlet_core.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <thread>
+
+#include "common/runtime/whole_number.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -16,11 +17,6 @@ zenoh::Priority priority_of(std::string_view name) {
   return zenoh::Priority::kData;
 }
 
-bool parse_u64(std::string_view text, std::uint64_t* value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), *value);
-  return error == std::errc{} && end == text.data() + text.size() && !text.empty();
-}
-
 struct Span {
   std::uint64_t first = 0, last = 0;
   bool holds(std::uint64_t n) const { return first <= n && n <= last; }
@@ -28,13 +24,12 @@ struct Span {
 
 /// "a..b" or "a".
 std::optional<Span> parse_span(std::string_view text) {
-  Span span;
   const auto dots = text.find("..");
   const auto last = dots == std::string_view::npos ? text : text.substr(dots + 2);
-  if (!parse_u64(text.substr(0, dots), &span.first) || !parse_u64(last, &span.last)) {
-    return std::nullopt;
-  }
-  return span;
+  const auto from = whole_number<std::uint64_t>(text.substr(0, dots));
+  const auto to = whole_number<std::uint64_t>(last);
+  if (!from || !to) return std::nullopt;
+  return Span{*from, *to};
 }
 
 /// Value of "name=" in "a=1;b=2".
@@ -74,9 +69,9 @@ std::optional<MessageCache::Entry> MessageCache::find(std::uint64_t run,
 
 std::vector<MessageCache::Entry> MessageCache::select(std::string_view parameters) const {
   std::vector<Entry> found;
-  std::uint64_t run = 0;
   const auto run_text = parameter(parameters, "run");
-  if (run_text && !parse_u64(*run_text, &run)) return found;
+  const auto run = run_text ? whole_number<std::uint64_t>(*run_text) : std::nullopt;
+  if (run_text && !run) return found;
   const auto sweep_text = parameter(parameters, "sweep");
   const auto seq_text = parameter(parameters, "seq");
   const auto span = sweep_text ? parse_span(*sweep_text)
@@ -86,7 +81,7 @@ std::vector<MessageCache::Entry> MessageCache::select(std::string_view parameter
   {
     const std::lock_guard lock(mutex_);
     for (const Entry& e : entries_) {
-      if (run_text && e.run != run) continue;
+      if (run && e.run != *run) continue;
       if (span->holds(sweep_text ? e.sweep : e.seq)) found.push_back(e);
     }
   }

@@ -158,8 +158,8 @@ zenoh::Session listening_session(const SharedConfig& shared, const std::string& 
 // Set in a process that was overtaken before it began again.
 constexpr const char* kOvertaken = "ZLOAM_WAS_OVERTAKEN";
 
-/// The same process with everything forgotten: what another instance has gone on with meanwhile must
-/// not be gone on with here. Returns only where it could not be done.
+/// The same process with everything forgotten: another instance has continued the work meanwhile, and
+/// what this one knows is old. Returns only where it could not be done.
 void begin_again(const std::vector<const char*>& arguments) {
   setenv(kOvertaken, "1", 1);
   std::fflush(nullptr);

@@ -1,10 +1,11 @@
 #include "common/runtime/singleton.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <chrono>
 #include <limits>
 #include <utility>
+
+#include "common/runtime/whole_number.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -12,13 +13,6 @@ namespace {
 constexpr std::chrono::milliseconds kTimeout{500};
 // More are a flood of somebody's.
 constexpr std::size_t kMostOthers = 64;
-
-template <class Number>
-bool parse(std::string_view text, Number* number) {
-  const char* end = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), end, *number);
-  return error == std::errc{} && rest == end && !text.empty();
-}
 
 }  // namespace
 
@@ -30,10 +24,10 @@ std::optional<Seniority> seniority_of(const std::string& key) {
   const std::string_view numbers = std::string_view(key).substr(active + kActive.size());
   const std::size_t slash = numbers.find('/');
   if (slash == std::string_view::npos) return std::nullopt;
-  Seniority found{0, 0, key.substr(begin, active - begin)};
-  if (!parse(numbers.substr(0, slash), &found.term)) return std::nullopt;
-  if (!parse(numbers.substr(slash + 1), &found.since_ns)) return std::nullopt;
-  return found;
+  const auto term = whole_number<std::uint32_t>(numbers.substr(0, slash));
+  const auto since_ns = whole_number<std::int64_t>(numbers.substr(slash + 1));
+  if (!term || !since_ns) return std::nullopt;
+  return Seniority{*term, *since_ns, key.substr(begin, active - begin)};
 }
 
 Singleton::Singleton(zenoh::Session& session, const Keys& keys, const std::string& stage,

@@ -56,7 +56,7 @@ class Singleton {
 
   // Any thread.
   std::uint32_t term() const { return term_.load(); }
-  /// Another instance has a greater term: what this one knows is not to be gone on with.
+  /// Another instance has a greater term: what this one knows is old.
   bool overtaken() const;
   /// One that this instance has overtaken is still there.
   bool has_passed() const;

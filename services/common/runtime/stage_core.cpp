@@ -67,7 +67,7 @@ bool StageCore::follows(const Message& message) {
 
 /// As an endless loop in an algorithm would.
 void StageCore::hang() {
-  log_warning("FAULT INJECTION: the worker hangs on purpose");
+  log_warning("FAULT INJECTION: the worker stops here on purpose");
   while (true) std::this_thread::yield();
 }
 
@@ -192,7 +192,7 @@ bool StageCore::work_on_inputs() {
 }
 
 bool StageCore::work() {
-  if (is_replaceable() && singleton_->overtaken()) overtaken_ = true;
+  if (replaceable_ && singleton_->overtaken()) overtaken_ = true;
   if (overtaken_ && steady_ns() - handed_over_ns_.load() > kLinger_ns) {
     begins_again_ = true;
     return false;

@@ -131,8 +131,6 @@ class StageCore final : public Stage, private InletEvents {
   void note_latencies(const Message& message);
   void declare_service();
   void declare_status();
-  /// Of another instance's work nothing is lost when this one goes on with it.
-  bool is_replaceable() const;
   bool has_elder();
   void wait_for_turn();
   void declare_handover();
@@ -175,6 +173,8 @@ class StageCore final : public Stage, private InletEvents {
   /// shared with the outlets, acknowledgements and answers: true, and nothing leaves
   std::shared_ptr<std::atomic<bool>> muted_ = std::make_shared<std::atomic<bool>>(false);
   std::optional<Singleton> singleton_;
+  /// of another instance's work nothing is lost when this one continues it
+  bool replaceable_ = false;
 
   std::vector<std::shared_ptr<InletCore>> inlets_;
   /// One for each inlet.

@@ -2,7 +2,6 @@
 // (docs/protocol.md, sections 6 and 15).
 
 #include <algorithm>
-#include <charconv>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "common/runtime/recall.hpp"
 #include "common/runtime/stage_core.hpp"
 #include "common/runtime/stage_list.hpp"
+#include "common/runtime/whole_number.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -27,12 +27,8 @@ constexpr std::chrono::milliseconds kHandOver{3000};
 constexpr int kLooksAtHang = 6;
 
 /// The last chunk of a driver's token.
-std::optional<std::uint64_t> run_of(const std::string& key) {
-  std::uint64_t run = 0;
-  const char* end = key.data() + key.size();
-  const auto [rest, error] = std::from_chars(key.data() + key.rfind('/') + 1, end, run);
-  if (error != std::errc{} || rest != end) return std::nullopt;
-  return run;
+std::optional<std::uint64_t> run_of(std::string_view key) {
+  return whole_number<std::uint64_t>(key.substr(key.rfind('/') + 1));
 }
 
 /// What a standby hears of the instance that works: its first input and its first output.
@@ -77,6 +73,8 @@ void StageCore::watch_tokens() {
   const Identity& id = setup_.identity;
   if (const auto place = stage_place(id.stage); place && !stage_list()[*place].replicas) {
     singleton_.emplace(session_, keys_, id.stage, Seniority{1, started_ns_, id.instance}, muted_);
+    const std::vector<std::string> behind = stages_behind_the_source();
+    replaceable_ = std::find(behind.begin(), behind.end(), id.stage) != behind.end();
   }
   // What a driver reads is of no driver's run.
   if (id.stage == "driver") return;
@@ -85,12 +83,6 @@ void StageCore::watch_tokens() {
         const bool there = sample.kind == zenoh::SampleKind::kPut;
         if (const auto run = run_of(sample.key)) gate_.token(sample.key, *run, there);
       });
-}
-
-bool StageCore::is_replaceable() const {
-  const auto place = stage_place(setup_.identity.stage);
-  return singleton_ && place && stage_list()[*place].in_chain &&
-         !stage_list()[*place].reads.empty();
 }
 
 bool StageCore::has_elder() {
@@ -132,7 +124,7 @@ void StageCore::wait_for_turn() {
   const std::string key = keys_.takeover(id.stage, id.instance);
   const auto asked = std::make_shared<Asked>();
   std::optional<Listener> listener;
-  if (is_replaceable()) {
+  if (replaceable_) {
     queryables_.push_back(
         session_.declare_queryable(key, [asked, bell = bell_](zenoh::Query&& query) {
           {
@@ -169,7 +161,7 @@ void StageCore::wait_for_turn() {
     bell_->wait_until(steady_ns() + kStandByLook_ns);
   }
   if (stopping_.load()) return;
-  took_over_ = is_replaceable();
+  took_over_ = replaceable_;
   singleton_->take_over();
   log_info("taking over", {{"why", why}, {"term", singleton_->term()}});
   if (query) query->reply(key, zenoh::Bytes::copy_of(std::to_string(singleton_->term())));
@@ -180,7 +172,7 @@ void StageCore::note_term(std::uint32_t term) {
 }
 
 void StageCore::declare_handover() {
-  if (!is_replaceable()) return;
+  if (!replaceable_) return;
   command("handover", [this](const std::string& arguments) { return hand_over(arguments); });
 }
 
@@ -227,7 +219,7 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
 
 /// Its worker may be where it never comes back from.
 void StageCore::watch_overtaken() {
-  const bool is_over = overtaken_ || (is_replaceable() && singleton_->overtaken());
+  const bool is_over = overtaken_ || (replaceable_ && singleton_->overtaken());
   looks_overtaken_ = is_over ? looks_overtaken_ + 1 : 0;
   if (!is_over) return;
   notify();

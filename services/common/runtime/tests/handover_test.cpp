@@ -18,6 +18,7 @@ using test::Network;
 using test::RunningStage;
 using test::setup;
 using test::sweep_header;
+using test::wait_for_reader;
 using test::Watched;
 
 /// An integration that gives each odometry out as a pose; held, it hangs in a sweep.
@@ -198,7 +199,7 @@ TEST(HandOver, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
   zenoh::PublisherOptions options;
   options.encoding = encoding_of(Key::kOdometry);
   zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kOdometry), options);
-  while (!out.matching()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  wait_for_reader(out);
   const auto put = [&](std::uint64_t sweep, std::uint32_t term) {
     HeaderFields h = sweep_header(1, sweep, true);
     h.term = term;

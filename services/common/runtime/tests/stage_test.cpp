@@ -19,6 +19,7 @@ using test::Network;
 using test::RunningStage;
 using test::setup;
 using test::sweep_header;
+using test::wait_for_reader;
 using test::Watched;
 
 zenoh::PublisherOptions sweep_options() {
@@ -32,15 +33,6 @@ zenoh::GetOptions patient() {
   zenoh::GetOptions o;
   o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
   return o;
-}
-
-/// Waits until the other side's subscriber is known.
-void wait_for_reader(zenoh::Publisher& publisher) {
-  // Shared with the callback, which lives as long as the publisher.
-  const auto matched = std::make_shared<Watched<bool>>();
-  publisher.on_matching([matched](bool yes) { matched->change([yes](bool& m) { m = yes; }); });
-  const bool found = publisher.matching() || matched->wait([](bool m) { return m; });
-  ASSERT_TRUE(found);
 }
 
 zenoh::Bytes sweep_bytes(const HeaderFields& header, std::span<const Point> points = {}) {

@@ -102,4 +102,13 @@ inline HeaderFields sweep_header(std::uint64_t run, std::uint64_t sweep, bool re
   return h;
 }
 
+/// Waits until the other side's subscriber is known.
+inline void wait_for_reader(zenoh::Publisher& publisher) {
+  // Shared with the callback, which lives as long as the publisher.
+  const auto matched = std::make_shared<Watched<bool>>();
+  publisher.on_matching([matched](bool yes) { matched->change([yes](bool& m) { m = yes; }); });
+  const bool found = publisher.matching() || matched->wait([](bool m) { return m; });
+  ASSERT_TRUE(found);
+}
+
 }  // namespace zloam::runtime::test
