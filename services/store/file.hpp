@@ -39,6 +39,19 @@ class AppendFile {
   std::filesystem::path path_;
 };
 
+/// A folder that no other process may have open so; given up with the process, however that ends.
+/// Throws std::system_error when another has it.
+class FolderLock {
+ public:
+  explicit FolderLock(const std::filesystem::path& folder);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+};
+
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path);
 /// Bytes [offset, offset + size); throws when they are not all there.
 std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint64_t offset,

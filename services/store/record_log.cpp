@@ -60,9 +60,15 @@ std::vector<std::uint64_t> numbers(const fs::path& folder, const std::string& ex
 
 }  // namespace
 
-RecordLog::RecordLog(fs::path folder, const LogLimits& limits, const OnRecord& on_record)
-    : folder_(std::move(folder)), limits_(limits) {
+RecordLog::RecordLog(fs::path folder, const LogLimits& limits, const OnRecord& on_record,
+                     Access access)
+    : folder_(std::move(folder)), access_(access), limits_(limits) {
+  if (access_ == Access::kRead) {
+    recover(on_record);
+    return;
+  }
   fs::create_directories(folder_);
+  lock_ = std::make_unique<FolderLock>(folder_);
   fs::remove(folder_ / kTemporary);
   recover(on_record);
   open_segment();
@@ -78,15 +84,17 @@ fs::path RecordLog::path_of(std::uint64_t number, bool base) const {
 void RecordLog::recover(const OnRecord& on_record) {
   const std::vector<std::uint64_t> bases = numbers(folder_, ".base");
   const std::uint64_t base = bases.empty() ? 0 : bases.back();
+  const bool writes = access_ == Access::kWrite;
   // Left by a process that was killed between the new base and the end of the cleaning.
-  remove_up_to(base, true);
+  if (writes) remove_up_to(base, true);
   number_ = base;
   bool whole = bases.empty() || read_segment(base, true, on_record);
   for (const std::uint64_t n : numbers(folder_, ".log")) {
+    if (n <= base) continue;
     number_ = n;
     if (whole) {
       whole = read_segment(n, false, on_record);
-    } else {
+    } else if (writes) {
       const fs::path path = path_of(n, false);
       rename_file(path, path.string() + ".ignored");
       ++recovery_.ignored_segments;
@@ -107,7 +115,7 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
   bytes_ += at;
   if (at == bytes.size()) return true;
   recovery_.cut_bytes += bytes.size() - at;
-  truncate_file(path, at);
+  if (access_ == Access::kWrite) truncate_file(path, at);
   return false;
 }
 

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,6 +32,9 @@ struct LogLimits {
   std::uint32_t record_bytes = 512U << 20;
 };
 
+/// kRead: nothing on disk is changed, another process may write meanwhile; nothing can be appended.
+enum class Access : std::uint8_t { kWrite, kRead };
+
 struct Recovery {
   std::uint64_t records = 0;
   std::uint64_t bytes = 0;
@@ -44,8 +48,9 @@ class RecordLog {
   using OnRecord = std::function<void(std::span<const std::uint8_t> body, const Place& place)>;
 
   /// Creates the folder or recovers what is in it, calling on_record for each record in order.
-  /// Throws std::system_error when the folder can't be used.
-  RecordLog(std::filesystem::path folder, const LogLimits& limits, const OnRecord& on_record);
+  /// Throws std::system_error when the folder can't be used, or another process does.
+  RecordLog(std::filesystem::path folder, const LogLimits& limits, const OnRecord& on_record,
+            Access access = Access::kWrite);
 
   /// After it returns a kill loses nothing; a power failure loses what is not synced.
   Place append(std::span<const std::uint8_t> body);
@@ -72,6 +77,8 @@ class RecordLog {
   void remove_up_to(std::uint64_t number, bool bases);
 
   std::filesystem::path folder_;
+  Access access_;
+  std::unique_ptr<FolderLock> lock_;
   LogLimits limits_;
   Recovery recovery_;
   AppendFile segment_;

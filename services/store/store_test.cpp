@@ -61,6 +61,22 @@ TEST(Crc32c, KnownVectors) {
   EXPECT_EQ(crc32c({}), 0U);
 }
 
+TEST_F(Store, TwoProcessesDoNotWriteIntoOneFolder) {
+  TileStore store(root_ / "s", {});
+  store.put(message("a", 1));
+  try {
+    TileStore second(root_ / "s", {});
+    FAIL() << "opened twice";
+  } catch (const std::system_error& e) {
+    EXPECT_THAT(e.what(), testing::HasSubstr("is in use by another store"));
+  }
+  // Reading changes nothing, also while a record is being written.
+  std::ofstream(last_segment(root_ / "s"), std::ios::app) << "half a rec";
+  const auto size = fs::file_size(last_segment(root_ / "s"));
+  EXPECT_EQ(TileStore(root_ / "s", {}, Access::kRead).keys().size(), 1U);
+  EXPECT_EQ(fs::file_size(last_segment(root_ / "s")), size);
+}
+
 TEST_F(Store, TheGreatestRankWinsWhateverTheOrder) {
   std::vector<Rank> ranks = {{1, 1, 5}, {1, 1, 4}, {1, 2, 1}, {1, 1, 9}, {1, 2, 2}};
   std::sort(ranks.begin(), ranks.end());
@@ -73,7 +89,7 @@ TEST_F(Store, TheGreatestRankWinsWhateverTheOrder) {
       store.put(m);
     }
     ASSERT_EQ(store.rank("loam/r/map/tile/a"), (Rank{1, 2, 2}));
-    ASSERT_EQ(TileStore(root_ / "s", {}).get("loam/r/map/tile/a")->payload,
+    ASSERT_EQ(TileStore(root_ / "s", {}, Access::kRead).get("loam/r/map/tile/a")->payload,
               message("a", 2).payload);
   } while (std::next_permutation(ranks.begin(), ranks.end()));
 }

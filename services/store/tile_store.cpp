@@ -67,11 +67,14 @@ std::optional<StoredMessage> unpack(std::span<const std::uint8_t> in, bool with_
   return m;
 }
 
-TileStore::TileStore(const std::filesystem::path& folder, const StoreLimits& limits)
+TileStore::TileStore(const std::filesystem::path& folder, const StoreLimits& limits, Access access)
     : limits_(limits),
-      log_(folder, limits.log, [this](std::span<const std::uint8_t> body, const Place& place) {
-        on_record(body, place);
-      }) {}
+      log_(
+          folder, limits.log,
+          [this](std::span<const std::uint8_t> body, const Place& place) {
+            on_record(body, place);
+          },
+          access) {}
 
 void TileStore::on_record(std::span<const std::uint8_t> body, const Place& place) {
   const std::optional<StoredMessage> message = unpack(body, false);

@@ -46,7 +46,8 @@ enum class PutResult : std::uint8_t { kStored, kOld };
 
 class TileStore {
  public:
-  TileStore(const std::filesystem::path& folder, const StoreLimits& limits);
+  TileStore(const std::filesystem::path& folder, const StoreLimits& limits,
+            Access access = Access::kWrite);
 
   PutResult put(const StoredMessage& message);
   std::optional<StoredMessage> get(const std::string& key) const;
