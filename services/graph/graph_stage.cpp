@@ -15,23 +15,6 @@ constexpr int kTries = 2;
 
 static_assert(static_cast<int>(Verdict::kRemoved) == static_cast<int>(msg::LoopVerdict::MAX));
 
-Submap submap_of(const msg::Submap& message) {
-  Submap out;
-  out.first_sweep = message.first_sweep();
-  out.last_sweep = message.header()->sweep();
-  out.sweep = message.frame_sweep();
-  out.before_sweep = message.prev_frame_sweep();
-  out.instant_ns = message.instant_ns();
-  out.T_map_submap = pose_of(message.pose_map_submap());
-  out.step_covariance = covariance_of(message.step_covariance());
-  out.step_m = message.step_m();
-  out.connected = message.connected();
-  out.range_noise_m = static_cast<double>(message.range_noise_m());
-  const auto points = map_points_of(message.points());
-  out.points.assign(points.begin(), points.end());
-  return out;
-}
-
 }  // namespace
 
 GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
@@ -85,14 +68,21 @@ void GraphStage::catch_up(const msg::Header& first) {
       path_.push_back({p.instant_ns(), p.sweep(), pose_of(p.pose())});
     }
   }
-  std::size_t found = 0;
-  for (const SubmapMessage& submap : runtime::recall<msg::Submap>(
+  // A store has them all, mapping the last ones.
+  std::vector<SubmapMessage> submaps =
+      runtime::recall_at<msg::Submap>(stage_, stage_.keys().all_kept_submaps(), kTries, false);
+  for (SubmapMessage& submap : runtime::recall<msg::Submap>(
            stage_, Key::kSubmap, runtime::sweeps_from(first.run(), 0, first.sweep() - 1), kTries)) {
-    take(submap);
-    ++found;
+    submaps.push_back(std::move(submap));
   }
+  std::erase_if(submaps, [&](const SubmapMessage& m) { return m.run() != first.run(); });
+  std::stable_sort(submaps.begin(), submaps.end(),
+                   [](const SubmapMessage& a, const SubmapMessage& b) {
+                     return a->instant_ns() < b->instant_ns();
+                   });
+  for (const SubmapMessage& submap : submaps) take(submap);
   runtime::log_info("taken up in the middle of a run",
-                    {{"submaps", found}, {"poses", path_.size()}});
+                    {{"submaps", graph_.nodes().size()}, {"poses", path_.size()}});
 }
 
 void GraphStage::take(const SubmapMessage& message) {

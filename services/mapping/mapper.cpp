@@ -120,6 +120,11 @@ struct Mapper::State {
   Match searched(const MappingInput& input, const Prediction& prediction);
   Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
   bool left_map(const Match& match);
+  /// The map stays as it is.
+  bool is_fixed() const {
+    return config.mode == MappingMode::kLocalize ||
+           (config.mode == MappingMode::kExtend && !found_in_map);
+  }
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   bool goes_on(const MappingInput& input) const;
   MappingResult carry(const MappingInput& input);
@@ -149,6 +154,8 @@ struct Mapper::State {
   bool break_expected = false;
   // Where somebody says that it is.
   std::optional<Pose> told;
+  // In the map of an earlier run: not before may it be extended.
+  bool found_in_map = true;
   // In a row that met nothing of a map that stays as it is.
   std::uint32_t unmatched = 0;
   // Matches to come before anything is inserted.
@@ -165,7 +172,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
     T_map_odom = normalised(moved * input.T_odom_base.inverse());
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
-  const bool stays = config.mode == MappingMode::kLocalize;
+  const bool stays = is_fixed();
   if (new_frame || break_expected || told || (stays && gap_s > kWatched_s)) {
     // The pose that was given is of this moment, however long nothing was seen.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
@@ -209,7 +216,7 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
     if (!astray) return match;
     begin_search();
   }
-  if (config.mode != MappingMode::kLocalize || !bridging) return searched(input, prediction);
+  if (!is_fixed() || !bridging) return searched(input, prediction);
   return searched_everywhere(input, prediction);
 }
 
@@ -236,6 +243,7 @@ Match Mapper::State::searched_everywhere(const MappingInput& input, const Predic
   ++bridged_sweeps;
   if (match.ok) {
     bridging = lost = false;
+    found_in_map = true;
     unseen_s = 0.0;
     relocalizer.reset();
     settling -= std::min(settling, 1U);
@@ -287,7 +295,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   if (match.ok) unmatched = 0;
   const bool without_map = tiles.point_count() < config.founding_points;
   const bool founding = !match.ok && !bridging && without_map;
-  if (without_map && config.mode == MappingMode::kLocalize) {
+  if (without_map && is_fixed()) {
     result.health = Health::kLost;
     result.reason = "there is no map to find it in";
   } else if (match.ok && settling > 0) {
@@ -297,7 +305,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   } else if (match.ok) {
     result.health = match.degeneracy.degenerate ? Health::kDegenerate : Health::kOk;
     result.reason = policy.judge(match.T_map_base, match.residual_m);
-    if (config.mode == MappingMode::kLocalize) result.reason = "the map stays as it is";
+    if (is_fixed()) result.reason = "the map stays as it is";
   } else if (bridging) {
     // Also of a sweep without points: its pose is not in the map.
     const bool given_up = bridged_sweeps > config.bridge_sweeps;
@@ -321,7 +329,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
 
 // A map that does not grow ends somewhere: a prediction alone is no place in it for long.
 bool Mapper::State::left_map(const Match& match) {
-  if (config.mode != MappingMode::kLocalize || match.ok) return false;
+  if (!is_fixed() || match.ok) return false;
   if (++unmatched <= config.bridge_sweeps) return false;
   unmatched = 0;
   begin_search();
@@ -337,6 +345,7 @@ void Mapper::State::insert(const MappingInput& input, const Match& match, Mappin
   seen.found = result.health == Health::kOk || result.health == Health::kDegenerate;
   seen.degenerate = result.health == Health::kDegenerate;
   seen.range_noise_m = input.range_noise_m;
+  seen.origin_base = input.T_base_lidar.translation();
   if (!result.reason.empty()) {
     result.submap = submaps.add(seen);
     return;
@@ -356,8 +365,7 @@ void Mapper::State::insert(const MappingInput& input, const Match& match, Mappin
 
 // Nothing is to be settled before the odometry can be followed.
 bool Mapper::State::goes_on(const MappingInput& input) const {
-  const bool same_frame =
-      last ? input.odom_epoch == last->odom_epoch : config.mode != MappingMode::kLocalize;
+  const bool same_frame = last ? input.odom_epoch == last->odom_epoch : !is_fixed();
   return same_frame && !break_expected && !told;
 }
 
@@ -447,6 +455,7 @@ void Mapper::restore(const SavedMap& saved) {
   s.lately.begin(saved.T_map_base, saved.twist_per_s);
   s.last->covariance = bridge_covariance(s.config, 0.0);
   s.T_map_odom = saved.T_map_odom.value_or(Pose::Identity());
+  s.found_in_map = saved.found;
   s.last->T_odom_base = s.T_map_odom.inverse() * saved.T_map_base;
   s.break_expected = true;
 }

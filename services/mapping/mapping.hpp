@@ -111,6 +111,8 @@ struct SavedMap {
   Vector6 twist_per_s = Vector6::Zero();
   /// of that odometry epoch; unknown: the next sweep is searched for around T_map_base
   std::optional<Pose> T_map_odom;
+  /// the robot was found in it; where not, a map that is to be extended stays as it is until it is
+  bool found = true;
 };
 
 /// The direction that the data fixes least. Vectors are unit in base_link, zero when none is weak.

@@ -1,5 +1,7 @@
 #include "mapping/submap_builder.hpp"
 
+#include <algorithm>
+
 #include "mapping/grid_index.hpp"
 
 namespace zloam::mapping {
@@ -12,6 +14,16 @@ constexpr double kLeaf_m = 0.3;
 constexpr double kMoved_m = 0.1, kMoved_rad = 0.02;
 // Below this a submap tells no place.
 constexpr std::size_t kFewestPoints = 300;
+constexpr std::size_t kMostGroups = 64;
+
+/// Of two neighbours one.
+std::uint64_t joined_in_pairs(std::uint64_t bits) {
+  std::uint64_t out = 0;
+  for (unsigned i = 0; i < kMostGroups / 2; ++i) {
+    if ((bits >> (2 * i) & 3U) != 0) out |= std::uint64_t{1} << i;
+  }
+  return out;
+}
 
 }  // namespace
 
@@ -43,7 +55,26 @@ void SubmapBuilder::move(const SubmapInput& input) {
   counted_turn_ = input.T_map_base.linear();
 }
 
-void SubmapBuilder::take(PointSpan points, const Pose& T_first_base) {
+// Of the newest sweep. Where there are too many for one bit each, they count in groups.
+std::uint64_t SubmapBuilder::next_hit() {
+  if ((steps_.size() - 1) / group_ == kMostGroups) {
+    group_ *= 2;
+    for (Voxel& voxel : voxels_) voxel.hits = joined_in_pairs(voxel.hits);
+  }
+  return std::uint64_t{1} << ((steps_.size() - 1) / group_);
+}
+
+std::vector<Eigen::Vector3d> SubmapBuilder::origins(const Pose& T_submap_map) const {
+  std::vector<Eigen::Vector3d> out;
+  for (std::size_t first = 0; first < steps_.size(); first += group_) {
+    const std::size_t last = std::min(first + group_, steps_.size()) - 1;
+    const Step& step = steps_[(first + last) / 2];
+    out.emplace_back(T_submap_map * step.T_map_base * step.origin_base);
+  }
+  return out;
+}
+
+void SubmapBuilder::take(PointSpan points, const Pose& T_first_base, std::uint64_t hit) {
   for (const Point& point : points) {
     const Eigen::Vector3d p = T_first_base * point.position().cast<double>();
     if (!p.allFinite()) continue;
@@ -58,6 +89,7 @@ void SubmapBuilder::take(PointSpan points, const Pose& T_first_base) {
     voxel.sum += p;
     voxel.intensity += static_cast<double>(point.intensity);
     ++voxel.count;
+    voxel.hits |= hit;
   }
 }
 
@@ -75,11 +107,12 @@ std::optional<Submap> SubmapBuilder::add(const SubmapInput& input) {
   const double way_m = steps_.empty() ? 0.0 : steps_.back().way_m + step_m;
   const Matrix6 open = open_ + unfound_;
   steps_.push_back({input.sweep, input.instant_ns, input.T_map_base, way_m, input.covariance, open,
-                    frame_ + open + input.covariance, since_m_, connected_});
+                    frame_ + open + input.covariance, since_m_, connected_, input.origin_base});
   range_noise_m_ = input.range_noise_m;
   const Pose T_first_base = steps_.front().T_map_base.inverse() * input.T_map_base;
-  take(input.edges, T_first_base);
-  take(input.planes, T_first_base);
+  const std::uint64_t hit = next_hit();
+  take(input.edges, T_first_base, hit);
+  take(input.planes, T_first_base, hit);
   if (way_m >= way_m_) closed = close();
   return closed;
 }
@@ -94,6 +127,7 @@ void SubmapBuilder::clear() {
   steps_.clear();
   voxels_.clear();
   places_ = FlatIndex();
+  group_ = 1;
 }
 
 Submap SubmapBuilder::close() {
@@ -114,9 +148,12 @@ Submap SubmapBuilder::close() {
   out.range_noise_m = range_noise_m_;
   const Pose T_submap_first = frame.T_map_base.inverse() * steps_.front().T_map_base;
   out.points.reserve(voxels_.size());
+  out.hits.reserve(voxels_.size());
+  out.origins = origins(frame.T_map_base.inverse());
   for (const Voxel& voxel : voxels_) {
     const Eigen::Vector3f p = (T_submap_first * (voxel.sum / voxel.count)).cast<float>();
     out.points.push_back({p.x(), p.y(), p.z(), static_cast<float>(voxel.intensity / voxel.count)});
+    out.hits.push_back(voxel.hits);
   }
   // What came after the frame's sweep is the next one's.
   const Pose T_now_frame = steps_.back().T_map_base.inverse() * frame.T_map_base;

@@ -29,6 +29,8 @@ struct SubmapInput {
   /// the points left a direction open
   bool degenerate = false;
   double range_noise_m = 0.0;
+  /// of the sensor, base_link
+  Eigen::Vector3d origin_base = Eigen::Vector3d::Zero();
   /// frame base_link at the instant
   PointSpan edges, planes;
 };
@@ -50,6 +52,8 @@ class SubmapBuilder {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     double intensity = 0.0;
     std::uint32_t count = 0;
+    // Groups of sweeps that hit it.
+    std::uint64_t hits = 0;
   };
   struct Step {
     std::uint64_t sweep;
@@ -61,10 +65,13 @@ class SubmapBuilder {
     Matrix6 own, open, covariance;
     double since_m;
     bool connected;
+    Eigen::Vector3d origin_base;
   };
 
   void move(const SubmapInput& input);
-  void take(PointSpan points, const Pose& T_first_base);
+  void take(PointSpan points, const Pose& T_first_base, std::uint64_t hit);
+  std::uint64_t next_hit();
+  std::vector<Eigen::Vector3d> origins(const Pose& T_submap_map) const;
   Submap close();
   void clear();
 
@@ -73,6 +80,8 @@ class SubmapBuilder {
   std::vector<Step> steps_;
   FlatIndex places_;
   std::vector<Voxel> voxels_;
+  // Sweeps in a group.
+  std::size_t group_ = 1;
   double range_noise_m_ = 0.0;
   // Since the frame of the submap before.
   std::optional<Pose> T_map_base_before_;

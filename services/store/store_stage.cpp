@@ -62,9 +62,14 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   poses.newest = kHeldMessages;
   poses_ = &stage.inlet<msg::MapPose>(
       Key::kMapOdometry, poses, [this](const PoseMessage& pose) { return take_or_hold(pose); });
+  runtime::InletOptions submaps = poses;
+  submaps.ends_run = false;
+  submaps_ = &stage.inlet<msg::Submap>(
+      Key::kSubmap, submaps, [this](const SubmapMessage& submap) { return take_or_hold(submap); });
   const auto reply = [this](runtime::Answer& a) { answer(a); };
   stage.answer(stage.keys().all_tiles(), reply);
   stage.answer(stage.keys().of(Key::kMapOdometry), reply);
+  stage.answer(stage.keys().all_kept_submaps(), reply);
   stage.on_end_of_run([this](std::uint64_t) {
     fetches_left_ = kFetches;
     fetch();
@@ -95,6 +100,7 @@ void StoreStage::say_recovery() const {
 
 runtime::Outcome StoreStage::take_or_hold(const TileMessage& tile) {
   if (!publisher_.believes(source_of(tile.header()))) return hold(tiles_, tile.raw());
+  is_extended_ = tile.header().map_id() != tile.run();
   take(*tile, tile.raw().bytes);
   return runtime::Outcome::kProcessed;
 }
@@ -104,6 +110,12 @@ runtime::Outcome StoreStage::take_or_hold(const PoseMessage& pose) {
     return hold(poses_, pose.raw());
   }
   take(pose);
+  return runtime::Outcome::kProcessed;
+}
+
+runtime::Outcome StoreStage::take_or_hold(const SubmapMessage& submap) {
+  if (!publisher_.believes(source_of(submap.header()))) return hold(submaps_, submap.raw());
+  take(submap);
   return runtime::Outcome::kProcessed;
 }
 
@@ -158,6 +170,8 @@ void StoreStage::settle_held() {
       held.inlet->settle(std::move(held.message), [&](const runtime::Message& m) {
         if (held.inlet == tiles_) {
           take(message_of<msg::MapTile>(m.bytes), m.bytes);
+        } else if (held.inlet == submaps_) {
+          take(SubmapMessage(m));
         } else {
           take(PoseMessage(m));
         }
@@ -174,7 +188,7 @@ void StoreStage::settle_held() {
 
 bool StoreStage::is_believed(const Held& held) const {
   const Source source = source_of(*held.message.header);
-  if (held.inlet == tiles_) return publisher_.believes(source);
+  if (held.inlet != poses_) return publisher_.believes(source);
   return publisher_.believes(source, message_of<msg::MapPose>(held.message.bytes).instant_ns());
 }
 
@@ -185,10 +199,16 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
       bytes);
 }
 
+/// A replay in the map of another run only looks into it: done again, it begins as it did before.
+/// Unless it goes on with that map.
+bool StoreStage::only_looks(const msg::Header& header) const {
+  return header.replay() && header.map_id() != 0 && header.map_id() != header.run() &&
+         !is_extended_;
+}
+
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
-  // A replay in the map of another run only looks into it: done again, it begins as it did before.
-  if (header.replay() && header.map_id() != 0 && header.map_id() != header.run()) return;
+  if (only_looks(header)) return;
   // Sweep numbers start again with each run of a map, the sensor's time does not.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
   // The capture is replayed again: what is left of the last time would be the newer one, and a
@@ -206,6 +226,15 @@ void StoreStage::take(const PoseMessage& pose) {
   publisher_.stored(pose->instant_ns());
   const Rank rank{generations_.of(header.run(), header.map_id()), term, version};
   put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
+}
+
+// One may be empty: the last of a run says that no more come, and nothing is added to a map that
+// stays as it is.
+void StoreStage::take(const SubmapMessage& submap) {
+  const msg::Header& header = submap.header();
+  if (structs_of(submap->points()).empty()) return;
+  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), 0};
+  put(stage_.keys().kept_submap(submap->instant_ns()), Key::kSubmap, rank, submap.raw().bytes);
 }
 
 void StoreStage::put(const std::string& key, Key kind, const Rank& rank,

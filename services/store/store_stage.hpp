@@ -1,6 +1,6 @@
 #pragma once
-// Wires the tile store to the runtime: takes map/tile/** and the newest map/odometry, answers gets
-// for both.
+// Wires the tile store to the runtime: takes map/tile/**, the newest map/odometry and each
+// map/submap, answers gets for all of them.
 
 #include <condition_variable>
 #include <deque>
@@ -26,6 +26,7 @@ class StoreStage {
  private:
   using TileMessage = runtime::Received<msg::MapTile>;
   using PoseMessage = runtime::Received<msg::MapPose>;
+  using SubmapMessage = runtime::Received<msg::Submap>;
 
   struct Held {
     runtime::Inlet* inlet;
@@ -34,8 +35,11 @@ class StoreStage {
   };
   runtime::Outcome take_or_hold(const TileMessage& tile);
   runtime::Outcome take_or_hold(const PoseMessage& pose);
+  runtime::Outcome take_or_hold(const SubmapMessage& submap);
   void take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes);
+  bool only_looks(const msg::Header& header) const;
   void take(const PoseMessage& pose);
+  void take(const SubmapMessage& submap);
   /// Until its publisher was asked.
   runtime::Outcome hold(runtime::Inlet* inlet, const runtime::Message& message);
   Held take_oldest();
@@ -77,7 +81,10 @@ class StoreStage {
 
   runtime::Inlet* tiles_ = nullptr;
   runtime::Inlet* poses_ = nullptr;
+  runtime::Inlet* submaps_ = nullptr;
   LivePublisher publisher_;
+  /// tiles came of a run in the map of another one
+  bool is_extended_ = false;
   /// the publisher has just changed
   bool is_new_ = true;
   std::deque<Held> held_;

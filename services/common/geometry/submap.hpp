@@ -29,6 +29,10 @@ struct Submap {
   double range_noise_m = 0.0;
   /// frame of the submap: means of voxels, in the order in which these were first hit
   std::vector<MapPoint> points;
+  /// of each point the groups of consecutive sweeps that hit its voxel, one bit each, lowest first
+  std::vector<std::uint64_t> hits;
+  /// where the sensor was in the middle of each group, at most 64 of them
+  std::vector<Eigen::Vector3d> origins;
 };
 
 }  // namespace zloam

@@ -241,14 +241,19 @@ Buffer build(const HeaderFields& header, const CloudFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const Submap& s) {
-  Builder b(room_for(s.points.size() * sizeof(MapPoint)));
+  Builder b(room_for(s.points.size() * (sizeof(MapPoint) + sizeof(std::uint64_t))));
   const auto points = put_points(b, std::span<const MapPoint>(s.points));
   const auto covariance = put_covariance(b, s.step_covariance);
+  const auto hits = b.CreateVector(s.hits);
+  std::vector<msg::Vec3> places;
+  for (const Eigen::Vector3d& p : s.origins) places.emplace_back(p.x(), p.y(), p.z());
+  const auto origins = b.CreateVectorOfStructs(places);
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(s.T_map_submap);
-  return finish(b, msg::CreateSubmap(b, head, s.first_sweep, s.sweep, s.instant_ns, &pose,
-                                     covariance, s.step_m, s.connected,
-                                     static_cast<float>(s.range_noise_m), points, s.before_sweep));
+  return finish(
+      b, msg::CreateSubmap(b, head, s.first_sweep, s.sweep, s.instant_ns, &pose, covariance,
+                           s.step_m, s.connected, static_cast<float>(s.range_noise_m), points,
+                           s.before_sweep, hits, origins));
 }
 
 Buffer build(const HeaderFields& header, const LoopFields& f) {

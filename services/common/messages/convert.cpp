@@ -129,4 +129,25 @@ flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
   return put_square<12>(builder, *covariance);
 }
 
+Submap submap_of(const msg::Submap& message) {
+  Submap out;
+  out.first_sweep = message.first_sweep();
+  out.last_sweep = message.header()->sweep();
+  out.sweep = message.frame_sweep();
+  out.before_sweep = message.prev_frame_sweep();
+  out.instant_ns = message.instant_ns();
+  out.T_map_submap = pose_of(message.pose_map_submap());
+  out.step_covariance = covariance_of(message.step_covariance());
+  out.step_m = message.step_m();
+  out.connected = message.connected();
+  out.range_noise_m = static_cast<double>(message.range_noise_m());
+  const auto points = map_points_of(message.points());
+  out.points.assign(points.begin(), points.end());
+  if (message.hits() != nullptr) out.hits.assign(message.hits()->begin(), message.hits()->end());
+  for (const msg::Vec3& at : structs_of(message.origins())) {
+    out.origins.emplace_back(at.x(), at.y(), at.z());
+  }
+  return out;
+}
+
 }  // namespace zloam

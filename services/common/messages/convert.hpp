@@ -15,8 +15,10 @@
 #include "common/geometry/inertial_step.hpp"
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
+#include "common/geometry/submap.hpp"
 #include "schemas/common_generated.h"
 #include "schemas/odometry_features_generated.h"
+#include "schemas/submap_generated.h"
 
 namespace zloam {
 
@@ -36,6 +38,9 @@ std::span<const Struct> structs_of(const flatbuffers::Vector<const Struct*>* vec
   if (vector == nullptr) return {};
   return {reinterpret_cast<const Struct*>(vector->Data()), vector->size()};
 }
+
+/// Of a message that was verified.
+Submap submap_of(const msg::Submap& message);
 
 /// One copy of the points into a message under construction.
 flatbuffers::Offset<flatbuffers::Vector<const msg::Point*>> put_points(

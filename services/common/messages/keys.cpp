@@ -58,6 +58,8 @@ constexpr std::array kTable = {
            N::kSweep, "newest 1", kSweep_bytes},
     KeyRow{Key::kSubmap, "map/submap", "submap", "mapping", C::kLiveDrop, "data", N::kSweep,
            "lossless", kTile_bytes},
+    KeyRow{Key::kKeptSubmap, "map/submap/<instant_ns>", "submap", "store", C::kQuery, "data_low",
+           N::kNone, "query", kTile_bytes},
     KeyRow{Key::kGraphPoses, "graph/poses", "graph_poses", "graph", C::kDrop, "data", N::kSweep,
            "newest 1", kTile_bytes},
     KeyRow{Key::kGraphLoop, "graph/loop", "loop", "graph", C::kDrop, "data", N::kSeq, "lossless"},
@@ -171,6 +173,12 @@ std::string Keys::tile(std::string_view layer, int i, int j, int k) const {
 }
 
 std::string Keys::all_tiles() const { return below("map/tile/**"); }
+
+std::string Keys::kept_submap(std::int64_t instant_ns) const {
+  return below("map/submap/" + std::to_string(instant_ns));
+}
+
+std::string Keys::all_kept_submaps() const { return below("map/submap/*"); }
 
 namespace {
 std::string service(std::string_view stage, std::string_view instance, std::string_view leaf) {

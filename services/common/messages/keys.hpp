@@ -30,6 +30,7 @@ enum class Key : std::uint8_t {
   kMapCloud,
   kSweepRegistered,
   kSubmap,
+  kKeptSubmap,
   kGraphPoses,
   kGraphLoop,
   kPathOdometry,
@@ -94,6 +95,8 @@ class Keys {
   std::string flow_ack(std::string_view sink) const;
   std::string tile(std::string_view layer, int i, int j, int k) const;
   std::string all_tiles() const;
+  std::string kept_submap(std::int64_t instant_ns) const;
+  std::string all_kept_submaps() const;
   std::string status(std::string_view stage, std::string_view instance) const;
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string time(std::string_view stage, std::string_view instance) const;

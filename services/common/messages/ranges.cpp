@@ -382,10 +382,10 @@ std::string range_error(const msg::Status& m) {
 }
 
 std::string range_error(const msg::Submap& m) {
+  Checker c;
   // The last of a run may be empty: it says that no more come.
   const std::uint64_t last = m.header() == nullptr ? 0 : m.header()->sweep();
-  return Checker()
-      .header(m.header())
+  c.header(m.header())
       .require(m.first_sweep() <= m.frame_sweep() && m.frame_sweep() <= last,
                "frame_sweep lies outside of the submap")
       .time(m.instant_ns(), "instant_ns")
@@ -395,7 +395,12 @@ std::string range_error(const msg::Submap& m) {
       .require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
                "range_noise_m is negative or not finite")
       .finite_points(m.points(), "points")
-      .take();
+      .parallel_if_there(m.points(), m.hits(), "hits");
+  const auto origins = structs_of(m.origins());
+  // One bit of a point's hits each.
+  c.require(origins.size() <= 64, "origins are more than 64");
+  for (const msg::Vec3& origin : origins) c.vec(&origin, "origins");
+  return c.take();
 }
 
 std::string range_error(const msg::Sweep& m) {
