@@ -35,7 +35,7 @@ hits=$(grep -rnE "^\s*#\s*include\s+\"($(echo $stages | tr ' ' '|'))/" services/
 hits=$(grep -rnE '^[^#]*(pcl_io|vtk)' --include=CMakeLists.txt services tests CMakeLists.txt || true)
 [ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
 for entry in services/*; do
-  case " common monitor router README.md stages.json $stages " in
+  case " common monitor router sessions README.md stages.json $stages " in
     *" $(basename "$entry") "*) ;;
     *) complain "unexpected $entry: it is not in services/stages.json" ;;
   esac

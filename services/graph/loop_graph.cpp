@@ -22,6 +22,9 @@ constexpr double kSame_m = 1.5, kSame_rad = 0.15;
 constexpr double kSameGuess_m = 4.0;
 // Rounding, and no other poses.
 constexpr double kUnmoved_m = 1e-6;
+// Loops that must agree on where two sessions lie to each other, where nothing else tells it; and
+// places that are verified for it.
+constexpr std::size_t kJoining = 3, kStrangeCandidates = 8;
 // Of the motion between two submaps, one sigma: no covariance is smaller.
 constexpr double kLeast_m = 1e-3, kLeast_rad = 1e-4;
 
@@ -79,23 +82,37 @@ struct LoopGraph::State {
     Pose T_world_place = Pose::Identity();
     Pose T_place_submap = Pose::Identity();
   };
+  struct Aligned {
+    std::vector<Pose> poses;
+    // Of each session, as State::frames.
+    std::vector<std::size_t> frames;
+  };
   struct Candidate {
     std::size_t from;
     Pose guess;
     std::size_t agreeing;
   };
 
-  void add_node(const Submap& submap);
+  void add_node(const Submap& submap, std::size_t session);
   std::vector<Candidate> candidates(std::size_t to,
                                     const std::vector<std::optional<Matrix6>>& known) const;
-  std::vector<Candidate> distinct(const std::vector<Candidate>& all) const;
+  std::vector<Candidate> strange_candidates(std::size_t to,
+                                            const std::vector<std::optional<Matrix6>>& known) const;
+  std::optional<Candidate> seen_from(std::size_t from, std::size_t to) const;
+  std::vector<Candidate> distinct(const std::vector<Candidate>& all, std::size_t most) const;
   std::optional<Loop> best_of(std::size_t to, const std::vector<Candidate>& candidates,
                               const std::vector<std::optional<Matrix6>>& known,
                               std::vector<Loop>& looked_at);
+  bool agrees(const Loop& a, const Loop& b) const;
   bool bears_out(const Loop& a, const Loop& b) const;
   bool confirm(Loop loop, std::vector<Loop>& decided);
+  bool join(Loop loop, std::vector<Loop>& decided);
+  bool joins_strangers(const Loop& loop) const;
+  bool decide(std::size_t to, std::vector<Loop>& decided);
   Loop of_submaps(Loop loop) const;
-  bool contradicts_mapping() const;
+  std::vector<Between> session_links() const;
+  Aligned aligned() const;
+  bool contradicts(const std::vector<Pose>& poses) const;
   Loop* contradiction(const std::vector<Pose>& poses);
   bool optimise(std::vector<Loop>& decided);
   bool move_to(const std::vector<Pose>& poses);
@@ -104,7 +121,10 @@ struct LoopGraph::State {
   GraphConfig config;
   std::vector<Node> nodes;
   std::vector<Place> places;
-  // chain[i]: from i to i + 1.
+  // Nodes of each session, and the session in whose frame it lies.
+  std::vector<std::vector<std::size_t>> sessions;
+  std::vector<std::size_t> frames;
+  // From each node to the next one of its session.
   std::vector<Between> chain;
   std::vector<Loop> loops;
   std::uint32_t revision = 0;
@@ -112,22 +132,27 @@ struct LoopGraph::State {
   double chi2_before = 0.0, chi2_after = 0.0, last_move_m = 0.0;
 };
 
-void LoopGraph::State::add_node(const Submap& submap) {
+void LoopGraph::State::add_node(const Submap& submap, std::size_t session) {
   const std::vector<Eigen::Vector3f> points = points_near(submap, config.verify.reach_m);
   Place place{Surfaces(points), place_features(place_image(points, config.place), config.place)};
   place.T_place_submap.linear() = submap.T_map_submap.linear();
   place.T_map_place.translation() = submap.T_map_submap.translation();
-  Node node{submap.sweep,        submap.instant_ns, submap.T_map_submap,
-            submap.T_map_submap, submap.connected,  submap.step_m};
+  Node node{
+      session,          submap.sweep, submap.instant_ns, submap.T_map_submap, submap.T_map_submap,
+      submap.connected, submap.step_m};
+  while (sessions.size() <= session) {
+    frames.push_back(sessions.size());
+    sessions.emplace_back();
+  }
   place.T_world_place = place.T_map_place;
-  if (!nodes.empty()) {
-    const Place& before = places.back();
+  if (std::vector<std::size_t>& own = sessions[session]; !own.empty()) {
+    const Place& before = places[own.back()];
     Between step;
-    step.from = nodes.size() - 1;
+    step.from = own.back();
     step.to = nodes.size();
     step.T_from_to = before.T_map_place.inverse() * place.T_map_place;
     // Of what was missed between the two nothing is known but where both are.
-    const bool missed = submap.before_sweep != nodes.back().sweep;
+    const bool missed = submap.before_sweep != nodes[step.from].sweep;
     if (missed) node.connected = false;
     step.covariance =
         carried(submap.step_covariance, place.T_place_submap) + diagonal(kLeast_m, kLeast_rad);
@@ -139,8 +164,9 @@ void LoopGraph::State::add_node(const Submap& submap) {
     }
     chain.push_back(step);
     place.T_world_place = before.T_world_place * step.T_from_to;
-    node.way_m += nodes.back().way_m;
+    node.way_m += nodes[step.from].way_m;
   }
+  sessions[session].push_back(nodes.size());
   node.T_world_submap = place.T_world_place * place.T_place_submap;
   nodes.push_back(node);
   places.push_back(std::move(place));
@@ -165,7 +191,9 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
     std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
   std::vector<Candidate> near, seen;
   for (std::size_t from = 0; from < to; ++from) {
-    if (nodes[to].way_m - nodes[from].way_m < config.loop_way_m || !known[from]) continue;
+    const bool same_session = nodes[from].session == nodes[to].session;
+    if (!known[from]) continue;
+    if (same_session && nodes[to].way_m - nodes[from].way_m < config.loop_way_m) continue;
     const Pose expected = places[from].T_world_place.inverse() * places[to].T_world_place;
     const double distance_m = expected.translation().head<2>().norm();
     const double sigma_m = std::sqrt(known[from]->topLeftCorner<2, 2>().trace());
@@ -175,11 +203,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
       continue;
     }
     if (distance_m > kReach_m + config.verify.radius_m + std::sqrt(kPlaneChi2) * sigma_m) continue;
-    const PlaceMatch match = match_places(places[from].features, places[to].features, config.place);
-    if (match.agreeing == 0) continue;
-    Pose guess = turned_by(match.yaw_rad);
-    guess.translation() << match.shift_m, 0.0;
-    seen.push_back({from, guess, match.agreeing});
+    if (const auto candidate = seen_from(from, to)) seen.push_back(*candidate);
   }
   std::stable_sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {
     return a.guess.translation().squaredNorm() < b.guess.translation().squaredNorm();
@@ -187,21 +211,46 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
   std::stable_sort(seen.begin(), seen.end(),
                    [](const Candidate& a, const Candidate& b) { return a.agreeing > b.agreeing; });
   near.insert(near.end(), seen.begin(), seen.end());
-  return distinct(near);
+  return distinct(near, config.candidates);
+}
+
+// By what both look like from above.
+std::optional<LoopGraph::State::Candidate> LoopGraph::State::seen_from(std::size_t from,
+                                                                       std::size_t to) const {
+  const PlaceMatch match = match_places(places[from].features, places[to].features, config.place);
+  if (match.agreeing == 0) return std::nullopt;
+  Pose guess = turned_by(match.yaw_rad);
+  guess.translation() << match.shift_m, 0.0;
+  return Candidate{from, guess, match.agreeing};
+}
+
+// Of the sessions of which nobody knows where they lie.
+std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
+    std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
+  std::vector<Candidate> seen;
+  for (std::size_t from = 0; from < to; ++from) {
+    if (known[from]) continue;
+    if (const auto candidate = seen_from(from, to)) seen.push_back(*candidate);
+  }
+  std::stable_sort(seen.begin(), seen.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.agreeing > b.agreeing; });
+  return distinct(seen, kStrangeCandidates);
 }
 
 // Of those that say the same of where the newest submap is the first one.
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::distinct(
-    const std::vector<Candidate>& all) const {
+    const std::vector<Candidate>& all, std::size_t most) const {
+  const auto frame = [&](const Candidate& c) { return frames[nodes[c.from].session]; };
   std::vector<Candidate> out;
   for (const Candidate& candidate : all) {
     const Pose here = places[candidate.from].T_world_place * candidate.guess;
     const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& other) {
       const Pose there = places[other.from].T_world_place * other.guess;
-      return (here.translation() - there.translation()).head<2>().norm() < kSameGuess_m;
+      return frame(candidate) == frame(other) &&
+             (here.translation() - there.translation()).head<2>().norm() < kSameGuess_m;
     });
     if (!known) out.push_back(candidate);
-    if (out.size() == config.candidates) break;
+    if (out.size() == most) break;
   }
   return out;
 }
@@ -221,8 +270,10 @@ std::optional<Loop> LoopGraph::State::best_of(std::size_t to,
     loop.covariance = overlap.covariance;
     loop.overlap = overlap.share;
     loop.residual_m = overlap.residual_m;
-    const Pose expected = places[loop.from].T_world_place.inverse() * places[to].T_world_place;
-    loop.chi2 = squared_distance(expected, loop.T_from_to, *known[loop.from] + loop.covariance);
+    if (const auto& uncertainty = known[loop.from]) {
+      const Pose expected = places[loop.from].T_world_place.inverse() * places[to].T_world_place;
+      loop.chi2 = squared_distance(expected, loop.T_from_to, *uncertainty + loop.covariance);
+    }
     loop.verdict = loop.overlap < config.verify.overlap                  ? Verdict::kLittleOverlap
                    : overlap.weakest_share < config.verify.weakest_share ? Verdict::kWeak
                    : !(loop.chi2 < config.most_chi2)                     ? Verdict::kImpossible
@@ -250,15 +301,21 @@ std::optional<Loop> LoopGraph::State::best_of(std::size_t to,
   return out;
 }
 
-// Around the ring of both loops and the ways between their ends.
+// Near by, along the ways between their ends.
 bool LoopGraph::State::bears_out(const Loop& a, const Loop& b) const {
+  const auto is_near = [&](std::size_t i, std::size_t j) {
+    return nodes[i].session == nodes[j].session &&
+           std::abs(nodes[i].way_m - nodes[j].way_m) <= config.confirm_way_m;
+  };
+  return is_near(a.to, b.to) && is_near(a.from, b.from) && agrees(a, b);
+}
+
+// Around the ring of both loops and the ways between their ends, which are of the same sessions.
+bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
   if (a.to == b.to) return false;
   const auto way_m = [&](std::size_t i, std::size_t j) {
     return std::abs(nodes[i].way_m - nodes[j].way_m);
   };
-  if (way_m(a.to, b.to) > config.confirm_way_m || way_m(a.from, b.from) > config.confirm_way_m) {
-    return false;
-  }
   const auto along = [&](std::size_t i, std::size_t j) {
     return places[i].T_map_place.inverse() * places[j].T_map_place;
   };
@@ -286,15 +343,94 @@ bool LoopGraph::State::confirm(Loop loop, std::vector<Loop>& decided) {
   return accepted;
 }
 
+bool LoopGraph::State::joins_strangers(const Loop& loop) const {
+  return frames[nodes[loop.from].session] != frames[nodes[loop.to].session];
+}
+
+// Nothing but loops tells where two sessions lie to each other: more of them must say the same, and
+// more than contradict it.
+bool LoopGraph::State::join(Loop loop, std::vector<Loop>& decided) {
+  std::vector<Loop*> agreeing;
+  std::size_t others = 0;
+  for (Loop& other : loops) {
+    const bool same_sessions = nodes[other.from].session == nodes[loop.from].session &&
+                               nodes[other.to].session == nodes[loop.to].session;
+    if (other.verdict != Verdict::kAlone || !same_sessions) continue;
+    if (agrees(loop, other)) {
+      agreeing.push_back(&other);
+    } else {
+      ++others;
+    }
+  }
+  const bool accepted = agreeing.size() + 1 >= kJoining && agreeing.size() + 1 > others;
+  if (accepted) {
+    loop.verdict = Verdict::kAccepted;
+    for (Loop* other : agreeing) {
+      other->verdict = Verdict::kAccepted;
+      decided.push_back(*other);
+    }
+  }
+  loops.push_back(loop);
+  decided.push_back(loop);
+  return accepted;
+}
+
+// What the loops in force say of where two sessions lie to each other.
+std::vector<Between> LoopGraph::State::session_links() const {
+  std::vector<Between> links;
+  for (const Loop& loop : loops) {
+    Between link;
+    link.from = nodes[loop.from].session;
+    link.to = nodes[loop.to].session;
+    if (loop.verdict != Verdict::kAccepted || link.from == link.to) continue;
+    const Pose& T_map_to = places[loop.to].T_map_place;
+    link.T_from_to = places[loop.from].T_map_place * loop.T_from_to * T_map_to.inverse();
+    link.covariance = carried(loop.covariance, T_map_to);
+    link.robust = true;
+    links.push_back(link);
+  }
+  return links;
+}
+
+// Where mapping had all, with the sessions laid upon each other where loops say how.
+LoopGraph::State::Aligned LoopGraph::State::aligned() const {
+  Aligned out;
+  std::vector<Pose> T_world_map(sessions.size(), Pose::Identity());
+  for (std::size_t i = 0; i < sessions.size(); ++i) out.frames.push_back(i);
+  const std::vector<Between> links = session_links();
+  for (const Between& link : links) {
+    const std::size_t a = out.frames[link.from], b = out.frames[link.to];
+    if (a == b) continue;
+    Pose T_a_b = T_world_map[link.from] * link.T_from_to * T_world_map[link.to].inverse();
+    if (b < a) T_a_b = T_a_b.inverse();
+    // All that lies in the later one's frame goes along.
+    for (std::size_t i = 0; i < sessions.size(); ++i) {
+      if (out.frames[i] != std::max(a, b)) continue;
+      T_world_map[i] = T_a_b * T_world_map[i];
+      out.frames[i] = std::min(a, b);
+    }
+  }
+  if (!links.empty()) {
+    const Optimised laid = optimised(T_world_map, links);
+    if (laid.converged) T_world_map = laid.poses;
+  }
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const std::size_t session = nodes[i].session;
+    const Pose& T_map_place = places[i].T_map_place;
+    const bool moved = out.frames[session] != session;
+    out.poses.push_back(moved ? T_world_map[session] * T_map_place : T_map_place);
+  }
+  return out;
+}
+
 // Mapping may have closed the loops by itself, by matching to what it saw the first time. Then they
 // would only add their own errors to its poses.
-bool LoopGraph::State::contradicts_mapping() const {
+bool LoopGraph::State::contradicts(const std::vector<Pose>& poses) const {
   double sum = 0.0;
   std::size_t count = 0;
   for (const Loop& loop : loops) {
     if (loop.verdict != Verdict::kAccepted) continue;
-    const double off =
-        chi2(factor_of(loop), places[loop.from].T_map_place, places[loop.to].T_map_place);
+    const double off = chi2(factor_of(loop), poses[loop.from], poses[loop.to]);
     if (off > config.most_chi2) return true;
     sum += off;
     ++count;
@@ -317,12 +453,11 @@ Loop* LoopGraph::State::contradiction(const std::vector<Pose>& poses) {
 // From mapping's poses each time: what comes out is a matter of the loops in force alone. True: the
 // poses have changed.
 bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
-  std::vector<Pose> mapped;
-  for (const Place& place : places) mapped.push_back(place.T_map_place);
-  std::vector<Pose> poses = mapped;
+  Aligned start = aligned();
+  std::vector<Pose> poses = start.poses;
   fitted = true;
-  while (contradicts_mapping()) {
-    const Optimised result = optimised(mapped, factors(false));
+  while (contradicts(start.poses)) {
+    const Optimised result = optimised(start.poses, factors(false));
     fitted = result.converged;
     if (!fitted) return false;
     chi2_before = result.chi2_before;
@@ -332,8 +467,10 @@ bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
     if (!worst) break;
     worst->verdict = Verdict::kTakenBack;
     decided.push_back(*worst);
-    poses = mapped;
+    start = aligned();
+    poses = start.poses;
   }
+  frames = start.frames;
   return move_to(poses);
 }
 
@@ -365,20 +502,30 @@ Loop LoopGraph::State::of_submaps(Loop loop) const {
   return loop;
 }
 
-Update LoopGraph::add(const Submap& submap) {
-  State& s = *state_;
-  s.add_node(submap);
-  const std::size_t to = s.nodes.size() - 1;
+// The loop that the newest submap closes with what it is known to lie near, and with what may lie
+// anywhere. True: loops in force have come.
+bool LoopGraph::State::decide(std::size_t to, std::vector<Loop>& decided) {
   std::vector<Pose> world;
-  for (const State::Place& place : s.places) world.push_back(place.T_world_place);
-  const auto known = uncertainties(to, world, s.factors(true));
-  Update update;
-  const auto best = s.best_of(to, s.candidates(to, known), known, update.loops);
-  if (best && best->verdict != Verdict::kAlone) {
-    update.loops.push_back(*best);
-  } else if (best && s.confirm(*best, update.loops)) {
-    update.revised = s.optimise(update.loops);
+  for (const Place& place : places) world.push_back(place.T_world_place);
+  const auto known = uncertainties(to, world, factors(true));
+  bool accepted = false;
+  for (const auto& from : {candidates(to, known), strange_candidates(to, known)}) {
+    const auto best = best_of(to, from, known, decided);
+    if (!best) continue;
+    if (best->verdict != Verdict::kAlone) {
+      decided.push_back(*best);
+    } else {
+      accepted |= joins_strangers(*best) ? join(*best, decided) : confirm(*best, decided);
+    }
   }
+  return accepted;
+}
+
+Update LoopGraph::add(const Submap& submap, std::size_t session) {
+  State& s = *state_;
+  s.add_node(submap, session);
+  Update update;
+  if (s.decide(s.nodes.size() - 1, update.loops)) update.revised = s.optimise(update.loops);
   for (Loop& loop : update.loops) loop = s.of_submaps(loop);
   return update;
 }
@@ -412,20 +559,36 @@ std::uint32_t LoopGraph::revision() const { return state_->revision; }
 double LoopGraph::chi2_before() const { return state_->chi2_before; }
 double LoopGraph::chi2_after() const { return state_->chi2_after; }
 
-Pose LoopGraph::corrected(std::int64_t instant_ns, const Pose& T_map_base) const {
+std::size_t LoopGraph::frame_of(std::size_t session) const { return state_->frames.at(session); }
+
+std::vector<Between> LoopGraph::factors() const {
+  std::vector<Between> all = state_->factors(false);
+  for (Between& factor : all) {
+    const Pose& from = state_->places[factor.from].T_place_submap;
+    const Pose& to = state_->places[factor.to].T_place_submap;
+    factor.T_from_to = from.inverse() * factor.T_from_to * to;
+    factor.covariance = carried(factor.covariance, to.inverse());
+  }
+  return all;
+}
+
+Pose LoopGraph::corrected(std::int64_t instant_ns, const Pose& T_map_base,
+                          std::size_t session) const {
+  if (session >= state_->sessions.size()) return T_map_base;
+  const std::vector<std::size_t>& own = state_->sessions[session];
   const std::vector<Node>& nodes = state_->nodes;
-  if (nodes.empty()) return T_map_base;
-  const auto correction = [&](const Node& n) {
-    return n.T_world_submap * n.T_map_submap.inverse();
+  const auto correction = [&](std::size_t i) {
+    return nodes[i].T_world_submap * nodes[i].T_map_submap.inverse();
   };
-  const auto after =
-      std::upper_bound(nodes.begin(), nodes.end(), instant_ns,
-                       [](std::int64_t instant, const Node& n) { return instant < n.instant_ns; });
-  if (after == nodes.begin()) return correction(nodes.front()) * T_map_base;
-  if (after == nodes.end()) return correction(nodes.back()) * T_map_base;
-  const Node& before = *(after - 1);
-  const double share = static_cast<double>(instant_ns - before.instant_ns) /
-                       static_cast<double>(after->instant_ns - before.instant_ns);
+  const auto after = std::upper_bound(
+      own.begin(), own.end(), instant_ns,
+      [&](std::int64_t instant, std::size_t i) { return instant < nodes[i].instant_ns; });
+  if (own.empty()) return T_map_base;
+  if (after == own.begin()) return correction(own.front()) * T_map_base;
+  if (after == own.end()) return correction(own.back()) * T_map_base;
+  const std::size_t before = *(after - 1);
+  const double share = static_cast<double>(instant_ns - nodes[before].instant_ns) /
+                       static_cast<double>(nodes[*after].instant_ns - nodes[before].instant_ns);
   // Both ends of the stretch say where the pose is; what they differ by is spread over it.
   const Pose by_first = correction(before) * T_map_base;
   const Pose by_second = correction(*after) * T_map_base;

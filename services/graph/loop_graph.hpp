@@ -9,6 +9,11 @@
 // submaps and on the loops that are in force, never on the order in which these came: without a
 // loop all is as if it had never been.
 //
+// Submaps come of one session or of several: drives of their own, each in a map of its own. Where
+// two sessions lie to each other is not known before loops say so: three that agree, and more than
+// say anything else. Until then each stays in its own frame; afterwards they are one graph, in the
+// frame of the first one.
+//
 // Frames: a place has the origin of its submap and the axes of the map as mapping had them, so that
 // it is seen along gravity. It is a matter of this file's inside; loops are between submaps.
 
@@ -56,13 +61,14 @@ struct Loop {
 };
 
 struct Node {
+  std::size_t session = 0;
   std::uint64_t sweep = 0;
   std::int64_t instant_ns = 0;
   /// where mapping had the submap, and where the graph has it
   Pose T_map_submap = Pose::Identity();
   Pose T_world_submap = Pose::Identity();
   bool connected = true;
-  /// since the first submap, m
+  /// since the first submap of the session, m
   double way_m = 0.0;
 };
 
@@ -80,8 +86,8 @@ class LoopGraph {
   LoopGraph(LoopGraph&&) noexcept;
   LoopGraph& operator=(LoopGraph&&) noexcept;
 
-  /// In the order of their sweeps.
-  Update add(const Submap& submap);
+  /// In the order of their sweeps in each session; sessions are numbered from 0.
+  Update add(const Submap& submap, std::size_t session = 0);
   /// Takes a loop out of force, for good. False: there is none in force between these two.
   bool remove(std::size_t from, std::size_t to);
 
@@ -100,7 +106,11 @@ class LoopGraph {
   double chi2_after() const;
   /// Where a pose of mapping's lies in the world that the graph has made: between two submaps as
   /// both were moved. Identity on both before the first.
-  Pose corrected(std::int64_t instant_ns, const Pose& T_map_base) const;
+  Pose corrected(std::int64_t instant_ns, const Pose& T_map_base, std::size_t session = 0) const;
+  /// The session in whose frame this one lies; its own number while no loop joins it to another.
+  std::size_t frame_of(std::size_t session) const;
+  /// What the poses were fitted to: the ways between submaps, and the loops in force.
+  std::vector<Between> factors() const;
 
  private:
   struct State;

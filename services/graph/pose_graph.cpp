@@ -3,7 +3,9 @@
 #include <ceres/ceres.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <array>
+#include <numeric>
 
 namespace zloam::graph {
 namespace {
@@ -70,6 +72,25 @@ Pose pose_of(const State& state) {
   return pose;
 }
 
+/// The first pose of each part that factors connect.
+std::vector<std::size_t> firsts_of_parts(std::size_t count, std::span<const Between> factors) {
+  std::vector<std::size_t> before(count);
+  std::iota(before.begin(), before.end(), std::size_t{0});
+  const auto first_of = [&](std::size_t i) {
+    while (before[i] != i) i = before[i] = before[before[i]];
+    return i;
+  };
+  for (const Between& factor : factors) {
+    const std::size_t a = first_of(factor.from), b = first_of(factor.to);
+    before[std::max(a, b)] = std::min(a, b);
+  }
+  std::vector<std::size_t> firsts;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (first_of(i) == i) firsts.push_back(i);
+  }
+  return firsts;
+}
+
 ceres::Solver::Options solver_options() {
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
@@ -103,8 +124,10 @@ Optimised optimised(std::vector<Pose> poses, std::span<const Between> factors) {
     problem.AddParameterBlock(state.translation.data(), 3);
     problem.AddParameterBlock(state.rotation.data(), 4, new ceres::EigenQuaternionManifold);
   }
-  problem.SetParameterBlockConstant(states.front().translation.data());
-  problem.SetParameterBlockConstant(states.front().rotation.data());
+  for (const std::size_t first : firsts_of_parts(states.size(), factors)) {
+    problem.SetParameterBlockConstant(states[first].translation.data());
+    problem.SetParameterBlockConstant(states[first].rotation.data());
+  }
   for (const Between& factor : factors) {
     auto* cost =
         new ceres::AutoDiffCostFunction<BetweenCost, 6, 3, 4, 3, 4>(new BetweenCost(factor));

@@ -1,6 +1,7 @@
 #pragma once
-// Poses that fit all relative ones best: SE(3) between-factors, least squares by Ceres, the first
-// pose held. Loops count robustly, so that one that is wrong does not bend the whole.
+// Poses that fit all relative ones best: SE(3) between-factors, least squares by Ceres. Of poses
+// that factors connect the first one is held. Loops count robustly, so that one that is wrong does
+// not bend the whole.
 
 #include <cstddef>
 #include <span>

@@ -103,6 +103,9 @@ COMMANDS: dict[str, Kind] = {
     "bin/zloam map convert out/demo/map.pcd map.laz --voxel 0.2": Form(
         "services/monitor/tests/test_maps.py"
     ),
+    "bin/zloam map merge out/monday out/tuesday --out out/week": Form(
+        "tests/integration/test_sessions.py"
+    ),
     "bin/zloam map grid out/demo/map.pcd grid.yaml": Form(
         "services/monitor/tests/test_map_exports.py"
     ),

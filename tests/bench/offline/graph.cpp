@@ -1,9 +1,10 @@
-// zloam-graph-offline SUBMAPS EST OUT [--drift SHARE RAD_PER_M SEED]
+// zloam-graph-offline SUBMAPS EST OUT [--drift SHARE RAD_PER_M SEED] [--points FILE]
 //
 // The graph of loops over the submaps that zloam-offline --submaps has written, without any
 // messages. Writes graph.tum (the poses of EST as the graph has them), chain.tum (without loops),
 // submaps.tum (where mapping had the submaps) and loops.csv, and prints its cost. --drift makes the motion between submaps worse, by a share of the
-// way and a turn for each metre, one sigma, and their covariance likewise.
+// way and a turn for each metre, one sigma, and their covariance likewise. --points: all points, float32 x y z in
+// the map as mapping had it, and 1 for what moved.
 
 #include <cstdio>
 #include <fstream>
@@ -15,13 +16,14 @@
 
 #include "graph/loop_graph.hpp"
 #include "run_files.hpp"
+#include "sessions/standing.hpp"
 #include "submap_file.hpp"
 
 namespace zloam::offline {
 namespace {
 
 struct Options {
-  std::string submaps, est, out;
+  std::string submaps, est, out, points;
   double drift_share = 0.0, drift_rad_per_m = 0.0;
   unsigned seed = 1;
 };
@@ -34,13 +36,16 @@ Options parse_options(const std::vector<std::string>& args) {
       o.drift_share = std::stod(args.at(++i));
       o.drift_rad_per_m = std::stod(args.at(++i));
       o.seed = static_cast<unsigned>(std::stoul(args.at(++i)));
+    } else if (args[i] == "--points") {
+      o.points = args.at(++i);
     } else {
       positional.push_back(args[i]);
     }
   }
   if (positional.size() != 3) {
     throw std::invalid_argument(
-        "usage: zloam-graph-offline SUBMAPS EST OUT [--drift SHARE RAD_PER_M SEED]");
+        "usage: zloam-graph-offline SUBMAPS EST OUT [--drift SHARE RAD_PER_M SEED] [--points "
+        "FILE]");
   }
   o.submaps = positional[0];
   o.est = positional[1];
@@ -105,9 +110,30 @@ class Drift {
   Pose before_ = Pose::Identity(), now_ = Pose::Identity();
 };
 
+void write_points(const std::string& path, const std::vector<Submap>& submaps) {
+  std::ofstream file(path, std::ios::binary);
+  double spent_ms = 0.0;
+  for (const Submap& submap : submaps) {
+    const double before_ms = cpu_ms();
+    const std::vector<bool> moving = sessions::moving_points(submap);
+    spent_ms += cpu_ms() - before_ms;
+    for (std::size_t i = 0; i < moving.size(); ++i) {
+      const MapPoint& p = submap.points[i];
+      const Eigen::Vector3f at =
+          (submap.T_map_submap * Eigen::Vector3d(p.x, p.y, p.z)).cast<float>();
+      for (const float value : {at.x(), at.y(), at.z(), moving[i] ? 1.0F : 0.0F}) {
+        submap_file::put(file, value);
+      }
+    }
+  }
+  std::printf("what moved: CPU ms/submap %.1f\n",
+              spent_ms / static_cast<double>(std::max<std::size_t>(1, submaps.size())));
+}
+
 int run(const std::vector<std::string>& args) {
   const Options options = parse_options(args);
   const std::vector<Submap> submaps = read_submaps(options.submaps);
+  if (!options.points.empty()) write_points(options.points, submaps);
   std::vector<StampedPose> est = read_tum(options.est);
   graph::LoopGraph graph{graph::GraphConfig{}};
   std::ofstream loops(options.out + "/loops.csv");

@@ -34,6 +34,10 @@ inline void write_submap(std::ofstream& file, const Submap& s) {
   put(file, std::uint64_t{s.points.size()});
   file.write(reinterpret_cast<const char*>(s.points.data()),
              static_cast<std::streamsize>(s.points.size() * sizeof(MapPoint)));
+  file.write(reinterpret_cast<const char*>(s.hits.data()),
+             static_cast<std::streamsize>(s.points.size() * sizeof(std::uint64_t)));
+  put(file, std::uint64_t{s.origins.size()});
+  for (const Eigen::Vector3d& origin : s.origins) put(file, origin);
 }
 
 inline std::vector<Submap> read_submaps(const std::string& path) {
@@ -56,6 +60,12 @@ inline std::vector<Submap> read_submaps(const std::string& path) {
     s.points.resize(count);
     file.read(reinterpret_cast<char*>(s.points.data()),
               static_cast<std::streamsize>(count * sizeof(MapPoint)));
+    s.hits.resize(count);
+    file.read(reinterpret_cast<char*>(s.hits.data()),
+              static_cast<std::streamsize>(count * sizeof(std::uint64_t)));
+    get(file, count);
+    s.origins.resize(count);
+    for (Eigen::Vector3d& origin : s.origins) get(file, origin);
     all.push_back(std::move(s));
   }
   return all;

@@ -36,7 +36,7 @@ class BinariesMissing(RuntimeError):
 
 
 #: of programs that not every robot needs: the beginning of their names -> what builds them
-TARGETS = {"graph": "graph", "aloam": "aloam", "calibrate": "graph"}
+TARGETS = {"graph": "graph", "aloam": "aloam", "calibrate": "graph", "sessions": "graph"}
 
 
 def binary(build: Path, name: str) -> Path:

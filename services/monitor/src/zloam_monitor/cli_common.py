@@ -45,6 +45,7 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.pose_rows import TrajectoryError
     from zloam_monitor.processes import StageDied
     from zloam_monitor.robot_file import RobotFileError
+    from zloam_monitor.sessions import SessionsError
     from zloam_monitor.sources import SourceError
     from zloam_monitor.support import SupportError
 
@@ -63,6 +64,7 @@ def _failed(error: BaseException) -> int | None:
         NothingAnswers,
         NotOurs,
         RobotFileError,
+        SessionsError,
         SupportError,
         ViewerError,
     )
@@ -205,6 +207,12 @@ Localize = Annotated[
         "--localize",
         help="Find the robot in the map of --map, which stays as it is, from where that run ended "
         "(elsewhere: `zloam place`).",
+    ),
+]
+Extend = Annotated[
+    bool,
+    typer.Option(
+        "--extend", help="Find the robot in the map of --map, and map on from there (as above)."
     ),
 ]
 Graph = Annotated[

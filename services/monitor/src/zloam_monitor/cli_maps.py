@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -18,18 +19,76 @@ Limits = Annotated[
     tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="What is kept, m.")
 ]
 
-map_app = typer.Typer(no_args_is_help=True, help="A map's file: look at it, convert it, cut it.")
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Map of a run with --map.")]
+
+map_app = typer.Typer(
+    no_args_is_help=True, help="Maps of runs: look at them, join them, convert and cut their files."
+)
 
 
 @command
 def map_info(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="PCD, PLY, LAS or LAZ file.")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="MAP", help="PCD, PLY, LAS or LAZ file, or folder of a run's map."),
+    ],
+    preset_dir: common.PresetDir = None,
 ) -> int:
-    """Number of points by layer, and how far they reach."""
-    from zloam_monitor import maps
+    """Number of points by layer, and how far they reach; of a folder its submaps and loops."""
+    from zloam_monitor import maps, sessions
 
-    for line in maps.described(file, maps.read(file)):
+    if file.is_dir():
+        with sessions.opened(common.kept(preset_dir), file) as found:
+            said = sessions.lines(found)
+    else:
+        said = maps.described(file, maps.read(file))
+    for line in said:
         print(line)
+    return 0
+
+
+@command
+def map_merge(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Maps of runs with --map.")
+    ],
+    out: Annotated[Path, typer.Option(help="For the files; new or empty.")],
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Lay maps of several runs or robots upon each other, by the places that they share.
+
+    Leaves map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
+    Exit code 1: one of them shares too little with the others, and is left out.
+    """
+    from zloam_monitor import sessions
+
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise sessions.SessionsError(f"{out}: exists already; name a new folder")
+    merged = sessions.merge(common.kept(preset_dir), folders, out, not sys.stderr.isatty())
+    for line in sessions.lines(merged):
+        print(line)
+    return 0 if merged.joined else 1
+
+
+@command
+def map_export(
+    folder: Folder,
+    to: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TO",
+            help="Ends with .pcd, .ply, .las or .laz: the points; .g2o: the graph; .tum: the poses "
+            "of its submaps.",
+        ),
+    ],
+    voxel: Annotated[float, typer.Option(help="One point of each cube of this edge, m.")] = 0.2,
+    preset_dir: common.PresetDir = None,
+) -> int:
+    """Write a run's map, with its loops closed, in a format of others."""
+    from zloam_monitor import sessions
+
+    with sessions.opened(common.kept(preset_dir), folder) as found:
+        print(f"{to}: {sessions.export(found, to, voxel)}")
     return 0
 
 
@@ -171,6 +230,10 @@ def support(
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     map_app.command("info", epilog=examples("zloam map info out/demo/map.pcd"))(map_info)
+    map_app.command("merge", epilog=examples("zloam map merge out/monday out/tuesday --out week"))(
+        map_merge
+    )
+    map_app.command("export", epilog=examples("zloam map export out/town town.laz"))(map_export)
     map_app.command("convert", epilog=examples("zloam map convert out/demo/map.pcd map.laz"))(
         map_convert
     )

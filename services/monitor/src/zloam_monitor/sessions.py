@@ -1,0 +1,87 @@
+"""Maps that runs have left in folders (--map), by zloam-sessions: several laid upon each other by
+the places that they share, or one with its loops closed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zloam_monitor import maps
+from zloam_monitor.chain import binary
+
+POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
+#: exit code of a map that shares too little with the others
+NOT_JOINED = 1
+
+
+class SessionsError(RuntimeError):
+    """A map cannot be read, merged or written so; the text says why."""
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What zloam-sessions found and wrote."""
+
+    folder: Path
+    report: dict[str, Any]
+    joined: bool
+
+
+def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merged:
+    """Its messages go to this program's standard error."""
+    command = [str(binary(build, "sessions")), *map(str, folders), "--out", str(out)]
+    done = subprocess.run([*command, *(["--quiet"] if quiet else [])], check=False)
+    if done.returncode not in (0, NOT_JOINED):
+        raise SessionsError("nothing was written" if done.returncode > 0 else "zloam-sessions died")
+    report = json.loads((out / REPORT).read_text(encoding="utf-8"))
+    return Merged(out, report, done.returncode == 0)
+
+
+@contextmanager
+def opened(build: Path, folder: Path) -> Iterator[Merged]:
+    """One map, its loops closed; the files go at the end."""
+    with tempfile.TemporaryDirectory() as scratch:
+        yield merge(build, [folder], Path(scratch), quiet=True)
+
+
+def lines(merged: Merged) -> list[str]:
+    """For a person."""
+    said = []
+    for session in merged.report["sessions"]:
+        seconds = 1e-9 * (session["to_ns"] - session["from_ns"])
+        said.append(
+            f"{session['folder']}: {session['submaps']} submaps, {session['way_m']:.0f} m of way "
+            f"in {seconds:.0f} s, {session['points']} points"
+        )
+        if not session["joined"]:
+            said.append("  not joined: it shares too little with the others")
+        elif len(merged.report["sessions"]) > 1:
+            x, y, z = session["T_world_map"]["xyz_m"]
+            said.append(f"  its origin lies at {x:.2f}, {y:.2f}, {z:.2f} m")
+    loops = merged.report["loops"]
+    between = sum(each["from_session"] != each["to_session"] for each in loops)
+    said.append(f"loops: {len(loops)}, {between} of them between two maps")
+    return said
+
+
+def export(merged: Merged, to: Path, voxel_m: float) -> str:
+    """In the format of its ending; what it holds, in words."""
+    suffix = to.suffix.lower()
+    if suffix == ".g2o":
+        shutil.copyfile(merged.folder / GRAPH, to)
+        return f"{merged.report['sessions'][0]['submaps']} poses"
+    if suffix == ".tum":
+        shutil.copyfile(merged.folder / "submaps_1.tum", to)
+        return f"{merged.report['sessions'][0]['submaps']} poses"
+    if suffix not in maps.WRITERS:
+        raise SessionsError(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
+    points = maps.thinned(maps.read(merged.folder / POINTS), voxel_m)
+    maps.write(to, points)
+    return f"{len(points)} points"

@@ -1,0 +1,102 @@
+// zloam-sessions: maps that runs have left, laid upon each other by the places that they share.
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+
+#include "sessions/merged_files.hpp"
+
+namespace zloam::sessions {
+namespace {
+
+constexpr int kNotJoined = 1, kUsage = 2, kFailed = 3;
+
+struct Options {
+  std::vector<std::string> maps;
+  std::string out;
+  bool quiet = false;
+};
+
+Options parse(int argc, char** argv) {
+  Options options;
+  CLI::App app(
+      "lays maps of several runs upon each other by the places that they share; of one map: closes "
+      "its loops",
+      "zloam-sessions");
+  app.footer(
+      "Writes sessions.json, map.pcd, graph.g2o and submaps_1.tum, submaps_2.tum and so on, in the "
+      "frame of the first map. Exit codes: 0 all maps are joined; 1 one shares too little with the "
+      "others, and is left out of map.pcd; 2 wrong command line; 3 a file can't be read or "
+      "written.");
+  app.add_option("MAP", options.maps, "folder of a run's map (MAP=folder, --map folder)")
+      ->required();
+  app.add_option("--out", options.out, "folder for the files")->required();
+  app.add_flag("--quiet", options.quiet, "without progress");
+  app.set_version_flag("--version", "zloam-sessions " ZLOAM_VERSION);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    std::exit(app.exit(error) == 0 ? 0 : kUsage);
+  }
+  return options;
+}
+
+Merged merged(const Options& options) {
+  Merged out{{}, graph::LoopGraph(graph::GraphConfig{})};
+  std::size_t total = 0, done = 0;
+  for (const std::string& folder : options.maps) {
+    out.maps.push_back(read_saved_map(folder));
+    total += out.maps.back().submaps.size();
+  }
+  for (std::size_t session = 0; session < out.maps.size(); ++session) {
+    for (const Submap& submap : out.maps[session].submaps) {
+      out.graph.add(submap, session);
+      if (!options.quiet && ++done % 10 == 0) {
+        std::fprintf(stderr, "\rsubmaps looked at: %zu of %zu", done, total);
+      }
+    }
+  }
+  if (!options.quiet) std::fprintf(stderr, "\rsubmaps looked at: %zu of %zu\n", done, total);
+  return out;
+}
+
+/// Throws where a file can't be written.
+void write(const Merged& found, const std::filesystem::path& folder) {
+  for (const std::string& error :
+       {write_submap_poses(found, folder), write_g2o(found, folder / "graph.g2o"),
+        write_points(found, folder / "map.pcd"), write_report(found, folder / "sessions.json")}) {
+    if (!error.empty()) throw std::runtime_error(error);
+  }
+}
+
+int verdict(const Merged& found) {
+  int code = 0;
+  for (std::size_t i = 0; i < found.maps.size(); ++i) {
+    if (found.is_joined(i)) continue;
+    std::cerr << "zloam-sessions: " << found.maps[i].folder.string()
+              << ": shares too little with the other maps to be joined to them; it is left out\n";
+    code = kNotJoined;
+  }
+  if (!found.graph.fitted()) {
+    std::cerr << "zloam-sessions: the loops could not be fitted: poses are those of the maps\n";
+    code = kNotJoined;
+  }
+  return code;
+}
+
+}  // namespace
+}  // namespace zloam::sessions
+
+int main(int argc, char** argv) {
+  using namespace zloam::sessions;
+  const Options options = parse(argc, argv);
+  try {
+    const Merged found = merged(options);
+    write(found, options.out);
+    return verdict(found);
+  } catch (const std::exception& error) {
+    std::cerr << "zloam-sessions: " << error.what() << "\n";
+    return kFailed;
+  }
+}

@@ -1,0 +1,62 @@
+#include "sessions/saved_map.hpp"
+
+#include <algorithm>
+
+#include "common/messages/convert.hpp"
+#include "common/messages/kinds.hpp"
+#include "common/messages/verify.hpp"
+#include "sessions/standing.hpp"
+#include "store/tile_store.hpp"
+
+namespace zloam::sessions {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool holds_a_store(const fs::path& folder) {
+  if (!fs::is_directory(folder)) return false;
+  return std::ranges::any_of(fs::directory_iterator(folder), [](const fs::directory_entry& e) {
+    return e.path().extension() == ".log" || e.path().extension() == ".base";
+  });
+}
+
+/// loam/<robot>/map/submap/<instant>: the robot; empty: it is another key.
+std::string robot_of(const std::string& key) {
+  constexpr std::string_view kFirst = "loam/", kRest = "/map/submap/";
+  const auto rest = key.find(kRest);
+  if (!key.starts_with(kFirst) || rest == std::string::npos) return {};
+  return key.substr(kFirst.size(), rest - kFirst.size());
+}
+
+}  // namespace
+
+SavedMap read_saved_map(const fs::path& folder) {
+  if (!holds_a_store(folder)) {
+    throw SavedMapError(folder.string() +
+                        ": holds no map; name the folder of a run with MAP=folder or --map folder");
+  }
+  SavedMap out;
+  out.folder = folder;
+  const store::TileStore store(folder, store::StoreLimits{}, store::Access::kRead);
+  for (const std::string& key : store.keys()) {
+    const std::string robot = robot_of(key);
+    if (robot.empty()) continue;
+    const auto message = store.get(key);
+    if (!message || !verify<msg::Submap>(message->payload, message->encoding).ok()) {
+      throw SavedMapError(folder.string() + ": " + key + " can't be read: the file is damaged");
+    }
+    const auto& submap = message_of<msg::Submap>(message->payload);
+    out.robot = robot;
+    out.run = submap.header()->run();
+    out.submaps.push_back(standing(submap_of(submap)));
+  }
+  if (out.submaps.empty()) {
+    throw SavedMapError(
+        folder.string() +
+        ": the map has no submaps; they are kept while mapping.submap_m is above 0");
+  }
+  std::ranges::sort(out.submaps, {}, &Submap::instant_ns);
+  return out;
+}
+
+}  // namespace zloam::sessions

@@ -1,0 +1,127 @@
+"""Maps of several runs: laid upon each other by the places they share, and written for others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from graphslam.load import load_g2o
+
+from tests.integration.conftest import Capture, Done, monitor, simulate
+from zloam_monitor import clouds, se3, trajectory
+
+CITY = ("--world", "city", "--seed", "5")
+#: of the same streets: another way round to look, another speed, and not all of them
+AGAIN = (*CITY, "--speed-factor", "1.2", "--heading-deg", "130", "--duration", "25")
+ELSEWHERE = ("--world", "indoor", "--seed", "2", "--duration", "25")
+
+
+def mapped(build: Path, capture: Capture, folder: Path) -> Path:
+    """Map of a run."""
+    where = ("--map", folder / "map", "--out", folder / "out")
+    done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, *where)
+    assert done.code == 0, done.said
+    return folder / "map"
+
+
+@pytest.fixture(scope="module")
+def captures(build: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Capture]:
+    root = tmp_path_factory.mktemp("captures")
+    drives = {
+        "monday": (*CITY, "--speed-factor", "1.6", "--duration", "25"),
+        "tuesday": AGAIN,
+        "indoor": ELSEWHERE,
+    }
+    for name in drives:
+        (root / name).mkdir()
+    return [simulate(build, root / name, *how) for name, how in drives.items()]
+
+
+@pytest.fixture(scope="module")
+def folders(
+    build: Path, captures: Sequence[Capture], tmp_path_factory: pytest.TempPathFactory
+) -> list[Path]:
+    root = tmp_path_factory.mktemp("sessions")
+    return [mapped(build, each, root / each.pcap.parent.name) for each in captures]
+
+
+def map_command(build: Path, *arguments: object) -> Done:
+    command, *rest = arguments
+    return monitor("map", command, "--preset-dir", build, *rest)
+
+
+def in_first_map(capture: Capture, first: Capture, stamps_ns: np.ndarray) -> np.ndarray:
+    """Truth: a map's origin is the first pose of its run."""
+    truth, inside = trajectory.interpolate(trajectory.read(capture.truth_base), stamps_ns)
+    assert inside.all()
+    origin = trajectory.read(first.truth_base).transforms[0]
+    return se3.inverse(origin[None])[0] @ truth.transforms
+
+
+def test_two_maps_of_the_same_streets_are_joined(
+    build: Path, captures: Sequence[Capture], folders: Sequence[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "week"
+    done = map_command(build, "merge", folders[0], folders[1], "--out", out)
+    assert done.code == 0, done.said
+    assert "between two maps" in done.said
+    report = json.loads((out / "sessions.json").read_text())
+    assert [each["joined"] for each in report["sessions"]] == [True, True]
+    assert sum(each["from_session"] != each["to_session"] for each in report["loops"]) >= 3
+    for number, capture in enumerate(captures[:2], 1):
+        poses = trajectory.read(out / f"submaps_{number}.tum")
+        assert poses.stamps_ns is not None
+        truth = in_first_map(capture, captures[0], poses.stamps_ns)
+        off = np.linalg.norm(poses.positions - truth[:, :3, 3], axis=1)
+        assert off.max() < 0.05, (number, off.max())
+    single = monitor("map", "export", "--preset-dir", build, folders[0], tmp_path / "one.pcd")
+    assert single.code == 0, single.said
+    # Both see the same walls: far fewer new places than points.
+    both, one = (clouds.read_pcd(p) for p in (out / "map.pcd", tmp_path / "one.pcd"))
+    assert len(both) > len(one) > 1000
+
+
+def test_a_map_of_another_place_is_left_out_and_said_so(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "both"
+    done = map_command(build, "merge", folders[0], folders[2], "--out", out)
+    assert done.code == 1
+    assert "shares too little with the other maps" in done.said
+    report = json.loads((out / "sessions.json").read_text())
+    assert [each["joined"] for each in report["sessions"]] == [True, False]
+    assert len(clouds.read_pcd(out / "map.pcd")) == report["sessions"][0]["points"]
+
+
+def test_what_is_exported_others_can_read(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    said = map_command(build, "info", folders[0])
+    assert said.code == 0, said.said
+    assert "submaps" in said.said
+    for name in ("town.laz", "town.g2o", "town.tum"):
+        done = map_command(build, "export", folders[0], tmp_path / name)
+        assert done.code == 0, done.said
+    assert len(laspy.read(tmp_path / "town.laz").points) > 1000
+    graph = load_g2o(str(tmp_path / "town.g2o"))
+    poses = trajectory.read(tmp_path / "town.tum")
+    assert len(graph._vertices) == len(poses)
+    assert len(graph._edges) >= len(poses) - 1
+    # The poses fit the factors, also as somebody else reckons it.
+    assert graph.calc_chi2() < 6.0 * len(graph._edges)
+
+
+def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
+    none = map_command(build, "info", tmp_path)
+    assert none.code == 1
+    assert "holds no map" in none.said
+    unknown = map_command(build, "export", folders[0], tmp_path / "map.xyz")
+    assert unknown.code == 1
+    assert ".g2o or .tum is expected" in unknown.said
+    taken = map_command(build, "merge", folders[0], folders[1], "--out", folders[0])
+    assert taken.code == 1
+    assert "name a new folder" in taken.said
