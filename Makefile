@@ -60,7 +60,7 @@ graph: build # the graph of loops, and OpenCV and Ceres for it
 	@$(STEP) "system packages, for the graph of loops" deploy/build/deps.sh --graph
 	@grep -qs '^ZLOAM_GRAPH:BOOL=ON' $(BUILD)/CMakeCache.txt || \
 	  $(STEP) "configure $(PRESET) with the graph of loops" cmake --preset $(PRESET) -DZLOAM_GRAPH=ON
-	@$(STEP) "build the graph of loops" cmake --build $(BUILD) -j $(JOBS) --target zloam-graph zloam-calibrate
+	@$(STEP) "build the graph of loops" cmake --build $(BUILD) -j $(JOBS) --target zloam-graph zloam-sessions zloam-calibrate
 
 build-all: configure-tests ## build unit tests and benchmarks too
 	@$(STEP) "build $(PRESET) with tests" cmake --build $(BUILD) -j $(JOBS)
@@ -73,12 +73,12 @@ unit-tests: configure-tests # only the tests' programs
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
-# GRAPH=1 closes loops (trajectory_world.tum); MAP=folder keeps the map there, LOCALIZE=1 finds the robot in it; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
+# GRAPH=1 closes loops (trajectory_world.tum); MAP=folder keeps the map there, LOCALIZE=1 finds the robot in it, EXTEND=1 maps on there; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
 PASSED := MAP PCAP SESSION BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT RECORD LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
-CHAIN_ARGS = $(call passed,METHOD,--method) $(if $(GRAPH),--graph) $(call passed,MAP,--map) $(if $(LOCALIZE),--localize) $(call passed,OUT,--out) $(call passed,RECORD,--record) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
+CHAIN_ARGS = $(call passed,METHOD,--method) $(if $(GRAPH),--graph) $(call passed,MAP,--map) $(if $(LOCALIZE),--localize) $(if $(EXTEND),--extend) $(call passed,OUT,--out) $(call passed,RECORD,--record) $(call passed,LISTEN,--listen) $(call passed,SET,--settings)
 DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TOPIC,--topic) $(call passed,BIN,--bin) $(call passed,KITTI,--kitti) \
   $(call passed,SCANS,--scans) $(call passed,IMU,--imu) $(call passed,TRUTH,--truths) \
   $(if $(filter hokuyo,$(SENSOR)),--hokuyo) $(call passed,SESSION,--session) \

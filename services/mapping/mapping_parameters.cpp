@@ -10,9 +10,12 @@ using runtime::Parameters;
 
 void bind_map(Parameters& p, MappingConfig& c) {
   p.add(
-      "mapping.mode", &c.mode, {{"map", MappingMode::kMap}, {"localize", MappingMode::kLocalize}},
-      "map: extends the map; localize: finds the robot in the tile store's map, which stays as it "
-      "is");
+      "mapping.mode", &c.mode,
+      {{"map", MappingMode::kMap},
+       {"localize", MappingMode::kLocalize},
+       {"extend", MappingMode::kExtend}},
+      "map: begins a map; localize: finds the robot in the tile store's map, which stays as it is; "
+      "extend: finds it there, and maps on");
   p.add("mapping.every", &c.every, {1, 1000}, "", "map every n-th sweep by number");
   p.add("mapping.tile_edge_m", &c.tile_edge_m, {2.0, 1000.0}, "m", "edge of a tile of the map");
   p.add("mapping.window_tiles", &c.window_tiles, {1, 1001}, "",

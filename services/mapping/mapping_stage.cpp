@@ -121,7 +121,7 @@ void MappingStage::new_run(const msg::Header& first) {
     return;
   }
   if (unsaved_) write_files();
-  if (was_in_run && config_.mode == MappingMode::kLocalize) {
+  if (was_in_run && config_.mode != MappingMode::kMap) {
     // The map stays; where the robot went meanwhile nobody knows.
     mapper_.place(last_T_map_base_);
     return;
@@ -132,8 +132,8 @@ void MappingStage::new_run(const msg::Header& first) {
   map_id_ = first.run();
   replay_ = first.replay();
   if (was_in_run) return;
-  const bool localizes = config_.mode == MappingMode::kLocalize;
-  if (localizes || !(first.replay() && first.sweep() == 0)) restart(first);
+  const bool has_map = config_.mode != MappingMode::kMap;
+  if (has_map || !(first.replay() && first.sweep() == 0)) restart(first);
   // Not before: while it asks for its own tiles it can't answer.
   stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }

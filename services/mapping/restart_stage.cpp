@@ -159,8 +159,8 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   const bool same_run = pose.run() == first.run();
   const bool recent = static_cast<double>(away_ns) * 1e-9 < output_.take_back_s;
   const bool of_now = first.replay() ? same_run : recent && away_ns >= -1'000'000'000;
-  // One that is only looked into may be as old as it likes, and of any run.
-  if (!of_now && config_.mode != MappingMode::kLocalize) {
+  // One that the robot is to be found in may be as old as it likes, and of any run.
+  if (!of_now && config_.mode == MappingMode::kMap) {
     runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
   }
@@ -248,18 +248,21 @@ void MappingStage::restart(const msg::Header& first) {
   const auto of_this_run = [&](const auto& c) { return c.run() == first.run(); };
   wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
   const bool has_map = take_back(first, saved);
+  bool found_before = false;
   for (const auto& correction : corrections) {
     if (correction.run() != first.run()) continue;
     next_sweep_ = std::max(next_sweep_, correction.sweep() + 1);
+    found_before |= correction->inserted();
     if (correction.header().odom_epoch() != first.odom_epoch()) continue;
     saved.odom_epoch = first.odom_epoch();
     saved.T_map_odom = pose_of(correction->pose_map_odom());
   }
-  const bool localizes = config_.mode == MappingMode::kLocalize;
-  if (!has_map && localizes) {
-    stage_.degraded("map",
-                    "mapping.mode is localize, and no tile store has a map: every pose is "
-                    "Lost; start zloam-store on the folder of a map (store.path)");
+  if (!has_map && config_.mode != MappingMode::kMap) {
+    const bool localizes = config_.mode == MappingMode::kLocalize;
+    stage_.degraded("map", std::string("mapping.mode is ") + (localizes ? "localize" : "extend") +
+                               ", and no tile store has a map: " +
+                               (localizes ? "every pose is Lost" : "a new one begins") +
+                               "; start zloam-store on the folder of a map (store.path)");
     return;
   }
   if (!has_map && !take_pose(first, saved)) return;
@@ -267,10 +270,11 @@ void MappingStage::restart(const msg::Header& first) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
                                " is lost: no store has it; creating a new one in its frame");
   }
+  saved.found = config_.mode == MappingMode::kMap || found_before;
   mapper_.restore(saved);
   const std::size_t again = insert_again(first, corrections);
   // Of another run: nobody knows how it moved since. It is begun where the map was left.
-  if (localizes && next_sweep_ == 0) mapper_.place(saved.T_map_base);
+  if (config_.mode != MappingMode::kMap && next_sweep_ == 0) mapper_.place(saved.T_map_base);
   // A file that the instance before did not come to, also when nothing is added to the map.
   unsaved_ = mapper_.point_count() > 0;
   if (first.replay()) {

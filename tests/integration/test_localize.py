@@ -128,3 +128,40 @@ def test_without_a_store_every_pose_is_lost(build: Path, first: Capture, tmp_pat
     poses = (tmp_path / "poses.csv").read_text().splitlines()[1:]
     health = [line.split(",")[2] for line in poses]
     assert set(health[2:]) == {"9"}
+
+
+def test_a_map_is_extended_from_where_the_robot_is_found(
+    build: Path, first: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    """Half of the round, then all of it: the second run maps what the first one has not seen."""
+    half = simulate(build, tmp_path, *CITY, "--duration", "25")
+    where = ("--map", tmp_path / "map")
+    begun = ("demo", "--preset-dir", build, "--pcap", half.pcap, *where, "--out", tmp_path / "a")
+    assert monitor(*begun).code == 0
+    on = ("demo", "--preset-dir", build, "--pcap", first.pcap, *where, "--out", tmp_path / "b")
+    # The robot is where the drive began, not where the map was left: it is searched for.
+    extended = monitor(*on, "--extend")
+    assert extended.code == 0, extended.said
+    off = errors_m(tmp_path / "b" / "trajectory.tum", first, first)
+    assert np.sqrt((off[50:] ** 2).mean()) < 0.05, extended.said
+    points = clouds.read_pcd(tmp_path / "b" / "map.pcd")
+    before, whole = map_points(tmp_path / "a"), map_points(mapped)
+    assert len(points) > 1.3 * len(before)
+    assert len(points) > 0.9 * len(whole)
+    # What it has added is at rest, too.
+    again = monitor(*on, "--localize")
+    assert again.code == 0, again.said
+    kept = clouds.read_pcd(tmp_path / "b" / "map.pcd")
+    assert abs(len(kept) - len(points)) < 0.01 * len(points)
+
+
+def test_a_map_is_either_extended_or_left_as_it_is(
+    build: Path, first: Capture, mapped: Path, tmp_path: Path
+) -> None:
+    given = ("demo", "--preset-dir", build, "--pcap", first.pcap, "--out", tmp_path / "out")
+    both = monitor(*given, "--map", mapped / "map", "--localize", "--extend")
+    assert both.code == 1
+    assert "choose one" in both.said
+    nothing = monitor(*given, "--map", tmp_path / "none", "--extend")
+    assert nothing.code == 1
+    assert "holds no map" in nothing.said

@@ -19,21 +19,29 @@ class Beside:
 
     graph: bool
     map: Path | None
-    localize: bool
+    localize: bool = False
+    extend: bool = False
 
     def __post_init__(self) -> None:
         if self.map is None:
-            if self.localize:
-                raise BesideError("--localize needs a map: --map FOLDER")
+            if self.mode != "map":
+                raise BesideError(f"--{self.mode} needs a map: --map FOLDER")
             return
+        if self.localize and self.extend:
+            raise BesideError("--localize leaves the map as it is, --extend maps on: choose one")
         has_map = self.map.is_dir() and any(self.map.iterdir())
-        if self.localize and not has_map:
+        if self.mode != "map" and not has_map:
             raise BesideError(f"{self.map} holds no map: a run with --map leaves one there")
-        if has_map and not self.localize:
+        if self.mode == "map" and has_map:
             raise BesideError(
                 f"{self.map} holds a map already: name a new folder, or find the robot in it "
-                "with --localize"
+                "with --localize, or with --extend to map on"
             )
+
+    @property
+    def mode(self) -> str:
+        """Of mapping."""
+        return "localize" if self.localize else "extend" if self.extend else "map"
 
     def stages(self) -> tuple[str, ...]:
         return (*(("graph",) if self.graph else ()), *(("store",) if self.map else ()))
@@ -42,6 +50,5 @@ class Beside:
         """Those that somebody gives override them."""
         if self.map is None:
             return []
-        mode = "localize" if self.localize else "map"
         link = f"mapping.store_link_s={STORE_LINK_S}"
-        return [f"store.path={self.map.resolve()}", link, f"mapping.mode={mode}"]
+        return [f"store.path={self.map.resolve()}", link, f"mapping.mode={self.mode}"]

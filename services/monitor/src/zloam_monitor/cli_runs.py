@@ -136,6 +136,7 @@ def demo(
     graph: common.Graph = False,
     map: common.Map = None,
     localize: common.Localize = False,
+    extend: common.Extend = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/demo"),
     record: common.Record = None,
     listen: common.Listen = None,
@@ -152,7 +153,7 @@ def demo(
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import existing_files, several
 
-    beside = Beside(graph, map, localize)
+    beside = Beside(graph, map, localize, extend)
     settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     truth = [*(truth or []), *existing_files(truths)] or None
     programs = methods.programs(method)
@@ -207,6 +208,7 @@ def run(
     graph: common.Graph = False,
     map: common.Map = None,
     localize: common.Localize = False,
+    extend: common.Extend = False,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out/run"),
     record: common.Record = None,
     standby: Annotated[
@@ -228,7 +230,7 @@ def run(
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import several
 
-    beside = Beside(graph, map, localize)
+    beside = Beside(graph, map, localize, extend)
     settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     file = config or places.robot_file("vlp16-outdoor")
     robot = names(file, settings)
