@@ -230,9 +230,9 @@ def support(
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     map_app.command("info", epilog=examples("zloam map info out/demo/map.pcd"))(map_info)
-    map_app.command("merge", epilog=examples("zloam map merge out/monday out/tuesday --out week"))(
-        map_merge
-    )
+    map_app.command(
+        "merge", epilog=examples("zloam map merge out/monday out/tuesday --out out/week")
+    )(map_merge)
     map_app.command("export", epilog=examples("zloam map export out/town town.laz"))(map_export)
     map_app.command("convert", epilog=examples("zloam map convert out/demo/map.pcd map.laz"))(
         map_convert
