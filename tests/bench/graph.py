@@ -4,6 +4,9 @@ Registration, odometry, mapping and the graph in one process each, without messa
 revisit is a submap from which an earlier one, 40 m or more of way before, is nearer than 5 m by the
 simulator's truth; it is found if a loop is in force within 20 m of way. A loop is false if it is
 off by more than 0.5 m.
+
+What moved is told from what stands by the same drive without traffic: there nothing, or something,
+lies where a voxel of a submap lies.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from tests.bench.framework import Benchmark, Outcome
 from tests.bench.setting import BenchSetting, cost_of
@@ -29,6 +33,9 @@ ALIASED_SEEDS = range(1, 21)
 #: a sensor with which mapping drifts
 POOR = ("--noise", "0.06", "--dropout", "0.3", "--range-bias-mm", "30")
 LOOP_WAY_M, NEAR_M, FOUND_WAY_M, FALSE_M = 40.0, 5.0, 20.0, 0.5
+#: nothing within the one of a voxel that moved, something within the other of one that stands
+FREE_M, STANDS_M = 0.4, 0.3
+LEAST_MOVED, LEAST_KEPT = 0.9, 0.99
 MOST_WORSE, MOST_LEFT, LEAST_FOUND, MOST_CPU_MS = 1.02, 0.5, 0.95, 20.0
 
 Array = NDArray[np.float64]
@@ -153,6 +160,33 @@ def _aliased(setting: BenchSetting, world: str) -> Outcome:
     return Outcome(figure, {"drives": [asdict(d) for d in drives]}, held)
 
 
+def _points(setting: BenchSetting, world: str, seed: int) -> NDArray[np.float32]:
+    """x y z of all submaps' points, and 1 for what moved."""
+    out = setting.out / "graph" / f"{world}-{seed}"
+    out.mkdir(parents=True, exist_ok=True)
+    capture, submaps, points = out / "capture.pcap", out / "submaps", out / "points.bin"
+    simulated = ("--quiet", "--world", world, "--seed", seed, "--out", capture)
+    subprocess.run([str(c) for c in (binary(setting.build, "simulator"), *simulated)], check=True)
+    cost_of([binary(setting.build, "offline"), capture, out, "--submaps", submaps])
+    judged = (submaps, out / "est.tum", out, "--points", points)
+    cost_of([binary(setting.build, "graph-offline"), *judged])
+    read = np.fromfile(points, np.float32).reshape(-1, 4)
+    for large in (capture, submaps, points):
+        large.unlink()
+    return read
+
+
+def _moving(setting: BenchSetting, seed: int) -> Outcome:
+    with_traffic, without = (_points(setting, world, seed) for world in ("moving", "city"))
+    off, _ = KDTree(without[:, :3]).query(with_traffic[:, :3], workers=2)
+    moved = with_traffic[:, 3] > 0
+    found, kept = float(moved[off > FREE_M].mean()), float((~moved)[off < STANDS_M].mean())
+    taken = float((without[:, 3] > 0).mean())
+    figure = f"{found:.3f} of what moved found, {kept:.4f} of what stands kept"
+    figures = {"found": found, "kept": kept, "taken_without_traffic": taken}
+    return Outcome(figure, figures, found >= LEAST_MOVED and kept >= LEAST_KEPT)
+
+
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
     both = f"{LEAST_FOUND:.0%} of revisits, no false loop, {MOST_CPU_MS:.0f} ms a submap"
     rows = []
@@ -162,6 +196,12 @@ def benchmarks(setting: BenchSetting) -> list[Benchmark]:
             what = "3.2 km of town" + (", a poor sensor" if poor else "") + f", seed {seed}: loops"
             measure = functools.partial(_town, setting, seed, poor)
             rows.append(Benchmark(name, what, measure, f"ATE ≤ {most} ×, {both}"))
+    for seed in SEEDS:
+        what = f"streets full of traffic, seed {seed}: what moved in the submaps"
+        limit = f"{LEAST_MOVED:.0%} found, {LEAST_KEPT:.0%} of what stands kept"
+        rows.append(
+            Benchmark(f"moving-{seed}", what, functools.partial(_moving, setting, seed), limit)
+        )
     for world in ("equal_corridors", "equal_houses"):
         what = f"{world}.yaml, {len(ALIASED_SEEDS)} seeds: loops"
         measure = functools.partial(_aliased, setting, world)
