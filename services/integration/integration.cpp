@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "integration/state_bits.hpp"
+#include "common/geometry/state_bits.hpp"
 
 namespace zloam::integration {
 namespace {

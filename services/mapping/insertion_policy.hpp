@@ -24,6 +24,11 @@ class InsertionPolicy {
   /// So many in a row, up to the last one judged, had a residual above it.
   std::uint32_t worse_in_row() const { return worse_; }
   void inserted_at(const Pose& T_map_base) { last_inserted_ = T_map_base; }
+  /// All that it knows but its configuration, for who keeps or brings it back.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(residuals_, worse_, last_inserted_);
+  }
   /// Nothing to compare with: 0.
   double median_residual_m() const;
 

@@ -27,6 +27,8 @@ constexpr std::uint32_t kFewestPoints = 50;
 // So many matches in a row that are worse than those before are no chance; and how often it is
 // looked for a better place while they go on.
 constexpr std::uint32_t kWorse = 3, kWorseAgain = 5;
+// Of state(): another number where what is in it changes.
+constexpr std::uint64_t kStateLayout = 1;
 
 // Below this a covariance from outside counts as none.
 Matrix6 sane_covariance(const Matrix6& covariance) {
@@ -75,6 +77,11 @@ struct LastPose {
   Pose T_odom_base = Pose::Identity();
   Vector6 twist_per_s = Vector6::Zero();
   Matrix6 covariance = Matrix6::Zero();
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(instant_ns, odom_epoch, T_map_base, T_odom_base, twist_per_s, covariance);
+  }
 };
 
 // The motion over the last half second in which the sweeps were found, in the map's axes: the last
@@ -97,6 +104,10 @@ class Lately {
     set(R * twist_per_s.head<3>(), (R * twist_per_s.tail<3>()).z());
   }
   const Vector6& in_map_per_s() const { return in_map_per_s_; }
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(poses_, in_map_per_s_);
+  }
 
  private:
   void set(const Eigen::Vector3d& velocity, double turn) {
@@ -131,6 +142,10 @@ struct Mapper::State {
   void remember(const MappingInput& input, const MappingResult& result);
   Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
   double turn_change_rad(const MappingInput& input) const;
+  bool each(StateBits& bits);
+  bool take_back(std::span<const std::uint64_t> words);
+  void go_on_from(const MappingInput& input);
+  void put(const InsertClouds& clouds, const Pose& T_map_base);
 
   MappingConfig config;
   std::unique_ptr<MappingMethod> method;
@@ -160,7 +175,21 @@ struct Mapper::State {
   std::uint32_t unmatched = 0;
   // Matches to come before anything is inserted.
   std::uint32_t settling = 0;
+  // Of the instance before, to go on from.
+  std::vector<std::uint64_t> resumed;
 };
+
+// What is not in it is empty or unset unless something is searched for.
+bool Mapper::State::each(StateBits& bits) {
+  bits(T_map_odom, last, lately, policy, fits, found_in_map, unmatched);
+  return method->each(bits);
+}
+
+bool Mapper::State::take_back(std::span<const std::uint64_t> words) {
+  if (words.size() < 2 || words[0] != kStateLayout || words[1] != words.size()) return false;
+  StateBits bits(words.subspan(2));
+  return each(bits) && bits.complete() && last;
+}
 
 Prediction Mapper::State::predict(const MappingInput& input) {
   const bool new_frame = last && input.odom_epoch != last->odom_epoch;
@@ -353,14 +382,18 @@ void Mapper::State::insert(const MappingInput& input, const Match& match, Mappin
   Match placed = match;
   placed.T_map_base = result.T_map_base;
   const InsertClouds clouds = method->insert(input, placed);
-  tiles.insert(Layer::kEdge, clouds.edges, placed.T_map_base);
-  tiles.insert(Layer::kPlane, clouds.planes, placed.T_map_base);
+  put(clouds, placed.T_map_base);
   policy.inserted_at(placed.T_map_base);
   seen.edges = clouds.edges;
   seen.planes = clouds.planes;
   result.submap = submaps.add(seen);
   result.inserted = true;
   result.changed = tiles.take_changed();
+}
+
+void Mapper::State::put(const InsertClouds& clouds, const Pose& T_map_base) {
+  tiles.insert(Layer::kEdge, clouds.edges, T_map_base);
+  tiles.insert(Layer::kPlane, clouds.planes, T_map_base);
 }
 
 // Nothing is to be settled before the odometry can be followed.
@@ -408,6 +441,7 @@ MappingResult Mapper::process(const MappingInput& input) {
     result.reason = "pose or twist not finite";
     return result;
   }
+  s.go_on_from(input);
   if (input.points_follow() && s.goes_on(input)) return s.carry(input);
   const Prediction prediction = s.predict(input);
   result.evicted = s.tiles.follow(prediction.T_map_base.translation());
@@ -460,14 +494,47 @@ void Mapper::restore(const SavedMap& saved) {
   s.break_expected = true;
 }
 
-void Mapper::insert_again(const MappingInput& input, const Pose& T_map_odom) {
+void Mapper::insert_again(const MappingInput& input, const Pose& T_map_odom,
+                          std::span<const std::uint64_t> state) {
   State& s = *state_;
   MappingResult result;
   result.sweep = input.sweep;
   result.T_map_base = normalised(T_map_odom * input.T_odom_base);
-  const Prediction there{result.T_map_base, prior_covariance(s.config, input.step_covariance)};
   s.tiles.follow(result.T_map_base.translation());
-  s.insert(input, s.method->accept(input, there), result);
+  s.method->prepare(input, result.T_map_base);
+  if (!state.empty() && !s.take_back(state)) s.method->not_found();
+  Match there;
+  there.ok = true;
+  there.T_map_base = result.T_map_base;
+  there.covariance = prior_covariance(s.config, input.step_covariance);
+  s.put(s.method->insert_again(input, there), there.T_map_base);
+  s.tiles.take_changed();
+}
+
+std::vector<std::uint64_t> Mapper::state() {
+  State& s = *state_;
+  if (s.bridging || s.lost || s.settling > 0 || s.break_expected || s.told) return {};
+  StateBits bits;
+  if (!s.each(bits)) return {};
+  std::vector<std::uint64_t> words = bits.take();
+  words.insert(words.begin(), {kStateLayout, words.size() + 2});
+  return words;
+}
+
+void Mapper::resume(std::span<const std::uint64_t> state) {
+  state_->resumed.assign(state.begin(), state.end());
+}
+
+void Mapper::State::go_on_from(const MappingInput& input) {
+  const std::vector<std::uint64_t> words = std::exchange(resumed, {});
+  if (words.empty()) return;
+  method->prepare(input, T_map_odom * input.T_odom_base);
+  if (take_back(words)) {
+    break_expected = false;
+  } else {
+    method->not_found();
+    break_expected = true;
+  }
 }
 
 void Mapper::expect_break() { state_->break_expected = true; }

@@ -185,7 +185,15 @@ class Mapper {
   /// epoch, around where the odometry says.
   void expect_break();
   /// After restore(): a sweep that the instance before put into the map when that had been saved.
-  void insert_again(const MappingInput& input, const Pose& T_map_odom);
+  /// state: of that instance after this sweep, or empty.
+  void insert_again(const MappingInput& input, const Pose& T_map_odom,
+                    std::span<const std::uint64_t> state);
+  /// What it knows beside the map, for an instance of the same program that goes on from here; empty
+  /// while that would not be all, as during a search.
+  std::vector<std::uint64_t> state();
+  /// After restore() and insert_again(): goes on from there as if it had been this instance. Taken
+  /// up with the next sweep; what is no state of this program counts for nothing.
+  void resume(std::span<const std::uint64_t> state);
   /// Somebody says that the next sweep is at this pose: it is searched for around it, also where it
   /// was thought to be found. Nothing is inserted before it is.
   void place(const Pose& T_map_base);

@@ -198,6 +198,8 @@ void MappingStage::publish_pose(const Sweep& sweep, const MappingResult& result)
   correction.weak = weak_fields(result.degeneracy);
   correction.solve = {result.iterations, result.correspondences, result.residual_m};
   correction.prev_sweep = mapped_ > 0 ? prev_mapped_ : result.sweep;
+  const std::vector<std::uint64_t> state = mapper_.state();
+  correction.state = state;
   HeaderFields header = correction_.header(sweep);
   header.frame = "map";
   header.map_id = map_id_;

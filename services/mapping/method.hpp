@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "common/geometry/state_bits.hpp"
 #include "mapping/mapping.hpp"
 
 namespace zloam::mapping {
@@ -66,6 +67,13 @@ class MappingMethod {
   virtual std::vector<VoxelTile> take_changed(double growth) = 0;
   /// Takes that back into an empty map, before the first match.
   virtual void restore(const std::vector<VoxelTile>& tiles) = 0;
+
+  /// What it knows beside that after a sweep that was inserted, out or back; false: there is more to
+  /// it just now. prepare() comes first, where nothing was matched yet.
+  virtual bool each(StateBits& bits) = 0;
+  virtual void prepare(const MappingInput& input, const Pose& T_map_base) = 0;
+  /// After each() brought back what was known when this sweep had been inserted: inserts it as then.
+  virtual InsertClouds insert_again(const MappingInput& input, const Match& match) = 0;
 };
 
 }  // namespace zloam::mapping

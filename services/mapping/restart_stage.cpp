@@ -64,6 +64,11 @@ VoxelTile voxel_tile_of(const msg::MapTile& m) {
   return tile;
 }
 
+std::span<const std::uint64_t> state_of(const msg::MapCorrection& correction) {
+  if (correction.state() == nullptr) return {};
+  return {correction.state()->data(), correction.state()->size()};
+}
+
 void add_tile(const msg::MapTile& m, SavedMap& saved) {
   const std::string name = m.layer()->str();
   if (name == kVoxels) {
@@ -231,7 +236,8 @@ std::size_t MappingStage::insert_again(const msg::Header& first,
     if (found == inserted.end()) continue;
     const CorrectionMessage& correction = *found->second;
     if (correction.header().odom_epoch() != sweep.header().odom_epoch()) continue;
-    mapper_.insert_again(input_of(sweep), pose_of(correction->pose_map_odom()));
+    mapper_.insert_again(input_of(sweep), pose_of(correction->pose_map_odom()),
+                         state_of(*correction));
     ++count;
   }
   return count;
@@ -249,13 +255,16 @@ void MappingStage::restart(const msg::Header& first) {
   wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
   const bool has_map = take_back(first, saved);
   bool found_before = false;
+  std::span<const std::uint64_t> state;
   for (const auto& correction : corrections) {
     if (correction.run() != first.run()) continue;
+    state = {};
     next_sweep_ = std::max(next_sweep_, correction.sweep() + 1);
     found_before |= correction->inserted();
     if (correction.header().odom_epoch() != first.odom_epoch()) continue;
     saved.odom_epoch = first.odom_epoch();
     saved.T_map_odom = pose_of(correction->pose_map_odom());
+    if (correction.sweep() + 1 == next_sweep_) state = state_of(*correction);
   }
   if (!has_map && config_.mode != MappingMode::kMap) {
     const bool localizes = config_.mode == MappingMode::kLocalize;
@@ -273,6 +282,7 @@ void MappingStage::restart(const msg::Header& first) {
   saved.found = config_.mode == MappingMode::kMap || found_before;
   mapper_.restore(saved);
   const std::size_t again = insert_again(first, corrections);
+  if (has_map) mapper_.resume(state);
   // Of another run: nobody knows how it moved since. It is begun where the map was left.
   if (config_.mode != MappingMode::kMap && next_sweep_ == 0) mapper_.place(saved.T_map_base);
   // A file that the instance before did not come to, also when nothing is added to the map.

@@ -67,6 +67,9 @@ class VoxelPlanesMethod : public MappingMethod {
   }
   std::vector<VoxelTile> take_changed(double growth) override;
   void restore(const std::vector<VoxelTile>& tiles) override;
+  bool each(StateBits& bits) override;
+  void prepare(const MappingInput& input, const Pose& T_map_base) override;
+  InsertClouds insert_again(const MappingInput& input, const Match& match) override;
 
  private:
   VoxelPlanesMethod(const VoxelPlanesConfig& config, double drift_limit)
@@ -86,6 +89,7 @@ class VoxelPlanesMethod : public MappingMethod {
   };
 
   void begin(const MappingInput& input, const Prediction& prediction);
+  InsertClouds tile_clouds(const MappingInput& input, const Vector6& twist_per_s);
   void found_anew(const MappingInput& input);
   void learn(const MappingInput& input, const Pose& T_map_base);
   plane_map::MotionPrediction advice(const MappingInput& input, const Prediction& prediction) const;
@@ -169,13 +173,24 @@ void VoxelPlanesMethod::found_anew(const MappingInput& input) {
   scan_to_map_->commit(sweep, result, true);
 }
 
+void VoxelPlanesMethod::prepare(const MappingInput& input, const Pose& T_map_base) {
+  if (scan_to_map_) return;
+  plane_map::PlaneMapConfig map = config_.map;
+  map.range_noise_m = std::max(input.range_noise_m, kLeastNoise_m);
+  scan_to_map_.emplace(map, config_.matcher, T_map_base);
+  tiles_.load_into(scan_to_map_->map());
+  odom_epoch_ = input.odom_epoch;
+}
+
+bool VoxelPlanesMethod::each(StateBits& bits) {
+  if (!scan_to_map_ || open_ || founding_) return false;
+  bits(*scan_to_map_, odometry_error_, odom_epoch_, last_stamp_ns_);
+  return true;
+}
+
 void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& prediction) {
   if (!scan_to_map_) {
-    plane_map::PlaneMapConfig map = config_.map;
-    map.range_noise_m = std::max(input.range_noise_m, kLeastNoise_m);
-    scan_to_map_.emplace(map, config_.matcher, prediction.T_map_base);
-    tiles_.load_into(scan_to_map_->map());
-    odom_epoch_ = input.odom_epoch;
+    prepare(input, prediction.T_map_base);
   } else if (open_ && tried_.size() == 1) {
     // It was matched and not inserted.
     scan_to_map_->commit(sweep_of(*open_), tried_.front().result, false);
@@ -271,9 +286,22 @@ InsertClouds VoxelPlanesMethod::insert(const MappingInput& input, const Match& m
   if (scan_to_map_->knows_motion() && tried_.size() == 1) learn(input, match.T_map_base);
   scan_to_map_->commit(sweep_of(input), result, true);
   open_.reset();
-  // Deskewed with the sweep's own motion in place of the odometry's.
+  return tile_clouds(input, result.twist_per_s);
+}
+
+InsertClouds VoxelPlanesMethod::insert_again(const MappingInput& input, const Match& match) {
+  const auto motion = scan_to_map_ ? scan_to_map_->last_motion() : std::nullopt;
+  if (motion && scan_to_map_->insert_again(sweep_of(input))) {
+    return tile_clouds(input, motion->twist_per_s);
+  }
+  accept(input, {match.T_map_base, match.covariance});
+  return insert(input, match);
+}
+
+// Deskewed with the sweep's own motion in place of the odometry's.
+InsertClouds VoxelPlanesMethod::tile_clouds(const MappingInput& input, const Vector6& twist_per_s) {
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
-  const DeskewTable own(result.twist_per_s, input.period_ns, input.instant_ns);
+  const DeskewTable own(twist_per_s, input.period_ns, input.instant_ns);
   const DeskewTable table = own.in_place_of(odometry);
   const std::size_t stride = std::max(config_.tile_stride, 1U);
   const std::size_t enough = stride_to(config_.enough_tile_points, input.planes.size());

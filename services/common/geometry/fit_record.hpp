@@ -32,6 +32,12 @@ class FitRecord {
     return *middle;
   }
 
+  /// All that it knows, for who keeps or brings it back.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(fits_);
+  }
+
  private:
   std::deque<double> fits_;
 };

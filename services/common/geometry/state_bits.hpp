@@ -9,11 +9,12 @@
 #include <optional>
 #include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "common/geometry/se3.hpp"
 
-namespace zloam::integration {
+namespace zloam {
 
 class StateBits {
  public:
@@ -69,6 +70,11 @@ class StateBits {
     if (reads_) value = has ? std::optional<T>(std::in_place) : std::nullopt;
     if (value) visit(*value);
   }
+  template <class A, class B>
+  void visit(std::pair<A, B>& values) {
+    visit(values.first);
+    visit(values.second);
+  }
   template <class T>
   void visit(std::deque<T>& values) {
     std::uint64_t count = values.size();
@@ -103,4 +109,4 @@ class StateBits {
   Words out_;
 };
 
-}  // namespace zloam::integration
+}  // namespace zloam

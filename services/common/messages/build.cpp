@@ -181,6 +181,7 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
 Buffer build(const HeaderFields& header, const MapCorrectionFields& f) {
   Builder b(kSmall);
   const auto covariance = put_covariance(b, f.covariance);
+  const auto state = b.CreateVector(f.state.data(), f.state.size());
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_map_odom);
   msg::MapCorrectionBuilder m(b);
@@ -192,6 +193,7 @@ Buffer build(const HeaderFields& header, const MapCorrectionFields& f) {
   m.add_inserted(f.inserted);
   add_solution(&m, f.weak, f.solve);
   m.add_prev_sweep(f.prev_sweep);
+  m.add_state(state);
   return finish(b, m.Finish());
 }
 

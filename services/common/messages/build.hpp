@@ -120,6 +120,7 @@ struct MapCorrectionFields {
   WeakFields weak{};
   SolveFields solve;
   std::uint64_t prev_sweep = 0;
+  std::span<const std::uint64_t> state;
 };
 
 struct MapPoseFields {

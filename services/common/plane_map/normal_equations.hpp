@@ -20,6 +20,10 @@ struct SweepMotion {
   Vector6 bend = Vector6::Zero();   // what the twist changes by from begin to end: m, rad
 
   Pose at(double s) const { return T_mid * exp_se3(s * twist + 0.5 * s * s * bend); }
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(T_mid, twist, bend);
+  }
 };
 
 using Matrix18 = Eigen::Matrix<double, 18, 18>;

@@ -335,6 +335,27 @@ void ScanToMap::commit(const SweepInput& sweep, const ScanToMapResult& result, b
   ++sweeps_;
 }
 
+bool ScanToMap::insert_again(const SweepInput& sweep) {
+  if (!previous_ || previous_->stamp_ns != sweep.stamp_ns || sweeps_ == 0) return false;
+  matched_stamp_ns_.reset();
+  // The thinning goes by how many there were before.
+  --sweeps_;
+  insert(sweep, previous_->motion);
+  ++sweeps_;
+  matched_stamp_ns_.reset();
+  return true;
+}
+
+std::optional<ScanToMapResult> ScanToMap::last_motion() const {
+  if (!previous_) return std::nullopt;
+  const double period_s = seconds(previous_->period_ns);
+  ScanToMapResult out;
+  out.T_map_base_mid = normalised(map_.T_grid_map().inverse() * previous_->motion.T_mid);
+  out.twist_per_s = previous_->motion.twist / period_s;
+  out.twist_change_per_s = previous_->motion.bend / period_s;
+  return out;
+}
+
 void ScanToMap::remember(const SweepInput& sweep, const ScanToMapResult& result,
                          const SweepMotion& motion) {
   // Points that lie further off than their noise say less than the solver makes of them.

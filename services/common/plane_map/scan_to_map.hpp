@@ -83,6 +83,18 @@ class ScanToMap {
                         const std::optional<MotionPrediction>& prediction = std::nullopt);
   void commit(const SweepInput& sweep, const ScanToMapResult& result, bool insert);
 
+  /// After each() brought back what was known when this sweep had been committed: puts its points
+  /// where they were then. False: it is of another sweep.
+  bool insert_again(const SweepInput& sweep);
+  /// Of the sweep that was committed last, deskewing included; none after a gap.
+  std::optional<ScanToMapResult> last_motion() const;
+
+  /// All that it knows but the map, for who keeps or brings it back.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(previous_, acceleration_, gate_m_, share_, weak_, weak_axis_base_, sweeps_);
+  }
+
   /// The next sweep does not continue the motion of the last one.
   void forget_motion() {
     previous_.reset();
@@ -107,6 +119,11 @@ class ScanToMap {
     Vector6 twist_change = Vector6::Zero();  // against the sweep before, per sweep
     std::int64_t stamp_ns = 0;
     std::uint32_t period_ns = 0;
+
+    template <class Bits>
+    void each(Bits& bits) {
+      bits(motion, covariance, twist_change, stamp_ns, period_ns);
+    }
   };
 
   Vector6 previous_twist_per_s() const;
