@@ -175,10 +175,9 @@ std::vector<bool> ground_points(const std::vector<MapPoint>& points) {
 
 /// The rest of what moved: what lies beside much of it and was hit at no other time, though nothing
 /// was seen behind it. Ground and walls are hit at other times, too.
-void add_neighbours(const Submap& submap, std::vector<bool>& moving) {
-  const Neighbourhood neighbourhood(submap.points);
+void add_neighbours(const Submap& submap, const Neighbourhood& neighbourhood,
+                    const std::vector<bool>& ground, std::vector<bool>& moving) {
   const std::vector<bool> seen = moving;
-  const std::vector<bool> ground = ground_points(submap.points);
   for (std::size_t i = 0; i < moving.size(); ++i) {
     if (seen[i] || ground[i]) continue;
     int beside = 0, others = 0;
@@ -206,7 +205,9 @@ std::vector<bool> moving_points(const Submap& submap) {
   for (std::size_t i = 0; i < moving.size(); ++i) {
     moving[i] = through[i] >= kFewest && through[i] > std::popcount(submap.hits[i]);
   }
-  for (int i = 0; i < kPasses; ++i) add_neighbours(submap, moving);
+  const Neighbourhood neighbourhood(submap.points);
+  const std::vector<bool> ground = ground_points(submap.points);
+  for (int i = 0; i < kPasses; ++i) add_neighbours(submap, neighbourhood, ground, moving);
   return moving;
 }
 
