@@ -99,14 +99,20 @@ struct LoopGraph::State {
   std::vector<Candidate> strange_candidates(std::size_t to,
                                             const std::vector<std::optional<Matrix6>>& known) const;
   std::optional<Candidate> seen_from(std::size_t from, std::size_t to) const;
+  static void likeliest_first(std::vector<Candidate>& seen) {
+    std::stable_sort(seen.begin(), seen.end(), [](const Candidate& a, const Candidate& b) {
+      return a.agreeing > b.agreeing;
+    });
+  }
   std::vector<Candidate> distinct(const std::vector<Candidate>& all, std::size_t most) const;
   std::optional<Loop> best_of(std::size_t to, const std::vector<Candidate>& candidates,
                               const std::vector<std::optional<Matrix6>>& known,
                               std::vector<Loop>& looked_at);
   bool agrees(const Loop& a, const Loop& b) const;
   bool bears_out(const Loop& a, const Loop& b) const;
-  bool confirm(Loop loop, std::vector<Loop>& decided);
-  bool join(Loop loop, std::vector<Loop>& decided);
+  bool confirm(const Loop& loop, std::vector<Loop>& decided);
+  bool join(const Loop& loop, std::vector<Loop>& decided);
+  bool settle(Loop loop, bool accepted, const std::vector<Loop*>& with, std::vector<Loop>& decided);
   bool joins_strangers(const Loop& loop) const;
   bool decide(std::size_t to, std::vector<Loop>& decided);
   Loop of_submaps(Loop loop) const;
@@ -208,8 +214,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
   std::stable_sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {
     return a.guess.translation().squaredNorm() < b.guess.translation().squaredNorm();
   });
-  std::stable_sort(seen.begin(), seen.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.agreeing > b.agreeing; });
+  likeliest_first(seen);
   near.insert(near.end(), seen.begin(), seen.end());
   return distinct(near, config.candidates);
 }
@@ -232,8 +237,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
     if (known[from]) continue;
     if (const auto candidate = seen_from(from, to)) seen.push_back(*candidate);
   }
-  std::stable_sort(seen.begin(), seen.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.agreeing > b.agreeing; });
+  likeliest_first(seen);
   return distinct(seen, kStrangeCandidates);
 }
 
@@ -327,20 +331,13 @@ bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
   return squared_distance(by_b, a.T_from_to, covariance) < config.most_chi2;
 }
 
-bool LoopGraph::State::confirm(Loop loop, std::vector<Loop>& decided) {
-  bool accepted = false;
+bool LoopGraph::State::confirm(const Loop& loop, std::vector<Loop>& decided) {
+  std::vector<Loop*> bearing;
   for (Loop& other : loops) {
-    if (other.verdict != Verdict::kAccepted && other.verdict != Verdict::kAlone) continue;
-    if (!bears_out(loop, other)) continue;
-    accepted = true;
-    if (other.verdict == Verdict::kAccepted) continue;
-    other.verdict = Verdict::kAccepted;
-    decided.push_back(other);
+    const bool counts = other.verdict == Verdict::kAccepted || other.verdict == Verdict::kAlone;
+    if (counts && bears_out(loop, other)) bearing.push_back(&other);
   }
-  if (accepted) loop.verdict = Verdict::kAccepted;
-  loops.push_back(loop);
-  decided.push_back(loop);
-  return accepted;
+  return settle(loop, !bearing.empty(), bearing, decided);
 }
 
 bool LoopGraph::State::joins_strangers(const Loop& loop) const {
@@ -349,7 +346,7 @@ bool LoopGraph::State::joins_strangers(const Loop& loop) const {
 
 // Nothing but loops tells where two sessions lie to each other: more of them must say the same, and
 // more than contradict it.
-bool LoopGraph::State::join(Loop loop, std::vector<Loop>& decided) {
+bool LoopGraph::State::join(const Loop& loop, std::vector<Loop>& decided) {
   std::vector<Loop*> agreeing;
   std::size_t others = 0;
   for (Loop& other : loops) {
@@ -363,9 +360,16 @@ bool LoopGraph::State::join(Loop loop, std::vector<Loop>& decided) {
     }
   }
   const bool accepted = agreeing.size() + 1 >= kJoining && agreeing.size() + 1 > others;
+  return settle(loop, accepted, agreeing, decided);
+}
+
+// A new loop, and those that it is accepted with.
+bool LoopGraph::State::settle(Loop loop, bool accepted, const std::vector<Loop*>& with,
+                              std::vector<Loop>& decided) {
   if (accepted) {
     loop.verdict = Verdict::kAccepted;
-    for (Loop* other : agreeing) {
+    for (Loop* other : with) {
+      if (other->verdict == Verdict::kAccepted) continue;
       other->verdict = Verdict::kAccepted;
       decided.push_back(*other);
     }

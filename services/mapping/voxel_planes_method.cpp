@@ -298,7 +298,7 @@ InsertClouds VoxelPlanesMethod::insert_again(const MappingInput& input, const Ma
   return insert(input, match);
 }
 
-// Deskewed with the sweep's own motion in place of the odometry's.
+// Deskewed with the sweep's own motion instead of the odometry's.
 InsertClouds VoxelPlanesMethod::tile_clouds(const MappingInput& input, const Vector6& twist_per_s) {
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
   const DeskewTable own(twist_per_s, input.period_ns, input.instant_ns);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "common/messages/convert.hpp"
+#include "common/messages/keys.hpp"
 #include "common/messages/kinds.hpp"
 #include "common/messages/verify.hpp"
 #include "sessions/standing.hpp"
@@ -20,14 +21,6 @@ bool holds_a_store(const fs::path& folder) {
   });
 }
 
-/// loam/<robot>/map/submap/<instant>: the robot; empty: it is another key.
-std::string robot_of(const std::string& key) {
-  constexpr std::string_view kFirst = "loam/", kRest = "/map/submap/";
-  const auto rest = key.find(kRest);
-  if (!key.starts_with(kFirst) || rest == std::string::npos) return {};
-  return key.substr(kFirst.size(), rest - kFirst.size());
-}
-
 }  // namespace
 
 SavedMap read_saved_map(const fs::path& folder) {
@@ -39,14 +32,13 @@ SavedMap read_saved_map(const fs::path& folder) {
   out.folder = folder;
   const store::TileStore store(folder, store::StoreLimits{}, store::Access::kRead);
   for (const std::string& key : store.keys()) {
-    const std::string robot = robot_of(key);
-    if (robot.empty()) continue;
+    if (!Keys::is_kept_submap(key)) continue;
     const auto message = store.get(key);
     if (!message || !verify<msg::Submap>(message->payload, message->encoding).ok()) {
       throw SavedMapError(folder.string() + ": " + key + " can't be read: the file is damaged");
     }
     const auto& submap = message_of<msg::Submap>(message->payload);
-    out.robot = robot;
+    out.robot = submap.header()->robot()->str();
     out.run = submap.header()->run();
     out.submaps.push_back(standing(submap_of(submap)));
   }

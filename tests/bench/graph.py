@@ -15,6 +15,7 @@ import csv
 import functools
 import re
 import subprocess
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -64,19 +65,26 @@ class Seen:
         )
 
 
-def _drive(setting: BenchSetting, name: str, *simulated: object) -> Seen:
-    out = setting.out / "graph" / name
+def _graph(setting: BenchSetting, out: Path, simulated: Sequence[object], *more: object) -> str:
+    """The graph over a simulated drive; what it said. The truth is in truth.tum."""
     out.mkdir(parents=True, exist_ok=True)
-    capture, truth, submaps = out / "capture.pcap", out / "truth.tum", out / "submaps"
-    made = ("--quiet", "--out", capture, "--truth-base", truth)
+    capture, submaps = out / "capture.pcap", out / "submaps"
+    made = ("--quiet", "--out", capture, "--truth-base", out / "truth.tum")
     subprocess.run(
         [str(c) for c in (binary(setting.build, "simulator"), *simulated, *made)], check=True
     )
     cost_of([binary(setting.build, "offline"), capture, out, "--submaps", submaps])
-    said = cost_of([binary(setting.build, "graph-offline"), submaps, out / "est.tum", out]).said
+    judged = (submaps, out / "est.tum", out, *more)
+    said = cost_of([binary(setting.build, "graph-offline"), *judged]).said
     for large in (capture, submaps):
         large.unlink()
-    return _seen(out, trajectory.read(truth), said)
+    return said
+
+
+def _drive(setting: BenchSetting, name: str, *simulated: object) -> Seen:
+    out = setting.out / "graph" / name
+    said = _graph(setting, out, simulated)
+    return _seen(out, trajectory.read(out / "truth.tum"), said)
 
 
 def _seen(out: Path, truth: trajectory.Trajectory, said: str) -> Seen:
@@ -163,16 +171,10 @@ def _aliased(setting: BenchSetting, world: str) -> Outcome:
 def _points(setting: BenchSetting, world: str, seed: int) -> NDArray[np.float32]:
     """x y z of all submaps' points, and 1 for what moved."""
     out = setting.out / "graph" / f"{world}-{seed}"
-    out.mkdir(parents=True, exist_ok=True)
-    capture, submaps, points = out / "capture.pcap", out / "submaps", out / "points.bin"
-    simulated = ("--quiet", "--world", world, "--seed", seed, "--out", capture)
-    subprocess.run([str(c) for c in (binary(setting.build, "simulator"), *simulated)], check=True)
-    cost_of([binary(setting.build, "offline"), capture, out, "--submaps", submaps])
-    judged = (submaps, out / "est.tum", out, "--points", points)
-    cost_of([binary(setting.build, "graph-offline"), *judged])
+    points = out / "points.bin"
+    _graph(setting, out, ("--world", world, "--seed", seed), "--points", points)
     read = np.fromfile(points, np.float32).reshape(-1, 4)
-    for large in (capture, submaps, points):
-        large.unlink()
+    points.unlink()
     return read
 
 

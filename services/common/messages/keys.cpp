@@ -180,6 +180,10 @@ std::string Keys::kept_submap(std::int64_t instant_ns) const {
 
 std::string Keys::all_kept_submaps() const { return below("map/submap/*"); }
 
+bool Keys::is_kept_submap(std::string_view key) {
+  return key.starts_with("loam/") && key.find("/map/submap/") != std::string_view::npos;
+}
+
 namespace {
 std::string service(std::string_view stage, std::string_view instance, std::string_view leaf) {
   return "service/" + chunk_or_all(stage) + "/" + chunk_or_all(instance) + "/" + std::string(leaf);

@@ -97,6 +97,8 @@ class Keys {
   std::string all_tiles() const;
   std::string kept_submap(std::int64_t instant_ns) const;
   std::string all_kept_submaps() const;
+  /// Of any robot.
+  static bool is_kept_submap(std::string_view key);
   std::string status(std::string_view stage, std::string_view instance) const;
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string time(std::string_view stage, std::string_view instance) const;

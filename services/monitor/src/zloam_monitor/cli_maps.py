@@ -89,7 +89,8 @@ def map_export(
 
     with sessions.opened(common.kept(preset_dir), folder) as found:
         print(f"{to}: {sessions.export(found, to, voxel)}")
-    return 0
+    # Its loops could not be fitted, which was said.
+    return 0 if found.joined else 1
 
 
 @command
