@@ -40,6 +40,13 @@ struct SweepInertia {
   Eigen::Vector3d mean_force_from_end_mps2 = Eigen::Vector3d::Zero();
   /// root mean square of the readings about their own mean, per axis, m/s^2
   double force_spread_mps2 = 0.0;
+
+  /// All of it, for who keeps or brings it back.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(period_s, turn_rad, bend_rad, begin_to_mean_mps, mean_to_end_mps, mean_force_mps2,
+         mean_force_from_end_mps2, force_spread_mps2);
+  }
 };
 
 /// None where the readings do not cover the sweep, or have gaps of more than three of their own

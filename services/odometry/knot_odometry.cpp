@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "common/containers/thinning.hpp"
+#include "common/geometry/state_bits.hpp"
 #include "odometry/matcher.hpp"
 #include "odometry/motion_prediction.hpp"
 
@@ -18,6 +19,37 @@ constexpr double kLost = 0.5;
 constexpr double kStillUsual = 0.8;
 // A platform that is at rest while the target is founded: its gyroscope reads its bias.
 constexpr double kRestRate_radps = 0.02;
+// Of state(): another number where what is in it changes.
+constexpr std::uint64_t kLayout = 1;
+
+/// When a slice's points were measured.
+struct Times {
+  std::int64_t begin_ns, end_ns, stamp_ns;
+};
+
+/// The points of a slice in base_link at a pose; the motion between two knots is a constant twist.
+PointVector placed(const Times& times, const Pose& T_odom_begin, const Pose& T_odom_end,
+                   const Pose& T_base_lidar, PointSpan points, const Pose& T_odom_to) {
+  constexpr std::size_t kSteps = 64;
+  const Vector6 twist = log_se3(T_odom_begin.inverse() * T_odom_end);
+  const std::vector<Pose> along = exp_se3_along(twist, 0.0, 1.0 / kSteps, kSteps + 1);
+  const Pose T_to_begin = T_odom_to.inverse() * T_odom_begin;
+  const auto span_ns =
+      static_cast<double>(std::max<std::int64_t>(1, times.end_ns - times.begin_ns));
+  PointVector out;
+  out.reserve(points.size());
+  for (const Point& p : points) {
+    if (!is_usable(p)) continue;
+    const double part = static_cast<double>(times.stamp_ns + p.time_ns - times.begin_ns) / span_ns;
+    const auto step = static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * kSteps));
+    const Eigen::Vector3f q =
+        (T_to_begin * (along[step] * (T_base_lidar * p.position().cast<double>()))).cast<float>();
+    out.push_back({q.x(), q.y(), q.z(), p.intensity, p.time_ns, p.ring, p.return_type, p.reserved});
+  }
+  return out;
+}
+
+std::int64_t end_of(const FeatureSweep& sweep) { return sweep.stamp_ns + sweep.period_ns; }
 
 }  // namespace
 
@@ -34,9 +66,8 @@ void KnotOdometry::reset() { *this = KnotOdometry(config_, T_base_lidar_, T_base
 
 void KnotOdometry::begin(const FeatureSweep& sweep, const Pose& T_odom_base) {
   turn_ = std::max<std::size_t>(2, sweep.slices);
-  OdometryConfig of_target = config_;
-  of_target.window_sweeps = static_cast<int>(turn_) * config_.window_sweeps;
-  recent_.emplace(of_target, sweep.range_noise_m);
+  range_noise_m_ = sweep.range_noise_m;
+  make_target();
   window_.begin(T_odom_base);
   window_.inertia() = {};
   kept_.clear();
@@ -47,10 +78,20 @@ void KnotOdometry::begin(const FeatureSweep& sweep, const Pose& T_odom_base) {
   begun_ = true;
 }
 
-Slice KnotOdometry::slice_of(const FeatureSweep& sweep) const {
+std::size_t KnotOdometry::most_settled() const {
+  return turn_ * static_cast<std::size_t>(std::max(1, config_.window_sweeps));
+}
+
+void KnotOdometry::make_target() {
+  OdometryConfig of_target = config_;
+  of_target.window_sweeps = static_cast<int>(most_settled());
+  recent_.emplace(of_target, range_noise_m_);
+  settled_.clear();
+}
+
+Slice KnotOdometry::slice_of(const FeatureSweep& sweep, const MadeWith& with) const {
   Slice slice;
-  const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
-  const auto period_ns = std::max<std::int64_t>(1, end_ns - end_ns_);
+  const auto period_ns = std::max<std::int64_t>(1, end_of(sweep) - with.begin_ns);
   slice.period_s = 1e-9 * static_cast<double>(period_ns);
   const std::size_t wanted =
       std::max<std::size_t>(1, static_cast<std::size_t>(config_.max_matched_points) / (2 * turn_));
@@ -58,50 +99,46 @@ Slice KnotOdometry::slice_of(const FeatureSweep& sweep) const {
                           sweep.sweep};
   thinning.each(sweep.less_flat, [&](const Point& p) {
     if (!is_usable(p)) return;
-    const std::int64_t since_ns = sweep.stamp_ns + p.time_ns - end_ns_;
+    const std::int64_t since_ns = sweep.stamp_ns + p.time_ns - with.begin_ns;
     const double part = static_cast<double>(since_ns) / static_cast<double>(period_ns);
     slice.points.push_back(
         {T_base_lidar_ * p.position().cast<double>(), std::clamp(part, 0.0, 1.0)});
   });
   if (config_.use_imu && !sweep.imu.empty()) {
-    slice.rate_bias_radps = window_.inertia().rate_bias_radps;
+    slice.rate_bias_radps = with.rate_bias_radps;
     ImuErrors errors;
     errors.rate_radps = slice.rate_bias_radps;
-    slice.inertia =
-        integrate(sweep.imu, end_ns_, static_cast<std::uint32_t>(period_ns), T_base_imu_, errors);
+    slice.inertia = integrate(sweep.imu, with.begin_ns, static_cast<std::uint32_t>(period_ns),
+                              T_base_imu_, errors);
   }
   return slice;
 }
 
-/// The points of a kept slice in base_link at a pose.
-PointVector KnotOdometry::placed(std::size_t k, PointSpan points, const Pose& T_odom_to) const {
-  constexpr std::size_t kSteps = 64;
+void KnotOdometry::keep(const FeatureSweep& sweep, std::int64_t begin_ns) {
+  kept_.push_back({sweep.sweep,
+                   begin_ns,
+                   end_of(sweep),
+                   sweep.stamp_ns,
+                   {sweep.less_sharp.begin(), sweep.less_sharp.end()},
+                   {sweep.less_flat.begin(), sweep.less_flat.end()}});
+}
+
+void KnotOdometry::settle(std::size_t k) {
   const Kept& kept = kept_[k];
-  const Pose& before = window_.knots()[k];
-  const Vector6 twist = log_se3(before.inverse() * window_.knots()[k + 1]);
-  const std::vector<Pose> along = exp_se3_along(twist, 0.0, 1.0 / kSteps, kSteps + 1);
-  const Pose T_to_before = T_odom_to.inverse() * before;
-  const auto span_ns = static_cast<double>(std::max<std::int64_t>(1, kept.end_ns - kept.begin_ns));
-  PointVector out;
-  out.reserve(points.size());
-  for (const Point& p : points) {
-    if (!is_usable(p)) continue;
-    const double part = static_cast<double>(kept.stamp_ns + p.time_ns - kept.begin_ns) / span_ns;
-    const auto step = static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * kSteps));
-    const Eigen::Vector3f q =
-        (T_to_before * (along[step] * (T_base_lidar_ * p.position().cast<double>()))).cast<float>();
-    out.push_back({q.x(), q.y(), q.z(), p.intensity, p.time_ns, p.ring, p.return_type, p.reserved});
-  }
-  return out;
+  const Pose& begin = window_.knots()[k];
+  const Pose& end = window_.knots()[k + 1];
+  recent_->add(placed({kept.begin_ns, kept.end_ns, kept.stamp_ns}, begin, end, T_base_lidar_,
+                      kept.planes, end),
+               end);
+  settled_.push_back({kept.sweep, kept.begin_ns, begin, end});
+  if (settled_.size() > most_settled()) settled_.pop_front();
 }
 
 /// The first turn as the target, as far as its motion is known by now.
 void KnotOdometry::found() {
   recent_->clear();
-  for (std::size_t k = 0; k < turn_; ++k) {
-    const Pose& T_odom_end = window_.knots()[k + 1];
-    recent_->add(placed(k, kept_[k].planes, T_odom_end), T_odom_end);
-  }
+  settled_.clear();
+  for (std::size_t k = 0; k < turn_; ++k) settle(k);
 }
 
 /// Gravity, and the gyroscope's bias where the platform rests, from the first turn.
@@ -123,21 +160,21 @@ void KnotOdometry::note_rest() {
 /// The oldest slice leaves the window and becomes a part of the target.
 void KnotOdometry::let_settle() {
   while (window_.slices().size() > 2 * turn_) {
-    if (seen_ > 3 * turn_) {
-      const Pose& T_odom_end = window_.knots()[1];
-      recent_->add(placed(0, kept_.front().planes, T_odom_end), T_odom_end);
-    }
+    if (seen_ > 3 * turn_) settle(0);
     window_.pop();
     kept_.pop_front();
   }
 }
 
 void KnotOdometry::fill_clouds(OdometryResult& result) const {
-  if (seen_ < 2 * turn_ || seen_ % turn_ != 0) return;
+  if (!ends_turn()) return;
   for (std::size_t k = 0; k < turn_; ++k) {
+    const Kept& kept = kept_[k];
     for (auto [from, to] :
-         {std::pair{&kept_[k].edges, &result.edges}, std::pair{&kept_[k].planes, &result.planes}}) {
-      const PointVector points = placed(k, *from, result.T_odom_base);
+         {std::pair{&kept.edges, &result.edges}, std::pair{&kept.planes, &result.planes}}) {
+      const PointVector points =
+          placed({kept.begin_ns, kept.end_ns, kept.stamp_ns}, window_.knots()[k],
+                 window_.knots()[k + 1], T_base_lidar_, *from, result.T_odom_base);
       to->insert(to->end(), points.begin(), points.end());
     }
   }
@@ -171,7 +208,7 @@ Degeneracy KnotOdometry::weak_directions(const KnotSolution& solution) const {
 }
 
 OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
-  const std::int64_t end_ns = sweep.stamp_ns + sweep.period_ns;
+  const std::int64_t end_ns = end_of(sweep);
   const std::int64_t gap_ns = sweep.stamp_ns - end_ns_;
   const bool torn = begun_ && (gap_ns > kMostGap_ns || end_ns <= end_ns_);
   const bool hopeless = bad_in_row_ >= config_.restart_after * static_cast<int>(turn_);
@@ -183,13 +220,9 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
   result.instant_ns = end_ns;
 
-  Slice slice = slice_of(sweep);
+  Slice slice = slice_of(sweep, {sweep.sweep, end_ns_, window_.inertia().rate_bias_radps});
   if (seen_ < turn_) slice.points.clear();
-  kept_.push_back({end_ns_,
-                   end_ns,
-                   sweep.stamp_ns,
-                   {sweep.less_sharp.begin(), sweep.less_sharp.end()},
-                   {sweep.less_flat.begin(), sweep.less_flat.end()}});
+  keep(sweep, end_ns_);
   window_.push(std::move(slice));
   const Pose predicted = window_.knots().back();
   ++seen_;
@@ -223,6 +256,86 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   result.diagnostics.imu_used = window_.slices().back().inertia.has_value();
   fill_clouds(result);
   return result;
+}
+
+template <class Bits>
+void KnotOdometry::each(Bits& bits, std::deque<MadeWith>& made_with) {
+  bits(turn_, seen_, end_ns_, prev_sweep_, bad_in_row_, range_noise_m_, explained_, settled_,
+       made_with);
+  window_.each(bits);
+}
+
+std::vector<std::uint64_t> KnotOdometry::state() {
+  // Before, some of the window's slices are not matched.
+  if (!ends_turn() || seen_ < 3 * turn_) return {};
+  StateBits bits;
+  std::uint64_t layout = kLayout;
+  std::deque<MadeWith> made_with;
+  for (std::size_t k = 0; k < kept_.size(); ++k) {
+    made_with.push_back({kept_[k].sweep, kept_[k].begin_ns, window_.slices()[k].rate_bias_radps});
+  }
+  bits(layout);
+  each(bits, made_with);
+  return bits.take();
+}
+
+bool KnotOdometry::restore(std::span<const std::uint64_t> state, const SliceAt& slice_at) {
+  reset();
+  if (take_back(state, slice_at)) return true;
+  reset();
+  return false;
+}
+
+bool KnotOdometry::take_back(std::span<const std::uint64_t> state, const SliceAt& slice_at) {
+  StateBits bits(state);
+  std::uint64_t layout = 0;
+  bits(layout);
+  if (layout != kLayout) return false;
+  std::deque<MadeWith> made_with;
+  each(bits, made_with);
+  begun_ = bits.complete() && is_sound(made_with);
+  return begun_ && settle_again(slice_at) && hold_again(made_with, slice_at);
+}
+
+bool KnotOdometry::is_sound(const std::deque<MadeWith>& made_with) const {
+  // Of a pose beyond it no point can be matched.
+  constexpr double kFarthest_m = 1e6;
+  const auto sound = [](const Pose& pose) {
+    return pose.linear().isUnitary(1e-6) && pose.translation().norm() < kFarthest_m;
+  };
+  const auto places = [&](const Settled& s) {
+    return sound(s.T_odom_begin) && sound(s.T_odom_end);
+  };
+  return turn_ >= 2 && made_with.size() == 2 * turn_ && settled_.size() <= most_settled() &&
+         window_.knots().size() == made_with.size() + 1 && range_noise_m_ >= 0.0 &&
+         range_noise_m_ < kFarthest_m && std::all_of(settled_.begin(), settled_.end(), places) &&
+         std::all_of(window_.knots().begin(), window_.knots().end(), sound);
+}
+
+bool KnotOdometry::settle_again(const SliceAt& slice_at) {
+  const std::deque<Settled> settled = settled_;
+  make_target();
+  for (const Settled& of : settled) {
+    const std::optional<FeatureSweep> sweep = slice_at(of.sweep);
+    if (!sweep) continue;
+    recent_->add(placed({of.begin_ns, end_of(*sweep), sweep->stamp_ns}, of.T_odom_begin,
+                        of.T_odom_end, T_base_lidar_, sweep->less_flat, of.T_odom_end),
+                 of.T_odom_end);
+    settled_.push_back(of);
+  }
+  return settled_.size() >= turn_;
+}
+
+bool KnotOdometry::hold_again(const std::deque<MadeWith>& made_with, const SliceAt& slice_at) {
+  std::deque<Slice> slices;
+  for (const MadeWith& with : made_with) {
+    const std::optional<FeatureSweep> sweep = slice_at(with.sweep);
+    if (!sweep) return false;
+    slices.push_back(slice_of(*sweep, with));
+    keep(*sweep, with.begin_ns);
+  }
+  window_.hold(std::move(slices));
+  return true;
 }
 
 }  // namespace zloam::odometry

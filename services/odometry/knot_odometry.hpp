@@ -2,8 +2,11 @@
 // Odometry of a scan that comes in slices: of a 2-D scanner that a motor turns. The pose leaves with
 // each slice, the points once the slices around them have settled where they are.
 
+#include <cstdint>
 #include <deque>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "common/geometry/fit_record.hpp"
 #include "odometry/knot_window.hpp"
@@ -20,23 +23,67 @@ class KnotOdometry {
   void configure(const OdometryConfig& config);
   void reset();
 
+  /// All that it goes on with but the points; empty but for the slice that ends a turn, and in the
+  /// first turns. Its layout is this program's own.
+  std::vector<std::uint64_t> state();
+  /// As an instance was that gave this state, with the slices that slice_at still has: it goes on
+  /// with the very same bytes where these are all in its target and window. False, and as new:
+  /// another program's state, or too few slices.
+  bool restore(std::span<const std::uint64_t> state, const SliceAt& slice_at);
+
  private:
   /// The points of a slice that is in the window.
   struct Kept {
+    std::uint64_t sweep = 0;
     std::int64_t begin_ns = 0;
     std::int64_t end_ns = 0;
     std::int64_t stamp_ns = 0;
     PointVector edges, planes;  ///< frame lidar, at their own times
   };
+  /// Where a slice lies that is a part of the target.
+  struct Settled {
+    std::uint64_t sweep = 0;
+    std::int64_t begin_ns = 0;
+    Pose T_odom_begin = Pose::Identity();
+    Pose T_odom_end = Pose::Identity();
+
+    template <class Bits>
+    void each(Bits& bits) {
+      bits(sweep, begin_ns, T_odom_begin, T_odom_end);
+    }
+  };
+  /// What a slice in the window was made with.
+  struct MadeWith {
+    std::uint64_t sweep = 0;
+    std::int64_t begin_ns = 0;
+    Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
+
+    template <class Bits>
+    void each(Bits& bits) {
+      bits(sweep, begin_ns, rate_bias_radps);
+    }
+  };
+
+  template <class Bits>
+  void each(Bits& bits, std::deque<MadeWith>& made_with);
+  bool take_back(std::span<const std::uint64_t> state, const SliceAt& slice_at);
+  bool is_sound(const std::deque<MadeWith>& made_with) const;
+  bool settle_again(const SliceAt& slice_at);
+  bool hold_again(const std::deque<MadeWith>& made_with, const SliceAt& slice_at);
 
   void begin(const FeatureSweep& sweep, const Pose& T_odom_base);
-  Slice slice_of(const FeatureSweep& sweep) const;
+  void make_target();
+  Slice slice_of(const FeatureSweep& sweep, const MadeWith& with) const;
+  void keep(const FeatureSweep& sweep, std::int64_t begin_ns);
+  bool ends_turn() const { return seen_ >= 2 * turn_ && seen_ % turn_ == 0; }
   /// Enough of a second turn is there to be matched: a slice alone leaves directions open.
   bool settled() const { return seen_ > turn_ + turn_ / 2; }
   void found();
   void note_rest();
   void let_settle();
-  PointVector placed(std::size_t k, PointSpan points, const Pose& T_odom_to) const;
+  /// Of the window, as its knots are now.
+  void settle(std::size_t k);
+  std::size_t most_settled() const;
   void fill_clouds(OdometryResult& result) const;
   Degeneracy weak_directions(const KnotSolution& solution) const;
   Health judge(const FeatureSweep& sweep, const KnotSolution& solution);
@@ -47,11 +94,14 @@ class KnotOdometry {
   KnotWindow window_;
   std::optional<WindowMap> recent_;
   std::deque<Kept> kept_;
+  /// of the target, the oldest first
+  std::deque<Settled> settled_;
   /// of the slices before: the share of their points on surfaces
   FitRecord explained_;
   /// slices to a turn, and those since the target was founded
   std::size_t turn_ = 1;
   std::size_t seen_ = 0;
+  double range_noise_m_ = 0.0;
   std::int64_t end_ns_ = 0;
   std::uint64_t prev_sweep_ = 0;
   bool begun_ = false;

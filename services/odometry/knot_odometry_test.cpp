@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -170,6 +171,96 @@ TEST(KnotOdometryTest, TheSameSlicesGiveTheSameBytes) {
     }
   }
   EXPECT_EQ(poses[0], poses[1]);
+}
+
+/// The slices so far, as registration keeps them.
+struct Kept {
+  std::vector<FeatureSweep> sweeps;
+  std::deque<PointVector> points;
+  std::deque<std::vector<ImuReading>> imu;
+
+  const FeatureSweep& add(Drive& scans, int number, bool with_imu) {
+    FeatureSweep sweep = scans.slice(number, with_imu);
+    sweep.less_flat = points.emplace_back(scans.points);
+    if (with_imu) sweep.imu = imu.emplace_back(scans.imu);
+    return sweeps.emplace_back(sweep);
+  }
+  SliceAt since(std::uint64_t first) const {
+    return [this, first](std::uint64_t sweep) -> std::optional<FeatureSweep> {
+      if (sweep < first || sweep >= sweeps.size()) return std::nullopt;
+      return sweeps[sweep];
+    };
+  }
+};
+
+/// Two instances, of which the second goes on from the first one's state after slice 59 and has the
+/// slices from one on: what their poses differ by, m.
+double taken_over_apart_m(bool with_imu, std::uint64_t first_kept) {
+  OdometryConfig config;
+  config.window_sweeps = 3;
+  KnotOdometry first(config, Pose::Identity(), Pose::Identity());
+  KnotOdometry second(config, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  Kept kept;
+  double apart_m = 0.0;
+  for (int i = 0; i < 90; ++i) {
+    const FeatureSweep& sweep = kept.add(scans, i, with_imu);
+    const OdometryResult result = first.process(sweep);
+    EXPECT_EQ(first.state().empty(), i < 29 || i % 10 != 9) << i;
+    if (i == 59) {
+      EXPECT_TRUE(second.restore(first.state(), kept.since(first_kept)));
+    }
+    if (i < 60) continue;
+    const OdometryResult other = second.process(sweep);
+    EXPECT_EQ(other.health, Health::kOk);
+    EXPECT_EQ(other.planes.size(), result.planes.size());
+    const Pose off = result.T_odom_base.inverse() * other.T_odom_base;
+    apart_m = std::max(apart_m, off.translation().norm());
+    if (first_kept <= 10) {
+      EXPECT_EQ(first.state(), second.state());
+    }
+  }
+  return apart_m;
+}
+
+TEST(KnotOdometryTest, AnotherInstanceGoesOnWithTheSameBytes) {
+  EXPECT_EQ(taken_over_apart_m(true, 0), 0.0);
+  EXPECT_EQ(taken_over_apart_m(false, 10), 0.0);
+}
+
+TEST(KnotOdometryTest, AnotherInstanceGoesOnNearlySoWithFewerSlices) {
+  const double apart_m = taken_over_apart_m(true, 25);
+  EXPECT_GT(apart_m, 0.0);
+  EXPECT_LT(apart_m, 0.01);
+}
+
+TEST(KnotOdometryTest, AStateThatDoesNotSufficeIsRefused) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  Kept kept;
+  for (int i = 0; i < 60; ++i) odometry.process(kept.add(scans, i, false));
+  const std::vector<std::uint64_t> state = odometry.state();
+  const auto refused = [&](std::span<const std::uint64_t> words, std::uint64_t first_kept) {
+    KnotOdometry second({}, Pose::Identity(), Pose::Identity());
+    const bool restored = second.restore(words, kept.since(first_kept));
+    EXPECT_EQ(second.process(kept.sweeps[0]).prev_sweep, 0U) << "not as new";
+    return !restored;
+  };
+  EXPECT_TRUE(refused(state, 45)) << "the window's slices are gone";
+  EXPECT_TRUE(refused(state, 36)) << "the target's slices are gone";
+  EXPECT_TRUE(refused({}, 0));
+  EXPECT_TRUE(refused(std::span(state).first(state.size() - 1), 0));
+  std::vector<std::uint64_t> other = state;
+  ++other.front();
+  EXPECT_TRUE(refused(other, 0)) << "another layout";
+  for (const std::uint64_t wild : {~std::uint64_t{0}, std::bit_cast<std::uint64_t>(1e300)}) {
+    for (std::size_t k = 1; k < state.size(); k += 3) {
+      other = state;
+      other[k] = wild;
+      KnotOdometry second({}, Pose::Identity(), Pose::Identity());
+      if (second.restore(other, kept.since(0))) second.process(kept.sweeps.back());
+    }
+  }
 }
 
 TEST(KnotOdometryTest, EachSliceIsHandedOnOnceItHasSettled) {

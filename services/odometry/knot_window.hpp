@@ -49,6 +49,11 @@ struct KnotInertia {
   /// one sigma of what they wander by until the next slice
   double gravity_sigma_mps2 = 0.02;
   double rate_bias_sigma_radps = 2e-4;
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(gravity_mps2, rate_bias_radps, gravity_sigma_mps2, rate_bias_sigma_radps);
+  }
 };
 
 struct KnotSolution {
@@ -83,6 +88,15 @@ class KnotWindow {
 
   /// Matches and solves until the steps are small.
   KnotSolution solve(WindowMap& target, double range_noise_m);
+
+  /// All but the slices, for who keeps or brings it back: then hold() follows.
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(knots_, velocity_before_, velocity_before_sigma_, period_before_s_, inertia_before_,
+         inertia_);
+  }
+  /// The slices of the knots that were brought back: one fewer than these.
+  void hold(std::deque<Slice> slices) { slices_ = std::move(slices); }
 
   /// Mean twist of a slice, m/s and rad/s.
   Vector6 velocity(std::size_t k) const;

@@ -423,6 +423,17 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   }
 }
 
+bool Odometry::restore_slices(std::span<const std::uint64_t> state, const SliceAt& slice_at) {
+  reset();
+  State& s = *state_;
+  s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
+  return s.knots->restore(state, slice_at);
+}
+
+std::vector<std::uint64_t> Odometry::slice_state() {
+  return state_->knots ? state_->knots->state() : std::vector<std::uint64_t>();
+}
+
 void Odometry::configure(const OdometryConfig& config) {
   state_->config = config;
   if (state_->knots) state_->knots->configure(config);

@@ -9,9 +9,11 @@
 // No clock, no threads, no random numbers: the same sweeps give the same bytes.
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "common/geometry/health.hpp"
 #include "common/geometry/point.hpp"
@@ -100,6 +102,10 @@ struct CommittedSweep {
   std::optional<InertialState> inertia = {};
 };
 
+/// The features of a slice that came before, by its number; nothing: they are gone. What is handed
+/// out is read before the next call.
+using SliceAt = std::function<std::optional<FeatureSweep>(std::uint64_t sweep)>;
+
 class Odometry {
  public:
   Odometry(const OdometryConfig& config, const Pose& T_base_lidar,
@@ -123,6 +129,13 @@ class Odometry {
   /// Takes up the state from the results of the last sweeps, in ascending order, as another
   /// instance published them; restore_depth() of them give the very same continuation.
   void restore(std::span<const CommittedSweep> sweeps);
+
+  /// The same for slices, whose results are not all that they leave behind: from what slice_state()
+  /// was after one of them, and the features of those before. False, and as new: too few of these,
+  /// or another program's state.
+  bool restore_slices(std::span<const std::uint64_t> state, const SliceAt& slice_at);
+  /// Empty but for a slice that ends a turn, and in the first turns.
+  std::vector<std::uint64_t> slice_state();
 
   /// From the next sweep on. What the targets were built with (config.hpp says which) stays.
   void configure(const OdometryConfig& config);

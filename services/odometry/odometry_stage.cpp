@@ -93,7 +93,7 @@ void OdometryStage::new_run(const msg::Header& first) {
 }
 
 runtime::Outcome OdometryStage::take(const Features& features) {
-  if (stood_still_before(features)) catch_up(features.header());
+  if (stood_still_before(features)) catch_up(features.header(), last_instant_ns_);
   // Done by the instance before, or caught up with.
   if (features.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
   process(features);
@@ -181,6 +181,8 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   std::vector<double> inertial_state;
   if (result.inertia) inertial_state = packed(*result.inertia);
   fields.inertial_state = inertial_state;
+  const std::vector<std::uint64_t> state = odometry_.slice_state();
+  fields.state = state;
   HeaderFields header = features_.header(features);
   header.frame = "base_link";
   header.odom_epoch = odom_epoch_;

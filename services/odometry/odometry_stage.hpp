@@ -33,15 +33,19 @@ class OdometryStage {
   /// Takes up what an instance before this one left in the middle of a run; restart_stage.cpp.
   void restart(const msg::Header& first);
   bool reaches(const msg::Header& first, const CommittedSweep& last) const;
-  bool continue_frame(const msg::Header& first,
-                      const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
-  /// From the first so many; the number of those that it took.
-  std::size_t restore(std::size_t count, const std::vector<CommittedSweep>& sweeps);
+  /// The instant of the last commit; nothing: the frame can't be continued.
+  std::optional<std::int64_t> continue_frame(
+      const msg::Header& first, std::vector<runtime::Received<msg::OdometryFeatures>> commits);
+  /// From the first so many.
+  void restore(std::size_t count, const std::vector<CommittedSweep>& sweeps);
   void publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps);
+  /// What the first of these commits leave behind, so many of them; 0: too little was kept.
+  std::size_t take_up(const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  std::size_t take_up_slices(const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void begin_frame(const msg::Header& first,
                    const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void do_again(std::uint64_t run, std::uint64_t from);
-  void catch_up(const msg::Header& first);
+  void catch_up(const msg::Header& first, std::int64_t until_ns);
   /// This process or its link stood still for a while, and queues gave up what came meanwhile.
   bool stood_still_before(const Features& features) const;
   /// Nothing came for so long before it that a constant motion would lead astray: at once where the

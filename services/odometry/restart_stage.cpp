@@ -2,6 +2,7 @@
 // what mapping keeps of odometry/features, its inputs since then what registration keeps.
 
 #include <algorithm>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -26,6 +27,8 @@ constexpr std::size_t kYoungSweeps = 3;
 constexpr double kHole = 2.5;
 // Intervals that the usual one is the median of.
 constexpr std::size_t kUsualOf = 15;
+
+bool is_slice(const Commit& commit) { return commit->slices() > 1; }
 
 // What the odometry itself said: where it had nothing to say, the message has the source's word.
 Health own_health(Health published) {
@@ -80,14 +83,13 @@ void OdometryStage::restart(const msg::Header& first) {
   const int tries = first.replay() ? kReplayTries : 1;
   const auto commits =
       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
-  // The window of slices is not in the messages: what follows is a frame of its own.
-  const bool in_slices = std::any_of(commits.begin(), commits.end(),
-                                     [](const Commit& commit) { return commit->slices() > 1; });
-  if (!in_slices && continue_frame(first, commits)) {
-    catch_up(first);
+  if (const auto until_ns = continue_frame(first, commits)) {
+    catch_up(first, *until_ns);
     if (first.replay()) inlet_->continue_at(first.run(), next_sweep_);
     return;
   }
+  // The turns that a frame of slices begins with are not in the messages.
+  const bool in_slices = std::any_of(commits.begin(), commits.end(), is_slice);
   if (first.replay() && !in_slices) return;
   begin_frame(first, commits);
   // The queue may have given up meanwhile what registration still has.
@@ -114,11 +116,10 @@ bool OdometryStage::reaches(const msg::Header& first, const CommittedSweep& last
   return !kept.empty() && runtime::goes_on(kept.front().header(), last.instant_ns);
 }
 
-std::size_t OdometryStage::restore(std::size_t count, const std::vector<CommittedSweep>& sweeps) {
+void OdometryStage::restore(std::size_t count, const std::vector<CommittedSweep>& sweeps) {
   const std::size_t depth = std::min(count, odometry_.restore_depth());
   const auto end = sweeps.begin() + static_cast<std::ptrdiff_t>(count);
   odometry_.restore({end - static_cast<std::ptrdiff_t>(depth), end});
-  return depth;
 }
 
 // The last commit came through to mapping; its pose, on another connection, may have died with its
@@ -132,32 +133,59 @@ void OdometryStage::publish_again(std::uint64_t run, const std::vector<Committed
   locate(kept.front(), input_of(kept.front()));
 }
 
-bool OdometryStage::continue_frame(const msg::Header& first, const std::vector<Commit>& commits) {
+std::size_t OdometryStage::take_up(const std::vector<Commit>& commits) {
   std::vector<CommittedSweep> sweeps;
-  const Commit* last = nullptr;
+  sweeps.reserve(commits.size());
+  for (const Commit& commit : commits) sweeps.push_back(committed(commit));
+  publish_again(commits.back().run(), sweeps);
+  restore(sweeps.size(), sweeps);
+  return commits.size();
+}
+
+// From the end of a turn, but not of the last commit, so that it comes again: what follows is done
+// once more, to the same bytes, and whoever has it drops the copies.
+std::size_t OdometryStage::take_up_slices(const std::vector<Commit>& commits) {
+  const auto from =
+      std::find_if(commits.rbegin() + 1, commits.rend(), [this](const Commit& commit) {
+        return commit->state() != nullptr && commit.header().odom_epoch() == odom_epoch_;
+      });
+  if (from == commits.rend()) return 0;
+  std::map<std::uint64_t, Features> kept;
+  const std::uint64_t last = from->sweep();
+  for (Features& f : recall_features(stage_, runtime::sweeps_from(from->run(), 0, last))) {
+    kept.emplace(f.sweep(), std::move(f));
+  }
+  const auto slice_at = [&](std::uint64_t sweep) -> std::optional<FeatureSweep> {
+    const auto found = kept.find(sweep);
+    if (found == kept.end()) return std::nullopt;
+    return input_of(found->second);
+  };
+  const auto& state = *(*from)->state();
+  if (!odometry_.restore_slices({state.data(), state.size()}, slice_at)) return 0;
+  return static_cast<std::size_t>(commits.rend() - from);
+}
+
+std::optional<std::int64_t> OdometryStage::continue_frame(const msg::Header& first,
+                                                          std::vector<Commit> commits) {
+  std::erase_if(commits, [&](const Commit& commit) { return commit.run() != first.run(); });
+  if (commits.empty()) return std::nullopt;
+  if (!first.replay() && !reaches(first, committed(commits.back()))) return std::nullopt;
+  const std::int64_t until_ns = commits.back()->instant_ns();
+  odom_epoch_ = commits.back().header().odom_epoch();
+  const std::size_t count = is_slice(commits.back()) ? take_up_slices(commits) : take_up(commits);
+  if (count == 0) return std::nullopt;
+  commits.erase(commits.begin() + static_cast<std::ptrdiff_t>(count), commits.end());
   for (const Commit& commit : commits) {
-    if (commit.run() != first.run()) continue;
-    sweeps.push_back(committed(commit));
-    last = &commit;
+    path_.emplace_back(commit->instant_ns(), commit.sweep(), *commit->pose_odom_base());
+    if (commit.header().odom_epoch() == odom_epoch_) ++frame_sweeps_;
   }
-  if (sweeps.empty()) return false;
-  if (!first.replay() && !reaches(first, sweeps.back())) return false;
-  odom_epoch_ = last->header().odom_epoch();
-  publish_again(first.run(), sweeps);
-  const std::size_t depth = restore(sweeps.size(), sweeps);
-  for (const CommittedSweep& s : sweeps) {
-    path_.emplace_back(s.instant_ns, s.sweep, to_message(s.T_odom_base));
-  }
-  frame_sweeps_ = static_cast<std::size_t>(
-      std::count_if(commits.begin(), commits.end(), [&](const Commit& commit) {
-        return commit.run() == first.run() && commit.header().odom_epoch() == odom_epoch_;
-      }));
-  done_below_ = next_sweep_ = sweeps.back().sweep + 1;
-  last_instant_ns_ = sweeps.back().instant_ns;
-  last_header_ = header_fields(last->header());
+  const Commit& last = commits.back();
+  done_below_ = next_sweep_ = last.sweep() + 1;
+  last_instant_ns_ = last->instant_ns();
+  last_header_ = header_fields(last.header());
   runtime::log_warning("resuming the odometry of the previous instance",
-                       {{"sweep", next_sweep_}, {"commits", depth}});
-  return true;
+                       {{"sweep", next_sweep_}, {"commits", count}});
+  return until_ns;
 }
 
 void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
@@ -168,8 +196,7 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
 
 // What came while nobody was here, as far as it can still be had. In a replay the rest comes by
 // itself: nothing is given up.
-void OdometryStage::catch_up(const msg::Header& first) {
-  const std::int64_t killed_ns = last_instant_ns_;
+void OdometryStage::catch_up(const msg::Header& first, std::int64_t until_ns) {
   runtime::Gap gap;
   for (const Features& features : kept_features(stage_, first.run(), done_below_)) {
     if (gap.add(done_below_, features.sweep()) && first.replay()) return;
@@ -177,7 +204,7 @@ void OdometryStage::catch_up(const msg::Header& first) {
   }
   if (first.replay()) return;
   gap.add(done_below_, first.sweep());
-  gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - killed_ns);
+  gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - until_ns);
   runtime::report(stage_, gap);
 }
 

@@ -13,23 +13,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.integration.conftest import Capture, digests, kill, monitor, simulate
+from tests.integration.conftest import Capture, digests, monitor, simulate
 from tests.integration.live_run import (
     BRIDGING,
     KILL_AT,
     LOST,
-    PATIENCE_S,
     SECONDS,
     STAGES,
-    STORE_LINK_S,
     LiveRun,
     rmse_m,
-    store_command,
 )
+from tests.integration.replay_run import assert_books, replayed
 from zloam_monitor import sources
-from zloam_monitor.chain import Chain
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
-from zloam_monitor.robot_file import names
 from zloam_monitor.trajectory import Trajectory, read
 
 #: of the undisturbed run's, and metres on top (the acceptance of the stages' restart)
@@ -78,12 +74,6 @@ def assert_as_good(found: Trajectory, undisturbed: Path, drive: Capture, from_ns
     reference = Trajectory(whole.transforms, whole.stamps_ns, np.arange(len(whole)))
     allowed = WORSE * rmse_m(reference, drive, from_ns) + FLOOR_M
     assert rmse_m(found, drive, from_ns) <= allowed
-
-
-def assert_books(statuses: dict[str, StatusRecord], stages: tuple[str, ...]) -> None:
-    for stage in stages:
-        for account in statuses[stage].inputs:
-            assert account.balanced(), (stage, account)
 
 
 def without_pose(out: Path, statuses: dict[str, StatusRecord]) -> int:
@@ -221,52 +211,6 @@ def test_all_are_killed_and_the_store_has_the_map(
         assert_as_good(found, undisturbed, drive, stamps[last.sweep])
 
 
-def replayed(
-    build: Path,
-    robot_file: Path,
-    drive: Capture,
-    out: Path,
-    stage: str | None,
-    tiles: Path | None = None,
-) -> dict[str, StatusRecord]:
-    """The statuses of a replay in which the stage is killed once; with a store where tiles are."""
-    robot = names(robot_file, [])
-    settings = [
-        *sources.from_pcap(drive.pcap).driver_settings("realtime"),
-        f"integration.output_dir={out}",
-        f"mapping.map_path={out / 'map.pcd'}",
-        f"mapping.store_link_s={STORE_LINK_S if tiles else 0}",
-    ]
-    chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
-    if tiles is not None:
-        command = store_command(build, robot_file, chain, tiles)
-        chain.processes.start("store", command, out / "store.log")
-    with chain:
-        if stage is not None:
-            kill_under_way(chain, stage)
-        deadline = time.monotonic() + 3 * PATIENCE_S
-        while not chain.finished():
-            chain.link.poll(0.2)
-            chain.check()
-            assert time.monotonic() < deadline, "the run does not end"
-        chain.link.query_statuses()
-        poses = dict(chain.link.poses)
-        codes = chain.stop()
-        statuses = chain.statuses()
-    assert set(codes.values()) == {0}, codes
-    assert sorted(poses) == list(range(statuses["driver"].last_sweep + 1))
-    assert_books(statuses, STAGES)
-    return statuses
-
-
-def kill_under_way(chain: Chain, stage: str) -> None:
-    while len(chain.link.poses) < KILL_AT:
-        chain.link.poll(0.1)
-        chain.check()
-    kill(chain, stage)
-    chain.start(stage, f"{stage}-again")
-
-
 @pytest.mark.parametrize("stage", ["driver", "odometry", "integration"])
 def test_a_replay_has_the_same_bytes(
     build: Path,
@@ -277,7 +221,7 @@ def test_a_replay_has_the_same_bytes(
     stage: str,
 ) -> None:
     """What the killed one held can all be had from others."""
-    replayed(build, robot_file, drive, tmp_path, stage)
+    replayed(build, robot_file, sources.from_pcap(drive.pcap), tmp_path, stage)
     assert digests(tmp_path, FILES) == digests(undisturbed, FILES)
 
 
@@ -285,7 +229,7 @@ def test_a_replay_goes_on_without_its_map(
     build: Path, robot_file: Path, drive: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:
     """Without a store the map is founded anew, in the frame of the one before."""
-    replayed(build, robot_file, drive, tmp_path, "mapping")
+    replayed(build, robot_file, sources.from_pcap(drive.pcap), tmp_path, "mapping")
     odometry = "odometry.tum"
     assert (tmp_path / odometry).read_bytes() == (undisturbed / odometry).read_bytes()
     written = read(tmp_path / "trajectory.tum")
@@ -300,8 +244,9 @@ def test_a_capture_that_is_replayed_again_has_a_map_of_its_own(
 ) -> None:
     """The same capture has the same run: what the store has of the first time is of another map."""
     tiles = tmp_path / "tiles"
-    replayed(build, robot_file, drive, tmp_path / "first", None, tiles)
-    statuses = replayed(build, robot_file, drive, tmp_path / "second", "mapping", tiles)
+    source = sources.from_pcap(drive.pcap)
+    replayed(build, robot_file, source, tmp_path / "first", None, tiles)
+    statuses = replayed(build, robot_file, source, tmp_path / "second", "mapping", tiles)
     assert statuses["mapping"].figures["map_points_taken_back"] > 0
     written = read(tmp_path / "second" / "trajectory.tum")
     assert written.stamps_ns is not None

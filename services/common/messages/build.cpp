@@ -135,16 +135,19 @@ Buffer build(const HeaderFields& header, const OdometryFields& f) {
 }
 
 Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
-  Builder b(room_for(f.edges.size_bytes() + f.planes.size_bytes() + f.inertial_state.size_bytes()));
+  Builder b(room_for(f.edges.size_bytes() + f.planes.size_bytes() + f.inertial_state.size_bytes() +
+                     f.state.size_bytes()));
   const auto edges = put_points(b, f.edges);
   const auto planes = put_points(b, f.planes);
   const auto covariance = put_covariance(b, f.covariance);
-  const auto state = put_covariance(b, f.state_covariance);
+  const auto state_covariance = put_covariance(b, f.state_covariance);
   flatbuffers::Offset<flatbuffers::Vector<double>> inertial_covariance, inertial_state;
   if (f.inertial) inertial_covariance = put_covariance(b, f.inertial->covariance);
   if (!f.inertial_state.empty()) {
     inertial_state = b.CreateVector(f.inertial_state.data(), f.inertial_state.size());
   }
+  flatbuffers::Offset<flatbuffers::Vector<std::uint64_t>> state;
+  if (!f.state.empty()) state = b.CreateVector(f.state.data(), f.state.size());
   const auto head = build_header(b, header);
   const msg::Pose pose = to_message(f.T_odom_base);
   const msg::Twist twist = twist_message(f.twist_per_s);
@@ -163,8 +166,9 @@ Buffer build(const HeaderFields& header, const OdometryFeaturesFields& f) {
   m.add_health(to_message(f.health));
   m.add_degenerate(f.degenerate);
   m.add_range_noise_m(f.range_noise_m);
-  m.add_state_covariance(state);
+  m.add_state_covariance(state_covariance);
   m.add_inertial_state(inertial_state);
+  m.add_state(state);
   m.add_fit(f.fit);
   if (f.slices > 1) m.add_slices(f.slices);
   if (f.inertial) {

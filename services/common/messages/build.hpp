@@ -109,6 +109,8 @@ struct OdometryFeaturesFields {
   std::span<const double> inertial_state{};
   double fit = 0.0;
   std::uint16_t slices = 1;
+  /// left out when there is none
+  std::span<const std::uint64_t> state{};
 };
 
 struct MapCorrectionFields {
