@@ -67,7 +67,8 @@ class StateBits {
   void visit(std::optional<T>& value) {
     bool has = value.has_value();
     visit(has);
-    if (reads_) value = has ? std::optional<T>(std::in_place) : std::nullopt;
+    // Not in place: clang 14 takes a class inside of another for not constructible there.
+    if (reads_) value = has ? std::optional<T>(T{}) : std::nullopt;
     if (value) visit(*value);
   }
   template <class A, class B>
