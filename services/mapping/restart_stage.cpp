@@ -64,11 +64,6 @@ VoxelTile voxel_tile_of(const msg::MapTile& m) {
   return tile;
 }
 
-std::span<const std::uint64_t> state_of(const msg::MapCorrection& correction) {
-  if (correction.state() == nullptr) return {};
-  return {correction.state()->data(), correction.state()->size()};
-}
-
 void add_tile(const msg::MapTile& m, SavedMap& saved) {
   const std::string name = m.layer()->str();
   if (name == kVoxels) {
@@ -237,7 +232,7 @@ std::size_t MappingStage::insert_again(const msg::Header& first,
     const CorrectionMessage& correction = *found->second;
     if (correction.header().odom_epoch() != sweep.header().odom_epoch()) continue;
     mapper_.insert_again(input_of(sweep), pose_of(correction->pose_map_odom()),
-                         state_of(*correction));
+                         numbers_of(correction->state()));
     ++count;
   }
   return count;
@@ -264,7 +259,7 @@ void MappingStage::restart(const msg::Header& first) {
     if (correction.header().odom_epoch() != first.odom_epoch()) continue;
     saved.odom_epoch = first.odom_epoch();
     saved.T_map_odom = pose_of(correction->pose_map_odom());
-    if (correction.sweep() + 1 == next_sweep_) state = state_of(*correction);
+    if (correction.sweep() + 1 == next_sweep_) state = numbers_of(correction->state());
   }
   if (!has_map && config_.mode != MappingMode::kMap) {
     const bool localizes = config_.mode == MappingMode::kLocalize;

@@ -321,7 +321,9 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   State& s = *state_;
   if (sweep.slices > 1) {
     if (!s.knots) s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
-    return s.knots->process(sweep);
+    OdometryResult result = s.knots->process(sweep);
+    result.slice_state = s.knots->state();
+    return result;
   }
   const double period_s = std::max(1e-9, sweep.period_ns * 1e-9);
   OdometryResult result;
@@ -428,10 +430,6 @@ bool Odometry::restore_slices(std::span<const std::uint64_t> state, const SliceA
   State& s = *state_;
   s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
   return s.knots->restore(state, slice_at);
-}
-
-std::vector<std::uint64_t> Odometry::slice_state() {
-  return state_->knots ? state_->knots->state() : std::vector<std::uint64_t>();
 }
 
 void Odometry::configure(const OdometryConfig& config) {

@@ -77,6 +77,9 @@ struct OdometryResult {
   std::optional<InertialStep> inertial_step;
   /// what is known of the inertial sensor after the sweep, which the next one begins with
   std::optional<InertialState> inertia;
+  /// of slices, what restore_slices() takes up; empty but for one that ends a turn, and in the first
+  /// turns
+  std::vector<std::uint64_t> slice_state;
   /// cost of the residuals for each point that was looked up; 0: the matching did not come to rest
   double fit = 0.0;
   Degeneracy degeneracy;
@@ -130,12 +133,10 @@ class Odometry {
   /// instance published them; restore_depth() of them give the very same continuation.
   void restore(std::span<const CommittedSweep> sweeps);
 
-  /// The same for slices, whose results are not all that they leave behind: from what slice_state()
-  /// was after one of them, and the features of those before. False, and as new: too few of these,
+  /// The same for slices, whose results are not all that they leave behind: from the slice_state of
+  /// one of them, and the features of those before. False, and as new: too few of these,
   /// or another program's state.
   bool restore_slices(std::span<const std::uint64_t> state, const SliceAt& slice_at);
-  /// Empty but for a slice that ends a turn, and in the first turns.
-  std::vector<std::uint64_t> slice_state();
 
   /// From the next sweep on. What the targets were built with (config.hpp says which) stays.
   void configure(const OdometryConfig& config);

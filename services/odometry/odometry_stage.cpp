@@ -181,8 +181,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   std::vector<double> inertial_state;
   if (result.inertia) inertial_state = packed(*result.inertia);
   fields.inertial_state = inertial_state;
-  const std::vector<std::uint64_t> state = odometry_.slice_state();
-  fields.state = state;
+  fields.state = result.slice_state;
   HeaderFields header = features_.header(features);
   header.frame = "base_link";
   header.odom_epoch = odom_epoch_;

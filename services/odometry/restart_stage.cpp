@@ -50,7 +50,7 @@ CommittedSweep committed(const Commit& commit) {
   sweep.state_covariance = state_covariance_of(commit->state_covariance());
   sweep.planes = points_of(commit->planes());
   if (commit->inertial_state() != nullptr) {
-    sweep.inertia = unpacked({commit->inertial_state()->data(), commit->inertial_state()->size()});
+    sweep.inertia = unpacked(numbers_of(commit->inertial_state()));
   }
   return sweep;
 }
@@ -160,8 +160,7 @@ std::size_t OdometryStage::take_up_slices(const std::vector<Commit>& commits) {
     if (found == kept.end()) return std::nullopt;
     return input_of(found->second);
   };
-  const auto& state = *(*from)->state();
-  if (!odometry_.restore_slices({state.data(), state.size()}, slice_at)) return 0;
+  if (!odometry_.restore_slices(numbers_of((*from)->state()), slice_at)) return 0;
   return static_cast<std::size_t>(commits.rend() - from);
 }
 

@@ -39,6 +39,13 @@ std::span<const Struct> structs_of(const flatbuffers::Vector<const Struct*>* vec
   return {reinterpret_cast<const Struct*>(vector->Data()), vector->size()};
 }
 
+/// Empty when the field is absent.
+template <class Number>
+std::span<const Number> numbers_of(const flatbuffers::Vector<Number>* vector) {
+  if (vector == nullptr) return {};
+  return {vector->data(), vector->size()};
+}
+
 /// Of a message that was verified.
 Submap submap_of(const msg::Submap& message);
 

@@ -19,6 +19,10 @@ constexpr const char* kVerb = "set";
 constexpr const char* kPresetBy = "command line";
 // An answer comes at once or from nobody; a peer that hangs must not hold the sweeps.
 constexpr std::chrono::milliseconds kTimeout{500};
+// How long the answer to a change waits for another process to keep it too.
+constexpr std::int64_t kKeptWithin_ns = 1000 * kMs;
+// Who was asked and hangs must not hold that answer.
+constexpr std::chrono::milliseconds kQuiet{20};
 constexpr std::int64_t kRemindEvery_ns = 200 * kMs;
 // However often a stranger says that there is something new.
 constexpr std::int64_t kAskEvery_ns = 10 * kMs;
@@ -141,7 +145,7 @@ void LiveConfig::declare() {
       keys_.command(setup_.identity.stage, kVerb), [this](zenoh::Query&& query) {
         if (*setup_.muted || refused_for_size(query)) return;
         const auto shared = std::make_shared<zenoh::Query>(std::move(query));
-        post_([this, shared] { answer_set(*shared); });
+        post_([this, shared] { answer_set(shared); });
       }));
 }
 
@@ -170,18 +174,53 @@ void LiveConfig::withdraw(const std::string& stage, std::uint32_t rev) {
   refresh();
 }
 
-void LiveConfig::answer_set(zenoh::Query& query) {
+void LiveConfig::answer_set(const std::shared_ptr<zenoh::Query>& query) {
   // Of several instances one answers (docs/protocol.md, section 11).
   if (*setup_.muted || (mine_ && !mine_(run_))) return;
   CommandReply reply;
   try {
-    reply = set(settings_of(query));
+    reply = set(settings_of(*query));
   } catch (const std::exception& e) {
     reply = {false, kVerb + std::string(": ") + e.what()};
   }
+  if (!reply.ok) return answer(*query, reply);
+  unconfirmed_.push_back({query, reply, own().newest()->rev, steady_ns() + kKeptWithin_ns});
+}
+
+void LiveConfig::answer(zenoh::Query& query, const CommandReply& reply) {
   log_info("command", {{"verb", kVerb}, {"ok", reply.ok}, {"message", reply.message}});
   query.reply(keys_.command(setup_.identity.stage, kVerb), zenoh::Bytes::own(build(reply)),
               encoding_of(Key::kCommand));
+}
+
+/// A change is answered when another process keeps it: should this one be killed right after its
+/// answer, the change would be lost else, and nobody would know.
+void LiveConfig::confirm() {
+  if (unconfirmed_.empty()) return;
+  const auto answers = confirming_.take(kQuiet);
+  const std::int64_t now = steady_ns();
+  std::erase_if(unconfirmed_, [&](Unconfirmed& change) {
+    if (answers && keepers(*answers, change.rev) > 1) {
+      answer(*change.query, change.reply);
+      return true;
+    }
+    if (now < change.until_ns) return false;
+    change.reply.message += "; no other process has it yet, and it is lost if this one ends";
+    answer(*change.query, change.reply);
+    return true;
+  });
+  if (unconfirmed_.empty() || confirming_.started() || now < next_confirm_ns_) return;
+  next_confirm_ns_ = now + kAskEvery_ns;
+  confirming_.start(session_, keys_.config_revision(setup_.identity.stage), kTimeout, bell_);
+}
+
+/// This process among them.
+std::ptrdiff_t LiveConfig::keepers(const std::vector<zenoh::Sample>& answers,
+                                   std::uint32_t rev) const {
+  return std::count_if(answers.begin(), answers.end(), [&](const zenoh::Sample& answer) {
+    const auto revision = read(answer);
+    return revision && revision->stage == setup_.identity.stage && revision->rev == rev;
+  });
 }
 
 CommandReply LiveConfig::set(const std::vector<std::string>& settings) {
@@ -203,7 +242,10 @@ CommandReply LiveConfig::set(const std::vector<std::string>& settings) {
     // So it is already: by a colleague, who does not know yet that there are two to be asked.
     revision = *newest;
   } else {
-    accept(revision);
+    if (!accept(revision)) {
+      return {false, "set: not taken, since " + std::to_string(kMostRevisions) +
+                         " changes are the most that a stage remembers; start it again with --set"};
+    }
     publish(revision);
   }
   const nlohmann::json results = {{"rev", revision.rev},
@@ -326,6 +368,7 @@ void LiveConfig::saw(std::uint64_t run, std::uint64_t sweep) {
 }
 
 void LiveConfig::tick() {
+  confirm();
   if (hinted_.exchange(false)) to_ask_ = true;
   if (const auto answers = get_.take()) {
     for (const zenoh::Sample& sample : *answers) take(sample);
@@ -338,6 +381,7 @@ void LiveConfig::tick() {
 }
 
 std::optional<std::int64_t> LiveConfig::deadline() const {
+  if (!unconfirmed_.empty()) return steady_ns() + kAskEvery_ns;
   if (!to_ask_ || get_.started()) return std::nullopt;
   return next_ask_ns_;
 }

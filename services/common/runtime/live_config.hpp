@@ -2,7 +2,8 @@
 // Changes of configuration while running (docs/protocol.md, section 13), the runtime's side:
 // answers command/<stage>/set, publishes config/<stage>, and knows of every stage which revision is
 // in force at which sweep. Every process keeps the revisions of all stages and answers gets of
-// config/*, so that a stage that was killed finds its own with any of the others.
+// config/*, so that a stage that was killed finds its own with any of the others. A change is
+// answered when another process keeps it too, or with a warning that none does.
 //
 // What is put under config/<stage> is a hint and no more: whoever hears it asks, and what those
 // answer who keep the revisions is what counts. So a stranger's put changes nothing.
@@ -98,13 +99,24 @@ class LiveConfig {
   /// A stage that dies on a revision is not given it again.
   void hear_token(const std::string& key, bool there);
   void withdraw(const std::string& stage, std::uint32_t rev);
-  void answer_set(zenoh::Query& query);
+  void answer_set(const std::shared_ptr<zenoh::Query>& query);
+  void answer(zenoh::Query& query, const CommandReply& reply);
+  void confirm();
+  std::ptrdiff_t keepers(const std::vector<zenoh::Sample>& answers, std::uint32_t rev) const;
   /// The fields hold the revision's values during the call.
   void with(const Revision* revision, const std::function<void()>& task);
   void apply(const Revision* revision);
   void refresh();
   Revision next(const std::string& changed_json) const;
   const RevisionSchedule& own() const { return schedules_.at(setup_.identity.stage); }
+
+  /// A change that was made, and is answered when another process keeps it.
+  struct Unconfirmed {
+    std::shared_ptr<zenoh::Query> query;
+    CommandReply reply;
+    std::uint32_t rev = 0;
+    std::int64_t until_ns = 0;
+  };
 
   LiveConfigSetup setup_;
   Keys keys_;
@@ -123,6 +135,9 @@ class LiveConfig {
   std::optional<std::uint64_t> newest_seen_, newest_used_;
   ShortLives lives_;
   AsyncGet get_;
+  std::vector<Unconfirmed> unconfirmed_;
+  AsyncGet confirming_;
+  std::int64_t next_confirm_ns_ = 0;
   /// somebody has said that there is something new; any thread
   std::atomic<bool> hinted_{false};
   bool to_ask_ = false;

@@ -16,13 +16,13 @@ void RevisionSchedule::begin_run(std::uint64_t run) {
 
 void RevisionSchedule::withdraw(std::uint32_t rev) {
   std::erase_if(revisions_, [this, rev](const Revision& r) {
-    if (r.rev == rev) withdrawn_.emplace(r.rev, r.by);
+    if (r.rev == rev) withdrawn_.emplace(r.rev, r.by, r.at_ns);
     return r.rev == rev;
   });
 }
 
 bool RevisionSchedule::add(Revision revision) {
-  if (withdrawn_.contains({revision.rev, revision.by})) return false;
+  if (withdrawn_.contains({revision.rev, revision.by, revision.at_ns})) return false;
   // Said of no run by an instance that has not seen one.
   if (revision.run == 0) revision.run = run_;
   const auto at =

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <set>
 #include <string>
-#include <utility>
+#include <tuple>
 #include <vector>
 
 #include "common/messages/build.hpp"
@@ -39,8 +39,8 @@ class RevisionSchedule {
   bool applies(const Revision& revision, std::uint64_t run, std::uint64_t sweep) const;
 
   std::vector<Revision> revisions_;
-  /// (rev, by): a restarted instance may issue the number again
-  std::set<std::pair<std::uint32_t, std::string>> withdrawn_;
+  /// (rev, by, at_ns): an instance that was started again, under its name too, may issue the number
+  std::set<std::tuple<std::uint32_t, std::string, std::int64_t>> withdrawn_;
   /// 0: none yet
   std::uint64_t run_ = 0;
   /// revisions up to this number, of other runs than run_, were known when it began

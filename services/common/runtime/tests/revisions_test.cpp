@@ -124,6 +124,11 @@ TEST(Schedule, WhatIsWithdrawnNeverWas) {
   EXPECT_EQ(s.rev_at(1, 30), 1U);
   EXPECT_FALSE(s.add(second));
   EXPECT_EQ(s.rev_at(1, 30), 1U);
+  RevisionSchedule named_alike = s;
+  Revision again = second;
+  again.at_ns = 5;  // of one that was started after, under the same name
+  EXPECT_TRUE(named_alike.add(again));
+  EXPECT_EQ(named_alike.rev_at(1, 30), 2U);
   second.by = "b";  // the instance that was started after
   EXPECT_TRUE(s.add(second));
   EXPECT_EQ(s.rev_at(1, 30), 2U);
