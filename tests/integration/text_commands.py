@@ -179,6 +179,9 @@ COMMANDS: dict[str, Kind] = {
     "docker compose up --scale registration=3": Form("tests/system/test_replicas.py"),
     "ZLOAM_WORLD=tunnel ZLOAM_RATE=realtime docker compose up": Form(COMPOSE),
     "docker compose exec mapping zloam mapping --health": Form("the health check itself"),
+    "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
+    "-f deploy/compose/standby.yml up -d": Form("tests/system/test_standby.py"),
+    "ZLOAM_STANDBY=true docker compose up --scale mapping=2": Form("tests/system/test_standby.py"),
     "docker compose -f docker-compose.yml -f deploy/compose/live.yml up -d": Form(
         "tests/system/test_compose_up.py"
     ),

@@ -43,6 +43,7 @@ class Container:
     restarts: int
     health: str
     address: str
+    hostname: str
 
 
 def inspect(name: str) -> Container:
@@ -56,6 +57,7 @@ def inspect(name: str) -> Container:
         int(found["RestartCount"]),
         state.get("Health", {}).get("Status", ""),
         next((n["IPAddress"] for n in networks), ""),
+        str(found["Config"]["Hostname"]),
     )
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -91,15 +91,17 @@ class Replayed:
     statuses: dict[tuple[str, str], StatusRecord]
 
 
-def replay(drive: Drive, out: Path, registrations: int, seconds: float = 300) -> Replayed:
-    """The capture through so many replicas of registration, by the layer for captures."""
+def replay(
+    drive: Drive, out: Path, *options: str, layers: Sequence[str] = (), seconds: float = 300
+) -> Replayed:
+    """The capture through the deployment with these layers, and options of `up`."""
     deployment = Deployment(
         f"zloam-replay-{os.getpid()}",
         out,
-        ["deploy/compose/replay.yml"],
+        ["deploy/compose/replay.yml", *layers],
         {"ZLOAM_PCAP": str(drive.pcap)},
     )
-    with up(deployment, "--scale", f"registration={registrations}"):
+    with up(deployment, *options):
         deployment.wait("finished", seconds, _ended)
         assert deployment.containers()["monitor"]["ExitCode"] == 0
         statuses = ask_statuses(deployment.router_port)
@@ -109,7 +111,7 @@ def replay(drive: Drive, out: Path, registrations: int, seconds: float = 300) ->
 @pytest.fixture(scope="session")
 def undisturbed(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
     """The drive through one instance of each stage, to which nothing is done."""
-    return replay(drive, tmp_path_factory.mktemp("undisturbed"), 1)
+    return replay(drive, tmp_path_factory.mktemp("undisturbed"))
 
 
 @contextlib.contextmanager

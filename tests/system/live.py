@@ -7,7 +7,7 @@ import itertools
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,13 +81,17 @@ def driver_says_something(deployment: Deployment) -> bool:
 
 @contextlib.contextmanager
 def running(
-    capture: Path, out: Path, *options: str, shared_memory: bool = False
+    capture: Path,
+    out: Path,
+    *options: str,
+    layers: Sequence[str] = (),
+    shared_memory: bool = False,
 ) -> Iterator[LiveDeployment]:
     """`docker compose up` on a sensor that starts when all stages are ready."""
     deployment = Deployment(
         f"zloam-live-{os.getpid()}",
         out,
-        ["tests/system/live.yml"],
+        ["tests/system/live.yml", *layers],
         {"ZLOAM_SHARED_MEMORY": str(shared_memory).lower()},
     )
     with up(deployment, *options):
@@ -135,6 +139,11 @@ class Driven:
     sweeps: int
     statuses: dict[tuple[str, str], StatusRecord]
 
+    def absent(self) -> list[int]:
+        """Sweeps without a pose."""
+        found: list[int] = np.setdiff1d(np.arange(self.sweeps), numbers(self.trajectory)).tolist()
+        return found
+
     def windows(self, begins_ns: list[int]) -> list[Window]:
         """For each of the disturbances that began at these instants of the host's clock, which is
         that of a live pose's stamp."""
@@ -142,7 +151,7 @@ class Driven:
         numbered = numbers(self.trajectory)
         begins = np.searchsorted(self.trajectory.stamps_ns, [b - IN_WORK_NS for b in begins_ns])
         edges = [*numbered[begins].tolist(), self.sweeps]
-        absent = np.setdiff1d(np.arange(self.sweeps), numbered)
+        absent = np.array(self.absent())
         return [
             Window(
                 (numbered >= first) & (numbered < last),

@@ -106,7 +106,7 @@ def disturbed_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> D
 
 @pytest.fixture(scope="module")
 def calm(disturbed_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replay(disturbed_drive, tmp_path_factory.mktemp("calm"), 1, seconds=600)
+    return replay(disturbed_drive, tmp_path_factory.mktemp("calm"), seconds=600)
 
 
 @pytest.fixture(scope="module")

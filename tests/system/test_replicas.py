@@ -16,7 +16,7 @@ FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
 
 @pytest.fixture(scope="module")
 def shared(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replay(drive, tmp_path_factory.mktemp("shared"), REPLICAS)
+    return replay(drive, tmp_path_factory.mktemp("shared"), "--scale", f"registration={REPLICAS}")
 
 
 def digests(folder: Path) -> dict[str, str]:
