@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
+#: what is sent in place of a packet, given the seconds since the first; None: nothing
+Change = Callable[[float, bytes], bytes | None]
+
+
+def as_recorded(_seconds: float, payload: bytes) -> bytes:
+    return payload
+
+
 def send(
     capture: Path,
     port: int,
@@ -34,6 +43,7 @@ def send(
     slower: float = 1.0,
     host: str = "127.0.0.1",
     enough: threading.Event | None = None,
+    change: Change = as_recorded,
 ) -> None:
     """Each datagram of so many seconds at its own time after the first, or until it is enough."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -46,8 +56,8 @@ def send(
             if wait > 0:
                 time.sleep(wait)
             # position packets go to another port on a sensor; only data is sent here
-            if len(payload) == 1206:
-                sender.sendto(payload, (host, port))
+            if len(payload) == 1206 and (changed := change(stamp - first, payload)) is not None:
+                sender.sendto(changed, (host, port))
 
 
 def run(setting: Setting, name: str = "live") -> dict[str, Any]:

@@ -95,6 +95,7 @@ class LiveRun:
         store: bool = True,
         slower: float = SLOWER,
         seconds: float = SECONDS,
+        change: live.Change = live.as_recorded,
         more: tuple[str, ...] = (),
     ) -> None:
         self.out, self.port = out, live.free_udp_port()
@@ -115,7 +116,9 @@ class LiveRun:
         if store:
             self._store = store_command(build, robot_file, self.chain, out / "tiles")
         self._sender = threading.Thread(
-            target=live.send, args=(drive.pcap, self.port, seconds, slower)
+            target=live.send,
+            args=(drive.pcap, self.port, seconds, slower),
+            kwargs={"change": change},
         )
         #: (run, sweep) -> pose, in the order of their coming
         self.poses: dict[tuple[int, int], PoseRecord] = {}

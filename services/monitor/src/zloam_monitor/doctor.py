@@ -156,8 +156,8 @@ def _stages(heard: Heard) -> Iterator[Finding]:
         if stage not in there:
             yield Finding(
                 f"{stage} is not there",
-                f"start it (make run and docker compose start all); its last words are in its log, "
-                f"logs/{stage}.log or docker compose logs {stage}",
+                "it was not started (make run and docker compose start all), has ended, or hangs: "
+                f"its last words are in logs/{stage}.log or docker compose logs {stage}",
             )
     for stage, instance in sorted(heard.living):
         silent = heard.silent_s.get((stage, instance))
@@ -211,14 +211,28 @@ def _sensor(heard: Heard) -> Iterator[Finding]:
                 f"no packets came to the driver within {heard.seconds:.0f} s",
                 "see deploy/README.md, Network of the sensor: address, port, firewall, cable",
             )
-        elif lost > FEW * (received + lost):
-            yield Finding(
+        else:
+            yield from _lost(
+                received,
+                lost,
                 f"{lost:.0f} of {received + lost:.0f} packets were lost on the way",
                 "give the sensor a network card of its own, and raise net.core.rmem_max",
             )
         for name, (what, do) in PACKETS.items():
             if (count := heard.more(who, name)) > 0:
                 yield Finding(f"{what} ({count:.0f} within {heard.seconds:.0f} s)", do)
+
+
+def _lost(received: float, lost: float, what: str, do: str) -> Iterator[Finding]:
+    """Of packets; of so many, they are none, and the model is another."""
+    if lost > MISNAMED * (received + lost):
+        yield Finding(
+            f"{lost:.0f} packets seem to be missing beside {received:.0f}: they come at another "
+            "pace than the model has that is configured, or that they name",
+            "set driver.model to the model on the sensor's label",
+        )
+    elif lost > FEW * (received + lost):
+        yield Finding(what, do)
 
 
 def _drops(heard: Heard) -> Iterator[Finding]:
@@ -355,21 +369,12 @@ def of_counts(counts: dict[str, float], remarks: list[str]) -> list[Finding]:
         ]
     if not counts.get("points"):
         found.append(Finding("no packet of it could be decoded", "what is said beside says why"))
-    if lost > MISNAMED * (received + lost):
-        found.append(
-            Finding(
-                f"{lost:.0f} packets seem to be missing beside {received:.0f}: they come at "
-                "another pace than the model has that they name",
-                "set driver.model to the model on the sensor's label",
-            )
-        )
-    elif lost > FEW * (received + lost):
-        found.append(
-            Finding(
-                f"{lost:.0f} of {received + lost:.0f} packets are missing",
-                "record on a machine that keeps up (tcpdump -B 8192), on the sensor's own card",
-            )
-        )
+    found += _lost(
+        received,
+        lost,
+        f"{lost:.0f} of {received + lost:.0f} packets are missing",
+        "record on a machine that keeps up (tcpdump -B 8192), on the sensor's own card",
+    )
     if counts.get("points") and counts.get("sweeps", 0) > 4 and not counts.get("complete"):
         found.append(
             Finding("no revolution in it is complete", "the model or the sensor's view is another")
