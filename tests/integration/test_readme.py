@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -12,12 +13,14 @@ import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.integration.conftest import ROOT, monitor
 from zloam_monitor import discovery
 from zloam_monitor.processes import free_base_port
+from zloam_monitor.stages import STAGES
 
 README = (ROOT / "README.md").read_text()
 
@@ -109,6 +112,31 @@ def test_looking(live: Live, words: tuple[str, ...]) -> None:
     done = monitor(*words, "--connect", live.endpoint)
     assert done.code == 0, done.said
     assert f"connected to robot {live.robot} at {live.endpoint} (driver, " in done.said
+
+
+def as_json(live: Live, *words: str) -> list[dict[str, Any]]:
+    """The lines of an answer, of which each is whole."""
+    done = subprocess.run(
+        [ROOT / "bin/zloam", *words, "--connect", live.endpoint, "--json"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_programs_get_json(live: Live) -> None:
+    (listed,) = as_json(live, "robots")
+    assert [each["robot"] for each in listed["robots"]] == [live.robot]
+    (status,) = as_json(live, "status")
+    assert set(status["stages"]) == set(STAGES)
+    assert len(as_json(live, "watch", "--seconds", "2.5", "--every", "1")) == 3
+    (values,) = as_json(live, "get", "odometry", "odometry.voxel_m")
+    assert values["odometry"]["odometry.voxel_m"] > 0.0
+    (said,) = as_json(live, "set", "registration", "registration.max_range_m=120")
+    assert said["registration"]["ok"]
+    assert said["registration"]["results"]["rev"] == 1
 
 
 def test_the_doctor_finds_no_fault_that_is_not_there(live: Live) -> None:

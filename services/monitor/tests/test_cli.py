@@ -99,6 +99,7 @@ MISTAKES: list[tuple[tuple[str, ...], int, str]] = [
     (("watch", "--connect", "tcp//"), 1, "is no endpoint"),
     (("evaluate", "none.tum", "none.tum"), 1, "none.tum: No such file"),
     (("evaluate", ".", "."), 1, "Is a directory"),
+    (("compare", "nowhere", "nowhere", "--json"), 1, "No such file"),
     (("recording", "pyproject.toml"), 1, "pyproject.toml: cannot be read"),
     (("recording", "none.mcap"), 3, "No such file or directory: 'none.mcap'"),
 ]

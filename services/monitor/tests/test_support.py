@@ -32,17 +32,17 @@ def a_run(folder: Path, poses: Trajectory, **more: Any) -> Path:
 def test_how_far_they_are_apart(tmp_path: Path) -> None:
     first = comparison.read(a_run(tmp_path / "a", drive(), cpu_ms_per_sweep={"mapping": 10.0}))
     second = comparison.read(a_run(tmp_path / "b", drive(40, 0.25), wall_s=3.0))
-    said = comparison.lines(first, second)
+    said = comparison.lines(comparison.compared(first, second))
     assert said[0] == ("trajectories: 0.2500 m apart (rms), at most 0.2500 m, at 40 instants of 40")
     assert any(line.split() == ["CPU", "of", "mapping,", "ms", "10.0", "–"] for line in said)
     assert any(line.split() == ["wall", "time,", "s", "–", "3.0"] for line in said)
-    assert comparison.lines(first, first)[0] == "trajectories: the same poses"
+    assert comparison.lines(comparison.compared(first, first))[0] == "trajectories: the same poses"
 
 
 def test_recordings_of_different_times_have_nothing_in_common(tmp_path: Path) -> None:
     first = comparison.read(a_run(tmp_path / "a", drive()))
     second = comparison.read(a_run(tmp_path / "b", drive(begin_ns=2 * 10**18)))
-    assert "no instant in common" in comparison.lines(first, second)[0]
+    assert "no instant in common" in comparison.lines(comparison.compared(first, second))[0]
 
 
 def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

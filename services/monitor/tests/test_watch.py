@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
+import numpy as np
 import pytest
 
 from zloam_monitor import watch
+from zloam_monitor.records import PoseRecord
 from zloam_monitor.stages import STAGES
+
+
+def a_pose() -> PoseRecord:
+    return PoseRecord(1, 7, 0, np.array([1.0, 2.0, 3.0]), np.array([0, 0, 0, 1.0]), 0, 0, False, ())
 
 
 class Linking:
     """A link that hears one stage more with each question."""
 
     keys = SimpleNamespace(robot="robot")
-    poses: ClassVar[dict[int, object]] = {}
     garbage = 0
 
     def __init__(self, reachable: int) -> None:
-        self._reachable, self._heard = reachable, 0
+        self._reachable, self._heard, self._looks = reachable, 0, 0
+        self.poses: dict[int, object] = {}
 
     def query_statuses(self) -> None:
         self._heard = min(self._heard + 1, self._reachable)
+        self._looks += 1
+        if self._looks > len(STAGES) + 1:  # later than the last stage
+            self.poses[7] = a_pose()
 
     def poll(self, _seconds: float = 0.0) -> None: ...
 
@@ -44,7 +53,10 @@ class Linking:
 def test_stages_behind_slow_links_are_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
     link: Any = Linking(len(STAGES))
     assert watch.look(link) == 0
-    assert "nothing heard" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "nothing heard" not in said
+    # and for a pose, whose rate is not known from a moment
+    assert "sweep 7, at 1.00 2.00 3.00 m" in said
 
 
 def test_a_silent_one_is_told_after_a_while(

@@ -186,6 +186,7 @@ Listen = Annotated[
         "Default: zenoh.host of the robot's file, this machine only.",
     ),
 ]
+Json = Annotated[bool, typer.Option("--json", help="Answer with one line of JSON, for programs.")]
 #: of what serves others
 Address = Annotated[str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")]
 ForSeconds = Annotated[float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")]

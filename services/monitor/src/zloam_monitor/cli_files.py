@@ -36,16 +36,27 @@ def evaluate(
             help="Pose of the truth's sensor in the trajectory's frame, m and deg.",
         ),
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw both paths and the errors (PNG).")
+    ] = None,
+    as_json: common.Json = False,
 ) -> int:
     """Errors of a trajectory against another."""
-    from zloam_monitor import evaluation, se3, trajectory
+    from zloam_monitor import answers, evaluation, se3, trajectory
 
     T_base_sensor = se3.from_xyz_rpy_deg(mounting[:3], mounting[3:])
     of_base = trajectory.read(truth).carried(se3.inverse(T_base_sensor))
-    scores = evaluation.evaluate(trajectory.read(estimate), of_base)
-    for name, value in scores.as_dict().items():
-        print(f"{name}: {_score(value)}")
-    return 0 if scores.ate_rmse_m is not None else 1
+    of_estimate = trajectory.read(estimate)
+    scores = evaluation.evaluate(of_estimate, of_base).as_dict()
+    answers.give(as_json, scores, (f"{name}: {_score(value)}" for name, value in scores.items()))
+    if scores["ate_rmse_m"] is None:
+        return 1
+    if plot is not None:
+        from zloam_monitor import picture
+
+        picture.draw_errors(plot, f"{estimate} against {truth}", of_estimate, of_base)
+        common.said(f"{plot}: written")
+    return 0
 
 
 @command
@@ -82,22 +93,29 @@ def config_check(
     ],
     settings: common.Settings = None,
     preset_dir: common.PresetDir = None,
+    as_json: common.Json = False,
 ) -> int:
     """Ask all stages whether they accept it; list what differs from the default."""
+    from zloam_monitor import answers
     from zloam_monitor import config_check as checker
     from zloam_monitor import robot_files as files
 
     build = common.kept(preset_dir)
     verdict = checker.check(build, file, settings or [])
-    for refusal in verdict.refusals:
-        common.said(refusal)
     if verdict.refusals:
+        if as_json:
+            print(answers.text({"accepted": False, "refusals": verdict.refusals}))
+        for refusal in verdict.refusals:
+            common.said(refusal)
         return 2
     said = files.described(build)
     changed = {k: v for k, v in verdict.values.items() if k in said and v != said[k]["default"]}
-    print(f"{file}: accepted by all stages; {len(changed)} values are not the default")
-    for key, value in sorted(changed.items()):
-        print(f"  {key}: {value}   [{said[key]['allowed']}; default {said[key]['default']}]")
+    lines = [
+        f"  {key}: {value}   [{said[key]['allowed']}; default {said[key]['default']}]"
+        for key, value in sorted(changed.items())
+    ]
+    head = f"{file}: accepted by all stages; {len(changed)} values are not the default"
+    answers.give(as_json, {"accepted": True, "not_default": changed}, [head, *lines])
     return 0
 
 
@@ -179,7 +197,10 @@ def add(app: typer.Typer) -> None:
     """The commands under their headings."""
     app.command(
         rich_help_panel=common.FILES,
-        epilog=examples("zloam evaluate out/demo/trajectory.tum out/demo/ground_truth.tum"),
+        epilog=examples(
+            "zloam evaluate out/demo/trajectory.tum out/demo/ground_truth.tum",
+            "zloam evaluate drive.tum truth.tum --plot errors.png --json",
+        ),
     )(evaluate)
     app.command(
         rich_help_panel=common.FILES, epilog=examples("zloam recording drive.mcap --topic /points")

@@ -33,17 +33,17 @@ def map_info(
         typer.Argument(metavar="MAP", help="PCD, PLY, LAS or LAZ file, or folder of a run's map."),
     ],
     preset_dir: common.PresetDir = None,
+    as_json: common.Json = False,
 ) -> int:
     """Number of points by layer, and how far they reach; of a folder its submaps and loops."""
-    from zloam_monitor import maps, sessions
+    from zloam_monitor import answers, maps, sessions
 
     if file.is_dir():
         with sessions.opened(common.kept(preset_dir), file) as found:
-            said = sessions.lines(found)
+            answers.give(as_json, found.report, sessions.lines(found))
     else:
-        said = maps.described(file, maps.read(file))
-    for line in said:
-        print(line)
+        described = maps.described(file, maps.read(file))
+        answers.give(as_json, described, maps.lines(described))
     return 0
 
 
@@ -54,19 +54,19 @@ def map_merge(
     ],
     out: Annotated[Path, typer.Option(help="For the files; new or empty.")],
     preset_dir: common.PresetDir = None,
+    as_json: common.Json = False,
 ) -> int:
     """Lay maps of several runs or robots upon each other, by the places that they share.
 
     Leaves map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
     Exit code 1: one of them shares too little with the others, and is left out.
     """
-    from zloam_monitor import sessions
+    from zloam_monitor import answers, sessions
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise sessions.SessionsError(f"{out}: exists already; name a new folder")
     merged = sessions.merge(common.kept(preset_dir), folders, out, not sys.stderr.isatty())
-    for line in sessions.lines(merged):
-        print(line)
+    answers.give(as_json, merged.report, sessions.lines(merged))
     return 0 if merged.joined else 1
 
 
@@ -199,12 +199,13 @@ def trajectory(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, e.g. out/demo.")],
     second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the other one.")],
+    as_json: common.Json = False,
 ) -> int:
     """Two runs of one recording beside each other: poses, errors, latency, CPU, health."""
-    from zloam_monitor import comparison
+    from zloam_monitor import answers, comparison
 
-    for line in comparison.lines(comparison.read(first), comparison.read(second)):
-        print(line)
+    found = comparison.compared(comparison.read(first), comparison.read(second))
+    answers.give(as_json, found, comparison.lines(found))
     return 0
 
 

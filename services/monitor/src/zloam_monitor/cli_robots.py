@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
 
+if TYPE_CHECKING:
+    from zloam_monitor.records import ReplyRecord
+
 Stage = Annotated[str, typer.Argument(autocompletion=common.stage_names)]
 
 
 @command
-def robots(connect: common.Connect = None) -> int:
+def robots(connect: common.Connect = None, as_json: common.Json = False) -> int:
     """List the robots that answer."""
-    from zloam_monitor import discovery
+    from zloam_monitor import answers, discovery
 
-    print("\n".join(map(str, discovery.present(common.endpoints(connect)))))
+    found = discovery.present(common.endpoints(connect))
+    answers.give(as_json, {"robots": found}, map(str, found))
     return 0
 
 
 @command
-def status(connect: common.Connect = None, robot: common.Robot = None) -> int:
+def status(
+    connect: common.Connect = None, robot: common.Robot = None, as_json: common.Json = False
+) -> int:
     """Look once: pose, and how each stage is; exit code 1 when one fails or is silent."""
     from zloam_monitor import discovery, watch
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return watch.look(link)
+        return watch.look(link, as_json)
 
 
 @command
@@ -37,13 +44,14 @@ def watch(
     robot: common.Robot = None,
     seconds: common.ForSeconds = None,
     every: Annotated[float, typer.Option(help="Seconds between two looks.")] = 2.0,
+    as_json: common.Json = False,
 ) -> int:
-    """Look again and again."""
+    """Look again and again; with --json a line for each look."""
     from zloam_monitor import discovery
     from zloam_monitor import watch as watcher
 
     with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
-        return watcher.watch(link, seconds, every)
+        return watcher.watch(link, seconds, every, as_json)
 
 
 @command
@@ -55,12 +63,29 @@ def get(
     key: Annotated[str | None, typer.Argument(help="A key, or what several begin with.")] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Show the configuration in force."""
-    from zloam_monitor import discovery, settings
+    from zloam_monitor import answers, discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.show(link, stage, key)
+        found = settings.in_force(link, stage, key)
+    answers.give(as_json, found, settings.lines(found))
+    return 0
+
+
+def _replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:
+    """What each stage said, as it comes; JSON once all have. 0 when all accepted."""
+    from zloam_monitor import answers
+
+    said = {}
+    for stage, reply in replies:
+        said[stage] = reply
+        if not as_json:
+            print(f"{stage}: {reply.message}", flush=True)
+    if as_json:
+        print(answers.text(said))
+    return 0 if all(reply.ok for reply in said.values()) else 1
 
 
 @command
@@ -69,13 +94,14 @@ def set_(
     values: Annotated[list[str], typer.Argument(metavar="KEY=VALUE...")],
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Change what is live in a stage; says from which sweep on, or what is allowed."""
     from zloam_monitor import discovery, settings
 
     wanted = settings.pairs(values)
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.set_values(link, stage, wanted)
+        return _replied([(stage, settings.change(link, stage, wanted))], as_json)
 
 
 @command
@@ -85,12 +111,13 @@ def save(
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Write map and trajectories now; the run goes on."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.save(link, folder)
+        return _replied(settings.save(link, folder), as_json)
 
 
 @command
@@ -101,12 +128,13 @@ def reset(
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Empty the map and begin a new one."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.reset(link, stages or ("odometry", "mapping"))
+        return _replied(settings.reset(link, stages or ("odometry", "mapping")), as_json)
 
 
 @command
@@ -116,12 +144,13 @@ def place(
     yaw: Annotated[float, typer.Option(help="Heading in the map, degrees, anticlockwise.")] = 0.0,
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Say where in its map a carried or lost robot is; mapping looks around there."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.place(link, x, y, yaw)
+        return _replied([("mapping", settings.place(link, x, y, yaw))], as_json)
 
 
 @command
@@ -132,12 +161,13 @@ def handover(
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
+    as_json: common.Json = False,
 ) -> int:
     """Let an instance that stands by go on with a stage's work; no sweep is lost."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return settings.hand_over(link, stage, to)
+        return _replied([(stage, settings.hand_over(link, stage, to))], as_json)
 
 
 @command
@@ -168,12 +198,13 @@ def doctor(
     connect: common.Connect = None,
     robot: common.Robot = None,
     preset_dir: common.PresetDir = None,
+    as_json: common.Json = False,
 ) -> int:
     """Say what is wrong with a robot that runs, or with a capture, and what to do.
 
     Ends with 0 where all is well, with 1 where a fault was found.
     """
-    from zloam_monitor import discovery
+    from zloam_monitor import answers, discovery
     from zloam_monitor import doctor as judge
 
     if file is not None:
@@ -185,7 +216,8 @@ def doctor(
         found = judge.findings(heard)
         well = f"all well: {len(heard.living)} stages, {len(heard.poses)} poses in {seconds:.0f} s"
     faults = any(finding.is_fault for finding in found)
-    print("\n".join([*([] if faults else [well]), *map(str, found)]))
+    lines = [*([] if faults else [well]), *map(str, found)]
+    answers.give(as_json, {"well": not faults, "findings": found}, lines)
     return 1 if faults else 0
 
 

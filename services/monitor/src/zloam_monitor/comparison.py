@@ -68,34 +68,77 @@ def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
-def _row(name: str, a: str, b: str) -> str:
-    return f"{name:<24}{a:>14}{b:>14}"
+@dataclass(frozen=True)
+class Compared:
+    """Two runs beside each other."""
+
+    first: Path
+    second: Path
+    #: of all poses
+    same_poses: bool
+    #: at which both have a pose, of the second's poses
+    instants: int
+    of_poses: int
+    rms_m: float | None
+    max_m: float | None
+    #: name -> (first, second), None where a run has no such figure
+    figures: dict[str, tuple[float | None, float | None]]
 
 
-def lines(first: Finished, second: Finished) -> list[str]:
-    """For a person: what differs, the trajectories first."""
-    far_m = apart_m(first.poses, second.poses)
-    if len(far_m):
-        same = bool((far_m == 0.0).all()) and len(first.poses) == len(second.poses)
-        said = (
-            "the same poses"
-            if same
-            else f"{np.sqrt(np.mean(far_m**2)):.4f} m apart (rms), at most {far_m.max():.4f} m, "
-            f"at {len(far_m)} instants of {len(second.poses)}"
-        )
-    else:
-        said = "no instant in common: recordings of different times"
-    out = [f"trajectories: {said}", _row("", first.folder.name, second.folder.name)]
-    for name, where, digits in FIGURES:
-        a, b = (_figure(run.report, where) for run in (first, second))
-        if a is not None or b is not None:
-            out.append(_row(name, number_text(a, digits), number_text(b, digits)))
+def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None, float | None]]:
+    """Those that one of them has; of the health only what differs."""
+    wheres = {name: where for name, where, _ in FIGURES}
     for stage in first.report.get("cpu_ms_per_sweep", {}):
-        a, b = (_figure(r.report, ("cpu_ms_per_sweep", stage)) for r in (first, second))
-        out.append(_row(f"CPU of {stage}, ms", number_text(a, 1), number_text(b, 1)))
-    health = [run.report.get("health", {}) for run in (first, second)]
-    for name in sorted({*health[0], *health[1]}):
-        a, b = (_figure({"h": each}, ("h", name)) for each in health)
-        if (a is not None or b is not None) and a != b:
-            out.append(_row(f"health: {name}", number_text(a, 3), number_text(b, 3)))
-    return out
+        wheres[f"CPU of {stage}, ms"] = ("cpu_ms_per_sweep", stage)
+    states = {*first.report.get("health", {}), *second.report.get("health", {})}
+    health = {f"health: {name}": ("health", name) for name in sorted(states)}
+    pairs = {
+        name: (_figure(first.report, where), _figure(second.report, where))
+        for name, where in {**wheres, **health}.items()
+    }
+    return {
+        name: (a, b)
+        for name, (a, b) in pairs.items()
+        if (a is not None or b is not None) and (name not in health or a != b)
+    }
+
+
+def compared(first: Finished, second: Finished) -> Compared:
+    """Raises TrajectoryError where their trajectories cannot be compared."""
+    far_m = apart_m(first.poses, second.poses)
+    any_m = len(far_m) > 0
+    return Compared(
+        first.folder,
+        second.folder,
+        any_m and bool((far_m == 0.0).all()) and len(first.poses) == len(second.poses),
+        len(far_m),
+        len(second.poses),
+        float(np.sqrt(np.mean(far_m**2))) if any_m else None,
+        float(far_m.max()) if any_m else None,
+        _figures(first, second),
+    )
+
+
+def _digits(name: str) -> int:
+    known = {figure: digits for figure, _, digits in FIGURES}
+    return known.get(name, 3 if name.startswith("health") else 1)
+
+
+def _apart(found: Compared) -> str:
+    if found.rms_m is None:
+        return "no instant in common: recordings of different times"
+    if found.same_poses:
+        return "the same poses"
+    return (
+        f"{found.rms_m:.4f} m apart (rms), at most {found.max_m:.4f} m, "
+        f"at {found.instants} instants of {found.of_poses}"
+    )
+
+
+def lines(found: Compared) -> list[str]:
+    """For a person: what differs, the trajectories first."""
+    rows = [("", found.first.name, found.second.name)]
+    for name, (a, b) in found.figures.items():
+        digits = _digits(name)
+        rows.append((name, number_text(a, digits), number_text(b, digits)))
+    return [f"trajectories: {_apart(found)}", *(f"{n:<24}{a:>14}{b:>14}" for n, a, b in rows)]

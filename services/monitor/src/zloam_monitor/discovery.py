@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -259,7 +260,7 @@ def linked(
     """A link to the robot that is meant; says which it is. Of its poses it keeps the newest, all
     where no number is given."""
     found = choose(robot, endpoints)
-    print(f"connected to {found}", flush=True)
+    print(f"connected to {found}", file=sys.stderr, flush=True)
     with linked_to(found, newest) as link:
         yield link
 

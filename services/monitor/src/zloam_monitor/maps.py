@@ -162,16 +162,27 @@ def thinned(found: PointMap, voxel_m: float) -> PointMap:
     return found.kept(np.sort(order[first]))
 
 
-def described(path: Path, found: PointMap) -> list[str]:
-    """Lines for a person."""
-    lines = [f"{path}: {len(found)} points, {path.stat().st_size / 1e6:.1f} MB"]
+def described(path: Path, found: PointMap) -> dict[str, Any]:
+    """What a file of a map holds; without points there are no limits."""
+    out: dict[str, Any] = {"file": path, "points": len(found), "bytes": path.stat().st_size}
     if not len(found):
-        return lines
-    for number, name in enumerate(clouds.POINT_LAYERS):
-        lines.append(f"{name}: {int((found.layers == number).sum())} points")
-    low, high = found.xyz.min(axis=0), found.xyz.max(axis=0)
-    for axis, a, b in zip("xyz", low, high, strict=True):
-        lines.append(f"{axis}: {a:.2f} to {b:.2f} m")
-    intensity = found.points["intensity"]
-    lines.append(f"intensity: {intensity.min():g} to {intensity.max():g}")
-    return lines
+        return out
+    columns = {f"{axis}_m": found.xyz[:, k] for k, axis in enumerate("xyz")}
+    columns["intensity"] = found.points["intensity"]
+    out["layers"] = {
+        name: int((found.layers == number).sum()) for number, name in enumerate(clouds.POINT_LAYERS)
+    }
+    out["limits"] = {n: (float(each.min()), float(each.max())) for n, each in columns.items()}
+    return out
+
+
+def lines(described: dict[str, Any]) -> list[str]:
+    """For a person."""
+    said = [f"{described['file']}: {described['points']} points, {described['bytes'] / 1e6:.1f} MB"]
+    said += [f"{name}: {count} points" for name, count in described.get("layers", {}).items()]
+    for name, (low, high) in described.get("limits", {}).items():
+        axis, unit, _ = name.partition("_m")
+        said.append(
+            f"{axis}: {low:.2f} to {high:.2f} m" if unit else f"{name}: {low:g} to {high:g}"
+        )
+    return said

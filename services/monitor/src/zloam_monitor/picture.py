@@ -10,7 +10,9 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from zloam_monitor import evaluation, se3
 from zloam_monitor.evaluation import Compared
+from zloam_monitor.trajectory import Trajectory
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -62,6 +64,32 @@ def draw(path: Path, scene: Scene) -> None:
         _draw_height(below, scene)
     else:
         _draw_error(below, scene.compared)
+    _save(figure, path)
+
+
+def draw_errors(path: Path, title: str, estimate: Trajectory, truth: Trajectory) -> None:
+    """Writes a PNG of both paths from above, aligned, and the errors over time; `truth` as in
+    evaluation.evaluate, of which at least some poses are known."""
+    compared = evaluation.compare(estimate, truth)
+    assert compared is not None
+    figure = plt.figure(figsize=(15, 8), dpi=110, layout="constrained")
+    figure.suptitle(title)
+    grid = figure.add_gridspec(2, 2)
+    above, far, turned = (figure.add_subplot(c) for c in (grid[:, 0], grid[0, 1], grid[1, 1]))
+    aligned, positions = compared.aligned[:, :3, 3], compared.truth[:, :3, 3]
+    above.plot(aligned[:, 0], aligned[:, 1], "-", color=ESTIMATE_COLOUR, lw=3.0, label="trajectory")
+    above.plot(positions[:, 0], positions[:, 1], "--", color=TRUTH_COLOUR, lw=1.2, label="truth")
+    above.set(title="from above, aligned", xlabel="x (m)", ylabel="y (m)")
+    above.set_aspect("equal", adjustable="datalim")
+    above.legend(loc="best")
+    above.grid(alpha=0.25)
+    _draw_error(far, compared)
+    _draw_rotation_error(turned, compared)
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """As a whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
     figure.savefig(temporary, format="png")
@@ -178,12 +206,27 @@ def _draw_close(axes: Axes, scene: Scene, window: tuple[float, float, float, flo
     axes.grid(alpha=0.25)
 
 
-def _draw_error(axes: Axes, compared: Compared) -> None:
-    seconds = (compared.stamps_ns - compared.stamps_ns[0]) * 1e-9
+def _along(compared: Compared) -> tuple[Array, str]:
+    """What errors are drawn over, and its name."""
+    seconds: Array = (compared.stamps_ns - compared.stamps_ns[0]) * 1e-9
     if seconds[-1] < 1e-3:  # truth known by sweep number only
-        seconds, label = np.arange(len(seconds), dtype=float), "pose"
-    else:
-        label = "time (s)"
+        return np.arange(len(seconds), dtype=float), "pose"
+    return seconds, "time (s)"
+
+
+def _draw_rotation_error(axes: Axes, compared: Compared) -> None:
+    """From the first pose on: its own rotation belongs to the frames, not to the errors."""
+    apart = se3.inverse(compared.truth) @ compared.aligned
+    error = np.degrees(se3.rotation_angle_rad(apart @ se3.inverse(apart[0])))
+    seconds, label = _along(compared)
+    axes.plot(seconds, error, color=ESTIMATE_COLOUR, lw=1.4)
+    axes.set(title="error of the rotation since the first pose", xlabel=label, ylabel="error (deg)")
+    axes.set_ylim(bottom=0, top=max(float(error.max()) * 1.1, 1e-3))
+    axes.grid(alpha=0.25)
+
+
+def _draw_error(axes: Axes, compared: Compared) -> None:
+    seconds, label = _along(compared)
     error = compared.errors_m()
     rmse = float(np.sqrt(np.mean(error**2)))
     difference = compared.aligned[:, :3, 3] - compared.truth[:, :3, 3]

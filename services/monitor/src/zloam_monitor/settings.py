@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
 from zloam_monitor.stages import ROWS
 
+#: of each stage that was asked, as they come
+Replies = Iterator[tuple[str, ReplyRecord]]
 #: where a setting begins, or one that holds from a sweep on
 _BEGIN = re.compile(r"\s+(?=(?:[0-9]+:)?(?:robot|[a-z_]+(?:\.[a-z0-9_]+)+)=)")
 
@@ -63,66 +65,58 @@ def change(link: Link, stage: str, values: dict[str, str]) -> ReplyRecord:
     return commanded(link, stage, "set", values)
 
 
-def set_values(link: Link, stage: str, values: dict[str, str]) -> int:
-    """Prints what the stage said; 0 when it accepted."""
-    reply = change(link, stage, values)
-    print(reply.message)
-    return 0 if reply.ok else 1
-
-
-def save(link: Link, folder: Path | None) -> int:
+def save(link: Link, folder: Path | None) -> Replies:
     """Map and trajectories, into a folder or where the stages' configuration says."""
-    targets = {"mapping": "map.pcd", "integration": ""}
-    codes = []
-    for stage, name in targets.items():
+    for stage, name in (("mapping", "map.pcd"), ("integration", "")):
         path = {} if folder is None else {"path": str(folder / name)}
-        reply = commanded(link, stage, "save", path)
-        print(f"{stage}: {reply.message}")
-        codes.append(0 if reply.ok else 1)
-    return max(codes)
+        yield stage, commanded(link, stage, "save", path)
 
 
-def reset(link: Link, stages: Iterable[str]) -> int:
+def reset(link: Link, stages: Iterable[str]) -> Replies:
     """Empties what the stages have gathered."""
-    codes = []
     for stage in stages:
-        reply = commanded(link, stage, "reset", {})
-        print(f"{stage}: {reply.message}")
-        codes.append(0 if reply.ok else 1)
-    return max(codes)
+        yield stage, commanded(link, stage, "reset", {})
 
 
-def hand_over(link: Link, stage: str, to: str | None) -> int:
+def hand_over(link: Link, stage: str, to: str | None) -> ReplyRecord:
     """Lets an instance that stands by go on with a stage's work."""
     able = [row.name for row in ROWS.values() if row.in_chain and row.reads and not row.replicas]
     if stage not in able:
         raise ChainError(f"handover: {stage}: one of {', '.join(able)} is expected")
-    reply = commanded(link, stage, "handover", {} if to is None else {"to": to})
-    print(reply.message)
-    return 0 if reply.ok else 1
+    return commanded(link, stage, "handover", {} if to is None else {"to": to})
 
 
-def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> int:
+def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> ReplyRecord:
     """Tells mapping where base_link is in the map."""
-    reply = commanded(link, "mapping", "place", {"x_m": x_m, "y_m": y_m, "yaw_deg": yaw_deg})
-    print(reply.message)
-    return 0 if reply.ok else 1
+    return commanded(link, "mapping", "place", {"x_m": x_m, "y_m": y_m, "yaw_deg": yaw_deg})
 
 
-def show(link: Link, stage: str | None, key: str | None) -> int:
-    """The values in force."""
+def in_force(link: Link, stage: str | None, key: str | None) -> dict[str, dict[str, Any]]:
+    """Stage -> key -> value, of one stage or all, one key or all."""
     configs = link.query_configs()
     if stage is not None and stage not in configs:
         raise ChainError(f"get: {stage} does not answer; {', '.join(sorted(configs))} do")
-    shown = 0
-    for name, values in sorted(configs.items()):
-        for each, value in sorted(values.items()):
-            if stage in (None, name) and (key is None or each == key or each.startswith(f"{key}.")):
-                print(f"{name} {each}={_text(value)}")
-                shown += 1
-    if not shown:
+    found = {
+        name: {
+            each: value
+            for each, value in sorted(values.items())
+            if key is None or each == key or each.startswith(f"{key}.")
+        }
+        for name, values in sorted(configs.items())
+        if stage in (None, name)
+    }
+    if not any(found.values()):
         raise ChainError(f"get: no key {key}; without a key all are listed")
-    return 0
+    return found
+
+
+def lines(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """For a person."""
+    return [
+        f"{stage} {key}={_text(value)}"
+        for stage, of_stage in values.items()
+        for key, value in of_stage.items()
+    ]
 
 
 def _text(value: object) -> str:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import Any
 
-from zloam_monitor import pose_health
+from zloam_monitor import answers, pose_health
 from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.stages import STAGES
 
 #: stages say how they are once a second: more than a few of these lost is no chance
 STALE_SECONDS = 5.0
+#: listened to at least, to say how many poses come
+RATE_SECONDS = 0.5
 #: links to the stages behind the one that answered come up one after another
 ALL_SECONDS = 1.5
 
@@ -22,9 +25,11 @@ def state_line(link: Link, began: float, now: float) -> str:
         return "no pose yet"
     newest = link.poses[max(link.poses)]
     x, y, z = newest.translation
-    rate = len(link.poses) / max(now - began, 1e-9)
+    # Of a moment only it would be any number.
+    listened_s = now - began
+    rate = f"{len(link.poses) / listened_s:.1f} poses/s, " if listened_s >= RATE_SECONDS else ""
     marks = ", degenerate" if newest.degenerate else ""
-    return f"sweep {newest.sweep}, {rate:.1f} poses/s, at {x:.2f} {y:.2f} {z:.2f} m{marks}"
+    return f"sweep {newest.sweep}, {rate}at {x:.2f} {y:.2f} {z:.2f} m{marks}"
 
 
 def _stage_line(status: StatusRecord, silent_s: float) -> str:
@@ -62,17 +67,39 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
         yield f"{link.garbage} messages could not be read"
 
 
-def look(link: Link) -> int:
+def looked(link: Link, began: float, now: float) -> dict[str, Any]:
+    """One look, for a program."""
+    newest = link.poses[max(link.poses)] if link.poses else None
+    return {
+        "robot": link.keys.robot,
+        "pose": newest,
+        "poses": len(link.poses),
+        "seconds": now - began,
+        "stages": link.newest_statuses(),
+        "silent_s": {k: link.silent_s(s, now) for k, s in link.newest_statuses().items()},
+        "health": pose_health.judge(link.poses.values()).as_dict() if newest else None,
+        "unreadable_messages": link.garbage,
+    }
+
+
+def _show(link: Link, began: float, now: float, as_json: bool) -> None:
+    lines = [] if as_json else view(link, began, now)
+    answers.give(as_json, looked(link, began, now) if as_json else None, lines)
+
+
+def look(link: Link, as_json: bool = False) -> int:
     """One look; exit code 1 when a stage has failed or says nothing for a while."""
     deadline = time.monotonic() + ALL_SECONDS
     while True:
         link.query_statuses()
         link.poll()
         now = time.monotonic()
-        if len(link.newest_statuses()) == len(STAGES) or now > deadline:
+        # A pose that is published comes within some sweeps; what has ended publishes none.
+        whole = len(link.newest_statuses()) == len(STAGES) and len(link.poses) > 0
+        if whole or now > deadline:
             break
         link.poll(0.2)
-    print("\n".join(view(link, now, now)), flush=True)
+    _show(link, now, now, as_json)
     found = link.newest_statuses()
     return (
         0
@@ -81,7 +108,7 @@ def look(link: Link) -> int:
     )
 
 
-def watch(link: Link, seconds: float | None, every_s: float) -> int:
+def watch(link: Link, seconds: float | None, every_s: float, as_json: bool = False) -> int:
     """Prints a look at once and then every so often; exit code 1 when nothing at all was heard."""
     link.query_statuses()
     link.poll()
@@ -92,8 +119,9 @@ def watch(link: Link, seconds: float | None, every_s: float) -> int:
             now = time.monotonic()
             if now - shown >= every_s:
                 shown = now
-                print("\n".join(view(link, began, now)), flush=True)
-                print(flush=True)
+                _show(link, began, now, as_json)
+                if not as_json:
+                    print(flush=True)
             link.poll(0.2)
     except KeyboardInterrupt:
         pass

@@ -1,0 +1,95 @@
+"""Answers as JSON: one line on standard output, with what the text for a person says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from test_support import a_run, drive
+from zloam_monitor import answers, cli, maps, trajectory
+from zloam_monitor.maps import PointMap
+from zloam_monitor.messages import MAP_POINT
+
+
+def asked(
+    capsys: pytest.CaptureFixture[str], *words: str | Path
+) -> tuple[int, dict[str, Any], str]:
+    """(exit code, answer, standard error); the answer is one line, and nothing is beside it."""
+    code = cli.main([*map(str, words), "--json"])
+    said = capsys.readouterr()
+    (line,) = said.out.splitlines()
+    return code, json.loads(line), said.err
+
+
+@dataclass(frozen=True)
+class Part:
+    where: Path
+    far_m: float
+
+
+def test_what_json_does_not_know() -> None:
+    data = {"a": Part(Path("x/y"), float("nan")), "b": np.array([1.5, np.inf]), 3: (np.int64(4),)}
+    assert json.loads(answers.text(data)) == {
+        "a": {"where": "x/y", "far_m": None},
+        "b": [1.5, None],
+        "3": [4],
+    }
+
+
+def test_errors_of_a_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    estimate, truth, picture = (tmp_path / name for name in ("e.tum", "t.tum", "errors.png"))
+    swaying = drive(60)
+    swaying.transforms[:, 2, 3] += np.where(np.arange(60) % 2, 0.1, -0.1)
+    trajectory.write_tum(estimate, swaying)
+    trajectory.write_tum(truth, drive(60))
+    code, said, aside = asked(capsys, "evaluate", estimate, truth, "--plot", picture)
+    assert code == 0
+    assert said["matched"] == 60
+    assert said["ate_rmse_m"] == pytest.approx(0.1, abs=1e-3)
+    assert f"{picture}: written" in aside
+    with Image.open(picture) as drawn:
+        assert drawn.width > 1000
+        assert len(set(np.asarray(drawn.convert("L")).ravel().tolist())) > 50
+
+
+def test_no_errors_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    estimate, truth, picture = (tmp_path / name for name in ("e.tum", "t.tum", "errors.png"))
+    trajectory.write_tum(estimate, drive(60))
+    trajectory.write_tum(truth, drive(60, begin_ns=2 * 10**18))
+    code, said, _ = asked(capsys, "evaluate", estimate, truth, "--plot", picture)
+    assert (code, said["ate_rmse_m"]) == (1, None)
+    assert "fewer than 3 poses" in said["remark"]
+    assert not picture.exists()
+
+
+def test_two_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [a_run(tmp_path / name, drive(50, off)) for name, off in (("a", 0.0), ("b", 0.25))]
+    code, said, _ = asked(capsys, "compare", *runs)
+    assert (code, said["same_poses"], said["instants"]) == (0, False, 50)
+    assert said["rms_m"] == pytest.approx(0.25)
+    assert said["figures"]["sweeps"] == [50.0, 50.0]
+
+
+def test_a_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points = np.zeros(4, MAP_POINT)
+    points["x"] = [0.0, 1.0, 2.0, 3.0]
+    file = tmp_path / "map.ply"
+    maps.write(file, PointMap(points, np.array([0, 1, 1, 1], np.uint8)))
+    code, said, _ = asked(capsys, "map", "info", file)
+    assert (code, said["points"], said["layers"]) == (0, 4, {"edge": 1, "plane": 3})
+    assert said["limits"]["x_m"] == [0.0, 3.0]
+    assert cli.main(["map", "info", str(file)]) == 0
+    assert "x: 0.00 to 3.00 m" in capsys.readouterr().out
+
+
+def test_a_mistake_is_told_beside_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["compare", str(tmp_path), str(tmp_path), "--json"]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "No such file" in said.err
