@@ -116,6 +116,18 @@ def test_stages_are_found_as_in_compose() -> None:
             assert shared.get(variable) == compose[name].get(variable), f"{name}: {variable}"
 
 
+def test_the_same_stages_stand_by_as_in_compose() -> None:
+    component = yaml.safe_load((FOLDER / "standby/kustomization.yaml").read_text())
+    pairs = {each["name"]: each["count"] for each in component["replicas"]}
+    compose = _compose("standby")
+    assert pairs == {n: service["deploy"]["replicas"] for n, service in compose.items()}
+    assert set(pairs) <= {r["metadata"]["name"] for r in _resources("live")}
+    (generator,) = component["configMapGenerator"]
+    told = dict(literal.split("=", 1) for literal in generator["literals"])
+    assert generator["name"] == "robot"
+    assert all(service["environment"] == told for service in compose.values())
+
+
 @pytest.mark.parametrize("overlay", OVERLAYS)
 def test_every_peer_is_a_service_of_its_port(overlay: str) -> None:
     """Who is reached at <stage>, and whoever is named beside them."""
