@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from PIL import Image
 
 from test_support import a_run, drive
@@ -93,3 +95,20 @@ def test_a_mistake_is_told_beside_it(tmp_path: Path, capsys: pytest.CaptureFixtu
     said = capsys.readouterr()
     assert said.out == ""
     assert "No such file" in said.err
+
+
+def with_json(group: Any, before: str = "") -> set[str]:
+    """Commands of the whole tree that have the option."""
+    found = set()
+    for name, each in group.commands.items():
+        if hasattr(each, "commands"):
+            found |= with_json(each, f"{name} ")
+        elif any("--json" in parameter.opts for parameter in each.params):
+            found.add(before + name)
+    return found
+
+
+def test_the_readme_lists_the_commands_that_answer_so() -> None:
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    listed = text.split("for each look:")[1].split(". Names")[0]
+    assert set(re.findall(r"`([^`]+)`", listed)) == with_json(typer.main.get_command(cli.app))
