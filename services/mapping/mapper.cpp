@@ -1,15 +1,10 @@
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <utility>
 
 #include "mapping/bridging.hpp"
-#include "mapping/insertion_policy.hpp"
-#include "mapping/mapping.hpp"
-#include "mapping/method.hpp"
+#include "mapping/mapper_state.hpp"
 #include "mapping/pose_covariance.hpp"
-#include "mapping/relocalizer.hpp"
-#include "mapping/tile_map.hpp"
 #include "mapping/voxel_planes_method.hpp"
 
 namespace zloam::mapping {
@@ -27,23 +22,6 @@ constexpr std::uint32_t kFewestPoints = 50;
 // So many matches in a row that are worse than those before are no chance; and how often it is
 // looked for a better place while they go on.
 constexpr std::uint32_t kWorse = 3, kWorseAgain = 5;
-// Of state(): another number where what is in it changes.
-constexpr std::uint64_t kStateLayout = 1;
-
-// Below this a covariance from outside counts as none.
-Matrix6 sane_covariance(const Matrix6& covariance) {
-  if (!covariance.allFinite()) return Matrix6::Zero();
-  Matrix6 symmetric = 0.5 * (covariance + covariance.transpose());
-  if (symmetric.diagonal().minCoeff() < 0.0) return Matrix6::Zero();
-  return symmetric;
-}
-
-Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covariance) {
-  Matrix6 covariance = config.prior_scale * sane_covariance(step_covariance);
-  covariance.diagonal().head<3>().array() += config.prior_sigma_m * config.prior_sigma_m;
-  covariance.diagonal().tail<3>().array() += config.prior_sigma_rad * config.prior_sigma_rad;
-  return covariance;
-}
 
 // Over seconds a platform goes on with its velocity and its turn about the map's vertical axis; a
 // tilt does not grow. in_map_per_s: of those two, in the map's axes.
@@ -68,128 +46,6 @@ std::vector<LayeredPoint> layered(const TileMap& tiles, const std::vector<TileId
 }
 
 }  // namespace
-
-// What is known of the sweep mapped before.
-struct LastPose {
-  std::int64_t instant_ns = 0;
-  std::uint32_t odom_epoch = 0;
-  Pose T_map_base = Pose::Identity();
-  Pose T_odom_base = Pose::Identity();
-  Vector6 twist_per_s = Vector6::Zero();
-  Matrix6 covariance = Matrix6::Zero();
-
-  template <class Bits>
-  void each(Bits& bits) {
-    bits(instant_ns, odom_epoch, T_map_base, T_odom_base, twist_per_s, covariance);
-  }
-};
-
-// The motion over the last half second in which the sweeps were found, in the map's axes: the last
-// sweep before a gap is cut off, and tells little of its own.
-class Lately {
- public:
-  void add(std::int64_t instant_ns, const Pose& T_map_base) {
-    poses_.push_back({instant_ns, T_map_base});
-    if (poses_.size() > kMost) poses_.pop_front();
-    const auto& [first_ns, first] = poses_.front();
-    const double time_s = 1e-9 * static_cast<double>(instant_ns - first_ns);
-    if (!(time_s > 0.0)) return;
-    const Eigen::Matrix3d turned = T_map_base.linear() * first.linear().transpose();
-    set((T_map_base.translation() - first.translation()) / time_s, log_so3(turned).z() / time_s);
-  }
-  /// Of another instance, which was killed.
-  void begin(const Pose& T_map_base, const Vector6& twist_per_s) {
-    poses_.clear();
-    const Eigen::Matrix3d R = T_map_base.linear();
-    set(R * twist_per_s.head<3>(), (R * twist_per_s.tail<3>()).z());
-  }
-  const Vector6& in_map_per_s() const { return in_map_per_s_; }
-  template <class Bits>
-  void each(Bits& bits) {
-    bits(poses_, in_map_per_s_);
-  }
-
- private:
-  void set(const Eigen::Vector3d& velocity, double turn) {
-    in_map_per_s_ << velocity, 0.0, 0.0, turn;
-  }
-  static constexpr std::size_t kMost = 6;
-  std::deque<std::pair<std::int64_t, Pose>> poses_;
-  Vector6 in_map_per_s_ = Vector6::Zero();
-};
-
-struct Mapper::State {
-  State(const MappingConfig& c, std::unique_ptr<MappingMethod> m)
-      : config(c), method(std::move(m)), tiles(c), policy(c), submaps(c.submap_m) {}
-
-  Prediction predict(const MappingInput& input);
-  Match align(const MappingInput& input, const Prediction& prediction);
-  bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
-  void judge(const MappingInput& input, const Match& match, MappingResult& result);
-  static Match near_odometry(Match match, const Prediction& prediction);
-  void begin_search();
-  Match searched(const MappingInput& input, const Prediction& prediction);
-  Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
-  bool left_map(const Match& match);
-  /// The map stays as it is.
-  bool is_fixed() const {
-    return config.mode == MappingMode::kLocalize ||
-           (config.mode == MappingMode::kExtend && !found_in_map);
-  }
-  void insert(const MappingInput& input, const Match& match, MappingResult& result);
-  bool goes_on(const MappingInput& input) const;
-  MappingResult carry(const MappingInput& input);
-  void remember(const MappingInput& input, const MappingResult& result);
-  Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
-  double turn_change_rad(const MappingInput& input) const;
-  bool each(StateBits& bits);
-  bool take_back(std::span<const std::uint64_t> words);
-  void go_on_from(const MappingInput& input);
-  void put(const InsertClouds& clouds, const Pose& T_map_base);
-
-  MappingConfig config;
-  std::unique_ptr<MappingMethod> method;
-  TileMap tiles;
-  InsertionPolicy policy;
-  SubmapBuilder submaps;
-  Pose T_map_odom = Pose::Identity();
-  std::vector<PathPose> path;
-  std::optional<LastPose> last;
-  Lately lately;
-  bool bridging = false;
-  // It is searched for as it did not fit where the odometry had it.
-  bool lost = false;
-  FitRecord fits;
-  std::uint32_t bridged_sweeps = 0;
-  // Nothing was seen of the motion for so long since the last sweep that was found.
-  double unseen_s = 0.0;
-  Agreement agreement;
-  Relocalizer relocalizer;
-  // The next sweep may not go on where the last one was.
-  bool break_expected = false;
-  // Where somebody says that it is.
-  std::optional<Pose> told;
-  // In the map of an earlier run: not before may it be extended.
-  bool found_in_map = true;
-  // In a row that met nothing of a map that stays as it is.
-  std::uint32_t unmatched = 0;
-  // Matches to come before anything is inserted.
-  std::uint32_t settling = 0;
-  // Of the instance before, to go on from.
-  std::vector<std::uint64_t> resumed;
-};
-
-// What is not in it is empty or unset unless something is searched for.
-bool Mapper::State::each(StateBits& bits) {
-  bits(T_map_odom, last, lately, policy, fits, found_in_map, unmatched);
-  return method->each(bits);
-}
-
-bool Mapper::State::take_back(std::span<const std::uint64_t> words) {
-  if (words.size() < 2 || words[0] != kStateLayout || words[1] != words.size()) return false;
-  StateBits bits(words.subspan(2));
-  return each(bits) && bits.complete() && last;
-}
 
 Prediction Mapper::State::predict(const MappingInput& input) {
   const bool new_frame = last && input.odom_epoch != last->odom_epoch;
@@ -473,68 +329,6 @@ void Mapper::reset() {
   State& s = *state_;
   s.method->reset();
   s = State(s.config, std::move(s.method));
-}
-
-void Mapper::restore(const SavedMap& saved) {
-  reset();
-  State& s = *state_;
-  for (const Tile& tile : saved.tiles) s.tiles.restore(tile);
-  s.method->restore(saved.voxels);
-  s.last = LastPose{};
-  s.last->instant_ns = saved.instant_ns;
-  // Without its pose in the map the frame is as good as a new one.
-  s.last->odom_epoch = saved.T_map_odom ? saved.odom_epoch : ~saved.odom_epoch;
-  s.last->T_map_base = saved.T_map_base;
-  s.last->twist_per_s = saved.twist_per_s;
-  s.lately.begin(saved.T_map_base, saved.twist_per_s);
-  s.last->covariance = bridge_covariance(s.config, 0.0);
-  s.T_map_odom = saved.T_map_odom.value_or(Pose::Identity());
-  s.found_in_map = saved.found;
-  s.last->T_odom_base = s.T_map_odom.inverse() * saved.T_map_base;
-  s.break_expected = true;
-}
-
-void Mapper::insert_again(const MappingInput& input, const Pose& T_map_odom,
-                          std::span<const std::uint64_t> state) {
-  State& s = *state_;
-  MappingResult result;
-  result.sweep = input.sweep;
-  result.T_map_base = normalised(T_map_odom * input.T_odom_base);
-  s.tiles.follow(result.T_map_base.translation());
-  s.method->prepare(input, result.T_map_base);
-  if (!state.empty() && !s.take_back(state)) s.method->not_found();
-  Match there;
-  there.ok = true;
-  there.T_map_base = result.T_map_base;
-  there.covariance = prior_covariance(s.config, input.step_covariance);
-  s.put(s.method->insert_again(input, there), there.T_map_base);
-  s.tiles.take_changed();
-}
-
-std::vector<std::uint64_t> Mapper::state() {
-  State& s = *state_;
-  if (s.bridging || s.lost || s.settling > 0 || s.break_expected || s.told) return {};
-  StateBits bits;
-  if (!s.each(bits)) return {};
-  std::vector<std::uint64_t> words = bits.take();
-  words.insert(words.begin(), {kStateLayout, words.size() + 2});
-  return words;
-}
-
-void Mapper::resume(std::span<const std::uint64_t> state) {
-  state_->resumed.assign(state.begin(), state.end());
-}
-
-void Mapper::State::go_on_from(const MappingInput& input) {
-  const std::vector<std::uint64_t> words = std::exchange(resumed, {});
-  if (words.empty()) return;
-  method->prepare(input, T_map_odom * input.T_odom_base);
-  if (take_back(words)) {
-    break_expected = false;
-  } else {
-    method->not_found();
-    break_expected = true;
-  }
 }
 
 void Mapper::expect_break() { state_->break_expected = true; }

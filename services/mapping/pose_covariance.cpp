@@ -48,4 +48,18 @@ Matrix6 published_covariance(const Matrix6& solved, double turn_change_rad,
   return 0.5 * (covariance + covariance.transpose());
 }
 
+Matrix6 sane_covariance(const Matrix6& covariance) {
+  if (!covariance.allFinite()) return Matrix6::Zero();
+  Matrix6 symmetric = 0.5 * (covariance + covariance.transpose());
+  if (symmetric.diagonal().minCoeff() < 0.0) return Matrix6::Zero();
+  return symmetric;
+}
+
+Matrix6 prior_covariance(const MappingConfig& config, const Matrix6& step_covariance) {
+  Matrix6 covariance = config.prior_scale * sane_covariance(step_covariance);
+  covariance.diagonal().head<3>().array() += config.prior_sigma_m * config.prior_sigma_m;
+  covariance.diagonal().tail<3>().array() += config.prior_sigma_rad * config.prior_sigma_rad;
+  return covariance;
+}
+
 }  // namespace zloam::mapping

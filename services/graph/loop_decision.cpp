@@ -1,0 +1,91 @@
+// Which of the loops that were verified count: those that others bear out, within a session and
+// between two.
+
+#include <cmath>
+#include <utility>
+
+#include "graph/loop_graph_state.hpp"
+
+namespace zloam::graph {
+namespace {
+
+// Loops that must agree on where two sessions lie to each other, where nothing else tells it.
+constexpr std::size_t kJoining = 3;
+
+}  // namespace
+
+// Near by, along the ways between their ends.
+bool LoopGraph::State::bears_out(const Loop& a, const Loop& b) const {
+  const auto is_near = [&](std::size_t i, std::size_t j) {
+    return nodes[i].session == nodes[j].session &&
+           std::abs(nodes[i].way_m - nodes[j].way_m) <= config.confirm_way_m;
+  };
+  return is_near(a.to, b.to) && is_near(a.from, b.from) && agrees(a, b);
+}
+
+// Around the ring of both loops and the ways between their ends, which are of the same sessions.
+bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
+  if (a.to == b.to) return false;
+  const auto way_m = [&](std::size_t i, std::size_t j) {
+    return std::abs(nodes[i].way_m - nodes[j].way_m);
+  };
+  const auto along = [&](std::size_t i, std::size_t j) {
+    return places[i].T_map_place.inverse() * places[j].T_map_place;
+  };
+  const Pose by_b = along(a.from, b.from) * b.T_from_to * along(b.to, a.to);
+  const double drift_m = way_m(a.to, b.to) + way_m(a.from, b.from);
+  const Matrix6 covariance =
+      a.covariance + carried(b.covariance, along(a.to, b.to)) +
+      diagonal(config.drift_share * drift_m, config.drift_rad_per_m * drift_m);
+  return squared_distance(by_b, a.T_from_to, covariance) < config.most_chi2;
+}
+
+bool LoopGraph::State::confirm(const Loop& loop, std::vector<Loop>& decided) {
+  std::vector<Loop*> bearing;
+  for (Loop& other : loops) {
+    const bool counts = other.verdict == Verdict::kAccepted || other.verdict == Verdict::kAlone;
+    if (counts && bears_out(loop, other)) bearing.push_back(&other);
+  }
+  return settle(loop, !bearing.empty(), bearing, decided);
+}
+
+bool LoopGraph::State::joins_strangers(const Loop& loop) const {
+  return frames[nodes[loop.from].session] != frames[nodes[loop.to].session];
+}
+
+// Nothing but loops tells where two sessions lie to each other: more of them must say the same, and
+// more than contradict it.
+bool LoopGraph::State::join(const Loop& loop, std::vector<Loop>& decided) {
+  std::vector<Loop*> agreeing;
+  std::size_t others = 0;
+  for (Loop& other : loops) {
+    const bool same_sessions = nodes[other.from].session == nodes[loop.from].session &&
+                               nodes[other.to].session == nodes[loop.to].session;
+    if (other.verdict != Verdict::kAlone || !same_sessions) continue;
+    if (agrees(loop, other)) {
+      agreeing.push_back(&other);
+    } else {
+      ++others;
+    }
+  }
+  const bool accepted = agreeing.size() + 1 >= kJoining && agreeing.size() + 1 > others;
+  return settle(loop, accepted, agreeing, decided);
+}
+
+// A new loop, and those that it is accepted with.
+bool LoopGraph::State::settle(Loop loop, bool accepted, const std::vector<Loop*>& with,
+                              std::vector<Loop>& decided) {
+  if (accepted) {
+    loop.verdict = Verdict::kAccepted;
+    for (Loop* other : with) {
+      if (other->verdict == Verdict::kAccepted) continue;
+      other->verdict = Verdict::kAccepted;
+      decided.push_back(*other);
+    }
+  }
+  loops.push_back(loop);
+  decided.push_back(loop);
+  return accepted;
+}
+
+}  // namespace zloam::graph

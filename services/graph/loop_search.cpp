@@ -1,0 +1,152 @@
+// Where a new node may have been before: candidates by place and by look, and the best of those that
+// hold when they are verified.
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "graph/expectation.hpp"
+#include "graph/loop_graph_state.hpp"
+
+namespace zloam::graph {
+namespace {
+
+// Chi-squared with two degrees of freedom, 99.9 %: how far off a place may be in the plane.
+constexpr double kPlaneChi2 = 13.8;
+// Beside that: what matching can bridge, m.
+constexpr double kReach_m = 8.0;
+// Less uncertain than that is what matching begins with anyway.
+constexpr double kSure_m = 1.0;
+// Two places that differ by less are one.
+constexpr double kSame_m = 1.5, kSame_rad = 0.15;
+constexpr double kSameGuess_m = 4.0;
+// Places of another session that are verified where nothing tells how the two lie to each other.
+constexpr std::size_t kStrangeCandidates = 8;
+
+Pose turned_by(double yaw_rad) {
+  Pose out = Pose::Identity();
+  out.linear() = Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  return out;
+}
+
+bool is_same(const Pose& a, const Pose& b) {
+  const Vector6 off = log_se3(a.inverse() * b);
+  return off.head<3>().norm() < kSame_m && off.tail<3>().norm() < kSame_rad;
+}
+
+}  // namespace
+
+std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
+    std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
+  std::vector<Candidate> near, seen;
+  for (std::size_t from = 0; from < to; ++from) {
+    const bool same_session = nodes[from].session == nodes[to].session;
+    if (!known[from]) continue;
+    if (same_session && nodes[to].way_m - nodes[from].way_m < config.loop_way_m) continue;
+    const Pose expected = places[from].T_world_place.inverse() * places[to].T_world_place;
+    const double distance_m = expected.translation().head<2>().norm();
+    const double sigma_m = std::sqrt(known[from]->topLeftCorner<2, 2>().trace());
+    // Where it is known well enough, what is seen need not be asked for it.
+    if (sigma_m < kSure_m) {
+      if (distance_m < config.verify.radius_m / 2.0) near.push_back({from, expected, 0});
+      continue;
+    }
+    if (distance_m > kReach_m + config.verify.radius_m + std::sqrt(kPlaneChi2) * sigma_m) continue;
+    if (const auto candidate = seen_from(from, to)) seen.push_back(*candidate);
+  }
+  std::stable_sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {
+    return a.guess.translation().squaredNorm() < b.guess.translation().squaredNorm();
+  });
+  likeliest_first(seen);
+  near.insert(near.end(), seen.begin(), seen.end());
+  return distinct(near, config.candidates);
+}
+
+// By what both look like from above.
+std::optional<LoopGraph::State::Candidate> LoopGraph::State::seen_from(std::size_t from,
+                                                                       std::size_t to) const {
+  const PlaceMatch match = match_places(places[from].features, places[to].features, config.place);
+  if (match.agreeing == 0) return std::nullopt;
+  Pose guess = turned_by(match.yaw_rad);
+  guess.translation() << match.shift_m, 0.0;
+  return Candidate{from, guess, match.agreeing};
+}
+
+// Of the sessions of which nobody knows where they lie.
+std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
+    std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
+  std::vector<Candidate> seen;
+  for (std::size_t from = 0; from < to; ++from) {
+    if (known[from]) continue;
+    if (const auto candidate = seen_from(from, to)) seen.push_back(*candidate);
+  }
+  likeliest_first(seen);
+  return distinct(seen, kStrangeCandidates);
+}
+
+// Of those that say the same of where the newest submap is the first one.
+std::vector<LoopGraph::State::Candidate> LoopGraph::State::distinct(
+    const std::vector<Candidate>& all, std::size_t most) const {
+  const auto frame = [&](const Candidate& c) { return frames[nodes[c.from].session]; };
+  std::vector<Candidate> out;
+  for (const Candidate& candidate : all) {
+    const Pose here = places[candidate.from].T_world_place * candidate.guess;
+    const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& other) {
+      const Pose there = places[other.from].T_world_place * other.guess;
+      return frame(candidate) == frame(other) &&
+             (here.translation() - there.translation()).head<2>().norm() < kSameGuess_m;
+    });
+    if (!known) out.push_back(candidate);
+    if (out.size() == most) break;
+  }
+  return out;
+}
+
+std::optional<Loop> LoopGraph::State::best_of(std::size_t to,
+                                              const std::vector<Candidate>& candidates,
+                                              const std::vector<std::optional<Matrix6>>& known,
+                                              std::vector<Loop>& looked_at) {
+  std::vector<Loop> all;
+  for (const Candidate& candidate : candidates) {
+    const Overlap overlap = matched(places[candidate.from].surfaces, places[to].surfaces,
+                                    candidate.guess, config.verify);
+    Loop loop;
+    loop.from = candidate.from;
+    loop.to = to;
+    loop.T_from_to = overlap.T_a_b;
+    loop.covariance = overlap.covariance;
+    loop.overlap = overlap.share;
+    loop.residual_m = overlap.residual_m;
+    if (const auto& uncertainty = known[loop.from]) {
+      const Pose expected = places[loop.from].T_world_place.inverse() * places[to].T_world_place;
+      loop.chi2 = squared_distance(expected, loop.T_from_to, *uncertainty + loop.covariance);
+    }
+    loop.verdict = loop.overlap < config.verify.overlap                  ? Verdict::kLittleOverlap
+                   : overlap.weakest_share < config.verify.weakest_share ? Verdict::kWeak
+                   : !(loop.chi2 < config.most_chi2)                     ? Verdict::kImpossible
+                                                                         : Verdict::kAlone;
+    all.push_back(loop);
+  }
+  const Loop* best = nullptr;
+  for (const Loop& loop : all) {
+    if (loop.verdict == Verdict::kAlone && (!best || loop.overlap > best->overlap)) best = &loop;
+  }
+  std::optional<Loop> out;
+  if (best) out = *best;
+  for (Loop& loop : all) {
+    if (&loop == best) continue;
+    if (best && loop.verdict == Verdict::kAlone) {
+      const Pose here = places[best->from].T_world_place * best->T_from_to;
+      const Pose there = places[loop.from].T_world_place * loop.T_from_to;
+      const bool rival =
+          !is_same(here, there) && loop.overlap > config.verify.unique_share * best->overlap;
+      if (rival) out->verdict = Verdict::kNotUnique;
+      continue;
+    }
+    looked_at.push_back(loop);
+  }
+  return out;
+}
+
+}  // namespace zloam::graph
