@@ -104,14 +104,14 @@ FAULTS = {
     "a stage hangs": Fault("mapping is not there", hanging_mapping, seconds=7.0),
     "two instances": Fault("there is a second mapping", second_mapping),
     "another configuration": Fault("mounting.xyz_m differs between stages", mounted_elsewhere),
-    "clocks of hosts apart": Fault("clock", clock_ahead),
+    "clocks of hosts apart": Fault("both need NTP or PTP", clock_ahead),
     "another version": Fault("features refused in a second as garbage", junk),
     "packets lost": Fault("packets were lost", change=every_tenth_missing()),
     "no packets": Fault("no packets came to the driver", silence, change=silence_after(4.0)),
     "another product": Fault("product byte says HDL-32E", change=other_product),
     "another model": Fault("packets say VLP-16", settings=("driver.model=HDL-32E",), after_poses=5),
     "clock of the sensor set": Fault("clock was set", change=clock_set, seconds=6.0),
-    "no inertial sensor": Fault("imu", settings=("driver.imu=zenoh",)),
+    "no inertial sensor": Fault("driver is degraded: imu", settings=("driver.imu=zenoh",)),
 }
 QUICK = ("a stage is missing", "packets lost", "another version")
 

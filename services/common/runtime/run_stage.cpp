@@ -225,6 +225,7 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
   std::erase(foreign, spec.variant.empty() ? spec.name : spec.variant);
   parameters.load(line.config, line.settings, foreign);
   std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);
+  check_endpoints(shared.zenoh);
   if (line.check) {
     std::printf("%s\n", parameters.values_json().c_str());
     return kExitOk;

@@ -4,6 +4,10 @@
 #include <optional>
 #include <random>
 #include <string_view>
+#include <utility>
+
+#include "common/runtime/parameters.hpp"
+#include "common/runtime/whole_number.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -28,6 +32,18 @@ std::string address_of(const ZenohConfig& config, const std::string& stage) {
   return host == "[::]" ? "[::1]" : host;
 }
 
+/// What follows the port, Zenoh reads: "?" and "#" begin it.
+bool is_endpoint(std::string_view endpoint) {
+  constexpr std::string_view kProtocol = "tcp/";
+  if (!endpoint.starts_with(kProtocol)) return false;
+  const std::string_view address =
+      endpoint.substr(kProtocol.size(), endpoint.find_first_of("?#") - kProtocol.size());
+  const auto colon = address.rfind(':');
+  if (colon == std::string_view::npos || colon == 0) return false;
+  if (address.find_first_of(" /") != std::string_view::npos) return false;
+  return whole_number<std::uint16_t>(address.substr(colon + 1)).has_value();
+}
+
 /// Of those that are in no chain, and of second instances: above all stages.
 constexpr std::uint8_t kOutside = 16;
 
@@ -50,7 +66,19 @@ std::string identifier(std::uint8_t initiative) {
 
 }  // namespace
 
+void check_endpoints(const ZenohConfig& config) {
+  for (const auto& [key, endpoints] :
+       {std::pair("zenoh.connect", config.connect), std::pair("zenoh.listen", config.listen)}) {
+    for (const std::string& endpoint : endpoints) {
+      if (is_endpoint(endpoint)) continue;
+      throw ConfigError(std::string(key) + ": '" + endpoint +
+                        "': tcp/HOST:PORT is expected, such as tcp/192.168.1.5:7447");
+    }
+  }
+}
+
 Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage) {
+  check_endpoints(config);
   Endpoints e;
   const auto& rows = stage_list();
   const std::optional<std::size_t> own = stage_place(stage);

@@ -2,12 +2,16 @@
 
 #include <gmock/gmock.h>
 
+#include "common/runtime/parameters.hpp"
+
 namespace zloam::runtime {
 namespace {
 
+using testing::AllOf;
 using testing::Contains;
 using testing::Each;
 using testing::ElementsAre;
+using testing::HasSubstr;
 using testing::StartsWith;
 
 TEST(Endpoints, AStageListensOnItsPortAndConnectsToThoseBehindIt) {
@@ -18,6 +22,29 @@ TEST(Endpoints, AStageListensOnItsPortAndConnectsToThoseBehindIt) {
   const Endpoints e = endpoints_of(config, "odometry");
   EXPECT_THAT(e.listen, ElementsAre("tcp/10.0.0.5:7002"));
   EXPECT_THAT(e.connect, ElementsAre("tcp/10.0.0.5:7003", "tcp/10.0.0.5:7004", "tcp/router:7447"));
+}
+
+TEST(Endpoints, WhatIsNoEndpointIsRefusedWithItsKey) {
+  for (const char* good : {"tcp/router:7447", "tcp/[::1]:7447", "tcp/10.0.0.5:0",
+                           "tcp/10.0.0.5:7447?prio=1-3#iface=eth0"}) {
+    ZenohConfig config;
+    config.connect = config.listen = {good};
+    EXPECT_NO_THROW(check_endpoints(config)) << good;
+  }
+  for (const char* bad : {"", "7447", "tcp/7447", "router:7447", "tcp/router", "tcp/router:",
+                          "tcp/:7447", "tcp/router:70000", "tcp/router:7447x", "udp/router:7447",
+                          "tcp/my router:7447", "tcp/a/b:7447", "tcp/router?a:7447"}) {
+    ZenohConfig config;
+    config.connect = {"tcp/router:7447", bad};
+    try {
+      endpoints_of(config, "odometry");
+      ADD_FAILURE() << bad;
+    } catch (const ConfigError& e) {
+      EXPECT_THAT(e.what(),
+                  AllOf(HasSubstr("zenoh.connect"), HasSubstr("'" + std::string(bad) + "'"),
+                        HasSubstr("tcp/HOST:PORT")));
+    }
+  }
 }
 
 TEST(Endpoints, OfTwoStagesExactlyOneConnects) {
