@@ -130,7 +130,7 @@ bench-peers: DATA ?= all
 bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans: out/bench/versus.md (DATA=, RUNS=; hours)
 	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
 
-packages: build ## wheel and Debian packages with the programs inside: out/packages
+packages: graph ## wheel and Debian packages with the programs inside: out/packages
 	@$(STEP) "packages" deploy/build/packages.sh $(BUILD) out/packages
 
 reference: build ## deploy/robots: REFERENCE.md and schema.json from what the programs say

@@ -50,11 +50,16 @@ add_custom_target(programs)
 # All unit tests and what they need, without the programs (make sanitize).
 add_custom_target(unit_tests)
 
+# Into the packages.
+function(zloam_packed name)
+  install(TARGETS ${name} RUNTIME DESTINATION lib/zenoh-loam/zloam_monitor/bundled/bin COMPONENT programs)
+endfunction()
+
 # A program that runs on a robot, or beside one.
 function(zloam_program name)
   add_executable(${name} ${ARGN})
   add_dependencies(programs ${name})
-  install(TARGETS ${name} RUNTIME DESTINATION lib/zenoh-loam/zloam_monitor/bundled/bin COMPONENT programs)
+  zloam_packed(${name})
 endfunction()
 
 # A unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)

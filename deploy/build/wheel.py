@@ -24,7 +24,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGE_FILE = ROOT / "services/stages.json"
-PROGRAMS = (*(row["name"] for row in json.loads(STAGE_FILE.read_text())), "decode")
+PROGRAMS = (
+    *(row["name"] for row in json.loads(STAGE_FILE.read_text())),
+    *("decode", "sessions", "calibrate"),
+)
 #: the newest that is tested is pinned in services/monitor/requirements.txt
 REQUIRES = (
     "numpy>=1.23",

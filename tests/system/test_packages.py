@@ -52,7 +52,8 @@ python3 -m venv /venv
 /venv/bin/pip install --quiet /packages/WHEEL
 cd /tmp
 /venv/bin/zloam --version
-/venv/bin/zloam demo {LENGTH} --set zenoh.base_port=0
+/venv/bin/zloam demo {LENGTH} --graph --set zenoh.base_port=0
+/venv/bin/zloam calibrate --version
 ls out/demo
 /venv/bin/zloam config check vlp16-indoor
 /venv/bin/pip uninstall --quiet --yes zloam
@@ -66,6 +67,7 @@ def test_the_wheel_runs_the_demo_without_a_compiler(suite: str) -> None:
     said = in_container(f"debian:{suite}-slim", WHEEL.replace("WHEEL", wheel.name))
     assert "accounted for: yes" in said
     assert "picture.png" in said
+    assert "trajectory_world.tum" in said
     assert "accepted by all stages" in said
     # after its removal nothing of it is found
     assert not said.rstrip().splitlines()[-1].startswith("/venv")
@@ -77,7 +79,8 @@ apt-get install -y -qq --no-install-recommends /packages/DEB >/dev/null 2>&1
 if command -v gcc; then exit 1; fi
 cd /tmp
 zloam --version
-zloam demo {LENGTH} --set zenoh.base_port=0
+zloam demo {LENGTH} --graph --set zenoh.base_port=0
+zloam calibrate --version
 ls out/demo
 zloam config check vlp16-indoor
 apt-get purge -y -qq --auto-remove zenoh-loam >/dev/null 2>&1
@@ -92,6 +95,7 @@ def test_the_debian_package_runs_the_demo_without_a_compiler() -> None:
     said = in_container(f"debian:{suite}-slim", DEB.replace("DEB", package.name))
     assert "accounted for: yes" in said
     assert "picture.png" in said
+    assert "trajectory_world.tum" in said
     # after its removal nothing of it is found
     left = said.split("accepted by all stages")[1].splitlines()
     assert [line for line in left if line.startswith("/")] == []
@@ -103,7 +107,8 @@ def test_the_bill_of_materials_names_what_is_inside() -> None:
     urls = {part["purl"].split("?")[0] for part in json.loads(bill.read_text())["components"]}
     for name in ("pkg:cargo/zenoh@", "pkg:pypi/eclipse-zenoh@", "pkg:deb/debian/libyaml-cpp0."):
         assert [url for url in urls if url.startswith(name)], name
-    assert not [url for url in urls if "ceres" in url], "A-LOAM's programs are in no package"
+    assert [url for url in urls if "ceres" in url], "the graph of loops is in them"
+    assert not [url for url in urls if "pcl" in url], "A-LOAM's programs are in no package"
 
 
 def suite_of_this_machine() -> str:
