@@ -52,7 +52,7 @@ python3 -m venv /venv
 /venv/bin/pip install --quiet /packages/WHEEL
 cd /tmp
 /venv/bin/zloam --version
-/venv/bin/zloam demo {LENGTH} --graph --set zenoh.base_port=0
+/venv/bin/zloam demo {LENGTH} --set zenoh.base_port=0
 /venv/bin/zloam calibrate --version
 ls out/demo
 /venv/bin/zloam config check vlp16-indoor
@@ -67,7 +67,6 @@ def test_the_wheel_runs_the_demo_without_a_compiler(suite: str) -> None:
     said = in_container(f"debian:{suite}-slim", WHEEL.replace("WHEEL", wheel.name))
     assert "accounted for: yes" in said
     assert "picture.png" in said
-    assert "trajectory_world.tum" in said
     assert "accepted by all stages" in said
     # after its removal nothing of it is found
     assert not said.rstrip().splitlines()[-1].startswith("/venv")
