@@ -2,7 +2,6 @@
 // between two.
 
 #include <cmath>
-#include <utility>
 
 #include "graph/loop_graph_state.hpp"
 
@@ -36,7 +35,7 @@ bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
   const double drift_m = way_m(a.to, b.to) + way_m(a.from, b.from);
   const Matrix6 covariance =
       a.covariance + carried(b.covariance, along(a.to, b.to)) +
-      diagonal(config.drift_share * drift_m, config.drift_rad_per_m * drift_m);
+      diagonal_covariance(config.drift_share * drift_m, config.drift_rad_per_m * drift_m);
   return squared_distance(by_b, a.T_from_to, covariance) < config.most_chi2;
 }
 

@@ -63,12 +63,12 @@ void LoopGraph::State::add_node(const Submap& submap, std::size_t session) {
     // Of what was missed between the two nothing is known but where both are.
     const bool missed = submap.before_sweep != nodes[step.from].sweep;
     if (missed) node.connected = false;
-    step.covariance =
-        carried(submap.step_covariance, place.T_place_submap) + diagonal(kLeast_m, kLeast_rad);
+    step.covariance = carried(submap.step_covariance, place.T_place_submap) +
+                      diagonal_covariance(kLeast_m, kLeast_rad);
     if (missed) {
       const double way_m = step.T_from_to.translation().norm();
-      step.covariance +=
-          diagonal(3.0 * config.drift_share * way_m, 3.0 * config.drift_rad_per_m * way_m);
+      step.covariance += diagonal_covariance(3.0 * config.drift_share * way_m,
+                                             3.0 * config.drift_rad_per_m * way_m);
       node.way_m = way_m;
     }
     chain.push_back(step);
@@ -86,7 +86,8 @@ std::vector<Between> LoopGraph::State::factors(bool with_drift) const {
   if (with_drift) {
     for (Between& step : all) {
       const double way_m = nodes[step.to].way_m - nodes[step.from].way_m;
-      step.covariance += diagonal(config.drift_share * way_m, config.drift_rad_per_m * way_m);
+      step.covariance +=
+          diagonal_covariance(config.drift_share * way_m, config.drift_rad_per_m * way_m);
     }
   }
   for (const Loop& loop : loops) {

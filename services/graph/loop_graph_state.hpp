@@ -8,17 +8,10 @@
 #include <optional>
 #include <vector>
 
+#include "common/geometry/motion_covariance.hpp"
 #include "graph/loop_graph.hpp"
 
 namespace zloam::graph {
-
-/// m^2, rad^2
-inline Matrix6 diagonal(double sigma_m, double sigma_rad) {
-  Matrix6 out = Matrix6::Zero();
-  out.diagonal().head<3>().setConstant(sigma_m * sigma_m);
-  out.diagonal().tail<3>().setConstant(sigma_rad * sigma_rad);
-  return out;
-}
 
 struct LoopGraph::State {
   explicit State(const GraphConfig& c) : config(c) {}

@@ -1,10 +1,8 @@
 // Where a new node may have been before: candidates by place and by look, and the best of those that
 // hold when they are verified.
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "graph/expectation.hpp"
 #include "graph/loop_graph_state.hpp"

@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <random>
 
+#include "common/geometry/motion_covariance.hpp"
 #include "graph/expectation.hpp"
 
 namespace zloam::graph {
@@ -15,13 +16,6 @@ Vector6 random_vector(std::mt19937_64& random, double sigma_m, double sigma_rad)
   Vector6 v;
   for (int i = 0; i < 6; ++i) v(i) = (i < 3 ? sigma_m : sigma_rad) * normal(random);
   return v;
-}
-
-Matrix6 diagonal(double sigma_m, double sigma_rad) {
-  Matrix6 out = Matrix6::Zero();
-  out.diagonal().head<3>().setConstant(sigma_m * sigma_m);
-  out.diagonal().tail<3>().setConstant(sigma_rad * sigma_rad);
-  return out;
 }
 
 struct Chain {
@@ -37,8 +31,8 @@ Chain chain(std::size_t count, unsigned seed) {
   for (std::size_t i = 1; i < count; ++i) {
     const Pose step = exp_se3(random_vector(random, 5.0, 0.3));
     out.truth.push_back(out.truth.back() * step);
-    Between factor{i - 1, i, step * exp_se3(random_vector(random, 0.1, 0.01)), diagonal(0.1, 0.01),
-                   false};
+    Between factor{i - 1, i, step * exp_se3(random_vector(random, 0.1, 0.01)),
+                   diagonal_covariance(0.1, 0.01), false};
     out.start.push_back(out.start.back() * factor.T_from_to);
     out.factors.push_back(factor);
   }
@@ -59,7 +53,7 @@ TEST(PoseGraph, FindsPosesThatFitExactLoops) {
   Chain c = chain(30, 2);
   for (std::size_t i = 0; i + 10 < c.truth.size(); i += 2) {
     c.factors.push_back(
-        {i, i + 10, c.truth[i].inverse() * c.truth[i + 10], diagonal(1e-4, 1e-5), true});
+        {i, i + 10, c.truth[i].inverse() * c.truth[i + 10], diagonal_covariance(1e-4, 1e-5), true});
   }
   const Optimised result = optimised(c.start, c.factors);
   ASSERT_TRUE(result.converged);
@@ -73,10 +67,10 @@ TEST(PoseGraph, FindsPosesThatFitExactLoops) {
 TEST(PoseGraph, OneFalseLoopAmongManyBendsLittle) {
   Chain c = chain(30, 3);
   for (std::size_t i = 0; i + 10 < c.truth.size(); i += 2) {
-    c.factors.push_back(
-        {i, i + 10, c.truth[i].inverse() * c.truth[i + 10], diagonal(0.01, 0.001), true});
+    c.factors.push_back({i, i + 10, c.truth[i].inverse() * c.truth[i + 10],
+                         diagonal_covariance(0.01, 0.001), true});
   }
-  Between wrong{2, 27, Pose::Identity(), diagonal(0.01, 0.001), true};
+  Between wrong{2, 27, Pose::Identity(), diagonal_covariance(0.01, 0.001), true};
   wrong.T_from_to.translation() << 3.0, -2.0, 1.0;
   c.factors.push_back(wrong);
   const Optimised result = optimised(c.start, c.factors);
@@ -88,7 +82,7 @@ TEST(PoseGraph, OneFalseLoopAmongManyBendsLittle) {
 
 TEST(PoseGraph, TheSameInputGivesTheSameBytes) {
   Chain c = chain(40, 4);
-  c.factors.push_back({0, 39, c.truth[39], diagonal(0.01, 0.001), true});
+  c.factors.push_back({0, 39, c.truth[39], diagonal_covariance(0.01, 0.001), true});
   const Optimised first = optimised(c.start, c.factors), second = optimised(c.start, c.factors);
   for (std::size_t i = 0; i < first.poses.size(); ++i) {
     EXPECT_EQ(first.poses[i].matrix(), second.poses[i].matrix());
@@ -119,7 +113,7 @@ TEST(Uncertainties, AreWhatSamplesOfTheChainSay) {
 TEST(PoseGraph, SaysThatItDidNotComeToRest) {
   Chain c = chain(10, 7);
   EXPECT_TRUE(optimised(c.truth, c.factors).converged);
-  c.factors.push_back({1, 8, Pose::Identity(), diagonal(0.01, 0.001), true});
+  c.factors.push_back({1, 8, Pose::Identity(), diagonal_covariance(0.01, 0.001), true});
   c.factors.back().T_from_to.translation().x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(optimised(c.truth, c.factors).converged);
 }
@@ -127,7 +121,8 @@ TEST(PoseGraph, SaysThatItDidNotComeToRest) {
 TEST(Uncertainties, ALoopMakesTheWayShorterInBothDirections) {
   Chain c = chain(30, 7);
   const auto without = uncertainties(29, c.truth, c.factors);
-  c.factors.push_back({1, 28, c.truth[1].inverse() * c.truth[28], diagonal(0.01, 0.001), true});
+  c.factors.push_back(
+      {1, 28, c.truth[1].inverse() * c.truth[28], diagonal_covariance(0.01, 0.001), true});
   const auto with = uncertainties(29, c.truth, c.factors);
   const auto back = uncertainties(1, c.truth, c.factors);
   EXPECT_LT(with[1]->trace(), 0.2 * without[1]->trace());

@@ -28,7 +28,7 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
-#: what is sent in place of a packet, given the seconds since the first; None: nothing
+#: what is sent instead of a packet, given the seconds since the first; None: nothing
 Change = Callable[[float, bytes], bytes | None]
 
 

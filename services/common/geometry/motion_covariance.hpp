@@ -8,6 +8,14 @@
 
 namespace zloam {
 
+/// Of a translation and a rotation, by one sigma each.
+inline Matrix6 diagonal_covariance(double sigma_m, double sigma_rad) {
+  Matrix6 out = Matrix6::Zero();
+  out.diagonal().head<3>().setConstant(sigma_m * sigma_m);
+  out.diagonal().tail<3>().setConstant(sigma_rad * sigma_rad);
+  return out;
+}
+
 /// The covariance of (pose, twist) with the twist in another unit of time, `factor` times the
 /// number.
 inline Matrix12 with_twist_scaled(const Matrix12& covariance, double factor) {

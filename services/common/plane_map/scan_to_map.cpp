@@ -22,13 +22,6 @@ constexpr double kAdjoining = 0.1;
 
 double squared(double x) { return x * x; }
 
-Matrix6 diagonal(double sigma_m, double sigma_rad) {
-  Vector6 variances;
-  variances.head<3>().setConstant(squared(sigma_m));
-  variances.tail<3>().setConstant(squared(sigma_rad));
-  return variances.asDiagonal();
-}
-
 double seconds(std::uint32_t period_ns) { return std::max<double>(period_ns, 1.0) * 1e-9; }
 
 // Unset or singular covariances carry no information.
@@ -60,7 +53,8 @@ Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& mo
   Matrix12 out = covariance;
   out.topRightCorner<6, 6>().setZero();
   out.bottomLeftCorner<6, 6>().setZero();
-  out.bottomRightCorner<6, 6>() = diagonal(kRestSpeed_mps * period_s, kRestRate_radps * period_s);
+  out.bottomRightCorner<6, 6>() =
+      diagonal_covariance(kRestSpeed_mps * period_s, kRestRate_radps * period_s);
   return out;
 }
 
@@ -105,8 +99,8 @@ Vector6 ScanToMap::previous_twist_per_s() const {
 // only, and err together: to trust either fully leaves a zig-zag, in which the error of one sweep's
 // twist comes back negated in the next.
 Matrix12 ScanToMap::carried_on(double steps, double rate) const {
-  const Matrix12 before = with_bounded_pose(previous_->covariance,
-                                            diagonal(config_.pose_sigma_m, config_.pose_sigma_rad));
+  const Matrix12 before = with_bounded_pose(
+      previous_->covariance, diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad));
   Matrix12 F = Matrix12::Zero();
   F.topLeftCorner<6, 6>() = adjoint(exp_se3(-steps * previous_->motion.twist));
   F.topRightCorner<6, 6>() = steps * Matrix6::Identity();
@@ -121,15 +115,15 @@ Matrix12 ScanToMap::carried_on(double steps, double rate) const {
 // Of the twist over so many sweeps: white acceleration, and what the record has of it.
 Matrix6 ScanToMap::change(double steps) const {
   const double period_s = seconds(previous_->period_ns);
-  return steps * diagonal(config_.change_sigma_m, config_.change_sigma_rad) +
+  return steps * diagonal_covariance(config_.change_sigma_m, config_.change_sigma_rad) +
          squared(steps * period_s * period_s) * acceleration_.covariance();
 }
 
 // What the poses of two middles may differ by from the mean of both motions.
 Matrix6 ScanToMap::continuity() const {
   const Vector6 bend = config_.continuity_share * previous_->twist_change;
-  return diagonal(config_.continuity_sigma_m + bend.head<3>().norm(),
-                  config_.continuity_sigma_rad + bend.tail<3>().norm());
+  return diagonal_covariance(config_.continuity_sigma_m + bend.head<3>().norm(),
+                             config_.continuity_sigma_rad + bend.tail<3>().norm());
 }
 
 bool ScanToMap::adjoins(const SweepInput& sweep) const {
@@ -157,10 +151,10 @@ void ScanToMap::foresee(const SweepInput& sweep, MotionPrior& prior) const {
   const Matrix6 change = units.asDiagonal() * step.covariance * units.asDiagonal();
   Matrix12 grown;
   grown << 0.25 * change + continuity(), 0.5 * change, 0.5 * change, change;
-  const Matrix12 known =
-      with_twist_of(with_bounded_pose(previous_->covariance,
-                                      diagonal(config_.pose_sigma_m, config_.pose_sigma_rad)),
-                    previous_->covariance);
+  const Matrix12 known = with_twist_of(
+      with_bounded_pose(previous_->covariance,
+                        diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad)),
+      previous_->covariance);
   Matrix12 covariance = F * known * F.transpose() + grown;
   if (step.at_rest) covariance = held_still(covariance, now_s, prior.predicted);
   prior.usual_information = prior.information;

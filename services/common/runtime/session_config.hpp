@@ -21,12 +21,12 @@ struct Endpoints {
   std::uint8_t initiative = 0;
 };
 
-/// Throws ConfigError for one of zenoh.connect and zenoh.listen that is no tcp/HOST:PORT: Zenoh would
-/// try it for ever, and say nothing.
+/// Throws ConfigError for one of zenoh.connect and zenoh.listen that is no tcp/HOST:PORT: Zenoh
+/// would try it for ever, and say nothing.
 void check_endpoints(const ZenohConfig& config);
 
-/// Checked. A stage connects to those that come after it in the chain; what is no stage of the chain, or a
-/// second instance away from its stage's port, connects to all of the chain.
+/// Checked. A stage connects to those that come after it in the chain; what is no stage of the
+/// chain, or a second instance away from its stage's port, connects to all of the chain.
 Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage);
 
 /// A peer: explicit endpoints retried for ever, no multicast, gossip, time stamps, shared memory.

@@ -49,14 +49,13 @@ def evaluate(
     of_estimate = trajectory.read(estimate)
     scores = evaluation.evaluate(of_estimate, of_base).as_dict()
     answers.give(as_json, scores, (f"{name}: {_score(value)}" for name, value in scores.items()))
-    if scores["ate_rmse_m"] is None:
-        return 1
-    if plot is not None:
+    compared = evaluation.compare(of_estimate, of_base) if plot is not None else None
+    if plot is not None and compared is not None:
         from zloam_monitor import picture
 
-        picture.draw_errors(plot, f"{estimate} against {truth}", of_estimate, of_base)
+        picture.draw_errors(plot, f"{estimate} against {truth}", compared)
         common.said(f"{plot}: written")
-    return 0
+    return 0 if scores["ate_rmse_m"] is not None else 1
 
 
 @command

@@ -119,11 +119,6 @@ def compared(first: Finished, second: Finished) -> Compared:
     )
 
 
-def _digits(name: str) -> int:
-    known = {figure: digits for figure, _, digits in FIGURES}
-    return known.get(name, 3 if name.startswith("health") else 1)
-
-
 def _apart(found: Compared) -> str:
     if found.rms_m is None:
         return "no instant in common: recordings of different times"
@@ -138,7 +133,8 @@ def _apart(found: Compared) -> str:
 def lines(found: Compared) -> list[str]:
     """For a person: what differs, the trajectories first."""
     rows = [("", found.first.name, found.second.name)]
+    known = {figure: digits for figure, _, digits in FIGURES}
     for name, (a, b) in found.figures.items():
-        digits = _digits(name)
+        digits = known.get(name, 3 if name.startswith("health") else 1)
         rows.append((name, number_text(a, digits), number_text(b, digits)))
     return [f"trajectories: {_apart(found)}", *(f"{n:<24}{a:>14}{b:>14}" for n, a, b in rows)]

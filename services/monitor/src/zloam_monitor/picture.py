@@ -10,9 +10,8 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from zloam_monitor import evaluation, se3
+from zloam_monitor import files, se3
 from zloam_monitor.evaluation import Compared
-from zloam_monitor.trajectory import Trajectory
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -67,11 +66,8 @@ def draw(path: Path, scene: Scene) -> None:
     _save(figure, path)
 
 
-def draw_errors(path: Path, title: str, estimate: Trajectory, truth: Trajectory) -> None:
-    """Writes a PNG of both paths from above, aligned, and the errors over time; `truth` as in
-    evaluation.evaluate, of which at least some poses are known."""
-    compared = evaluation.compare(estimate, truth)
-    assert compared is not None
+def draw_errors(path: Path, title: str, compared: Compared) -> None:
+    """Writes a PNG of both paths from above, aligned, and the errors over time."""
     figure = plt.figure(figsize=(15, 8), dpi=110, layout="constrained")
     figure.suptitle(title)
     grid = figure.add_gridspec(2, 2)
@@ -89,12 +85,9 @@ def draw_errors(path: Path, title: str, estimate: Trajectory, truth: Trajectory)
 
 
 def _save(figure: Figure, path: Path) -> None:
-    """As a whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
-    figure.savefig(temporary, format="png")
+    with files.written_whole(path, "wb") as out:
+        figure.savefig(out, format="png")
     plt.close(figure)
-    temporary.replace(path)
 
 
 def _map_ratio(scene: Scene) -> float:

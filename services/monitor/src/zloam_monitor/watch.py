@@ -70,21 +70,24 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
 def looked(link: Link, began: float, now: float) -> dict[str, Any]:
     """One look, for a program."""
     newest = link.poses[max(link.poses)] if link.poses else None
+    stages = link.newest_statuses()
     return {
         "robot": link.keys.robot,
         "pose": newest,
         "poses": len(link.poses),
         "seconds": now - began,
-        "stages": link.newest_statuses(),
-        "silent_s": {k: link.silent_s(s, now) for k, s in link.newest_statuses().items()},
+        "stages": stages,
+        "silent_s": {name: link.silent_s(status, now) for name, status in stages.items()},
         "health": pose_health.judge(link.poses.values()).as_dict() if newest else None,
         "unreadable_messages": link.garbage,
     }
 
 
 def _show(link: Link, began: float, now: float, as_json: bool) -> None:
-    lines = [] if as_json else view(link, began, now)
-    answers.give(as_json, looked(link, began, now) if as_json else None, lines)
+    if as_json:
+        print(answers.text(looked(link, began, now)), flush=True)
+    else:
+        print("\n".join(view(link, began, now)), flush=True)
 
 
 def look(link: Link, as_json: bool = False) -> int:
