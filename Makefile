@@ -146,8 +146,8 @@ sanitize: ## the unit tests under AddressSanitizer and UBSan, those with threads
 	@$(STEP) "tests with threads (tsan)" ctest --test-dir build/tsan -E _NOT_BUILT --output-on-failure --no-tests=error
 
 FUZZ_SECONDS ?= 60
-fuzz: tools ## libFuzzer on all that reads foreign bytes: packets, captures, tables, texts, messages (FUZZ_SECONDS= each)
-	@$(STEP) "fuzz" tests/fuzz/run.sh $(FUZZ_SECONDS)
+fuzz: tools ## libFuzzer on all that reads foreign bytes: packets, captures, tables, texts, messages (FUZZ_SECONDS= each, ONLY="scip ros")
+	@$(STEP) "fuzz" tests/fuzz/run.sh $(FUZZ_SECONDS) $(ONLY)
 
 fmt: tools test-venv ## format C++, Rust and Python
 	@git ls-files '*.cpp' '*.hpp' | xargs clang-format -i

@@ -89,11 +89,16 @@ void DriverStage::open_zenoh() {
 }
 
 void DriverStage::open_scanner() {
-  auto scanner = sweeps_of_scanner(
-      config_.path, scip_source_config(config_, stage_.shared().mounting.T_base_lidar()),
-      kSocketWaitMs);
+  const ScipSourceConfig config =
+      scip_source_config(config_, stage_.shared().mounting.T_base_lidar());
+  auto scanner = sweeps_of_scanner(config_.path, config, kSocketWaitMs);
   ScipSource& turned = *scanner;
   source_ = std::move(scanner);
+  if (!config.spinning.profile) hear_angles(turned);
+  window_.start_live();
+}
+
+void DriverStage::hear_angles(ScipSource& turned) {
   runtime::InletOptions options;
   options.order = runtime::Order::kAsTheyCome;
   options.lossless = true;
@@ -105,7 +110,6 @@ void DriverStage::open_scanner() {
                                      turned.add({reading->stamp_ns(), reading->angle_rad()});
                                    }
                                  });
-  window_.start_live();
 }
 
 void DriverStage::open_finite() {

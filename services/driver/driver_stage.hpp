@@ -10,6 +10,7 @@
 #include "common/runtime/stage.hpp"
 #include "driver/driver_parameters.hpp"
 #include "driver/io/imu_feed.hpp"
+#include "driver/io/scip_source.hpp"
 #include "driver/io/sweep_source.hpp"
 
 namespace zloam::driver {
@@ -29,6 +30,7 @@ class DriverStage {
   void open_udp_source();
   void open_zenoh();
   void open_scanner();
+  void hear_angles(ScipSource& turned);
 
   runtime::Poll poll_live();
   /// The next sweep of a live source, if there is one.

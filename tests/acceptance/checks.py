@@ -23,6 +23,7 @@ from tests.acceptance import (
     laps,
     live,
     ringless,
+    scanner,
     udp_rate,
     worlds,
 )
@@ -50,6 +51,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *laps.checks(setting),
         *hard.checks(setting),
         *ringless.checks(setting),
+        *scanner.checks(setting),
         *_decoding(setting),
         *bags.checks(setting),
         *faults.checks(setting),
@@ -315,6 +317,12 @@ def _robustness(s: Setting) -> list[Check]:
             "third-party",
             "a stranger with eclipse-zenoh and generated code sees every pose",
             "test_third_party.py",
+        ),
+        (
+            "hokuyo-tests",
+            "scanner on a motor: real sessions byte by byte, same bytes twice and after a kill, "
+            "live over TCP and a serial line with faults",
+            "test_hokuyo.py",
         ),
     )
     return [

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # libFuzzer with AddressSanitizer and UBSan on everything that reads foreign bytes.
-# usage: tests/fuzz/run.sh [--if-there] [seconds for each target]
+# usage: tests/fuzz/run.sh [--if-there] [seconds for each target] [target ...]
 #   --if-there: without the compiler or its libraries say so and leave with 0
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -10,6 +10,7 @@ if [ "${1:-}" = --if-there ]; then
   shift
 fi
 seconds=${1:-60}
+shift || true
 out=build/fuzz
 compiler=${FUZZ_CXX:-clang++}
 flags=(-std=c++20 -g -O2 -fsanitize=fuzzer,address,undefined,float-cast-overflow
@@ -28,6 +29,7 @@ mapfile -t sources < <(find services/{common,driver,registration,odometry,mappin
   ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' ! -path '*/calibration/*' | sort)
 sources+=(services/ros/{cdr,graph}.cpp "$out/generated/stage_list.cpp")
 targets=(packets position nmea pcap scip tables settings messages ros)
+if [ $# -gt 0 ]; then targets=("$@"); fi
 libraries="-lpcap -lyaml-cpp -lpugixml -lflatbuffers -lspdlog -lfmt -lcrypto -lxxhash"
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"
@@ -61,4 +63,4 @@ ar rcs "$out/objects/all.a" "$out"/objects/services_*.o "$out"/objects/*stage_li
 each link "${targets[@]}"
 python3 tests/fuzz/seeds.py "$out/seeds"
 each fuzz "${targets[@]}"
-if [ -x .venv/bin/python ]; then .venv/bin/python tests/fuzz/readers.py "$seconds"; fi
+if [ $# -eq 0 ] && [ -x .venv/bin/python ]; then .venv/bin/python tests/fuzz/readers.py "$seconds"; fi

@@ -149,6 +149,27 @@ def test_a_session_without_angles_is_refused(build: Path, drive: Drive, tmp_path
     assert "one plane" in done.said
 
 
+def test_a_motor_that_tells_nothing_is_described(build: Path, drive: Drive, tmp_path: Path) -> None:
+    alone, mount = tmp_path / "alone.logr", tmp_path / "mount.yaml"
+    shutil.copy(drive.session, alone)
+    first_ns = np.loadtxt(drive.angles, delimiter=",", skiprows=1, max_rows=1)[0]
+    # as the simulator's motor goes
+    profile = {
+        "from_s": 1e-9 * float(first_ns),
+        "speed_deg_s": 180,
+        "amplitude_deg": 90,
+        "reversal_s": 0.06,
+    }
+    mount.write_text(yaml.safe_dump({"motor": {"profile": profile}}))
+    out = tmp_path / "out"
+    done = monitor(
+        *("demo", "--preset-dir", build, "--session", alone, "--imu", drive.imu, "--out", out),
+        *("--set", f"driver.metadata={mount}"),
+    )
+    assert done.code == 0, done.said
+    assert error_m(drive, out) <= 0.05
+
+
 def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Drive, tmp_path: Path) -> None:
     mount = tmp_path / "mount.yaml"
     mount.write_text("scanner: {rpy_deg: [0, 0, 0]}\nmotor: {delay_s: 1}\n")

@@ -210,13 +210,23 @@ struct Solved {
 // fall together.
 constexpr Vector kFarthest = {10.0, 10.0, 0.3, 0.3, 100.0};
 
-/// One sigma of each unknown. What is not flat about a surface is the same for all of its points: each
-/// surface counts as one witness (covariance of clusters, White 1980), and as no better one than the
-/// noise of its points allows.
-Vector sigmas_of(ceres::Problem& problem) {
-  using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
-  using Column = Eigen::Matrix<double, kUnknowns, 1>;
-  Matrix information = Matrix::Zero(), scatter = Matrix::Zero();
+using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+using Column = Eigen::Matrix<double, kUnknowns, 1>;
+
+/// What one surface says at the solution.
+struct Witness {
+  Matrix information = Matrix::Zero();
+  Column pull = Column::Zero();  ///< its part of the gradient, which is zero in all
+};
+
+struct Witnesses {
+  std::vector<Witness> each;
+  Matrix information = Matrix::Zero();
+  double variance_m2 = 0.0;
+};
+
+Witnesses witnesses_of(ceres::Problem& problem) {
+  Witnesses all;
   double squares = 0.0, count = 0.0;
   std::vector<ceres::ResidualBlockId> blocks;
   problem.GetResidualBlocks(&blocks);
@@ -230,20 +240,37 @@ Vector sigmas_of(ceres::Problem& problem) {
     const auto rows = static_cast<Eigen::Index>(residuals.size());
     const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, kUnknowns, Eigen::RowMajor>> J(
         jacobian.values.data(), rows, kUnknowns);
-    information += J.transpose() * J;
-    const Eigen::Map<const Column> g(gradient.data());
-    scatter += g * g.transpose();
+    all.each.push_back({J.transpose() * J, Eigen::Map<const Column>(gradient.data())});
+    all.information += all.each.back().information;
     squares += 2.0 * cost;
     count += static_cast<double>(rows);
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix> axes(information);
+  all.variance_m2 = squares / std::max(1.0, count);
+  return all;
+}
+
+bool tells_all(const Matrix& information) {
+  constexpr double kLeastInformation = 1e-9;
+  return Eigen::SelfAdjointEigenSolver<Matrix>(information).eigenvalues()[0] > kLeastInformation;
+}
+
+/// One sigma of each unknown. What is not flat about a surface is the same for all of its points, so
+/// that each surface is one witness: what the solution would be without it says how far it can be
+/// believed (jackknife over clusters; MacKinnon and White 1985), and what it alone tells, not at
+/// all. No better than the noise of the points allows.
+Vector sigmas_of(ceres::Problem& problem) {
+  const Witnesses all = witnesses_of(problem);
   Vector sigma;
   sigma.fill(1e3);
-  constexpr double kLeastInformation = 1e-9;
-  if (axes.eigenvalues()[0] < kLeastInformation) return sigma;
-  const Matrix inverse = information.inverse();
-  const Matrix by_noise = squares / std::max(1.0, count) * inverse;
-  const Matrix by_surface = inverse * scatter * inverse;
+  if (!tells_all(all.information)) return sigma;
+  Matrix by_surface = Matrix::Zero();
+  for (const Witness& witness : all.each) {
+    const Matrix others = all.information - witness.information;
+    if (!tells_all(others)) return sigma;
+    const Column moved = others.ldlt().solve(witness.pull);
+    by_surface += moved * moved.transpose();
+  }
+  const Matrix by_noise = all.variance_m2 * all.information.inverse();
   for (std::size_t i = 0; i < kUnknowns; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     sigma[i] = std::sqrt(std::max(by_noise(k, k), by_surface(k, k)));

@@ -26,13 +26,17 @@ RecordedSource open_bag(const DriverConfig& config, const PacketStreamConfig& st
           {}};
 }
 
-/// The motor's angles lie beside the session.
+/// The motor's angles lie beside the session, or are told by its profile.
 RecordedSource open_session(const DriverConfig& config, const Pose& T_base_lidar) {
-  const std::string angles = angles_beside(config.path);
-  RecordedSource opened{nullptr, {}, {config.path, angles}};
+  const ScipSourceConfig source = scip_source_config(config, T_base_lidar);
+  RecordedSource opened{nullptr, {}, {config.path}};
+  std::vector<spinning::AngleReading> readings;
+  if (!source.spinning.profile) {
+    opened.files.push_back(angles_beside(config.path));
+    readings = read_angle_file(opened.files.back());
+  }
   if (!config.metadata.empty()) opened.files.push_back(config.metadata);
-  opened.sweeps = sweeps_of_session(config.path, read_angle_file(angles),
-                                    scip_source_config(config, T_base_lidar));
+  opened.sweeps = sweeps_of_session(config.path, readings, source);
   return opened;
 }
 

@@ -245,7 +245,8 @@ std::string angles_beside(const std::string& session) {
   throw SourceError(session +
                     ": the motor's angles are missing, a table with t_ns and angle_rad in " +
                     path.string() +
-                    ": a scanner that stands still sees one plane, in which no motion in three "
+                    ", or motor.profile in the file in driver.metadata: a scanner that stands "
+                    "still sees one plane, in which no motion in three "
                     "dimensions can be found");
 }
 

@@ -6,10 +6,13 @@
 #include <functional>
 #include <map>
 #include <numbers>
+#include <optional>
 #include <stdexcept>
 
 namespace zloam::driver::spinning {
 namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
 
 using Readers = std::map<std::string, std::function<void(const YAML::Node&)>>;
 
@@ -39,18 +42,24 @@ std::function<void(const YAML::Node&)> vector(Eigen::Vector3d& into) {
   };
 }
 
+/// "motor.speed", where it lies: ahead of a message about it.
+[[noreturn]] void object(const std::string& key, const std::string& text) {
+  throw std::invalid_argument(key + " " + text);
+}
+
 void read_section(const YAML::Node& section, const std::string& name, const Readers& readers) {
+  if (!section.IsNull() && !section.IsMap()) object(name, "is no section with keys");
   for (const auto& entry : section) {
     const auto key = entry.first.as<std::string>();
     const auto reader = readers.find(key);
     const std::string whole = std::string(name).append(".").append(key);
-    if (reader == readers.end()) throw std::invalid_argument(whole + " is no key of it");
+    if (reader == readers.end()) object(whole, "is no key of it");
     try {
       reader->second(entry.second);
     } catch (const YAML::Exception&) {
-      throw std::invalid_argument(whole + " is not of the kind that is wanted");
+      object(whole, "is not of the kind that is wanted");
     } catch (const std::invalid_argument& error) {
-      throw std::invalid_argument(std::string(whole).append(" ").append(error.what()));
+      object(whole, error.what());
     }
   }
 }
@@ -63,6 +72,34 @@ YAML::Node parsed(const std::string& text) {
   }
 }
 
+/// motor.profile as it is written; what it leaves out is no number.
+struct ToldProfile {
+  double from_s = std::nan("");
+  double speed_deg_s = std::nan("");
+  double amplitude_deg = 0.0;
+  double reversal_s = 0.0;
+};
+
+Readers readers_of(ToldProfile& told) {
+  return {{"from_s", number(told.from_s, 0.0, 1e10)},
+          {"speed_deg_s", number(told.speed_deg_s, 1.0, 36000.0)},
+          {"amplitude_deg", number(told.amplitude_deg, 1.0, 3600.0)},
+          {"reversal_s", number(told.reversal_s, 0.0, 10.0)}};
+}
+
+MotorProfile checked(const ToldProfile& told) {
+  if (std::isnan(told.from_s)) object("motor.profile.from_s", "is missing");
+  if (std::isnan(told.speed_deg_s)) object("motor.profile.speed_deg_s", "is missing");
+  const bool swings = told.amplitude_deg > 0.0;
+  if (!swings && told.reversal_s > 0.0) {
+    object("motor.profile.reversal_s", "needs the amplitude_deg of a swing");
+  }
+  if (swings && 0.5 * told.reversal_s * told.speed_deg_s >= 2.0 * told.amplitude_deg) {
+    object("motor.profile.reversal_s", "is so long that the motor never comes to its speed");
+  }
+  return {told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree, told.reversal_s};
+}
+
 }  // namespace
 
 void read_mount(const std::string& text, scip::ClientConfig& client, SpinningConfig& spinning) {
@@ -70,6 +107,8 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
   Eigen::Vector3d xyz_m = Eigen::Vector3d::Zero(), rpy_deg = Eigen::Vector3d::Zero();
   double zero_deg = 0.0, delay_ms = 0.0;
   bool backward = false;
+  std::optional<double> turn_s;
+  std::optional<ToldProfile> profile;
   const Readers of_scanner = {{"rpy_deg", vector(rpy_deg)},
                               {"xyz_m", vector(xyz_m)},
                               {"from_deg", number(client.from_deg, -180.0, 180.0)},
@@ -77,11 +116,14 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
                               {"intensities", flag(client.intensities)},
                               {"several_echoes", flag(client.several_echoes)},
                               {"sweep_s", number(spinning.sweep_s, 0.02, 5.0)}};
-  const Readers of_motor = {{"axis", vector(mount.axis)},
-                            {"zero_deg", number(zero_deg, -360.0, 360.0)},
-                            {"backward", flag(backward)},
-                            {"delay_ms", number(delay_ms, -1000.0, 1000.0)},
-                            {"turn_s", number(spinning.turn_s, 0.1, 30.0)}};
+  const Readers of_motor = {
+      {"axis", vector(mount.axis)},
+      {"zero_deg", number(zero_deg, -360.0, 360.0)},
+      {"backward", flag(backward)},
+      {"delay_ms", number(delay_ms, -1000.0, 1000.0)},
+      {"turn_s", [&](const YAML::Node& node) { number(turn_s.emplace(), 0.1, 30.0)(node); }},
+      // read after the others, as its own keys are named whole
+      {"profile", [&](const YAML::Node&) { profile.emplace(); }}};
   const YAML::Node root = parsed(text);
   if (root && !root.IsNull() && !root.IsMap()) {
     throw std::invalid_argument("has no sections scanner and motor");
@@ -95,9 +137,16 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
   if (client.to_deg <= client.from_deg) {
     throw std::invalid_argument("scanner.to_deg is not above scanner.from_deg");
   }
+  if (profile) {
+    read_section(root["motor"]["profile"], "motor.profile", readers_of(*profile));
+    if (turn_s) object("motor.turn_s", "is told by motor.profile: leave it out");
+    spinning.profile = checked(*profile);
+    turn_s = spinning.profile->turn_s();
+  }
+  spinning.turn_s = turn_s.value_or(spinning.turn_s);
   mount.axis.normalize();
   mount.T_motor_scanner = pose_from_xyz_rpy_deg(xyz_m, rpy_deg);
-  mount.zero_rad = zero_deg * std::numbers::pi / 180.0;
+  mount.zero_rad = zero_deg * kDegree;
   mount.direction = backward ? -1.0 : 1.0;
   mount.angle_delay_ns = std::llround(1e6 * delay_ms);
 }

@@ -61,7 +61,7 @@ void SpinningSweeps::settle(bool ended) {
   while (!waiting_.empty()) {
     const Line& line = waiting_.front();
     const bool late = waiting_.back().end_ns - line.end_ns > kAngleLateNs;
-    if (config_.turns && !ended && !late && !track_.reaches(line.end_ns)) return;
+    if (waits_for_readings() && !ended && !late && !track_.reaches(line.end_ns)) return;
     if (angles_of(line)) {
       without_angle_in_row_ = 0;
       put(line);
@@ -80,7 +80,11 @@ bool SpinningSweeps::angles_of(const Line& line) {
   if (!config_.turns) return true;
   for (std::size_t i = 0; i < echoes.size(); ++i) {
     const std::int64_t at_ns = line.scan.stamp_ns + line.scanner.step_ns(echoes[i].step);
-    if (track_.at(at_ns, angles_rad_[i]) != Angle::kKnown) return false;
+    if (config_.profile) {
+      angles_rad_[i] = config_.profile->angle_rad(at_ns + config_.mount.angle_delay_ns);
+    } else if (track_.at(at_ns, angles_rad_[i]) != Angle::kKnown) {
+      return false;
+    }
   }
   return true;
 }

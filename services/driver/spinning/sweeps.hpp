@@ -13,6 +13,7 @@
 #include "common/geometry/se3.hpp"
 #include "driver/scip/client.hpp"
 #include "driver/spinning/angle_track.hpp"
+#include "driver/spinning/motor_profile.hpp"
 #include "driver/spinning/turn_watch.hpp"
 #include "driver/sweep/decoded_sweep.hpp"
 #include "driver/sweep/mask.hpp"
@@ -40,6 +41,8 @@ struct SpinningConfig {
   /// false: the scanner stands still, level by zero_rad
   bool turns = true;
   Mount mount;
+  /// in place of readings
+  std::optional<MotorProfile> profile;
   /// time from one sweep to the next
   double sweep_s = 0.1;
   /// in which all directions are seen once
@@ -78,6 +81,7 @@ class SpinningSweeps {
     std::int64_t sweep = 0;
   };
 
+  bool waits_for_readings() const { return config_.turns && !config_.profile; }
   void settle(bool ended);
   /// False when an angle is missing within the line.
   bool angles_of(const Line& line);

@@ -7,6 +7,12 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "driver/spinning/mount_file.hpp"
 
 namespace zloam::driver::spinning {
 namespace {
@@ -196,6 +202,87 @@ TEST(SpinningSweepsTest, WithoutAnglesForASecondLinesAreGivenUp) {
   rig.read_until(50 * kMs);
   for (int i = 0; i < 100; ++i) rig.line(i);
   EXPECT_GT(rig.sweeps.without_angle_in_row(), 40U);
+}
+
+/// 90 degrees to either side at 180 degrees a second, and 0.1 s from one way to the other.
+MotorProfile swing_from(double from_s) { return {from_s, 180.0 * kDegree, 90.0 * kDegree, 0.1}; }
+
+TEST(MotorProfileTest, ASwingBySomeOfItsInstants) {
+  const MotorProfile profile = swing_from(1e-9 * static_cast<double>(kZero) + 0.25);
+  EXPECT_DOUBLE_EQ(profile.turn_s(), 1.05);
+  const auto degrees = [&](double s) {
+    return profile.angle_rad(kZero + 250 * kMs + std::llround(1e9 * s)) / kDegree;
+  };
+  // 3600 degrees a second squared for 0.05 s, then 180 degrees a second.
+  const std::vector<std::pair<double, double>> expected = {
+      {0.0, -90.0},    {0.025, -88.875}, {0.05, -85.5}, {0.525, 0.0}, {1.0, 85.5},
+      {1.025, 88.875}, {1.05, 90.0},     {1.1, 85.5},   {1.575, 0.0}, {2.1, -90.0},
+      {21.525, 0.0},   {-0.05, -85.5},   {-0.525, 0.0}, {-1.05, 90.0}};
+  for (const auto& [s, angle] : expected) EXPECT_NEAR(degrees(s), angle, 1e-4) << s;
+}
+
+TEST(MotorProfileTest, ATurningMotorGoesOn) {
+  const MotorProfile profile{0.0, 250.0 * kDegree, 0.0, 0.0};
+  EXPECT_DOUBLE_EQ(profile.turn_s(), 0.72);
+  EXPECT_NEAR(profile.angle_rad(4 * 1000 * kMs), 1000.0 * kDegree, 1e-9);
+  EXPECT_NEAR(profile.angle_rad(-1000 * kMs), -250.0 * kDegree, 1e-9);
+}
+
+TEST(SpinningSweepsTest, AProfileStandsForReadings) {
+  SpinningConfig config;
+  config.profile =
+      MotorProfile{1e-9 * static_cast<double>(kZero) - 0.05, 180.0 * kDegree, 0.0, 0.0};
+  config.mount.angle_delay_ns = 5 * kMs;
+  // A level line of step 900: at 5 ms and 3/8 of a turn of 25 ms, 10 degrees more than the angle.
+  SpinningSweeps sweeps(config);
+  sweeps.add(line_of(5 * kMs, {{900, 0, 4000, 0}}), utm());
+  sweeps.flush();
+  DecodedSweep sweep;
+  ASSERT_TRUE(sweeps.take(sweep));
+  ASSERT_EQ(sweep.points.size(), 1U);
+  const double angle_rad = 180.0 * kDegree * (0.05 + 0.005 + 0.005 + 0.015625);
+  expect_at(sweep.points.front(), 0.0, 4.0 * std::cos(angle_rad), 4.0 * std::sin(angle_rad));
+}
+
+std::string objection_to(const std::string& mount) {
+  scip::ClientConfig client;
+  SpinningConfig spinning;
+  try {
+    read_mount(mount, client, spinning);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return {};
+}
+
+TEST(MountFileTest, AProfileIsReadWhole) {
+  scip::ClientConfig client;
+  SpinningConfig spinning;
+  read_mount(
+      "motor: {profile: {from_s: 12.5, speed_deg_s: 180, amplitude_deg: 90, reversal_s: 0.1}}",
+      client, spinning);
+  ASSERT_TRUE(spinning.profile.has_value());
+  EXPECT_DOUBLE_EQ(spinning.profile->from_s, 12.5);
+  EXPECT_DOUBLE_EQ(spinning.turn_s, 1.05);
+}
+
+TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
+  const std::vector<std::pair<std::string, std::string>> wrong = {
+      {"motor: {profile: {speed_deg_s: 180}}", "motor.profile.from_s"},
+      {"motor: {profile: {from_s: 1}}", "motor.profile.speed_deg_s"},
+      {"motor: {profile: {from_s: 1, speed_deg_s: 0}}", "motor.profile.speed_deg_s"},
+      {"motor: {profile: {from_s: 1, speed_deg_s: 180, reversal_s: 0.1}}",
+       "motor.profile.reversal_s"},
+      {"motor: {profile: {from_s: 1, speed_deg_s: 180, amplitude_deg: 5, reversal_s: 0.2}}",
+       "motor.profile.reversal_s"},
+      {"motor: {turn_s: 1, profile: {from_s: 1, speed_deg_s: 180}}", "motor.turn_s"},
+      {"motor: {profile: {from: 1}}", "motor.profile.from"},
+      {"motor: {profile: 3}", "motor.profile"},
+      {"motor: 3", "motor"},
+      {"motor: {turn_s: [1]}", "motor.turn_s"}};
+  for (const auto& [text, key] : wrong) {
+    EXPECT_EQ(objection_to(text).rfind(key + " ", 0), 0U) << text << ": " << objection_to(text);
+  }
 }
 
 TEST(AngleTrackTest, AnEncodersStepsAreSmoothedAwayFromReversals) {

@@ -1,0 +1,159 @@
+"""LOAM's own sensor, a 2-D scanner on a motor (issue 44): drives, calibrations, real sessions."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import Demo, Setting
+from zloam_monitor import evaluation, trajectory
+from zloam_monitor.sources import HOKUYO_SPEED_FACTOR
+
+SEEDS = (1, 2, 3)
+#: what is asked of a drive's way and of its poses, so that the others mean something
+LEAST_WAY_M, POSES_PER_S = 50.0, 10.0
+INDOOR_IMU_M, INDOOR_M, OUTDOOR_DRIFT_PERCENT = 0.05, 0.15, 0.8
+#: of the mount and its encoder in the simulator: pitch, yaw, y, z, delay
+MOUNT_DEG, MOUNT_M, DELAY_MS = (0.6, -0.9), (0.015, -0.03), 7.5
+#: the lines' stamps are late by the time that they take to be received
+RECEIVED_LATE_MS = 2.0
+ANGLE_DEG, OFFSET_MS = 0.05, 1.0
+CALIBRATED_IN = ("indoor", "handheld")
+
+
+@dataclass(frozen=True)
+class Session:
+    """A simulated one, with its angles beside it."""
+
+    log: Path
+    truth: Path
+    imu: Path
+
+
+def _simulated(setting: Setting, name: str, *options: object) -> Session:
+    folder = setting.out / "accept" / "scanner"
+    folder.mkdir(parents=True, exist_ok=True)
+    session = Session(*(folder / f"{name}{suffix}" for suffix in (".logr", ".tum", ".imu.csv")))
+    simulator = setting.build / "bin" / "zloam-simulator"
+    if not simulator.exists():
+        raise Skip(f"{simulator} is not built")
+    outputs = ["--session", session.log, "--angles", session.log.with_suffix(".csv")]
+    outputs += ["--truth", session.truth, "--imu", session.imu]
+    command = [simulator, "--quiet", "--hokuyo", *options, *outputs]
+    subprocess.run([str(word) for word in command], check=True, capture_output=True)
+    return session
+
+
+def _drive(setting: Setting, world: str, seed: int, with_imu: bool) -> tuple[Demo, Session]:
+    motion = ["--speed-factor", HOKUYO_SPEED_FACTOR, "--duration", "full"]
+    session = _simulated(setting, f"{world}-{seed}", "--world", world, "--seed", seed, *motion)
+    readings = ["--imu", session.imu] if with_imu else []
+    name = f"scanner-{world}-{seed}" + ("-imu" if with_imu else "")
+    return setting.demo(name, "--session", session.log, *readings), session
+
+
+def _scores(demo: Demo, session: Session) -> tuple[evaluation.Scores, float]:
+    """Errors, and poses a second."""
+    if demo.code != 0:
+        raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
+    found = trajectory.read(demo.out / "trajectory.tum")
+    stamps = found.stamps_ns
+    rate = 1e9 * (len(stamps) - 1) / float(stamps[-1] - stamps[0])
+    return evaluation.evaluate(found, trajectory.read(session.truth)), rate
+
+
+def _drives(
+    setting: Setting,
+    world: str,
+    with_imu: bool,
+    figure: Callable[[evaluation.Scores], float],
+    limit: float,
+    unit: str,
+) -> Measured:
+    texts, held = [], True
+    for seed in SEEDS:
+        scores, rate = _scores(*_drive(setting, world, seed, with_imu))
+        if scores.path_m is None or scores.path_m < LEAST_WAY_M:
+            raise RuntimeError(f"seed {seed}: a way of {scores.path_m} m")
+        held = held and figure(scores) <= limit and rate >= 0.99 * POSES_PER_S
+        texts.append(f"{figure(scores):.3f} {unit}")
+    return Measured(f"{', '.join(texts)}; way {scores.path_m:.0f} m", held)
+
+
+def _ate_m(scores: evaluation.Scores) -> float:
+    return np.inf if scores.ate_rmse_m is None else scores.ate_rmse_m
+
+
+def _drift_percent(scores: evaluation.Scores) -> float:
+    return np.inf if scores.drift_percent is None else scores.drift_percent
+
+
+def _calibrated(setting: Setting, world: str) -> Measured:
+    calibrate = setting.build / "bin" / "zloam-calibrate"
+    if not calibrate.exists():
+        raise Skip(f"{calibrate} is not built")
+    worst_deg = worst_ms = 0.0
+    for seed in SEEDS:
+        mount = ["--scanner-rpy-deg", 0, *MOUNT_DEG, "--scanner-xyz", 0, *MOUNT_M]
+        mount += ["--encoder-delay", 1e-3 * DELAY_MS]
+        still = ["--world", world, "--seed", seed, "--still", "--duration", 60]
+        session = _simulated(setting, f"still-{world}-{seed}", *still, *mount)
+        done = subprocess.run(
+            [str(calibrate), str(session.log)], capture_output=True, text=True, check=False
+        )
+        if done.returncode != 0:
+            return Measured(f"seed {seed}: {done.stderr.strip()}", held=False)
+        found = yaml.safe_load(done.stdout)
+        off_deg = np.subtract(found["scanner"]["rpy_deg"][1:], MOUNT_DEG)
+        off_ms = found["motor"]["delay_ms"] - (DELAY_MS - RECEIVED_LATE_MS)
+        worst_deg = max(worst_deg, float(np.abs(off_deg).max()))
+        worst_ms = max(worst_ms, abs(off_ms))
+    return Measured(
+        f"worst {worst_deg:.3f}°, {worst_ms:.3f} ms",
+        worst_deg <= ANGLE_DEG and worst_ms <= OFFSET_MS,
+    )
+
+
+def checks(setting: Setting) -> list[Check]:
+    drives = (
+        ("indoor-imu", "indoor, with IMU", "indoor", True, _ate_m, INDOOR_IMU_M, "m"),
+        ("indoor", "indoor, without IMU", "indoor", False, _ate_m, INDOOR_M, "m"),
+        (
+            "outdoor",
+            "a block outdoors, without IMU: drift",
+            "city",
+            False,
+            _drift_percent,
+            OUTDOOR_DRIFT_PERCENT,
+            "%",
+        ),
+    )
+    return [
+        *(
+            Check(
+                f"hokuyo-{name}",
+                f"scanner on a motor, ≤ 0.5 m/s, seeds 1 to 3, ten poses a second: {text}",
+                f"≤ {limit} {unit}",
+                f"make accept ONLY=hokuyo-{name}",
+                functools.partial(_drives, setting, world, with_imu, figure, limit, unit),
+            )
+            for name, text, world, with_imu, figure, limit, unit in drives
+        ),
+        *(
+            Check(
+                f"hokuyo-mount-{world}",
+                f"scanner on a motor: calibrated from a minute at rest, {world}, seeds 1 to 3",
+                f"≤ {ANGLE_DEG}°, ≤ {OFFSET_MS} ms",
+                f"make accept ONLY=hokuyo-mount-{world}",
+                functools.partial(_calibrated, setting, world),
+            )
+            for world in CALIBRATED_IN
+        ),
+    ]
