@@ -9,11 +9,11 @@
 #include <vector>
 
 #include "common/runtime/async_get.hpp"
+#include "common/runtime/on_demand.hpp"
 #include "common/runtime/stage.hpp"
 #include "ros/cdr.hpp"
 #include "ros/config.hpp"
 #include "ros/io/node.hpp"
-#include "ros/io/on_demand.hpp"
 #include "ros/pose_tree.hpp"
 
 namespace zloam::ros {
@@ -62,8 +62,8 @@ class RosStage {
   std::unique_ptr<Publication> odometry_, pose_, transforms_, static_transforms_, path_, points_,
       map_, diagnostics_;
   runtime::Outlet* imu_ = nullptr;
-  OnDemand clouds_, tiles_, statuses_;
-  Mailbox readings_, places_;
+  runtime::OnDemand clouds_, tiles_, statuses_;
+  runtime::Mailbox readings_, places_;
   runtime::AsyncGet all_tiles_, placing_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 

@@ -190,6 +190,7 @@ void read_any(fuzz::Input& in) {
   fault_of<msg::Loop>(encoding, span);
   fault_of<msg::Packets>(encoding, span);
   fault_of<msg::Path>(encoding, span);
+  fault_of<msg::Preview>(encoding, span);
   fault_of<msg::Rejected>(encoding, span);
   fault_of<msg::Status>(encoding, span);
   fault_of<msg::Submap>(encoding, span);

@@ -279,6 +279,17 @@ Buffer build(const HeaderFields& header, const GraphPosesFields& f) {
       b, msg::CreateGraphPoses(b, head, f.revision, poses, f.loops, f.chi2_before, f.chi2_after));
 }
 
+Buffer build(const HeaderFields& header, const PreviewFields& f) {
+  Builder b(room_for(f.blocks.size_bytes() + f.octrees.size_bytes()));
+  const auto blocks = put_structs(b, f.blocks);
+  const auto octrees = b.CreateVector(f.octrees.data(), f.octrees.size());
+  const auto head = build_header(b, header);
+  const msg::Pose pose = to_message(f.T_map_base.value_or(Pose::Identity()));
+  return finish(b, msg::CreatePreview(b, head, f.epoch, f.instant_ns,
+                                      f.T_map_base ? &pose : nullptr, to_message(f.health),
+                                      f.degenerate, f.block_m, f.map_blocks, blocks, octrees));
+}
+
 Buffer build(const HeaderFields& header, const RejectedFields& f) {
   Builder b(room_for(f.points.size_bytes() + f.reasons.size_bytes()));
   const auto points = put_points(b, f.points);

@@ -174,6 +174,19 @@ struct GraphPosesFields {
   double chi2_before = 0.0, chi2_after = 0.0;
 };
 
+struct PreviewFields {
+  std::uint32_t epoch = 0;
+  std::int64_t instant_ns = 0;
+  /// left out when there is none
+  std::optional<Pose> T_map_base{};
+  Health health = Health::kOk;
+  bool degenerate = false;
+  double block_m = 0.0;
+  std::uint32_t map_blocks = 0;
+  std::span<const msg::PreviewBlock> blocks{};
+  std::span<const std::uint8_t> octrees{};
+};
+
 struct RejectedFields {
   PointSpan points{};
   std::span<const msg::RejectReason> reasons{};
@@ -242,6 +255,7 @@ Buffer build(const HeaderFields& header, const CloudFields& fields);
 Buffer build(const HeaderFields& header, const Submap& submap);
 Buffer build(const HeaderFields& header, const LoopFields& fields);
 Buffer build(const HeaderFields& header, const GraphPosesFields& fields);
+Buffer build(const HeaderFields& header, const PreviewFields& fields);
 Buffer build(const HeaderFields& header, const RejectedFields& fields);
 Buffer build(const HeaderFields& header, const PacketsFields& fields);
 Buffer build_angles(const HeaderFields& header, std::span<const msg::AngleReading> readings);

@@ -71,6 +71,8 @@ constexpr std::array kTable = {
            kMap_bytes},
     KeyRow{Key::kPose, "pose", "map_pose", "integration", C::kLiveDrop, "interactive_high",
            N::kSweep, "lossless"},
+    KeyRow{Key::kPreview, "preview", "preview", "preview", C::kDrop, "data_low", N::kNone,
+           "newest 1", kText_bytes},
     KeyRow{Key::kStatus, "service/<stage>/<instance>/status", "status", "every stage", C::kDrop,
            "background", N::kNone, "newest 1"},
     KeyRow{Key::kConfig, "service/<stage>/<instance>/config", "config", "every stage", C::kQuery,

@@ -37,6 +37,7 @@ enum class Key : std::uint8_t {
   kPathMap,
   kPathWorld,
   kPose,
+  kPreview,
   kStatus,
   kConfig,
   kTime,

@@ -20,6 +20,7 @@
 #include "schemas/odometry_generated.h"
 #include "schemas/packets_generated.h"
 #include "schemas/path_generated.h"
+#include "schemas/preview_generated.h"
 #include "schemas/progress_generated.h"
 #include "schemas/rejected_generated.h"
 #include "schemas/status_generated.h"
@@ -59,6 +60,7 @@ ZLOAM_KIND(Odometry, "odometry", "ZLOD");
 ZLOAM_KIND(OdometryFeatures, "odometry_features", "ZLOF");
 ZLOAM_KIND(Packets, "packets", "ZLPK");
 ZLOAM_KIND(Path, "path", "ZLPA");
+ZLOAM_KIND(Preview, "preview", "ZLPV");
 ZLOAM_KIND(Progress, "progress", "ZLPR");
 ZLOAM_KIND(Rejected, "rejected", "ZLRJ");
 ZLOAM_KIND(Status, "status", "ZLST");

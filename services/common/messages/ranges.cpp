@@ -359,6 +359,17 @@ std::string range_error(const msg::Path& m) {
   return c.take();
 }
 
+std::string range_error(const msg::Preview& m) {
+  Checker c;
+  c.header(m.header()).time(m.instant_ns(), "instant_ns").health(m.health());
+  if (m.pose_map_base() != nullptr) c.pose(*m.pose_map_base(), "pose_map_base");
+  c.require(m.block_m() >= 0.0, "block_m is negative").within(m.block_m(), kMost_m, "block_m");
+  std::size_t bytes = 0;
+  for (const msg::PreviewBlock& block : structs_of(m.blocks())) bytes += block.bytes();
+  return c.require(bytes == numbers_of(m.octrees()).size(), "octrees: not as long as blocks say")
+      .take();
+}
+
 std::string range_error(const msg::Progress& m) {
   return Checker().require(m.instance() != nullptr, "instance is missing").take();
 }

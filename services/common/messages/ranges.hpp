@@ -27,6 +27,7 @@ std::string range_error(const msg::Odometry& m);
 std::string range_error(const msg::OdometryFeatures& m);
 std::string range_error(const msg::Packets& m);
 std::string range_error(const msg::Path& m);
+std::string range_error(const msg::Preview& m);
 std::string range_error(const msg::Progress& m);
 std::string range_error(const msg::Rejected& m);
 std::string range_error(const msg::Status& m);

@@ -62,6 +62,7 @@ template VerifyResult verify<msg::OdometryFeatures>(std::span<const std::uint8_t
                                                     std::string_view);
 template VerifyResult verify<msg::Packets>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Path>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::Preview>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Progress>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Rejected>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Status>(std::span<const std::uint8_t>, std::string_view);

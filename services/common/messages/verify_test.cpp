@@ -112,6 +112,20 @@ void expect_invalid(const VerifyResult& result, const std::string& word) {
   EXPECT_NE(result.reason.find(word), std::string::npos) << result.reason;
 }
 
+TEST(Verify, OctreesOfAPreviewMustBeAsLongAsItsBlocksSay) {
+  const std::vector<msg::PreviewBlock> blocks = {{1, 2, 3, 2, 2, 0}, {1, 2, 4, 1, 1, 0}};
+  const std::vector<std::uint8_t> three = {1, 1, 1}, two = {1, 1};
+  PreviewFields fields{.block_m = 12.5, .blocks = blocks, .octrees = three};
+  EXPECT_TRUE(check<msg::Preview>(build(header(), fields)).ok());
+  fields.octrees = two;
+  expect_invalid(check<msg::Preview>(build(header(), fields)), "octrees");
+  fields.octrees = three;
+  fields.block_m = -1.0;
+  expect_invalid(check<msg::Preview>(build(header(), fields)), "block_m");
+  fields.block_m = std::nan("");
+  expect_invalid(check<msg::Preview>(build(header(), fields)), "block_m");
+}
+
 TEST(Verify, RingsMustBeBelowTheirNumber) {
   const PointVector points(1, point());
   expect_invalid(check<msg::Sweep>(build(header(), SweepFields{.points = points, .rings = 3})),

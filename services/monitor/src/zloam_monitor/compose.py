@@ -131,6 +131,26 @@ def tile(v: HeaderValues, layer: str, index: tuple[int, int, int], points: NDArr
     return _finish(b, "MapTile", m.MapTileEnd(b))
 
 
+def preview(
+    v: HeaderValues, epoch: int, position: Any, block_m: float, blocks: NDArray[Any], octrees: bytes
+) -> bytes:
+    """blocks: messages.PREVIEW_BLOCK; the robot does not turn."""
+    b = flatbuffers.Builder(0)
+    head, m = header(b, v), module("Preview")
+    vector = messages.put_struct_vector(b, blocks)
+    trees = b.CreateByteVector(octrees)
+    m.PreviewStart(b)
+    m.PreviewAddHeader(b, head)
+    m.PreviewAddEpoch(b, epoch)
+    m.PreviewAddInstantNs(b, v.stamp_ns)
+    m.PreviewAddPoseMapBase(b, _pose_struct(b, position, (0.0, 0.0, 0.0, 1.0)))
+    m.PreviewAddBlockM(b, block_m)
+    m.PreviewAddMapBlocks(b, len(blocks))
+    m.PreviewAddBlocks(b, vector)
+    m.PreviewAddOctrees(b, trees)
+    return _finish(b, "Preview", m.PreviewEnd(b))
+
+
 def config(stage: str, values: dict[str, Any]) -> bytes:
     """EffectiveConfig."""
     b = flatbuffers.Builder(0)
@@ -183,6 +203,7 @@ def status(
     end_of_run: bool = False,
     health: int = 1,
     reason: str = "",
+    published_bytes: dict[str, int] | None = None,
 ) -> bytes:
     """Status with the fields that a monitor reads."""
     b = flatbuffers.Builder(0)
@@ -194,6 +215,7 @@ def status(
         o.OutputAccountStart(b)
         o.OutputAccountAddKey(b, name)
         o.OutputAccountAddPublished(b, count)
+        o.OutputAccountAddBytes(b, (published_bytes or {}).get(key, 0))
         outs.append(o.OutputAccountEnd(b))
     out_vector = _table_vector(b, outs)
     texts = [b.CreateString(t) for t in (stage, stage + "-1", reason)]

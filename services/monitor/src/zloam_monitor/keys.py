@@ -50,6 +50,10 @@ class Keys:
         return self.below("pose")
 
     @property
+    def preview(self) -> str:
+        return self.below("preview")
+
+    @property
     def tiles(self) -> str:
         return self.below("map/tile/**")
 

@@ -44,6 +44,16 @@ SUBMAP_POSE = np.dtype([("sweep", "<u8"), ("instant_ns", "<i8"), ("map", POSE), 
 PACKET_ENTRY = np.dtype(
     [("received_ns", "<i8"), ("offset", "<u4"), ("length", "<u2"), ("port", "<u2")]
 )
+PREVIEW_BLOCK = np.dtype(
+    [
+        ("i", "<i4"),
+        ("j", "<i4"),
+        ("k", "<i4"),
+        ("bytes", "<u2"),
+        ("depth", "u1"),
+        ("reserved", "u1"),
+    ]
+)
 #: every struct of the schemas by its name
 STRUCTS = {
     "Vec3": VEC3,
@@ -56,6 +66,7 @@ STRUCTS = {
     "StampedPose": STAMPED_POSE,
     "SubmapPose": SUBMAP_POSE,
     "PacketEntry": PACKET_ENTRY,
+    "PreviewBlock": PREVIEW_BLOCK,
 }
 
 
@@ -88,6 +99,7 @@ KINDS = {
     "OdometryFeatures": Kind("odometry_features", b"ZLOF"),
     "Packets": Kind("packets", b"ZLPK"),
     "Path": Kind("path", b"ZLPA"),
+    "Preview": Kind("preview", b"ZLPV"),
     "Progress": Kind("progress", b"ZLPR"),
     "Rejected": Kind("rejected", b"ZLRJ"),
     "Status": Kind("status", b"ZLST"),
@@ -192,7 +204,7 @@ def text(value: bytes | None) -> str:
 
 def put_struct_vector(builder: flatbuffers.Builder, array: NDArray[Any]) -> int:
     """Writes an array of structs; returns its offset."""
-    widest = 4 if array.dtype in (POINT, MAP_POINT) else 8
+    widest = 4 if array.dtype in (POINT, MAP_POINT, PREVIEW_BLOCK) else 8
     builder.StartVector(array.dtype.itemsize, len(array), widest)
     data = array.tobytes()
     builder.head = builder.head - len(data)

@@ -88,6 +88,21 @@ class PoseRecord:
 
 
 @dataclass(frozen=True)
+class PreviewRecord:
+    """One message for a thin link."""
+
+    #: what comes of another one is of another map
+    source: tuple[str, int, int]
+    pose: PoseRecord | None
+    block_m: float
+    #: blocks of the whole map in which something is
+    map_blocks: int
+    #: messages.PREVIEW_BLOCK, and their octrees one after another
+    blocks: NDArray[Any]
+    octrees: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
 class Input:
     """One input's account (docs/protocol.md, section 2)."""
 
@@ -127,6 +142,8 @@ class StatusRecord:
     version: str = ""
     memory: dict[str, int] = field(default_factory=dict)
     config_rev: int = 0
+    #: key -> bytes that went out since the start, as one subscriber takes them
+    published_bytes: dict[str, int] = field(default_factory=dict)
 
     def input(self, key: str) -> Input | None:
         return next((i for i in self.inputs if i.key == key), None)
@@ -226,6 +243,39 @@ def status(payload: bytes) -> StatusRecord:
             "messages_net": s.MessagesNet(),
         },
         config_rev=s.ConfigRev(),
+        published_bytes={text(o.Key()): o.Bytes() for o in outputs},
+    )
+
+
+def preview(payload: bytes) -> PreviewRecord:
+    """Of key preview."""
+    m = messages.decode("Preview", payload)
+    header, pose = m.Header(), m.PoseMapBase()
+    if header is None:
+        raise messages.MessageError("a preview without a header")
+    found = None
+    if pose is not None:
+        translation, quaternion = messages.pose_arrays(pose)
+        found = PoseRecord(
+            run=header.Run(),
+            sweep=header.Sweep(),
+            instant_ns=m.InstantNs(),
+            translation=translation,
+            quaternion=quaternion,
+            health=m.Health(),
+            last_packet_ns=header.LastPacketNs(),
+            end_of_run=bool(header.EndOfRun()),
+            trace=_trace(header),
+            degenerate=bool(m.Degenerate()),
+        )
+    octrees = m.OctreesAsNumpy() if m.OctreesLength() else np.empty(0, np.uint8)
+    return PreviewRecord(
+        source=(text(header.Instance()), header.MapId(), m.Epoch()),
+        pose=found,
+        block_m=m.BlockM(),
+        map_blocks=m.MapBlocks(),
+        blocks=messages.struct_vector(m, "Blocks", messages.PREVIEW_BLOCK),
+        octrees=octrees,
     )
 
 

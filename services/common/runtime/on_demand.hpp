@@ -1,6 +1,6 @@
 #pragma once
-// Samples of a key: held until they are taken, and subscribed to only while somebody wants them: what the stages compute for
-// readers alone is then not computed.
+// Samples of a key: held until they are taken, and subscribed to only while somebody wants them:
+// what the stages compute for readers alone is then not computed.
 
 #include <deque>
 #include <functional>
@@ -12,7 +12,7 @@
 
 #include "common/zenoh/zenoh.hpp"
 
-namespace zloam::ros {
+namespace zloam::runtime {
 
 /// Of the newest samples, from Zenoh's threads to the worker.
 class Mailbox {
@@ -65,4 +65,4 @@ class OnDemand {
   std::optional<zenoh::Subscriber> subscriber_;
 };
 
-}  // namespace zloam::ros
+}  // namespace zloam::runtime

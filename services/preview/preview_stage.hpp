@@ -1,0 +1,58 @@
+#pragma once
+// Wires the preview to the runtime: takes the pose and, while somebody reads the preview, the map's
+// tiles; publishes key preview some times a second.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "common/runtime/async_get.hpp"
+#include "common/runtime/on_demand.hpp"
+#include "common/runtime/stage.hpp"
+#include "preview/preview.hpp"
+
+namespace zloam::preview {
+
+class PreviewStage {
+ public:
+  explicit PreviewStage(runtime::Stage& stage);
+
+ private:
+  using PoseMessage = runtime::Received<msg::MapPose>;
+
+  /// The newest one, as it is published.
+  struct Newest {
+    HeaderFields header;
+    PreviewFields fields;
+    std::int64_t received_ns = 0;
+  };
+
+  void take(const PoseMessage& pose);
+  /// Says which map is being drawn.
+  void take_mapped(const PoseMessage& mapped);
+  void take_tile(const zenoh::Sample& sample);
+  void take_tiles();
+  void begin_map(std::uint64_t map_id);
+  void ask_for_all();
+  void every_period();
+  void say();
+  HeaderFields header() const;
+  void note_figures(std::size_t bytes);
+
+  runtime::Stage& stage_;
+  runtime::Outlet& out_;
+  runtime::OnDemand tiles_;
+  runtime::AsyncGet all_tiles_;
+  std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
+  Preview preview_;
+  Pace pace_;
+  std::optional<Newest> newest_;
+  std::optional<std::uint64_t> map_id_;
+  std::uint32_t epoch_ = 0;
+  /// all tiles are to be asked for
+  bool asks_ = false;
+  std::int64_t asked_ns_ = 0;
+};
+
+}  // namespace zloam::preview

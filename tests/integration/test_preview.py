@@ -1,0 +1,181 @@
+"""The preview beside a replay: a subscriber of that key alone has the pose and the whole map,
+within the rate of a thin link."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.integration.conftest import Capture, kill
+from zloam_monitor import messages, outputs, records, sources
+from zloam_monitor.chain import Chain
+from zloam_monitor.clouds import POINT_LAYERS
+from zloam_monitor.preview_map import Index, PreviewMap
+from zloam_monitor.robot_file import names
+
+#: what a second may bring, with headers (services/preview/config.hpp)
+MOST_BYTES_PER_S = 50_000
+#: within which a reader that comes late has the whole of a map that goes round within ten seconds
+WHOLE_SECONDS = 15.0
+PATIENCE_S = 60.0
+#: sweeps after which a new map is begun, and the preview is killed
+RESET_AT, KILLED_AT = 15, 30
+
+
+class Reader:
+    """Of key preview, and of nothing else."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._came: list[bytes] = []
+        self._read = 0
+        #: when by the robot's clock, and how much
+        self._sent: list[tuple[int, int]] = []
+        self.map = PreviewMap()
+        self.sweeps: list[int] = []
+        self.sources: list[tuple[str, int, int]] = []
+        keys = chain.link.keys
+        self._subscriber = chain.link.session.declare_subscriber(
+            keys.preview,
+            lambda sample: self._came.append(sample.payload.to_bytes()),
+        )
+
+    def read(self) -> None:
+        while self._read < len(self._came):
+            payload = self._came[self._read]
+            said = records.preview(payload)
+            self._read += 1
+            self._sent.append((published_ns(payload), len(payload)))
+            self.map.take(said)
+            if said.pose is not None:
+                self.sweeps.append(said.pose.sweep)
+            if said.source not in self.sources:
+                self.sources.append(said.source)
+
+    def is_whole(self) -> bool:
+        self.read()
+        return 0 < self.map.map_blocks == len(self.map.blocks)
+
+    def most_bytes_in_a_second(self) -> int:
+        """As they were sent: here they may come late, and two at once."""
+        self.read()
+        times_ns = np.array([at_ns for at_ns, _ in self._sent])
+        sums = np.concatenate([[0], np.cumsum([count for _, count in self._sent])])
+        ends = np.searchsorted(times_ns, times_ns + 10**9)
+        return int((sums[ends] - sums[:-1]).max())
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+
+def published_ns(payload: bytes) -> int:
+    """By the clock of the preview itself, which is the last of the trace."""
+    header = messages.decode("Preview", payload).Header()
+    return int(header.Trace(header.TraceLength() - 1).PublishedNs())
+
+
+def chain_of(build: Path, robot_file: Path, drive: Capture, out: Path, rate: str) -> Chain:
+    robot = names(robot_file, [])
+    settings = [
+        *outputs.stage_settings(out),
+        *sources.from_pcap(drive.pcap).driver_settings(rate),
+    ]
+    where = (build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
+    return Chain(*where, beside=("preview",))
+
+
+def until(chain: Chain, holds: Any, seconds: float = PATIENCE_S) -> None:
+    deadline = time.monotonic() + seconds
+    while not holds():
+        chain.link.poll(0.05)
+        chain.check()
+        assert time.monotonic() < deadline, "it never happened"
+
+
+def published_points(chain: Chain) -> NDArray[np.float64]:
+    tiles = [t for t in chain.link.query_tiles() if t.layer in POINT_LAYERS and len(t.points)]
+    axes = [[t.points[axis] for axis in "xyz"] for t in tiles]
+    return np.concatenate([np.stack(each, axis=-1) for each in axes]).astype(np.float64)
+
+
+def cells_by_block(shown: PreviewMap, points: NDArray[np.float64]) -> dict[Index, set[Any]]:
+    """The points' cells, of the size that each block is shown with."""
+    block_of = np.floor(points / shown.block_m).astype(int)
+    blocks, of_point = np.unique(block_of, axis=0, return_inverse=True)
+    found: dict[Index, set[Any]] = {}
+    for number, row in enumerate(blocks):
+        index = (int(row[0]), int(row[1]), int(row[2]))
+        own = points[of_point.ravel() == number]
+        depth = shown.blocks[index][0] if index in shown.blocks else 1
+        cells = np.floor(own / (shown.block_m / 2**depth)).astype(int)
+        found[index] = set(map(tuple, cells.tolist()))
+    return found
+
+
+def assert_shows(shown: PreviewMap, points: NDArray[np.float64]) -> None:
+    """Each cell in which a published point lies, and no other."""
+    wanted = cells_by_block(shown, points)
+    assert wanted.keys() == shown.blocks.keys()
+    for index, cells in wanted.items():
+        assert set(map(tuple, shown.blocks[index][1].tolist())) == cells, index
+
+
+def test_it_keeps_up_with_a_drive_and_a_new_map(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
+    chain = chain_of(build, robot_file, capture, tmp_path, "realtime")
+    reader = Reader(chain)
+    with chain:
+        until(chain, lambda: len(chain.link.mapped) > RESET_AT)
+        reply = chain.link.command("mapping", "reset", {})
+        assert reply is not None
+        assert reply.ok
+        until(chain, lambda: len(chain.link.mapped) > KILLED_AT)
+        kill(chain, "preview")
+        chain.start("preview", "preview-again")
+        until(chain, chain.finished)
+        # of the map at its end, which goes out once it has changed for the last time
+        time.sleep(WHOLE_SECONDS)
+        assert reader.is_whole()
+        points = published_points(chain)
+        assert_shows(reader.map, points)
+        late = Reader(chain)
+        until(chain, late.is_whole, WHOLE_SECONDS)
+        assert_shows(late.map, points)
+        last = chain.link.poses[max(chain.link.poses)]
+        assert late.sweeps[-1] == last.sweep
+        assert reader.most_bytes_in_a_second() <= MOST_BYTES_PER_S
+        for each in (reader, late):
+            each.close()
+        assert all(code == 0 for code in chain.stop().values())
+    # the first map, the one after the reset, and that one as the second preview tells it
+    assert len({map_id for _, map_id, _ in reader.sources}) >= 2
+    assert len({instance for instance, _, _ in reader.sources}) == 2
+    # poses come while it drives, some times a second
+    assert len(set(reader.sweeps)) > 10
+    assert reader.sweeps == sorted(reader.sweeps)
+
+
+def test_nothing_is_done_before_somebody_reads_it(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
+    chain = chain_of(build, robot_file, capture, tmp_path, "max")
+    with chain:
+        until(chain, chain.finished)
+        preview, mapping = chain.link.stage("preview"), chain.link.stage("mapping")
+        assert preview is not None
+        assert mapping is not None
+        assert preview.published[chain.link.keys.preview] == 0
+        assert mapping.published[chain.link.keys.tiles] == 0
+        # Then what there is already is asked of mapping.
+        reader = Reader(chain)
+        until(chain, reader.is_whole, WHOLE_SECONDS)
+        time.sleep(WHOLE_SECONDS)
+        reader.read()
+        assert_shows(reader.map, published_points(chain))
+        assert reader.most_bytes_in_a_second() <= MOST_BYTES_PER_S
+        reader.close()
+        assert all(code == 0 for code in chain.stop().values())
