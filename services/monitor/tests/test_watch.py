@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from zloam_monitor import watch
+from zloam_monitor.keys import Keys
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.stages import STAGES
+from zloam_monitor.traffic import Published, Taken
 
 
 def a_pose() -> PoseRecord:
@@ -20,12 +22,13 @@ def a_pose() -> PoseRecord:
 class Linking:
     """A link that hears one stage more with each question."""
 
-    keys = SimpleNamespace(robot="robot")
+    keys = Keys("robot")
     garbage = 0
 
     def __init__(self, reachable: int) -> None:
         self._reachable, self._heard, self._looks = reachable, 0, 0
         self.poses: dict[int, object] = {}
+        self.published, self.taken = Published(), Taken()
 
     def query_statuses(self) -> None:
         self._heard = min(self._heard + 1, self._reachable)
@@ -66,3 +69,21 @@ def test_a_silent_one_is_told_after_a_while(
     link: Any = Linking(len(STAGES) - 1)
     assert watch.look(link) == 1
     assert f"{STAGES[-1]:<13}nothing heard" in capsys.readouterr().out
+
+
+def test_what_subscribers_take_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    link: Any = Linking(len(STAGES))
+    for second in range(3):
+        counts = {"loam/robot/map/tile/**": 400_000 * second, "loam/robot/pose": 5_000 * second}
+        link.published.take(
+            SimpleNamespace(
+                stage="a", instance="a-1", stamp_ns=second * 10**9, published_bytes=counts
+            )
+        )
+    link.taken.take(3000, 0.0)
+    assert list(watch.traffic_lines(link, 10.0)) == [
+        "a subscriber takes, kB/s: map/tile/** 400, pose 5.0",
+        "this view takes 0.0 kB/s",
+    ]
+    assert watch.look(link) == 0
+    assert "map/tile/** 400" in capsys.readouterr().out

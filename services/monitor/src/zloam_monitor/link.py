@@ -24,6 +24,7 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
+from zloam_monitor.traffic import Published, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
@@ -99,6 +100,9 @@ class Link:
         """Keeps that many of the newest poses of each kind; None: all of a run; 0: it only asks."""
         self.session = session
         self.keys = keys
+        #: what subscribers of a key cost the robot, and what this link takes
+        self.published = Published()
+        self.taken = Taken()
         self._newest = newest
         self.poses: dict[int, PoseRecord] = {}
         self.odometry: dict[int, PoseRecord] = {}
@@ -151,6 +155,7 @@ class Link:
             except queue.Empty:
                 return
             deadline = 0.0
+            self.taken.take(len(payload), time.monotonic())
             try:
                 read(payload)
             except DECODE_ERRORS:
@@ -201,6 +206,7 @@ class Link:
         if kept is None or status.stamp_ns >= kept.stamp_ns:
             self.statuses[who] = status
             self.heard[who] = time.monotonic()
+            self.published.take(status)
 
     def stage(self, stage: str) -> StatusRecord | None:
         """The newest status of a stage; of one that stands by only where no other was heard."""
@@ -221,7 +227,9 @@ class Link:
         """Payloads of all good answers to a query."""
         for reply in self.replies(selector, seconds, payload):
             if reply.ok is not None:
-                yield reply.ok.payload.to_bytes()
+                answer = reply.ok.payload.to_bytes()
+                self.taken.take(len(answer), time.monotonic())
+                yield answer
 
     def replies(
         self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None

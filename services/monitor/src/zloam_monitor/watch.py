@@ -52,6 +52,23 @@ def _stage_line(status: StatusRecord, silent_s: float) -> str:
     return "  ".join(words)
 
 
+def traffic_lines(link: Link, now: float) -> Iterator[str]:
+    """What a subscriber of each key costs the robot; payloads, to which Zenoh and TCP add some
+    percent."""
+    prefix = link.keys.below("")
+    rates = link.published.kb_s()
+    if rates:
+        named = (f"{key.removeprefix(prefix)} {_kb(rate)}" for key, rate in rates.items())
+        yield "a subscriber takes, kB/s: " + ", ".join(named)
+    taken = link.taken.kb_s(now)
+    if taken is not None:
+        yield f"this view takes {_kb(taken)} kB/s"
+
+
+def _kb(rate: float) -> str:
+    return f"{rate:.1f}" if rate < 100.0 else f"{rate:.0f}"
+
+
 def view(link: Link, began: float, now: float) -> Iterator[str]:
     """The lines of one look."""
     yield f"robot {link.keys.robot}: {state_line(link, began, now)}"
@@ -63,6 +80,7 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
             yield _stage_line(status, link.silent_s(status, now))
     if link.poses:
         yield pose_health.line(pose_health.judge(link.poses.values()).as_dict())
+    yield from traffic_lines(link, now)
     if link.garbage:
         yield f"{link.garbage} messages could not be read"
 
@@ -80,6 +98,8 @@ def looked(link: Link, began: float, now: float) -> dict[str, Any]:
         "silent_s": {name: link.silent_s(status, now) for name, status in stages.items()},
         "health": pose_health.judge(link.poses.values()).as_dict() if newest else None,
         "unreadable_messages": link.garbage,
+        "subscriber_kb_s": link.published.kb_s(),
+        "this_view_kb_s": link.taken.kb_s(now),
     }
 
 

@@ -1,0 +1,73 @@
+"""Bytes a second: what a subscriber of a key costs the robot, and what a link takes."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from zloam_monitor.records import StatusRecord
+
+#: rates are means over the last of them
+OVER_SECONDS = 5.0
+#: two statuses that are less apart tell no rate: one comes each second, and when it is asked for
+LEAST_SECONDS = 0.5
+
+
+class Published:
+    """kB/s by key, from the counts in the statuses of all stages."""
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[str, str], deque[StatusRecord]] = {}
+
+    def take(self, status: StatusRecord) -> None:
+        seen = self._seen.setdefault((status.stage, status.instance), deque())
+        if seen and status.stamp_ns <= seen[-1].stamp_ns:
+            return
+        seen.append(status)
+        while status.stamp_ns - seen[0].stamp_ns > 1e9 * OVER_SECONDS and len(seen) > 2:
+            seen.popleft()
+
+    def kb_s(self) -> dict[str, float]:
+        """The greatest first, without those of which nothing goes out: nobody reads them, or they
+        are not published now."""
+        found: dict[str, float] = {}
+        newest_ns = max((seen[-1].stamp_ns for seen in self._seen.values()), default=0)
+        for seen in self._seen.values():
+            first, last = seen[0], seen[-1]
+            seconds = 1e-9 * (last.stamp_ns - first.stamp_ns)
+            has_gone = newest_ns - last.stamp_ns > 1e9 * OVER_SECONDS
+            if seconds < LEAST_SECONDS or has_gone:
+                continue
+            for key, count in last.published_bytes.items():
+                more = count - first.published_bytes.get(key, 0)
+                if more > 0:
+                    found[key] = found.get(key, 0.0) + 1e-3 * more / seconds
+        return dict(sorted(found.items(), key=lambda each: -each[1]))
+
+
+class Taken:
+    """kB/s of what comes here."""
+
+    def __init__(self) -> None:
+        self._came: deque[tuple[float, int]] = deque()
+        self._began_s: float | None = None
+        self.bytes = 0
+
+    def take(self, count: int, now_s: float) -> None:
+        """now_s: of the monotonic clock."""
+        if self._began_s is None:
+            self._began_s = now_s
+        self._came.append((now_s, count))
+        self.bytes += count
+        self._forget(now_s)
+
+    def _forget(self, now_s: float) -> None:
+        while self._came and now_s - self._came[0][0] > OVER_SECONDS:
+            self._came.popleft()
+
+    def kb_s(self, now_s: float) -> float | None:
+        """None: it has not been long enough."""
+        if self._began_s is None or now_s - self._began_s < LEAST_SECONDS:
+            return None
+        self._forget(now_s)
+        over_s = min(OVER_SECONDS, now_s - self._began_s)
+        return 1e-3 * sum(count for _, count in self._came) / over_s

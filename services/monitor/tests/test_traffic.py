@@ -1,0 +1,81 @@
+"""Bytes a second, against rates that are given."""
+
+from __future__ import annotations
+
+import pytest
+
+from zloam_monitor import compose, messages, records
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.traffic import OVER_SECONDS, Published, Taken
+
+
+def a_status(stage: str, seconds: float, counts: dict[str, int]) -> StatusRecord:
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+    published = dict.fromkeys(counts, 1)
+    payload = compose.status(
+        stage, round(1e9 * seconds), 1, 1, [], published, published_bytes=counts
+    )
+    return records.status(payload)
+
+
+def test_rates_are_differences_over_the_robot_s_own_time() -> None:
+    """Whenever they come here: a status that was held up counts as it was meant."""
+    published = Published()
+    for second in range(4):
+        published.take(a_status("a", 100.0 + second, {"x": 2000 * second, "y": 10**6, "z": second}))
+        published.take(a_status("b", 100.2 + second, {"w": 500_000 * second}))
+    assert published.kb_s() == {
+        "w": pytest.approx(500.0),
+        "x": pytest.approx(2.0),
+        "z": pytest.approx(0.001),
+    }
+    assert list(published.kb_s()) == ["w", "x", "z"]
+
+
+def test_replicas_of_a_stage_are_added_up() -> None:
+    published = Published()
+    for stage in ("a", "b"):
+        for second in range(3):
+            published.take(a_status(stage, second, {"x": 1000 * second}))
+    assert published.kb_s() == {"x": pytest.approx(2.0)}
+
+
+def test_a_rate_is_that_of_now() -> None:
+    published = Published()
+    for second in range(20):
+        published.take(a_status("a", second, {"x": 9000 * min(second, 10)}))
+    assert published.kb_s() == {}
+    published.take(a_status("a", 20.0, {"x": 9000 * 10 + 5000}))
+    assert published.kb_s() == {"x": pytest.approx(5.0 / OVER_SECONDS)}
+
+
+def test_who_has_gone_publishes_nothing() -> None:
+    published = Published()
+    for second in range(3):
+        published.take(a_status("a", second, {"x": 1000 * second}))
+        published.take(a_status("b", second, {"y": 1000 * second}))
+    for second in range(3, 12):
+        published.take(a_status("b", second, {"y": 1000 * second}))
+    assert list(published.kb_s()) == ["y"]
+
+
+def test_two_looks_at_once_tell_no_rate() -> None:
+    published = Published()
+    published.take(a_status("a", 5.0, {"x": 0}))
+    published.take(a_status("a", 5.1, {"x": 10**6}))
+    assert published.kb_s() == {}
+
+
+def test_what_comes_here_is_counted() -> None:
+    taken = Taken()
+    assert taken.kb_s(0.0) is None
+    taken.take(1000, 10.0)
+    assert taken.kb_s(10.1) is None
+    for tenth in range(1, 101):
+        taken.take(1000, 10.0 + 0.1 * tenth)
+    assert taken.kb_s(20.0) == pytest.approx(10.0, rel=0.03)
+    assert taken.bytes == 101_000
+    assert taken.kb_s(30.0) == 0.0
