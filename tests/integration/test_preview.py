@@ -3,6 +3,10 @@ within the rate of a thin link."""
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -10,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.integration.conftest import Capture, kill
+from tests.integration.conftest import Capture, kill, monitor
+from tests.integration.test_views import Program, fetched
 from zloam_monitor import messages, outputs, records, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.clouds import POINT_LAYERS
 from zloam_monitor.preview_map import Index, PreviewMap
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import PORT_ORDER
 
 #: what a second may bring, with headers (services/preview/config.hpp)
 MOST_BYTES_PER_S = 50_000
@@ -178,4 +184,60 @@ def test_nothing_is_done_before_somebody_reads_it(
         assert_shows(reader.map, published_points(chain))
         assert reader.most_bytes_in_a_second() <= MOST_BYTES_PER_S
         reader.close()
+        assert all(code == 0 for code in chain.stop().values())
+
+
+def shows_in_rerun(endpoint: str, folder: Path) -> None:
+    file = folder / "thin.rrd"
+    # of a map at rest the blocks come once in ten seconds
+    done = monitor("view", "--thin", "--connect", endpoint, "--save", file, "--seconds", 12)
+    assert done.code == 0, done.said
+    assert re.search(r"this view took \d+\.\d kB/s", done.said), done.said
+    assert "nothing comes" not in done.said
+    printed = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", file],
+        env={**os.environ, "XDG_CONFIG_HOME": str(folder)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    for entity in ("/map/preview/", "/map/path/", "/map/odom/base_link", "/plots/latency/odometry"):
+        assert entity in printed, entity
+
+
+def test_a_thin_page_shows_it_and_says_what_to_start(
+    build: Path, robot_file: Path, capture: Capture, tmp_path: Path
+) -> None:
+    chain = chain_of(build, robot_file, capture, tmp_path, "max")
+    with chain:
+        until(chain, chain.finished)
+        robot = chain.link.keys.robot
+        endpoint = f"tcp/127.0.0.1:{chain.base_port + PORT_ORDER.index('integration')}"
+        page = Program("web", "--thin", "--port", 0, "--connect", endpoint)
+        url = page.find(r"(http://127\.0\.0\.1:\d+)/")
+
+        def state() -> Any:
+            return fetched(f"{url}/robots/{robot}/state.json")
+
+        until(chain, lambda: state().get("pose") is not None)
+        until(chain, lambda: fetched(f"{url}/robots/{robot}/map.json")["cells"] != "")
+        found = state()
+        assert found["thin"]
+        assert found["pose"]["sweep"] == max(chain.link.poses)
+        assert 0.0 < found["kb_s"] <= 1e-3 * MOST_BYTES_PER_S
+        # the driver of a recording has ended by then
+        health = {stage["name"]: stage["health"] for stage in found["stages"]}
+        assert [health[name] for name in ("odometry", "mapping", "integration")] == ["ready"] * 3
+        shows_in_rerun(endpoint, tmp_path)
+        kill(chain, "preview")
+        until(
+            chain, lambda: any("nothing comes on" in each["what"] for each in state()["findings"])
+        )
+        assert "zloam preview --config" in state()["findings"][0]["do"]
+        chain.start("preview", "preview-again")
+        until(chain, lambda: not any("preview" in each["what"] for each in state()["findings"]))
+        code, said = page.end()
+        assert code == 0, said
+        assert "start on the robot" in said
+        assert said.rstrip().endswith("the preview comes"), said
         assert all(code == 0 for code in chain.stop().values())

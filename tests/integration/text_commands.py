@@ -114,6 +114,7 @@ COMMANDS: dict[str, Kind] = {
     ),
     "bin/zloam compare out/demo out/other": Form("services/monitor/tests/test_support.py"),
     "bin/zloam web": Form("tests/integration/test_views.py"),
+    "bin/zloam web --thin --connect 192.168.1.5": Form("tests/integration/test_preview.py"),
     "bin/zloam view": Form("tests/integration/test_views.py"),
     "bin/zloam foxglove": Form("tests/integration/test_views.py"),
     "bin/zloam record drive.mcap": Form("tests/integration/test_record.py"),

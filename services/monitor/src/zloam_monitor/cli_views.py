@@ -90,6 +90,16 @@ def foxglove(
         return foxglove_server.serve(link, address, port, seconds)
 
 
+Thin = Annotated[
+    bool,
+    typer.Option(
+        "--thin",
+        help="For a thin link: takes the robot's preview (`zloam preview`) and statuses alone, "
+        "some 50 kB/s.",
+    ),
+]
+
+
 @command
 def view(
     web: Annotated[
@@ -101,6 +111,7 @@ def view(
         Path | None, typer.Option(metavar="FILE", help="Into a file (.rrd), and nowhere else.")
     ] = None,
     points: Annotated[bool, typer.Option(help="With sweeps, features and rejected points.")] = True,
+    thin: Thin = False,
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
@@ -108,7 +119,7 @@ def view(
     """Show a robot live in Rerun: sweeps, features, map, path, latency."""
     from zloam_monitor import discovery, rerun_view
 
-    with discovery.linked(robot, common.endpoints(connect), newest=0) as link:
+    with discovery.linked(robot, common.endpoints(connect), newest=0, thin=thin) as link:
         options = rerun_view.Options(web, port, address, save, points)
         return rerun_view.view(link, options, seconds)
 
@@ -117,13 +128,14 @@ def view(
 def web(
     port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 8080,
     address: common.Address = "127.0.0.1",
+    thin: Thin = False,
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
 ) -> int:
     """Serve a page for a browser: health, path, map and latency of all robots that answer."""
     from zloam_monitor.web import server
 
-    return server.serve(common.endpoints(connect), address, port, seconds)
+    return server.serve(common.endpoints(connect), address, port, seconds, thin)
 
 
 def add(app: typer.Typer) -> None:

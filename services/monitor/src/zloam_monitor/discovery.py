@@ -255,21 +255,24 @@ def present(endpoints: Sequence[str] = ()) -> list[Found]:
 
 @contextmanager
 def linked(
-    robot: str | None, endpoints: Sequence[str] = (), newest: int | None = None
+    robot: str | None,
+    endpoints: Sequence[str] = (),
+    newest: int | None = None,
+    thin: bool = False,
 ) -> Iterator[Link]:
     """A link to the robot that is meant; says which it is. Of its poses it keeps the newest, all
     where no number is given."""
     found = choose(robot, endpoints)
     print(f"connected to {found}", file=sys.stderr, flush=True)
-    with linked_to(found, newest) as link:
+    with linked_to(found, newest, thin) as link:
         yield link
 
 
 @contextmanager
-def linked_to(found: Found, newest: int | None = None) -> Iterator[Link]:
+def linked_to(found: Found, newest: int | None = None, thin: bool = False) -> Iterator[Link]:
     """A link to a robot that was found."""
     session = open_session([found.endpoint])
-    link = Link(session, Keys(found.robot), newest)
+    link = Link(session, Keys(found.robot), newest, thin)
     try:
         yield link
     finally:

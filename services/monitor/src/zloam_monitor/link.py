@@ -22,6 +22,7 @@ from zloam_monitor import records
 from zloam_monitor.clouds import Tile
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
+from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
 from zloam_monitor.traffic import Published, Taken
@@ -96,10 +97,18 @@ def open_client(endpoints: list[str]) -> Any:
 class Link:
     """Keeps poses and statuses of one robot."""
 
-    def __init__(self, session: Any, keys: Keys, newest: int | None = None) -> None:
-        """Keeps that many of the newest poses of each kind; None: all of a run; 0: it only asks."""
+    def __init__(
+        self, session: Any, keys: Keys, newest: int | None = None, thin: bool = False
+    ) -> None:
+        """Keeps that many of the newest poses of each kind; None: all of a run; 0: it only asks.
+        `thin`: of all that a robot publishes it takes the preview and statuses alone."""
         self.session = session
         self.keys = keys
+        self.thin = thin
+        #: of a thin link
+        self.preview = PreviewMap()
+        #: when its newest one came, by the monotonic clock; before the first: when this began
+        self.preview_s = time.monotonic()
         #: what subscribers of a key cost the robot, and what this link takes
         self.published = Published()
         self.taken = Taken()
@@ -125,6 +134,11 @@ class Link:
 
     def _all_subscribed(self) -> list[Any]:
         keys = self.keys
+        if self.thin:
+            return [
+                self._subscribe(keys.preview, self._on_preview),
+                self._subscribe(keys.every_status, self._on_status),
+            ]
         return [
             self._subscribe(keys.pose, self._on_pose),
             self._subscribe(keys.odometry, self._on_odometry),
@@ -190,6 +204,14 @@ class Link:
         pose = records.map_pose(payload)
         self._new_run(pose.run)
         self._add(self.poses, pose)
+
+    def _on_preview(self, payload: bytes) -> None:
+        said = records.preview(payload)
+        self.preview_s = time.monotonic()
+        self.preview.take(said)
+        if said.pose is not None:
+            self._new_run(said.pose.run)
+            self._add(self.poses, said.pose)
 
     def _on_odometry(self, payload: bytes) -> None:
         self._keep(self.odometry, records.odometry(payload))

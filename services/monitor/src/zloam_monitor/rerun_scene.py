@@ -15,7 +15,8 @@ from zloam_monitor.extras import needed
 from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
 from zloam_monitor.map_frame import MapFrame, Matrix, matrix
-from zloam_monitor.records import PoseRecord, StatusRecord
+from zloam_monitor.preview_map import Index, PreviewMap
+from zloam_monitor.records import PoseRecord, PreviewRecord, StatusRecord
 
 #: of features, by class: colour
 FEATURES = {
@@ -30,6 +31,8 @@ POSE_COLOUR, ODOMETRY_COLOUR = (40, 170, 90), (160, 160, 60)
 WEAK_COLOUR = (214, 39, 40)
 #: of the path, drawn as pieces of so many poses, so that each is sent a few times only
 PIECE = 50
+#: blocks of a preview along an edge of what is drawn as one
+DRAWN_BLOCKS = 4
 #: an ellipsoid of three sigma is smaller than can be seen: it is drawn as much larger
 ELLIPSOID_SCALE = 10.0
 
@@ -52,6 +55,8 @@ class Scene:
         self._pieces: dict[str, list[NDArray[np.float64]]] = {"map/path": [], "odom/path": []}
         self._numbers: dict[str, int] = {}
         self._said: dict[str, tuple[str, str]] = {}
+        self._preview = PreviewMap()
+        self._last_preview = (-1, -1)
         self._log("map", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("map/odom/base_link/lidar", self._transform(T_base_lidar), static=True)
         self.garbage = 0
@@ -78,6 +83,8 @@ class Scene:
         keys = self._keys
         if sample.key == keys.pose:
             self._pose(records.map_pose(sample.payload))
+        elif sample.key == keys.preview:
+            self._previewed(records.preview(sample.payload))
         elif sample.key == keys.odometry:
             self._odometry_pose(records.odometry(sample.payload))
         elif sample.key == keys.features:
@@ -102,6 +109,39 @@ class Scene:
         self._scalar("plots/health/pose", float(pose.health))
         for name, value in _steps_ms(pose):
             self._scalar(f"plots/latency/{name}", value)
+
+    def _previewed(self, said: PreviewRecord) -> None:
+        pose = said.pose
+        if pose is not None and (pose.run, pose.sweep) != self._last_preview:
+            self._last_preview = (pose.run, pose.sweep)
+            self._pose(pose)
+            # there is no odometry beside it
+            self._log("map/odom", self._transform(np.eye(4)))
+            self._log("map/odom/base_link", self._transform(matrix(pose)))
+        changed = self._preview.take(said)
+        for group in {tuple(axis // DRAWN_BLOCKS for axis in index) for index in changed}:
+            self._draw_group(group)
+
+    def _draw_group(self, group: tuple[int, ...]) -> None:
+        steps = range(DRAWN_BLOCKS)
+        low = [DRAWN_BLOCKS * axis for axis in group]
+        within: list[Index] = [
+            (low[0] + i, low[1] + j, low[2] + k) for i in steps for j in steps for k in steps
+        ]
+        found = [index for index in within if index in self._preview.blocks]
+        centres = [self._preview.centres(index) for index in found]
+        radii = [
+            np.full(len(c), 0.5 * self._preview.cell_m(i))
+            for c, i in zip(centres, found, strict=True)
+        ]
+        self._log(
+            f"map/preview/{'_'.join(map(str, group))}",
+            self._rr.Points3D(
+                np.concatenate([np.empty((0, 3)), *centres]),
+                radii=np.concatenate([np.empty(0), *radii]),
+                colors=[LAYERS["plane"]],
+            ),
+        )
 
     def _map_to_odom(self, T_map_odom: Matrix | None) -> None:
         if T_map_odom is not None:

@@ -7,6 +7,7 @@ import json
 import os
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, se3
+from zloam_monitor import ending, se3, thin
 from zloam_monitor.extras import ViewerError, needed
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
@@ -120,35 +121,50 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
     """Until so long has passed, or Ctrl-C."""
     rr = needed("rerun", "rerun-sdk")
     recording = rr.RecordingStream(APPLICATION, recording_id=f"{link.keys.robot}-{time.time_ns()}")
-    mounting = se3.mounting_shown(link.query_configs())
+    mounting = se3.mounting_shown({} if link.thin else link.query_configs())
     with _shown(recording, options, blueprint(rr)) as where:
         scene = Scene(link.keys, recording, mounting)
         intake = Intake(
             link.session,
-            expressions(link.keys, options.points),
+            thin.expressions(link.keys) if link.thin else expressions(link.keys, options.points),
             MOST_WAITING_BYTES,
             leave_out="oldest",
         )
-        scene.keep_path(*link.query_path())
-        for tile in link.query_tiles():
-            scene.keep(tile)
-        drawn = _draw(intake, scene, seconds, where)
+        if not link.thin:
+            scene.keep_path(*link.query_path())
+            for tile in link.query_tiles():
+                scene.keep(tile)
+        drawn = _draw(link, intake, scene, seconds, where)
         recording.flush()
     dropped = sum(intake.dropped.values())
-    print(f"{drawn} messages shown, {dropped} left out", flush=True)
+    rate = link.taken.kb_s(time.monotonic())
+    took = f"; this view took {rate:.1f} kB/s" if rate is not None else ""
+    print(f"{drawn} messages shown, {dropped} left out{took}", flush=True)
     return 0
 
 
-def _draw(intake: Intake, scene: Scene, seconds: float | None, where: str) -> int:
+def _draw(link: Link, intake: Intake, scene: Scene, seconds: float | None, where: str) -> int:
     line = ProgressLine()
     drawn = 0
+    said: str | None = None
+    # it is heard from here on
+    link.preview_s = time.monotonic()
     with ending.until_told(seconds) as goes_on:
         print(f"{where}; Ctrl-C ends", flush=True)
         while goes_on():
+            now = time.monotonic()
             for sample in intake.taken():
                 scene.take(sample)
+                link.taken.take(len(sample.payload), now)
+                if sample.key == link.keys.preview:
+                    link.preview_s = now
                 drawn += 1
-            line.show(f"{drawn} messages shown")
+            if link.thin and (silent := thin.silence(link)) != said:
+                said = silent
+                print(f"\n{said or 'the preview comes'}", file=sys.stderr, flush=True)
+            rate = link.taken.kb_s(now)
+            takes = f"; this view takes {rate:.1f} kB/s" if rate is not None else ""
+            line.show(f"{drawn} messages shown{takes}")
             time.sleep(0.02)
     line.end()
     intake.close()

@@ -64,7 +64,8 @@ async function look() {
       state = await asked(`robots/${name}/state.json`);
       if (state.map_version !== map.version) map = unpacked(await asked(`robots/${name}/map.json`));
     }
-    byId("connection").textContent = `connected, zloam ${found.version}`;
+    const taken = state && state.kb_s !== null ? `; this view takes ${state.kb_s.toFixed(1)} kB/s` : "";
+    byId("connection").textContent = `connected, zloam ${found.version}${taken}`;
     byId("connection").className = "";
   } catch (error) {
     byId("connection").textContent = "no connection: what is shown is old";

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zloam_monitor import doctor, se3
+from zloam_monitor import doctor, se3, thin
 from zloam_monitor.clouds import POINT_LAYERS
 from zloam_monitor.link import Link
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
@@ -20,6 +20,8 @@ from zloam_monitor.watch import STALE_SECONDS
 
 #: how long doctor listens for its findings
 LISTEN_SECONDS = 10.0
+#: a thin view asks for nothing: it looks at what has come that often
+THIN_SECONDS = 1.0
 #: of latency and rate
 HISTORY_SECONDS = 120
 #: poses by which the rate is known
@@ -68,23 +70,44 @@ class RobotView:
         with self._lock:
             return self._map
 
+    def silence(self) -> str | None:
+        """What to do where a thin view is told nothing."""
+        return thin.silence(self._link)
+
     def _follow(self) -> None:
+        if self._link.thin:
+            self._follow_thin()
+            return
         self._draw_map()
         while not self._ends.is_set():
             heard = doctor.listen(self._link, LISTEN_SECONDS, self._look)
             if self._ends.is_set():
                 return
-            found = [
-                {"what": each.what, "do": each.do, "fault": each.is_fault}
-                for each in doctor.findings(heard)
-            ]
-            with self._lock:
-                self._findings, self._judged = found, True
+            self._judge(doctor.findings(heard))
             self._draw_map()
+
+    def _follow_thin(self) -> None:
+        link, drawn = self._link, -1
+        while not self._ends.is_set():
+            before, begun = dict(link.statuses), time.monotonic()
+            while time.monotonic() - begun < THIN_SECONDS and self._look():
+                link.poll(0.2)
+                link.poll()
+            silent = thin.finding(link)
+            heard = doctor.heard_by_itself(link, before, THIN_SECONDS)
+            self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
+            if link.preview.version != drawn:
+                drawn = link.preview.version
+                self._draw_map()
+
+    def _judge(self, findings: list[doctor.Finding]) -> None:
+        found = [{"what": each.what, "do": each.do, "fault": each.is_fault} for each in findings]
+        with self._lock:
+            self._findings, self._judged = found, True
 
     def _draw_map(self) -> None:
         """The one before stays where nobody answers."""
-        drawn = _top_view(self._link)
+        drawn = _top_view(_map_points(self._link))
         with self._lock:
             if drawn["cells"] and drawn["cells"] != self._map["cells"]:
                 self._map = {**drawn, "version": self._map["version"] + 1}
@@ -130,6 +153,8 @@ class RobotView:
             "rate": self._rate(),
             "path": [[x, y] for _, x, y in self._path],
             "stages": [_stage(stage, link.stage(stage), link, now) for stage in STAGES],
+            "thin": link.thin,
+            "kb_s": link.taken.kb_s(now),
         }
 
     def _rate(self) -> float | None:
@@ -187,15 +212,20 @@ def _stage(stage: str, status: StatusRecord | None, link: Link, now: float) -> d
     }
 
 
-def _top_view(link: Link) -> dict[str, Any]:
+def _map_points(link: Link) -> NDArray[Any]:
+    """x, y, z in rows; of a thin link what has come so far."""
+    if link.thin:
+        return link.preview.spread_points()
+    tiles = [t for t in link.query_tiles() if t.layer in POINT_LAYERS and len(t.points)]
+    found = [np.stack([t.points[axis] for axis in ("x", "y", "z")], axis=-1) for t in tiles]
+    return np.concatenate(found) if found else np.empty((0, 3))
+
+
+def _top_view(xyz: NDArray[Any]) -> dict[str, Any]:
     """Cells of the map with points in them, seen from above: of each as int16 x and y, relative to
     the middle one, and how high it reaches above the lowest point in it, dm."""
-    tiles = [t for t in link.query_tiles() if t.layer in POINT_LAYERS and len(t.points)]
-    if not tiles:
+    if len(xyz) == 0:
         return {"cells": "", "cell_m": CELLS_M[0], "origin": [0, 0]}
-    xyz = np.concatenate(
-        [np.stack([t.points[axis] for axis in ("x", "y", "z")], axis=-1) for t in tiles]
-    )
     for cell_m in CELLS_M:
         cells, high_m = _cells(xyz, cell_m)
         if len(cells) <= MOST_CELLS:
@@ -207,9 +237,7 @@ def _top_view(link: Link) -> dict[str, Any]:
     return {"cells": packed, "cell_m": cell_m, "origin": [int(v) for v in origin]}
 
 
-def _cells(
-    xyz: NDArray[np.float32], cell_m: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _cells(xyz: NDArray[Any], cell_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Indices along x and y of those with points, and the height of the points in each, m."""
     index = np.floor(xyz[:, :2] / cell_m).astype(np.int64)
     cells, of_point = np.unique(index, axis=0, return_inverse=True)

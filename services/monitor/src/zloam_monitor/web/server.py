@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -35,8 +36,8 @@ _ROBOT = re.compile(r"^/robots/([^/]+)/(state|map)\.json$")
 class Robots:
     """All that are found, at least one; raises NothingAnswers."""
 
-    def __init__(self, endpoints: Sequence[str]) -> None:
-        self._endpoints = endpoints
+    def __init__(self, endpoints: Sequence[str], thin: bool = False) -> None:
+        self._endpoints, self._thin = endpoints, thin
         self._views: dict[str, RobotView] = {}
         self._open = ExitStack()
         self._add(discovery.present(endpoints))
@@ -48,10 +49,14 @@ class Robots:
     def _add(self, found: Sequence[Found]) -> None:
         for each in found:
             if each.robot not in self._views:
-                linked = discovery.linked_to(each, NEWEST_POSES)
+                linked = discovery.linked_to(each, NEWEST_POSES, self._thin)
                 view = RobotView(self._open.enter_context(linked))
                 self._open.callback(view.close)
                 self._views[each.robot] = view
+
+    def silences(self) -> list[str]:
+        """Of thin views that are told nothing: what to do."""
+        return [said for view in self._views.values() if (said := view.silence()) is not None]
 
     def names(self) -> list[str]:
         return sorted(self._views)
@@ -113,9 +118,11 @@ class _Handler(BaseHTTPRequestHandler):
         """Nothing: one a second."""
 
 
-def serve(endpoints: Sequence[str], address: str, port: int, seconds: float | None) -> int:
+def serve(
+    endpoints: Sequence[str], address: str, port: int, seconds: float | None, thin: bool = False
+) -> int:
     """Until so long has passed, or Ctrl-C."""
-    robots = Robots(endpoints)
+    robots = Robots(endpoints, thin)
     handler = type("Handler", (_Handler,), {"robots": robots})
     try:
         server = ThreadingHTTPServer((address, port), handler)
@@ -125,12 +132,16 @@ def serve(endpoints: Sequence[str], address: str, port: int, seconds: float | No
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     searched = time.monotonic()
+    said: list[str] = []
     try:
         with ending.until_told(seconds) as goes_on:
             where, whom = f"http://{address}:{server.server_port}/", ", ".join(robots.names())
             print(f"{where} shows {whom}; Ctrl-C ends", flush=True)
             while goes_on():
                 time.sleep(0.1)
+                if (silences := robots.silences()) != said:
+                    said = silences
+                    print("\n".join(said) or "the preview comes", file=sys.stderr, flush=True)
                 if time.monotonic() - searched > SEARCH_SECONDS:
                     robots.search()
                     searched = time.monotonic()

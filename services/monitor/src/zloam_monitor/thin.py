@@ -1,0 +1,34 @@
+"""Views over a thin link: what they take, and what is to be done where nothing comes."""
+
+from __future__ import annotations
+
+import time
+
+from zloam_monitor.doctor import Finding
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
+
+#: four come each second
+SILENT_SECONDS = 2.0
+
+
+def expressions(keys: Keys) -> list[str]:
+    """All that a thin view takes."""
+    return [keys.preview, keys.every_status]
+
+
+def finding(link: Link) -> Finding | None:
+    """What is to be started; None: the preview comes, or the view is not thin."""
+    if not link.thin or time.monotonic() - link.preview_s < SILENT_SECONDS:
+        return None
+    return Finding(
+        f"nothing comes on {link.keys.preview}",
+        "start on the robot, beside its stages: zloam preview --config ROBOT.yaml; with containers "
+        "the layer deploy/compose/preview.yml",
+    )
+
+
+def silence(link: Link) -> str | None:
+    """The same in a line."""
+    found = finding(link)
+    return f"{found.what}: {found.do}" if found is not None else None

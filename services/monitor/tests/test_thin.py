@@ -1,0 +1,96 @@
+"""What a thin view takes of a robot, and what it shows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zloam_monitor import compose, messages, thin
+from zloam_monitor.compose import HeaderValues
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
+from zloam_monitor.web.robot_view import RobotView
+
+PATIENCE_S = 20.0
+
+
+class Session:
+    """Of Zenoh; whoever asks something over it fails."""
+
+    def __init__(self) -> None:
+        self.readers: dict[str, Callable[[Any], None]] = {}
+
+    def declare_subscriber(self, key: str, read: Callable[[Any], None]) -> Any:
+        self.readers[key] = read
+        return SimpleNamespace(undeclare=lambda: None)
+
+    def put(self, key: str, payload: bytes) -> None:
+        self.readers[key](SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+
+
+@pytest.fixture
+def link() -> Link:
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+    return Link(Session(), Keys("robot"), 100, thin=True)
+
+
+def a_preview(sweep: int) -> bytes:
+    """With a block whose cells are all there: of 8 m at 2^1 cells along an edge."""
+    block = np.array([(0, 0, 0, 1, 1, 0)], messages.PREVIEW_BLOCK)
+    head = HeaderValues(5, sweep, sweep, map_id=5, stamp_ns=sweep * 10**8)
+    return compose.preview(head, 1, (float(sweep), 2.0, 0.0), 8.0, block, b"\xff")
+
+
+def until(holds: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_it_takes_the_preview_and_statuses_alone(link: Link) -> None:
+    """And asks nothing: the session here has no such function."""
+    session: Any = link.session
+    assert set(session.readers) == set(thin.expressions(link.keys))
+    view = RobotView(link)
+    try:
+        sent = 0
+        for sweep in (3, 4):
+            session.put(link.keys.preview, a_preview(sweep))
+            sent += len(a_preview(sweep))
+        status = compose.status("driver", 10**9, 5, 4, [], {})
+        session.put(link.keys.every_status, status)
+        until(lambda: view.map_view()["cells"])
+        until(lambda: any("not there" in each["what"] for each in view.state()["findings"]))
+        state = view.state()
+        assert state["thin"]
+        assert state["pose"]["xyz"] == [4.0, 2.0, 0.0]
+        assert state["path"] == [[3.0, 2.0], [4.0, 2.0]]
+        assert {s["name"]: s["health"] for s in state["stages"]}["driver"] == "ready"
+        assert not any("driver is not there" in each["what"] for each in state["findings"])
+        assert link.taken.bytes == sent + len(status)
+        assert state["kb_s"] is not None
+    finally:
+        view.close()
+
+
+def test_it_says_what_to_start(link: Link, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert thin.silence(link) is None
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 3.0)
+    said = thin.silence(link)
+    assert said is not None
+    assert "loam/robot/preview" in said
+    assert "zloam preview --config" in said
+    session: Any = link.session
+    session.put(link.keys.preview, a_preview(1))
+    link.poll()
+    assert thin.silence(link) is None
