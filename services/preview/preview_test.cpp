@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <functional>
 #include <map>
 #include <random>
 #include <set>
@@ -202,18 +203,12 @@ TEST(Preview, ABlockThatFitsNoMessageComesWithLargerCells) {
 }
 
 /// Calls until a viewer that begins now has all of the map.
-int calls_until_whole(Preview& preview, const Eigen::Vector3d& robot_m, Points* changing) {
+int calls_until_whole(Preview& preview, const std::function<void(int)>& change = {}) {
   Viewer late;
-  std::uint64_t version = 10;
   int calls = 0;
   while (late.shown.size() < preview.blocks() && calls < 10'000) {
-    if (changing != nullptr) {
-      // Near the robot something is seen each time.
-      changing->push_back(
-          {static_cast<float>(0.01 * calls), 2.0F, static_cast<float>(0.001 * calls), 0.0F});
-      preview.put({0, 0, 0}, 1, kEdge_m, {1, ++version}, *changing);
-    }
-    late.take(preview.take(kBudget_bytes, robot_m));
+    if (change) change(calls);
+    late.take(preview.take(kBudget_bytes, kOrigin));
     ++calls;
   }
   return calls;
@@ -224,30 +219,59 @@ TEST(Preview, WhoJoinsLateHasTheWholeMapAfterOneRound) {
   put_all(preview, street(0.0, 2000.0));
   for (int call = 0; call < 400; ++call) preview.take(kBudget_bytes, kOrigin);
   // At rest a block comes again after the rest, or what the others take: here the latter is less.
-  EXPECT_LE(calls_until_whole(preview, kOrigin, nullptr), static_cast<int>(kRestCalls) + 1);
+  EXPECT_LE(calls_until_whole(preview), static_cast<int>(kRestCalls) + 1);
 }
 
 TEST(Preview, ChangesNearTheRobotDoNotHoldUpTheRound) {
   Preview preview;
   put_all(preview, street(0.0, 2000.0));
   for (int call = 0; call < 400; ++call) preview.take(kBudget_bytes, kOrigin);
-  Points near = street(0.0, 49.0, 0.2);
-  EXPECT_LE(calls_until_whole(preview, kOrigin, &near), 2 * static_cast<int>(kRestCalls));
+  // Each time all blocks near the robot are others: more than all messages hold.
+  const std::array<Points, 2> near = {street(0.0, 49.0, 0.25), street(0.0, 49.0, 0.31)};
+  const auto change = [&](int call) {
+    const auto version = static_cast<std::uint64_t>(10 + call);
+    put_all(preview, near.at(static_cast<std::size_t>(call % 2)), version);
+  };
+  EXPECT_LE(calls_until_whole(preview, change), 2 * static_cast<int>(kRestCalls));
+}
+
+TEST(Preview, AChangeIsSentAtOnce) {
+  Points points = street(0.0, 400.0);
+  Preview preview;
+  put_all(preview, points);
+  std::vector<Piece> pieces;
+  // To where nothing is due and all rests.
+  for (int call = 0; call < 400 || !pieces.empty(); ++call) {
+    pieces = preview.take(kBudget_bytes, kOrigin);
+  }
+  points.push_back({5.0F, 0.0F, 3.0F, 0.0F});
+  put_all(preview, points, 2);
+  pieces = preview.take(kBudget_bytes, kOrigin);
+  ASSERT_FALSE(pieces.empty());
+  EXPECT_EQ(pieces.front().block, (CubeIndex{0, 0, 0}));
+  // Far away a point in a cell that is shown already changes nothing that is seen.
+  for (int call = 0; call < 400 || !pieces.empty(); ++call) {
+    pieces = preview.take(kBudget_bytes, kOrigin);
+  }
+  points.push_back({390.1F, 0.0F, -1.7F, 0.0F});
+  put_all(preview, points, 3);
+  EXPECT_TRUE(preview.take(kBudget_bytes, kOrigin).empty());
 }
 
 TEST(Preview, TheWholeMapComesWithLargeCellsFirst) {
-  const Points points = street(0.0, 2000.0);
   Preview preview;
-  put_all(preview, points);
-  Viewer viewer;
-  int calls = 0;
-  while (viewer.shown.size() < preview.blocks()) {
-    viewer.take(preview.take(kBudget_bytes, kOrigin));
-    ASSERT_LT(++calls, 20);
+  put_all(preview, street(-300.0, 300.0, 0.15));
+  const int first = calls_until_whole(preview);
+  std::size_t bytes = 0;
+  for (int call = 0; call < 400; ++call) preview.take(kBudget_bytes, kOrigin);
+  for (std::uint64_t call = 0; call < kRestCalls; ++call) {
+    bytes += bytes_of(preview.take(kBudget_bytes, kOrigin));
   }
+  // Sooner than it takes with the cells that are meant.
+  EXPECT_LT(2 * first, static_cast<int>(bytes / kBudget_bytes));
   // As if nobody had it: again as fast.
   preview.forget_sent();
-  EXPECT_LE(calls_until_whole(preview, kOrigin, nullptr), calls);
+  EXPECT_LE(calls_until_whole(preview), first + 1);
 }
 
 TEST(Preview, AMapAtRestTakesAPartOfTheRate) {
