@@ -144,18 +144,6 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
     )
 
 
-def heard_by_itself(
-    link: Link, before: dict[tuple[str, str], StatusRecord], seconds: float
-) -> Heard:
-    """Of statuses alone, where nothing is asked over a thin link."""
-    now = time.monotonic()
-    silent_s = {who: link.silent_s(status, now) for who, status in link.statuses.items()}
-    living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}
-    after = dict(link.statuses)
-    robot = link.keys.robot
-    return Heard(robot, seconds, before, after, silent_s, living, [], {}, link.garbage)
-
-
 def findings_of_statuses(heard: Heard) -> list[Finding]:
     """Those that need nothing else."""
     rules = (_stages, _instances, _health, _sensor, _drops)

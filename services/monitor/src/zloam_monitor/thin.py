@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 
-from zloam_monitor.doctor import Finding
+from zloam_monitor import doctor
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.watch import STALE_SECONDS
 
 #: four come each second
 SILENT_SECONDS = 2.0
@@ -17,11 +19,11 @@ def expressions(keys: Keys) -> list[str]:
     return [keys.preview, keys.every_status]
 
 
-def finding(link: Link) -> Finding | None:
+def finding(link: Link) -> doctor.Finding | None:
     """What is to be started; None: the preview comes, or the view is not thin."""
     if not link.thin or time.monotonic() - link.preview_s < SILENT_SECONDS:
         return None
-    return Finding(
+    return doctor.Finding(
         f"nothing comes on {link.keys.preview}",
         "start on the robot, beside its stages: zloam preview --config ROBOT.yaml; with containers "
         "the layer deploy/compose/preview.yml",
@@ -32,3 +34,13 @@ def silence(link: Link) -> str | None:
     """The same in a line."""
     found = finding(link)
     return f"{found.what}: {found.do}" if found is not None else None
+
+
+def heard(link: Link, before: dict[tuple[str, str], StatusRecord], seconds: float) -> doctor.Heard:
+    """Of statuses alone, where nothing is asked over a thin link."""
+    now = time.monotonic()
+    silent_s = {who: link.silent_s(status, now) for who, status in link.statuses.items()}
+    living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}
+    after = dict(link.statuses)
+    robot = link.keys.robot
+    return doctor.Heard(robot, seconds, before, after, silent_s, living, [], {}, link.garbage)

@@ -94,7 +94,7 @@ class RobotView:
                 link.poll(0.2)
                 link.poll()
             silent = thin.finding(link)
-            heard = doctor.heard_by_itself(link, before, THIN_SECONDS)
+            heard = thin.heard(link, before, THIN_SECONDS)
             self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
             if link.preview.version != drawn:
                 drawn = link.preview.version
