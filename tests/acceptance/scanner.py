@@ -20,6 +20,11 @@ SEEDS = (1, 2, 3)
 #: what is asked of a drive's way and of its poses, so that the others mean something
 LEAST_WAY_M, POSES_PER_S = 50.0, 10.0
 INDOOR_IMU_M, INDOOR_M, OUTDOOR_DRIFT_PERCENT = 0.05, 0.15, 0.8
+#: at most 0.5 m/s: of the greatest speed, and for how long
+SLOW: dict[str, tuple[float, str]] = {
+    "indoor": (HOKUYO_SPEED_FACTOR, "full"),
+    "city": (0.05, "260"),
+}
 #: of the mount and its encoder in the simulator: pitch, yaw, y, z, delay
 MOUNT_DEG, MOUNT_M, DELAY_MS = (0.6, -0.9), (0.015, -0.03), 7.5
 #: the lines' stamps are late by the time that they take to be received
@@ -52,7 +57,8 @@ def _simulated(setting: Setting, name: str, *options: object) -> Session:
 
 
 def _drive(setting: Setting, world: str, seed: int, with_imu: bool) -> tuple[Demo, Session]:
-    motion = ["--speed-factor", HOKUYO_SPEED_FACTOR, "--duration", "full"]
+    speed_factor, duration = SLOW[world]
+    motion = ["--speed-factor", speed_factor, "--duration", duration]
     session = _simulated(setting, f"{world}-{seed}", "--world", world, "--seed", seed, *motion)
     readings = ["--imu", session.imu] if with_imu else []
     name = f"scanner-{world}-{seed}" + ("-imu" if with_imu else "")
