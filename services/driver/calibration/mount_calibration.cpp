@@ -24,7 +24,8 @@ constexpr Vector kAsked = {0.05, 0.05, 0.005, 0.005, 1.0};
 constexpr double kLeastFlat = 0.3;
 // Delays that are looked at before anything is solved: a turn of 180 degrees a second is off by
 // seven degrees at the most of them.
-constexpr double kFarthestDelay_ms = 40.0, kDelayStep_ms = 4.0;
+constexpr int kDelaySteps = 10;  // to either side
+constexpr double kDelayStep_ms = 4.0;
 
 /// Voxels, from coarse to fine: edge, and how thick a plane in them may be.
 struct Stage {
@@ -308,8 +309,8 @@ Solved solve(const Points& points, const std::vector<Patch>& patches, const Vect
 Vector with_best_delay(const Points& points, Vector x) {
   const double known_ms = x[4];
   std::pair<double, double> best{-1.0, known_ms};
-  for (double off_ms = -kFarthestDelay_ms; off_ms <= kFarthestDelay_ms; off_ms += kDelayStep_ms) {
-    x[4] = known_ms + off_ms;
+  for (int step = -kDelaySteps; step <= kDelaySteps; ++step) {
+    x[4] = known_ms + step * kDelayStep_ms;
     double flat = 0.0;
     for (const Patch& patch : patches_of(points, x, kStages.back())) {
       flat += static_cast<double>(patch.size());
