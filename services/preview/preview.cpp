@@ -61,7 +61,7 @@ bool Preview::put(const CubeIndex& cube, int layer, double edge_m, const Rank& r
 
 bool Preview::full() const { return std::max(blocks_.size(), cubes_.size()) >= kMostBlocks; }
 
-/// The blocks of a cube anew.
+/// A cube has changed: so have its blocks.
 void Preview::cut(const CubeIndex& cube) {
   std::vector<Cell> cells;
   for (const std::optional<Layer>& layer : cubes_[cube]) {

@@ -46,7 +46,7 @@ struct Piece {
 
 class Preview {
  public:
-  /// One layer of a cube as it is now, in place of the one before. False: it was not taken, as it is
+  /// One layer of a cube as it is now, instead of the one before. False: it was not taken, as it is
   /// older than that, no cube of a map, or one too many.
   bool put(const CubeIndex& cube, int layer, double edge_m, const Rank& rank,
            std::span<const MapPoint> points);

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,8 @@ import yaml
 
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Demo, Setting
+from tests.hokuyo import simulated
+from tests.hokuyo.simulated import Session
 from zloam_monitor import evaluation, trajectory
 from zloam_monitor.sources import HOKUYO_SPEED_FACTOR
 
@@ -25,41 +26,25 @@ SLOW: dict[str, tuple[float, str]] = {
     "indoor": (HOKUYO_SPEED_FACTOR, "full"),
     "city": (0.05, "260"),
 }
-#: of the mount and its encoder in the simulator: pitch, yaw, y, z, delay
-MOUNT_DEG, MOUNT_M, DELAY_MS = (0.6, -0.9), (0.015, -0.03), 7.5
-#: the lines' stamps are late by the time that they take to be received
-RECEIVED_LATE_MS = 2.0
 ANGLE_DEG, OFFSET_MS = 0.05, 1.0
 CALIBRATED_IN = ("indoor", "handheld")
 
 
-@dataclass(frozen=True)
-class Session:
-    """A simulated one, with its angles beside it."""
-
-    log: Path
-    truth: Path
-    imu: Path
-
-
-def _simulated(setting: Setting, name: str, *options: object) -> Session:
+def _stem(setting: Setting, name: str) -> Path:
+    for program in ("zloam-simulator", "zloam-calibrate"):
+        if not (setting.build / "bin" / program).exists():
+            raise Skip(f"{program} is not built")
     folder = setting.out / "accept" / "scanner"
     folder.mkdir(parents=True, exist_ok=True)
-    session = Session(*(folder / f"{name}{suffix}" for suffix in (".logr", ".tum", ".imu.csv")))
-    simulator = setting.build / "bin" / "zloam-simulator"
-    if not simulator.exists():
-        raise Skip(f"{simulator} is not built")
-    outputs = ["--session", session.log, "--angles", session.log.with_suffix(".csv")]
-    outputs += ["--truth", session.truth, "--imu", session.imu]
-    command = [simulator, "--quiet", "--hokuyo", *options, *outputs]
-    subprocess.run([str(word) for word in command], check=True, capture_output=True)
-    return session
+    return folder / name
 
 
 def _drive(setting: Setting, world: str, seed: int, with_imu: bool) -> tuple[Demo, Session]:
     speed_factor, duration = SLOW[world]
     motion = ["--speed-factor", speed_factor, "--duration", duration]
-    session = _simulated(setting, f"{world}-{seed}", "--world", world, "--seed", seed, *motion)
+    where = ["--world", world, "--seed", seed]
+    stem = _stem(setting, f"{world}-{seed}")
+    session = simulated.session(setting.build, stem, *where, *motion)
     readings = ["--imu", session.imu] if with_imu else []
     name = f"scanner-{world}-{seed}" + ("-imu" if with_imu else "")
     return setting.demo(name, "--session", session.log, *readings), session
@@ -103,22 +88,18 @@ def _drift_percent(scores: evaluation.Scores) -> float:
 
 def _calibrated(setting: Setting, world: str) -> Measured:
     calibrate = setting.build / "bin" / "zloam-calibrate"
-    if not calibrate.exists():
-        raise Skip(f"{calibrate} is not built")
     worst_deg = worst_ms = 0.0
     for seed in SEEDS:
-        mount = ["--scanner-rpy-deg", 0, *MOUNT_DEG, "--scanner-xyz", 0, *MOUNT_M]
-        mount += ["--encoder-delay", 1e-3 * DELAY_MS]
-        still = ["--world", world, "--seed", seed, "--still", "--duration", 60]
-        session = _simulated(setting, f"still-{world}-{seed}", *still, *mount)
+        stem = _stem(setting, f"still-{world}-{seed}")
+        session = simulated.at_rest(setting.build, stem, world, seed)
         done = subprocess.run(
             [str(calibrate), str(session.log)], capture_output=True, text=True, check=False
         )
         if done.returncode != 0:
             return Measured(f"seed {seed}: {done.stderr.strip()}", held=False)
         found = yaml.safe_load(done.stdout)
-        off_deg = np.subtract(found["scanner"]["rpy_deg"][1:], MOUNT_DEG)
-        off_ms = found["motor"]["delay_ms"] - (DELAY_MS - RECEIVED_LATE_MS)
+        off_deg = np.subtract(found["scanner"]["rpy_deg"][1:], simulated.MOUNT_DEG)
+        off_ms = found["motor"]["delay_ms"] - (simulated.DELAY_MS - simulated.RECEIVED_LATE_MS)
         worst_deg = max(worst_deg, float(np.abs(off_deg).max()))
         worst_ms = max(worst_ms, abs(off_ms))
     return Measured(

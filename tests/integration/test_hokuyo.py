@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.hokuyo import peer
+from tests.hokuyo import peer, simulated
 from tests.hokuyo.device import Device, SerialDevice, TcpDevice
+from tests.hokuyo.simulated import Session
 from tests.integration.conftest import ROOT, digests, kill, monitor
 from tests.integration.replay_run import replayed
 from zloam_monitor import evaluation, sources, trajectory
@@ -76,29 +77,14 @@ def expected_points(scan: peer.Scan, of: dict[bytes, bytes]) -> tuple[np.ndarray
     return (1e-3 * scan.ranges_mm[:, None] * flat)[seen], scan.intensities[seen]
 
 
-class Drive:
-    """A simulated session with its angles, readings and truth."""
-
-    def __init__(self, build: Path, folder: Path) -> None:
-        self.session, self.angles = folder / "drive.logr", folder / "drive.csv"
-        self.imu, self.truth = folder / "imu.csv", folder / "truth.tum"
-        options = ["--world", "indoor", "--seed", "4", "--hokuyo", "--speed-factor", "0.35"]
-        outputs = ["--session", str(self.session), "--angles", str(self.angles)]
-        outputs += ["--imu", str(self.imu), "--truth", str(self.truth)]
-        outputs += ["--duration", str(SECONDS)]
-        simulator = build / "bin" / "zloam-simulator"
-        subprocess.run([simulator, "--quiet", *options, *outputs], check=True)
-
-
 @pytest.fixture(scope="module")
-def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    return Drive(build, tmp_path_factory.mktemp("hokuyo"))
+def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
+    return simulated.session(build, tmp_path_factory.mktemp("hokuyo") / "drive", *where)
 
 
-def replay(build: Path, drive: Drive, out: Path, *more: object) -> None:
-    done = monitor(
-        *("demo", "--preset-dir", build, "--session", drive.session, "--out", out, *more)
-    )
+def replay(build: Path, drive: Session, out: Path, *more: object) -> None:
+    done = monitor(*("demo", "--preset-dir", build, "--session", drive.log, "--out", out, *more))
     assert done.code == 0, done.said
 
 
@@ -106,14 +92,14 @@ def replay(build: Path, drive: Drive, out: Path, *more: object) -> None:
 AS_UNDISTURBED_M = 0.15
 
 
-def error_m(drive: Drive, out: Path) -> float:
+def error_m(drive: Session, out: Path) -> float:
     truth, found = trajectory.read(drive.truth), trajectory.read(out / "trajectory.tum")
     return evaluation.evaluate(found, truth).ate_rmse_m
 
 
 @pytest.mark.parametrize(("with_imu", "most_m"), [(True, 0.05), (False, 0.15)])
 def test_a_replayed_drive(
-    build: Path, drive: Drive, tmp_path: Path, with_imu: bool, most_m: float
+    build: Path, drive: Session, tmp_path: Path, with_imu: bool, most_m: float
 ) -> None:
     replay(build, drive, tmp_path, *(["--imu", drive.imu] if with_imu else []))
     report = json.loads((tmp_path / "report.json").read_text())
@@ -124,34 +110,36 @@ def test_a_replayed_drive(
     assert report["health"]["counts"] == {"ok": report["health"]["poses"]}
 
 
-def test_the_same_bytes_twice(build: Path, drive: Drive, tmp_path: Path) -> None:
+def test_the_same_bytes_twice(build: Path, drive: Session, tmp_path: Path) -> None:
     for out in ("a", "b"):
         replay(build, drive, tmp_path / out, "--imu", drive.imu)
     assert digests(tmp_path / "a", FILES) == digests(tmp_path / "b", FILES)
 
 
 def test_a_replay_with_a_killed_odometry_has_the_same_bytes(
-    build: Path, drive: Drive, tmp_path: Path
+    build: Path, drive: Session, tmp_path: Path
 ) -> None:
-    source = sources.with_imu(sources.from_session(drive.session), drive.imu)
+    source = sources.with_imu(sources.from_session(drive.log), drive.imu)
     for out, stage in (("undisturbed", None), ("killed", "odometry")):
         replayed(build, ROBOT, source, tmp_path / out, stage)
     assert digests(tmp_path / "killed", FILES) == digests(tmp_path / "undisturbed", FILES)
     assert "a new odom frame" not in (tmp_path / "killed" / "odometry-again.log").read_text()
 
 
-def test_a_session_without_angles_is_refused(build: Path, drive: Drive, tmp_path: Path) -> None:
+def test_a_session_without_angles_is_refused(build: Path, drive: Session, tmp_path: Path) -> None:
     alone = tmp_path / "alone.logr"
-    shutil.copy(drive.session, alone)
+    shutil.copy(drive.log, alone)
     done = monitor("demo", "--preset-dir", build, "--session", alone, "--out", tmp_path / "out")
     assert done.code != 0
     assert "angles are missing" in done.said
     assert "one plane" in done.said
 
 
-def test_a_motor_that_tells_nothing_is_described(build: Path, drive: Drive, tmp_path: Path) -> None:
+def test_a_motor_that_tells_nothing_is_described(
+    build: Path, drive: Session, tmp_path: Path
+) -> None:
     alone, mount = tmp_path / "alone.logr", tmp_path / "mount.yaml"
-    shutil.copy(drive.session, alone)
+    shutil.copy(drive.log, alone)
     first_ns = np.loadtxt(drive.angles, delimiter=",", skiprows=1, max_rows=1)[0]
     # as the simulator's motor goes
     profile = {
@@ -170,11 +158,11 @@ def test_a_motor_that_tells_nothing_is_described(build: Path, drive: Drive, tmp_
     assert error_m(drive, out) <= 0.05
 
 
-def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Drive, tmp_path: Path) -> None:
+def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Session, tmp_path: Path) -> None:
     mount = tmp_path / "mount.yaml"
     mount.write_text("scanner: {rpy_deg: [0, 0, 0]}\nmotor: {delay_s: 1}\n")
     command = [str(build / "bin" / "zloam-driver"), "--config", str(ROBOT)]
-    settings = ("driver.source=scip_log", f"driver.path={drive.session}")
+    settings = ("driver.source=scip_log", f"driver.path={drive.log}")
     for setting in (*settings, f"driver.metadata={mount}"):
         command += ["--set", setting]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -192,24 +180,17 @@ def calibrated(build: Path, session: Path) -> tuple[int, dict[str, dict[str, Any
 
 @pytest.mark.parametrize(("world", "seed"), [("indoor", 7), ("handheld", 3)])
 def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None:
-    pitch_deg, yaw_deg, y_m, z_m, delay_ms = 0.6, -0.9, 0.015, -0.03, 7.5
-    session = tmp_path / "still.logr"
-    command = [str(build / "bin" / "zloam-simulator"), "--quiet", "--hokuyo", "--still"]
-    command += ["--world", world, "--seed", str(seed), "--duration", "60"]
-    command += ["--session", str(session), "--angles", str(session.with_suffix(".csv"))]
-    command += ["--scanner-rpy-deg", "0", str(pitch_deg), str(yaw_deg)]
-    command += ["--scanner-xyz", "0", str(y_m), str(z_m), "--encoder-delay", str(1e-3 * delay_ms)]
-    subprocess.run(command, check=True)
-    code, found, said = calibrated(build, session)
+    session = simulated.at_rest(build, tmp_path / "still", world, seed)
+    code, found, said = calibrated(build, session.log)
     assert code == 0, said
-    assert found["scanner"]["rpy_deg"][1:] == pytest.approx([pitch_deg, yaw_deg], abs=0.05)
-    assert found["scanner"]["xyz_m"][1:] == pytest.approx([y_m, z_m], abs=0.005)
-    # the lines' stamps are late by the time that they take to be received: 2 ms in the simulator
-    assert found["motor"]["delay_ms"] == pytest.approx(delay_ms - 2.0, abs=1.0)
+    assert found["scanner"]["rpy_deg"][1:] == pytest.approx(simulated.MOUNT_DEG, abs=0.05)
+    assert found["scanner"]["xyz_m"][1:] == pytest.approx(simulated.MOUNT_M, abs=0.005)
+    delay_ms = simulated.DELAY_MS - simulated.RECEIVED_LATE_MS
+    assert found["motor"]["delay_ms"] == pytest.approx(delay_ms, abs=1.0)
 
 
-def test_a_platform_that_moves_is_not_calibrated(build: Path, drive: Drive) -> None:
-    code, _, said = calibrated(build, drive.session)
+def test_a_platform_that_moves_is_not_calibrated(build: Path, drive: Session) -> None:
+    code, _, said = calibrated(build, drive.log)
     assert code == 1
     assert "move" in said
 
@@ -217,7 +198,7 @@ def test_a_platform_that_moves_is_not_calibrated(build: Path, drive: Drive) -> N
 class Live:
     """The chain on a simulated device, with its motor's angles."""
 
-    def __init__(self, build: Path, device: Device, drive: Drive, out: Path) -> None:
+    def __init__(self, build: Path, device: Device, drive: Session, out: Path) -> None:
         self.device, self.drive, self.build = device, drive, build
         settings = [f"driver.path={device.name}", f"integration.output_dir={out}"]
         robot = names(ROBOT, [])
@@ -289,8 +270,8 @@ class Live:
         return evaluation.evaluate(from_records(rows), truth).ate_rmse_m
 
 
-def test_live_with_a_killed_odometry(build: Path, drive: Drive, tmp_path: Path) -> None:
-    with Live(build, TcpDevice(drive.session, 1.5 * LIVE_SECONDS), drive, tmp_path) as live:
+def test_live_with_a_killed_odometry(build: Path, drive: Session, tmp_path: Path) -> None:
+    with Live(build, TcpDevice(drive.log, 1.5 * LIVE_SECONDS), drive, tmp_path) as live:
         link = live.chain.link
         while len(link.poses) < 50:
             link.poll(0.1)
@@ -308,9 +289,9 @@ def test_live_with_a_killed_odometry(build: Path, drive: Drive, tmp_path: Path) 
 
 @pytest.mark.parametrize("kind", [TcpDevice, SerialDevice])
 def test_live(
-    build: Path, drive: Drive, tmp_path: Path, kind: type[TcpDevice] | type[SerialDevice]
+    build: Path, drive: Session, tmp_path: Path, kind: type[TcpDevice] | type[SerialDevice]
 ) -> None:
-    with Live(build, kind(drive.session, LIVE_SECONDS), drive, tmp_path) as live:
+    with Live(build, kind(drive.log, LIVE_SECONDS), drive, tmp_path) as live:
         live.until_sent()
         assert len(live.chain.link.poses) >= 9 * LIVE_SECONDS
         assert live.error_m() <= AS_UNDISTURBED_M
@@ -319,9 +300,9 @@ def test_live(
 
 
 def test_live_with_a_lost_connection_and_damaged_scans(
-    build: Path, drive: Drive, tmp_path: Path
+    build: Path, drive: Session, tmp_path: Path
 ) -> None:
-    device = TcpDevice(drive.session, LIVE_SECONDS)
+    device = TcpDevice(drive.log, LIVE_SECONDS)
     lost = int(len(device.scans) * 0.6)
     device.cut = lambda number: number == lost
 

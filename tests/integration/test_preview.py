@@ -129,6 +129,11 @@ def assert_shows(shown: PreviewMap, points: NDArray[np.float64]) -> None:
         assert set(map(tuple, shown.blocks[index][1].tolist())) == cells, index
 
 
+def shows(shown: PreviewMap, points: NDArray[np.float64]) -> bool:
+    wanted = cells_by_block(shown, points)
+    return wanted == {i: set(map(tuple, cells.tolist())) for i, (_, cells) in shown.blocks.items()}
+
+
 def test_it_keeps_up_with_a_drive_and_a_new_map(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:
@@ -145,10 +150,9 @@ def test_it_keeps_up_with_a_drive_and_a_new_map(
         assert reply is not None
         assert reply.ok
         until(chain, chain.finished)
-        # of the map at its end, which goes out once it has changed for the last time
-        time.sleep(WHOLE_SECONDS)
-        assert reader.is_whole()
         points = published_points(chain)
+        # of the map at its end, which goes out once it has changed for the last time
+        until(chain, lambda: reader.is_whole() and shows(reader.map, points), WHOLE_SECONDS)
         assert_shows(reader.map, points)
         assert before_reset - set(reader.map.blocks), "the first map is not another one"
         late = Reader(chain)

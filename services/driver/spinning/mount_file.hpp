@@ -16,7 +16,7 @@
 //     backward: false        # it counts against a right-handed turn about the axis
 //     delay_ms: 0            # of the angles' stamps against the lines'
 //     turn_s: 1.0            # shows all directions once: from -90 to 90 degrees, or half a turn
-//     profile:               # in place of readings, of a motor that runs by the host's clock
+//     profile:               # instead of readings, of a motor that runs by the host's clock
 //       from_s: 1764000000   # Unix time at which it rests at -amplitude, or is at zero; needed
 //       speed_deg_s: 180     # needed
 //       amplitude_deg: 90    # of a swing, to either side; left out: it turns on and on

@@ -41,7 +41,7 @@ struct SpinningConfig {
   /// false: the scanner stands still, level by zero_rad
   bool turns = true;
   Mount mount;
-  /// in place of readings
+  /// instead of readings
   std::optional<MotorProfile> profile;
   /// time from one sweep to the next
   double sweep_s = 0.1;

@@ -127,7 +127,6 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
     first = max(link.poses, default=-1)
     while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
         link.poll(min(left, 0.2))
-        link.poll()
     link.query_statuses()
     link.poll()
     now = time.monotonic()

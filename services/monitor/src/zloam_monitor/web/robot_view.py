@@ -92,7 +92,6 @@ class RobotView:
             before, begun = dict(link.statuses), time.monotonic()
             while time.monotonic() - begun < THIN_SECONDS and self._look():
                 link.poll(0.2)
-                link.poll()
             silent = thin.finding(link)
             heard = thin.heard(link, before, THIN_SECONDS)
             self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
