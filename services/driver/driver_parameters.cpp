@@ -77,19 +77,20 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
          {"zenoh", SourceKind::kZenoh},
          {"scip", SourceKind::kScip},
          {"scip_log", SourceKind::kScipLog}},
-        "source of packets or scans; scip: a Hokuyo scanner, scip_log: a recorded session of one",
+        "source of packets or scans; scip: a Hokuyo scanner; scip_log: a recorded session of a "
+        "Hokuyo scanner",
         Effect::kNone);
-  p.add(
-      "driver.path", &c.path,
-      "file or folder of a recorded source; of scip: tcp://host:port (UTM-30LX-EW: port 10940), or "
-      "a serial device such as /dev/ttyACM0",
-      Effect::kNone);
+  p.add("driver.path", &c.path,
+        "file or folder of a recorded source; for scip: tcp://host:port (UTM-30LX-EW: port 10940), "
+        "or a serial device such as /dev/ttyACM0",
+        Effect::kNone);
   p.add("driver.topic", &c.topic,
-        "of a bag: topic of the clouds or packets; empty: the only one there is", Effect::kNone);
+        "bag: topic of the clouds or packets; empty: the only one in the bag", Effect::kNone);
   p.add("driver.time_field", &c.time_field,
-        "of a bag's clouds: field with the points' times; empty: known by its name", Effect::kNone);
+        "bag: field of a cloud that contains the points' times; empty: recognized by its name",
+        Effect::kNone);
   p.add("driver.reader", &c.reader,
-        "program that reads bags, as `zloam recording` does: a path, or a name on the PATH",
+        "program that reads bags as `zloam recording` does; a path, or a name on the PATH",
         Effect::kNone);
   p.add("driver.rate", &c.rate, "pace of a replay: max, realtime, or a factor", Effect::kNone);
   p.add("driver.bind_address", &c.udp.bind_address, "local address that receives packets",
@@ -101,7 +102,7 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.receive_buffer_bytes", &c.udp.receive_buffer_bytes, {65536, 1 << 28}, "bytes",
         "kernel's receive buffer", Effect::kNone);
   p.add("driver.sensor_address", &c.sensor_address,
-        "accept packets of this sender only; empty: of the first one seen");
+        "accept packets from this sender only; empty: from the first sender seen");
   p.add("driver.multicast_group", &c.udp.multicast_group,
         "IPv4 multicast group to join; empty: unicast and broadcast", Effect::kNone);
   p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s",
@@ -112,11 +113,10 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
   std::vector<std::string> models = known_models();
   models.insert(models.begin(), "auto");
   p.add("driver.model", &c.model, models, "model of the sensor; auto: from the packets");
-  p.add(
-      "driver.metadata", &c.metadata,
-      "file in which the sensor describes its beams and packets (`zloam metadata` fetches it), or "
-      "what is known of a scanner on a motor; empty: the .json beside a capture",
-      Effect::kNone);
+  p.add("driver.metadata", &c.metadata,
+        "file with the sensor's description of its beams and packets (`zloam metadata` fetches "
+        "it), or with the mounting of a scanner on a motor; empty: the .json beside a capture",
+        Effect::kNone);
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
          {"strongest", ReturnChoice::kStrongest},
@@ -128,7 +128,8 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
          {"last", DualReturns::kLast},
          {"both", DualReturns::kBoth},
          {"tagged", DualReturns::kTagged}},
-        "returns used of a firing with two: one of them, both alike, or both with their types");
+        "returns used of a firing with two: one of them, both without distinction, or both with "
+        "their types");
   p.add("driver.seam_azimuth_deg", &c.seam_azimuth_deg, {0.0, 360.0}, "deg",
         "azimuth at which sweeps are cut, clockwise from the front");
   p.add("driver.reorder_packets", &c.reorder_packets, {0, 64}, "packets",
@@ -138,7 +139,7 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
          {"receive", ClockChoice::kReceive},
          {"utc", ClockChoice::kUtc},
          {"free", ClockChoice::kFree}},
-        "time base: auto: receive or capture times; utc: the sensor has a locked GPS; free: the "
+        "time base; auto: receive or capture times; utc: the sensor has a locked GPS; free: the "
         "sensor's own clock");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
         "offset added to stamps, e.g. of a sensor that stamps a packet's last firing");
@@ -155,18 +156,20 @@ void bind_limits(runtime::Parameters& p, DriverConfig& c) {
       "10] includes the front");
   p.add("driver.body_box_min_m", &c.body_box_min_m, {-100.0, 100.0}, "m",
         "lower corner of the robot's body in base_link; points inside are dropped");
-  p.add("driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
-        "upper corner of the robot's body; no box if not above the lower one");
+  p.add(
+      "driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
+      "upper corner of the robot's body in base_link; no box unless it is above the lower corner");
 }
 
 void bind_scans(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.time_model", &c.scan.model, kTimeModels,
-        "point times of scans without them: by the direction of rotation, or deskewed to one "
-        "instant");
+        "scans without point times: direction of rotation, from which the times follow; or "
+        "deskewed, if all points are moved to one instant");
   p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 10.0}, "s",
         "period of one revolution in scans without point times");
   p.add("driver.scan_seam_deg", &c.scan.seam_deg, {-360.0, 360.0}, "deg",
-        "azimuth at which such a revolution begins, counter-clockwise from the front");
+        "azimuth at which a revolution begins in scans without point times, counter-clockwise from "
+        "the front");
 }
 
 bool has_packets(SourceKind source) {
@@ -175,20 +178,19 @@ bool has_packets(SourceKind source) {
 }
 
 void bind_imu(runtime::Parameters& p, DriverConfig& c) {
-  p.add(
-      "driver.imu", &c.imu,
-      {{"none", ImuChoice::kNone},
-       {"file", ImuChoice::kFile},
-       {"zenoh", ImuChoice::kZenoh},
-       {"sensor", ImuChoice::kSensor}},
-      "source of the IMU readings: none, driver.imu_path (replay), the key imu/<sensor> (live), or "
-      "what comes with the lidar: its own packets, a bag's topic");
+  p.add("driver.imu", &c.imu,
+        {{"none", ImuChoice::kNone},
+         {"file", ImuChoice::kFile},
+         {"zenoh", ImuChoice::kZenoh},
+         {"sensor", ImuChoice::kSensor}},
+        "source of the IMU readings; file: driver.imu_path (replay); zenoh: the key imu/<sensor> "
+        "(live); sensor: the lidar's own packets, or a topic of the bag");
   p.add(
       "driver.imu_path", &c.imu_path,
       "file of IMU readings with a header: t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2",
       Effect::kNone);
   p.add("driver.imu_topic", &c.imu_topic,
-        "of a bag, with driver.imu: sensor: topic of the IMU readings; empty: the only one",
+        "bag, with driver.imu: sensor: topic of the IMU readings; empty: the only one in the bag",
         Effect::kNone);
   p.add("driver.imu_delay_ms", &c.imu_delay_ms, {-1000.0, 1000.0}, "ms",
         "delay of the IMU's stamps against the lidar's; it is subtracted");

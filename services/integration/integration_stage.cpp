@@ -28,17 +28,16 @@ void bind(runtime::Parameters& p, IntegrationConfig& c) {
   // Mapping's own key: the two must never disagree, or a replay would wait for ever.
   p.add("mapping.every", &c.mapping_every, {1, 1000}, "", "map every n-th sweep by number");
   p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
-        "replay: sweeps by which the correction of a pose is older at least");
+        "replay: minimum number of sweeps by which a pose's correction is older than the pose");
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
         "minimum motion of a correction that is marked as a jump");
   p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad",
         "minimum rotation of a correction that is marked as a jump");
   p.add("integration.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
-        "Degenerate: a direction along which the pose's sigma is above this share of 10 m");
+        "health is Degenerate if the pose's sigma along a direction is above this share of 10 m");
   p.add("integration.output_dir", &c.output_dir,
-        "folder of trajectory.tum, trajectory.kitti and odometry.tum, of further runs "
-        "trajectory_2.tum "
-        "and so on; empty: none",
+        "folder of trajectory.tum, trajectory.kitti and odometry.tum (further runs: "
+        "trajectory_2.tum and so on); empty: no files",
         runtime::Effect::kNone);
 }
 

@@ -9,13 +9,12 @@ using runtime::Effect;
 using runtime::Parameters;
 
 void bind_map(Parameters& p, MappingConfig& c) {
-  p.add(
-      "mapping.mode", &c.mode,
-      {{"map", MappingMode::kMap},
-       {"localize", MappingMode::kLocalize},
-       {"extend", MappingMode::kExtend}},
-      "map: begins a map; localize: finds the robot in the tile store's map, which stays as it is; "
-      "extend: finds it there, and maps on");
+  p.add("mapping.mode", &c.mode,
+        {{"map", MappingMode::kMap},
+         {"localize", MappingMode::kLocalize},
+         {"extend", MappingMode::kExtend}},
+        "map: begin a new map; localize: find the robot in the tile store's map without changing "
+        "it; extend: find the robot in that map and continue mapping");
   p.add("mapping.every", &c.every, {1, 1000}, "", "map every n-th sweep by number");
   p.add("mapping.tile_edge_m", &c.tile_edge_m, {2.0, 1000.0}, "m", "edge of a tile of the map");
   p.add("mapping.window_tiles", &c.window_tiles, {1, 1001}, "",
@@ -27,9 +26,11 @@ void bind_map(Parameters& p, MappingConfig& c) {
   p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m",
         "voxel size of the map's plane points");
   p.add("mapping.archive_points", &c.archive_points, {0, 1e12}, "",
-        "points kept in memory of tiles outside the window; more go to a file", Effect::kNone);
+        "points of tiles outside the window that are kept in memory; further points go to a file",
+        Effect::kNone);
   p.add("mapping.spill_directory", &c.spill_directory,
-        "folder of that file; empty: all stay in memory", Effect::kNone);
+        "folder of the file for points outside the window; empty: all points stay in memory",
+        Effect::kNone);
   p.check("mapping.local_tiles", [&c]() -> std::string {
     for (std::size_t a = 0; a < 3; ++a) {
       if (c.local_tiles[a] > c.window_tiles[a]) return "must not exceed mapping.window_tiles";
@@ -43,11 +44,12 @@ void bind_insertion(Parameters& p, MappingConfig& c) {
         "minimum motion since the last inserted sweep; 0: insert every sweep")
       .live();
   p.add("mapping.insert_rotation_rad", &c.insert_rotation_rad, {0.0, 3.15}, "rad",
-        "minimum rotation since the last inserted sweep, alternatively; 0: insert every sweep")
+        "minimum rotation since the last inserted sweep, as an alternative to the motion; 0: "
+        "insert every sweep")
       .live();
   p.add("mapping.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
-        "Degenerate: a direction that the points leave with a sigma above this share of 10 m, or "
-        "of 1 rad")
+        "health is Degenerate if the points leave a direction with a sigma above this share of 10 "
+        "m, or of 1 rad")
       .live();
 }
 
@@ -56,7 +58,7 @@ void bind_bridging(Parameters& p, MappingConfig& c) {
         "search radius around the last pose for a new odometry frame")
       .live();
   p.add("mapping.bridge_rotation_rad", &c.bridge_rotation_rad, {0.0, 3.15}, "rad",
-        "searched rotation around the last pose for a new odometry frame")
+        "search range of the rotation around the last pose for a new odometry frame")
       .live();
   p.add("mapping.bridge_sweeps", &c.bridge_sweeps, {1, 1e6}, "sweeps",
         "sweeps without an accepted match after which the health is Lost")
@@ -73,7 +75,7 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.stride", &m.stride, {1, 100}, "", "match every n-th point of a sweep")
       .live();
   p.add("mapping.voxel_planes.correlation", &m.correlation, {1.0, 1e4}, "",
-        "divisor of the information, as residuals on one surface are correlated")
+        "divisor of the information, because residuals on one surface are correlated")
       .live();
   p.add("mapping.voxel_planes.tile_stride", &c.tile_stride, {1, 1000}, "",
         "put every n-th point of a sweep into the tiles")
@@ -82,7 +84,7 @@ void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
 
 void bind_output(Parameters& p, OutputConfig& output) {
   p.add("mapping.map_path", &output.map_path,
-        "PCD file of the map at the end of a run; empty: none", Effect::kNone);
+        "PCD file of the map, written at the end of a run; empty: no file", Effect::kNone);
   p.add("mapping.publish_every", &output.publish_every, {1, 10000}, "",
         "publish changed tiles, surround and registered sweeps every n-th mapped sweep",
         Effect::kNone)
@@ -97,8 +99,8 @@ void bind_output(Parameters& p, OutputConfig& output) {
         "publish voxel counts for the tile store every n-th mapped sweep", Effect::kNone)
       .live();
   p.add("mapping.voxels_growth", &output.voxels_growth, {0.0, 10.0}, "",
-        "publish a cube of voxels when its points have grown by this share; so much may be missing "
-        "after a restart",
+        "publish a cube of voxels when its points have grown by this share; after a restart at "
+        "most this share is missing",
         Effect::kNone)
       .live();
   p.add("mapping.take_back_s", &output.take_back_s, {0.0, 1e9}, "s",

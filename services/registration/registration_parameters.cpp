@@ -21,7 +21,7 @@ void bind_points(runtime::Parameters& p, RegistrationConfig& c) {
   p.add("registration.range_noise_m", &c.range_noise_m, {0.0001, 1.0}, "m",
         "standard deviation of a range, from the sensor's data sheet");
   p.add("registration.min_points", &c.min_points, {0, 1e6}, "points",
-        "minimum of valid points; a sweep of fewer has health TooFewPoints")
+        "minimum number of valid points; a sweep with fewer has health TooFewPoints")
       .live();
   p.check("registration.max_range_m", [&c] {
     return c.max_range_m > c.min_range_m ? "" : "must be above registration.min_range_m";
@@ -33,7 +33,7 @@ void bind_features(runtime::Parameters& p, RegistrationConfig& c) {
         "minimum squared curvature of an edge, in variances of its noise")
       .live();
   p.add("registration.less_flat_leaf_m", &c.less_flat_leaf_m, {0.0, 10.0}, "m",
-        "voxel filter of each ring's less flat points; 0: none")
+        "voxel size of the filter for each ring's less flat points; 0: no filter")
       .live();
 }
 
@@ -47,7 +47,8 @@ void bind(runtime::Parameters& p, RegistrationConfig& c) {
 void bind(runtime::Parameters& p, SharingConfig& c) {
   using runtime::Effect;
   p.add("registration.hold_sweeps", &c.hold_sweeps, {1, 1000}, "sweeps",
-        "sweeps of other replicas held until odometry has their features", Effect::kNone);
+        "maximum number of other replicas' sweeps held until odometry has their features",
+        Effect::kNone);
 }
 
 }  // namespace zloam::registration

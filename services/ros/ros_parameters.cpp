@@ -19,13 +19,14 @@ void bind(runtime::Parameters& p, RosConfig& c) {
   p.add("ros.listen", &c.listen, "endpoints that ROS nodes may connect to, without a router",
         Effect::kNone);
   p.add("ros.namespace", &c.name_space,
-        "namespace of the topics but /tf and /tf_static, without outer slashes; empty: the root",
+        "namespace of all topics except /tf, /tf_static and /diagnostics, without outer slashes; "
+        "empty: the root",
         Effect::kNone);
-  p.add("ros.frame_prefix", &c.frame_prefix, "text before all frame names, e.g. robot2/",
+  p.add("ros.frame_prefix", &c.frame_prefix, "prefix of all frame names, e.g. robot2/",
         Effect::kNone);
   p.add("ros.imu_topic", &c.imu_topic,
-        "topic of sensor_msgs/msg/Imu to be used as the robot's IMU (driver.imu: zenoh), e.g. "
-        "/imu; empty: none",
+        "topic of sensor_msgs/msg/Imu that is used as the robot's IMU (driver.imu: zenoh), e.g. "
+        "/imu; empty: no topic",
         Effect::kNone);
   p.check("ros.namespace", [&c] { return name_error(c.name_space); });
   p.check("ros.imu_topic", [&c]() -> std::string {

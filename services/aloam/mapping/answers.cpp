@@ -11,8 +11,8 @@ namespace zloam::aloam {
 
 void bind(runtime::Parameters& p, OutputConfig& c) {
   using runtime::Effect;
-  p.add("mapping.map_path", &c.map_path, "PCD file of the map at the end of a run; empty: none",
-        Effect::kNone);
+  p.add("mapping.map_path", &c.map_path,
+        "PCD file of the map, written at the end of a run; empty: no file", Effect::kNone);
   p.add("mapping.publish_every", &c.publish_every, {1, 10000}, "",
         "publish changed tiles and the surroundings every n-th mapped sweep", Effect::kNone);
   p.add("mapping.cloud_every", &c.cloud_every, {1, 100000}, "",

@@ -8,20 +8,21 @@ namespace {
 
 void bind_zenoh(Parameters& p, ZenohConfig& c) {
   p.add("zenoh.host", &c.host,
-        "address of the stages' own endpoints; <stage> in it stands for a stage's name, where each "
-        "runs on a host or in a container of its own",
+        "address of the stages' own endpoints; <stage> in it stands for each stage's name, if each "
+        "runs on its own host or in its own container",
         Effect::kNone);
   p.add("zenoh.base_port", &c.base_port, {0, 65000}, "",
         "port of the driver; the next stages listen on the following ports; 0: no endpoints",
         Effect::kNone);
-  p.add("zenoh.listen", &c.listen, "listen endpoints instead of the stage's own", Effect::kNone);
-  p.add("zenoh.connect", &c.connect, "further endpoints, e.g. the router's", Effect::kNone);
+  p.add("zenoh.listen", &c.listen, "listen endpoints that replace the stage's own", Effect::kNone);
+  p.add("zenoh.connect", &c.connect, "further endpoints to connect to, e.g. the router's",
+        Effect::kNone);
   p.add("zenoh.shared_memory", &c.shared_memory,
         "send large messages through shared memory if possible", Effect::kNone);
   p.add("zenoh.pool_mib", &c.pool_mib, {1, 4096}, "MiB", "shared memory pool of this process",
         Effect::kNone);
   p.add("zenoh.lease_ms", &c.lease_ms, {100, 60000}, "ms",
-        "time without a sign of life after which a peer is dropped", Effect::kNone);
+        "time without a keep-alive after which a peer is dropped", Effect::kNone);
 }
 
 void bind_recovery(Parameters& p, RecoveryConfig& c) {
@@ -40,11 +41,12 @@ void bind_recovery(Parameters& p, RecoveryConfig& c) {
         "replay: a sweep missing for this long ends the run with an error", Effect::kNone);
   p.add("recovery.queue_sweeps", &c.queue_sweeps, {1, 1000}, "",
         "live: sweeps queued before the oldest is dropped", Effect::kNone);
-  p.add("recovery.queue_mib", &c.queue_mib, {1, 65536}, "MiB", "bytes queued by one input",
-        Effect::kNone);
-  p.add("recovery.standby", &c.standby,
-        "a second instance of a stage is meant to be there, and takes over when the first has gone",
-        Effect::kNone);
+  p.add("recovery.queue_mib", &c.queue_mib, {1, 65536}, "MiB",
+        "limit of the bytes queued by one input", Effect::kNone);
+  p.add(
+      "recovery.standby", &c.standby,
+      "allow a second instance of a stage, which stands by and takes over when the first has gone",
+      Effect::kNone);
 }
 
 }  // namespace
@@ -71,8 +73,8 @@ void bind(Parameters& p, SharedConfig& c) {
   p.add("log.level", &c.log.level, {"debug", "info", "warning", "error"},
         "minimum severity that is logged", Effect::kNone);
   p.add("log.format", &c.log.format, {"text", "json"}, "format of a log line", Effect::kNone);
-  p.add("flow.window", &c.flow.window, {1, 1000}, "sweeps", "replay: sweeps in progress at a time",
-        Effect::kNone);
+  p.add("flow.window", &c.flow.window, {1, 1000}, "sweeps",
+        "replay: maximum number of sweeps in progress", Effect::kNone);
   p.add("flow.sinks", &c.flow.sinks, "replay: stages whose acknowledgements pace it",
         Effect::kNone);
   p.add("flow.wait_for", &c.flow.wait_for, "replay: stages that must be ready before it starts",

@@ -33,10 +33,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def zloam(
     shown: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show it and end.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """LiDAR odometry and mapping over Eclipse Zenoh: run it, watch it, change it."""
+    """LiDAR odometry and mapping over Eclipse Zenoh: run it, watch it, configure it."""
 
 
 cli_runs.add(app)

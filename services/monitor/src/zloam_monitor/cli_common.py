@@ -15,7 +15,7 @@ from zloam_monitor import ending, places
 from zloam_monitor.stages import PORT_ORDER, STAGES
 
 #: the headings under which `zloam --help` lists the commands
-RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Robots that run", "Files", "Programs (each has a --help)"
+RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Running robots", "Files", "Programs (each has a --help)"
 P = ParamSpec("P")
 #: a file could not be read or written, as with the stages
 FILE_MISSING = 3
@@ -151,23 +151,27 @@ Connect = Annotated[
     typer.Option(
         metavar="ENDPOINT",
         envvar="ZLOAM_CONNECT",
-        help="Where to look, e.g. 192.168.1.5 or tcp/robot:7464; may be repeated. tcp/<stage>: at "
-        "each stage's own host. Default: this machine.",
+        help="Address or endpoint to connect to, e.g. 192.168.1.5 or tcp/robot:7464; may be "
+        "repeated. tcp/<stage>: each stage at its own host. Default: this machine.",
     ),
 ]
-Robot = Annotated[str | None, typer.Option(help="Its name. Default: the only one that answers.")]
+Robot = Annotated[
+    str | None, typer.Option(help="The robot's name. Default: the only one that answers.")
+]
 Config = Annotated[
     Path | None,
     typer.Option(
         parser=robot_path,
         metavar="FILE",
-        help="The robot's file, or the name of one of deploy/robots.",
+        help="The robot's file, or the name of a file in deploy/robots.",
         autocompletion=robot_names,
     ),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="One value over the file; may be repeated."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Override one value of the file; may be repeated."
+    ),
 ]
 #: how the times of a cloud's points are known, by the driver's keys
 TimeField = Annotated[str, typer.Option(help="driver.time_field")]
@@ -182,57 +186,62 @@ Listen = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Address that the stages listen on; 0.0.0.0 lets other machines in. "
+        help="Address that the stages listen on; 0.0.0.0 lets other machines connect. "
         "Default: zenoh.host of the robot's file, this machine only.",
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Answer with one line of JSON, for programs.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one line of JSON, for programs.")]
 #: of what serves others
-Address = Annotated[str, typer.Option(help="To listen on; 0.0.0.0 lets other machines in.")]
-ForSeconds = Annotated[float | None, typer.Option(help="End after so long. Default: at Ctrl-C.")]
+Address = Annotated[
+    str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines connect.")
+]
+ForSeconds = Annotated[
+    float | None, typer.Option(help="Seconds after which to end. Default: at Ctrl-C.")
+]
 Record = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="Record all that is published to MCAP, as `zloam record` does."
+        metavar="FILE", help="Record all published messages to MCAP, as `zloam record` does."
     ),
 ]
 Map = Annotated[
     Path | None,
     typer.Option(
-        "--map", metavar="FOLDER", help="Keep the map there, by the tile store (new or empty)."
+        "--map",
+        metavar="FOLDER",
+        help="Keep the map in this folder (new or empty), by the tile store.",
     ),
 ]
 Localize = Annotated[
     bool,
     typer.Option(
         "--localize",
-        help="Find the robot in the map of --map, which stays as it is, from where that run ended "
-        "(elsewhere: `zloam place`).",
+        help="Localize the robot in the map of --map without changing it. The search starts where "
+        "that run ended; if the robot is elsewhere, use `zloam place`.",
     ),
 ]
 Extend = Annotated[
     bool,
-    typer.Option(
-        "--extend", help="Find the robot in the map of --map, and map on from there (as above)."
-    ),
+    typer.Option("--extend", help="Localize the robot in the map of --map, and continue mapping."),
 ]
 Graph = Annotated[
     bool,
     typer.Option(
         "--graph",
-        help="With the graph of loops: trajectory_world.tum has the poses with loops closed.",
+        help="Close loops by the pose graph: trajectory_world.tum has the optimized poses.",
     ),
 ]
 Method = Annotated[
     str,
     typer.Option(
         metavar="[STAGE=]NAME[,...]",
-        help="Another method's programs instead of the stages' own. aloam: registration, odometry "
-        "and mapping as in A-LOAM; mapping=aloam: mapping alone.",
+        help="Replace stages by those of another method. aloam: registration, odometry and mapping "
+        "as in A-LOAM; mapping=aloam: mapping alone.",
     ),
 ]
 PresetDir = Annotated[
-    Path | None, typer.Option("--preset-dir", hidden=True, help="Folder with bin/.")
+    Path | None,
+    typer.Option("--preset-dir", hidden=True, help="Build folder, which contains bin/."),
 ]
 
 

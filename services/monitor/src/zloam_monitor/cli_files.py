@@ -27,13 +27,15 @@ def _score(value: float | str | None) -> float | str:
 
 @command
 def evaluate(
-    estimate: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="TUM or KITTI file.")],
-    truth: Annotated[Path, typer.Argument(help="TUM or KITTI file.")],
+    estimate: Annotated[
+        Path, typer.Argument(metavar="TRAJECTORY", help="TUM or KITTI file to evaluate.")
+    ],
+    truth: Annotated[Path, typer.Argument(help="TUM or KITTI file of the reference.")],
     mounting: Annotated[
         tuple[float, float, float, float, float, float],
         typer.Option(
             metavar="X Y Z ROLL PITCH YAW",
-            help="Pose of the truth's sensor in the trajectory's frame, m and deg.",
+            help="Pose of the reference's sensor in the frame of the trajectory, m and deg.",
         ),
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     plot: Annotated[
@@ -41,7 +43,7 @@ def evaluate(
     ] = None,
     as_json: common.Json = False,
 ) -> int:
-    """Errors of a trajectory against another."""
+    """Compute the errors of a trajectory against a reference."""
     from zloam_monitor import answers, evaluation, se3, trajectory
 
     T_base_sensor = se3.from_xyz_rpy_deg(mounting[:3], mounting[3:])
@@ -60,11 +62,15 @@ def evaluate(
 
 @command
 def refresh_robot_files(
-    folder: Annotated[Path | None, typer.Option(help="Default: deploy/robots.")] = None,
-    check: Annotated[bool, typer.Option("--check", help="Only say what is out of date.")] = False,
+    folder: Annotated[
+        Path | None, typer.Option(help="Folder of the robot files. Default: deploy/robots.")
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Only report what is out of date.")
+    ] = False,
     preset_dir: common.PresetDir = None,
 ) -> int:
-    """Bring REFERENCE.md and schema.json of the robot files up to date."""
+    """Update REFERENCE.md and schema.json of the robot files."""
     from zloam_monitor import places
     from zloam_monitor import robot_files as files
 
@@ -75,7 +81,7 @@ def refresh_robot_files(
 
 
 config = typer.Typer(
-    no_args_is_help=True, help="A robot's file: check it, or the schema that editors use."
+    no_args_is_help=True, help="Check a robot's file, or print the schema that editors use."
 )
 
 
@@ -86,7 +92,7 @@ def config_check(
         typer.Argument(
             parser=common.robot_path,
             metavar="FILE",
-            help="A robot's file, or the name of one of deploy/robots.",
+            help="A robot's file, or the name of a file in deploy/robots.",
             autocompletion=common.robot_names,
         ),
     ],
@@ -94,7 +100,7 @@ def config_check(
     preset_dir: common.PresetDir = None,
     as_json: common.Json = False,
 ) -> int:
-    """Ask all stages whether they accept it; list what differs from the default."""
+    """Let all stages check a robot's file, and list the values that are not the default."""
     from zloam_monitor import answers
     from zloam_monitor import config_check as checker
     from zloam_monitor import robot_files as files
@@ -135,13 +141,13 @@ def recording(
     time_model: common.TimeModel = "none",
     period_s: common.PeriodS = 0.1,
     seam_deg: common.SeamDeg = 180.0,
-    imu: Annotated[bool, typer.Option("--imu", help="With inertial readings.")] = False,
+    imu: Annotated[bool, typer.Option("--imu", help="Include IMU readings.")] = False,
     imu_topic: Annotated[str, typer.Option(help="driver.imu_topic")] = "",
     stream: Annotated[
         bool, typer.Option("--stream", help="Write its sweeps to standard output, for the driver.")
     ] = False,
 ) -> int:
-    """List what a bag or a folder of clouds has for the driver, and how it would be read."""
+    """List the topics or clouds of a bag or folder, and how the driver would read them."""
     from zloam_monitor import recordings, sources
     from zloam_monitor.recordings import stream as frames
     from zloam_monitor.recordings.sweeps import Timing
@@ -161,9 +167,9 @@ def recording(
 @command
 def metadata(
     host: Annotated[str, typer.Argument(help="Name or address of the sensor.")],
-    file: Annotated[Path, typer.Argument(help="For driver.metadata.")],
+    file: Annotated[Path, typer.Argument(help="File to write, for driver.metadata.")],
 ) -> int:
-    """Fetch what a sensor says of its beams and packets (Ouster), for driver.metadata."""
+    """Fetch a sensor's description of its beams and packets (Ouster), for driver.metadata."""
     import json
 
     from zloam_monitor import files, sensor_metadata

@@ -12,30 +12,31 @@ from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
 
 Source = Annotated[Path, typer.Argument(metavar="FROM", help="PCD, PLY, LAS or LAZ file.")]
-Target = Annotated[Path, typer.Argument(metavar="TO", help="Its ending names the format.")]
-Layer = Annotated[str | None, typer.Option(help="Only edge, or only plane points.")]
-Voxel = Annotated[float | None, typer.Option(help="One point of each cube of this edge, m.")]
+Target = Annotated[
+    Path, typer.Argument(metavar="TO", help="File to write; its extension selects the format.")
+]
+Layer = Annotated[str | None, typer.Option(help="Use only edge, or only plane points.")]
+Voxel = Annotated[float | None, typer.Option(help="Keep one point per voxel of this size, m.")]
 Limits = Annotated[
-    tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="What is kept, m.")
+    tuple[float, float] | None,
+    typer.Option(metavar="LOW HIGH", help="Limits of the points to keep, m."),
 ]
 
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Map of a run with --map.")]
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Map folder of a run with --map.")]
 
-map_app = typer.Typer(
-    no_args_is_help=True, help="Maps of runs: look at them, join them, convert and cut their files."
-)
+map_app = typer.Typer(no_args_is_help=True, help="Inspect, merge, convert and crop maps of runs.")
 
 
 @command
 def map_info(
     file: Annotated[
         Path,
-        typer.Argument(metavar="MAP", help="PCD, PLY, LAS or LAZ file, or folder of a run's map."),
+        typer.Argument(metavar="MAP", help="PCD, PLY, LAS or LAZ file, or map folder of a run."),
     ],
     preset_dir: common.PresetDir = None,
     as_json: common.Json = False,
 ) -> int:
-    """Number of points by layer, and how far they reach; of a folder its submaps and loops."""
+    """Print number and extent of a map's points by layer; for a folder, its submaps and loops."""
     from zloam_monitor import answers, maps, sessions
 
     if file.is_dir():
@@ -50,16 +51,16 @@ def map_info(
 @command
 def map_merge(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER...", help="Maps of runs with --map.")
+        list[Path], typer.Argument(metavar="FOLDER...", help="Map folders of runs with --map.")
     ],
-    out: Annotated[Path, typer.Option(help="For the files; new or empty.")],
+    out: Annotated[Path, typer.Option(help="Folder for the files; new or empty.")],
     preset_dir: common.PresetDir = None,
     as_json: common.Json = False,
 ) -> int:
-    """Lay maps of several runs or robots upon each other, by the places that they share.
+    """Merge maps of several runs or robots into one frame, by the places that they share.
 
-    Leaves map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
-    Exit code 1: one of them shares too little with the others, and is left out.
+    Writes map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
+    Exit code 1: a map has too little in common with the others, and is left out.
     """
     from zloam_monitor import answers, sessions
 
@@ -77,14 +78,14 @@ def map_export(
         Path,
         typer.Argument(
             metavar="TO",
-            help="Ends with .pcd, .ply, .las or .laz: the points; .g2o: the graph; .tum: the poses "
-            "of its submaps.",
+            help="File to write. .pcd, .ply, .las, .laz: the points; .g2o: the pose graph; .tum: "
+            "the poses of the submaps.",
         ),
     ],
-    voxel: Annotated[float, typer.Option(help="One point of each cube of this edge, m.")] = 0.2,
+    voxel: Annotated[float, typer.Option(help="Keep one point per voxel of this size, m.")] = 0.2,
     preset_dir: common.PresetDir = None,
 ) -> int:
-    """Write a run's map, with its loops closed, in a format of others."""
+    """Write a run's map with loops closed, for other programs."""
     from zloam_monitor import sessions
 
     with sessions.opened(common.kept(preset_dir), folder) as found:
@@ -95,7 +96,7 @@ def map_export(
 
 @command
 def map_convert(source: Source, to: Target, layer: Layer = None, voxel: Voxel = None) -> int:
-    """Write it in another format: for CloudCompare, QGIS, Open3D, PCL."""
+    """Convert a map to another format, for CloudCompare, QGIS, Open3D, PCL."""
     return _written(source, to, {}, layer, voxel)
 
 
@@ -109,7 +110,7 @@ def map_crop(
     layer: Layer = None,
     voxel: Voxel = None,
 ) -> int:
-    """Keep the points within limits, e.g. without the ceiling."""
+    """Keep the points within limits, e.g. to remove the ceiling."""
     limits = {axis: limit for axis, limit in (("x", x), ("y", y), ("z", z)) if limit is not None}
     return _written(source, to, limits, layer, voxel)
 
@@ -117,14 +118,17 @@ def map_crop(
 @command
 def map_grid(
     source: Source,
-    to: Annotated[Path, typer.Argument(metavar="TO", help="Ends with .yaml; the image beside it.")],
+    to: Annotated[
+        Path,
+        typer.Argument(metavar="TO", help="File to write, .yaml; the image is written beside it."),
+    ],
     cell: Annotated[float, typer.Option(help="Edge of a cell, m.")] = 0.2,
     height: Annotated[
         tuple[float, float],
-        typer.Option(metavar="LOW HIGH", help="Of obstacles above the ground, m."),
+        typer.Option(metavar="LOW HIGH", help="Height range of obstacles above the ground, m."),
     ] = (0.2, 2.0),
 ) -> int:
-    """An occupancy grid for Nav2: pgm and yaml."""
+    """Write an occupancy grid for Nav2: pgm and yaml."""
     from zloam_monitor import map_exports, maps
 
     grid = map_exports.occupancy(maps.read(source), cell, height)
@@ -138,10 +142,10 @@ def map_grid(
 @command
 def map_autoware(
     source: Source,
-    to: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new one.")],
+    to: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to create.")],
     tile: Annotated[float, typer.Option(help="Edge of a tile, m.")] = 20.0,
 ) -> int:
-    """A point cloud map for Autoware: tiles, their metadata, and the projection."""
+    """Write a point cloud map for Autoware: tiles, their metadata, and the projection."""
     from zloam_monitor import map_exports, maps
 
     found = maps.read(source)
@@ -176,10 +180,13 @@ def _written(
 def trajectory(
     source: Annotated[Path, typer.Argument(metavar="FROM", help="TUM or KITTI file.")],
     to: Annotated[
-        Path, typer.Argument(metavar="TO", help="Ends with .tum, .kitti or .csv, which it names.")
+        Path,
+        typer.Argument(
+            metavar="TO", help="File to write; .tum, .kitti or .csv selects the format."
+        ),
     ],
 ) -> int:
-    """Convert a trajectory's file."""
+    """Convert a trajectory to another format."""
     from zloam_monitor import trajectory as trajectories
 
     written = {
@@ -198,10 +205,10 @@ def trajectory(
 @command
 def compare(
     first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, e.g. out/demo.")],
-    second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the other one.")],
+    second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the other run.")],
     as_json: common.Json = False,
 ) -> int:
-    """Two runs of one recording beside each other: poses, errors, latency, CPU, health."""
+    """Compare two runs of one recording: poses, errors, latency, CPU, health."""
     from zloam_monitor import answers, comparison
 
     found = comparison.compared(comparison.read(first), comparison.read(second))
@@ -212,13 +219,14 @@ def compare(
 @command
 def support(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")] = Path("out/demo"),
-    out: Annotated[Path, typer.Option(help="The file.")] = Path("zloam-support.zip"),
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("zloam-support.zip"),
     config: common.Config = None,
     connect: common.Connect = None,
 ) -> int:
-    """Gather what others need to understand a fault: report, logs, configuration, machine.
+    """Collect what is needed to analyse a fault: report, logs, configuration, machine.
 
-    No poses, maps or pictures are in it. Robots that run here, or at --connect, are asked too.
+    The file has no poses, maps or pictures. Statuses of robots on this machine, or at --connect,
+    are included.
     """
     from zloam_monitor import support as bundle
 

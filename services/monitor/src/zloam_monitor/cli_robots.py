@@ -31,7 +31,7 @@ def robots(connect: common.Connect = None, as_json: common.Json = False) -> int:
 def status(
     connect: common.Connect = None, robot: common.Robot = None, as_json: common.Json = False
 ) -> int:
-    """Look once: pose, and how each stage is; exit code 1 when one fails or is silent."""
+    """Print pose and health of each stage once; exit code 1 if one has failed or is silent."""
     from zloam_monitor import discovery, watch
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -43,10 +43,10 @@ def watch(
     connect: common.Connect = None,
     robot: common.Robot = None,
     seconds: common.ForSeconds = None,
-    every: Annotated[float, typer.Option(help="Seconds between two looks.")] = 2.0,
+    every: Annotated[float, typer.Option(help="Seconds between two updates.")] = 2.0,
     as_json: common.Json = False,
 ) -> int:
-    """Look again and again; with --json a line for each look."""
+    """Print pose and health of each stage repeatedly; with --json one line per update."""
     from zloam_monitor import discovery
     from zloam_monitor import watch as watcher
 
@@ -58,14 +58,16 @@ def watch(
 def get(
     stage: Annotated[
         str | None,
-        typer.Argument(autocompletion=common.stage_names, help="Default: all of them."),
+        typer.Argument(autocompletion=common.stage_names, help="Default: all stages."),
     ] = None,
-    key: Annotated[str | None, typer.Argument(help="A key, or what several begin with.")] = None,
+    key: Annotated[
+        str | None, typer.Argument(help="A key, or the beginning of several keys.")
+    ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Show the configuration in force."""
+    """Print the configuration in force."""
     from zloam_monitor import answers, discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -96,7 +98,7 @@ def set_(
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Change what is live in a stage; says from which sweep on, or what is allowed."""
+    """Change live parameters of a stage; prints from which sweep on, or what is allowed."""
     from zloam_monitor import discovery, settings
 
     wanted = settings.pairs(values)
@@ -107,13 +109,14 @@ def set_(
 @command
 def save(
     folder: Annotated[
-        Path | None, typer.Argument(help="Below the stages' output folder. Default: that itself.")
+        Path | None,
+        typer.Argument(help="Folder below the stages' output folder. Default: the output folder."),
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Write map and trajectories now; the run goes on."""
+    """Write map and trajectories now; the run continues."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -139,14 +142,14 @@ def reset(
 
 @command
 def place(
-    x: Annotated[float, typer.Option(help="In the map, m.")],
-    y: Annotated[float, typer.Option(help="In the map, m.")],
+    x: Annotated[float, typer.Option(help="x in the map, m.")],
+    y: Annotated[float, typer.Option(help="y in the map, m.")],
     yaw: Annotated[float, typer.Option(help="Heading in the map, degrees, anticlockwise.")] = 0.0,
     connect: common.Connect = None,
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Say where in its map a carried or lost robot is; mapping looks around there."""
+    """Tell mapping where a robot that was carried or is lost is in its map."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -157,13 +160,14 @@ def place(
 def handover(
     stage: Annotated[str, typer.Argument(help="odometry, mapping or integration.")],
     to: Annotated[
-        str | None, typer.Argument(help="Instance. Default: the one that has stood by longest.")
+        str | None,
+        typer.Argument(help="Standby instance. Default: the one that has stood by longest."),
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Let an instance that stands by go on with a stage's work; no sweep is lost."""
+    """Let a standby take over a stage's work; no sweep is lost."""
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -172,13 +176,13 @@ def handover(
 
 @command
 def metrics(
-    port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 9464,
+    port: Annotated[int, typer.Option(help="Port of the page; 0: a free port.")] = 9464,
     address: common.Address = "127.0.0.1",
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
 ) -> int:
-    """Serve a robot's figures to Prometheus (OpenMetrics); deploy/observability has alerts."""
+    """Serve a robot's metrics to Prometheus (OpenMetrics); deploy/observability has alerts."""
     from zloam_monitor import discovery
     from zloam_monitor import metrics as exporter
 
@@ -192,17 +196,17 @@ def doctor(
         Path | None,
         typer.Argument(metavar="[FILE]", help="A capture (pcap, pcapng) or payload file (.bin)."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="To listen to a robot.")] = 5.0,
-    model: Annotated[str | None, typer.Option(help="Of a file: driver.model")] = None,
-    metadata: Annotated[Path | None, typer.Option(help="Of a file: driver.metadata")] = None,
+    seconds: Annotated[float, typer.Option(help="Seconds to listen to a robot.")] = 5.0,
+    model: Annotated[str | None, typer.Option(help="driver.model, for a file")] = None,
+    metadata: Annotated[Path | None, typer.Option(help="driver.metadata, for a file")] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     preset_dir: common.PresetDir = None,
     as_json: common.Json = False,
 ) -> int:
-    """Say what is wrong with a robot that runs, or with a capture, and what to do.
+    """Report what is wrong with a running robot or with a capture, and what to do.
 
-    Ends with 0 where all is well, with 1 where a fault was found.
+    Exit code 0: no fault was found; 1: a fault was found.
     """
     from zloam_monitor import answers, discovery
     from zloam_monitor import doctor as judge

@@ -61,7 +61,9 @@ class _Recorded:
 @command
 def demo(
     pcap: Annotated[Path | None, typer.Option(help="Capture, pcap or pcapng.")] = None,
-    bin: Annotated[Path | None, typer.Option(help="Bare payloads end to end.")] = None,
+    bin: Annotated[
+        Path | None, typer.Option(help="File of bare packet payloads, one after the other.")
+    ] = None,
     kitti: Annotated[
         Path | None, typer.Option(help="KITTI folder: velodyne/*.bin or velodyne.tar.xz.")
     ] = None,
@@ -69,59 +71,60 @@ def demo(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Bag of ROS 1 or 2, or MCAP file, with clouds (PointCloud2) or packets; folder of "
-            "PCD, PLY, LAS or LAZ files, one a sweep."
+            help="Bag of ROS 1 or 2, or MCAP file, with clouds (PointCloud2) or packets; or folder "
+            "of PCD, PLY, LAS or LAZ files, one per sweep."
         ),
     ] = None,
-    topic: Annotated[str, typer.Option(help="Of a bag, where several have clouds.")] = "",
+    topic: Annotated[str, typer.Option(help="Topic of a bag, if several have clouds.")] = "",
     session: Annotated[
         Path | None,
         typer.Option(
-            help="Replies of a Hokuyo scanner on a motor, as they were received, with the "
-            "motor's angles in the .csv beside it."
+            help="Recorded session of a Hokuyo scanner on a motor: its replies as received, with "
+            "the motor's angles in the .csv beside it."
         ),
     ] = None,
     hokuyo: Annotated[
         bool,
         typer.Option(
-            "--hokuyo", help="Simulate a Hokuyo scanner on a motor in place of the VLP-16."
+            "--hokuyo", help="Simulate a Hokuyo scanner on a motor instead of the VLP-16."
         ),
     ] = False,
     world: Annotated[
         str,
-        typer.Option(help=f"Simulated without a recording. Default: {CITY}; --hokuyo: {INDOOR}."),
+        typer.Option(
+            help=f"World to simulate without a recording. Default: {CITY}; --hokuyo: {INDOOR}."
+        ),
     ] = "",
-    seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,
     simulate: Annotated[
         list[str] | None,
-        typer.Option(metavar="OPTION", help="One more of zloam-simulator; may be repeated."),
+        typer.Option(metavar="OPTION", help="Further option of zloam-simulator; may be repeated."),
     ] = None,
     imu: Annotated[
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Inertial readings of the recording's time (CSV, services/driver/README.md); "
+            help="IMU readings for the time of the recording (CSV, services/driver/README.md); "
             f"without a recording: {SIMULATED_IMU}.",
         ),
     ] = None,
     truth: Annotated[
         list[Path] | None,
         typer.Option(
-            help="TUM or KITTI poses of the sensor; may be repeated. Default: beside the recording."
+            help="Reference: TUM or KITTI poses of the sensor; may be repeated. Default: the file "
+            "beside the recording."
         ),
     ] = None,
     rate: Annotated[
         str,
         typer.Option(
-            help="max (as fast as acknowledged), realtime, or a factor. Default: max, and realtime "
-            "with --view."
+            help="Pace: max (as fast as acknowledged), realtime, or a factor. Default: max; with "
+            "--view realtime."
         ),
     ] = "",
     view: Annotated[
         bool,
-        typer.Option(
-            "--view", help="Show it on a page while it runs; leave run.mcap and run.rrd, too."
-        ),
+        typer.Option("--view", help="Show the run on a page; write run.mcap and run.rrd, too."),
     ] = False,
     config: common.Config = None,
     settings: common.Settings = None,
@@ -129,7 +132,7 @@ def demo(
         list[str] | None,
         typer.Option(
             metavar="SWEEP:KEY=VALUE",
-            help="In force from that sweep on, as by `zloam set`; may be repeated.",
+            help="Change a parameter from this sweep on, as `zloam set` does; may be repeated.",
         ),
     ] = None,
     method: common.Method = "",
@@ -145,7 +148,7 @@ def demo(
     many_settings_at: common.ManySettingsAt = "",
     truths: common.ManyFiles = "",
 ) -> int:
-    """Replay a recording, or a simulated drive round a city block, and map it."""
+    """Replay a recording, or a simulated drive round a city block, through all stages."""
     from zloam_monitor import beside_run, methods, ports, sources, trajectory
     from zloam_monitor import demo as runner
     from zloam_monitor.beside_stages import Beside
@@ -215,8 +218,8 @@ def run(
         bool,
         typer.Option(
             "--standby",
-            help="With a second instance of each stage but the driver, which takes over within "
-            "half a second when the first one dies: no sweep is left without a pose.",
+            help="Start a second instance of each stage except the driver. It takes over within "
+            "half a second when the first one dies, so that every sweep has a pose.",
         ),
     ] = False,
     listen: common.Listen = None,
@@ -224,7 +227,7 @@ def run(
     preset_dir: common.PresetDir = None,
     many_settings: common.ManySettings = "",
 ) -> int:
-    """Run on a live sensor until Ctrl-C, which writes trajectory and map."""
+    """Run the stages on a live sensor until Ctrl-C, then write trajectory and map."""
     from zloam_monitor import live, methods, places, ports, report
     from zloam_monitor.beside_stages import Beside
     from zloam_monitor.robot_file import names
@@ -258,31 +261,32 @@ def run(
 @command
 def follow(
     connect: common.Connect = None,
-    robot: Annotated[str, typer.Option(help="Its name.")] = "robot",
+    robot: Annotated[str, typer.Option(help="The robot's name.")] = "robot",
     sensor: Annotated[str, typer.Option(help="The lidar's name.")] = "lidar",
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out"),
     truth: Annotated[
-        list[Path] | None, typer.Option(help="Poses of the sensor; may be repeated.")
+        list[Path] | None, typer.Option(help="Reference: poses of the sensor; may be repeated.")
     ] = None,
-    title: Annotated[str, typer.Option(help="Of the picture.")] = "run",
+    title: Annotated[str, typer.Option(help="Title of the picture.")] = "run",
     ready_file: Annotated[
         Path | None,
-        typer.Option(help="Is made when all stages were heard: the source may start."),
+        typer.Option(help="File to create when all stages were heard: the source may start."),
     ] = None,
     ended_file: Annotated[
         Path | None,
         typer.Option(
-            help="Is made at the end, for those that end with the run; the table comes after them."
+            help="File to create at the end, for processes that end with the run; the table is "
+            "printed after them."
         ),
     ] = None,
     patience: Annotated[
         float | None,
         typer.Option(
-            help="Seconds from all stages being heard to the first pose. Default: for ever."
+            help="Seconds from all stages being heard until the first pose. Default: no limit."
         ),
     ] = None,
 ) -> int:
-    """Follow one run of stages that somebody else started, and write picture and report."""
+    """Follow one run of stages that were started elsewhere, and write picture and report."""
     from zloam_monitor import discovery, report
     from zloam_monitor import follow as follower
     from zloam_monitor.keys import Keys
@@ -303,15 +307,19 @@ def follow(
 
 @command
 def ros_lidar(
-    topic: Annotated[str, typer.Argument(help="Of sensor_msgs/msg/PointCloud2, e.g. /points.")],
+    topic: Annotated[
+        str, typer.Argument(help="Topic of sensor_msgs/msg/PointCloud2, e.g. /points.")
+    ],
     config: common.Config = None,
     connect: common.Connect = None,
     ros: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENDPOINT", help="The ROS nodes' router (rmw_zenohd)."),
+        typer.Option(metavar="ENDPOINT", help="Router of the ROS nodes (rmw_zenohd)."),
     ] = None,
     domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS_DOMAIN_ID.")] = 0,
-    distro: Annotated[str, typer.Option(envvar="ROS_DISTRO", help="Of the ROS nodes.")] = "jazzy",
+    distro: Annotated[
+        str, typer.Option(envvar="ROS_DISTRO", help="Distribution of the ROS nodes.")
+    ] = "jazzy",
     time_field: common.TimeField = "",
     time_model: common.TimeModel = "none",
     period_s: common.PeriodS = 0.1,

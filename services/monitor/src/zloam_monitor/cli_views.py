@@ -13,23 +13,25 @@ from zloam_monitor.cli_common import command, examples
 
 @command
 def record(
-    file: Annotated[Path, typer.Argument(help="MCAP file; it must not be there yet.")],
+    file: Annotated[Path, typer.Argument(help="MCAP file to write; it must not exist yet.")],
     seconds: common.ForSeconds = None,
     everything: Annotated[
         bool,
-        typer.Option("--everything", help="Also what stages can make again from the sweeps."),
+        typer.Option(
+            "--everything", help="Also record what the stages can compute again from the sweeps."
+        ),
     ] = False,
-    scene: Annotated[
-        bool, typer.Option(help="With what Foxglove shows beside the robot's own messages.")
-    ] = True,
-    split_mib: Annotated[int, typer.Option(min=1, help="Begin a further file after MiB.")] = 2048,
+    scene: Annotated[bool, typer.Option(help="Also record the topics that Foxglove shows.")] = True,
+    split_mib: Annotated[
+        int, typer.Option(min=1, help="Begin another file after this many MiB.")
+    ] = 2048,
     connect: common.Connect = None,
     robot: common.Robot = None,
 ) -> int:
     """Record a robot to MCAP: for `zloam demo --bag`, `zloam replay`, Foxglove.
 
-    The file can be opened at any time, also after the recorder was killed. Ends with 1 where
-    something is missing in it.
+    The file can be opened at any time, also after the recorder was killed. Exit code 1: messages
+    are missing in it.
     """
     from zloam_monitor import discovery, recorder
     from zloam_monitor.intake import MIB
@@ -41,15 +43,20 @@ def record(
 
 @command
 def replay(
-    file: Annotated[Path, typer.Argument(help="Of `zloam record`.")],
-    rate: Annotated[float, typer.Option(min=1e-3, help="1: as it was; 2: twice as fast.")] = 1.0,
+    file: Annotated[Path, typer.Argument(help="Recording made by `zloam record`.")],
+    rate: Annotated[
+        float, typer.Option(min=1e-3, help="Speed; 1: as recorded; 2: twice as fast.")
+    ] = 1.0,
     begin_s: Annotated[
-        float, typer.Option("--from", min=0.0, help="Seconds from its begin.")
+        float, typer.Option("--from", min=0.0, help="Start, in seconds of the recording.")
     ] = 0.0,
-    end_s: Annotated[float | None, typer.Option("--to", help="Default: its end.")] = None,
+    end_s: Annotated[
+        float | None,
+        typer.Option("--to", help="End, in seconds of the recording. Default: its end."),
+    ] = None,
     robot: Annotated[str, typer.Option(help="Another name for the robot.")] = "",
     listen: Annotated[
-        str, typer.Option(metavar="ENDPOINT", help="Where it is found.")
+        str, typer.Option(metavar="ENDPOINT", help="Endpoint to listen on.")
     ] = "127.0.0.1:7464",
     connect: common.Connect = None,
 ) -> int:
@@ -77,7 +84,7 @@ def replay(
 
 @command
 def foxglove(
-    port: Annotated[int, typer.Option(help="Of the server; 0: a free one.")] = 8765,
+    port: Annotated[int, typer.Option(help="Port of the server; 0: a free port.")] = 8765,
     address: common.Address = "127.0.0.1",
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
@@ -94,7 +101,7 @@ Thin = Annotated[
     bool,
     typer.Option(
         "--thin",
-        help="For a thin link: takes the robot's preview (`zloam preview`) and statuses alone, "
+        help="For a thin link: use only the robot's preview (`zloam preview`) and statuses, "
         "some 50 kB/s.",
     ),
 ]
@@ -103,14 +110,15 @@ Thin = Annotated[
 @command
 def view(
     web: Annotated[
-        bool, typer.Option("--web", help="In the browser, not in a window of its own.")
+        bool, typer.Option("--web", help="Show it in the browser instead of a window.")
     ] = False,
-    port: Annotated[int, typer.Option(help="Of the page; the next one has the data.")] = 9090,
+    port: Annotated[int, typer.Option(help="Port of the page; the data use the next port.")] = 9090,
     address: common.Address = "127.0.0.1",
     save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Into a file (.rrd), and nowhere else.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write to a file (.rrd) instead of showing it."),
     ] = None,
-    points: Annotated[bool, typer.Option(help="With sweeps, features and rejected points.")] = True,
+    points: Annotated[bool, typer.Option(help="Show sweeps, features and rejected points.")] = True,
     thin: Thin = False,
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
@@ -126,7 +134,7 @@ def view(
 
 @command
 def web(
-    port: Annotated[int, typer.Option(help="Of the page; 0: a free one.")] = 8080,
+    port: Annotated[int, typer.Option(help="Port of the page; 0: a free port.")] = 8080,
     address: common.Address = "127.0.0.1",
     thin: Thin = False,
     seconds: common.ForSeconds = None,
