@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
   return zloam::runtime::run_stage(
       argc, argv,
       {.name = "graph",
-       .summary = "finds loops between submaps, and poses that fit them",
+       .summary = "finds loop closures between submaps and optimizes their poses",
        .bind = [&](zloam::runtime::Parameters& p) { bind(p, config); },
        .wire =
            [&](zloam::runtime::Stage& stage) {

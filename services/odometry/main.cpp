@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
   return zloam::runtime::run_stage(
       argc, argv,
       {.name = "odometry",
-       .summary = "finds the motion from sweep to sweep and moves each sweep to one instant",
+       .summary = "estimates the motion from sweep to sweep and deskews each sweep to one instant",
        .bind = [&](zloam::runtime::Parameters& p) { bind(p, config); },
        .wire =
            [&](zloam::runtime::Stage& stage) {

@@ -14,7 +14,7 @@ int main(int argc, char** argv) {
   std::unique_ptr<registration::RegistrationStage> registration;
   return runtime::run_stage(argc, argv,
                             {.name = "registration",
-                             .summary = "Picks edge and plane features out of each sweep (LOAM).",
+                             .summary = "extracts edge and plane features from each sweep (LOAM)",
                              .bind =
                                  [&](runtime::Parameters& p) {
                                    bind(p, config);

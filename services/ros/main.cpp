@@ -13,7 +13,8 @@ int main(int argc, char** argv) {
   return runtime::run_stage(
       argc, argv,
       {.name = "ros",
-       .summary = "Gives ROS 2 nodes (rmw_zenoh) poses, clouds and the map, and takes their IMU.",
+       .summary = "publishes poses, clouds and the map to ROS 2 nodes (rmw_zenoh) and subscribes "
+                  "to their IMU",
        .bind = [&](runtime::Parameters& p) { bind(p, config); },
        .wire =
            [&](runtime::Stage& stage) { ros = std::make_unique<ros::RosStage>(stage, config); }});

@@ -21,18 +21,17 @@ struct Options {
 Options parse(int argc, char** argv) {
   Options options;
   CLI::App app(
-      "lays maps of several runs upon each other by the places that they share; of one map: closes "
-      "its loops",
+      "merges maps of several runs into one frame by the places that they share; with one map: "
+      "closes its loops",
       "zloam-sessions");
   app.footer(
       "Writes sessions.json, map.pcd, graph.g2o and submaps_1.tum, submaps_2.tum and so on, in the "
-      "frame of the first map. Exit codes: 0 all maps are joined; 1 one shares too little with the "
-      "others, and is left out of map.pcd; 2 wrong command line; 3 a file can't be read or "
+      "frame of the first map. Exit codes: 0 all maps are joined; 1 a map has too little in common "
+      "with the others and is left out of map.pcd; 2 wrong command line; 3 a file can't be read or "
       "written.");
-  app.add_option("MAP", options.maps, "folder of a run's map (MAP=folder, --map folder)")
-      ->required();
-  app.add_option("--out", options.out, "folder for the files")->required();
-  app.add_flag("--quiet", options.quiet, "without progress");
+  app.add_option("MAP", options.maps, "map folder of a run (MAP=folder, --map folder)")->required();
+  app.add_option("--out", options.out, "folder for the output files")->required();
+  app.add_flag("--quiet", options.quiet, "print no progress");
   app.set_version_flag("--version", "zloam-sessions " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);

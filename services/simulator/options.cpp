@@ -40,24 +40,24 @@ struct Raw {
 void add_world_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--world", o.world, "Name of a world, see --list-worlds, or a .yaml file")
       ->capture_default_str();
-  app.add_option("--seed", o.simulation.seed, "Seed of everything random")->capture_default_str();
+  app.add_option("--seed", o.simulation.seed, "Seed of all random values")->capture_default_str();
   app.add_option("--duration", raw.duration,
-                 "Seconds, or 'full' for the whole motion; it stands still after that")
+                 "Seconds, or 'full' for the whole motion; after it the platform stands still")
       ->capture_default_str();
-  app.add_option("--speed-factor", o.scene.speed_factor, "Multiplies the greatest speed")
+  app.add_option("--speed-factor", o.scene.speed_factor, "Factor of the maximum speed")
       ->check(CLI::Range(0.05, 3.0))
       ->capture_default_str();
-  app.add_flag("--still", o.still, "The platform stays where it begins");
-  app.add_option("--laps", o.scene.laps, "Rounds of a closed path, without a stop")
+  app.add_flag("--still", o.still, "Keep the platform at its start");
+  app.add_option("--laps", o.scene.laps, "Laps of a closed path, without a stop")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
   app.add_option("--heading-deg", o.scene.heading_deg,
-                 "Turns the platform against its path, so that walls stand oblique to its axes")
+                 "Rotate the platform against its path, so that walls are oblique to its axes")
       ->capture_default_str();
-  app.add_option("--turn-deg", raw.turn_deg, "Turns world and truth about the vertical")
+  app.add_option("--turn-deg", raw.turn_deg, "Rotate world and truth about the vertical")
       ->capture_default_str();
-  app.add_option("--shift", raw.shift, "Shifts world and truth: x y z in m");
-  app.add_option("--mount-xyz", raw.mount_xyz, "Place of the lidar in base_link: x y z in m");
+  app.add_option("--shift", raw.shift, "Shift world and truth: x y z in m");
+  app.add_option("--mount-xyz", raw.mount_xyz, "Position of the lidar in base_link: x y z in m");
   app.add_option("--mount-rpy-deg", raw.mount_rpy_deg, "Its roll pitch yaw in degrees");
 }
 
@@ -66,19 +66,21 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--mode", raw.mode, "Return mode")
       ->check(CLI::IsMember({"strongest", "last", "dual"}))
       ->capture_default_str();
-  app.add_option("--rpm", s.rotation_rpm, "Turns per minute")
+  app.add_option("--rpm", s.rotation_rpm, "Revolutions per minute")
       ->check(CLI::Range(300.0, 1200.0))
       ->capture_default_str();
   app.add_option("--start-azimuth-deg", s.start_azimuth_deg, "Rotor's angle at the start")
       ->capture_default_str();
-  app.add_option("--speed-deviation", s.speed_deviation, "Part by which the motor's speed wanders")
+  app.add_option("--speed-deviation", s.speed_deviation, "Relative variation of the motor's speed")
       ->capture_default_str();
   app.add_option("--noise", s.noise_sigma_m, "Range noise, 1 sigma, m")->capture_default_str();
-  app.add_option("--dropout", s.dropout, "Part of the returns lost")->capture_default_str();
+  app.add_option("--dropout", s.dropout, "Share of the returns that are lost")
+      ->capture_default_str();
   app.add_option("--min-range", s.min_range_m, "m")->capture_default_str();
   app.add_option("--max-range", s.max_range_m, "m")->capture_default_str();
   app.add_option("--detection", s.detection_reflectivity,
-                 "Reflectivity in percent just seen at the greatest range; 0: all is seen")
+                 "Reflectivity in percent that is just detected at the greatest range; 0: "
+                 "everything is detected")
       ->capture_default_str();
   app.add_option("--range-bias-mm", raw.range_bias_mm,
                  "Constant range error of each laser, drawn from the seed, 1 sigma")
@@ -92,34 +94,35 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
 
 void add_scanner_options(CLI::App& app, Options& o, Raw& raw) {
   MotorConfig& m = o.scanner.motor;
-  app.add_flag("--hokuyo", o.scans, "A Hokuyo UTM-30LX on a motor in place of the VLP-16");
+  app.add_flag("--hokuyo", o.scans, "Simulate a Hokuyo UTM-30LX on a motor instead of the VLP-16");
   app.add_option("--session", o.scanner_files.session,
                  "File of the scanner's replies as they were received, for driver.source scip_log");
   app.add_option("--angles", o.scanner_files.angles, "The motor's angles, CSV");
   app.add_option("--scanner-noise", o.scanner.noise_sigma_m, "Its range noise, 1 sigma, m")
       ->capture_default_str();
   app.add_option("--scanner-xyz", raw.scanner_xyz,
-                 "Place of the scanner in what the motor turns: x y z in m");
+                 "Position of the scanner on the rotating part: x y z in m");
   app.add_option("--scanner-rpy-deg", raw.scanner_rpy_deg, "Its roll pitch yaw in degrees");
-  app.add_option("--motor", raw.motor, "swing: to and fro; turn: on and on; still")
+  app.add_option("--motor", raw.motor, "swing: back and forth; turn: continuously; still: at rest")
       ->check(CLI::IsMember({"swing", "turn", "still"}))
       ->capture_default_str();
   app.add_option("--motor-speed", m.speed_deg_s, "Degrees a second")->capture_default_str();
-  app.add_option("--motor-amplitude-deg", m.amplitude_deg, "Of a swing, to either side")
+  app.add_option("--motor-amplitude-deg", m.amplitude_deg, "Amplitude of a swing, to either side")
       ->capture_default_str();
-  app.add_option("--motor-still-deg", m.still_deg, "Where a motor that stands still stands")
+  app.add_option("--motor-still-deg", m.still_deg, "Angle of a motor at rest")
       ->capture_default_str();
   app.add_option("--encoder-rate", m.encoder_hz, "Readings of the encoder a second")
       ->capture_default_str();
-  app.add_option("--encoder-step-deg", m.encoder_step_deg, "Its step")->capture_default_str();
-  app.add_option("--encoder-delay", m.encoder_delay_s, "By how much its stamps are late, s")
+  app.add_option("--encoder-step-deg", m.encoder_step_deg, "Step of the encoder, degrees")
+      ->capture_default_str();
+  app.add_option("--encoder-delay", m.encoder_delay_s, "Delay of the encoder's stamps, s")
       ->capture_default_str();
 }
 
 void add_outputs(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--out", o.pcap, "Capture file (pcap)");
   app.add_flag("--nanoseconds", o.nanoseconds, "Capture file with nanosecond stamps");
-  app.add_option("--bin", o.payloads, "File of bare data payloads end to end");
+  app.add_option("--bin", o.payloads, "File of bare data payloads, one after the other");
   app.add_option("--truth", o.truth, "Trajectory of the lidar, TUM, 200 Hz");
   app.add_option("--truth-base", o.truth_base, "Trajectory of base_link, TUM, 200 Hz");
   app.add_option("--truth-sweeps", o.truth_sweeps,
@@ -142,14 +145,14 @@ void add_zenoh_options(CLI::App& app, Options& o) {
   ZenohSinkConfig& z = o.zenoh_config;
   app.add_flag("--zenoh", o.zenoh,
                "Publish live on lidar/<sensor>/packets, for driver.source zenoh");
-  app.add_flag("--zenoh-imu", o.zenoh_imu, "and the IMU's readings on imu/<sensor>");
+  app.add_flag("--zenoh-imu", o.zenoh_imu, "Publish the IMU readings on imu/<sensor> as well");
   app.add_option("--robot", z.robot, "Name of the robot in the keys")->capture_default_str();
   app.add_option("--sensor", z.sensor, "Name of the sensor in the keys")->capture_default_str();
   app.add_option("--zenoh-base-port", z.base_port,
-                 "As zenoh.base_port of the robot's file; 0: no ports of its own")
+                 "zenoh.base_port of the robot's file; 0: no listening port")
       ->check(CLI::Range(0, 65500))
       ->capture_default_str();
-  app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on instead of its own port");
+  app.add_option("--zenoh-listen", z.listen, "Endpoints to listen on instead of the default port");
   app.add_option("--zenoh-connect", z.connect, "Further endpoints to connect to");
   app.add_flag("--zenoh-block", z.block, "Wait for a slow reader instead of dropping messages");
   app.add_option("--zenoh-wait", z.wait_s, "Seconds to wait for a first reader")
@@ -171,27 +174,29 @@ void add_imu_options(CLI::App& app, Options& o, Raw& raw) {
                  "Random walks of the biases: gyro (rad/s/sqrt(s)), accelerometer (m/s^2/sqrt(s))")
       ->capture_default_str();
   app.add_flag("--imu-ideal", raw.imu_ideal, "No noise, no bias");
-  app.add_option("--imu-xyz", raw.imu_xyz, "Place of the IMU in base_link: x y z in m");
+  app.add_option("--imu-xyz", raw.imu_xyz, "Position of the IMU in base_link: x y z in m");
   app.add_option("--imu-rpy-deg", raw.imu_rpy_deg, "Its roll pitch yaw in degrees");
 }
 
 void add_faults(CLI::App& app, Options& o, Raw& raw) {
   FaultConfig& f = o.faults;
-  app.add_option("--lose", f.loss, "Part of the data packets lost");
-  app.add_option("--duplicate", f.duplication, "Part sent twice");
-  app.add_option("--delay", f.delay, "Part sent late");
-  app.add_option("--delay-packets", f.delay_packets, "How many packets late")
+  app.add_option("--lose", f.loss, "Probability that a data packet is lost");
+  app.add_option("--duplicate", f.duplication, "Probability that a packet is sent twice");
+  app.add_option("--delay", f.delay, "Probability that a packet is sent late");
+  app.add_option("--delay-packets", f.delay_packets, "Number of packets by which it is late")
       ->capture_default_str();
-  app.add_option("--corrupt", f.corruption, "Part with eight wrong bytes anywhere");
-  app.add_option("--bad-flag", f.bad_flag, "Part with a wrong flag at one block");
+  app.add_option("--corrupt", f.corruption,
+                 "Probability of eight wrong bytes anywhere in a packet");
+  app.add_option("--bad-flag", f.bad_flag, "Probability of a wrong flag at one block");
   app.add_option("--azimuth-jump", f.azimuth_jump,
-                 "Part whose azimuths are off from some block to the packet's end");
-  app.add_option("--cut", f.wrong_length, "Part cut short");
-  app.add_option("--gap-start", f.gap_start_s, "Silence from here, s");
+                 "Probability of wrong azimuths from some block to the packet's end");
+  app.add_option("--cut", f.wrong_length, "Probability that a packet is cut short");
+  app.add_option("--gap-start", f.gap_start_s, "Start of a gap without packets, s");
   app.add_option("--gap", f.gap_s, "Duration of the gap, s");
-  app.add_option("--clock-step-at", raw.clock_step_at_s, "The sensor's clock steps here, s ...");
-  app.add_option("--clock-step", raw.clock_step_s, "by so much each time, s ...");
-  app.add_option("--fault-log", o.fault_log, "CSV of what was done to which packet");
+  app.add_option("--clock-step-at", raw.clock_step_at_s,
+                 "Times at which the sensor's clock steps, s ...");
+  app.add_option("--clock-step", raw.clock_step_s, "Sizes of these steps, s ...");
+  app.add_option("--fault-log", o.fault_log, "CSV of the injected faults and their packets");
 }
 
 double number(const std::string& text, const std::string& what) {
@@ -264,7 +269,7 @@ void convert(const Raw& raw, Options& o) {
 }  // namespace
 
 std::optional<int> parse_options(int argc, char** argv, Options& options) {
-  CLI::App app("Virtual VLP-16 in a virtual world: packets and the truth they came from",
+  CLI::App app("Virtual VLP-16 in a virtual world: its packets and the true trajectory",
                "zloam-simulator");
   Raw raw;
   bool list = false;

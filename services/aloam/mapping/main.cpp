@@ -14,7 +14,7 @@ int main(int argc, char** argv) {
       argc, argv,
       {.name = "mapping",
        .variant = aloam::kVariant,
-       .summary = "Matches each sweep against a map of edge and plane points as A-LOAM does.",
+       .summary = "matches each sweep against a map of edge and plane points, as A-LOAM does",
        .bind =
            [&](runtime::Parameters& p) {
              bind(p, config);

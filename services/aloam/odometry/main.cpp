@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
   return runtime::run_stage(argc, argv,
                             {.name = "odometry",
                              .variant = aloam::kVariant,
-                             .summary = "Finds the motion from sweep to sweep as A-LOAM does.",
+                             .summary = "estimates the motion from sweep to sweep, as A-LOAM does",
                              .bind = [&](runtime::Parameters& p) { bind(p, config); },
                              .wire =
                                  [&](runtime::Stage& stage) {

@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
   return runtime::run_stage(argc, argv,
                             {.name = "registration",
                              .variant = aloam::kVariant,
-                             .summary = "Picks feature points out of each sweep as A-LOAM does.",
+                             .summary = "extracts feature points from each sweep, as A-LOAM does",
                              .bind = [&](runtime::Parameters& p) { bind(p, config); },
                              .wire =
                                  [&](runtime::Stage& stage) {

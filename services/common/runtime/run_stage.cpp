@@ -36,7 +36,8 @@ constexpr const char* kFooter =
     "stage's "
     "own; --describe-config lists every key with unit, range, default and meaning.\n"
     "Environment: RUST_LOG sets Zenoh's own log.\n"
-    "Exit codes: 0 ended as asked; 2 wrong command line or configuration; 3 a file can't be read "
+    "Exit codes: 0 ended as requested; 2 wrong command line or configuration; 3 a file can't be "
+    "read "
     "or "
     "written, or a port is taken; 1 anything else.";
 
@@ -65,21 +66,22 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   CLI::App app(spec.summary, program_of(spec));
   app.footer(kFooter);
   std::string config;
-  app.add_option("--config", config, "the robot's file (YAML); without it the defaults hold");
+  app.add_option("--config", config, "the robot's file (YAML); without it all values are defaults");
   app.add_option("--instance", line->instance, "name of this process in keys and status")
       ->default_str("<host>-<pid>");
   app.add_option("--set", line->settings, "key=value; overrides the file; may be repeated")
       ->take_all()
       ->allow_extra_args(false);
   app.add_option("--set-at", line->settings_at,
-                 "sweep:key=value; in force from that sweep of the first run on, as a change that "
-                 "was commanded while running; may be repeated")
+                 "sweep:key=value; changes a live parameter from this sweep of the first run on, "
+                 "as a set command does; may be repeated")
       ->take_all()
       ->allow_extra_args(false);
-  app.add_flag("--describe-config", line->describe, "print all parameters as JSON and end");
-  app.add_flag("--check-config", line->check, "check the configuration and end");
+  app.add_flag("--describe-config", line->describe, "print all parameters as JSON and exit");
+  app.add_flag("--check-config", line->check, "check the configuration and exit");
   app.add_flag("--health", line->health,
-               "ask the instance that runs on this host with this configuration; 0: it is ready");
+               "query the instance that runs on this host with this configuration and exit; exit "
+               "code 0: it is ready");
   app.set_version_flag("--version", program_of(spec) + " " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);

@@ -73,16 +73,18 @@ void print(const MountCalibration& found) {
 Options parse(int argc, char** argv) {
   Options options;
   CLI::App app(
-      "finds where a scanner sits on its motor, and the delay of the motor's angles, from "
-      "a recorded session of a platform that stands still",
+      "estimates the pose of a scanner on its motor, and the delay of the motor's angles, from a "
+      "recorded session of a platform at rest",
       "zloam-calibrate");
   app.footer(
-      "The result is a file for driver.metadata. Exit codes: 0 found; 1 the recording does "
-      "not tell all of it; 2 wrong command line; 3 a file can't be read.");
+      "The result is a file for driver.metadata. Exit codes: 0 found; 1 the recording does not "
+      "determine all values; 2 wrong command line; 3 a file can't be read.");
   app.add_option("SESSION", options.session, "the scanner's replies as they were received")
       ->required();
-  app.add_option("--angles", options.angles, "the motor's angles; the .csv beside the session");
-  app.add_option("--seconds", options.seconds, "so much of it is used")->capture_default_str();
+  app.add_option("--angles", options.angles,
+                 "the motor's angles; default: the .csv beside the session");
+  app.add_option("--seconds", options.seconds, "seconds of the session that are used")
+      ->capture_default_str();
   app.set_version_flag("--version", "zloam-calibrate " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);

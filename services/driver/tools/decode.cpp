@@ -54,7 +54,7 @@ const char* const kFooter =
 /// Ends the process where the command line is wrong, or only asks for help or version.
 Options parse(int argc, char** argv) {
   Options options;
-  CLI::App app("decodes a capture outside of the chain: points for comparisons, or the speed",
+  CLI::App app("decodes a capture without the stages, to compare points or to measure the speed",
                "zloam-decode");
   app.footer(kFooter);
   auto* source = app.add_option_group("source")->require_option(1);
@@ -69,8 +69,9 @@ Options parse(int argc, char** argv) {
   add_source("--bin", "payloads of data packets, one after the other");
   add_source("--kitti", "a folder of scans in KITTI's layout");
   add_source("--scans", "a folder of scans with times");
-  add_source("--session",
-             "replies of a Hokuyo scanner; turned by the angles in the .csv beside it");
+  add_source(
+      "--session",
+      "replies of a Hokuyo scanner; its points are rotated by the angles in the .csv beside it");
   const auto take_model = [&options](const std::string& name) {
     options.decoding.model = name;
     if (is_known_model(name)) return;
@@ -78,19 +79,20 @@ Options parse(int argc, char** argv) {
     for (const std::string& model : known_models()) known += (known.empty() ? "" : ", ") + model;
     throw CLI::ValidationError("--model", name + " is none of " + known);
   };
-  app.add_option_function<std::string>("--model", take_model, "as the packets say by default");
+  app.add_option_function<std::string>("--model", take_model,
+                                       "model of the sensor; default: from the packets");
   app.add_option(
       "--metadata", options.metadata,
-      "file in which the sensor describes itself; the .json beside a capture by default");
+      "file with the sensor's description of itself; default: the .json beside a capture");
   app.add_option("--seam", options.assembler.seam_azimuth_deg, "azimuth of the cut, degrees");
   app.add_flag("!--no-offsets", options.decoding.vertical_offsets,
-               "lasers without vertical offset");
-  app.add_option("--out", options.out, "POINTS, a file for the points");
+               "ignore the lasers' vertical offsets");
+  app.add_option("--out", options.out, "file for the points (POINTS, below)");
   app.add_option("--imu-out", options.imu_out, "file for the readings of the sensor's own IMU");
-  app.add_option("--repeat", options.repeat, "so many times")->check(CLI::PositiveNumber);
+  app.add_option("--repeat", options.repeat, "number of repetitions")->check(CLI::PositiveNumber);
   app.add_flag("--in-memory", options.in_memory,
-               "payloads (--bin) are read before the clock starts; cpu_seconds is decoding and "
-               "cutting alone");
+               "read the payloads (--bin) before the clock starts, so that cpu_seconds covers only "
+               "decoding and cutting");
   app.set_version_flag("--version", "zloam-decode " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);
