@@ -64,6 +64,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   bool of_each_sweep() const {
     return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
   }
+  /// Readings: small, and many to a sweep.
+  bool is_of_no_sweep() const { return setup_.options.order == Order::kAsTheyCome; }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;

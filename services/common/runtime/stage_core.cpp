@@ -15,6 +15,9 @@ constexpr std::size_t kOutputMemory = 256;
 constexpr std::int64_t kLinger_ns = 2000 * kMs;
 // Questions and commands that wait for the worker.
 constexpr std::size_t kMostTasks = 1024;
+// Readings of an inertial sensor or an encoder come hundreds of times a second: one in each round of
+// the worker, which waits for the lidar's packets, would leave most of them behind.
+constexpr int kMostReadings = 64;
 
 }  // namespace
 
@@ -186,7 +189,10 @@ bool StageCore::run_tasks() {
 bool StageCore::work_on_inputs() {
   bool busy = false;
   for (const auto& inlet : inlets_) inlet->drain();
-  for (const auto& inlet : inlets_) busy = inlet->work() || busy;
+  for (const auto& inlet : inlets_) {
+    const int most = inlet->is_of_no_sweep() ? kMostReadings : 1;
+    for (int i = 0; i < most && inlet->work(); ++i) busy = true;
+  }
   for (const auto& inlet : inlets_) inlet->recover(session_);
   return busy;
 }

@@ -5,8 +5,9 @@
 namespace zloam::driver {
 namespace {
 
-// A call for the next sweep of a live source comes back after this many packets at most.
-constexpr int kPacketsPerPull = 256;
+// A call for the next sweep of a live source comes back after this many packets at most: commands, and
+// inertial readings that come as messages, wait as long.
+constexpr int kPacketsPerPull = 8;
 // Packets kept of a sender that may be the sensor.
 constexpr std::size_t kMostOfNewcomer = 2048;
 
