@@ -180,6 +180,7 @@ std::size_t zloam_session_zid(const zloam_session*, std::uint8_t* buffer, std::s
   buffer[0] = '1';
   return 1;
 }
+std::size_t zloam_session_links(const zloam_session*, std::uint8_t*, std::size_t) { return 0; }
 
 zloam_status zloam_session_declare_publisher(const zloam_session*, zloam_slice,
                                              const zloam_publisher_options* options,

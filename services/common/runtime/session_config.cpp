@@ -1,5 +1,6 @@
 #include "common/runtime/session_config.hpp"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
@@ -32,16 +33,36 @@ std::string address_of(const ZenohConfig& config, const std::string& stage) {
   return host == "[::]" ? "[::1]" : host;
 }
 
+struct HostPort {
+  std::string_view host;
+  std::uint16_t port = 0;
+};
+
 /// What follows the port, Zenoh reads: "?" and "#" begin it.
-bool is_endpoint(std::string_view endpoint) {
+std::optional<HostPort> host_and_port(std::string_view endpoint) {
   constexpr std::string_view kProtocol = "tcp/";
-  if (!endpoint.starts_with(kProtocol)) return false;
+  if (!endpoint.starts_with(kProtocol)) return std::nullopt;
   const std::string_view address =
       endpoint.substr(kProtocol.size(), endpoint.find_first_of("?#") - kProtocol.size());
   const auto colon = address.rfind(':');
-  if (colon == std::string_view::npos || colon == 0) return false;
-  if (address.find_first_of(" /") != std::string_view::npos) return false;
-  return whole_number<std::uint16_t>(address.substr(colon + 1)).has_value();
+  if (colon == std::string_view::npos || colon == 0) return std::nullopt;
+  if (address.find_first_of(" /") != std::string_view::npos) return std::nullopt;
+  const auto port = whole_number<std::uint16_t>(address.substr(colon + 1));
+  if (!port) return std::nullopt;
+  return HostPort{address.substr(0, colon), *port};
+}
+
+/// Of another host's, by number.
+bool is_address(std::string_view host) {
+  if (host.starts_with("127.") || host == "[::1]") return false;
+  return host.starts_with('[') || host.find_first_not_of("0123456789.") == std::string_view::npos;
+}
+
+bool leads_to(std::string_view link, const HostPort& wanted) {
+  const auto end = host_and_port(link);
+  if (!end) return false;
+  // Whichever side made it.
+  return is_address(wanted.host) ? end->host == wanted.host : end->port == wanted.port;
 }
 
 /// Of those that are in no chain, and of second instances: above all stages.
@@ -70,7 +91,7 @@ void check_endpoints(const ZenohConfig& config) {
   for (const auto& [key, endpoints] :
        {std::pair("zenoh.connect", config.connect), std::pair("zenoh.listen", config.listen)}) {
     for (const std::string& endpoint : endpoints) {
-      if (is_endpoint(endpoint)) continue;
+      if (host_and_port(endpoint)) continue;
       throw ConfigError(std::string(key) + ": '" + endpoint +
                         "': tcp/HOST:PORT is expected, such as tcp/192.168.1.5:7447");
     }
@@ -96,6 +117,26 @@ Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage) {
   if (e.listen.empty()) e.listen = {"tcp/" + listen_address(config) + ":0"};
   e.connect.insert(e.connect.end(), config.connect.begin(), config.connect.end());
   return e;
+}
+
+std::vector<std::string> without_link(const std::vector<std::string>& endpoints,
+                                      const std::vector<std::string>& links) {
+  std::vector<std::string> found;
+  std::vector<std::string> left = links;
+  for (auto at = endpoints.begin(); at != endpoints.end(); ++at) {
+    const auto wanted = host_and_port(*at);
+    const bool was_named = std::find(endpoints.begin(), at, *at) != at;
+    if (!wanted || was_named) continue;
+    // Two routers may have one port: each link is one endpoint's.
+    const auto link = std::find_if(left.begin(), left.end(),
+                                   [&](const std::string& end) { return leads_to(end, *wanted); });
+    if (link == left.end()) {
+      found.push_back(*at);
+    } else {
+      left.erase(link);
+    }
+  }
+  return found;
 }
 
 zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoints) {

@@ -34,4 +34,10 @@ Endpoints endpoints_of(const ZenohConfig& config, const std::string& stage);
 /// greater identifier: initiative is its most significant byte for that comparison.
 zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoints);
 
+/// Those of zenoh.connect that have no link, given the other ends of all links
+/// (zenoh::Session::links). By name or on this host an endpoint is known by its port alone: names
+/// are not resolved here, and all that is on this host has one address.
+std::vector<std::string> without_link(const std::vector<std::string>& endpoints,
+                                      const std::vector<std::string>& links);
+
 }  // namespace zloam::runtime

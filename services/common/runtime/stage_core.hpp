@@ -157,6 +157,8 @@ class StageCore final : public Stage, private InletEvents {
   void unsubscribe();
   /// Asks other hosts for their time, and says how far off they are.
   void watch_clocks();
+  /// Says which endpoints of zenoh.connect have no link.
+  void watch_links();
   void publish_status();
   ServiceHealth health(std::string* reason) const;
   void note_source(StatusFields* f) const;
@@ -247,6 +249,7 @@ class StageCore final : public Stage, private InletEvents {
   std::uint64_t oversized_ = 0;
   int looks_at_heap_ = 0;
   int looks_overtaken_ = 0;
+  int looks_without_link_ = 0;
 
   std::optional<zenoh::LivelinessToken> alive_;
   std::optional<zenoh::Subscriber> drivers_;

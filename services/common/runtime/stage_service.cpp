@@ -7,6 +7,7 @@
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/run_id.hpp"
+#include "common/runtime/session_config.hpp"
 #include "common/runtime/stage_core.hpp"
 
 namespace zloam::runtime {
@@ -21,6 +22,9 @@ constexpr int kLooksUntilCalm = 5;
 // at the first one is free by then.
 constexpr int kLooksAtHeap = 5;
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
+// Statuses until an endpoint without a link is said: at the start, and after a break, Zenoh is about
+// to make it.
+constexpr int kLooksUntilLinked = 5;
 // Between two subscriptions of an input of which nothing comes.
 constexpr std::int64_t kFirstAgain_ns = 2000 * kMs, kLastAgain_ns = 60000 * kMs;
 
@@ -210,6 +214,7 @@ void StageCore::status_loop() {
     watch_oversized();
     watch_inputs();
     watch_clocks();
+    watch_links();
     publish_status();
     lock.lock();
     status_bell_.wait_for(lock, kStatusPeriod, [this] { return status_end_; });
@@ -289,6 +294,24 @@ void StageCore::watch_clocks() {
             (offset_ms > 0 ? "ahead of" : "behind") + " this host's: both need NTP or PTP";
   }
   degraded("clock", apart);
+}
+
+/// A router that is gone, say. Its stages go on among themselves, so that nothing else tells.
+void StageCore::watch_links() {
+  const auto& wanted = setup_.shared.zenoh.connect;
+  const auto missing = without_link(wanted, wanted.empty() ? wanted : session_.links());
+  looks_without_link_ = missing.empty() ? 0 : looks_without_link_ + 1;
+  std::string text;
+  for (const std::string& endpoint : missing) text += (text.empty() ? "" : ", ") + endpoint;
+  if (looks_without_link_ == kLooksUntilLinked) log_warning("no link", {{"zenoh.connect", text}});
+  if (looks_without_link_ >= kLooksUntilLinked) {
+    text = "nothing answers at " + text +
+           " (zenoh.connect): whoever is reached through it hears nothing of this stage; is it on, "
+           "and does a firewall let its port through?";
+  } else {
+    text.clear();
+  }
+  degraded("links", text);
 }
 
 void StageCore::publish_status() {

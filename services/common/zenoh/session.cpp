@@ -1,3 +1,5 @@
+#include <sstream>
+
 #include "common/zenoh/session_impl.hpp"
 
 namespace zloam::zenoh {
@@ -44,6 +46,20 @@ std::string Session::zid() const {
   auto* buffer = reinterpret_cast<std::uint8_t*>(digits.data());
   digits.resize(zloam_session_zid(impl_->handle.get(), buffer, digits.size()));
   return digits;
+}
+
+std::vector<std::string> Session::links() const {
+  std::string text;
+  const auto read = [&] {
+    auto* buffer = reinterpret_cast<std::uint8_t*>(text.data());
+    return zloam_session_links(impl_->handle.get(), buffer, text.size());
+  };
+  // A link that comes between two calls makes it longer.
+  for (std::size_t size = read(); size != text.size(); size = read()) text.resize(size);
+  std::vector<std::string> ends;
+  std::istringstream lines(text);
+  for (std::string end; std::getline(lines, end);) ends.push_back(end);
+  return ends;
 }
 
 void Session::set_error_handler(ErrorHandler handler) {

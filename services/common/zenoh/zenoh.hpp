@@ -232,6 +232,9 @@ class Session {
   bool close(std::chrono::milliseconds deadline = std::chrono::milliseconds(3000));
   /// 32 hexadecimal digits or fewer.
   std::string zid() const;
+  /// The other ends of its links, such as tcp/192.168.1.5:7447. Of a link that the other side made
+  /// the port is any one.
+  std::vector<std::string> links() const;
 
   Publisher declare_publisher(std::string_view key, const PublisherOptions& options = {});
   Subscriber declare_subscriber(std::string_view key, std::function<void(Sample&&)> callback);

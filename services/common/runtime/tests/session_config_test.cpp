@@ -12,6 +12,7 @@ using testing::Contains;
 using testing::Each;
 using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsEmpty;
 using testing::StartsWith;
 
 TEST(Endpoints, AStageListensOnItsPortAndConnectsToThoseBehindIt) {
@@ -45,6 +46,25 @@ TEST(Endpoints, WhatIsNoEndpointIsRefusedWithItsKey) {
                         HasSubstr("tcp/HOST:PORT")));
     }
   }
+}
+
+TEST(Endpoints, WithoutALinkAreThoseThatNoneLeadsTo) {
+  const std::vector<std::string> links = {"tcp/172.18.0.2:7447", "tcp/10.0.0.9:51234",
+                                          "tcp/127.0.0.1:40000", "tcp/[fe80::1]:7447"};
+  const auto missing = [&links](std::vector<std::string> endpoints) {
+    return without_link(endpoints, links);
+  };
+  EXPECT_THAT(missing({}), IsEmpty());
+  EXPECT_THAT(missing({"tcp/router:7447"}), IsEmpty());
+  // Made by the other side, from a port of its own.
+  EXPECT_THAT(missing({"tcp/10.0.0.9:7464"}), IsEmpty());
+  // A peer on this host is no router on this host.
+  EXPECT_THAT(missing({"tcp/127.0.0.1:7450"}), ElementsAre("tcp/127.0.0.1:7450"));
+  EXPECT_THAT(missing({"tcp/10.0.0.8:7447"}), ElementsAre("tcp/10.0.0.8:7447"));
+  EXPECT_THAT(missing({"tcp/[fe80::1]:7447#iface=eth0"}), IsEmpty());
+  // Two have that port; the third has none, and one that is named twice is one.
+  EXPECT_THAT(missing({"tcp/a:7447", "tcp/a:7447", "tcp/b:7447", "tcp/c:7447"}),
+              ElementsAre("tcp/c:7447"));
 }
 
 TEST(Endpoints, OfTwoStagesExactlyOneConnects) {

@@ -116,6 +116,23 @@ TEST(PubSub, PutWithoutAPublisherAndEmptyPayload) {
   EXPECT_EQ(samples->get()[1].payload.to_string(), "second");
 }
 
+TEST(PubSub, ASessionKnowsTheOtherEndsOfItsLinks) {
+  EXPECT_TRUE(lone_session().links().empty());
+  const int port = free_port();
+  Pair pair(port);
+  Publisher publisher = pair.a.declare_publisher("test/a");
+  const auto subscriber = pair.b.declare_subscriber("test/a", [](Sample&&) {});
+  wait_matching(publisher);
+  EXPECT_EQ(pair.b.links(), std::vector<std::string>{endpoint(port)});
+  ASSERT_EQ(pair.a.links().size(), 1U);
+  EXPECT_NE(pair.a.links().front(), endpoint(port));
+  EXPECT_TRUE(pair.a.close(kPatience));
+  for (int i = 0; i < 1000 && !pair.b.links().empty(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  EXPECT_TRUE(pair.b.links().empty());
+}
+
 TEST(PubSub, SessionsHaveIds) {
   Pair pair;
   EXPECT_NE(pair.a.zid(), pair.b.zid());

@@ -112,6 +112,9 @@ zloam_status zloam_session_close(const zloam_session* session, uint64_t deadline
 void zloam_session_drop(zloam_session* session);
 /* Writes the id's hexadecimal digits (at most 32, no terminator), returns their number. */
 size_t zloam_session_zid(const zloam_session* session, uint8_t* buffer, size_t capacity);
+/* Writes the other ends of its links, such as tcp/192.168.1.5:7447, one a line, as far as they have
+ * room; returns the size of all. */
+size_t zloam_session_links(const zloam_session* session, uint8_t* buffer, size_t capacity);
 
 /* Publish and subscribe. A null payload is an empty one; a null attachment is none. */
 zloam_status zloam_session_declare_publisher(const zloam_session* session, zloam_slice key,

@@ -108,6 +108,22 @@ pub unsafe extern "C" fn zloam_session_zid(
 }
 
 #[no_mangle]
+pub unsafe extern "C" fn zloam_session_links(
+    session: *const Session,
+    buffer: *mut u8,
+    capacity: usize,
+) -> usize {
+    let mut size = 0;
+    shield(|| {
+        let ends = (*session).zenoh.info().links().wait();
+        let text = ends.map(|link| link.dst().to_string()).collect::<Vec<_>>().join("\n");
+        std::ptr::copy_nonoverlapping(text.as_ptr(), buffer, text.len().min(capacity));
+        size = text.len();
+    });
+    size
+}
+
+#[no_mangle]
 pub unsafe extern "C" fn zloam_init_log(fallback_level: Slice) -> Status {
     guard(|| {
         zenoh::init_log_from_env_or(fallback_level.text()?);
