@@ -56,7 +56,7 @@ def open_session(stage: str, base_port: int) -> zenoh.Session:
     config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{base_port + mine}"]')
     named = [a.partition("=")[2] for a in sys.argv if a.startswith("zenoh.connect=")]
     if named:
-        config.insert_json5("connect/endpoints", f'["{named[-1].strip("[]")}"]')
+        config.insert_json5("connect/endpoints", named[-1])
     config.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(config)
 

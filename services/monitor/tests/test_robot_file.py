@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from zloam_monitor.robot_file import RobotFileError, RobotNames, names
+from zloam_monitor.robot_file import RobotFileError, RobotNames, connects, names
 
 
 @pytest.mark.parametrize("text", ["01", "1e3", "0x10", "yes", "off", "2024-01-01", "1_000"])
@@ -18,6 +18,17 @@ def test_a_name_is_text_whatever_it_looks_like(tmp_path: Path, text: str) -> Non
 def test_a_port_is_a_number_and_a_setting_beats_the_file(tmp_path: Path) -> None:
     (tmp_path / "r.yaml").write_text("zenoh:\n  base_port: 8000\nrobot: a\n")
     assert names(tmp_path / "r.yaml", ["robot=b"]) == RobotNames(robot="b", base_port=8000)
+
+
+def test_endpoints_are_a_list_in_the_file_or_in_a_setting(tmp_path: Path) -> None:
+    path = tmp_path / "r.yaml"
+    path.write_text("zenoh:\n  connect: [tcp/router:7447, tcp/b:1]\n")
+    assert connects(path, []) == ["tcp/router:7447", "tcp/b:1"]
+    assert connects(path, ["zenoh.connect=[tcp/c:2]"]) == ["tcp/c:2"]
+    path.write_text("robot: a\n")
+    assert connects(path, []) == []
+    # Not lost on the way: the stages refuse it.
+    assert connects(path, ["zenoh.connect=router"]) == ["router"]
 
 
 @pytest.mark.parametrize(

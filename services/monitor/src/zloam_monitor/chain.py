@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from zloam_monitor import robot_file
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
@@ -69,6 +71,7 @@ class Chain:
         for a stage instead of its own program (methods.py). `beside`: further stages, which are
         started first and have their part of the run's end."""
         chosen = programs or {}
+        connects = robot_file.connects(config, list(settings))
         self.processes = Processes()
         self.ports = ports or Ports(free_base_port())
         self._own_port = free_port()
@@ -78,7 +81,9 @@ class Chain:
         #: stage -> variables of its environment, beside this process' own
         self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
-            stage: self._command(binary(build, chosen.get(stage, stage)), config, settings, set_at)
+            stage: self._command(
+                binary(build, chosen.get(stage, stage)), config, settings, set_at, connects
+            )
             for stage in (*STAGES, *beside)
         }
         self._beside = tuple(beside)
@@ -94,10 +99,17 @@ class Chain:
         return f"tcp/127.0.0.1:{self._own_port}"
 
     def _command(
-        self, program: Path, config: Path, settings: Sequence[str], set_at: Sequence[str]
+        self,
+        program: Path,
+        config: Path,
+        settings: Sequence[str],
+        set_at: Sequence[str],
+        connects: Sequence[str],
     ) -> list[str]:
+        """connects: where the user wants the stages to connect to, beside this process."""
         command = [str(program), "--config", str(config)]
-        own = (*self.ports.settings(), f"zenoh.connect=[{self._own_endpoint()}]")
+        endpoints = json.dumps([*connects, self._own_endpoint()])
+        own = (*self.ports.settings(), f"zenoh.connect={endpoints}")
         for setting in (*settings, *own):
             command += ["--set", setting]
         for change in set_at:

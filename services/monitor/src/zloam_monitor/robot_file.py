@@ -36,17 +36,31 @@ def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
     return tree
 
 
-def names(path: Path, settings: list[str]) -> RobotNames:
-    """Reads the names; what is wrong elsewhere in the file is the stages' to refuse."""
+def connects(path: Path, settings: list[str]) -> list[str]:
+    """zenoh.connect; what is no list of endpoints is left to the stages to refuse."""
+    found = _value(_tree(path), settings, "zenoh.connect", [])
+    try:
+        listed = yaml.load(found, Loader=yaml.BaseLoader) if isinstance(found, str) else found
+    except yaml.YAMLError:
+        listed = found
+    return [str(each) for each in listed] if isinstance(listed, list) else [str(listed)]
+
+
+def _tree(path: Path) -> Any:
     try:
         # the stages take a value's text, so `01` is a name and no number
-        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
     except OSError as error:
         raise RobotFileError(f"{path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise RobotFileError(f"{path}: {error}") from error
     except RecursionError as error:
         raise RobotFileError(f"{path}: nested too deeply") from error
+
+
+def names(path: Path, settings: list[str]) -> RobotNames:
+    """Reads the names; what is wrong elsewhere in the file is the stages' to refuse."""
+    tree = _tree(path)
     plain = RobotNames()
     port = _value(tree, settings, "zenoh.base_port", plain.base_port)
     try:
