@@ -377,9 +377,18 @@ void DriverStage::watch_quiet(bool sweep_came) {
       text += "; packets of such a sensor come from " + ipv4_text(other) +
               ", which is not this one (driver.sensor_address)";
     }
+    if (const std::uint64_t unheard = to_closed_ports(); unheard > 0) {
+      text += "; " + std::to_string(unheard) +
+              " datagrams came to UDP ports of this host that no program listens on: if the "
+              "sensor's are among them, driver.port is another (tcpdump -n udp shows it)";
+    }
   }
   runtime::log_warning(text);
   stage_.degraded("packets", text);
+}
+
+std::uint64_t DriverStage::to_closed_ports() const {
+  return datagrams_to_closed_ports() - to_closed_ports_before_;
 }
 
 NamedCounts DriverStage::counts() const { return source_ ? source_->counts() : stream_->counts(); }
@@ -398,6 +407,9 @@ void DriverStage::say_remarks() {
 void DriverStage::say_counts() {
   for (const auto& [name, count] : counts()) {
     stage_.figure(std::string(name), static_cast<double>(count));
+  }
+  if (config_.source == SourceKind::kUdp) {
+    stage_.figure("datagrams_to_closed_ports", static_cast<double>(to_closed_ports()));
   }
   imu_->note_figures();
 }

@@ -9,6 +9,7 @@
 
 #include "common/runtime/stage.hpp"
 #include "driver/driver_parameters.hpp"
+#include "driver/io/closed_ports.hpp"
 #include "driver/io/imu_feed.hpp"
 #include "driver/io/scip_source.hpp"
 #include "driver/io/sweep_source.hpp"
@@ -55,6 +56,7 @@ class DriverStage {
   void say_remarks();
   void say_counts();
   NamedCounts counts() const;
+  std::uint64_t to_closed_ports() const;
 
   runtime::Stage& stage_;
   DriverConfig config_;
@@ -82,6 +84,8 @@ class DriverStage {
   std::string last_sentence_;
   std::uint64_t seen_datagrams_ = 0;
   std::int64_t last_datagram_ns_ = 0;
+  /// of this host, until this stage began
+  std::uint64_t to_closed_ports_before_ = datagrams_to_closed_ports();
   bool quiet_ = false;
   bool flushed_ = true;
   std::vector<std::string> remarks_said_;

@@ -7,8 +7,10 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <sstream>
 #include <thread>
 
+#include "driver/io/closed_ports.hpp"
 #include "driver/io/link_layer.hpp"
 #include "driver/io/stream_filter.hpp"
 #include "driver/io/test_sources.hpp"
@@ -129,6 +131,27 @@ TEST_F(Sources, UdpCountsWhatTheKernelDropped) {
   send_to(source->data_port(), packet_);
   ASSERT_EQ(source->next(datagram, 10'000), Read::kDatagram);
   EXPECT_EQ(count_of(*source, "kernel_drops"), 200U - got);
+}
+
+TEST_F(Sources, WhatNoProgramListensForIsCounted) {
+  std::uint16_t closed = 0;
+  {
+    const auto source = open_udp({.bind_address = "127.0.0.1", .data_port = 0, .position_port = 0});
+    closed = source->data_port();
+  }
+  const std::uint64_t before = datagrams_to_closed_ports();
+  for (int i = 0; i < 50; ++i) send_to(closed, packet_);
+  for (int i = 0; i < 50; ++i) send_to(closed, packet_, "127.255.255.255");
+  EXPECT_GE(datagrams_to_closed_ports(), before + 100);
+}
+
+TEST(ClosedPorts, TheFieldsAreFoundByTheirNames) {
+  std::istringstream known(
+      "Tcp: NoPorts\nTcp: 7\nUdp: InDatagrams NoPorts InErrors IgnoredMulti\n"
+      "Udp: 1000 20 3 400\nUdpLite: NoPorts\nUdpLite: 5\n");
+  EXPECT_EQ(datagrams_to_closed_ports(known), 420U);
+  std::istringstream unknown("Udp: InDatagrams\n");
+  EXPECT_EQ(datagrams_to_closed_ports(unknown), 0U);
 }
 
 TEST_F(Sources, APortInUseIsSaidSo) {
