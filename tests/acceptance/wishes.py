@@ -18,7 +18,7 @@ class Wish:
 
 
 LIVE, SYSTEM, MONITOR = "tests/integration", "tests/system", "services/monitor/tests"
-LATER_GRAPH = "the global map (loops, sessions, localisation) is not built yet"
+GRAPH, LOCALIZE, SESSIONS = (f"{LIVE}/test_{name}.py" for name in ("graph", "localize", "sessions"))
 
 WISHES: dict[int, Wish] = {
     1: Wish("no drift in z", ("accept flat-z-flat", "accept kiss-flat")),
@@ -31,7 +31,10 @@ WISHES: dict[int, Wish] = {
         ),
     ),
     3: Wish("save the map while it runs", (f"{LIVE}/test_live_outputs.py::*save*",)),
-    4: Wish("localise in a saved map", lacks=LATER_GRAPH),
+    4: Wish(
+        "localise in a saved map",
+        (f"{LOCALIZE}::test_it_is_found_where_the_map_was_left_and_the_map_stays",),
+    ),
     5: Wish(
         "drops counted, no slowing down",
         ("accept laps-cost", f"{LIVE}/test_live_outputs.py::test_accounts_add_up_under_overload"),
@@ -70,7 +73,7 @@ WISHES: dict[int, Wish] = {
             f"{MONITOR}/test_discovery.py::test_nobody_there_is_one_helpful_line",
         ),
     ),
-    18: Wish("loop closure", lacks=LATER_GRAPH),
+    18: Wish("loop closure", (f"{GRAPH}::test_closed_loops_are_nearer_to_the_truth",)),
     19: Wish("the same result each time", (f"{LIVE}/test_same_bytes.py::*", "accept replay-twice")),
     20: Wish(
         "other rates, a part of the view, lost packets",
@@ -94,10 +97,24 @@ WISHES: dict[int, Wish] = {
     26: Wish("a pose at the IMU's rate", lacks="nothing publishes one yet"),
     27: Wish("a level map", lacks="the map begins as base_link stands"),
     28: Wish("a georeferenced map", lacks="LAS and LAZ have no EPSG yet"),
-    29: Wish("several sessions", lacks=LATER_GRAPH),
+    29: Wish(
+        "several sessions",
+        (
+            f"{SESSIONS}::test_two_maps_of_the_same_streets_are_joined",
+            f"{LOCALIZE}::test_a_map_is_extended_from_where_the_robot_is_found",
+        ),
+    ),
     30: Wish("laps cost no memory", ("accept laps-memory",)),
-    31: Wish("a grid for Nav2", lacks=LATER_GRAPH),
-    32: Wish("no false loop", lacks=LATER_GRAPH),
+    31: Wish(
+        "a grid for Nav2",
+        (f"{MONITOR}/test_map_exports.py::test_a_grid_is_what_map_server_reads",),
+        "a file; no key publishes it",
+    ),
+    32: Wish(
+        "no false loop",
+        ("LoopGraph.EqualPlacesFarApartAreNoLoop", "Sessions.AStreetThatRepeatsItselfJoinsNothing"),
+        "a loop that was taken is not undone by command",
+    ),
     33: Wish("wheel odometry", lacks="not planned with an issue yet"),
     34: Wish("sweeps without rings", ("accept ringless-mid360-city", "accept ringless-hap-city")),
     35: Wish(
@@ -106,21 +123,32 @@ WISHES: dict[int, Wish] = {
         "RoboSense has no decoder",
     ),
     36: Wish("several lidars with stamps of their own", lacks="one lidar is used"),
-    37: Wish("what moves out of the map", lacks=LATER_GRAPH),
+    37: Wish(
+        "what moves out of the map",
+        (f"{SESSIONS}::test_what_is_exported_others_can_read",),
+        "as a saved map is exported: about 85 % of what moved",
+    ),
     38: Wish("nothing moves at rest", ("MotionCheck.*",), "ten minutes are not measured"),
     39: Wish("somebody stands before it", lacks="not measured"),
     40: Wish("ARM", (f"{SYSTEM}/test_arm64.py::test_the_image_is_for_arm64",), "not run there"),
     41: Wish(
         "what is wrong with my set-up",
-        (f"{MONITOR}/test_doctor.py::*", f"{LIVE}/test_readme.py::*doctor*"),
+        (
+            f"{MONITOR}/test_doctor.py::*",
+            f"{LIVE}/test_doctor_live.py::*",
+            "accept doctor-live",
+            "accept doctor-files",
+        ),
     ),
     42: Wish("no GPL", (f"{LIVE}/test_aloam.py::test_only_they_are_linked_with_pcl_and_ceres",)),
     43: Wish("edit the map", (f"{MONITOR}/test_maps.py::*crop*",), "cutting out only"),
-    44: Wish("floors", lacks=LATER_GRAPH),
+    44: Wish("floors", lacks="a map has no floors; one above the other is one place to it"),
     45: Wish(
         "a big map in a browser",
-        (f"{LIVE}/test_views.py::test_the_page_in_a_browser",),
-        "seen from above; what is sent to the page is bounded, what the robot sends is not",
+        (
+            f"{LIVE}/test_views.py::test_the_page_in_a_browser",
+            f"{LIVE}/test_preview.py::test_it_keeps_up_with_a_drive_and_a_new_map",
+        ),
     ),
     46: Wish(
         "sweeps with poses",
@@ -130,7 +158,7 @@ WISHES: dict[int, Wish] = {
     47: Wish(
         "intensity kept", (f"{MONITOR}/test_maps.py::test_each_format_holds_the_same_points",)
     ),
-    48: Wish("an old map brought up to date", lacks=LATER_GRAPH),
+    48: Wish("an old map brought up to date", lacks="no list of what changed is made"),
     49: Wish("a camera", lacks="not planned with an issue yet"),
     50: Wish(
         "a file for support, runs compared",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -118,8 +119,10 @@ class LiveRun:
         self._sender = threading.Thread(
             target=live.send,
             args=(drive.pcap, self.port, seconds, slower),
-            kwargs={"change": change},
+            kwargs={"change": self._noting_the_first(change)},
         )
+        #: when the first packet was sent, by this host's clock
+        self._begun: queue.SimpleQueue[float] = queue.SimpleQueue()
         #: (run, sweep) -> pose, in the order of their coming
         self.poses: dict[tuple[int, int], PoseRecord] = {}
         self.mapped: dict[tuple[int, int], PoseRecord] = {}
@@ -147,6 +150,24 @@ class LiveRun:
     def __exit__(self, *_: object) -> None:
         self.chain.close()
         self._sender.join()
+
+    def _noting_the_first(self, change: live.Change) -> live.Change:
+        begins = iter([True])
+
+        def noted(seconds: float, payload: bytes) -> bytes | None:
+            if next(begins, False):
+                self._begun.put(time.time() - seconds)
+            return change(seconds, payload)
+
+        return noted
+
+    def began_s(self) -> float:
+        """When the capture's first packet was sent, by this host's clock; asked once."""
+        return self._begun.get(timeout=PATIENCE_S)
+
+    def reasons(self) -> list[str]:
+        """What the stages say is wrong, each newest status."""
+        return [status.reason for status in self.chain.link.newest_statuses().values()]
 
     def _note(self, key: str, table: str, sweeps: dict[str, list[int]]) -> None:
         def note(sample: Any) -> None:

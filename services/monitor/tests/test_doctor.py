@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from zloam_monitor import cli, doctor
-from zloam_monitor.doctor import Heard, findings, of_counts
-from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord
+from zloam_monitor.doctor import Heard, findings
+from zloam_monitor.doctor_files import of_counts
+from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord, TraceStep
 from zloam_monitor.stages import STAGES
 
 
@@ -35,6 +36,10 @@ def pose(number: int, health: str = "ok", **more: Any) -> PoseRecord:
     unit = np.array([0.0, 0.0, 0.0, 1.0])
     at = number * 100_000_000
     return PoseRecord(1, number, at, np.zeros(3), unit, HEALTH.index(health), 0, False, (), **more)
+
+
+def worked(number: int, stage: str, ms: float) -> PoseRecord:
+    return replace(pose(number), trace=(TraceStep(stage, 1, 1, 1 + int(1e6 * ms)),))
 
 
 def well() -> Heard:
@@ -75,6 +80,18 @@ WRONG: dict[str, tuple[Heard, str]] = {
         replace(well(), silent_s={**well().silent_s, ("mapping", "mapping-1"): 30.0}),
         "mapping (mapping-1) has said nothing since 30 s",
     ),
+    "started again": (
+        replace(
+            well(),
+            after={
+                who: replace(
+                    s, started_ns=(290 if who[0] == "mapping" else 1) * 10**9, stamp_ns=300 * 10**9
+                )
+                for who, s in well().after.items()
+            },
+        ),
+        "mapping was started again 10 s ago, while others have run for 299 s",
+    ),
     "two drivers": (
         replace(
             well(),
@@ -112,7 +129,7 @@ WRONG: dict[str, tuple[Heard, str]] = {
         "mapping dropped 30 of sweep as wrong_run",
     ),
     "which is slow": (
-        changed(well(), "mapping", latencies={"work": {"p50": 110.0, "p95": 120.0, "p99": 130.0}}),
+        replace(well(), mapped=[worked(n, "mapping", 110.0) for n in range(50)]),
         "mapping takes 110 ms for most sweeps, which come every 100 ms",
     ),
     "rotation rate": (
@@ -149,6 +166,18 @@ def test_each_fault_is_named_alone(name: str) -> None:
     assert any(words in finding.what for finding in found), found
     assert all(finding.do for finding in found)
     assert len(found) == 1, found
+
+
+def test_packets_to_another_port_are_told_beside_their_absence() -> None:
+    quiet = figures(packets_received=75_400.0, datagrams_to_closed_ports=3770.0)
+    found = [finding.what for finding in findings(changed(well(), "driver", figures=quiet))]
+    assert found == [
+        "no packets came to the driver within 5 s",
+        "3770 datagrams came to UDP ports on which no program listens",
+    ]
+    # Beside packets that come they are somebody else's.
+    noisy = figures(datagrams_to_closed_ports=3770.0)
+    assert findings(changed(well(), "driver", figures=noisy)) == []
 
 
 def test_the_end_of_a_replay_is_no_fault() -> None:

@@ -194,7 +194,10 @@ def metrics(
 def doctor(
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="A capture (pcap, pcapng) or payload file (.bin)."),
+        typer.Argument(
+            metavar="[FILE]",
+            help="A capture (pcap, pcapng), a payload file (.bin), or what zloam record wrote.",
+        ),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Seconds to listen to a robot.")] = 5.0,
     model: Annotated[str | None, typer.Option(help="driver.model, for a file")] = None,
@@ -204,15 +207,15 @@ def doctor(
     preset_dir: common.PresetDir = None,
     as_json: common.Json = False,
 ) -> int:
-    """Report what is wrong with a running robot or with a capture, and what to do.
+    """Report what is wrong with a running robot or with a recording, and what to do.
 
     Exit code 0: no fault was found; 1: a fault was found.
     """
-    from zloam_monitor import answers, discovery
+    from zloam_monitor import answers, discovery, doctor_files
     from zloam_monitor import doctor as judge
 
     if file is not None:
-        found = judge.of_file(common.kept(preset_dir), file, model, metadata)
+        found = doctor_files.of_file(common.kept(preset_dir), file, model, metadata)
         well = f"{file}: all well"
     else:
         with discovery.linked(robot, common.endpoints(connect)) as link:
@@ -237,7 +240,7 @@ def add(app: typer.Typer) -> None:
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
         (place, "place", ("zloam place --x 12 --y -3.5 --yaw 90",)),
         (handover, "handover", ("zloam handover mapping", "zloam handover odometry odometry-2")),
-        (doctor, "doctor", ("zloam doctor", "zloam doctor drive.pcap")),
+        (doctor, "doctor", ("zloam doctor", "zloam doctor drive.pcap", "zloam doctor run.mcap")),
         (metrics, "metrics", ("zloam metrics", "zloam metrics --connect 192.168.1.5")),
     )
     for run, name, shown in listed:

@@ -259,6 +259,17 @@ def sweep(
     return _finish(b, "Sweep", m.SweepEnd(b))
 
 
+def imu(v: HeaderValues, samples: NDArray[Any]) -> bytes:
+    """samples: messages.IMU_SAMPLE, of the lidar's clock."""
+    b = flatbuffers.Builder(0)
+    head, m = header(b, v), module("ImuBatch")
+    vector = messages.put_struct_vector(b, samples)
+    m.ImuBatchStart(b)
+    m.ImuBatchAddHeader(b, head)
+    m.ImuBatchAddSamples(b, vector)
+    return _finish(b, "ImuBatch", m.ImuBatchEnd(b))
+
+
 #: the point clouds of a Features message
 FEATURE_CLOUDS = ("Sharp", "LessSharp", "Flat", "LessFlat")
 

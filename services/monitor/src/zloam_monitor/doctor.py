@@ -1,21 +1,18 @@
-"""What is wrong with a robot or a recording, and what to do: from what any subscriber hears in some
-seconds, or from what the decoder says of a file."""
+"""What is wrong with a robot, and what to do: from what any subscriber hears in some seconds.
+Of files: doctor_files.py."""
 
 from __future__ import annotations
 
 import json
-import subprocess
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-from zloam_monitor.chain import binary
-from zloam_monitor.link import Link
+from zloam_monitor import latency
+from zloam_monitor.link import STANDING_BY, Link
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
-from zloam_monitor.sources import SourceError
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
@@ -29,6 +26,8 @@ MISNAMED = 0.4
 SHARED = ("robot", "sensor.", "mounting.")
 #: of a message, on average: below it shared memory is not worth its while
 LARGE_BYTES = 16384
+#: a stage that is younger than that beside the others, by so much, was started again
+YOUNG_S, APART_S = 60.0, 10.0
 #: of the time from sweep to sweep: a stage that takes longer falls behind
 SLOW = 1.0
 #: what stages count, and what it means for a user
@@ -107,6 +106,8 @@ class Heard:
     poses: list[PoseRecord]
     configs: dict[str, dict[str, Any]]
     garbage: int = 0
+    #: of the map, as mapping publishes them
+    mapped: list[PoseRecord] = field(default_factory=list)
 
     def alive(self) -> list[StatusRecord]:
         return [s for who, s in self.after.items() if who in self.living]
@@ -117,6 +118,9 @@ class Heard:
         return self.after[who].figures.get(name, 0.0) - (
             before.figures.get(name, 0.0) if before else 0.0
         )
+
+
+Rule = Callable[[Heard], Iterable[Finding]]
 
 
 def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> Heard:
@@ -140,19 +144,24 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
         [pose for sweep, pose in sorted(link.poses.items()) if sweep > first],
         link.query_configs(),
         link.garbage,
+        [pose for sweep, pose in sorted(link.mapped.items()) if sweep > first],
     )
 
 
-def findings_of_statuses(heard: Heard) -> list[Finding]:
-    """Those that need nothing else."""
-    rules = (_stages, _instances, _health, _sensor, _drops)
+def findings_of_statuses(heard: Heard, health: Rule | None = None) -> list[Finding]:
+    """Those that need nothing else; `health`: what the stages say of themselves, as it is told."""
+    rules = (_stages, _restarts, _instances, health or _health, _sensor, _drops)
     return [finding for rule in rules for finding in rule(heard)]
 
 
 def findings(heard: Heard) -> list[Finding]:
     """Most urgent first."""
-    rules = (_stages, _instances, _health, _sensor, _drops, _poses, _pace, _settings)
-    return [finding for rule in rules for finding in rule(heard)]
+    return [*findings_of_statuses(heard), *findings_of_poses(heard)]
+
+
+def findings_of_poses(heard: Heard) -> list[Finding]:
+    """Those that need poses and configurations."""
+    return [finding for rule in (_poses, _pace, _settings) for finding in rule(heard)]
 
 
 def _stages(heard: Heard) -> Iterator[Finding]:
@@ -177,6 +186,23 @@ def _stages(heard: Heard) -> Iterator[Finding]:
             f"{heard.garbage} messages could not be read here",
             "this program and the stages are of different versions",
         )
+
+
+def _restarts(heard: Heard) -> Iterator[Finding]:
+    ages = {
+        status.stage: 1e-9 * (status.stamp_ns - status.started_ns)
+        for status in heard.alive()
+        if status.started_ns and status.reason != STANDING_BY
+    }
+    oldest = max(ages.values(), default=0.0)
+    for stage, age in ages.items():
+        if age < min(YOUNG_S, oldest - APART_S):
+            yield Finding(
+                f"{stage} was started again {age:.0f} s ago, while others have run for "
+                f"{oldest:.0f} s",
+                "if nobody did that, it ends again and again: its last words before that are in "
+                f"logs/{stage}.log or docker compose logs {stage}",
+            )
 
 
 def _instances(heard: Heard) -> Iterator[Finding]:
@@ -208,16 +234,23 @@ def _health(heard: Heard) -> Iterator[Finding]:
 
 def _sensor(heard: Heard) -> Iterator[Finding]:
     for who, status in heard.after.items():
-        if status.stage != "driver" or who not in heard.living or status.end_of_run:
+        if status.stage != "driver" or who not in heard.living:
             continue
         received, lost = heard.more(who, "packets_received"), heard.more(who, "packets_lost")
-        if "packets_received" in status.figures and received <= 0:
+        # A socket's driver counts packets from the first one on.
+        counted = {"packets_received", "datagrams"} & status.figures.keys()
+        if counted and received <= 0 and not status.end_of_run:
             yield Finding(
                 f"no packets came to the driver within {heard.seconds:.0f} s",
                 "see deploy/README.md, Network of the sensor: address, port, firewall, cable",
             )
+            if (others := heard.more(who, "datagrams_to_closed_ports")) > 0:
+                yield Finding(
+                    f"{others:.0f} datagrams came to UDP ports on which no program listens",
+                    "if they are the sensor's, driver.port is another: tcpdump -n udp shows it",
+                )
         else:
-            yield from _lost(
+            yield from of_losses(
                 received,
                 lost,
                 f"{lost:.0f} of {received + lost:.0f} packets were lost on the way",
@@ -228,7 +261,7 @@ def _sensor(heard: Heard) -> Iterator[Finding]:
                 yield Finding(f"{what} ({count:.0f} within {heard.seconds:.0f} s)", do)
 
 
-def _lost(received: float, lost: float, what: str, do: str) -> Iterator[Finding]:
+def of_losses(received: float, lost: float, what: str, do: str) -> Iterator[Finding]:
     """Of packets; of so many, they are none, and the model is another."""
     if lost > MISNAMED * (received + lost):
         yield Finding(
@@ -301,12 +334,13 @@ def _pace(heard: Heard) -> Iterator[Finding]:
             f"the sensor turns {1.0 / period_s:.1f} times a second",
             "5 to 20 are expected: set its rotation rate on its own page",
         )
-    for status in heard.alive():
-        work = status.latencies.get("work") or status.latencies.get("end_to_end") or {}
+    # What the sweeps themselves carry: a status has the times of the whole run.
+    _, work = latency.by_stage(heard.poses, heard.mapped)
+    for stage, times in work.items():
         # Of half of the sweeps: a single one may wait for anything.
-        if period_s > 0 and work.get("p50", 0.0) > 1000.0 * SLOW * period_s:
+        if times and period_s > 0 and times["p50"] > 1000.0 * SLOW * period_s:
             yield Finding(
-                f"{status.stage} takes {work['p50']:.0f} ms for most sweeps, which come every "
+                f"{stage} takes {times['p50']:.0f} ms for most sweeps, which come every "
                 f"{1000 * period_s:.0f} ms",
                 "it is the slow one: give it a processor of its own, or fewer points",
             )
@@ -342,49 +376,3 @@ def _large_by_socket(memory: dict[str, int]) -> bool:
     if memory.get("messages_shm") or not messages:
         return False
     return memory.get("bytes_in_place", 0) + memory.get("bytes_copied", 0) > LARGE_BYTES * messages
-
-
-def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -> list[Finding]:
-    """Of a capture, by what the decoder counts; raises SourceError when it can't be read."""
-    command = [
-        str(binary(build, "decode")),
-        "--bin" if file.suffix == ".bin" else "--pcap",
-        str(file),
-    ]
-    command += ["--model", model] if model else []
-    command += ["--metadata", str(metadata)] if metadata else []
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    said = [line.removeprefix("zloam-decode: ") for line in done.stderr.splitlines()]
-    if done.returncode != 0:
-        raise SourceError("; ".join(said) or f"{file}: cannot be read")
-    return of_counts(json.loads(done.stdout), said)
-
-
-def of_counts(counts: dict[str, float], remarks: list[str]) -> list[Finding]:
-    """Of the decoder's summary."""
-    found = [Finding(remark, "see services/driver/README.md") for remark in remarks]
-    received, lost = counts.get("packets_received", 0), counts.get("packets_lost", 0)
-    if not received:
-        return [
-            *found,
-            Finding(
-                "no packet of a lidar is in it",
-                "was it recorded on the sensor's network, by the sensor's port (driver.port)?",
-            ),
-        ]
-    if not counts.get("points"):
-        found.append(Finding("no packet of it could be decoded", "what is said beside says why"))
-    found += _lost(
-        received,
-        lost,
-        f"{lost:.0f} of {received + lost:.0f} packets are missing",
-        "record on a machine that keeps up (tcpdump -B 8192), on the sensor's own card",
-    )
-    if counts.get("points") and counts.get("sweeps", 0) > 4 and not counts.get("complete"):
-        found.append(
-            Finding("no revolution in it is complete", "the model or the sensor's view is another")
-        )
-    for name, (what, do) in PACKETS.items():
-        if counts.get(name):
-            found.append(Finding(f"{what} ({counts[name]:.0f})", do))
-    return found

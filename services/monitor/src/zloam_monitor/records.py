@@ -140,6 +140,8 @@ class StatusRecord:
     cpu_ms: float
     rss_mib: dict[str, float]
     version: str = ""
+    #: by its host's clock, as stamp_ns
+    started_ns: int = 0
     memory: dict[str, int] = field(default_factory=dict)
     config_rev: int = 0
     #: key -> bytes that went out since the start, as one subscriber takes them
@@ -235,6 +237,7 @@ def status(payload: bytes) -> StatusRecord:
         cpu_ms=s.CpuMs(),
         rss_mib={"start": s.RssStartMib(), "end": s.RssNowMib(), "peak": s.RssPeakMib()},
         version=text(s.Version()),
+        started_ns=s.StartedNs(),
         memory={
             "bytes_published": sum(o.Bytes() for o in outputs),
             "bytes_in_place": s.BytesInPlace(),

@@ -1,0 +1,98 @@
+"""What `zloam doctor` says: of robots to which something was done, of healthy ones, of files (issue
+41)."""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from pathlib import Path
+
+from tests.acceptance.framework import Check, Measured, Skip
+from tests.acceptance.runs import Setting
+from tests.integration.robot_faults import FAULTS, HEALTHY, Fault
+
+TRIES = 20
+TEST = "tests/integration/test_doctor_live.py"
+#: robots at once; each takes about half a core
+AT_ONCE = 2
+#: of the recordings that are handed over
+CAPTURES = "data/**/*.pcap*"
+
+
+def _live(setting: Setting, faults: dict[str, Fault], tries: int) -> Measured:
+    """Rounds of the tests; each try is a robot of its own."""
+    failed: dict[str, int] = {}
+    skipped = 0
+    for _ in range(tries):
+        chosen = [f"{TEST}::test_the_doctor_names_it[{name}]" for name in faults]
+        done = setting.python(
+            "-m", "pytest", "-q", "-rfs", "-m", "slow or not slow", "-n", AT_ONCE, *chosen
+        )
+        (setting.out / "accept").mkdir(parents=True, exist_ok=True)
+        with (setting.out / "accept" / "doctor.log").open("a") as log:
+            log.write(done.stdout)
+        for name in re.findall(r"^(?:FAILED|ERROR) .*?\[(.*?)\]", done.stdout, re.MULTILINE):
+            failed[name] = failed.get(name, 0) + 1
+        skipped += done.stdout.count("SKIPPED [")
+    made = len(faults) * tries - skipped
+    if not made:
+        raise Skip("the machine has not what the faults are made with")
+    which = "".join(f"; {name}: {count} not named" for name, count in failed.items())
+    held = made - sum(failed.values())
+    return Measured(f"{held} of {made}{which}", not failed)
+
+
+def _files(setting: Setting) -> Measured:
+    """Each capture is read to its end: the doctor ends with 0 or 1 and a sentence, or with the
+    reason why it is none."""
+    folder = setting.recording("data")
+    odd, count = [], 0
+    for path in sorted(folder.parent.glob(CAPTURES)):
+        count += 1
+        if not _is_judged(setting, path):
+            odd.append(path.name)
+    if not count:
+        raise Skip(f"no capture in {folder}")
+    return Measured(f"{count} captures" + "".join(f"; {name}" for name in odd), not odd)
+
+
+def _is_judged(setting: Setting, path: Path) -> bool:
+    metadata = sorted(path.parent.glob(f"{path.stem}*.json"))
+    words = ["--metadata", metadata[0]] if metadata else []
+    done = setting.python(
+        "-m", "zloam_monitor", "doctor", path, "--preset-dir", setting.build, "--json", *words
+    )
+    if done.returncode not in (0, 1) or "Traceback" in done.stdout:
+        return False
+    last = done.stdout.strip().splitlines()[-1:] or [""]
+    if not last[0].startswith("{"):
+        return path.name in last[0]
+    said = json.loads(last[0])
+    return bool(said["well"]) == (done.returncode == 0)
+
+
+def checks(setting: Setting) -> list[Check]:
+    rows = (
+        ("live", "the doctor names each fault of a robot that runs", FAULTS),
+        ("healthy", "the doctor says nothing of a healthy robot", HEALTHY),
+    )
+    return [
+        *(
+            Check(
+                f"doctor-{name}",
+                line,
+                f"{TRIES} of {TRIES} each",
+                f"make accept ONLY=doctor-{name}",
+                functools.partial(_live, setting, faults, TRIES),
+            )
+            for name, line, faults in rows
+        ),
+        Check(
+            "doctor-files",
+            "the doctor reads each recorded capture, or says why it can't",
+            "each",
+            "make accept ONLY=doctor-files",
+            functools.partial(_files, setting),
+        ),
+    ]
