@@ -151,7 +151,8 @@ fuzz: tools ## libFuzzer on all that reads foreign bytes: packets, captures, tab
 
 fmt: tools test-venv ## format C++, Rust and Python
 	@git ls-files '*.cpp' '*.hpp' | xargs clang-format -i
-	@cd services/common/zenoh/bridge && cargo fmt
+	@for crate in services/common/zenoh/bridge services/router tests/mcap_reader; do \
+	  cargo fmt --manifest-path $$crate/Cargo.toml -- --config-path services/common/zenoh/bridge; done
 	@.venv/bin/ruff format -q . && .venv/bin/ruff check -q --fix .
 
 lint: tools build-all test-venv ## formatting, clang-tidy, ruff, types, layers, the ten largest functions and files

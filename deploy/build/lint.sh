@@ -7,7 +7,9 @@ cpp_files() { git ls-files '*.cpp' '*.hpp'; }
 case "$1" in
   format)
     cpp_files | xargs clang-format --dry-run --Werror
-    (cd services/common/zenoh/bridge && cargo fmt --check)
+    for crate in services/common/zenoh/bridge services/router tests/mcap_reader; do
+      cargo fmt --check --manifest-path "$crate/Cargo.toml" -- --config-path services/common/zenoh/bridge
+    done
     ;;
   python)
     .venv/bin/ruff format --check -q . && .venv/bin/ruff check -q .

@@ -1,20 +1,19 @@
 #!/usr/bin/env bash
-# rust.sh [--router] OUTPUT: puts libzloam_zenoh.so, built from services/common/zenoh/bridge, at OUTPUT; with
-# --router zloam-router, built from services/router. Both share what their lock files have in common.
+# rust.sh [--router | --mcap-reader] OUTPUT: puts libzloam_zenoh.so, built from services/common/zenoh/bridge, at
+# OUTPUT; with --router zloam-router, built from services/router; with --mcap-reader zloam-mcap-reader, built from
+# tests/mcap_reader. They share what their lock files have in common.
 # A product is built once for each (sources, lock file, compiler, flags) and kept in
 # ~/.cache/zenoh-loam/rust/<hash>/ (ZLOAM_CACHE names another place), so that all build directories and
 # presets share it. Without a change this costs a hash. The first build takes some minutes. What cargo made on the
 # way (700 MB; the crates' sources too where cargo had none before) is removed, unless ZLOAM_KEEP_CARGO is set: for
-# work on the crate, or for both products in a row.
+# work on the crate, or for several products in a row.
 set -euo pipefail
-folder=services/common/zenoh/bridge
-name=libzloam_zenoh.so
-if [ "${1:-}" = --router ]; then
-  folder=services/router
-  name=zloam-router
-  shift
-fi
-[ $# -eq 1 ] || { echo "usage: rust.sh [--router] OUTPUT" >&2; exit 2; }
+case "${1:-}" in
+  --router) folder=services/router name=zloam-router; shift ;;
+  --mcap-reader) folder=tests/mcap_reader name=zloam-mcap-reader; shift ;;
+  *) folder=services/common/zenoh/bridge name=libzloam_zenoh.so ;;
+esac
+[ $# -eq 1 ] || { echo "usage: rust.sh [--router | --mcap-reader] OUTPUT" >&2; exit 2; }
 output=$1
 crate=$(cd "$(dirname "$0")/../../$folder" && pwd)
 cache=${ZLOAM_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/zenoh-loam}

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import itertools
+import json
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
 
 from tests.integration.conftest import ROOT, Done, digests, monitor, simulate
 from zloam_monitor import messages, records, se3, trajectory
@@ -25,6 +31,10 @@ from zloam_monitor.processes import free_port
 
 SAME = ("trajectory.tum", "odometry.tum", "map.pcd")
 ROBOT = "taped"
+RUST = ROOT / "deploy/build/rust.sh"
+READER = ROOT / "tests/mcap_reader/Cargo.toml"
+#: what a recorder that is to be killed has written by then, and how long it may take
+WRITTEN_BYTES, PATIENCE_S = 500_000, 60.0
 
 
 @dataclass(frozen=True)
@@ -146,20 +156,24 @@ def chained(messages_of_tf: list[Any]) -> dict[int, np.ndarray]:
     }
 
 
+def started(*words: object) -> subprocess.Popen[str]:
+    """`zloam ...`, which goes on."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "zloam_monitor", *map(str, words)],
+        cwd=ROOT,
+        env={"PYTHONPATH": str(ROOT / "services/monitor/src"), "PATH": "/usr/bin:/bin"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
 class Replaying:
     """`zloam replay` in a process of its own."""
 
     def __init__(self, *options: object) -> None:
         self.port = free_port()
-        command = [sys.executable, "-m", "zloam_monitor", "replay"]
-        self.process = subprocess.Popen(
-            [*command, *map(str, options), "--listen", f"127.0.0.1:{self.port}"],
-            cwd=ROOT,
-            env={"PYTHONPATH": str(ROOT / "services/monitor/src"), "PATH": "/usr/bin:/bin"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        self.process = started("replay", *options, "--listen", f"127.0.0.1:{self.port}")
 
     def ended(self) -> Done:
         said, _ = self.process.communicate(timeout=120)
@@ -248,12 +262,18 @@ def test_what_is_no_recording_is_said(recorded: Recorded, tmp_path: Path) -> Non
         assert "Traceback" not in done.said
 
 
+def cut_off(recorded: Recorded, folder: Path) -> Path:
+    """Three quarters of it."""
+    cut = folder / "cut.mcap"
+    whole = recorded.mcap.read_bytes()
+    cut.write_bytes(whole[: len(whole) * 3 // 4])
+    return cut
+
+
 def test_of_a_recording_that_was_cut_off_the_rest_is_replayed(
     build: Path, recorded: Recorded, tmp_path: Path
 ) -> None:
-    cut = tmp_path / "cut.mcap"
-    whole = recorded.mcap.read_bytes()
-    cut.write_bytes(whole[: len(whole) * 3 // 4])
+    cut = cut_off(recorded, tmp_path)
     done = monitor("demo", "--preset-dir", build, "--out", tmp_path / "out", "--bag", cut)
     assert "is cut off or damaged" in done.said
     poses = len(trajectory.read(tmp_path / "out" / "trajectory.tum"))
@@ -270,3 +290,111 @@ def test_another_recording_is_not_replaced(build: Path, recorded: Recorded, tmp_
     assert done.code == 3
     assert "is there already" in done.said
     assert recorded.mcap.read_bytes() == before
+
+
+@pytest.fixture(scope="module")
+def rust_reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built once for its sources, as the programs' Rust part is. Skipped where its crates cannot be
+    had; what had them and does not compile is a fault."""
+    if shutil.which("cargo") is None:
+        pytest.skip("no cargo: the crate mcap reads nothing here")
+    program = tmp_path_factory.mktemp("rust") / "zloam-mcap-reader"
+    built = subprocess.run(
+        [RUST, "--mcap-reader", program], capture_output=True, text=True, check=False
+    )
+    if built.returncode != 0:
+        fetch = ["cargo", "fetch", "--locked", "--manifest-path", str(READER)]
+        fetched = subprocess.run(fetch, capture_output=True, text=True, check=False)
+        if fetched.returncode != 0:
+            pytest.skip(f"no registry of crates: {fetched.stderr.strip().splitlines()[-1]}")
+    assert built.returncode == 0, built.stderr
+    return program
+
+
+def by_rust(reader: Path, path: Path) -> dict[str, Any]:
+    """What the crate mcap finds: `topics`, what its index counts, and why it stopped."""
+    done = subprocess.run([reader, path], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def in_order(path: Path) -> Iterator[tuple[str, bytes]]:
+    """(topic, data) as the file has them, by Python's reader, up to where the file is cut off."""
+    with path.open("rb") as file:
+        messages_of = NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        try:
+            for _, channel, message in messages_of:
+                yield channel.topic, message.data
+        except McapError:
+            return
+
+
+def counted(messages_of: Iterable[tuple[str, bytes]]) -> dict[str, dict[str, int]]:
+    """As the Rust program says it."""
+    found: dict[str, dict[str, int]] = {}
+    for topic, data in messages_of:
+        of = found.setdefault(topic, {"messages": 0, "bytes": 0, "crc32": 0})
+        of["messages"] += 1
+        of["bytes"] += len(data)
+        of["crc32"] = zlib.crc32(data, of["crc32"])
+    return found
+
+
+def total(topics: dict[str, dict[str, int]]) -> int:
+    return sum(each["messages"] for each in topics.values())
+
+
+def test_rust_reads_the_same(recorded: Recorded, rust_reader: Path) -> None:
+    found = by_rust(rust_reader, recorded.mcap)
+    assert found["stopped"] is None
+    assert found["topics"] == counted(in_order(recorded.mcap))
+    assert found["indexed"] == total(found["topics"]) > 100
+
+
+def test_rust_reads_a_part_as_far_as_it_goes(
+    recorded: Recorded, rust_reader: Path, tmp_path: Path
+) -> None:
+    cut = cut_off(recorded, tmp_path)
+    found = by_rust(rust_reader, cut)
+    assert found["stopped"]
+    assert found["indexed"] is None
+    count = total(found["topics"])
+    assert found["topics"] == counted(itertools.islice(in_order(recorded.mcap), count))
+    assert count >= total(counted(in_order(cut))) > 100
+
+
+def writes(path: Path) -> bool:
+    """A process that has this file among its words: a killed recorder's file is written by one of
+    its own, which ends after what had come whole."""
+    for each in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if str(path).encode() in each.read_bytes():
+                return True
+    return False
+
+
+def test_rust_reads_what_a_killed_recorder_left(
+    recorded: Recorded, rust_reader: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "killed.mcap"
+    deadline = time.monotonic() + PATIENCE_S
+    with Replaying(recorded.mcap, "--rate", 0.5) as replaying:
+        assert replaying.process.stdout is not None
+        assert f"robot {ROBOT}" in replaying.process.stdout.readline()
+        recorder = started("record", path, "--connect", f"127.0.0.1:{replaying.port}")
+        try:
+            while not path.exists() or path.stat().st_size < WRITTEN_BYTES:
+                assert time.monotonic() < deadline
+                assert replaying.process.poll() is None, "the replay was too short"
+                time.sleep(0.05)
+        finally:
+            recorder.kill()
+            recorder.communicate()
+    while writes(path):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    found = by_rust(rust_reader, path)
+    assert found["stopped"] is None
+    assert found["topics"] == counted(in_order(path))
+    assert found["indexed"] == total(found["topics"]) > 10
