@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import socket
 from collections.abc import Iterator
 
 import pytest
+import zenoh
 
 from zloam_monitor import cli, discovery, ports
 from zloam_monitor.discovery import NothingAnswers, endpoint_of
@@ -48,14 +50,42 @@ def deaf() -> Iterator[int]:
 
 @pytest.mark.parametrize("command", [["watch"], ["status"], ["get"], ["robots"], ["reset"]])
 def test_nobody_there_is_one_helpful_line(
-    command: list[str], deaf: int, capsys: pytest.CaptureFixture[str]
+    command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main([*command, "--connect", f"127.0.0.1:{free_port()}"]) == 1
     said = capsys.readouterr().err
     assert "(Connection refused): check that stages run there" in said
-    assert cli.main([*command, "--connect", f"127.0.0.1:{deaf}"]) == 1
+
+
+def test_who_takes_connections_and_says_nothing_is_no_robot(
+    deaf: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["watch", "--connect", f"127.0.0.1:{deaf}"]) == 1
     said = capsys.readouterr().err
     assert f"nothing of a robot answers at tcp/127.0.0.1:{deaf}" in said
+
+
+def opened(mode: str, **endpoints_of: list[str]) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    for which, named in endpoints_of.items():
+        config.insert_json5(f"{which}/endpoints", json.dumps(named))
+    return zenoh.open(config)
+
+
+def test_a_router_answers_for_stages_that_only_it_reaches() -> None:
+    where = f"tcp/127.0.0.1:{free_port()}"
+    with (
+        opened("router", listen=[where]),
+        opened("peer", listen=[], connect=[where]) as stage,
+        stage.liveliness().declare_token("loam/car/service/odometry/odometry-1/alive"),
+    ):
+        (found,) = discovery.present([where])
+        assert (found.robot, found.stages, found.router) == ("car", ["odometry"], True)
+        with discovery.linked_to(found, newest=0) as link:
+            assert list(link.session.info.routers_zid())
+            assert link.living() == {"odometry"}
 
 
 def test_a_taken_port_is_refused_with_its_number() -> None:

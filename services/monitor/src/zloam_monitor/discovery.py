@@ -19,15 +19,19 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor.keys import Keys
-from zloam_monitor.link import Link, LinkError, open_session
+from zloam_monitor.link import Link, LinkError, open_client, open_session
 from zloam_monitor.stages import STAGES
 
 HOST = "127.0.0.1"
 #: of integration, and of the router in docker-compose.yml
 DEFAULT_PORTS = (7464, 7447)
-#: an answer of a program on this machine takes milliseconds; a link over a network some hundred
-CONNECT_SECONDS = 0.7
+#: an answer of a program on this machine takes milliseconds; a connection over a network, which
+#: others may fill, some hundred
+CONNECT_SECONDS = 2.0
 ANSWER_SECONDS = 2.0
+#: at an endpoint that was named: on a link with 200 ms of delay, to open a session takes a second,
+#: and several where other views fill it
+FAR_SECONDS = 15.0
 #: siblings of the first stage that answers are heard within this
 SIBLING_SECONDS = 0.6
 _ENDPOINT = re.compile(
@@ -48,6 +52,8 @@ class Found:
     robot: str
     endpoint: str
     instances: tuple[tuple[str, str], ...]
+    #: that answers for the stages
+    router: bool = False
 
     @property
     def stages(self) -> list[str]:
@@ -159,9 +165,9 @@ def _answers(session: Any, seconds: float) -> set[tuple[str, str, str]]:
     return found
 
 
-def _heard(session: Any) -> set[tuple[str, str, str]]:
+def _heard(session: Any, seconds: float) -> set[tuple[str, str, str]]:
     """All who answer: the first may take a while, the others follow it."""
-    ends = time.monotonic() + ANSWER_SECONDS
+    ends = time.monotonic() + seconds
     heard: set[tuple[str, str, str]] = set()
     while (now := time.monotonic()) < ends:
         more = _answers(session, ends - now) - heard
@@ -177,33 +183,47 @@ def _heard(session: Any) -> set[tuple[str, str, str]]:
     return heard
 
 
-def _robots(endpoint: str, heard: Iterable[tuple[str, str, str]]) -> list[Found]:
+def _robots(endpoint: str, heard: Iterable[tuple[str, str, str]], router: bool) -> list[Found]:
     by_robot: dict[str, list[tuple[str, str]]] = {}
     for robot, stage, instance in heard:
         by_robot.setdefault(robot, []).append((stage, instance))
-    return [Found(robot, endpoint, tuple(sorted(each))) for robot, each in sorted(by_robot.items())]
+    return [
+        Found(robot, endpoint, tuple(sorted(each)), router)
+        for robot, each in sorted(by_robot.items())
+    ]
 
 
-def ask(endpoint: str) -> list[Found]:
-    """The robots that answer at an endpoint."""
+def ask(endpoint: str, seconds: float = ANSWER_SECONDS) -> list[Found]:
+    """The robots that answer at an endpoint within so long after somebody took the connection."""
     if refusal(endpoint) is not None:
         return []
     try:
-        session = open_session([endpoint])
+        session, router = _opened(endpoint)
     except LinkError:
         return []
     try:
-        return _robots(endpoint, _heard(session))
+        return _robots(endpoint, _heard(session, seconds), router)
     finally:
         session.close()
+
+
+def _opened(endpoint: str) -> tuple[Any, bool]:
+    """A session with what is there, and whether that is a router. A peer would hear the stages
+    behind a router only by links of its own to them, which from another network there are not."""
+    session = open_client([endpoint])
+    if list(session.info.routers_zid()):
+        return session, True
+    session.close()
+    return open_session([endpoint]), False
 
 
 def robots(endpoints: Sequence[str] = ()) -> list[Found]:
     """All that are found, each once: without endpoints on this machine."""
     found: list[Found] = []
     known: set[tuple[str, str]] = set()
+    seconds = FAR_SECONDS if endpoints else ANSWER_SECONDS
     for endpoint in [endpoint_of(each) for each in endpoints] or candidates():
-        for each in ask(endpoint) if not _is_known(endpoint, known) else []:
+        for each in ask(endpoint, seconds) if not _is_known(endpoint, known) else []:
             if not known.intersection(each.instances):
                 found.append(each)
             known.update(each.instances)
@@ -271,7 +291,7 @@ def linked(
 @contextmanager
 def linked_to(found: Found, newest: int | None = None, thin: bool = False) -> Iterator[Link]:
     """A link to a robot that was found."""
-    session = open_session([found.endpoint])
+    session = (open_client if found.router else open_session)([found.endpoint])
     link = Link(session, Keys(found.robot), newest, thin)
     try:
         yield link
