@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.integration.conftest import Capture, kill, monitor
-from tests.integration.test_views import Program, fetched
+from tests.integration.test_views import Program
+from tests.integration.views import fetched
 from zloam_monitor import messages, outputs, records, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.clouds import POINT_LAYERS

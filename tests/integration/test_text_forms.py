@@ -125,7 +125,8 @@ def compose(words: list[str]) -> None:
         known = run("docker", "compose", plain[0], "--help")
         assert_known([o for o in options if o != "-f"], known)
     scaled = [value.split("=")[0] for value in values(words, "--scale")]
-    services = {"up": plain[1:], "exec": plain[1:2]}.get(plain[0], [])
+    named = {"up": plain[1:], "logs": plain[1:], "exec": plain[1:2], "run": plain[1:2]}
+    services = named.get(plain[0], [])
     assert [s for s in (*services, *scaled) if s not in shown] == []
 
 
@@ -185,6 +186,7 @@ def test_its_words_are_known(command: str) -> None:
         "make tea",
         "docker compose up --strong",
         "docker compose up driver9",
+        "docker compose run --rm monitor9 watch",
         "docker compose -f deploy/compose/none.yml up",
         "docker brew",
         "zloam brew",

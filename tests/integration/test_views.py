@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import importlib
-import json
 import os
 import re
 import signal
-import struct
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 from tests.integration.browser import Browser
 from tests.integration.conftest import ROOT, monitor
-from zloam_monitor.foxglove_scene import TOPICS
+from tests.integration.views import (
+    assert_foxglove_shows_the_drive,
+    fetched,
+    has_driven,
+    rerun_lets_in,
+    until,
+)
 from zloam_monitor.processes import free_port
 
 #: longer than all tests of this file take
 DRIVE_SECONDS = 240
-FRAMES = {(b"map", b"odom"), (b"odom", b"base_link"), (b"base_link", b"lidar")}
 
 
 class Program:
@@ -74,68 +72,13 @@ def robot(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str
     driving.process.communicate(timeout=60)
 
 
-def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
-    deadline = time.monotonic() + seconds
-    while not (found := holds()):
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
-    return found
-
-
 def test_foxglove_shows_it_live(robot: str, page: str) -> None:
     """By the protocol that Foxglove speaks, read by the code it publishes with its schemas."""
-    until(lambda: (fetched(f"{page}/robots/robot/state.json").get("path") or [[0]])[-1][0] > 10.0)
+    until(lambda: has_driven(page))
     server = Program("foxglove", "--connect", robot, "--port", 0)
-    url = server.find(r"(ws://127\.0\.0\.1:\d+)")
-    shown: dict[str, list[bytes]] = {}
-    with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:  # type: ignore[list-item]
-        topics: dict[int, str] = {}
-        deadline = time.monotonic() + 60
-        while not (
-            {"/tf", "/points", "/pose", "/map", "/path", "/log"} <= shown.keys()
-            and transforms(shown["/tf"]) >= FRAMES
-        ):
-            assert time.monotonic() < deadline, (shown.keys(), transforms(shown.get("/tf", [])))
-            message = socket.recv(timeout=30)
-            if isinstance(message, str):
-                said = json.loads(message)
-                for number, channel in enumerate(said.get("channels", [])):
-                    assert channel["schemaName"] == f"foxglove.{TOPICS[channel['topic']]}"
-                    assert channel["encoding"] == channel["schemaEncoding"] == "flatbuffer"
-                    topics[number] = channel["topic"]
-                    asked = [{"id": number, "channelId": channel["id"]}]
-                    socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
-            else:
-                _, number, _ = struct.unpack_from("<BIQ", message)
-                shown.setdefault(topics[number], []).append(message[13:])
+    assert_foxglove_shows_the_drive(server.find(r"(ws://127\.0\.0\.1:\d+)"))
     code, said_all = server.end()
     assert code == 0, said_all
-    cloud = read("/points", shown)
-    assert cloud.FrameId() == b"base_link"
-    data = np.frombuffer(cloud.DataAsNumpy().tobytes(), "<f4").reshape(-1, 4)
-    assert len(data) > 1000
-    assert 2.0 < np.linalg.norm(data[:, :3], axis=1).max() < 150.0
-    assert transforms(shown["/tf"]) == FRAMES
-    # the whole drive, though it began before
-    path = read("/path", shown)
-    begin, end = (path.Poses(i).Position().X() for i in (0, path.PosesLength() - 1))
-    assert abs(begin) < 0.5
-    assert end > 10.0
-
-
-def transforms(messages: list[bytes]) -> set[tuple[bytes, bytes]]:
-    """(parent, child) of all that were shown."""
-    read_all = [module("FrameTransforms").GetRootAs(each) for each in messages]
-    each_of = [of.Transforms(i) for of in read_all for i in range(of.TransformsLength())]
-    return {(each.ParentFrameId(), each.ChildFrameId()) for each in each_of}
-
-
-def module(name: str) -> Any:
-    return getattr(importlib.import_module(f"foxglove_schemas_flatbuffer.{name}"), name)
-
-
-def read(topic: str, shown: dict[str, list[bytes]]) -> Any:
-    return module(TOPICS[topic]).GetRootAs(shown[topic][-1])
 
 
 def test_rerun_s_file_has_everything(robot: str, tmp_path: Path) -> None:
@@ -182,16 +125,26 @@ def test_rerun_serves_a_browser_on_this_machine_only(robot: str, tmp_path: Path)
     assert not (tmp_path / "rerun").exists()
 
 
+def test_rerun_s_page_is_shown_elsewhere_too(robot: str) -> None:
+    """Where it listens on another address than the loopback's: by that one, or by a name."""
+    for address, host in (("0.0.0.0", "127.0.0.1"), ("127.0.0.2", "127.0.0.2")):
+        port = free_port()
+        viewer = Program(
+            *("view", "--connect", robot, "--web", "--port", port), "--address", address
+        )
+        assert viewer.find(r"(http://\S+)[ ;]").startswith(f"http://{host}:{port}/?url=")
+        assert rerun_lets_in(f"http://{host}:{port + 1}", f"http://robot.lan:{port}")
+        assert not rerun_lets_in(f"http://{host}:{port + 1}", "http://robot.lan")
+        code, said = viewer.end()
+        assert code == 0, said
+
+
 @pytest.fixture(scope="module")
 def page(robot: str) -> Iterator[str]:
     server = Program("web", "--connect", robot, "--port", 0)
     yield server.find(r"(http://\S+)/ shows robot")
     code, said = server.end()
     assert code == 0, said
-
-
-def fetched(url: str) -> Any:
-    return json.load(urllib.request.urlopen(url, timeout=30))
 
 
 def test_the_page_s_figures_are_the_robot_s(page: str) -> None:

@@ -133,6 +133,14 @@ COMMANDS: dict[str, Kind] = {
     ),
     "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
     "-f deploy/compose/observability.yml up -d": Form(COMPOSE),
+    "docker compose run --rm --no-deps monitor watch --connect tcp/router:7447": Form(
+        "tests/system/test_views_elsewhere.py"
+    ),
+    "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
+    "-f deploy/compose/views.yml up -d --build": Form("tests/system/test_views_elsewhere.py"),
+    "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
+    "-f deploy/compose/views.yml logs view": Form("tests/system/test_views_elsewhere.py"),
+    "zloam watch --connect ROBOT:7447": Form("tests/system/test_views_elsewhere.py"),
     "bin/zloam support out/demo": Form("services/monitor/tests/test_support.py"),
     "make run CONFIG=deploy/robots/vlp16-outdoor.yaml": LiveRun(
         r"no packets on UDP 2368 for \d+ s: ", LIVE

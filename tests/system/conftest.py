@@ -56,6 +56,14 @@ def images() -> None:
     assert built.returncode == 0, built.stdout[-3000:] + built.stderr[-6000:]
 
 
+@pytest.fixture(scope="session")
+def view_image(images: None) -> None:
+    """The one with Rerun and Foxglove."""
+    if os.environ.get("ZLOAM_IMAGES") != "as-they-are":
+        layers, environment = ["deploy/compose/views.yml"], {"ZLOAM_RUST": "prebuilt"}
+        Deployment("zloam-images", ROOT / "out", layers, environment).run("build", "view")
+
+
 @dataclass(frozen=True)
 class Drive:
     """A simulated drive outside the containers, and its exact truth."""

@@ -165,6 +165,13 @@ class Driven:
             for account in status.inputs:
                 assert account.balanced(), (stage, instance, account)
 
+    def assert_nothing_dropped(self) -> None:
+        """On the way of the pose."""
+        for (stage, _), status in self.statuses.items():
+            if stage in ("registration", "odometry", "integration"):
+                for account in status.inputs:
+                    assert not any(account.dropped.values()), (stage, account)
+
     def assert_as_good(
         self,
         undisturbed: Trajectory,

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 from tests.system.compose import Deployment, inspect
 
+#: a bad link: bits a second, and seconds that both ways take longer
+RATE_BIT_PER_S, DELAY_S = 1_000_000, 0.2
 #: hears every key of the robot and counts; says so every second, with the age of the last pose
 LISTENER = """
 import json, sys, time
@@ -121,10 +123,10 @@ def _host_end(container: str) -> str:
 
 
 @contextlib.contextmanager
-def slow(container: str, bits_per_s: int) -> Iterator[None]:
-    """What comes to a container, at so many bits a second."""
+def slow(container: str) -> Iterator[None]:
+    """What comes to a container, at the rate of a bad link."""
     card = _host_end(container)
-    _run("tc", "qdisc", "add", "dev", card, "root", "tbf", "rate", f"{bits_per_s}bit",
+    _run("tc", "qdisc", "add", "dev", card, "root", "tbf", "rate", f"{RATE_BIT_PER_S}bit",
          "burst", "32kbit", "latency", "400ms")  # fmt: skip
     try:
         yield
@@ -133,27 +135,57 @@ def slow(container: str, bits_per_s: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def relay(deployment: Deployment, delay_s: float) -> Iterator[str]:
-    """The endpoint of a relay to the router: both ways so much later."""
-    with _elsewhere(deployment, "relay", RELAY, str(delay_s)) as name:
-        yield f"tcp/{name}:7447"
+def relay(deployment: Deployment) -> Iterator[str]:
+    """The container of a relay to the router, at its port: both ways as late as on a bad link."""
+    with _python(deployment, "relay", RELAY, str(DELAY_S)) as name:
+        yield name
 
 
 @contextlib.contextmanager
 def outside(deployment: Deployment, endpoint: str = "tcp/router:7447") -> Iterator[Outside]:
     """It runs, and connects to the router or to a relay before it."""
-    with _elsewhere(deployment, "outside", LISTENER, endpoint) as name:
+    with _python(deployment, "outside", LISTENER, endpoint) as name:
         yield Outside(name)
 
 
+def _python(
+    deployment: Deployment, name: str, program: str, *arguments: str
+) -> contextlib.AbstractContextManager[str]:
+    image = ("--entrypoint", "python3", "zenoh-loam-monitor")
+    return elsewhere(deployment, name, *image, "-c", program, *arguments)
+
+
 @contextlib.contextmanager
-def _elsewhere(deployment: Deployment, name: str, program: str, *arguments: str) -> Iterator[str]:
-    """Python that stands for another machine: it gets the time that the robot leaves over."""
+def elsewhere(
+    deployment: Deployment, name: str, *words: str, network: str = "default"
+) -> Iterator[str]:
+    """A container that stands for another machine, by the last words of `docker run`; gives its
+    name. It gets the time that the robot leaves over."""
     container = f"{deployment.project}-{name}"
-    _run("docker", "run", "--detach", "--rm", "--name", container, "--cpu-shares", "2", "--network",
-         f"{deployment.project}_default", "--entrypoint", "python3", "zenoh-loam-monitor", "-c",
-         program, *arguments)  # fmt: skip
+    _run("docker", "run", "--detach", "--name", container, "--cpu-shares", "2", "--network",
+         f"{deployment.project}_{network}", *words)  # fmt: skip
     try:
         yield container
     finally:
-        subprocess.run(["docker", "kill", container], capture_output=True, check=False)
+        subprocess.run(["docker", "rm", "--force", container], capture_output=True, check=False)
+
+
+@contextlib.contextmanager
+def network_of(deployment: Deployment, container: str) -> Iterator[str]:
+    """A network of its own, from which that container alone is reached: who finds the stages' own
+    addresses by gossip would go round a relay otherwise."""
+    network = f"{deployment.project}_outside"
+    _run("docker", "network", "create", network)
+    try:
+        _run("docker", "network", "connect", network, container)
+        yield "outside"
+    finally:
+        for words in (("disconnect", "--force", network, container), ("rm", network)):
+            subprocess.run(["docker", "network", *words], capture_output=True, check=False)
+
+
+def said_by(container: str, errors: bool = False) -> str:
+    """On standard output until now, and what it said of itself."""
+    asked = ["docker", "logs", container]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    return done.stdout + (done.stderr if errors else "")

@@ -14,33 +14,18 @@ import pytest
 
 from tests.system.compose import ROOT
 from tests.system.conftest import Drive, drive_of
+from tests.system.inside import Inside, Phase
 from tests.system.live import Driven, LiveDeployment, running
 from tests.system.outside import Outside, outside, relay, slow
-from zloam_monitor.keys import Keys
-from zloam_monitor.link import Link, open_session
 
 pytestmark = pytest.mark.system
 BEFORE_SWEEPS = 50
 PHASE_S = 15.0
-RATE_BIT_PER_S = 1_000_000
-LOSS, DELAY_S = 0.2, 0.2
+LOSS = 0.2
 #: after the cut, until poses come again: Zenoh's lease, and the pause between tries to connect
 HEARS_AGAIN_S = 45.0
 DRIVE_SECONDS = 240
 REPORT = ROOT / "out" / "system" / "outside_link.json"
-
-
-@dataclass(frozen=True)
-class Phase:
-    """What the link was like, and what came of it."""
-
-    name: str
-    at_ns: int
-    #: last packet to pose, of the poses of this time
-    latencies_ms: list[float]
-    poses_outside: float
-    #: of the last pose that was heard outside, when it was
-    age_outside_s: float
 
 
 @dataclass(frozen=True)
@@ -50,32 +35,6 @@ class Observed:
     phases: list[Phase]
     driven: Driven
     poses_after_cut: float
-
-
-class Inside:
-    """Hears poses on the robot itself, from integration."""
-
-    def __init__(self, live: LiveDeployment) -> None:
-        address = live.deployment.replicas("integration")[0].address
-        self._session = open_session([f"tcp/{address}:7464"], "tcp/0.0.0.0:0")
-        self.link = Link(self._session, Keys("robot"))
-
-    def during(self, name: str, who: Outside | None, seconds: float = PHASE_S) -> Phase:
-        self.link.poll()
-        known, at_ns = set(self.link.poses), time.time_ns()
-        before = who.heard().get("pose", 0.0) if who else 0.0
-        ends = time.monotonic() + seconds
-        while time.monotonic() < ends:
-            self.link.poll(0.2)
-        new = [pose for sweep, pose in self.link.poses.items() if sweep not in known]
-        latencies = [1e-6 * (p.trace[-1].published_ns - p.last_packet_ns) for p in new]
-        said = who.heard() if who else {}
-        heard = said.get("pose", before) - before
-        return Phase(name, at_ns, latencies, heard, said.get("pose_age_s", 0.0))
-
-    def close(self) -> None:
-        self.link.close()
-        self._session.close()
 
 
 @pytest.fixture(scope="module")
@@ -93,22 +52,22 @@ def hears(who: Outside) -> float:
 
 
 def phases(live: LiveDeployment, inside: Inside) -> Iterator[Phase | float]:
-    yield inside.during("nobody outside", None)
+    yield inside.during("nobody outside", None, PHASE_S)
     with outside(live.deployment) as who:
         hears(who)
-        yield inside.during("good link", who)
-        with slow(who.name, RATE_BIT_PER_S):
-            yield inside.during("1 Mbit/s", who)
+        yield inside.during("good link", who, PHASE_S)
+        with slow(who.name):
+            yield inside.during("1 Mbit/s", who, PHASE_S)
         with who.losing(LOSS):
-            yield inside.during("20 % loss", who)
+            yield inside.during("20 % loss", who, PHASE_S)
         with who.cut():
-            yield inside.during("cut", who)
+            yield inside.during("cut", who, PHASE_S)
         yield hears(who)
     with (
-        relay(live.deployment, DELAY_S) as endpoint,
-        outside(live.deployment, endpoint) as who,
+        relay(live.deployment) as name,
+        outside(live.deployment, f"tcp/{name}:7447") as who,
     ):
-        yield inside.during("200 ms", who)
+        yield inside.during("200 ms", who, PHASE_S)
 
 
 @pytest.fixture(scope="module")
@@ -136,10 +95,7 @@ def test_the_robot_misses_nothing(observed: Observed) -> None:
 
 
 def test_the_robot_drops_nothing_on_the_way_of_the_pose(observed: Observed) -> None:
-    for (stage, _), status in observed.driven.statuses.items():
-        if stage in ("registration", "odometry", "integration"):
-            for account in status.inputs:
-                assert not any(account.dropped.values()), (stage, account)
+    observed.driven.assert_nothing_dropped()
 
 
 def test_each_pose_was_heard_inside(observed: Observed) -> None:

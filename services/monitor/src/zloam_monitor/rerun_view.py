@@ -29,6 +29,7 @@ MOST_WAITING_BYTES = 64 * MIB
 #: the server for the browser keeps so much, for those who come later
 KEPT = "512MiB"
 APPLICATION = "zloam"
+HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 START_SECONDS = 20.0
 
 
@@ -40,10 +41,24 @@ class Options:
     #: of the page, and one above it the data
     port: int = 9090
     #: that it listens on
-    address: str = "127.0.0.1"
+    address: str = HERE
     save: Path | None = None
     #: also sweeps, features and rejected points
     points: bool = True
+
+    @property
+    def host(self) -> str:
+        """By which this machine reaches it."""
+        return HERE if self.address == EVERYWHERE else self.address
+
+    @property
+    def page(self) -> str:
+        """Its address for browsers, which names where its data is."""
+        data = f"rerun%2Bhttp%3A%2F%2F{self.host}%3A{self.port + 1}%2Fproxy"
+        page = f"http://{self.host}:{self.port}/?url={data}"
+        if self.address != EVERYWHERE:
+            return page
+        return f"{page} (elsewhere with this machine's name for {HERE}, both times)"
 
 
 class Viewer:
@@ -58,6 +73,10 @@ class Viewer:
         if options.web:
             command += ["--serve-web", "--web-viewer-port", str(options.port)]
             command += ["--server-memory-limit", KEPT]
+        if options.web and options.address != HERE:
+            # The page has its data from another port, where Rerun serves pages of its own machine
+            # alone: who opened it from elsewhere saw nothing.
+            command += ["--cors-allow-origin", f"http://*:{options.port}"]
         environment = {**os.environ, "XDG_CONFIG_HOME": self._settings.name}
         for port in (options.port, options.port + 1):
             if not is_free(port, options.address):
@@ -73,7 +92,7 @@ class Viewer:
         said = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
         file.write_text(json.dumps(said))
 
-    def wait_for(self, port: int) -> None:
+    def wait_for(self, host: str, port: int) -> None:
         """Until it takes what is sent; raises ViewerError with its words where it does not."""
         deadline = time.monotonic() + START_SECONDS
         while time.monotonic() < deadline:
@@ -83,7 +102,7 @@ class Viewer:
                     f"Rerun ended: {' '.join(words)}; --web and --save need no screen"
                 )
             with contextlib.suppress(OSError):
-                socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+                socket.create_connection((host, port), timeout=1.0).close()
                 return
             time.sleep(0.1)
         raise ViewerError(f"Rerun does not answer after {START_SECONDS:.0f} s")
@@ -104,15 +123,11 @@ def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
         yield f"{options.save} (`rerun {options.save}` shows it)"
         return
     with contextlib.closing(Viewer(options)) as viewer:
-        viewer.wait_for(options.port + 1)
-        recording.connect_grpc(
-            f"rerun+http://127.0.0.1:{options.port + 1}/proxy", default_blueprint=plan
-        )
-        host = "127.0.0.1" if options.address == "0.0.0.0" else options.address
-        data = f"rerun%2Bhttp%3A%2F%2F{host}%3A{options.port + 1}%2Fproxy"
-        page = f"http://{host}:{options.port}/?url={data}"
+        port = options.port + 1
+        viewer.wait_for(options.host, port)
+        recording.connect_grpc(f"rerun+http://{options.host}:{port}/proxy", default_blueprint=plan)
         try:
-            yield page if options.web else "a window of Rerun"
+            yield options.page if options.web else "a window of Rerun"
         finally:
             recording.disconnect()
 
