@@ -23,7 +23,7 @@ FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind,
 #: variables of a layer without which it is refused
 LAYER_VARIABLES = {"ZLOAM_PCAP": "/drive.pcap", "ZLOAM_IMU": "/imu.csv"}
 #: options with a value of their own
-VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw", "--from")
+VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw", "--from", "--connect")
 #: commands that have commands
 GROUPS = ("map", "config")
 
@@ -121,12 +121,13 @@ def compose(words: list[str]) -> None:
     listed = ["docker", "compose", *layers, "config", "--services"]
     shown = run(*listed, env=LAYER_VARIABLES).splitlines()
     plain, options = split(words)
-    if plain[0] != "exec":  # the others are the container's program's
-        known = run("docker", "compose", plain[0], "--help")
-        assert_known([o for o in options if o != "-f"], known)
-    scaled = [value.split("=")[0] for value in values(words, "--scale")]
     named = {"up": plain[1:], "logs": plain[1:], "exec": plain[1:2], "run": plain[1:2]}
     services = named.get(plain[0], [])
+    if plain[0] in ("exec", "run"):  # what comes after is the container's program's
+        options = split(words[: words.index(services[0])])[1]
+    known = run("docker", "compose", plain[0], "--help")
+    assert_known([o for o in options if o != "-f"], known)
+    scaled = [value.split("=")[0] for value in values(words, "--scale")]
     assert [s for s in (*services, *scaled) if s not in shown] == []
 
 
@@ -187,6 +188,7 @@ def test_its_words_are_known(command: str) -> None:
         "docker compose up --strong",
         "docker compose up driver9",
         "docker compose run --rm monitor9 watch",
+        "docker compose run --strong monitor watch",
         "docker compose -f deploy/compose/none.yml up",
         "docker brew",
         "zloam brew",

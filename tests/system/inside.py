@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tests.system.compose import Deployment, inspect
 from tests.system.live import LiveDeployment
 from tests.system.outside import Outside
@@ -75,19 +73,12 @@ class Memory:
             mib = {name: _resident_mib(pid) for name, pid in self._pids.items()}
             self.seen.append((time.time_ns(), mib))
 
-    def growth(self, begin_ns: int, seconds: float) -> dict[str, tuple[float, float]]:
-        """Service -> MiB at an instant, and how many came to that within the seconds after it, by
-        the line that fits best."""
+    def peaks_mib(self, begin_ns: int, seconds: float) -> dict[str, float]:
+        """Service -> the most within the seconds after an instant: the store's rises and falls, as
+        it writes its log anew."""
         ends_ns = begin_ns + int(1e9 * seconds)
-        within = [
-            (1e-9 * (at - begin_ns), mib) for at, mib in self.seen if begin_ns <= at < ends_ns
-        ]
-        at_s = [at for at, _ in within]
-        lines = {
-            service: np.polyfit(at_s, [mib[service] for _, mib in within], 1)
-            for service in within[0][1]
-        }
-        return {service: (float(of[1]), float(of[0] * seconds)) for service, of in lines.items()}
+        within = [mib for at_ns, mib in self.seen if begin_ns <= at_ns < ends_ns]
+        return {service: max(mib[service] for mib in within) for service in within[0]}
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
