@@ -58,11 +58,15 @@ bool is_address(std::string_view host) {
   return host.starts_with('[') || host.find_first_not_of("0123456789.") == std::string_view::npos;
 }
 
+// Of the ports that systems give to outgoing connections (Linux; others begin higher).
+constexpr std::uint16_t kFirstOutgoing = 32768;
+
 bool leads_to(std::string_view link, const HostPort& wanted) {
   const auto end = host_and_port(link);
   if (!end) return false;
-  // Whichever side made it.
-  return is_address(wanted.host) ? end->host == wanted.host : end->port == wanted.port;
+  if (!is_address(wanted.host)) return end->port == wanted.port;
+  // Whichever side made it. Other programs of that host have their own ports.
+  return end->host == wanted.host && (end->port == wanted.port || end->port >= kFirstOutgoing);
 }
 
 /// Of those that are in no chain, and of second instances: above all stages.

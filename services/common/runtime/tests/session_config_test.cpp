@@ -61,6 +61,8 @@ TEST(Endpoints, WithoutALinkAreThoseThatNoneLeadsTo) {
   // A peer on this host is no router on this host.
   EXPECT_THAT(missing({"tcp/127.0.0.1:7450"}), ElementsAre("tcp/127.0.0.1:7450"));
   EXPECT_THAT(missing({"tcp/10.0.0.8:7447"}), ElementsAre("tcp/10.0.0.8:7447"));
+  // A stage on the router's host is no router.
+  EXPECT_THAT(missing({"tcp/172.18.0.2:7463"}), ElementsAre("tcp/172.18.0.2:7463"));
   EXPECT_THAT(missing({"tcp/[fe80::1]:7447#iface=eth0"}), IsEmpty());
   // Two have that port; the third has none, and one that is named twice is one.
   EXPECT_THAT(missing({"tcp/a:7447", "tcp/a:7447", "tcp/b:7447", "tcp/c:7447"}),
