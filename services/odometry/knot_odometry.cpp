@@ -19,8 +19,20 @@ constexpr double kLost = 0.5;
 constexpr double kStillUsual = 0.8;
 // A platform that is at rest while the target is founded: its gyroscope reads its bias.
 constexpr double kRestRate_radps = 0.02;
+// What is within it of the mean of the Earth's can be gravity, by an accelerometer that is off.
+constexpr double kGravity_mps2 = 9.81;
+constexpr double kGravityOff_mps2 = 1.0;
+// Of the residuals with the inertial sensor to those without it, in one turn: a true sensor has 0.5
+// to 0.8 while the platform moves and 1.0 at rest; one that is turned, or reads degrees, 1.1 to 2.
+constexpr double kMisled = 1.15;
+// In one turn this much leaves no doubt, and a second one would find the target bent.
+constexpr double kCertain = 1.5;
+// A second opinion counts where it has found its way.
+constexpr double kExplained = 0.5;
+// Such turns until the sensor is left out: an instant of chance is none.
+constexpr std::uint32_t kDoubted = 2;
 // Of state(): another number where what is in it changes.
-constexpr std::uint64_t kLayout = 1;
+constexpr std::uint64_t kLayout = 2;
 
 /// When a slice's points were measured.
 struct Times {
@@ -104,7 +116,7 @@ Slice KnotOdometry::slice_of(const FeatureSweep& sweep, const MadeWith& with) co
     slice.points.push_back(
         {T_base_lidar_ * p.position().cast<double>(), std::clamp(part, 0.0, 1.0)});
   });
-  if (config_.use_imu && !sweep.imu.empty()) {
+  if (config_.use_imu && with.with_inertia && !sweep.imu.empty()) {
     slice.rate_bias_radps = with.rate_bias_radps;
     ImuErrors errors;
     errors.rate_radps = slice.rate_bias_radps;
@@ -141,20 +153,60 @@ void KnotOdometry::found() {
   for (std::size_t k = 0; k < turn_; ++k) settle(k);
 }
 
-/// Gravity, and the gyroscope's bias where the platform rests, from the first turn.
+/// The gyroscope's bias, where the platform rests in the first turn.
 void KnotOdometry::note_rest() {
-  Eigen::Vector3d force = Eigen::Vector3d::Zero();
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();
   double time_s = 0.0;
   for (const Slice& slice : window_.slices()) {
-    if (!slice.inertia) return;
-    force += slice.period_s * slice.inertia->mean_force_mps2;
+    if (!slice.inertia) continue;
     turn += slice.inertia->turn_rad;
     time_s += slice.period_s;
   }
-  window_.inertia().gravity_mps2 = -(window_.knots().front().linear() * force) / time_s;
+  if (time_s == 0.0) return;
   const Eigen::Vector3d rate_radps = turn / time_s;
   if (rate_radps.norm() < kRestRate_radps) window_.inertia().rate_bias_radps = rate_radps;
+}
+
+/// From the slices that have readings: the mean force is what holds against gravity, but for what
+/// the velocity changed by meanwhile. Readings may begin later than the slices.
+void KnotOdometry::find_gravity() {
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  double time_s = 0.0;
+  std::size_t with = 0;
+  const auto velocity_mps = [&](std::size_t k) -> Eigen::Vector3d {
+    return window_.knots()[k].linear() * window_.velocity(k).head<3>();
+  };
+  Eigen::Vector3d first = Eigen::Vector3d::Zero(), last = first;
+  for (std::size_t k = 0; k < window_.slices().size(); ++k) {
+    const Slice& slice = window_.slices()[k];
+    if (!slice.inertia) continue;
+    force += slice.period_s * (window_.knots()[k].linear() * slice.inertia->mean_force_mps2);
+    time_s += slice.period_s;
+    last = velocity_mps(k);
+    if (with++ == 0) first = last;
+  }
+  if (2 * with < turn_) return;
+  const Eigen::Vector3d gravity_mps2 = (last - first - force) / time_s;
+  if (std::abs(gravity_mps2.norm() - kGravity_mps2) < kGravityOff_mps2) {
+    window_.inertia().gravity_mps2 = gravity_mps2;
+  } else {
+    imu_contradictions_ = kDoubted;
+  }
+}
+
+bool KnotOdometry::believes_inertia() const { return imu_contradictions_ < kDoubted; }
+
+void KnotOdometry::judge_inertia(const KnotSolution& solution) {
+  if (!ends_turn() || !settled() || !solution.solved || !believes_inertia()) return;
+  if (!window_.slices().back().inertia) return;
+  KnotWindow alone = window_.without_inertia();
+  const KnotSolution second = alone.solve(*recent_, range_noise_m_);
+  if (!second.solved || second.explained < kExplained ||
+      solution.residual_m < kMisled * second.residual_m) {
+    return;
+  }
+  imu_contradictions_ += solution.residual_m > kCertain * second.residual_m ? kDoubted : 1;
+  if (!believes_inertia()) window_ = std::move(alone);
 }
 
 /// The oldest slice leaves the window and becomes a part of the target.
@@ -220,7 +272,8 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
   result.instant_ns = end_ns;
 
-  Slice slice = slice_of(sweep, {sweep.sweep, end_ns_, window_.inertia().rate_bias_radps});
+  Slice slice = slice_of(
+      sweep, {sweep.sweep, end_ns_, window_.inertia().rate_bias_radps, believes_inertia()});
   if (seen_ < turn_) slice.points.clear();
   keep(sweep, end_ns_);
   window_.push(std::move(slice));
@@ -234,10 +287,14 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   end_ns_ = end_ns;
   prev_sweep_ = sweep.sweep;
   if (seen_ == turn_) note_rest();
+  // Later from motion that all slices of the window have told.
+  const bool asks_gravity = seen_ == turn_ || (ends_turn() && seen_ >= 3 * turn_);
+  if (asks_gravity && believes_inertia() && !window_.knows_gravity()) find_gravity();
   if (seen_ >= turn_ && seen_ <= 2 * turn_) found();
   let_settle();
   KnotSolution solution;
   if (settled()) solution = window_.solve(*recent_, sweep.range_noise_m);
+  judge_inertia(solution);
 
   if (solution.solved) result.degeneracy = weak_directions(solution);
   result.health = judge(sweep, solution);
@@ -254,14 +311,15 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   result.diagnostics.prediction_error_m = error.translation().norm();
   result.diagnostics.prediction_error_rad = log_so3(error.linear()).norm();
   result.diagnostics.imu_used = window_.slices().back().inertia.has_value();
+  result.diagnostics.imu_contradictions = imu_contradictions_;
   fill_clouds(result);
   return result;
 }
 
 template <class Bits>
 void KnotOdometry::each(Bits& bits, std::deque<MadeWith>& made_with) {
-  bits(turn_, seen_, end_ns_, prev_sweep_, bad_in_row_, range_noise_m_, explained_, settled_,
-       made_with);
+  bits(turn_, seen_, end_ns_, prev_sweep_, bad_in_row_, imu_contradictions_, range_noise_m_,
+       explained_, settled_, made_with);
   window_.each(bits);
 }
 
@@ -272,7 +330,9 @@ std::vector<std::uint64_t> KnotOdometry::state() {
   std::uint64_t layout = kLayout;
   std::deque<MadeWith> made_with;
   for (std::size_t k = 0; k < kept_.size(); ++k) {
-    made_with.push_back({kept_[k].sweep, kept_[k].begin_ns, window_.slices()[k].rate_bias_radps});
+    const Slice& slice = window_.slices()[k];
+    made_with.push_back(
+        {kept_[k].sweep, kept_[k].begin_ns, slice.rate_bias_radps, slice.inertia.has_value()});
   }
   bits(layout);
   each(bits, made_with);

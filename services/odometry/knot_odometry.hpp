@@ -57,10 +57,11 @@ class KnotOdometry {
     std::uint64_t sweep = 0;
     std::int64_t begin_ns = 0;
     Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
+    bool with_inertia = true;
 
     template <class Bits>
     void each(Bits& bits) {
-      bits(sweep, begin_ns, rate_bias_radps);
+      bits(sweep, begin_ns, rate_bias_radps, with_inertia);
     }
   };
 
@@ -80,6 +81,10 @@ class KnotOdometry {
   bool settled() const { return seen_ > turn_ + turn_ / 2; }
   void found();
   void note_rest();
+  void find_gravity();
+  /// What the points say without the inertial sensor; one that they contradict is left out.
+  void judge_inertia(const KnotSolution& solution);
+  bool believes_inertia() const;
   void let_settle();
   /// Of the window, as its knots are now.
   void settle(std::size_t k);
@@ -106,6 +111,8 @@ class KnotOdometry {
   std::uint64_t prev_sweep_ = 0;
   bool begun_ = false;
   int bad_in_row_ = 0;
+  /// turns that the inertial sensor led astray
+  std::uint32_t imu_contradictions_ = 0;
 };
 
 }  // namespace zloam::odometry

@@ -7,6 +7,7 @@
 
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <random>
 
@@ -62,6 +63,9 @@ struct Drive {
   std::mt19937 random{7};
   double noise_m = 0.01;
   bool tunnel = false;
+  /// what is otherwise with the inertial sensor than was said, and its first slice
+  std::function<void(ImuReading&)> otherwise = [](ImuReading&) {};
+  int imu_from = 0;
   PointVector points;
   std::vector<ImuReading> imu;
 
@@ -94,7 +98,9 @@ struct Drive {
     sweep.slices = 10;
     sweep.range_noise_m = noise_m;
     sweep.less_flat = points;
-    if (with_imu) sweep.imu = readings(begin_ns, sweep.stamp_ns - begin_ns);
+    if (with_imu && number >= imu_from) {
+      sweep.imu = readings(begin_ns, sweep.stamp_ns - begin_ns);
+    }
     return sweep;
   }
 
@@ -115,6 +121,7 @@ struct Drive {
                            Eigen::Vector3d(0.02, -0.01, 0.01);
       reading.rate_radps = log_so3(a.linear().transpose() * c.linear()) / (2.0 * h) +
                            Eigen::Vector3d(2e-3, -1e-3, 1e-3);
+      otherwise(reading);
       imu.push_back(reading);
     }
     return imu;
@@ -125,10 +132,10 @@ struct Outcome {
   double worst_m = 0.0;
   double rms_m = 0.0;
   int not_ok = 0;
+  OdometryDiagnostics last;
 };
 
-Outcome drive(KnotOdometry& odometry, int slices, bool with_imu) {
-  Drive scans;
+Outcome drive(KnotOdometry& odometry, int slices, bool with_imu, Drive scans = {}) {
   Outcome out;
   int counted = 0;
   for (int i = 0; i < slices; ++i) {
@@ -139,6 +146,7 @@ Outcome drive(KnotOdometry& odometry, int slices, bool with_imu) {
     out.worst_m = std::max(out.worst_m, off_m);
     out.rms_m += off_m * off_m;
     out.not_ok += result.health == Health::kOk ? 0 : 1;
+    out.last = result.diagnostics;
     ++counted;
   }
   out.rms_m = std::sqrt(out.rms_m / counted);
@@ -159,6 +167,47 @@ TEST(KnotOdometryTest, FollowsWithoutOne) {
   EXPECT_EQ(out.not_ok, 0);
   EXPECT_LT(out.rms_m, 0.04);
   EXPECT_LT(out.worst_m, 0.12);
+}
+
+void in_degrees(ImuReading& r) { r.rate_radps *= 180.0 / kPi; }
+void yaw_reversed(ImuReading& r) { r.rate_radps.z() *= -1.0; }
+
+// As without a sensor, which is what is left. One that reads degrees has turned the first turn of the
+// mirror by its bias before it is found out, and the frame with it.
+TEST(KnotOdometryTest, ASensorThatThePointsContradictIsLeftOut) {
+  for (const auto& [otherwise, rms_m] : {std::pair{&yaw_reversed, 0.06}, {&in_degrees, 0.25}}) {
+    KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+    Drive scans;
+    scans.otherwise = otherwise;
+    const Outcome out = drive(odometry, 250, true, scans);
+    EXPECT_GE(out.last.imu_contradictions, 2U);
+    EXPECT_FALSE(out.last.imu_used);
+    EXPECT_EQ(out.not_ok, 0);
+    EXPECT_LT(out.rms_m, rms_m);
+  }
+}
+
+TEST(KnotOdometryTest, AForceThatIsNotGravitysIsLeftOut) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  scans.otherwise = [](ImuReading& r) { r.force_mps2 *= 0.5; };
+  const Outcome out = drive(odometry, 250, true, scans);
+  EXPECT_FALSE(out.last.imu_used);
+  EXPECT_EQ(out.not_ok, 0);
+  EXPECT_LT(out.rms_m, 0.04);
+}
+
+TEST(KnotOdometryTest, ReadingsMayBeginLaterAlsoWhileItMoves) {
+  for (const int from : {1, 7, 45}) {
+    KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+    Drive scans;
+    scans.imu_from = from;
+    const Outcome out = drive(odometry, 250, true, scans);
+    EXPECT_EQ(out.last.imu_contradictions, 0U) << from;
+    EXPECT_TRUE(out.last.imu_used) << from;
+    EXPECT_EQ(out.not_ok, 0) << from;
+    EXPECT_LT(out.rms_m, 0.03) << from;
+  }
 }
 
 TEST(KnotOdometryTest, TheSameSlicesGiveTheSameBytes) {
@@ -195,12 +244,15 @@ struct Kept {
 
 /// Two instances, of which the second goes on from the first one's state after slice 59 and has the
 /// slices from one on: what their poses differ by, m.
-double taken_over_apart_m(bool with_imu, std::uint64_t first_kept) {
+double taken_over_apart_m(
+    bool with_imu, std::uint64_t first_kept,
+    const std::function<void(ImuReading&)>& otherwise = [](ImuReading&) {}) {
   OdometryConfig config;
   config.window_sweeps = 3;
   KnotOdometry first(config, Pose::Identity(), Pose::Identity());
   KnotOdometry second(config, Pose::Identity(), Pose::Identity());
   Drive scans;
+  scans.otherwise = otherwise;
   Kept kept;
   double apart_m = 0.0;
   for (int i = 0; i < 90; ++i) {
@@ -226,6 +278,7 @@ double taken_over_apart_m(bool with_imu, std::uint64_t first_kept) {
 TEST(KnotOdometryTest, AnotherInstanceGoesOnWithTheSameBytes) {
   EXPECT_EQ(taken_over_apart_m(true, 0), 0.0);
   EXPECT_EQ(taken_over_apart_m(false, 10), 0.0);
+  EXPECT_EQ(taken_over_apart_m(true, 0, in_degrees), 0.0);
 }
 
 TEST(KnotOdometryTest, AnotherInstanceGoesOnNearlySoWithFewerSlices) {

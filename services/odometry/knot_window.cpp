@@ -97,7 +97,7 @@ void KnotWindow::push(Slice slice) {
   const double before_s = slices_.empty() ? period_before_s_ : slices_.back().period_s;
   const auto& inertia_before = slices_.empty() ? inertia_before_ : slices_.back().inertia;
   Pose next = knots_.back() * exp_se3(slice.period_s * v);
-  if (slice.inertia && inertia_before && !inertia_.gravity_mps2.isZero()) {
+  if (slice.inertia && inertia_before && knows_gravity()) {
     const Eigen::Matrix3d& R = knots_.back().linear();
     const Eigen::Vector3d w = inertia_before->mean_to_end_mps + slice.inertia->begin_to_mean_mps;
     const std::size_t n = knots_.size();
@@ -111,6 +111,13 @@ void KnotWindow::push(Slice slice) {
   }
   slices_.push_back(std::move(slice));
   knots_.push_back(normalised(next));
+}
+
+KnotWindow KnotWindow::without_inertia() const {
+  KnotWindow alone = *this;
+  for (Slice& slice : alone.slices_) slice.inertia.reset();
+  alone.inertia_before_.reset();
+  return alone;
 }
 
 void KnotWindow::pop() {
@@ -208,7 +215,7 @@ void KnotWindow::add_smoothness(std::size_t k, System& system) const {
   const bool felt_before =
       k == 0 ? inertia_before_.has_value() : slices_[k - 1].inertia.has_value();
   if (felt) weight.tail<3>().setZero();
-  if (felt && felt_before) weight.head<3>().setZero();
+  if (felt && felt_before && knows_gravity()) weight.head<3>().setZero();
   const std::array<System::Part<6>, 3> parts = {
       System::Part<6>{k == 0 ? -1 : System::at(k - 1), Matrix6::Identity() / before_s},
       System::Part<6>{System::at(k), -Matrix6::Identity() * (1.0 / before_s + 1.0 / after_s)},
@@ -242,7 +249,7 @@ void KnotWindow::add_turn(std::size_t k, System& system) const {
 void KnotWindow::add_force(std::size_t k, System& system) const {
   const Slice& before = slices_[k];
   const Slice& after = slices_[k + 1];
-  if (!before.inertia || !after.inertia) return;
+  if (!before.inertia || !after.inertia || !knows_gravity()) return;
   const auto p = [&](std::size_t i) -> const Eigen::Vector3d { return knots_[i].translation(); };
   const Eigen::Matrix3d& R = knots_[k + 1].linear();
   const Eigen::Vector3d w = before.inertia->mean_to_end_mps + after.inertia->begin_to_mean_mps;

@@ -44,7 +44,7 @@ struct Slice {
 
 /// What is known of gravity and of the gyroscope.
 struct KnotInertia {
-  Eigen::Vector3d gravity_mps2 = Eigen::Vector3d::Zero();  ///< frame odom
+  Eigen::Vector3d gravity_mps2 = Eigen::Vector3d::Zero();  ///< frame odom; zero: not known yet
   Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
   /// one sigma of what they wander by until the next slice
   double gravity_sigma_mps2 = 0.02;
@@ -101,6 +101,10 @@ class KnotWindow {
   /// Mean twist of a slice, m/s and rad/s.
   Vector6 velocity(std::size_t k) const;
   void configure(const OdometryConfig& config) { config_ = config; }
+  /// The same as if there were no inertial sensor.
+  KnotWindow without_inertia() const;
+  /// Without it the force says nothing of the motion.
+  bool knows_gravity() const { return !inertia_.gravity_mps2.isZero(); }
   KnotInertia& inertia() { return inertia_; }
   const KnotInertia& inertia() const { return inertia_; }
 

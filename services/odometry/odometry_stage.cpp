@@ -26,10 +26,13 @@ constexpr std::uint32_t kSuspicious = 3;
 // Of its stamps: what is worth the user's while. Less is allowed for, in a live run too.
 constexpr double kLate_s = 0.01;
 
+const std::string kInconsistent =
+    "IMU inconsistent with the lidar motion; ignoring it. Check mounting.imu_rpy_deg, units and "
+    "driver.imu_delay_ms";
+
 std::string doubts_about(const InertialState& imu) {
   if (imu.contradictions >= kSuspicious) {
-    return "IMU inconsistent with the lidar motion; ignoring it. Check mounting.imu_rpy_deg, units "
-           "and driver.imu_delay_ms";
+    return kInconsistent;
   }
   const double delay_s = imu.errors().delay_s;
   if (std::abs(delay_s) - 3.0 * imu.delay_sigma_s() < kLate_s) return {};
@@ -227,7 +230,11 @@ void OdometryStage::note_figures(const OdometryResult& result) {
 
 void OdometryStage::note_imu(const OdometryResult& result) {
   stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
-  if (!result.inertia) return;
+  if (!result.inertia) {
+    // Of slices: once it is not used any more it is not asked again.
+    if (result.diagnostics.imu_contradictions > 1) stage_.degraded("imu", kInconsistent);
+    return;
+  }
   const InertialState& known = *result.inertia;
   const ImuErrors errors = known.errors();
   stage_.figure("imu_force_bias_mps2", errors.force_mps2.norm());
