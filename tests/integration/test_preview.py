@@ -239,12 +239,15 @@ def test_a_thin_page_shows_it_and_says_what_to_start(
         assert [health[name] for name in ("odometry", "mapping", "integration")] == ["ready"] * 3
         shows_in_rerun(endpoint, tmp_path)
         kill(chain, "preview")
-        until(
-            chain, lambda: any("nothing comes on" in each["what"] for each in state()["findings"])
-        )
+
+        def is_said(words: str) -> bool:
+            return any(words in each["what"] for each in state()["findings"])
+
+        until(chain, lambda: is_said("nothing comes on"))
         assert "zloam preview --config" in state()["findings"][0]["do"]
         chain.start("preview", "preview-again")
-        until(chain, lambda: not any("preview" in each["what"] for each in state()["findings"]))
+        until(chain, lambda: not is_said("nothing comes on"))
+        assert is_said("preview was started again")
         code, said = page.end()
         assert code == 0, said
         assert "start on the robot" in said
