@@ -156,36 +156,13 @@ def _python(
 
 
 @contextlib.contextmanager
-def elsewhere(
-    deployment: Deployment, name: str, *words: str, network: str = "default"
-) -> Iterator[str]:
+def elsewhere(deployment: Deployment, name: str, *words: str) -> Iterator[str]:
     """A container that stands for another machine, by the last words of `docker run`; gives its
     name. It gets the time that the robot leaves over."""
     container = f"{deployment.project}-{name}"
     _run("docker", "run", "--detach", "--name", container, "--cpu-shares", "2", "--network",
-         f"{deployment.project}_{network}", *words)  # fmt: skip
+         f"{deployment.project}_default", *words)  # fmt: skip
     try:
         yield container
     finally:
         subprocess.run(["docker", "rm", "--force", container], capture_output=True, check=False)
-
-
-@contextlib.contextmanager
-def network_of(deployment: Deployment, container: str) -> Iterator[str]:
-    """A network of its own, from which that container alone is reached: who finds the stages' own
-    addresses by gossip would go round a relay otherwise."""
-    network = f"{deployment.project}_outside"
-    _run("docker", "network", "create", network)
-    try:
-        _run("docker", "network", "connect", network, container)
-        yield "outside"
-    finally:
-        for words in (("disconnect", "--force", network, container), ("rm", network)):
-            subprocess.run(["docker", "network", *words], capture_output=True, check=False)
-
-
-def said_by(container: str, errors: bool = False) -> str:
-    """On standard output until now, and what it said of itself."""
-    asked = ["docker", "logs", container]
-    done = subprocess.run(asked, capture_output=True, text=True, check=True)
-    return done.stdout + (done.stderr if errors else "")

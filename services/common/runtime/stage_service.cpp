@@ -22,8 +22,8 @@ constexpr int kLooksUntilCalm = 5;
 // at the first one is free by then.
 constexpr int kLooksAtHeap = 5;
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
-// Statuses until an endpoint without a link is said: at the start, and after a break, Zenoh is about
-// to make it.
+// Statuses until an endpoint without a link is reported: at the start, and after a break, Zenoh is
+// about to make it.
 constexpr int kLooksUntilLinked = 5;
 // Between two subscriptions of an input of which nothing comes.
 constexpr std::int64_t kFirstAgain_ns = 2000 * kMs, kLastAgain_ns = 60000 * kMs;

@@ -4,7 +4,6 @@ record` wrote by what the stages said then."""
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,20 +22,18 @@ from zloam_monitor.doctor import (
 from zloam_monitor.recordings import robot_log
 from zloam_monitor.recordings.robot_log import CONFIG, Logged, RobotLog
 from zloam_monitor.records import PoseRecord, StatusRecord
-from zloam_monitor.remarks import reasons
+from zloam_monitor.remarks import Remarks, reasons
 from zloam_monitor.sources import SourceError
 from zloam_monitor.watch import STALE_SECONDS
 
 STATUS, POSE = "zloam.msg.Status", "zloam.msg.MapPose"
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-_MCAP = b"\x89MCAP"
 
 
 def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -> list[Finding]:
     """Of a capture or of what `zloam record` wrote; raises SourceError when it can't be read."""
     if robot_log.is_one(file):
         return of_recording(file)
-    if file.is_file() and file.open("rb").read(len(_MCAP)) == _MCAP:
+    if robot_log.is_mcap(file):
         raise SourceError(
             f"{file}: zloam record did not write it; what is in a bag, zloam demo --bag {file} says"
         )
@@ -54,8 +51,8 @@ class _Said:
         self.mapped: list[PoseRecord] = []
         self.configs: dict[str, dict[str, Any]] = {}
         self.garbage = 0
-        #: what a stage said is wrong, without its numbers -> its first words, and how often
-        self.troubles: dict[str, tuple[str, int]] = {}
+        #: what stages said is wrong
+        self.troubles = Remarks()
         for logged in log.messages((STATUS, POSE, CONFIG)):
             try:
                 self._take(logged)
@@ -77,14 +74,11 @@ class _Said:
         self.before.setdefault(who, status)
         self.after[who] = status
         self.last_ns[who] = log_ns
-        for text in reasons([status]):
-            kind = _NUMBER.sub("#", text)
-            first, times = self.troubles.get(kind, (text, 0))
-            self.troubles[kind] = first, times + 1
+        self.troubles.news(reasons([status]), 1e-9 * log_ns)
 
     def health(self, _heard: Heard) -> Iterator[Finding]:
         """Of the whole time, not of its end alone. A status comes every second."""
-        for text, times in self.troubles.values():
+        for text, times in self.troubles.counted():
             stage, _, reason = text.partition(": ")
             yield Finding(
                 f"{stage} was not well for {times} s: {reason}", "see what it says of itself"
@@ -100,11 +94,10 @@ def of_recording(file: Path) -> list[Finding]:
         raise SourceError(f"{file}: {refused}") from refused
     said = _Said(log)
     about = log.about or {}
-    silent_s = {who: 1e-9 * (extent.end_ns - at_ns) for who, at_ns in said.last_ns.items()}
-    # Who said that it ends has not got lost.
+    # A stage that said that it ends has not got lost.
     silent_s = {
-        who: 0.0 if said.after[who].health == "stopping" else silent
-        for who, silent in silent_s.items()
+        who: 0.0 if said.after[who].health == "stopping" else 1e-9 * (extent.end_ns - at_ns)
+        for who, at_ns in said.last_ns.items()
     }
     living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}
     heard = Heard(
@@ -154,7 +147,7 @@ def of_counts(counts: dict[str, float], remarks: list[str]) -> list[Finding]:
             ),
         ]
     if not counts.get("points"):
-        found.append(Finding("no packet of it could be decoded", "what is said beside says why"))
+        found.append(Finding("no packet of it could be decoded", "the other findings say why"))
     found += of_losses(
         received,
         lost,

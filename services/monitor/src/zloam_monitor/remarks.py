@@ -68,10 +68,14 @@ class Remarks:
 
     def summary(self) -> list[str]:
         """Each cause with its first text, and how often it was said."""
-        said = ((remark.text, remark.times) for remark in self._known.values())
         return [
-            text + (f" (said {times} times)" if times > 1 else "") for text, times in _joined(said)
+            text + (f" (said {times} times)" if times > 1 else "")
+            for text, times in _joined(self.counted())
         ]
+
+    def counted(self) -> list[tuple[str, int]]:
+        """The first text of each kind, and how often it was said."""
+        return [(remark.text, remark.times) for remark in self._known.values()]
 
 
 def _joined(said: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:

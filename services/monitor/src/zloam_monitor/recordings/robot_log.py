@@ -50,14 +50,17 @@ class Extent:
         return 1e-9 * (self.end_ns - self.begin_ns)
 
 
-def is_one(path: Path) -> bool:
-    """Whether `zloam record` wrote it."""
+def is_mcap(path: Path) -> bool:
+    """By its first bytes."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        if not file.read(8).startswith(b"\x89MCAP"):
-            return False
-    return RobotLog(path).about is not None
+        return file.read(8).startswith(b"\x89MCAP")
+
+
+def is_one(path: Path) -> bool:
+    """Whether `zloam record` wrote it."""
+    return is_mcap(path) and RobotLog(path).about is not None
 
 
 @dataclass
