@@ -73,7 +73,7 @@ unit-tests: configure-tests # only the tests' programs
 # IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
-# GRAPH=1 closes loops (trajectory_world.tum); MAP=folder keeps the map there, LOCALIZE=1 finds the robot in it, EXTEND=1 maps on there; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
+# GRAPH=1 closes loops (trajectory_world.tum, map_world.pcd); MAP=folder keeps the map there, LOCALIZE=1 finds the robot in it, EXTEND=1 maps on there; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
 # Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
 PASSED := MAP PCAP SESSION BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT RECORD LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))

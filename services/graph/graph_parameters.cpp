@@ -14,8 +14,8 @@ void bind(runtime::Parameters& p, GraphConfig& c) {
         "assumed drift of mapping's heading beyond the published covariance, per metre travelled, "
         "one sigma");
   p.add("graph.output_dir", &c.output_dir,
-        "folder of trajectory_world.tum (further runs: trajectory_world_2.tum and so on); empty: "
-        "no file",
+        "folder of trajectory_world.tum and map_world.pcd (further runs: trajectory_world_2.tum "
+        "and so on); empty: no files",
         runtime::Effect::kNone);
 }
 

@@ -2,15 +2,18 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "common/geometry/atomic_file.hpp"
 #include "common/runtime/recall.hpp"
+#include "graph/world_map.hpp"
 
 namespace zloam::graph {
 namespace {
 
-constexpr const char* kFile = "trajectory_world.tum";
+constexpr const char* kTrajectory = "trajectory_world.tum";
+constexpr const char* kMap = "map_world.pcd";
 constexpr int kTries = 2;
 
 static_assert(static_cast<int>(Verdict::kRemoved) == static_cast<int>(msg::LoopVerdict::MAX));
@@ -21,6 +24,7 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
     : stage_(stage),
       config_(config),
       graph_(config),
+      points_(config.output_dir),
       poses_(stage.outlet(Key::kGraphPoses)),
       loops_(stage.outlet(Key::kGraphLoop)),
       files_(config.output_dir, ".zloam-graph-runs") {
@@ -52,12 +56,17 @@ void GraphStage::new_run(const msg::Header& first) {
     return;
   }
   if (unsaved_) write_files();
-  graph_ = LoopGraph(config_);
-  path_.clear();
+  begin();
   last_.reset();
   map_id_.reset();
   run_ = {first.run(), first.replay(), 0};
   if (!was_in_run && first.sweep() > 0) catch_up(first);
+}
+
+void GraphStage::begin() {
+  graph_ = LoopGraph(config_);
+  points_ = SubmapPoints(config_.output_dir);
+  path_.clear();
 }
 
 void GraphStage::catch_up(const msg::Header& first) {
@@ -90,16 +99,17 @@ void GraphStage::take(const SubmapMessage& message) {
     runtime::log_warning("mapping began a new map: so does the graph",
                          {{"sweep", message.sweep()}});
     if (unsaved_) write_files();
-    graph_ = LoopGraph(config_);
-    path_.clear();
+    begin();
   }
   map_id_ = message.header().map_id();
   const bool is_known =
       !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
   if (structs_of(message->points()).size() > 0 && !is_known) {
     const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
-    const Update update = graph_.add(submap_of(*message));
+    const Submap submap = submap_of(*message);
+    const Update update = graph_.add(submap);
     stage_.latency("submap", 1e-6 * static_cast<double>(stage_.now_ns()) - begin_ms);
+    points_.add(submap.points);
     publish(message, update);
     unsaved_ = true;
   }
@@ -239,28 +249,58 @@ runtime::CommandReply GraphStage::save() {
   const std::string error = write_files();
   if (!error.empty()) return {false, error, "{}"};
   const nlohmann::json results = {{"poses", path_.size()}, {"revision", graph_.revision()}};
-  return {true, "trajectory written to " + config_.output_dir, results.dump()};
+  return {true, "trajectory and map written to " + config_.output_dir, results.dump()};
 }
 
-std::string GraphStage::write_files() {
-  if (config_.output_dir.empty()) return {};
+std::string GraphStage::write_trajectory(const std::string& path) const {
   Trajectory trajectory;
   for (const TimedPose& p : path_) {
     trajectory.push_back({p.instant_ns, graph_.corrected(p.instant_ns, p.T_map_base)});
   }
-  run_.count = trajectory.size();
-  const std::string path = files_.path(kFile, files_.suffix(run_, {kFile}));
   TrajectoryText text(trajectory, tum_line);
-  std::string error = write_file_atomically(path, [&] { return text.next(); });
-  if (error.empty()) error = files_.made(path, run_);
-  stage_.degraded("trajectory", error);
+  return write_file_atomically(path, [&] { return text.next(); });
+}
+
+std::string GraphStage::write_points(const std::string& path) const {
+  if (!points_.complete()) {
+    return path + " can't be written: " + config_.output_dir +
+           " did not take the points of the submaps; make room there and run again";
+  }
+  std::size_t submap = 0;
+  bool unread = false;
+  std::string error = write_world_map(path, points_.count(), [&]() -> std::optional<PlacedPoints> {
+    if (submap == points_.submaps()) return std::nullopt;
+    PlacedPoints part{points_.of(submap), graph_.nodes()[submap].T_world_submap};
+    unread |= part.points.empty();
+    ++submap;
+    return part;
+  });
+  if (!unread) return error;
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+  return path + " can't be written: points of submaps could not be read back from a file in " +
+         config_.output_dir;
+}
+
+std::string GraphStage::write_files() {
+  if (config_.output_dir.empty()) return {};
+  run_.count = path_.size();
+  const std::string suffix = files_.suffix(run_, {kTrajectory, kMap});
+  const std::string trajectory = files_.path(kTrajectory, suffix), map = files_.path(kMap, suffix);
+  std::string error = write_trajectory(trajectory);
+  if (error.empty()) error = files_.made(trajectory, run_);
+  if (error.empty()) error = write_points(map);
+  if (error.empty()) error = files_.made(map, run_);
+  stage_.degraded("files", error);
   if (!error.empty()) {
-    runtime::log_error("trajectory not written", {{"reason", error}});
+    runtime::log_error("files not written", {{"reason", error}});
     return error;
   }
   unsaved_ = false;
-  runtime::log_info("trajectory with loops closed written",
-                    {{"file", path}, {"poses", trajectory.size()}});
+  runtime::log_info("trajectory and map with loops closed written", {{"trajectory", trajectory},
+                                                                     {"poses", path_.size()},
+                                                                     {"map", map},
+                                                                     {"points", points_.count()}});
   return {};
 }
 

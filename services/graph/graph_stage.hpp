@@ -10,6 +10,7 @@
 #include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "graph/loop_graph.hpp"
+#include "graph/submap_points.hpp"
 
 namespace zloam::graph {
 
@@ -27,6 +28,8 @@ class GraphStage {
   };
 
   void new_run(const msg::Header& first);
+  /// An empty graph, of a new map.
+  void begin();
   /// What mapping still has of the run, for a graph that was started in the middle of it.
   void catch_up(const msg::Header& first);
   void take(const SubmapMessage& message);
@@ -43,10 +46,14 @@ class GraphStage {
   runtime::CommandReply save();
   /// Empty, or a sentence that says what failed.
   std::string write_files();
+  std::string write_trajectory(const std::string& path) const;
+  std::string write_points(const std::string& path) const;
 
   runtime::Stage& stage_;
   GraphConfig config_;
   LoopGraph graph_;
+  /// of the graph's nodes
+  SubmapPoints points_;
   runtime::Outlet& poses_;
   runtime::Outlet& loops_;
   runtime::OutputFiles files_;

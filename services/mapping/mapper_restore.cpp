@@ -11,7 +11,7 @@ namespace zloam::mapping {
 namespace {
 
 // Of state(): another number where what is in it changes.
-constexpr std::uint64_t kStateLayout = 1;
+constexpr std::uint64_t kStateLayout = 3;
 
 }  // namespace
 

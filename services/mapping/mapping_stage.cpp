@@ -347,8 +347,9 @@ Buffer MappingStage::cloud_message(const HeaderFields& header,
 
 void MappingStage::answer_tiles(runtime::Answer& answer) {
   for (const VoxelTile& tile : left_voxels_) {
-    const TileIndex& at = tile.index;
-    answer.reply(voxel_key(at), encoding_of(Key::kMapTile), voxel_message(last_header_, tile));
+    const std::string key = voxel_key(tile.index);
+    if (!key_matches(answer.key(), key)) continue;
+    answer.reply(key, encoding_of(Key::kMapTile), voxel_message(last_header_, tile));
   }
   for (const TileId& id : mapper_.tiles()) {
     const TileIndex& at = id.index;

@@ -1,7 +1,6 @@
 #include "mapping/tile_archive.hpp"
 
-#include <cstdio>
-#include <cstdlib>
+#include <span>
 #include <type_traits>
 #include <utility>
 
@@ -19,57 +18,20 @@ static_assert(std::is_trivially_copyable_v<Stored> && sizeof(Stored) == 32);
 }  // namespace
 
 TileArchive::TileArchive(std::uint64_t max_points, std::string spill_directory)
-    : max_points_(max_points), spill_directory_(std::move(spill_directory)) {}
-
-TileArchive::~TileArchive() { close(); }
-
-TileArchive::TileArchive(TileArchive&& other) noexcept
-    : max_points_(other.max_points_),
-      spill_directory_(std::move(other.spill_directory_)),
-      file_(std::exchange(other.file_, nullptr)),
-      spill_failed_(other.spill_failed_),
-      memory_points_(std::exchange(other.memory_points_, 0)),
-      total_points_(std::exchange(other.total_points_, 0)),
-      places_(std::move(other.places_)) {}
-
-TileArchive& TileArchive::operator=(TileArchive&& other) noexcept {
-  if (this == &other) return *this;
-  close();
-  max_points_ = other.max_points_;
-  spill_directory_ = std::move(other.spill_directory_);
-  file_ = std::exchange(other.file_, nullptr);
-  spill_failed_ = other.spill_failed_;
-  memory_points_ = std::exchange(other.memory_points_, 0);
-  total_points_ = std::exchange(other.total_points_, 0);
-  places_ = std::move(other.places_);
-  return *this;
+    : max_points_(max_points) {
+  if (!spill_directory.empty()) file_.emplace(std::move(spill_directory));
 }
 
-void TileArchive::close() {
-  if (file_ != nullptr) std::fclose(file_);
-  file_ = nullptr;
-}
-
-// The file has no name from the start: it goes with the process, however that ends.
 bool TileArchive::write(Place& place) {
-  if (spill_failed_) return false;
-  if (file_ == nullptr) {
-    std::string name = spill_directory_ + "/tiles.XXXXXX";
-    const int descriptor = mkstemp(name.data());
-    if (descriptor >= 0) {
-      std::remove(name.c_str());
-      file_ = fdopen(descriptor, "w+b");
-    }
-  }
-  spill_failed_ = file_ == nullptr || std::fseek(file_, 0, SEEK_END) != 0;
-  if (spill_failed_) return false;
-  place.offset = std::ftell(file_);
+  if (!file_) return false;
+  std::vector<Stored> stored;
+  stored.reserve(place.points.size());
   for (const CountedPoint& p : place.points) {
-    const Stored stored{p.mean.x(), p.mean.y(), p.mean.z(), p.count, p.intensity};
-    spill_failed_ |= std::fwrite(&stored, sizeof stored, 1, file_) != 1;
+    stored.push_back({p.mean.x(), p.mean.y(), p.mean.z(), p.count, p.intensity});
   }
-  spill_failed_ |= std::fflush(file_) != 0;
-  return !spill_failed_;
+  const std::optional<std::int64_t> offset = file_->append(std::as_bytes(std::span(stored)));
+  place.offset = offset.value_or(0);
+  return offset.has_value();
 }
 
 void TileArchive::put(const TileId& id, Entry entry) {
@@ -80,7 +42,7 @@ void TileArchive::put(const TileId& id, Entry entry) {
   place.points = std::move(entry.points);
   total_points_ += place.count;
   memory_points_ += place.count;
-  if (spill_directory_.empty() || memory_points_ <= max_points_ || !write(place)) return;
+  if (memory_points_ <= max_points_ || !write(place)) return;
   place.in_file = true;
   place.points = {};
   memory_points_ -= place.count;
@@ -93,10 +55,7 @@ std::optional<TileArchive::Entry> TileArchive::get(const TileId& id) const {
   if (!place.in_file) return Entry{place.version, place.points};
   Entry entry{place.version, {}};
   std::vector<Stored> stored(place.count);
-  if (std::fseek(file_, place.offset, SEEK_SET) != 0 ||
-      std::fread(stored.data(), sizeof(Stored), stored.size(), file_) != stored.size()) {
-    return entry;
-  }
+  if (!file_->read(place.offset, std::as_writable_bytes(std::span(stored)))) return entry;
   for (const Stored& s : stored) entry.points.push_back({{s.x, s.y, s.z}, s.count, s.intensity});
   return entry;
 }

@@ -2,9 +2,11 @@
 // Tiles that left the window: in memory up to a number of points, then in one file.
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "common/geometry/unnamed_file.hpp"
 #include "mapping/layer_map.hpp"
 
 namespace zloam::mapping {
@@ -13,9 +15,6 @@ class TileArchive {
  public:
   /// max_points: in memory; spill_directory empty: all stay in memory.
   TileArchive(std::uint64_t max_points, std::string spill_directory);
-  ~TileArchive();
-  TileArchive(TileArchive&&) noexcept;
-  TileArchive& operator=(TileArchive&&) noexcept;
 
   struct Entry {
     std::uint64_t version = 0;
@@ -29,23 +28,20 @@ class TileArchive {
   std::uint64_t version(const TileId& id) const;
   std::vector<TileId> tiles() const;
   std::size_t point_count() const { return total_points_; }
-  bool spill_failed() const { return spill_failed_; }
+  bool spill_failed() const { return file_ && file_->failed(); }
 
  private:
   struct Place {
     std::uint64_t version = 0;
     std::size_t count = 0;
     bool in_file = false;
-    long offset = 0;
+    std::int64_t offset = 0;
     std::vector<CountedPoint> points;
   };
   bool write(Place& place);
-  void close();
 
   std::uint64_t max_points_;
-  std::string spill_directory_;
-  std::FILE* file_ = nullptr;
-  bool spill_failed_ = false;
+  std::optional<UnnamedFile> file_;
   std::size_t memory_points_ = 0;
   std::size_t total_points_ = 0;
   std::map<TileId, Place> places_;

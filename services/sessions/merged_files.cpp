@@ -5,8 +5,8 @@
 #include <sstream>
 
 #include "common/geometry/atomic_file.hpp"
-#include "common/geometry/map_file.hpp"
 #include "common/geometry/trajectory.hpp"
+#include "graph/world_map.hpp"
 
 namespace zloam::sessions {
 namespace {
@@ -110,16 +110,10 @@ std::string write_points(const Merged& merged, const std::filesystem::path& path
     count += submap.points.size();
   }
   std::size_t at = 0;
-  return write_map(path.string(), count, [&] {
-    std::vector<LayeredPoint> points;
-    if (at == parts.size()) return points;
+  return graph::write_world_map(path.string(), count, [&]() -> std::optional<graph::PlacedPoints> {
+    if (at == parts.size()) return std::nullopt;
     const auto& [submap, T_world_submap] = parts[at++];
-    for (const MapPoint& p : submap->points) {
-      const Eigen::Vector3f world = (T_world_submap * Eigen::Vector3d(p.x, p.y, p.z)).cast<float>();
-      // A submap does not tell which of its points were edges.
-      points.push_back({{world.x(), world.y(), world.z(), p.intensity}, Layer::kPlane});
-    }
-    return points;
+    return graph::PlacedPoints{submap->points, T_world_submap};
   });
 }
 

@@ -72,6 +72,8 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   stage.answer(stage.keys().all_kept_submaps(), reply);
   stage.on_end_of_run([this](std::uint64_t) {
     fetches_left_ = kFetches;
+    // What an earlier run's map lacks is asked for again, too.
+    stage_.degraded("map", "");
     fetch();
   });
   stage.every(std::chrono::milliseconds(config_.sync_ms), [this] { every_period(); });

@@ -156,6 +156,7 @@ COMMANDS: dict[str, Kind] = {
     "bin/zloam save maps/today": BesideRun(
         r"maps/today", ("out/demo/maps/today/map.pcd", "out/demo/maps/today/trajectory.tum")
     ),
+    "bin/zloam map save town.laz": BesideRun(r"town\.laz: \d+ points", ("town.laz",)),
     "bin/zloam reset": BesideRun(r"map emptied"),
     "bin/zloam handover odometry": Form("tests/integration/test_handover.py"),
     "zloam handover mapping": Form("tests/integration/test_handover.py"),

@@ -2,6 +2,8 @@
 // Covariances and information of a pose and a twist together.
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
 #include "common/geometry/se3.hpp"
@@ -34,7 +36,36 @@ inline Matrix12 with_bounded_pose(const Matrix12& covariance, const Matrix6& bou
   return 0.5 * (bounded + bounded.transpose());
 }
 
-/// The same in one direction, a unit vector; a zero one changes nothing.
+/// Whether the sensor's view is a part of its turn, by the times of the first and the last point as
+/// fractions of the sweep. Not where all points are of one instant.
+inline bool sees_a_part(double first, double last) {
+  constexpr double kRound = 0.9;
+  return last > first && last - first < kRound;
+}
+
+/// When in a sweep its residuals saw the pose: the mean of their times, weighted by information, as
+/// a fraction of the sweep after its middle. H: theirs, of (pose in the middle, twist, ...).
+template <int kSize>
+double seen_at(const Eigen::Matrix<double, kSize, kSize>& H) {
+  const double pose = H.template topLeftCorner<3, 3>().trace();
+  const double cross = H.template block<3, 3>(0, 6).trace();
+  return pose > 0.0 ? std::clamp(cross / pose, -0.5, 0.5) : 0.0;
+}
+
+/// with_bounded_pose() for a pose that is known best at another time of the sweep than its middle,
+/// that of the covariance; `twist` is the motion over the sweep. A bound on the middle would take
+/// the twist for known as well, as both err together; the end of the sweep were then off by what
+/// the twist errs, and the next sweep's twist by more, the other way round.
+inline Matrix12 with_bounded_pose_at(double seen_at, const Vector6& twist,
+                                     const Matrix12& covariance, const Matrix6& bound) {
+  Matrix12 there = Matrix12::Identity();
+  there.topLeftCorner<6, 6>() = adjoint(exp_se3(-seen_at * twist));
+  there.topRightCorner<6, 6>().diagonal().setConstant(seen_at);
+  const Matrix12 back = there.inverse();
+  return back * with_bounded_pose(there * covariance * there.transpose(), bound) * back.transpose();
+}
+
+/// with_bounded_pose() in one direction, a unit vector; a zero one changes nothing.
 inline Matrix12 with_bounded(const Matrix12& covariance, const Vector12& direction, double sigma) {
   const Vector12 along = covariance * direction;
   return covariance - along * along.transpose() / (direction.dot(along) + sigma * sigma);

@@ -228,7 +228,8 @@ Graph = Annotated[
     bool,
     typer.Option(
         "--graph",
-        help="Close loops by the pose graph: trajectory_world.tum has the optimized poses.",
+        help="Close loops by the pose graph: trajectory_world.tum has the optimized poses, "
+        "map_world.pcd the map at them.",
     ),
 ]
 Method = Annotated[

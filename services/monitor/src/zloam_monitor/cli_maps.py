@@ -24,7 +24,7 @@ Limits = Annotated[
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Map folder of a run with --map.")]
 
-map_app = typer.Typer(no_args_is_help=True, help="Inspect, merge, convert and crop maps of runs.")
+map_app = typer.Typer(no_args_is_help=True, help="Save, inspect, merge, convert and crop maps.")
 
 
 @command
@@ -45,6 +45,24 @@ def map_info(
     else:
         described = maps.described(file, maps.read(file))
         answers.give(as_json, described, maps.lines(described))
+    return 0
+
+
+@command
+def map_save(
+    to: Target,
+    voxel: Voxel = None,
+    connect: common.Connect = None,
+    robot: common.Robot = None,
+    as_json: common.Json = False,
+) -> int:
+    """Write the map of a running robot to a file on this machine."""
+    from zloam_monitor import answers, discovery, map_saving, maps
+
+    maps.writable(to)
+    with discovery.linked(robot, common.endpoints(connect)) as link:
+        saved = map_saving.save(link, to, voxel)
+    answers.give(as_json, saved, saved.lines())
     return 0
 
 
@@ -240,6 +258,9 @@ def support(
 def add(app: typer.Typer) -> None:
     """The commands under their heading."""
     map_app.command("info", epilog=examples("zloam map info out/demo/map.pcd"))(map_info)
+    map_app.command(
+        "save", epilog=examples("zloam map save town.laz", "zloam map save t.pcd --robot carol")
+    )(map_save)
     map_app.command(
         "merge", epilog=examples("zloam map merge out/monday out/tuesday --out out/week")
     )(map_merge)

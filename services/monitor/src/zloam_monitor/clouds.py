@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ class Tile:
     index: tuple[int, int, int]
     version: int
     points: NDArray[Any]
+    #: of the map that it is a part of; a reset begins another
+    map_id: int = 0
 
 
 def merged(tiles: list[Tile]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
@@ -46,12 +49,19 @@ def layered(points: NDArray[Any], layers: NDArray[np.uint8]) -> NDArray[Any]:
     return rows
 
 
-def write_pcd(path: Path, points: NDArray[Any], layers: NDArray[np.uint8]) -> None:
-    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane)."""
+def write_pcd(
+    path: Path,
+    points: NDArray[Any],
+    layers: NDArray[np.uint8],
+    notes: Sequence[str] = (),
+) -> None:
+    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane). notes:
+    lines of its header that readers skip."""
     rows = layered(points, layers)
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\n"
-        "VERSION 0.7\nFIELDS x y z intensity layer\nSIZE 4 4 4 4 1\nTYPE F F F F U\n"
+        + "".join(f"# {note}\n" for note in notes)
+        + "VERSION 0.7\nFIELDS x y z intensity layer\nSIZE 4 4 4 4 1\nTYPE F F F F U\n"
         f"COUNT 1 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
         f"POINTS {len(rows)}\nDATA binary\n"
     )

@@ -57,6 +57,10 @@ class Keys:
     def tiles(self) -> str:
         return self.below("map/tile/**")
 
+    def tiles_of(self, layer: str) -> str:
+        """`*`: of every layer."""
+        return self.below(f"map/tile/{layer}/**")
+
     @property
     def submap(self) -> str:
         return self.below("map/submap")

@@ -10,7 +10,7 @@ import queue
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from zloam_monitor import records
-from zloam_monitor.clouds import Tile
+from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
@@ -303,14 +303,15 @@ class Link:
         replies = self.get(self.keys.command(stage, verb), payload=payload)
         return next((records.command_reply(each) for each in replies), None)
 
-    def query_tiles(self) -> list[Tile]:
-        """All cubes of the map; of one cube the greatest version."""
+    def query_tiles(self, layers: Sequence[str] = POINT_LAYERS) -> list[Tile]:
+        """All cubes of the map's layers; of one cube the greatest version."""
         newest: dict[tuple[str, tuple[int, int, int]], Tile] = {}
-        for payload in self.get(self.keys.tiles, seconds=60.0):
-            tile = records.tile(payload)
-            kept = newest.get((tile.layer, tile.index))
-            if kept is None or tile.version > kept.version:
-                newest[(tile.layer, tile.index)] = tile
+        for layer in layers:
+            for payload in self.get(self.keys.tiles_of(layer), seconds=60.0):
+                tile = records.tile(payload)
+                kept = newest.get((tile.layer, tile.index))
+                if kept is None or tile.version > kept.version:
+                    newest[(tile.layer, tile.index)] = tile
         return list(newest.values())
 
     def trajectory(self) -> Trajectory:

@@ -7,7 +7,7 @@ byte.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from zloam_monitor.point_files import READERS
 
 #: of coordinates in LAS: what 32 bits of it hold reaches 214 km
 LAS_STEP_M = 1e-4
+#: the record of a LAS file that holds the notes
+LAS_USER, LAS_NOTES = "zenoh-loam", 1
 
 
 class MapError(ValueError):
@@ -77,26 +79,30 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     return PointMap(points[finite], layers[finite])
 
 
-def _write_pcd(path: Path, found: PointMap) -> None:
-    clouds.write_pcd(path, found.points, found.layers)
+def _write_pcd(path: Path, found: PointMap, notes: Sequence[str]) -> None:
+    clouds.write_pcd(path, found.points, found.layers, notes)
 
 
-def _write_ply(path: Path, found: PointMap) -> None:
+def _write_ply(path: Path, found: PointMap, notes: Sequence[str]) -> None:
     rows = clouds.layered(found.points, found.layers)
     properties = "".join(f"property float {name}\n" for name in MAP_POINT.names or ())
+    comments = "".join(f"comment {note}\n" for note in notes)
     with written_whole(path, "wb") as out:
         out.write(
-            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
+            f"ply\nformat binary_little_endian 1.0\n{comments}element vertex {len(rows)}\n"
             f"{properties}property uchar layer\nend_header\n".encode()
         )
         out.write(rows.tobytes())
 
 
-def _write_las(path: Path, found: PointMap) -> None:
+def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
     import laspy
 
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, LAS_STEP_M)
+    if notes:
+        text = "\n".join(notes).encode()
+        header.vlrs.append(laspy.VLR(LAS_USER, LAS_NOTES, "frame and parameters", text))
     xyz = found.xyz
     header.offsets = np.floor(xyz.min(axis=0)) if len(found) else np.zeros(3)
     las = laspy.LasData(header)
@@ -108,7 +114,7 @@ def _write_las(path: Path, found: PointMap) -> None:
         las.write(out, do_compress=path.suffix.lower() == ".laz")
 
 
-WRITERS: dict[str, Callable[[Path, PointMap], None]] = {
+WRITERS: dict[str, Callable[[Path, PointMap, Sequence[str]], None]] = {
     ".pcd": _write_pcd,
     ".ply": _write_ply,
     ".las": _write_las,
@@ -116,11 +122,16 @@ WRITERS: dict[str, Callable[[Path, PointMap], None]] = {
 }
 
 
-def write(path: Path, found: PointMap) -> None:
-    """In the format of its ending; whole or not at all."""
+def writable(path: Path) -> None:
+    """Raises where a file of this name can't be written, for whoever asks before the work."""
     if path.suffix.lower() not in WRITERS:
         raise MapError(f"{path}: {_endings()} is expected")
-    WRITERS[path.suffix.lower()](path, found)
+
+
+def write(path: Path, found: PointMap, notes: Sequence[str] = ()) -> None:
+    """In the format of its ending; whole or not at all. notes: lines about it, for the header."""
+    writable(path)
+    WRITERS[path.suffix.lower()](path, found, notes)
 
 
 def _endings() -> str:

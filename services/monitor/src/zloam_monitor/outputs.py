@@ -40,6 +40,7 @@ class Files:
             "trajectory_kitti": "trajectory.kitti",
             "odometry_tum": "odometry.tum",
             "world_tum": "trajectory_world.tum",
+            "world_map": "map_world.pcd",
             "ground_truth": "ground_truth.tum",
             "map": "map.pcd",
             "picture": "picture.png",
@@ -87,6 +88,7 @@ MADE_BY_STAGES = (
     "odometry.tum",
     "trajectory_world.tum",
     "map.pcd",
+    "map_world.pcd",
     *("trajectory.journal", "trajectory.state.0", "trajectory.state.1"),
     *(f"logs/{stage}.log" for stage in PORT_ORDER),
 )
@@ -101,6 +103,7 @@ FURTHER = (
     "trajectory_[0-9]*.kitti",
     "odometry_[0-9]*.tum",
     "map_[0-9]*.pcd",
+    "map_world_[0-9]*.pcd",
     "logs/*.log",
 )
 

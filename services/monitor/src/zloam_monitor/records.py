@@ -286,7 +286,9 @@ def tile(payload: bytes) -> Tile:
     """Of key map/tile/<layer>/<i>/<j>/<k>."""
     t = messages.decode("MapTile", payload)
     points = messages.struct_vector(t, "Points", messages.MAP_POINT)
-    return Tile(text(t.Layer()), (t.I(), t.J(), t.K()), t.Version(), points)
+    header = t.Header()
+    map_id = header.MapId() if header is not None else 0
+    return Tile(text(t.Layer()), (t.I(), t.J(), t.K()), t.Version(), points, map_id)
 
 
 def path(payload: bytes) -> tuple[int, NDArray[Any]]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3, thin
-from zloam_monitor.clouds import POINT_LAYERS
 from zloam_monitor.link import Link
 from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES
@@ -215,7 +214,7 @@ def _map_points(link: Link) -> NDArray[Any]:
     """x, y, z in rows; of a thin link what has come so far."""
     if link.thin:
         return link.preview.spread_points()
-    tiles = [t for t in link.query_tiles() if t.layer in POINT_LAYERS and len(t.points)]
+    tiles = [t for t in link.query_tiles() if len(t.points)]
     found = [np.stack([t.points[axis] for axis in ("x", "y", "z")], axis=-1) for t in tiles]
     return np.concatenate(found) if found else np.empty((0, 3))
 

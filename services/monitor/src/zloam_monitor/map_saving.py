@@ -1,0 +1,100 @@
+"""The map of a robot that runs, asked for over Zenoh and written on this machine; `map save`."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from zloam_monitor import clouds, maps
+from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
+from zloam_monitor.maps import MapError, PointMap
+from zloam_monitor.settings import in_force
+
+#: the links to the stages come up one after the other, and an answer may be lost where the robot is
+#: busy
+PAUSE_S = 0.2
+#: of mapping's configuration: what the points are made with
+PARAMETERS = ("mapping.tile_edge_m", "mapping.leaf_edge_m", "mapping.leaf_plane_m")
+
+
+@dataclass(frozen=True)
+class Saved:
+    """What was written."""
+
+    file: Path
+    robot: str
+    points: int
+    tiles: int
+    seconds: float
+    map_id: int
+    #: newest sweep of mapping before it was asked
+    sweep: int | None
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        until = "" if self.sweep is None else f", up to sweep {self.sweep} or later"
+        what = f"{self.points} points of {self.tiles} tiles"
+        return [f"{self.file}: {what} in {self.seconds:.1f} s{until}"]
+
+
+def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
+    """Raises where there is no map, or not all of it came: nothing is written then."""
+    began = time.monotonic()
+    deadline = began + BUSY_SECONDS
+    sweep, least = _told(link, began + PATIENCE_SECONDS)
+    tiles = _whole(link, least, deadline)
+    map_ids = {tile.map_id for tile in tiles}
+    if len(map_ids) > 1:
+        raise MapError("a new map has just begun, and the answers are of both: save again")
+    found = PointMap(*clouds.merged(tiles))
+    if voxel_m is not None:
+        found = maps.thinned(found, voxel_m)
+    (map_id,) = map_ids
+    maps.write(to, found, _notes(link, map_id, sweep, voxel_m))
+    took_s = time.monotonic() - began
+    return Saved(to, link.keys.robot, len(found), len(tiles), took_s, map_id, sweep)
+
+
+def _told(link: Link, deadline: float) -> tuple[int | None, int]:
+    """(newest sweep, points) as mapping says; the map does not get smaller."""
+    while True:
+        link.query_statuses()
+        status = link.stage("mapping")
+        if status is not None and "mapping" in link.living():
+            return status.last_sweep, max(1, int(status.figures.get("map_points", 1)))
+        if time.monotonic() > deadline:
+            # The store answers for a mapping that is gone, and does not say how much there was.
+            return None, 1
+        time.sleep(PAUSE_S)
+
+
+def _whole(link: Link, least: int, deadline: float) -> list[clouds.Tile]:
+    while True:
+        tiles = [tile for tile in link.query_tiles() if len(tile.points)]
+        count = sum(len(tile.points) for tile in tiles)
+        if count >= least:
+            return tiles
+        if time.monotonic() > deadline:
+            break
+        time.sleep(PAUSE_S)
+    if count == 0:
+        raise MapError("there is no map yet: neither mapping nor a store has points of it")
+    raise MapError(
+        f"only {count} of {least} points came: nothing is written; save again, or on the robot's "
+        "own machine (zloam save)"
+    )
+
+
+def _notes(link: Link, map_id: int, sweep: int | None, voxel_m: float | None) -> list[str]:
+    said = [
+        f"robot: {link.keys.robot}",
+        "frame: map, m; base_link at the map's first sweep",
+        f"map_id: {map_id}",
+    ]
+    said += [f"sweep: {sweep}"] if sweep is not None else []
+    said += [f"voxel_m: {voxel_m:g}"] if voxel_m is not None else []
+    if "mapping" in link.living():
+        values = in_force(link, "mapping", "mapping")["mapping"]
+        said += [f"{key}: {values[key]}" for key in PARAMETERS if key in values]
+    return said

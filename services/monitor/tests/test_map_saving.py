@@ -1,0 +1,93 @@
+"""A map of which not all has come is not written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zloam_monitor import map_saving, maps
+from zloam_monitor.clouds import Tile
+from zloam_monitor.keys import Keys
+from zloam_monitor.messages import MAP_POINT
+
+
+def tile(index: int, points: int, map_id: int = 7) -> Tile:
+    return Tile("plane", (index, 0, 0), 1, np.zeros(points, MAP_POINT), map_id)
+
+
+@dataclass
+class Robot:
+    """As much of a link as is asked, to a robot with these answers."""
+
+    answers: list[list[Tile]]
+    map_points: int
+    lives: bool = True
+    #: looks at who lives, until mapping is among them
+    lives_after: int = 0
+    keys: Keys = field(default_factory=lambda: Keys("carol"))
+
+    def query_statuses(self) -> None: ...
+
+    def stage(self, _stage: str) -> Any:
+        return SimpleNamespace(last_sweep=41, figures={"map_points": float(self.map_points)})
+
+    def living(self) -> set[str]:
+        self.lives_after -= 1
+        return {"mapping"} if self.lives and self.lives_after < 0 else set()
+
+    def query_tiles(self) -> list[Tile]:
+        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+
+    def query_configs(self) -> dict[str, dict[str, Any]]:
+        return {"mapping": {"mapping.leaf_plane_m": 0.4, "mapping.every": 1}}
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(map_saving, "BUSY_SECONDS", 1.0)
+    monkeypatch.setattr(map_saving, "PATIENCE_SECONDS", 0.3)
+
+
+def save(robot: Any, to: Path) -> map_saving.Saved:
+    return map_saving.save(robot, to, None)
+
+
+def test_an_answer_that_was_lost_is_asked_for_again(tmp_path: Path) -> None:
+    to = tmp_path / "town.pcd"
+    saved = save(Robot([[tile(0, 5)], [tile(0, 5), tile(1, 3)]], 8), to)
+    assert (saved.points, saved.tiles, saved.map_id, saved.sweep) == (8, 2, 7, 41)
+    assert len(maps.read(to)) == 8
+    assert b"# mapping.leaf_plane_m: 0.4\n" in to.read_bytes()
+    assert b"mapping.every" not in to.read_bytes()
+
+
+def test_a_stage_whose_link_comes_up_late_is_waited_for(tmp_path: Path) -> None:
+    robot = Robot([[], [], [tile(0, 5)]], 5)
+    robot.lives_after = 2
+    saved = save(robot, tmp_path / "town.pcd")
+    assert (saved.points, saved.sweep) == (5, 41)
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [
+        (Robot([[tile(0, 5)]], 8), "only 5 of 8 points came"),
+        (Robot([[]], 0), "there is no map yet"),
+        (Robot([[]], 0, lives=False), "there is no map yet"),
+        (Robot([[tile(0, 5), tile(1, 5, map_id=8)]], 8), "a new map has just begun"),
+    ],
+)
+def test_otherwise_nothing_is_written(robot: Robot, said: str, tmp_path: Path) -> None:
+    with pytest.raises(maps.MapError, match=said):
+        save(robot, tmp_path / "town.pcd")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_store_answers_for_a_mapping_that_is_gone(tmp_path: Path) -> None:
+    saved = save(Robot([[tile(0, 5)]], 0, lives=False), tmp_path / "town.ply")
+    assert (saved.points, saved.sweep) == (5, None)
