@@ -71,7 +71,7 @@ Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s
 }
 
 std::optional<Matrix6> StepFusion::covariance() const {
-  if (fused_.errors() < kFewest) return std::nullopt;
+  if (fused_.errors() == 0) return std::nullopt;
   return fused_.covariance();
 }
 

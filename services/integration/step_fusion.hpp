@@ -40,8 +40,8 @@ class StepFusion {
   /// One sweep's step: over_s long, ending age_s after the last mapped pose.
   Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
 
-  /// Of such a step, as they did lately beyond the errors of the mapped poses; none before a few of
-  /// these.
+  /// Of such a step, as they did lately beyond the errors of the mapped poses; none before the first
+  /// of these.
   std::optional<Matrix6> covariance() const;
 
   template <class Bits>

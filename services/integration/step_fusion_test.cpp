@@ -58,5 +58,11 @@ TEST(StepFusion, TheCovarianceIsWhatTheMappedPosesDoNotExplain) {
   EXPECT_FALSE(StepFusion().covariance());
 }
 
+TEST(StepFusion, TheFirstErrorIsToldAtOnce) {
+  StepFusion fusion;
+  fusion.observe(forward(0.6), 1e-6 * Matrix6::Identity(), forward(0.8), kPeriod_s, 1);
+  EXPECT_GT(std::sqrt(fusion.covariance().value()(0, 0)), 0.1);
+}
+
 }  // namespace
 }  // namespace zloam::integration

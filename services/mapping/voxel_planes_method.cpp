@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "common/containers/thinning.hpp"
@@ -210,17 +211,21 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   open_ = input;
 }
 
-// A direction that the points alone leave open by more than the limit.
+// A direction that the points alone leave open by more than the limit, or of which they say no more
+// than the errors of their normals may: of random drives' poses of such a share two of five were wrong
+// by more than they said (docs/experiments/2026-11-29-starts-and-shares.md).
 Degeneracy VoxelPlanesMethod::judged(const plane_map::Degeneracy& d,
                                      const Eigen::Matrix3d& R_base_mid) const {
-  const bool weak_translation = d.measured_sigma_m > drift_limit_ * kJudgedWay_m;
+  const double pretended = std::pow(config_.matcher.weak_least_cosine, 2);
+  const double measured_m = d.share < pretended ? plane_map::kNothingKnown_m : d.measured_sigma_m;
+  const bool weak_translation = measured_m > drift_limit_ * kJudgedWay_m;
   const bool weak_rotation = d.measured_sigma_rad > drift_limit_;
   const bool in_rad = weak_rotation && !weak_translation;
   Degeneracy out;
   out.degenerate = weak_translation || weak_rotation;
   if (weak_translation) out.weak_translation = R_base_mid * d.axis;
   if (weak_rotation) out.weak_rotation = R_base_mid * d.rotation_axis;
-  out.sigma_measured = in_rad ? d.measured_sigma_rad : d.measured_sigma_m;
+  out.sigma_measured = in_rad ? d.measured_sigma_rad : measured_m;
   out.sigma_predicted = in_rad ? d.predicted_sigma_rad : d.predicted_sigma_m;
   out.share = d.share;
   return out;

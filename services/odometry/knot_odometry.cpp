@@ -17,6 +17,9 @@ constexpr std::int64_t kMostGap_ns = 500'000'000;
 // fifths; a sensor that was carried away sees less. What is well below is not usual, either.
 constexpr double kLost = 0.5;
 constexpr double kStillUsual = 0.8;
+// The most of a turn's solutions that may not converge. Around corners it is rarely more than half of
+// them; where the heading is lost, nearly all.
+constexpr double kMostRestless = 0.6;
 // A platform that is at rest while the target is founded: its gyroscope reads its bias.
 constexpr double kRestRate_radps = 0.02;
 // What is within it of the mean of the Earth's can be gravity, by an accelerometer that is off.
@@ -32,7 +35,7 @@ constexpr double kExplained = 0.5;
 // Such turns until the sensor is left out: an instant of chance is none.
 constexpr std::uint32_t kDoubted = 2;
 // Of state(): another number where what is in it changes.
-constexpr std::uint64_t kLayout = 2;
+constexpr std::uint64_t kLayout = 3;
 
 /// When a slice's points were measured.
 struct Times {
@@ -84,6 +87,7 @@ void KnotOdometry::begin(const FeatureSweep& sweep, const Pose& T_odom_base) {
   window_.inertia() = {};
   kept_.clear();
   explained_ = {};
+  restless_ = 0.0;
   seen_ = 0;
   bad_in_row_ = 0;
   end_ns_ = sweep.stamp_ns;
@@ -196,11 +200,11 @@ void KnotOdometry::find_gravity() {
 
 bool KnotOdometry::believes_inertia() const { return imu_contradictions_ < kDoubted; }
 
-void KnotOdometry::judge_inertia(const KnotSolution& solution) {
+void KnotOdometry::judge_inertia(const KnotSolution& solution, double range_noise_m) {
   if (!ends_turn() || !settled() || !solution.solved || !believes_inertia()) return;
   if (!window_.slices().back().inertia) return;
   KnotWindow alone = window_.without_inertia();
-  const KnotSolution second = alone.solve(*recent_, range_noise_m_);
+  const KnotSolution second = alone.solve(*recent_, range_noise_m);
   if (!second.solved || second.explained < kExplained ||
       solution.residual_m < kMisled * second.residual_m) {
     return;
@@ -239,12 +243,14 @@ void KnotOdometry::fill_clouds(OdometryResult& result) const {
 Health KnotOdometry::judge(const FeatureSweep& sweep, const KnotSolution& solution) {
   if (!settled()) return Health::kOk;
   const double usual = explained_.usual().value_or(0.0);
-  const bool far_worse = solution.explained < kLost * usual;
-  const bool bad = !solution.solved || far_worse;
+  const double restless = solution.converged ? 0.0 : 1.0;
+  restless_ += (restless - restless_) / static_cast<double>(turn_);
+  const bool lost = solution.explained < kLost * usual || restless_ > kMostRestless;
+  const bool bad = !solution.solved || lost;
   bad_in_row_ = bad ? bad_in_row_ + 1 : 0;
   if (solution.explained > kStillUsual * usual) explained_.add(solution.explained);
   if (!any_usable(sweep.less_flat)) return Health::kEmpty;
-  if (far_worse) return Health::kLost;
+  if (lost) return Health::kLost;
   return bad ? Health::kPredicted : Health::kOk;
 }
 
@@ -259,42 +265,69 @@ Degeneracy KnotOdometry::weak_directions(const KnotSolution& solution) const {
   return find_weak_directions(solution.data, prior, config_);
 }
 
-OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
-  const std::int64_t end_ns = end_of(sweep);
+bool KnotOdometry::must_restart(const FeatureSweep& sweep) const {
   const std::int64_t gap_ns = sweep.stamp_ns - end_ns_;
-  const bool torn = begun_ && (gap_ns > kMostGap_ns || end_ns <= end_ns_);
+  const bool torn = gap_ns > kMostGap_ns || end_of(sweep) <= end_ns_;
   const bool hopeless = bad_in_row_ >= config_.restart_after * static_cast<int>(turn_);
-  if (!begun_ || torn || hopeless) {
-    begin(sweep, begun_ ? window_.knots().back() : Pose::Identity());
-  }
-  OdometryResult result;
-  result.sweep = sweep.sweep;
-  result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
-  result.instant_ns = end_ns;
+  return !begun_ || torn || hopeless;
+}
 
+void KnotOdometry::take(const FeatureSweep& sweep) {
   Slice slice = slice_of(
       sweep, {sweep.sweep, end_ns_, window_.inertia().rate_bias_radps, believes_inertia()});
   if (seen_ < turn_) slice.points.clear();
   keep(sweep, end_ns_);
   window_.push(std::move(slice));
-  const Pose predicted = window_.knots().back();
   ++seen_;
+  end_ns_ = end_of(sweep);
+  prev_sweep_ = sweep.sweep;
+}
+
+void KnotOdometry::learn_inertia() {
   if (seen_ > 2 * turn_) {
     const double root_s = std::sqrt(window_.slices().back().period_s);
     window_.inertia().gravity_sigma_mps2 = config_.imu_gravity_walk * root_s;
     window_.inertia().rate_bias_sigma_radps = config_.imu_rate_walk * root_s;
   }
-  end_ns_ = end_ns;
-  prev_sweep_ = sweep.sweep;
   if (seen_ == turn_) note_rest();
   // Later from motion that all slices of the window have told.
   const bool asks_gravity = seen_ == turn_ || (ends_turn() && seen_ >= 3 * turn_);
   if (asks_gravity && believes_inertia() && !window_.knows_gravity()) find_gravity();
+}
+
+KnotSolution KnotOdometry::solve(double range_noise_m) {
   if (seen_ >= turn_ && seen_ <= 2 * turn_) found();
   let_settle();
   KnotSolution solution;
-  if (settled()) solution = window_.solve(*recent_, sweep.range_noise_m);
-  judge_inertia(solution);
+  if (settled()) solution = window_.solve(*recent_, range_noise_m);
+  judge_inertia(solution, range_noise_m);
+  return solution;
+}
+
+OdometryDiagnostics KnotOdometry::diagnostics(const KnotSolution& solution,
+                                              const Pose& T_odom_predicted) const {
+  const Pose error = T_odom_predicted.inverse() * window_.knots().back();
+  OdometryDiagnostics found;
+  found.iterations = solution.iterations;
+  found.planes = solution.matched;
+  found.residual_m = solution.residual_m;
+  found.prediction_error_m = error.translation().norm();
+  found.prediction_error_rad = log_so3(error.linear()).norm();
+  found.imu_used = window_.slices().back().inertia.has_value();
+  found.imu_contradictions = imu_contradictions_;
+  return found;
+}
+
+OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
+  if (must_restart(sweep)) begin(sweep, begun_ ? window_.knots().back() : Pose::Identity());
+  OdometryResult result;
+  result.sweep = sweep.sweep;
+  result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
+  take(sweep);
+  result.instant_ns = end_ns_;
+  const Pose T_odom_predicted = window_.knots().back();
+  learn_inertia();
+  const KnotSolution solution = solve(sweep.range_noise_m);
 
   if (solution.solved) result.degeneracy = weak_directions(solution);
   result.health = judge(sweep, solution);
@@ -304,14 +337,7 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
   result.T_odom_base = window_.knots().back();
   result.twist_per_s = window_.velocity(window_.slices().size() - 1);
   result.covariance = config_.covariance_scale * solution.covariance;
-  const Pose error = predicted.inverse() * result.T_odom_base;
-  result.diagnostics.iterations = solution.iterations;
-  result.diagnostics.planes = solution.matched;
-  result.diagnostics.residual_m = solution.residual_m;
-  result.diagnostics.prediction_error_m = error.translation().norm();
-  result.diagnostics.prediction_error_rad = log_so3(error.linear()).norm();
-  result.diagnostics.imu_used = window_.slices().back().inertia.has_value();
-  result.diagnostics.imu_contradictions = imu_contradictions_;
+  result.diagnostics = diagnostics(solution, T_odom_predicted);
   fill_clouds(result);
   return result;
 }
@@ -319,7 +345,7 @@ OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
 template <class Bits>
 void KnotOdometry::each(Bits& bits, std::deque<MadeWith>& made_with) {
   bits(turn_, seen_, end_ns_, prev_sweep_, bad_in_row_, imu_contradictions_, range_noise_m_,
-       explained_, settled_, made_with);
+       explained_, restless_, settled_, made_with);
   window_.each(bits);
 }
 
@@ -368,7 +394,8 @@ bool KnotOdometry::is_sound(const std::deque<MadeWith>& made_with) const {
   };
   return turn_ >= 2 && made_with.size() == 2 * turn_ && settled_.size() <= most_settled() &&
          window_.knots().size() == made_with.size() + 1 && range_noise_m_ >= 0.0 &&
-         range_noise_m_ < kFarthest_m && std::all_of(settled_.begin(), settled_.end(), places) &&
+         range_noise_m_ < kFarthest_m && restless_ >= 0.0 && restless_ <= 1.0 &&
+         std::all_of(settled_.begin(), settled_.end(), places) &&
          std::all_of(window_.knots().begin(), window_.knots().end(), sound);
 }
 

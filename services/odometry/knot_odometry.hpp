@@ -72,7 +72,15 @@ class KnotOdometry {
   bool settle_again(const SliceAt& slice_at);
   bool hold_again(const std::deque<MadeWith>& made_with, const SliceAt& slice_at);
 
+  /// After a gap, where time runs backwards, or where nothing has fitted for long.
+  bool must_restart(const FeatureSweep& sweep) const;
   void begin(const FeatureSweep& sweep, const Pose& T_odom_base);
+  /// Into the window, placed as the motion so far predicts.
+  void take(const FeatureSweep& sweep);
+  /// What is found out about the inertial sensor in the first turns.
+  void learn_inertia();
+  KnotSolution solve(double range_noise_m);
+  OdometryDiagnostics diagnostics(const KnotSolution& solution, const Pose& T_odom_predicted) const;
   void make_target();
   Slice slice_of(const FeatureSweep& sweep, const MadeWith& with) const;
   void keep(const FeatureSweep& sweep, std::int64_t begin_ns);
@@ -83,7 +91,7 @@ class KnotOdometry {
   void note_rest();
   void find_gravity();
   /// What the points say without the inertial sensor; one that they contradict is left out.
-  void judge_inertia(const KnotSolution& solution);
+  void judge_inertia(const KnotSolution& solution, double range_noise_m);
   bool believes_inertia() const;
   void let_settle();
   /// Of the window, as its knots are now.
@@ -103,6 +111,8 @@ class KnotOdometry {
   std::deque<Settled> settled_;
   /// of the slices before: the share of their points on surfaces
   FitRecord explained_;
+  /// of about the last turn's solutions: the share that did not converge, 0 to 1
+  double restless_ = 0.0;
   /// slices to a turn, and those since the target was founded
   std::size_t turn_ = 1;
   std::size_t seen_ = 0;

@@ -65,6 +65,7 @@ struct Drive {
   bool tunnel = false;
   /// what is otherwise with the inertial sensor than was said, and its first slice
   std::function<void(ImuReading&)> otherwise = [](ImuReading&) {};
+  std::function<Pose(double)> motion = T_room_base;
   int imu_from = 0;
   PointVector points;
   std::vector<ImuReading> imu;
@@ -81,7 +82,7 @@ struct Drive {
         const double theta = -kPi / 2.0 + kPi * step / (kSteps - 1);
         const Eigen::Vector3d along_base(std::cos(theta), std::sin(theta) * std::cos(roll),
                                          std::sin(theta) * std::sin(roll));
-        const Pose T = T_room_base(t_s);
+        const Pose T = motion(t_s);
         const double range_m =
             range_to_room(T.translation(), T.linear() * along_base, tunnel) + noise(random);
         if (range_m > 30.0) continue;
@@ -112,7 +113,7 @@ struct Drive {
          at += kStepNs) {
       const double t = 1e-9 * static_cast<double>(at);
       constexpr double h = 1e-3;
-      const Pose a = T_room_base(t - h), b = T_room_base(t), c = T_room_base(t + h);
+      const Pose a = motion(t - h), b = motion(t), c = motion(t + h);
       const Eigen::Vector3d acceleration =
           (c.translation() - 2.0 * b.translation() + a.translation()) / (h * h);
       ImuReading reading;
@@ -354,6 +355,42 @@ TEST(KnotOdometryTest, SlicesOfAnotherPlaceAreNotCalledWell) {
     if (i >= 50) well += health == Health::kOk ? 1 : 0;
   }
   EXPECT_EQ(well, 0);
+}
+
+/// Rolls by so much, four times a second, from the fifth second on.
+Drive shaken(double roll_rad) {
+  Drive scans;
+  scans.motion = [roll_rad](double t_s) -> Pose {
+    Pose pose = T_room_base(t_s);
+    const double since_s = std::max(0.0, t_s - 5.0);
+    const double angle_rad = roll_rad * std::sin(8.0 * kPi * since_s);
+    pose.linear() = pose.linear() * exp_so3({angle_rad, 0.0, 0.0});
+    return pose;
+  };
+  return scans;
+}
+
+// The share of solutions that did not converge needs part of a turn to grow.
+TEST(KnotOdometryTest, AMotionThatSlicesCannotFollowIsNotCalledWell) {
+  constexpr double kOff_m = 0.3;
+  int wrong = 0, silent = 0;
+  for (const double roll_rad : {0.3, 0.6, 0.9}) {
+    KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+    Drive scans = shaken(roll_rad);
+    std::vector<Pose> off;
+    for (int i = 0; i < 200; ++i) {
+      const OdometryResult result = odometry.process(scans.slice(i, false));
+      const Pose truth = scans.motion(1e-9 * static_cast<double>((i + 1) * kSliceNs));
+      off.push_back(result.T_odom_base * truth.inverse());
+      if (i < 20) continue;
+      // of the last second
+      if ((off[i - 10].inverse() * off[i]).translation().norm() < kOff_m) continue;
+      ++wrong;
+      silent += result.health == Health::kOk ? 1 : 0;
+    }
+  }
+  EXPECT_GT(wrong, 50);
+  EXPECT_LE(10 * silent, wrong);
 }
 
 TEST(KnotOdometryTest, ASilenceBeginsATargetAnew) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/containers/thinning.hpp"
+#include "common/geometry/motion_covariance.hpp"
 #include "odometry/degeneracy.hpp"
 
 namespace zloam::odometry {
@@ -106,6 +107,11 @@ bool any_usable(PointSpan points) {
   return std::any_of(points.begin(), points.end(), [](const Point& p) { return is_usable(p); });
 }
 
+bool Source::sees_a_part() const {
+  return !planes.empty() && zloam::sees_a_part(fraction_of_bin(planes.front().bin),
+                                               fraction_of_bin(planes.back().bin));
+}
+
 Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
                      const OdometryConfig& config) {
   Source source;
@@ -184,6 +190,7 @@ Solution match_sweep(const Source& source, const MotionState& initial, const Mot
     }
     kernel_m = std::max(config.kernel_m, 0.5 * kernel_m);
   }
+  if (source.sees_a_part()) out.seen_at = seen_at(out.data.H);
   out.residual_m = std::sqrt(out.data.squared_sum / std::max(1e-9, out.data.weight_sum));
   out.state.T_odom_mid = normalised(out.state.T_odom_mid);
   out.solved = out.state.T_odom_mid.matrix().allFinite() && out.state.twist.allFinite();

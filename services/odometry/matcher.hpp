@@ -18,7 +18,10 @@ struct SourcePoint {
 };
 
 struct Source {
-  std::vector<SourcePoint> planes;
+  std::vector<SourcePoint> planes;  ///< by time
+
+  /// common/geometry/motion_covariance.hpp
+  bool sees_a_part() const;
 };
 
 struct Solution {
@@ -28,6 +31,9 @@ struct Solution {
   std::uint32_t iterations = 0;
   std::uint32_t planes = 0;
   double residual_m = 0.0;
+  /// when the sweep saw the pose, where that is another time than its middle
+  /// (common/geometry/motion_covariance.hpp)
+  double seen_at = 0.0;
   /// of prior and residuals, where a point without a match counts as one far off: less is better
   double cost = 0.0;
   /// the prior's part of it: half the squared distance from the prediction, in sigmas

@@ -75,7 +75,8 @@ struct Odometry::State : MotionMemory {
                                const FeatureSweep& sweep) const {
     const Vector6 bound = sigmas(config.pose_sigma_m, config.pose_sigma_rad).array().square();
     const Matrix12 middle =
-        with_bounded_pose(solved_covariance(solution, sweep), bound.asDiagonal());
+        with_bounded_pose_at(solution.seen_at, solution.state.twist,
+                             solved_covariance(solution, sweep), bound.asDiagonal());
     Matrix12 covariance = end_covariance(solution.state, middle);
     Vector12 direction = Vector12::Zero();
     direction.head<3>() = weak.weak_translation;

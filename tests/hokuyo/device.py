@@ -17,8 +17,8 @@ from tests.hokuyo import peer
 
 #: the simulator's counter at the start, ms, and how much later the first line is received, s
 COUNTER_MS, FIRST_LINE_S = 1_000_000, 0.0176
-#: from the first command until the session begins: the dialogue takes less
-BEFORE_S = 0.5
+#: after this time a scan that was missed while nobody listened is not sent any more
+LATE_S = 0.5
 
 
 def encoded(value: int, characters: int) -> bytes:
@@ -33,8 +33,17 @@ def answer(echo: bytes, status: bytes, lines: list[bytes] | None = None) -> byte
     return b"\n".join([echo, summed(status), *(lines or [])]) + b"\n\n"
 
 
+def moved(scan: bytes, milliseconds: int) -> bytes:
+    """With a later counter."""
+    lines = scan.split(b"\n")
+    counter_ms = int(peer.numbers(lines[2][:-1], 4)[0])
+    lines[2] = summed(encoded((counter_ms + milliseconds) & 0xFFFFFF, 4))
+    return b"\n".join(lines)
+
+
 class Device:
-    """Serves one connection after the other until it is closed."""
+    """Serves one connection after the other until it is closed. It measures from its first command
+    on, as a real one does: until begin() is called it sends the session's first scan."""
 
     def __init__(self, session: Path, seconds: float) -> None:
         #: as driver.path has it
@@ -52,27 +61,39 @@ class Device:
                 if stamp - self.first_s > seconds:
                     break
                 self.scans.append((stamp - self.first_s, data))
+        self._line_ms = round(1e3 * self.scans[-1][0] / (len(self.scans) - 1))
         self.commands: list[bytes] = []
+        #: of the session
         self.sent = 0
         #: called with the number of each scan before it is sent; true: the connection is cut
         self.cut: Callable[[int], bool] = lambda number: False
         #: what becomes of the bytes of a scan
         self.spoil: Callable[[int, bytes], bytes] = lambda number, data: data
+        #: monotonic time at which the counter stood at its start
+        self._on: float | None = None
+        #: scans sent before the session
+        self._before = 0
+        self._begin = threading.Event()
         self._began: float | None = None
         self._measuring = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def counter_ms(self) -> int:
-        since = time.monotonic() - self.began + FIRST_LINE_S
-        return int(COUNTER_MS + 1e3 * since) & 0xFFFFFF
+    def begin(self) -> None:
+        """The next scan is the session's first."""
+        self._begin.set()
 
     @property
     def began(self) -> float:
-        """Monotonic time at which the session's first line is sent."""
+        """Monotonic time at which the session's first line is sent; waits until it is known."""
         while self._began is None:
             time.sleep(0.005)
         return self._began
+
+    def _since_on(self) -> float:
+        if self._on is None:
+            self._on = time.monotonic()
+        return time.monotonic() - self._on
 
     @property
     def finished(self) -> bool:
@@ -80,8 +101,7 @@ class Device:
 
     def _answer(self, command: bytes) -> bytes:
         self.commands.append(command)
-        if self._began is None:
-            self._began = time.monotonic() + BEFORE_S
+        counter_ms = int(COUNTER_MS + 1e3 * self._since_on())
         if command == b"QT":
             self._measuring = False
         elif command == b"PP":
@@ -93,9 +113,11 @@ class Device:
         elif command == b"II":
             return answer(command, b"00", [b"STAT:well;" + bytes([peer.checksum(b"STAT:well")])])
         elif command == b"TM1":
-            return answer(command, b"00", [summed(encoded(self.counter_ms(), 4))])
+            return answer(command, b"00", [summed(encoded(counter_ms & 0xFFFFFF, 4))])
         elif command.startswith(b"ME"):
             self._measuring = True
+            if self._began is None:
+                self._before = int(1e3 * self._since_on() / self._line_ms)
         elif command not in (b"TM0", b"TM2"):
             return answer(command, b"0E")
         return answer(command, b"00")
@@ -113,17 +135,33 @@ class Device:
                 write(self._answer(command))
             if not self._measuring or self.finished:
                 continue
-            due = self.began + self.scans[self.sent][0]
-            if time.monotonic() < due:
+            scan = self._due()
+            if scan is None:
                 continue
-            # a scan that was missed while nobody listened is not sent later
-            number = self.sent
-            self.sent += 1
-            if time.monotonic() > due + 0.5:
-                continue
-            if self.cut(number):
+            if self.cut(self.sent - 1):
                 return
-            write(self.spoil(number, self.scans[number][1]))
+            write(scan)
+
+    def _due(self) -> bytes | None:
+        """The scan that is to be sent now."""
+        before_s = 1e-3 * self._line_ms * self._before
+        at = (self._on or 0.0) + FIRST_LINE_S + before_s
+        if self._began is None and self._begin.is_set():
+            self._began = at
+        number = self.sent
+        if self._began is not None:
+            at = self._began + self.scans[number][0]
+        late = time.monotonic() - at
+        if late < 0:
+            return None
+        if self._began is None:
+            self._before += 1
+        else:
+            self.sent += 1
+        if late > LATE_S:
+            return None
+        scan = moved(self.scans[number][1], round(1e3 * before_s))
+        return self.spoil(number, scan) if self._began is not None else scan
 
     def _run(self) -> None:
         raise NotImplementedError
@@ -188,10 +226,3 @@ class SerialDevice(Device):
         self._serve(self._read, self._write)
         os.close(self._fd)
         os.close(self._slave)
-
-
-def moved(record: bytes, milliseconds: int) -> bytes:
-    """A scan whose counter is another."""
-    lines = record.split(b"\n")
-    lines[2] = summed(encoded(milliseconds & 0xFFFFFF, 4))
-    return b"\n".join(lines)

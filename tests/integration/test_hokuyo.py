@@ -220,13 +220,31 @@ class Live:
             text=True,
             env={"PYTHONPATH": str(self.build / "generated" / "python")},
         )
+        self._until_angles_come()
+        self.device.begin()
         self._feeder.start()
         return self
 
-    def _feed(self) -> None:
-        """The angles at their pace, stamped by this host's clock as the device's lines are."""
+    def _until_angles_come(self) -> None:
+        """The motor's program is linked some time after it was started. Its first readings, long
+        before all lines, tell nothing of any of them."""
+        first_rad = float(np.loadtxt(self.drive.angles, delimiter=",", skiprows=1, max_rows=1)[1])
+        stamp_ns = time.time_ns() - int(60e9)
+        ends = time.monotonic() + PATIENCE_S
+        while self.chain.link.stage("driver").figures.get("angles_received", 0) == 0:
+            assert time.monotonic() < ends
+            self.chain.link.poll(0.1)
+            stamp_ns += int(25e6)
+            self._tell(stamp_ns, first_rad)
+
+    def _tell(self, stamp_ns: int, angle_rad: float) -> None:
         assert self._motor is not None
         assert self._motor.stdin is not None
+        self._motor.stdin.write(f"{stamp_ns},{angle_rad}\n")
+        self._motor.stdin.flush()
+
+    def _feed(self) -> None:
+        """The angles at their pace, stamped by this host's clock as the device's lines are."""
         rows = np.loadtxt(self.drive.angles, delimiter=",", skiprows=1)
         at_s = 1e-9 * rows[:, 0] - self.device.first_s
         shift_ns = time.time_ns() - int(1e9 * (time.monotonic() - self.device.began))
@@ -235,8 +253,7 @@ class Live:
                 if self._stop.is_set():
                     return
                 time.sleep(0.01)
-            self._motor.stdin.write(f"{shift_ns + int(1e9 * since_s)},{angle}\n")
-            self._motor.stdin.flush()
+            self._tell(shift_ns + int(1e9 * since_s), angle)
 
     def until_sent(self) -> None:
         while not self.device.finished:

@@ -108,8 +108,8 @@ struct MatcherConfig {
   /// After the first iteration residuals are rejected above fine_gate_m, with a kernel of
   /// fine_kernel_m: a wall's other side, 0.2 m behind the one that is in the map, and what has
   /// moved meanwhile would draw the pose otherwise. As many times wider as the weakest direction's
-  /// share of the normals is below fine_least_share, on the mean of the last sweeps: where little
-  /// holds, as in a tunnel or at the start, that little may be farther off.
+  /// share of the normals is below fine_least_share, on the mean of the last sweeps, or of this one
+  /// where there are none: where little holds, as in a tunnel, that little may be farther off.
   double fine_gate_m = 0.15;
   double fine_kernel_m = 0.066;
   double fine_least_share = 0.03;

@@ -99,8 +99,7 @@ Vector6 ScanToMap::previous_twist_per_s() const {
 // only, and err together: to trust either fully leaves a zig-zag, in which the error of one sweep's
 // twist comes back negated in the next.
 Matrix12 ScanToMap::carried_on(double steps, double rate) const {
-  const Matrix12 before = with_bounded_pose(
-      previous_->covariance, diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad));
+  const Matrix12 before = bounded();
   Matrix12 F = Matrix12::Zero();
   F.topLeftCorner<6, 6>() = adjoint(exp_se3(-steps * previous_->motion.twist));
   F.topRightCorner<6, 6>() = steps * Matrix6::Identity();
@@ -110,6 +109,12 @@ Matrix12 ScanToMap::carried_on(double steps, double rate) const {
   Matrix12 grown;
   grown << squared(steps) * (0.25 * change + continuity()), cross, cross, squared(rate) * change;
   return F * before * F.transpose() + grown;
+}
+
+// The map was drawn from the poses: relative to it a pose is known as well as pose_sigma_*.
+Matrix12 ScanToMap::bounded() const {
+  return with_bounded_pose_at(previous_->seen_at, previous_->motion.twist, previous_->covariance,
+                              diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad));
 }
 
 // Of the twist over so many sweeps: white acceleration, and what the record has of it.
@@ -151,10 +156,7 @@ void ScanToMap::foresee(const SweepInput& sweep, MotionPrior& prior) const {
   const Matrix6 change = units.asDiagonal() * step.covariance * units.asDiagonal();
   Matrix12 grown;
   grown << 0.25 * change + continuity(), 0.5 * change, 0.5 * change, change;
-  const Matrix12 known = with_twist_of(
-      with_bounded_pose(previous_->covariance,
-                        diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad)),
-      previous_->covariance);
+  const Matrix12 known = with_twist_of(bounded(), previous_->covariance);
   Matrix12 covariance = F * known * F.transpose() + grown;
   if (step.at_rest) covariance = held_still(covariance, now_s, prior.predicted);
   prior.usual_information = prior.information;
@@ -215,7 +217,8 @@ double ScanToMap::disagreement(const SweepInput& sweep, const MotionPrediction& 
 
 MatchResult ScanToMap::match(const SweepPoints& points, const MotionPrior& prior) {
   map_.set_anchor(prior.start.T_mid.translation());
-  return matcher_.match(map_, points, prior, gates());
+  const Gate first{gate_m_, gate_m_ / 3.0, config_.crowd_points};
+  return matcher_.match(map_, points, prior, {first, share_});
 }
 
 void ScanToMap::insert(const SweepInput& sweep, const SweepMotion& motion) {
@@ -236,15 +239,8 @@ void ScanToMap::follow_gate(const ScanToMapResult& result) {
   const double wanted = 3.0 * (result.prediction_error_m + kGateMargin_m);
   gate_m_ = std::clamp(kGateMemory * gate_m_ + (1.0 - kGateMemory) * wanted, config_.min_gate_m,
                        config_.max_gate_m);
-  share_ = kShareMemory * share_ + (1.0 - kShareMemory) * result.degeneracy.share;
-}
-
-MatchGates ScanToMap::gates() const {
-  const double kernel_m = gate_m_ / 3.0;
-  const double wider = std::max(1.0, config_.fine_least_share / std::max(share_, 1e-9));
-  return {{gate_m_, kernel_m, config_.crowd_points},
-          {std::min(gate_m_, wider * config_.fine_gate_m),
-           std::min(kernel_m, wider * config_.fine_kernel_m), config_.crowd_points}};
+  const double share = result.degeneracy.share;
+  share_ = share_ ? kShareMemory * *share_ + (1.0 - kShareMemory) * share : share;
 }
 
 ScanToMapResult ScanToMap::result_of(const MatchResult& match, const SweepInput& sweep) const {
@@ -257,6 +253,7 @@ ScanToMapResult ScanToMap::result_of(const MatchResult& match, const SweepInput&
   out.twist_change_per_s = match.motion.bend / period_s;
   out.T_map_base_end = out.at(sweep.period_ns, sweep.period_ns);
   out.covariance = with_twist_scaled(match.covariance, 1.0 / period_s);
+  out.seen_at = match.seen_at;
   out.bend = match.bend;
   out.degeneracy = match.degeneracy;
   out.residual_rms_m = match.residual_rms_m;
@@ -322,6 +319,7 @@ void ScanToMap::commit(const SweepInput& sweep, const ScanToMapResult& result, b
     share_ = 0.0;
   }
   if (insert) {
+    if (map_.empty()) share_.reset();
     this->insert(sweep, motion);
   }
   if (previous_ || !map_.empty()) remember(sweep, result, motion);
@@ -363,7 +361,7 @@ void ScanToMap::remember(const SweepInput& sweep, const ScanToMapResult& result,
       learn_acceleration(sweep, result, squared(off) * result.covariance);
     }
   }
-  previous_ = Previous{motion, covariance, change, sweep.stamp_ns, sweep.period_ns};
+  previous_ = Previous{motion, covariance, result.seen_at, change, sweep.stamp_ns, sweep.period_ns};
 }
 
 // covariance: of (pose, twist per second)

@@ -46,7 +46,9 @@ struct ScanToMapResult {
   /// What the twist changes by within the sweep.
   Vector6 twist_change_per_s = Vector6::Zero();
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
-  Bend bend;                               // of what is known of twist_change_per_s, per sweep
+  /// when in the sweep the points saw the pose (common/geometry/motion_covariance.hpp)
+  double seen_at = 0.0;
+  Bend bend;  // of what is known of twist_change_per_s, per sweep
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;  // of planes, see MatchResult
   double inlier_rms_m = 0.0;
@@ -116,17 +118,19 @@ class ScanToMap {
   struct Previous {
     SweepMotion motion;                      // grid frame
     Matrix12 covariance = Matrix12::Zero();  // of both, per sweep
+    double seen_at = 0.0;
     Vector6 twist_change = Vector6::Zero();  // against the sweep before, per sweep
     std::int64_t stamp_ns = 0;
     std::uint32_t period_ns = 0;
 
     template <class Bits>
     void each(Bits& bits) {
-      bits(motion, covariance, twist_change, stamp_ns, period_ns);
+      bits(motion, covariance, seen_at, twist_change, stamp_ns, period_ns);
     }
   };
 
   Vector6 previous_twist_per_s() const;
+  Matrix12 bounded() const;
   Matrix12 carried_on(double steps, double rate) const;
   Matrix6 change(double steps) const;
   void remember(const SweepInput& sweep, const ScanToMapResult& result, const SweepMotion& motion);
@@ -143,7 +147,6 @@ class ScanToMap {
   const SweepPoints& matched_points_of(const SweepInput& sweep);
   void insert(const SweepInput& sweep, const SweepMotion& motion);
   void follow_gate(const ScanToMapResult& result);
-  MatchGates gates() const;
   ScanToMapResult result_of(const MatchResult& match, const SweepInput& sweep) const;
 
   MatcherConfig config_;
@@ -159,9 +162,10 @@ class ScanToMap {
   std::vector<SlotPoint> inserted_points_;
   std::vector<LocalPoint> inserted_;  // the same in the map's local coordinates
   double gate_m_;
-  // Of the normals along the weakest direction, mean of the last sweeps. From 0 after a gap: nobody
-  // knows then how far off the prediction is, and the gate stays wide until the map holds again.
-  double share_ = 0.0;
+  // Of the normals along the weakest direction, mean of the last sweeps. From 0 after a gap, and in a
+  // map that was read: nobody knows then how far off the prediction is, and the gate stays wide
+  // until the map holds again. None in a map of one sweep, from which the motion goes on.
+  std::optional<double> share_ = 0.0;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();
   std::uint64_t sweeps_ = 0;

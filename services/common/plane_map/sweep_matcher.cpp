@@ -22,6 +22,8 @@ constexpr int kLeastIterations = 2;
 // A platform that was never seen to accelerate: m, rad over a sweep.
 constexpr double kLeastBend = 1e-6;
 
+constexpr double kLeastWeight = 1e-12;
+
 bool is_small(const Vector12& step, const MatcherConfig& c) {
   const double translation = step.segment<3>(0).norm() + step.segment<3>(6).norm();
   const double rotation = step.segment<3>(3).norm() + step.segment<3>(9).norm();
@@ -43,6 +45,11 @@ Eigen::Matrix3d schur(const Matrix6& a, int keep, int drop) {
   const Eigen::Matrix3d other = a.block<3, 3>(drop, drop) + 1e-9 * Eigen::Matrix3d::Identity();
   return a.block<3, 3>(keep, keep) -
          a.block<3, 3>(keep, drop) * other.ldlt().solve(a.block<3, 3>(drop, keep));
+}
+
+// How well translations are held by the normals, the rotation left free; ascending.
+Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> held(const NormalSums& sums) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(schur(sums.a0, 0, 3));
 }
 
 double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axis) {
@@ -120,6 +127,15 @@ SweepMotion SweepMatcher::come_near(VoxelPlaneMap& map, const SweepPoints& sweep
   return is_sound(first.step) ? moved(prior.start, first.step, first.bend_step) : prior.start;
 }
 
+Gate SweepMatcher::fine_gate(const MatchGates& gates, const NormalSums& first) const {
+  const double share = gates.share
+                           ? *gates.share
+                           : held(first).eigenvalues()[0] / std::max(first.weight, kLeastWeight);
+  const double wider = std::max(1.0, config_.fine_least_share / std::max(share, 1e-9));
+  return {std::min(gates.first.limit_m, wider * config_.fine_gate_m),
+          std::min(gates.first.kernel_m, wider * config_.fine_kernel_m), config_.crowd_points};
+}
+
 MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
                                 const MotionPrior& prior, const MatchGates& gates) {
   MatchResult result;
@@ -127,8 +143,9 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   SweepMotion motion = come_near(map, sweep, prior, gates.first);
   matched_.begin(sweep.points());
   Step last;
+  Gate gate = gates.first;
   for (int i = 0; i < config_.max_iterations && !result.converged; ++i) {
-    const Gate& gate = i == 0 ? gates.first : gates.then;
+    if (i == 1) gate = fine_gate(gates, last.sums.planes);
     last = step_from(motion, map, sweep, matched_, prior, gate);
     result.iterations = i + 1;
     if (!is_sound(last.step)) {
@@ -147,6 +164,10 @@ MatchResult SweepMatcher::match(VoxelPlaneMap& map, const SweepPoints& sweep,
   result.valid = true;
   result.motion = motion;
   result.covariance = last.h.ldlt().solve(Matrix12::Identity());
+  if (sees_a_part(slot_fraction(sweep.points().front().slot),
+                  slot_fraction(sweep.points().back().slot))) {
+    result.seen_at = seen_at(sums.planes.hessian());
+  }
   result.bend = last.bend;
   const ResidualAccount account =
       account_of(matched_.residuals, gates.first.kernel_m, config_.fine_kernel_m);
@@ -166,23 +187,24 @@ double SweepMatcher::spurious(const NormalSums& sums) const {
 }
 
 void SweepMatcher::discount_spurious(const NormalSums& sums, Matrix18& h, Vector18& g) const {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> held(schur(sums.a0, 0, 3));
-  if (held.eigenvalues()[1] < config_.walls_least_share * sums.weight) return;
-  const double least = std::max(held.eigenvalues()[0], 1e-12);
+  const auto translation = held(sums);
+  if (translation.eigenvalues()[1] < config_.walls_least_share * sums.weight) return;
+  const double least = std::max(translation.eigenvalues()[0], 1e-12);
   const double real = std::max(0.0, 1.0 - spurious(sums) / least);
-  keep_along(held.eigenvectors().col(0), real, h, g);
+  keep_along(translation.eigenvectors().col(0), real, h, g);
 }
 
 Degeneracy SweepMatcher::judge(const NormalSums& sums, double lever2, const Matrix12& predicted,
                                double scale) const {
   Degeneracy out;
-  const double weight = std::max(sums.weight, 1e-12);
+  const double weight = std::max(sums.weight, kLeastWeight);
 
   const double errors = spurious(sums);
   const auto sigma = [&](double eigenvalue) {
-    return 1.0 / std::sqrt(std::max(scale * (eigenvalue - errors), 1e-6));
+    constexpr double kLeast = 1.0 / (kNothingKnown_m * kNothingKnown_m);
+    return 1.0 / std::sqrt(std::max(scale * (eigenvalue - errors), kLeast));
   };
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> translation(schur(sums.a0, 0, 3));
+  const auto translation = held(sums);
   out.axis = translation.eigenvectors().col(0);
   out.share = translation.eigenvalues()[0] / weight;
   out.second_share = translation.eigenvalues()[1] / weight;

@@ -42,6 +42,9 @@ struct MotionPrior {
 inline constexpr double kWeakRatio = 0.7;
 inline constexpr double kStrongRatio = 0.5;
 
+/// One sigma along a direction of which the data say nothing.
+inline constexpr double kNothingKnown_m = 1000.0;
+
 /// The weakest translation direction as the data see it, without the priors.
 struct Degeneracy {
   bool weak = false;
@@ -66,6 +69,7 @@ struct MatchResult {
   bool valid = false;  // false: too few matches or no finite solution; motion = prior.start
   SweepMotion motion;
   Matrix12 covariance = Matrix12::Zero();  // of (T_mid right perturbation, twist per sweep)
+  double seen_at = 0.0;                    // of the points (common/geometry/motion_covariance.hpp)
   Bend bend;
   Degeneracy degeneracy;
   /// Of points against planes, weighted by the roots of what the first gate's kernel gives: with a
@@ -88,7 +92,9 @@ struct MatchResult {
 /// what is that far off afterwards is another surface, or a thing that has moved.
 struct MatchGates {
   Gate first;
-  Gate then;
+  /// Mean squared share of the normals along the weakest direction, of the sweeps before; none:
+  /// nothing is known but what the first iteration finds.
+  std::optional<double> share;
 };
 
 class SweepMatcher {
@@ -108,6 +114,8 @@ class SweepMatcher {
     Bend bend;
   };
 
+  /// After the first iteration.
+  Gate fine_gate(const MatchGates& gates, const NormalSums& first) const;
   Step step_from(const SweepMotion& motion, VoxelPlaneMap& map, const SweepPoints& sweep,
                  MatchedPoints& matched, const MotionPrior& prior, const Gate& gate) const;
   SweepMotion come_near(VoxelPlaneMap& map, const SweepPoints& sweep, const MotionPrior& prior,

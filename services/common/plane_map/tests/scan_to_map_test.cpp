@@ -95,8 +95,7 @@ TEST_P(OneSweep, IsMatched) {
   map.set_anchor(prior.start.T_mid.translation());
   MatcherConfig matcher;
   matcher.max_iterations = 30;
-  const MatchResult result =
-      SweepMatcher(matcher).match(map, points, prior, {{0.3, 0.1}, {0.15, 0.066}});
+  const MatchResult result = SweepMatcher(matcher).match(map, points, prior, {{0.3, 0.1}, 1.0});
   ASSERT_TRUE(result.valid);
   const Pose truth = map.T_grid_map() * T_start * exp_se3(0.05 * v);
   EXPECT_LT(distance_m(result.motion.T_mid, truth), 6e-4);
