@@ -34,6 +34,8 @@ int main(int argc, char** argv) {
   if (argc != 5) return 2;
   auto config = zloam::zenoh::Config::create_default();
   config.insert_json5("connect/endpoints", "[\"" + std::string(argv[1]) + "\"]");
+  // A program that scouts links all robots which it hears on the network into one.
+  config.insert_json5("scouting/multicast/enabled", "false");
   auto session = zloam::zenoh::Session::open(config);
   const std::string key = zloam::Keys(argv[2], argv[3]).of(zloam::Key::kSweep);
   auto publisher =

@@ -2,6 +2,7 @@
 # The rules of the structure that a program can hold (CONTRIBUTING.md draws them):
 #  - an algorithm library includes no Zenoh, FlatBuffers, logger, clock or thread;
 #  - no stage includes anything of another;
+#  - a program that connects to endpoints does not scout;
 #  - schemas carry explicit ids and conform to the released state;
 #  - each document that a file names is there;
 #  - the subject of a commit has at most 72 characters.
@@ -34,6 +35,10 @@ hits=$(grep -rnE "^\s*#\s*include\s+\"($(echo $stages | tr ' ' '|'))/" services/
 [ -z "$hits" ] || complain "services/common includes of a stage: $hits"
 hits=$(grep -rnE '^[^#]*(pcl_io|vtk)' --include=CMakeLists.txt services tests CMakeLists.txt || true)
 [ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
+# With scouting on it links all robots that it hears on the network into one.
+while IFS= read -r file; do
+  grep -q 'multicast' "$file" || complain "$file connects to endpoints, and does not turn multicast scouting off"
+done < <(grep -rlE '["{ ]connect(/|: ?\{+ ?)endpoints' services examples tests --include='*.py' --include='*.cpp' --include='*.rs')
 for entry in services/*; do
   case " common monitor router sessions README.md stages.json $stages " in
     *" $(basename "$entry") "*) ;;

@@ -33,7 +33,8 @@ def message(robot: str, sensor: str, seq: int, readings: list[tuple[int, float]]
 
 
 endpoint, robot, sensor = sys.argv[1:4]
-links = f'{{connect: {{endpoints: ["{endpoint}"]}}}}'
+# Without scouting: a program that scouts links all robots which it hears on the network into one.
+links = f'{{connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 with zenoh.open(zenoh.Config.from_json5(links)) as session:
     publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/angle", encoding=KIND)
     waiting: list[tuple[int, float]] = []

@@ -48,7 +48,8 @@ def message(robot: str, sensor: str, run: int, number: int, points: Any) -> byte
 
 
 endpoint, robot, sensor, count = sys.argv[1:5]
-links = f'{{connect: {{endpoints: ["{endpoint}"]}}}}'
+# Without scouting: a program that scouts links all robots which it hears on the network into one.
+links = f'{{connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 with zenoh.open(zenoh.Config.from_json5(links)) as session:
     publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/sweep", encoding=KIND)
     while not publisher.matching_status.matching:

@@ -13,6 +13,8 @@ given = dict(enumerate(sys.argv))
 here = ["tcp/127.0.0.1:7464", "tcp/127.0.0.1:7447"]
 config = zenoh.Config()
 config.insert_json5("connect/endpoints", json.dumps([given[1]] if 1 in given else here))
+# A program that scouts links all robots which it hears on the network into one.
+config.insert_json5("scouting/multicast/enabled", "false")
 with zenoh.open(config) as session:
     poses = session.declare_subscriber(f"loam/{given.get(2, 'robot')}/pose")
     for seen, sample in enumerate(poses, start=1):

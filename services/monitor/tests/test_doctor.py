@@ -71,6 +71,19 @@ def dropped(reason: str) -> tuple[Input, ...]:
     return (replace(given, dropped={**given.dropped, reason: 30}),)
 
 
+def at_one_sweep(heard: Heard, stage: str) -> Heard:
+    """It works on the same sweep at the begin and at the end."""
+    who = (stage, f"{stage}-1")
+    before = heard.before[who]
+    (given,) = before.inputs
+    at_one = replace(given, received=100, processed=99, in_work=1)
+    later = replace(at_one, received=150, queued=50)
+    return replace(
+        changed(heard, stage, inputs=(later,)),
+        before={**heard.before, who: replace(before, inputs=(at_one,))},
+    )
+
+
 WRONG: dict[str, tuple[Heard, str]] = {
     "a stage is missing": (
         replace(well(), living=well().living - {("odometry", "odometry-1")}),
@@ -131,6 +144,10 @@ WRONG: dict[str, tuple[Heard, str]] = {
     "which is slow": (
         replace(well(), mapped=[worked(n, "mapping", 110.0) for n in range(50)]),
         "mapping takes 110 ms for most sweeps, which come every 100 ms",
+    ),
+    "which has not even done one": (
+        at_one_sweep(well(), "mapping"),
+        "mapping takes more than 5 s for one message of sweep",
     ),
     "rotation rate": (
         replace(well(), poses=[pose(3 * n) for n in range(20)]),

@@ -12,7 +12,7 @@ from typing import Any
 
 from zloam_monitor import latency
 from zloam_monitor.link import STANDING_BY, Link
-from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
@@ -30,6 +30,7 @@ LARGE_BYTES = 16384
 YOUNG_S, APART_S = 60.0, 10.0
 #: of the time from sweep to sweep: a stage that takes longer falls behind
 SLOW = 1.0
+SLOW_ONE = "it is the slow one: give it a processor of its own, or fewer points"
 #: what stages count, and what it means for a user
 DROPS = {
     "queue_full": "the machine is too slow for this rate: fewer points (registration.*), or "
@@ -128,7 +129,8 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
     link.query_statuses()
     link.poll()
     before, begun = dict(link.statuses), time.monotonic()
-    first = max(link.poses, default=-1)
+    # Each by its own: a stage that is behind still finishes sweeps of before.
+    posed, mapped = (max(kept, default=-1) for kept in (link.poses, link.mapped))
     while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
         link.poll(min(left, 0.2))
     link.query_statuses()
@@ -141,10 +143,10 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
         dict(link.statuses),
         {who: link.silent_s(status, now) for who, status in link.statuses.items()},
         link.living_instances(),
-        [pose for sweep, pose in sorted(link.poses.items()) if sweep > first],
+        [pose for sweep, pose in sorted(link.poses.items()) if sweep > posed],
         link.query_configs(),
         link.garbage,
-        [pose for sweep, pose in sorted(link.mapped.items()) if sweep > first],
+        [pose for sweep, pose in sorted(link.mapped.items()) if sweep > mapped],
     )
 
 
@@ -280,18 +282,29 @@ def _drops(heard: Heard) -> Iterator[Finding]:
         before = heard.before.get(who)
         for each in status.inputs:
             old = before.input(each.key) if before else None
+            key = each.key.rsplit("/", 1)[-1]
             for reason, do in DROPS.items():
                 count = each.dropped.get(reason, 0) - (old.dropped.get(reason, 0) if old else 0)
                 if count > 0:
-                    key = each.key.rsplit("/", 1)[-1]
                     yield Finding(f"{status.stage} dropped {count} of {key} as {reason}", do)
             lost = each.lost - (old.lost if old else 0)
             if lost > 0:
                 yield Finding(
-                    f"{status.stage} misses {lost} of {each.key.rsplit('/', 1)[-1]} that nobody "
-                    "has any more",
+                    f"{status.stage} misses {lost} of {key} that nobody has any more",
                     "a link was down or overloaded: see the network between the stages' machines",
                 )
+            if old and is_stuck(old, each):
+                yield Finding(
+                    f"{status.stage} takes more than {heard.seconds:.0f} s for one message of "
+                    f"{key}",
+                    SLOW_ONE,
+                )
+
+
+def is_stuck(before: Input, after: Input) -> bool:
+    """It was at work on one message all the time, while others came."""
+    at_one = before.in_work > 0 and after.in_work > 0 and before.processed == after.processed
+    return at_one and after.received > before.received
 
 
 def _poses(heard: Heard) -> Iterator[Finding]:
@@ -342,7 +355,7 @@ def _pace(heard: Heard) -> Iterator[Finding]:
             yield Finding(
                 f"{stage} takes {times['p50']:.0f} ms for most sweeps, which come every "
                 f"{1000 * period_s:.0f} ms",
-                "it is the slow one: give it a processor of its own, or fewer points",
+                SLOW_ONE,
             )
 
 
