@@ -26,6 +26,7 @@ from tests.acceptance import (
     ringless,
     scanner,
     udp_rate,
+    views,
     worlds,
 )
 from tests.acceptance.framework import Check, Measured, Skip
@@ -59,6 +60,7 @@ def all_checks(setting: Setting) -> list[Check]:
         *inputs.checks(setting),
         *disturbed.checks(setting),
         *doctor.checks(setting),
+        *views.checks(setting),
         *udp_rate.checks(setting),
         *determinism.checks(setting),
         *_live(setting),

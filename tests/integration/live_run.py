@@ -116,10 +116,11 @@ class LiveRun:
         self._subscribers: list[Any] = []
         if store:
             self._store = store_command(build, robot_file, self.chain, out / "tiles")
+        self._ended = threading.Event()
         self._sender = threading.Thread(
             target=live.send,
             args=(drive.pcap, self.port, seconds, slower),
-            kwargs={"change": self._noting_the_first(change)},
+            kwargs={"change": self._noting_the_first(change), "enough": self._ended},
         )
         #: when the first packet was sent, by this host's clock
         self._begun: queue.SimpleQueue[float] = queue.SimpleQueue()
@@ -149,6 +150,7 @@ class LiveRun:
 
     def __exit__(self, *_: object) -> None:
         self.chain.close()
+        self._ended.set()
         self._sender.join()
 
     def _noting_the_first(self, change: live.Change) -> live.Change:

@@ -13,6 +13,7 @@ from tests.integration.live_run import (
     STORE_LINK_S,
     store_command,
 )
+from zloam_monitor import outputs, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
@@ -23,6 +24,26 @@ def assert_books(statuses: dict[str, StatusRecord], stages: tuple[str, ...]) -> 
     for stage in stages:
         for account in statuses[stage].inputs:
             assert account.balanced(), (stage, account)
+
+
+def chain_of(
+    build: Path,
+    robot_file: Path,
+    pcap: Path,
+    out: Path,
+    *more: str,
+    rate: str = "max",
+    beside: tuple[str, ...] = (),
+) -> Chain:
+    """One that replays a capture, as `zloam demo` does, with these settings beside its own."""
+    robot = names(robot_file, [])
+    settings = [
+        *outputs.stage_settings(out),
+        *sources.from_pcap(pcap).driver_settings(rate),
+        *more,
+    ]
+    where = (build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
+    return Chain(*where, beside=beside)
 
 
 def replayed(

@@ -7,7 +7,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from tests.acceptance import live
 from tests.acceptance.decoded import udp_payloads
 from tests.integration.conftest import Capture, kill, simulate
+from tests.integration.hosts import router
 from tests.integration.live_run import LiveRun
 from zloam_monitor import compose, messages
 from zloam_monitor.processes import free_port
@@ -176,24 +176,11 @@ def slow_mapping(stand: Stand) -> None:
     stand.run.wait(5.0)
 
 
-ROUTER = """
-import json, sys, time, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"router"')
-config.insert_json5("listen/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-session = zenoh.open(config)
-while True:
-    time.sleep(1.0)
-"""
-
-
 def router_gone(stand: Stand) -> None:
     """It was there, and the stages were linked to it."""
     processes = stand.run.chain.processes
     endpoint = f"tcp/127.0.0.1:{stand.router_port}"
-    log = stand.run.out / "router.log"
-    processes.start("router", [sys.executable, "-c", ROUTER, endpoint], log)
+    processes.start("router", router(endpoint), stand.run.out / "router.log")
     said = "nothing answers at"
     stand.run._until(lambda: not any(said in r for r in stand.run.reasons()))
     stand.run.wait(3.0)

@@ -4,17 +4,14 @@ side, one that stands by on the other, both ways round (docs/protocol.md, sectio
 from __future__ import annotations
 
 import itertools
-import os
-import shutil
-import subprocess
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, simulate
+from tests.integration.hosts import Far, far_host
 from tests.integration.live_run import REPLACED, LiveRun, one_quick
 from tests.integration.test_handover import until_waiting
 from zloam_monitor import chain as chains
@@ -28,55 +25,15 @@ FIRST, APART = 40, 30
 CUT_S = 6.0
 
 
-@dataclass(frozen=True)
-class Far:
-    """The other host; the stages of this one listen where it reaches them."""
-
-    name: str
-    near_address: str
-    address: str
-
-    def link(self, state: str) -> None:
-        ip("-n", self.name, "link", "set", "far", state)
-
-    def command(self, command: list[str]) -> list[str]:
-        return ["ip", "netns", "exec", self.name, *command]
-
-
-def ip(*words: str) -> None:
-    subprocess.run(["ip", *words], check=True, capture_output=True)
-
-
 @pytest.fixture
 def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
-    if shutil.which("ip") is None:
-        pytest.skip("no ip (Debian package iproute2): no network namespace can be made")
-    name = f"zloam-{os.getpid()}"
-    subnet = f"10.77.{os.getpid() % 250}"
-    near = f"n{os.getpid()}"
-    other = Far(name, f"{subnet}.1", f"{subnet}.2")
-    try:
-        connect(other, near)
-    except (OSError, subprocess.CalledProcessError) as error:
-        subprocess.run(["ip", "netns", "delete", name], check=False, capture_output=True)
-        pytest.skip(f"no two hosts can be made here as network namespaces: {error}")
-    # All of this host listen there, this process too.
-    monkeypatch.setattr(chains, "Ports", lambda base: Ports(base, other.near_address))
-    monkeypatch.setattr(
-        Chain, "_own_endpoint", lambda self: f"tcp/{other.near_address}:{self._own_port}"
-    )
-    yield other
-    ip("netns", "delete", name)
-
-
-def connect(other: Far, near: str) -> None:
-    ip("netns", "add", other.name)
-    ip("link", "add", near, "type", "veth", "peer", "name", "far", "netns", other.name)
-    ip("address", "add", f"{other.near_address}/24", "dev", near)
-    ip("link", "set", near, "up")
-    ip("-n", other.name, "address", "add", f"{other.address}/24", "dev", "far")
-    ip("-n", other.name, "link", "set", "lo", "up")
-    other.link("up")
+    with far_host() as other:
+        # All of this host listen there, this process too.
+        monkeypatch.setattr(chains, "Ports", lambda base: Ports(base, other.near_address))
+        monkeypatch.setattr(
+            Chain, "_own_endpoint", lambda self: f"tcp/{other.near_address}:{self._own_port}"
+        )
+        yield other
 
 
 @pytest.fixture(scope="module")

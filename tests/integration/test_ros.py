@@ -216,7 +216,7 @@ def heard(
                 chain.link.poll(0.2)
                 chain.check()
             tiles = chain.link.query_tiles()
-            found.map_points = sum(len(t.points) for t in tiles if t.layer in ("edge", "plane"))
+            found.map_points = sum(len(t.points) for t in tiles)
             late = {
                 topic: zenoh.ext.declare_advanced_subscriber(
                     reader,

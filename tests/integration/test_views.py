@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -27,6 +28,8 @@ from zloam_monitor.processes import free_port
 
 #: longer than all tests of this file take
 DRIVE_SECONDS = 240
+#: in which a program says what it is waited for, on a machine with much beside it
+SAID_WITHIN_S = 120.0
 
 
 class Program:
@@ -44,12 +47,17 @@ class Program:
         self.said = ""
 
     def find(self, pattern: str) -> str:
-        """The first group of a line that it says."""
+        """The first group of a line that it says; it is ended if none comes."""
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.said += line
-            if match := re.search(pattern, line):
-                return match[1]
+        too_long = threading.Timer(SAID_WITHIN_S, self.process.kill)
+        too_long.start()
+        try:
+            for line in self.process.stdout:
+                self.said += line
+                if match := re.search(pattern, line):
+                    return match[1]
+        finally:
+            too_long.cancel()
         raise AssertionError(f"{pattern} was not said:\n{self.said}")
 
     def end(self) -> tuple[int, str]:

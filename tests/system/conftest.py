@@ -183,7 +183,7 @@ def versions(port: int) -> dict[str, int]:
     """Cube -> version of the whole map, as anybody may ask for it."""
     session = open_client([f"tcp/127.0.0.1:{port}"])
     link = Link(session, Keys("robot"))
-    tiles = {f"{t.layer}/{t.index}": t.version for t in link.query_tiles()}
+    tiles = {f"{t.layer}/{t.index}": t.version for t in link.query_tiles(["*"])}
     link.close()
     session.close()
     return tiles

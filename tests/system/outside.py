@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from tests.system.compose import Deployment, inspect
+from tests.system.compose import ROOT, Deployment, inspect
 
 #: a bad link: bits a second, and seconds that both ways take longer
 RATE_BIT_PER_S, DELAY_S = 1_000_000, 0.2
@@ -35,41 +35,7 @@ while True:
     print(json.dumps(heard), flush=True)
 """
 
-#: hands on what comes to port 7447, in order, so many seconds later; either end may go on sending
-#: meanwhile
-RELAY = """
-import asyncio, contextlib, sys
-delay_s = float(sys.argv[1])
-
-async def late(reader, writer):
-    clock = asyncio.get_running_loop()
-    waiting = asyncio.Queue()
-    async def hand_on():
-        while True:
-            due, chunk = await waiting.get()
-            await asyncio.sleep(max(0.0, due - clock.time()))
-            if not chunk:
-                return writer.close()
-            writer.write(chunk)
-            await writer.drain()
-    sender = asyncio.create_task(hand_on())
-    with contextlib.suppress(ConnectionError):
-        while chunk := await reader.read(65536):
-            waiting.put_nowait((clock.time() + delay_s, chunk))
-    waiting.put_nowait((clock.time() + delay_s, b""))
-    with contextlib.suppress(ConnectionError):
-        await sender
-
-async def accept(reader, writer):
-    there = await asyncio.open_connection("router", 7447)
-    await asyncio.gather(late(reader, there[1]), late(there[0], writer))
-
-async def main():
-    async with await asyncio.start_server(accept, "0.0.0.0", 7447) as server:
-        await server.serve_forever()
-
-asyncio.run(main())
-"""
+RELAY = (ROOT / "tests/relay.py").read_text()
 
 
 @dataclass(frozen=True)
@@ -137,7 +103,8 @@ def slow(container: str) -> Iterator[None]:
 @contextlib.contextmanager
 def relay(deployment: Deployment) -> Iterator[str]:
     """The container of a relay to the router, at its port: both ways as late as on a bad link."""
-    with _python(deployment, "relay", RELAY, str(DELAY_S)) as name:
+    words = ("0.0.0.0:7447", "router:7447", str(DELAY_S))
+    with _python(deployment, "relay", RELAY, *words) as name:
         yield name
 
 

@@ -1,0 +1,127 @@
+"""A robot that drives round a block, first alone, then with every view of the monitor open on
+another host behind a thin link (issue 41): what each time of the same length was like for it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.integration.conftest import ROOT, Capture, simulate
+from tests.integration.hosts import Far, relay, router
+from tests.integration.live_run import LiveRun
+from tests.integration.observed import Observed, Phase
+from zloam_monitor.processes import Processes, free_port
+
+BIT_PER_S, DELAY_S = 1_000_000, 0.2
+ROUTER_PORT = 7447
+#: the block is mapped by then, and goes on being driven round
+LAP_S = 130.0
+#: of the simulator: laps enough for half an hour
+LAPS = 20
+OPEN_S = 150.0
+
+
+@dataclass
+class Found:
+    """The two times, and what was seen over there."""
+
+    alone: Phase
+    watched: Phase
+    #: view -> how much more it showed at the end than at the beginning
+    shown: dict[str, int]
+    #: what came over the link
+    bit_per_s: float
+
+    def summary(self) -> dict[str, Any]:
+        of = {"alone": self.alone, "watched": self.watched}
+        return {
+            "latency_ms.p50_p99": {
+                n: [round(p.latency_ms(50), 2), round(p.latency_ms(99), 2)] for n, p in of.items()
+            },
+            "poses": {n: len(p.sweeps) for n, p in of.items()},
+            "sweeps_without_pose": {n: p.missing() for n, p in of.items()},
+            "dropped": {n: p.dropped for n, p in of.items()},
+            "memory_growth_mib": {
+                n: {stage: round(mib, 2) for stage, mib in p.growth_mib().items()}
+                for n, p in of.items()
+            },
+            "shown": self.shown,
+            "link_bit_per_s": round(self.bit_per_s),
+        }
+
+
+def start_beside(run: LiveRun, far: Far) -> None:
+    """A router that the other host reaches, and the preview."""
+    processes = run.chain.processes
+    endpoint = f"tcp/{far.near_address}:{ROUTER_PORT}"
+    processes.start("router", router(endpoint), run.out / "router.log")
+    program, *words = run.chain._commands["integration"]
+    preview = [str(Path(program).with_name("zloam-preview")), *words]
+    processes.start("preview", preview, run.out / "preview.log")
+
+
+@contextlib.contextmanager
+def all_open(run: LiveRun, far: Far) -> Iterator[Path]:
+    """Gives where they leave what they show."""
+    folder = run.out / "views"
+    folder.mkdir()
+    behind = f"127.0.0.1:{free_port()}"
+    over_there = Processes()
+    here = relay(behind, f"{far.near_address}:{ROUTER_PORT}", DELAY_S)
+    # the robot gives them the time that it leaves over: another machine has its own
+    views = [
+        "nice",
+        "-n",
+        "19",
+        sys.executable,
+        "-m",
+        "tests.integration.all_views",
+        f"tcp/{behind}",
+    ]
+    paths = {"PYTHONPATH": f"{ROOT}:{ROOT}/services/monitor/src"}
+    try:
+        over_there.start("relay", far.command(here), folder / "relay.log")
+        over_there.start("views", far.command([*views, str(folder)]), folder / "views.log", paths)
+        shown = folder / "shown.json"
+        deadline = time.monotonic() + OPEN_S
+        while not shown.exists():
+            run.wait(1.0)
+            over_there.check()
+            assert time.monotonic() < deadline, over_there.running["views"].last_lines()
+        yield shown
+        over_there.check()
+    finally:
+        over_there.stop()
+
+
+def drive_for(build: Path, folder: Path, seconds: float) -> Capture:
+    """Round one block for the whole of a measurement."""
+    whole_s = LAP_S + OPEN_S + 2.0 * seconds + 60.0
+    options = ("--world", "city", "--seed", "6", "--laps", str(LAPS))
+    return simulate(build, folder, *options, "--duration", str(round(whole_s)))
+
+
+def measure(build: Path, robot_file: Path, out: Path, far: Far, seconds: float) -> Found:
+    """Each of the two times lasts so long."""
+    drive = drive_for(build, out, seconds)
+    more = (f"zenoh.connect=[tcp/{far.near_address}:{ROUTER_PORT}]",)
+    run = LiveRun(build, robot_file, drive, out, slower=1.0, seconds=float("inf"), more=more)
+    with run:
+        start_beside(run, far)
+        robot = Observed(run)
+        run.wait(LAP_S)
+        far.slow_down(BIT_PER_S)
+        alone = robot.during(seconds)
+        with all_open(run, far) as shown:
+            before, came = json.loads(shown.read_text()), far.received_bytes()
+            watched = robot.during(seconds)
+            came = far.received_bytes() - came
+            after = json.loads(shown.read_text())
+        growth = {view: after[view] - before[view] for view in after}
+        return Found(alone, watched, growth, 8.0 * came / seconds)
