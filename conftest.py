@@ -3,6 +3,11 @@
 import os
 import signal
 
+import pytest
+
+# What an assertion of a helper compared is said as it is for a test's own.
+pytest.register_assert_rewrite("tests")
+
 os.environ["ZLOAM_FREE_PORTS"] = "1"
 
 # In the background of a script, or under nohup, these are ignored, and so by all that tests start:

@@ -44,6 +44,7 @@ class OdometryStage {
   std::size_t take_up_slices(const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void begin_frame(const msg::Header& first,
                    const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
+  void go_on(const msg::Header& first);
   void do_again(std::uint64_t run, std::uint64_t from);
   void catch_up(const msg::Header& first, std::int64_t until_ns);
   /// This process or its link stood still for a while, and queues gave up what came meanwhile.

@@ -85,7 +85,7 @@ void OdometryStage::restart(const msg::Header& first) {
       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
   if (const auto until_ns = continue_frame(first, commits)) {
     catch_up(first, *until_ns);
-    if (first.replay()) inlet_->continue_at(first.run(), next_sweep_);
+    if (first.replay()) go_on(first);
     return;
   }
   // The turns that a frame of slices begins with are not in the messages.
@@ -94,6 +94,13 @@ void OdometryStage::restart(const msg::Header& first) {
   begin_frame(first, commits);
   // The queue may have given up meanwhile what registration still has.
   if (waited) do_again(first.run(), first.sweep());
+  if (!first.replay()) go_on(first);
+}
+
+// Live, nothing is waited for that is missing before this sweep: the gap is reported.
+void OdometryStage::go_on(const msg::Header& first) {
+  const std::uint64_t live = std::max(next_sweep_, first.sweep() + 1);
+  inlet_->continue_at(first.run(), first.replay() ? next_sweep_ : live);
 }
 
 void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Commit>& commits) {
@@ -202,6 +209,7 @@ void OdometryStage::catch_up(const msg::Header& first, std::int64_t until_ns) {
     process(features);
   }
   if (first.replay()) return;
+  go_on(first);
   gap.add(done_below_, first.sweep());
   gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - until_ns);
   runtime::report(stage_, gap);

@@ -134,6 +134,8 @@ class LiveRun:
         self.pose_times_s: dict[tuple[int, int], float] = {}
         #: the newest of the odometry's commits that its readers kept when a stage was killed
         self.kept_commit = -1
+        #: before the stages were ended
+        self._heard_last = ""
 
     def __enter__(self) -> LiveRun:
         self.chain.__enter__()
@@ -201,7 +203,7 @@ class LiveRun:
         assert last_sweep is not None
         assert len({run_id for run_id, _ in self.poses}) == 1
         written = read(self.out / "trajectory.tum")
-        assert len(written) == last_sweep + 1
+        assert len(written) == last_sweep + 1, self._heard_last
         said = [pose.health for pose in self.poses.values()]
         assert said.count(LOST) == 0
         assert said.count(BRIDGING) <= bridged
@@ -291,7 +293,7 @@ class LiveRun:
         while time.monotonic() < ends:
             self._poll()
         self.chain.link.query_statuses()
-        statuses = self.chain.statuses()
+        statuses, self._heard_last = self.chain.statuses(), self._heard()
         codes = self.chain.stop()
         assert set(codes.values()) == {0}, codes
         return {**statuses, **self.chain.statuses()}

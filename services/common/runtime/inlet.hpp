@@ -109,8 +109,8 @@ class Inlet {
   virtual ~Inlet() = default;
   virtual const std::string& key() const = 0;
   virtual Account account() const = 0;
-  /// Sweeps below are taken for handled: where a restored stage goes on. From a handler or before
-  /// the start.
+  /// Sweeps below are taken for handled: where a restored stage goes on. What came while it restored
+  /// itself is all handed out, live too. From a handler or before the start.
   virtual void continue_at(std::uint64_t run, std::uint64_t sweep) = 0;
   /// Worker only.
   virtual Arrivals arrivals() const = 0;

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <exception>
+#include <utility>
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/recall.hpp"
@@ -40,6 +41,7 @@ Account InletCore::account() const {
 
 void InletCore::continue_at(std::uint64_t run, std::uint64_t sweep) {
   sequencer_.continue_at(run, sweep);
+  goes_on_ = true;
 }
 
 void InletCore::on_sample(zenoh::Sample sample, bool recovered) {
@@ -76,6 +78,7 @@ void InletCore::drain() {
     answered.swap(answered_);
     raw_bytes_ = 0;
   }
+  if (std::exchange(goes_on_, false)) sequencer_.make_room(batch.size());
   for (Raw& raw : batch) accept(std::move(raw));
   for (const Answered& a : answered) sequencer_.answered(a.request, a.messages);
   note_given_up();

@@ -135,6 +135,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   std::deque<Message> arrivals_;
   MessageCache kept_;
   std::uint64_t complaints_ = 0;
+  /// since the last drain() a restored stage has said where it goes on
+  bool goes_on_ = false;
 };
 
 }  // namespace zloam::runtime

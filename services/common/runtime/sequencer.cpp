@@ -49,6 +49,7 @@ void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   next_ = from_the_start && !joins_at_once_ ? 0 : sweep;
   joining_ = from_the_start && sweep != 0 && !joins_at_once_;
   held_.clear();
+  room_ = 0;
   given_up_sweeps_.clear();
   gap_since_.reset();
   period_.begin_run();
@@ -139,16 +140,21 @@ void Sequencer::give_up_gap() {
 }
 
 void Sequencer::enforce_bound() {
-  while (!replay_ && limits_.newest > 0 && held_.size() > limits_.newest) {
+  const std::size_t bound = limits_.newest + room_;
+  if (replay_ || limits_.newest == 0 || held_.size() <= bound) return;
+  while (held_.size() > bound) {
     if (!ready()) give_up_gap();
     const Message oldest = take_front();
     give_up_sweep(oldest.header->sweep(), Drop::kQueueFull);
   }
+  // More come than go: the backlog would stay as it is, and with it the latency.
+  if (room_ > 0) --room_;
 }
 
 Message Sequencer::take_front() {
   Message message = std::move(held_.begin()->second);
   held_.erase(held_.begin());
+  room_ = std::min(room_, held_.size());
   next_ = message.header->sweep() + 1;
   last_seq_ = message.header->seq();
   last_instance_ = instance_of(message);

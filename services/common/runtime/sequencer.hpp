@@ -70,6 +70,9 @@ class Sequencer {
 
   /// Sweeps below are taken for handled.
   void continue_at(std::uint64_t run, std::uint64_t sweep);
+  /// Live: so many more may wait than `newest` says. They came while their reader restored its
+  /// state, which is no sign that it is too slow. The room goes as they come out.
+  void make_room(std::size_t waiting) { room_ = held_.size() + waiting; }
   /// Before the start, of an instance that goes on in another's place: a replay's first message comes
   /// out at once, whatever its number, so that its stage learns by what others keep where to go on.
   void join_at_once() { joins_at_once_ = true; }
@@ -110,6 +113,8 @@ class Sequencer {
   bool continued_ = false;
   std::uint64_t next_ = 0;
   std::map<std::uint64_t, Message> held_;
+  /// held beside limits_.newest
+  std::size_t room_ = 0;
   /// messages of a newer run, kept until the current one has come out
   std::vector<Message> future_;
   /// sweeps given up, so that a later arrival is late and not a duplicate

@@ -247,6 +247,36 @@ TEST(Sequencer, LiveBoundDropsTheOldestAndSaysSo) {
   EXPECT_EQ(b.add(1), Drop::kLate);
 }
 
+TEST(Sequencer, WhatCameWhileItsReaderRestoredItselfIsNotDropped) {
+  Bench b({.newest = 2});
+  EXPECT_EQ(b.add(10), std::nullopt);
+  EXPECT_EQ(b.out(), Sweeps{10});
+  b.sequencer.continue_at(1, 13);
+  b.sequencer.make_room(6);
+  for (std::uint64_t sweep = 11; sweep < 17; ++sweep) b.add(sweep);
+  EXPECT_EQ(b.sequencer.next(b.now)->header->sweep(), 13U);
+  // What comes meanwhile has the usual room.
+  for (std::uint64_t sweep = 17; sweep < 19; ++sweep) b.add(sweep);
+  EXPECT_EQ(b.out(), (Sweeps{14, 15, 16, 17, 18}));
+  EXPECT_TRUE(b.sequencer.given_up().empty());
+  // The bound is the old one when they have come out.
+  for (std::uint64_t sweep = 19; sweep < 22; ++sweep) b.add(sweep);
+  EXPECT_EQ(b.out(), (Sweeps{20, 21}));
+}
+
+TEST(Sequencer, ABacklogThatIsNotWorkedOffGoes) {
+  Bench b({.newest = 2});
+  b.sequencer.continue_at(1, 0);
+  b.sequencer.make_room(10);
+  std::size_t most = 0;
+  for (std::uint64_t sweep = 0; sweep < 30; ++sweep) {
+    b.add(sweep);
+    most = std::max(most, b.sequencer.held());
+  }
+  EXPECT_EQ(most, 12U);
+  EXPECT_EQ(b.out(), (Sweeps{28, 29}));
+}
+
 TEST(Sequencer, ReplayIsNotBounded) {
   Bench b({.newest = 2}, true);
   for (std::uint64_t sweep = 0; sweep < 20; ++sweep) b.add(sweep);
