@@ -3,7 +3,11 @@
 #   base-image.sh [SUITE]      SUITE: trixie (default) or bookworm; imports debian:SUITE-slim
 # Does nothing that is done already. Needs root, mmdebstrap and a running Docker Engine.
 set -euo pipefail
-suite=${1:-trixie}
+case ${1:-trixie} in
+  trixie | bookworm) suite=${1:-trixie} ;;
+  -h | --help) sed -n '2,4s/^# //p' "$0"; exit 0 ;;
+  *) echo "base-image: $1: trixie or bookworm is expected" >&2; exit 2 ;;
+esac
 image=debian:$suite-slim
 plugins=${DOCKER_CONFIG:-$HOME/.docker}/cli-plugins
 work=$(mktemp -d)

@@ -73,6 +73,13 @@ def test_a_stage_whose_link_comes_up_late_is_waited_for(tmp_path: Path) -> None:
     assert (saved.points, saved.sweep) == (5, 41)
 
 
+def test_a_mapping_without_points_is_not_waited_for(tmp_path: Path) -> None:
+    robot = Robot([[], [tile(0, 5)]], 0)
+    with pytest.raises(maps.MapError, match="there is no map yet"):
+        save(robot, tmp_path / "town.pcd")
+    assert len(robot.answers) == 1
+
+
 @pytest.mark.parametrize(
     ("robot", "said"),
     [

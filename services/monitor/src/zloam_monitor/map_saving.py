@@ -62,7 +62,8 @@ def _told(link: Link, deadline: float) -> tuple[int | None, int]:
         link.query_statuses()
         status = link.stage("mapping")
         if status is not None and "mapping" in link.living():
-            return status.last_sweep, max(1, int(status.figures.get("map_points", 1)))
+            unknown = 0 if status.last_sweep is None else 1
+            return status.last_sweep, int(status.figures.get("map_points", unknown))
         if time.monotonic() > deadline:
             # The store answers for a mapping that is gone, and does not say how much there was.
             return None, 1
@@ -73,17 +74,17 @@ def _whole(link: Link, least: int, deadline: float) -> list[clouds.Tile]:
     while True:
         tiles = [tile for tile in link.query_tiles() if len(tile.points)]
         count = sum(len(tile.points) for tile in tiles)
-        if count >= least:
-            return tiles
-        if time.monotonic() > deadline:
+        if count >= least or time.monotonic() > deadline:
             break
         time.sleep(PAUSE_S)
     if count == 0:
         raise MapError("there is no map yet: neither mapping nor a store has points of it")
-    raise MapError(
-        f"only {count} of {least} points came: nothing is written; save again, or on the robot's "
-        "own machine (zloam save)"
-    )
+    if count < least:
+        raise MapError(
+            f"only {count} of {least} points came: nothing is written; save again, or on the "
+            "robot's own machine (zloam save)"
+        )
+    return tiles
 
 
 def _notes(link: Link, map_id: int, sweep: int | None, voxel_m: float | None) -> list[str]:
