@@ -18,24 +18,24 @@ struct CubeIndex {
   auto operator<=>(const CubeIndex&) const = default;
 };
 
-/// A cell within its cube: three bits for each halving of the cube's edge, those of the first
-/// halving highest; of these z is the highest one, x the lowest.
+/// A cell within its cube: three bits for each halving of the cube's edge, the first halving in the
+/// highest bits; of the three bits z is the highest, x the lowest.
 using Cell = std::uint32_t;
 
 /// A cube has at most 256 cells along an edge.
 inline constexpr int kMostDepth = 8;
 
-/// Ascending, each once. A point that lies outside by its rounding counts for the nearest cell.
+/// Ascending, without duplicates. A point just outside (rounding) counts for the nearest cell.
 std::vector<Cell> cells_of(std::span<const MapPoint> points, const CubeIndex& cube, double edge_m,
                            int depth);
 
-/// The larger cells of `to` halvings in which cells of `from` halvings lie.
+/// The cells of `to` halvings that contain the given cells of `from` halvings.
 std::vector<Cell> coarser(std::span<const Cell> cells, int from, int to);
 
-/// Cells of `depth` halvings as the bytes of the schema; empty without cells.
+/// Encodes cells of `depth` halvings as in the schema; empty without cells.
 std::vector<std::uint8_t> octree(std::span<const Cell> cells, int depth);
 
-/// The cube of `depth` halvings below another one that a cell is.
+/// The cell as a cube of its own, `depth` halvings below the given cube.
 CubeIndex below(const CubeIndex& cube, Cell cell, int depth);
 
 }  // namespace zloam::preview

@@ -1,12 +1,12 @@
 #pragma once
-// What is sent of a map over a thin link, and in which order. No clock, messages or threads.
+// Selects what to send of a map over a thin link, and its order. No clock, messages or threads.
 //
-// The map's cubes are cut into blocks of some metres. A block is sent whole, as an octree whose
-// cells are the larger the farther it is from the robot, and takes the place of what was sent of
-// it before. One rule says what comes next: every other call goes round the map, what was sent
-// longest ago first, so that who joins late has it all after one round; the calls between take
-// what has changed, nearest first. What the one leaves of the budget the other takes, and what was
-// sent some seconds ago waits. A block is sent with the largest cells first, so that a map shows
+// The map's cubes are cut into blocks of some metres. A block is sent whole, as an octree with
+// larger cells farther from the robot, and replaces what was sent of it before. Every other
+// call goes round the map, with the block sent longest ago first, so that a late subscriber
+// has the whole map after one round. The calls between send the blocks that have changed,
+// nearest first. Either kind of call gives the rest of its budget to the other; a block sent
+// some seconds ago waits. A block is first sent with the largest cells, so that a map shows
 // soon.
 
 #include <Eigen/Core>
@@ -23,12 +23,12 @@
 
 namespace zloam::preview {
 
-/// Edge and plane points come apart, and are shown as one.
+/// Edge points and plane points arrive in separate messages and are shown as one.
 inline constexpr int kLayers = 2;
-/// Beside its octree, of schemas/preview.fbs.
+/// Bytes of a block in schemas/preview.fbs beside its octree.
 inline constexpr std::size_t kBlockHead_bytes = 16;
 
-/// Which of two states of one cube and layer is the newer one.
+/// Orders two states of one cube and layer by age.
 struct Rank {
   std::uint32_t term = 0;
   std::uint64_t version = 0;
@@ -46,26 +46,26 @@ struct Piece {
 
 class Preview {
  public:
-  /// One layer of a cube as it is now, instead of the one before. False: it was not taken, as it is
-  /// older than that, no cube of a map, or one too many.
+  /// Replaces one layer of a cube. False if it was rejected: it is older than the layer kept, is no
+  /// valid cube of a map, or exceeds the number of cubes.
   bool put(const CubeIndex& cube, int layer, double edge_m, const Rank& rank,
            std::span<const MapPoint> points);
 
-  /// What is sent next, together no larger than the budget.
+  /// The blocks to send next, together no larger than the budget.
   std::vector<Piece> take(std::size_t budget_bytes, const Eigen::Vector3d& robot_m);
 
-  /// Another map.
+  /// Starts another map.
   void clear();
-  /// Nobody has got anything yet.
+  /// Treats every block as not sent yet.
   void forget_sent();
 
-  /// 0: no cube has come yet.
+  /// 0: no cube has been put yet.
   double block_m() const { return block_m_; }
-  /// Blocks in which something is.
+  /// Number of blocks that are not empty.
   std::size_t blocks() const { return occupied_; }
-  /// No cube more is taken.
+  /// No further cube is accepted.
   bool full() const;
-  /// Calls of take() since the block was sent that was sent longest ago; nothing: one was never.
+  /// Calls of take() since the oldest sending of a block; nothing: a block was never sent.
   std::optional<std::uint64_t> round() const;
 
  private:
@@ -74,10 +74,10 @@ class Preview {
     std::vector<Cell> cells;
     /// 0: never
     int sent_depth = 0;
-    /// that was meant, though it may have been too much for a message
+    /// the depth intended, even where that was too much for a message
     int meant_depth = 0;
     std::uint64_t sent_at = 0;
-    /// since then, seen with cells of that size
+    /// since it was sent, as seen with cells of the depth sent
     bool changed = false;
   };
   struct Layer {
@@ -114,11 +114,11 @@ class Preview {
   std::uint64_t call_ = 0;
 };
 
-/// When a message may be sent: of any second no more than a share falls to each.
+/// Limits when messages may be sent: two are at least least_ns apart.
 class Pace {
  public:
   explicit Pace(std::int64_t least_ns) : least_ns_(least_ns) {}
-  /// Time of any monotonic clock. True: it counts as sent.
+  /// now_ns: time of any monotonic clock. True: the message counts as sent.
   bool may_send(std::int64_t now_ns);
 
  private:

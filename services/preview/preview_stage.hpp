@@ -1,6 +1,6 @@
 #pragma once
-// Wires the preview to the runtime: takes the pose and, while somebody reads the preview, the map's
-// tiles; publishes key preview some times a second.
+// Wires the preview to the runtime: takes the pose and, while the preview has a subscriber, the
+// map's tiles; publishes key preview some times a second.
 
 #include <cstdint>
 #include <memory>
@@ -21,7 +21,7 @@ class PreviewStage {
  private:
   using PoseMessage = runtime::Received<msg::MapPose>;
 
-  /// The newest one, as it is published.
+  /// The newest pose, as it is published.
   struct Newest {
     HeaderFields header;
     PreviewFields fields;
@@ -29,7 +29,7 @@ class PreviewStage {
   };
 
   void take(const PoseMessage& pose);
-  /// Says which map is being drawn.
+  /// Reports which map is being built.
   void take_mapped(const PoseMessage& mapped);
   void take_tile(const zenoh::Sample& sample);
   void take_tiles();
@@ -50,7 +50,7 @@ class PreviewStage {
   std::optional<Newest> newest_;
   std::optional<std::uint64_t> map_id_;
   std::uint32_t epoch_ = 0;
-  /// all tiles are to be asked for
+  /// all tiles are still to be requested
   bool asks_ = false;
   std::int64_t asked_ns_ = 0;
 };
