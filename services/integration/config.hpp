@@ -8,7 +8,7 @@
 namespace zloam::integration {
 
 struct IntegrationConfig {
-  std::uint32_t mapping_every = 1;  ///< of mapping.every
+  std::uint32_t mapping_every = 1;  ///< value of mapping.every
   std::uint32_t correction_delay = 1;
   double jump_m = 0.1;
   double jump_rad = 0.035;

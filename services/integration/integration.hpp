@@ -2,18 +2,18 @@
 // Fuses odometry (every sweep) with mapping's corrections (some sweeps, later): LOAM's transform
 // maintenance. T_map_base(n) = T_map_odom(k) * T_odom_base(n).
 //
-// Which k: in replay the greatest multiple of mapping_every at or below n - correction_delay, and
-// the pose waits for it, so that the result does not depend on who was faster (docs/protocol.md,
-// section 8); before the first one the identity. Live: the newest correction of the same odometry
-// epoch that is not of a later sweep (such there are when old poses are caught up with), else the
-// next later one; nothing waits. While an epoch has no correction yet, the pose is predicted from
-// the last one with the odometry's own motion and says so (Health::kBridging).
+// Choice of k. Replay: the greatest multiple of mapping_every at or below n - correction_delay; the
+// pose waits for it, so that the result does not depend on which stage was faster
+// (docs/protocol.md, section 8); before the first one, identity. Live: the newest correction of the
+// same odometry epoch that is not of a later sweep (later ones exist while old poses are caught up
+// with), else the next later one; nothing waits. Until an epoch has a correction, the pose is
+// predicted from the last one with the odometry's own motion (Health::kBridging).
 //
 // The odometry's steps since that correction are fused with the motion between the last mapped
-// poses (step_fusion.hpp): where the odometry does not see, the map's motion leads.
+// poses (step_fusion.hpp): where the odometry is degenerate, the map's motion leads.
 //
-// Nothing is smoothed: what the correction moves by is in the pose, and marked as a jump when
-// large.
+// Nothing is smoothed: the whole change of a correction is in the pose, and is marked as a jump
+// when large.
 
 #include <cstdint>
 #include <deque>
@@ -108,29 +108,29 @@ class Integrator {
  public:
   explicit Integrator(const IntegrationConfig& config);
 
-  /// Poses in ascending order; one that is not above the last is left out. Returns the poses that
-  /// can leave now, ascending: none, one, or those that waited.
+  /// Takes poses in ascending order; one that is not above the last is ignored. Returns the poses
+  /// that can be published now, ascending: none, one, or those that waited.
   std::vector<FusedPose> add(const OdometryPose& pose);
   std::vector<FusedPose> add(const Correction& correction);
 
   /// Poses that wait for a correction.
   std::size_t waiting() const { return waiting_.size(); }
-  /// Of the newest pose that has left.
+  /// Sweep of the newest pose that was published.
   std::optional<std::uint64_t> last_sweep() const {
     return last_fused_ ? std::optional(last_fused_->sweep) : std::nullopt;
   }
-  /// The correction that the first of them waits for.
+  /// The correction that the first waiting pose needs.
   std::optional<std::uint64_t> awaited() const;
   void reset();
 
   /// A new run's sweeps begin at 0 again, in the same odometry frame.
   void new_run();
-  /// Goes on behind a pose that another instance gave out.
+  /// Continues after a pose that another instance published.
   void restore(const OdometryPose& pose, const Pose& T_map_base);
 
-  /// What the poses after the last one that has left depend on, but for those that wait.
+  /// The state that later poses depend on, without the poses that wait.
   std::vector<std::uint64_t> state() const;
-  /// Goes on as the integrator whose state it was, to the bit; false, and empty: it is none.
+  /// Continues bit-exactly from the state() of another integrator. False, and empty: not valid.
   bool resume(std::span<const std::uint64_t> state);
 
  private:
@@ -143,7 +143,7 @@ class Integrator {
   void follow_map(const Correction& correction);
   Pose step_between(const OdometryPose& from, const OdometryPose& to) const;
   /// T_map_base of the pose, by the steps from the correction's sweep; nothing when that sweep's
-  /// odometry is not at hand
+  /// odometry is no longer kept
   std::optional<Pose> carried_on(const OdometryPose& pose, const Correction& correction) const;
   Weak weak_of(const OdometryPose& pose, const Correction& correction) const;
   Weak judged(const OdometryPose& pose, const Correction* correction,
@@ -151,7 +151,7 @@ class Integrator {
   Health health_of(const OdometryPose& pose, const Correction* correction, const Weak& weak);
   Matrix6 step_covariance(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
-  /// The map has not corrected the pose for long: it depends on the odometry alone.
+  /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
   template <class Bits>

@@ -27,12 +27,12 @@ class IntegrationStage {
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
 
   void new_run(const msg::Header& first);
-  /// Goes on with the trajectory of an instance that was killed; restart_stage.cpp.
+  /// Continues the trajectory of an instance that was killed; restart_stage.cpp.
   void restart(const msg::Header& first);
   void take_up(const std::vector<JournalPose>& poses, bool same_run);
-  /// Goes on to the bit; false: no state was left, or none of this program.
+  /// Continues bit-exactly; false: no state was left, or it is not of this program.
   bool resume(std::vector<JournalPose>& poses);
-  /// What an instance that was killed left of a run that does not go on.
+  /// Writes the poses that a killed instance left of a run that does not continue.
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
   void note_journal(const std::string& error);
@@ -41,7 +41,7 @@ class IntegrationStage {
   runtime::Outcome take(const OdometryMessage& message);
   void process(const OdometryMessage& message);
   void take(const CorrectionMessage& message);
-  /// poses that can leave now, by work that began at the host's time
+  /// poses that can be published now, by work that started at the host's time started_ns
   void publish(const std::vector<FusedPose>& poses, std::int64_t started_ns);
   void publish(const FusedPose& fused, const runtime::Message& cause);
   std::string write_files();
@@ -59,21 +59,21 @@ class IntegrationStage {
   Integrator integrator_;
   runtime::Outlet& pose_;
   runtime::FlowAck& ack_;
-  // Odometry messages whose pose has not left yet: their headers are the poses'.
+  // Odometry messages whose pose is not published yet: the poses take their headers.
   std::map<std::uint64_t, runtime::Message> waiting_;
   Trajectory trajectory_;
   Trajectory odometry_;
   MotionCheck odometry_check_;
   MotionCheck correction_check_;
-  /// of the newest odometry that was accepted: where corrections are compared
+  /// of the newest odometry accepted: corrections are checked at this pose
   Pose T_odom_base_ = Pose::Identity();
   Journal journal_;
   StateFile state_;
   runtime::OutputFiles files_;
-  /// in which the trajectory began
+  /// the run in which the trajectory began
   runtime::OutputFiles::Run run_;
   std::int64_t last_instant_ns_ = 0;
-  /// of this run: what is below was given out, by this instance or the one before
+  /// of this run: lower sweeps were published, by this instance or the one before
   std::uint64_t next_sweep_ = 0;
   bool in_run_ = false;
   bool unsaved_ = false;

@@ -1,7 +1,7 @@
 #pragma once
-// The poses of a run, one after the other on disk while it lasts: an integration that is killed and
-// started again goes on with the trajectory of the one before. Not for reading by others; what is
-// in it is exact to the bit. Nothing is synced: it survives the process, not a power failure.
+// Keeps the poses of a run on disk while it lasts, so that an integration that is killed and
+// started again continues the trajectory. A private format: the poses are exact to the bit. Nothing
+// is synced: the journal survives the process, not a power failure.
 
 #include <cstdint>
 #include <string>
@@ -28,13 +28,13 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  /// What is there; a record that was cut short ends it.
+  /// The poses on disk, up to the first record that was cut short.
   std::vector<JournalPose> read() const;
-  /// Begins a new one, with what is to stand in it.
+  /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);
   /// Empty, or a sentence that says what failed.
   std::string append(const JournalPose& pose);
-  /// The run's files are written.
+  /// Called once the run's files are written.
   void remove();
 
  private:

@@ -1,7 +1,7 @@
 #pragma once
-// The newest two states of an integration, each with the pose after which it was: beside the journal,
-// so that an instance that goes on has learnt what the one before had. Nothing is synced: it survives
-// the process, not a power failure. One that was cut short, or changed, is none.
+// The newest two states of an integration, each with the pose it belongs to, kept beside the
+// journal: a restarted instance keeps what was learned. Nothing is synced: the states survive the
+// process, not a power failure. A state that was cut short or changed is ignored.
 
 #include <array>
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace zloam::integration {
 
 struct SavedState {
   std::uint64_t run = 0;
-  /// of the last pose that had left
+  /// of the last pose published
   std::uint64_t sweep = 0;
   std::vector<std::uint64_t> words;
 };
@@ -26,9 +26,9 @@ class StateFile {
   StateFile(const StateFile&) = delete;
   StateFile& operator=(const StateFile&) = delete;
 
-  /// The newest of the run that is of no later pose.
+  /// The run's newest state whose pose is not later than the sweep.
   std::optional<SavedState> read(std::uint64_t run, std::uint64_t sweep) const;
-  /// Begins new files: one who still has the old ones open writes to nobody.
+  /// Starts new files: an instance that still has the old ones open can't write to these.
   std::string begin();
   /// Empty, or a sentence that says what failed.
   std::string write(const SavedState& state);

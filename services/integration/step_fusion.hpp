@@ -1,9 +1,9 @@
 #pragma once
-// The motion since the last mapped pose, from two predictions of it: the odometry's step, and the
-// motion between the last two mapped poses, carried on. Each counts by how far off it was lately,
-// in each direction: a matrix of mean squares over the last ten mapped poses or so. The odometry
-// leads where it sees; where it does not (a tunnel, an open yard: there it errs by decimetres a
-// sweep, and not always knows), the map does.
+// Predicts the motion since the last mapped pose from two sources: the odometry's step, and the
+// motion between the last two mapped poses, continued. Each is weighted by its recent error in each
+// direction: a matrix of mean squares over about the last ten mapped poses. The odometry leads
+// unless it is degenerate; then (tunnel, open yard: it errs by decimetres a sweep and does not
+// always report it) the map leads.
 
 #include <Eigen/Core>
 #include <optional>
@@ -13,12 +13,12 @@
 
 namespace zloam::integration {
 
-/// Directions that the data leave open, unit vectors in base_link; zero when none is weak.
+/// Degenerate directions, unit vectors in base_link; zero when none is degenerate.
 struct Weak {
   bool degenerate = false;
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
   Eigen::Vector3d rotation = Eigen::Vector3d::Zero();
-  /// one sigma along the weakest direction, m (rad when only a rotation is weak)
+  /// one sigma along the least constrained direction, m (rad when only a rotation is degenerate)
   double sigma_measured = 0.0;
   double sigma_predicted = 0.0;
 
@@ -30,18 +30,18 @@ struct Weak {
 
 class StepFusion {
  public:
-  /// A mapped pose followed the one before by mapped_step, known to the covariance of both, where
-  /// the odometry had odometry_step, over so many sweeps.
+  /// A mapped pose followed the one before by mapped_step (mapped_covariance: of both poses), while
+  /// the odometry measured odometry_step over this many sweeps.
   void observe(const Pose& mapped_step, const Matrix6& mapped_covariance, const Pose& odometry_step,
                double over_s, int sweeps);
-  /// The next mapped pose does not follow the last one.
+  /// The next mapped pose is not consecutive to the last one.
   void forget_motion() { twist_per_s_.reset(); }
 
   /// One sweep's step: over_s long, ending age_s after the last mapped pose.
   Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
 
-  /// Of such a step, as they did lately beyond the errors of the mapped poses; none before the first
-  /// of these.
+  /// Covariance of such a step by its recent errors, beyond those of the mapped poses; none before
+  /// the first mapped pose.
   std::optional<Matrix6> covariance() const;
 
   template <class Bits>
@@ -50,7 +50,7 @@ class StepFusion {
   }
 
  private:
-  // Of the errors in one sweep.
+  // Errors over one sweep.
   ErrorRecord odometry_{0.003, 0.001};
   ErrorRecord map_{0.05, 0.015};
   ErrorRecord fused_{0.003, 0.001};
