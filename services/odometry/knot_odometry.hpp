@@ -1,6 +1,6 @@
 #pragma once
-// Odometry of a scan that comes in slices: of a 2-D scanner that a motor turns. The pose leaves with
-// each slice, the points once the slices around them have settled where they are.
+// Odometry of a scan that arrives in slices, from a 2-D scanner that a motor rotates. The pose is
+// published with each slice, the points once the knots of the slices around them have settled.
 
 #include <cstdint>
 #include <deque>
@@ -17,18 +17,18 @@ class KnotOdometry {
  public:
   KnotOdometry(const OdometryConfig& config, const Pose& T_base_lidar, const Pose& T_base_imu);
 
-  /// Moves on by one slice; as Odometry::process. The clouds of the result are those of a whole turn
-  /// that has settled, and empty in between.
+  /// Moves on by one slice; as Odometry::process. The clouds of the result are those of a whole
+  /// revolution that has settled, and empty in between.
   OdometryResult process(const FeatureSweep& sweep);
   void configure(const OdometryConfig& config);
   void reset();
 
-  /// All that it goes on with but the points; empty but for the slice that ends a turn, and in the
-  /// first turns. Its layout is this program's own.
+  /// The whole state but the points. Empty unless the slice ends a revolution, and always in the
+  /// first revolutions. Its layout is private to this program.
   std::vector<std::uint64_t> state();
-  /// As an instance was that gave this state, with the slices that slice_at still has: it goes on
-  /// with the very same bytes where these are all in its target and window. False, and as new:
-  /// another program's state, or too few slices.
+  /// Restores the state of another instance, with the slices that slice_at still has: continues
+  /// bit-exactly if these include all of its target and window. False, and reset: another program's
+  /// state, or too few slices.
   bool restore(std::span<const std::uint64_t> state, const SliceAt& slice_at);
 
  private:
@@ -40,7 +40,7 @@ class KnotOdometry {
     std::int64_t stamp_ns = 0;
     PointVector edges, planes;  ///< frame lidar, at their own times
   };
-  /// Where a slice lies that is a part of the target.
+  /// Pose of a slice that is a part of the target.
   struct Settled {
     std::uint64_t sweep = 0;
     std::int64_t begin_ns = 0;
@@ -52,7 +52,7 @@ class KnotOdometry {
       bits(sweep, begin_ns, T_odom_begin, T_odom_end);
     }
   };
-  /// What a slice in the window was made with.
+  /// Parameters with which a slice in the window was made.
   struct MadeWith {
     std::uint64_t sweep = 0;
     std::int64_t begin_ns = 0;
@@ -72,12 +72,12 @@ class KnotOdometry {
   bool settle_again(const SliceAt& slice_at);
   bool hold_again(const std::deque<MadeWith>& made_with, const SliceAt& slice_at);
 
-  /// After a gap, where time runs backwards, or where nothing has fitted for long.
+  /// True after a gap, if time runs backwards, or if nothing has fitted for long.
   bool must_restart(const FeatureSweep& sweep) const;
   void begin(const FeatureSweep& sweep, const Pose& T_odom_base);
-  /// Into the window, placed as the motion so far predicts.
+  /// Adds the slice to the window, placed as the motion so far predicts.
   void take(const FeatureSweep& sweep);
-  /// What is found out about the inertial sensor in the first turns.
+  /// Estimates the IMU's parameters in the first revolutions.
   void learn_inertia();
   KnotSolution solve(double range_noise_m);
   OdometryDiagnostics diagnostics(const KnotSolution& solution, const Pose& T_odom_predicted) const;
@@ -85,16 +85,16 @@ class KnotOdometry {
   Slice slice_of(const FeatureSweep& sweep, const MadeWith& with) const;
   void keep(const FeatureSweep& sweep, std::int64_t begin_ns);
   bool ends_turn() const { return seen_ >= 2 * turn_ && seen_ % turn_ == 0; }
-  /// Enough of a second turn is there to be matched: a slice alone leaves directions open.
+  /// Enough of a second revolution is there to be matched: a slice alone leaves directions open.
   bool settled() const { return seen_ > turn_ + turn_ / 2; }
   void found();
   void note_rest();
   void find_gravity();
-  /// What the points say without the inertial sensor; one that they contradict is left out.
+  /// Compares with a solution without the IMU; an IMU that the points contradict is ignored.
   void judge_inertia(const KnotSolution& solution, double range_noise_m);
   bool believes_inertia() const;
   void let_settle();
-  /// Of the window, as its knots are now.
+  /// Adds slice k of the window to the target, as its knots are now.
   void settle(std::size_t k);
   std::size_t most_settled() const;
   void fill_clouds(OdometryResult& result) const;
@@ -111,9 +111,9 @@ class KnotOdometry {
   std::deque<Settled> settled_;
   /// of the slices before: the share of their points on surfaces
   FitRecord explained_;
-  /// of about the last turn's solutions: the share that did not converge, 0 to 1
+  /// share of about the last revolution's solutions that did not converge, 0 to 1
   double restless_ = 0.0;
-  /// slices to a turn, and those since the target was founded
+  /// slices per revolution, and slices since the target was initialized
   std::size_t turn_ = 1;
   std::size_t seen_ = 0;
   double range_noise_m_ = 0.0;
@@ -121,7 +121,7 @@ class KnotOdometry {
   std::uint64_t prev_sweep_ = 0;
   bool begun_ = false;
   int bad_in_row_ = 0;
-  /// turns that the inertial sensor led astray
+  /// revolutions that the IMU predicted wrongly
   std::uint32_t imu_contradictions_ = 0;
 };
 

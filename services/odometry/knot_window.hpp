@@ -1,16 +1,16 @@
 #pragma once
-// The motion over the last slices of a scan that covers the field only after many of them, as of a
-// 2-D scanner that a motor turns: one knot at the end of each slice, all of them solved together.
+// The motion over the last slices of a scan that covers the field of view only after many of them,
+// from a 2-D scanner that a motor rotates: a knot at each slice's end, all solved together.
 //
 // Unknowns: T_k, base_link at the end of slice k; between two knots the motion is a constant twist,
 // T(t) = T_{k-1} Exp(a Log(T_{k-1}^-1 T_k)), a in [0, 1].
 //   plane       r = n . (T(t) p) - d, against planes of the slices that have left the window
 //   smoothness  e = v_{k+1} - v_k, v_k = Log(T_{k-1}^-1 T_k) / dt_k: accelerations are bounded
-//   inertia     in its place where there is a sensor: the turn from knot to knot is the gyroscope's
-//               but for its bias; mean velocities differ by what gravity and the force make
-// The first knot is held. Gauss-Newton with Geman-McClure weights, as in motion_solver.hpp.
-// Continuous-time estimation with knots: Bosse and Zlot, ICRA 2009; Zhang and Singh (RSS 2014) match
-// the growing sweep with one constant twist in place of it.
+//   inertia     instead of smoothness with an IMU: rotation from knot to knot is the gyroscope's,
+//               up to its bias; mean velocities differ by the effect of gravity and the force
+// The first knot is fixed. Gauss-Newton with Geman-McClure weights, as in motion_solver.hpp.
+// Continuous-time estimation with knots: Bosse and Zlot, ICRA 2009; instead of knots, Zhang and
+// Singh (RSS 2014) match the growing sweep with one constant twist.
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -27,7 +27,7 @@
 
 namespace zloam::odometry {
 
-/// A point that is matched.
+/// A point to be matched.
 struct SlicePoint {
   Eigen::Vector3d position;  ///< frame base_link at its own time
   double part;               ///< 0 at the knot before, 1 at the slice's own
@@ -38,15 +38,15 @@ struct Slice {
   double period_s = 0.1;
   std::vector<SlicePoint> points;
   std::optional<SweepInertia> inertia;
-  /// what the gyroscope was taken to be off by there
+  /// gyroscope bias with which the slice was integrated
   Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
 };
 
-/// What is known of gravity and of the gyroscope.
+/// What is known of gravity and of the gyroscope's bias.
 struct KnotInertia {
   Eigen::Vector3d gravity_mps2 = Eigen::Vector3d::Zero();  ///< frame odom; zero: not known yet
   Eigen::Vector3d rate_bias_radps = Eigen::Vector3d::Zero();
-  /// one sigma of what they wander by until the next slice
+  /// one sigma of their drift until the next slice
   double gravity_sigma_mps2 = 0.02;
   double rate_bias_sigma_radps = 2e-4;
 
@@ -75,9 +75,9 @@ class KnotWindow {
  public:
   explicit KnotWindow(const OdometryConfig& config) : config_(config) {}
 
-  /// Everything anew, from this pose and most likely at rest.
+  /// Restarts from this pose, most likely at rest.
   void begin(const Pose& T_odom_base);
-  /// With its knot as the motion so far, or the inertial sensor, foretells it.
+  /// Adds a slice; its knot is predicted from the motion so far, or by the IMU.
   void push(Slice slice);
   /// The oldest slice leaves; its end is the first knot from then on.
   void pop();
@@ -89,21 +89,21 @@ class KnotWindow {
   /// Matches and solves until the steps are small.
   KnotSolution solve(WindowMap& target, double range_noise_m);
 
-  /// All but the slices, for who keeps or brings it back: then hold() follows.
+  /// The whole state but the slices, to save or restore it; after restoring call hold().
   template <class Bits>
   void each(Bits& bits) {
     bits(knots_, velocity_before_, velocity_before_sigma_, period_before_s_, inertia_before_,
          inertia_);
   }
-  /// The slices of the knots that were brought back: one fewer than these.
+  /// The slices between the restored knots: one fewer than these.
   void hold(std::deque<Slice> slices) { slices_ = std::move(slices); }
 
   /// Mean twist of a slice, m/s and rad/s.
   Vector6 velocity(std::size_t k) const;
   void configure(const OdometryConfig& config) { config_ = config; }
-  /// The same as if there were no inertial sensor.
+  /// A copy that has no inertial sensor.
   KnotWindow without_inertia() const;
-  /// Without it the force says nothing of the motion.
+  /// Without gravity the force says nothing about the motion.
   bool knows_gravity() const { return !inertia_.gravity_mps2.isZero(); }
   KnotInertia& inertia() { return inertia_; }
   const KnotInertia& inertia() const { return inertia_; }
@@ -129,7 +129,7 @@ class KnotWindow {
   std::deque<Slice> slices_;
   /// of the slice that left last
   Vector6 velocity_before_ = Vector6::Zero();
-  /// of the velocity, beside what accelerations make: only at the start
+  /// of the velocity, in addition to that from accelerations: only at the start
   Vector6 velocity_before_sigma_ = Vector6::Zero();
   double period_before_s_ = 0.1;
   std::optional<SweepInertia> inertia_before_;

@@ -31,24 +31,24 @@ struct Solution {
   std::uint32_t iterations = 0;
   std::uint32_t planes = 0;
   double residual_m = 0.0;
-  /// when the sweep saw the pose, where that is another time than its middle
+  /// time in the sweep at which the residuals saw the pose, relative to its middle
   /// (common/geometry/motion_covariance.hpp)
   double seen_at = 0.0;
-  /// of prior and residuals, where a point without a match counts as one far off: less is better
+  /// of prior and residuals; a point without a match counts as one far off: less is better
   double cost = 0.0;
   /// the prior's part of it: half the squared distance from the prediction, in sigmas
   double prior_cost = 0.0;
-  /// the same of the residuals alone, for each point of the source
+  /// cost of the residuals alone, per point of the source
   double fit = 0.0;
   /// the last step was below the limits
   bool converged = false;
-  /// what it ended with is not where the sensor is
+  /// the solution is not where the sensor is
   bool astray = false;
   /// false: too few matches, state is the prior
   bool solved = false;
 };
 
-/// Points of a sweep that are matched, carried to base_link: an even choice of the less flat ones.
+/// Chooses the points to match and moves them to base_link: an even subset of the less flat ones.
 Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
                      const OdometryConfig& config);
 
@@ -56,8 +56,8 @@ Source choose_source(const FeatureSweep& sweep, const Pose& T_base_lidar,
 Solution match_sweep(const Source& source, const MotionState& initial, const MotionPrior& prior,
                      double range_noise_m, const OdometryConfig& config, WindowMap& recent);
 
-/// Those from which matching most likely finds home, at most so many, the likeliest first: by the
-/// prior and the points as they lie there. Equal ones stay in their order.
+/// The starts from which matching most likely converges to the true pose, at most `most`, the
+/// likeliest first: by the prior and the points as they lie there. Ties keep their order.
 std::vector<MotionState> likeliest(const Source& source, const std::vector<MotionState>& starts,
                                    std::size_t most, const MotionPrior& prior, double range_noise_m,
                                    const OdometryConfig& config, WindowMap& recent);

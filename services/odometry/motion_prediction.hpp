@@ -1,6 +1,6 @@
 #pragma once
-// What is known of a sweep's motion before it is looked at: the motion before carried on, and what
-// an inertial sensor foretells.
+// Predicts a sweep's motion before it is matched, by continuing the motion before and from an
+// IMU.
 
 #include <cstdint>
 #include <deque>
@@ -16,10 +16,10 @@ namespace zloam::odometry {
 /// A change of the twist from one sweep to the next, m/s^2 and rad/s^2.
 struct Acceleration {
   Vector6 measured;
-  Vector6 sure;  ///< the part that is no error of either twist
+  Vector6 sure;  ///< the part beyond the errors of both twists
 };
 
-/// What the sweeps before left behind of the motion.
+/// The state of the motion after the sweeps before.
 struct MotionMemory {
   bool started = false;
   std::int64_t prev_instant_ns = 0;
@@ -30,7 +30,7 @@ struct MotionMemory {
   std::optional<Matrix12> state_covariance = {};  ///< of both
   Vector6 twist_change_per_s = Vector6::Zero();
   int predicted_in_row = 0;
-  /// Of the last kAccelerations sweeps, as many as restore() has; nothing where it was not
+  /// Of the last kAccelerations sweeps, as many as restore() receives; nothing where it was not
   /// measured.
   std::deque<std::optional<Acceleration>> accelerations;
 };
@@ -44,27 +44,27 @@ struct SweepTime {
 struct Prediction {
   MotionState state;
   MotionPrior prior;
-  /// Where else the motion may be than at `state`, which is the first of them: the platform may
-  /// have turned faster or slower by more than the matching finds home from.
+  /// States to start matching from, `state` first: the platform may have rotated faster or slower
+  /// by more than the matching converges from.
   std::vector<MotionState> starts;
 };
 
-/// The motion before, carried on.
+/// Continues the motion before.
 Prediction predict(const MotionMemory& before, const SweepTime& sweep,
                    const OdometryConfig& config);
-/// The same with what the inertial sensor felt of the sweep.
+/// The same with the IMU's preintegrated motion of the sweep.
 Prediction foresee(const MotionMemory& before, const SweepTime& sweep, const OdometryConfig& config,
                    InertialAid& inertial);
 
-/// The same about all three axes.
+/// Such starts about all three axes.
 std::vector<MotionState> turned_starts(const MotionMemory& before, const SweepTime& sweep,
                                        const OdometryConfig& config, const MotionState& predicted);
 
-/// What a known twist, over a period, may have changed by over a time, one sigma.
+/// One sigma of the change of a known twist, mean over period_s, within over_s.
 Vector6 moving_twist_sigma(const MotionMemory& before, const OdometryConfig& config,
                            double period_s, double over_s);
 
-/// The same for each translation and for each rotation.
+/// One sigma for each translation and one for each rotation.
 Vector6 sigmas(double translation, double rotation);
 
 }  // namespace zloam::odometry

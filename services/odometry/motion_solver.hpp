@@ -2,16 +2,16 @@
 // Motion of one sweep from point-to-plane residuals.
 //
 // Unknowns: T = T_odom_mid, the pose of base_link halfway between begin and end, v, the body twist
-// over the sweep (per sweep, not per second), and b, what that changes by over it. A point p
+// over the sweep (per sweep, not per second), and b, the change of v over the sweep. A point p
 // measured at the fraction s of the sweep, s in [-1/2, 1/2], lies at T M(s) p,
-// M(s) = Exp(s v) Exp((s^2 - 1/4) / 2 b): begin and end do not hang on b, which is eliminated from
-// the system. About the middle T and v nearly decouple.
+// M(s) = Exp(s v) Exp((s^2 - 1/4) / 2 b): begin and end do not depend on b, which is eliminated
+// from the system. About the middle T and v nearly decouple.
 //   plane   r = n . (T M(s) p) - d
 //   prior   e_begin = Log(T_begin^-1 T Exp(-v / 2)),  e_twist = v - v_prior,  e_bend = b - b_prior
 // Cost: 1/2 sum_i w_i rho(|r_i|^2) + 1/2 |e|^2 / sigma^2, rho(x) = k^2 x / (k^2 + x)
 // (Geman-McClure). Minimised by Gauss-Newton with re-weighting; perturbations T <- T Exp(x_T),
-// v <- v + x_v. The soft tie to the sweep before is CT-ICP's (Dellenbach et al. 2022) in place of
-// LOAM's pinned start; the matching is LOAM's (Zhang and Singh, RSS 2014, section V).
+// v <- v + x_v. The soft tie to the sweep before is CT-ICP's (Dellenbach et al. 2022), not LOAM's
+// fixed start; the matching is LOAM's (Zhang and Singh, RSS 2014, section V).
 
 #include <Eigen/Core>
 #include <array>
@@ -26,7 +26,7 @@ namespace zloam::odometry {
 struct MotionState {
   Pose T_odom_mid = Pose::Identity();
   Vector6 twist = Vector6::Zero();  ///< per sweep
-  Vector6 bend = Vector6::Zero();   ///< what the twist changes by within the sweep
+  Vector6 bend = Vector6::Zero();   ///< change of the twist within the sweep
 
   Pose T_odom_begin() const { return T_odom_mid * exp_se3(-0.5 * twist); }
   Pose T_odom_end() const { return T_odom_mid * exp_se3(0.5 * twist); }
@@ -49,24 +49,24 @@ struct Residuals {
   std::vector<PlaneResidual> planes;
 };
 
-/// What is known of a sweep's begin and twist before it is looked at.
+/// Prior of a sweep's begin and twist, before the sweep is matched.
 struct MotionPrior {
   Pose T_odom_begin = Pose::Identity();
   Vector6 twist = Vector6::Zero();
-  /// How sure each of them is by itself: what a measurement is compared with.
+  /// Marginal sigmas of begin and twist: measurements are compared with them.
   Vector6 begin_sigma = Vector6::Ones();
   Vector6 twist_sigma = Vector6::Ones();
-  /// How sure they are together, begin (tangent at the begin) before twist: what the solver uses.
+  /// Joint information, begin (tangent at the begin) before twist: used by the solver.
   Matrix12 information = Matrix12::Identity();
-  /// Of the change of the twist within the sweep. A sigma of 0: it is known.
+  /// Prior of the change of the twist within the sweep. A sigma of 0: it is known.
   Vector6 bend = Vector6::Zero();
   Vector6 bend_sigma = Vector6::Zero();
-  /// Where the motion is known better than from the sweep before: what errors of normals this large
-  /// may pretend to along the direction held least is not taken from the points (degeneracy.hpp).
+  /// Above 0 where the motion is known better than from the sweep before: information along the
+  /// least constrained direction that such normal errors explain is removed (degeneracy.hpp).
   double normal_error_rad = 0.0;
 };
 
-/// The information of a begin and a twist whose errors have nothing to do with each other.
+/// The information of a begin and a twist with independent errors.
 Matrix12 independent(const Vector6& begin_sigma, const Vector6& twist_sigma);
 
 /// The information of a begin and a twist of this covariance; none when it is singular or not
@@ -87,7 +87,7 @@ class MotionTable {
 struct NormalEquations {
   Matrix12 H = Matrix12::Zero();
   Vector12 g = Vector12::Zero();
-  /// The part of the bend: with the other unknowns, with itself, and of its gradient.
+  /// The blocks of the bend: with the other unknowns, with itself, and its gradient.
   Eigen::Matrix<double, 12, 6> H_bend = Eigen::Matrix<double, 12, 6>::Zero();
   Matrix6 H_bends = Matrix6::Zero();
   Vector6 g_bend = Vector6::Zero();
@@ -111,14 +111,14 @@ class LeftJacobian {
   std::size_t used_ = 1;
 };
 
-/// Adds the residuals' part at the state, which the table is of; of the bend when it is asked for.
+/// Adds the residuals' part at the state; table: of that state; with_bend: with the bend's blocks.
 void add_residuals(const MotionState& state, const MotionTable& table, const Residuals& residuals,
                    double kernel_m, bool with_bend, NormalEquations& equations);
 
 /// Adds the prior's part at the state.
 void add_prior(const MotionState& state, const MotionPrior& prior, NormalEquations& equations);
 
-/// Takes the bend, with its prior, out of the system. The step of the bend hangs on that of the
+/// Eliminates the bend, with its prior, from the system. The bend's step depends on that of the
 /// other unknowns.
 class EliminatedBend {
  public:
@@ -134,11 +134,11 @@ class EliminatedBend {
 Vector12 solve_step(const NormalEquations& equations);
 MotionState moved(const MotionState& state, const Vector12& step);
 
-/// A motion and its covariance after the twist was also seen to be nothing, to sigma: the pose
-/// follows by what it has in common with it.
+/// A motion and its covariance after a further measurement of zero twist, to sigma: the pose
+/// follows through its correlation with the twist.
 void hold_still(const Vector6& sigma, MotionState& state, Matrix12& covariance);
 
-/// What (pose at the fraction s of the sweep, twist) change by with the unknowns.
+/// Jacobian of (pose at the fraction s of the sweep, twist) by the unknowns.
 Matrix12 motion_jacobian(const MotionState& state, double s);
 /// Covariance of (T_odom_end, twist) given that of the unknowns, tangent at base_link at the end.
 Matrix12 end_covariance(const MotionState& state, const Matrix12& covariance);

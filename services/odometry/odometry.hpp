@@ -1,9 +1,9 @@
 #pragma once
 // Odometry: the motion of base_link from sweep to sweep, and the clouds for mapping at one instant.
 //
-// Each sweep's own motion is found with its distortion: a point measured at time t is moved by the
-// sweep's constant twist, inside the iteration (motion_solver.hpp). The start is softly tied to the
-// end of the sweep before. The target is planes of the last few sweeps
+// Each sweep's own motion is estimated together with its distortion: a point measured at time t is
+// moved by the sweep's constant twist, inside the iteration (motion_solver.hpp). The begin is
+// softly tied to the end of the sweep before. The target is planes of the last few sweeps
 // (window_map.hpp). Results hold for the sweep's end. odom is base_link at the first sweep's end.
 //
 // No clock, no threads, no random numbers: the same sweeps give the same bytes.
@@ -34,11 +34,11 @@ struct FeatureSweep {
   std::uint32_t period_ns = 100000000;
   /// true when the source moved all points to the sweep's end already
   bool deskewed = false;
-  /// so many sweeps in a row see together what another lidar sees in one
+  /// number of consecutive sweeps that together cover what another lidar covers in one
   std::uint32_t slices = 1;
   double range_noise_m = 0.02;
   PointSpan less_sharp, less_flat;
-  /// of an inertial sensor, some readings beyond both ends; empty: there is none
+  /// IMU readings, some of them beyond both ends; empty: there are none
   ImuSpan imu = {};
 };
 
@@ -47,11 +47,11 @@ struct OdometryDiagnostics {
   std::uint32_t planes = 0;
   /// rms of the residuals after the last iteration, robustly weighted, m
   double residual_m = 0.0;
-  /// what the prediction of this sweep's end was off by
+  /// error of the prediction of this sweep's end
   double prediction_error_m = 0.0;
   double prediction_error_rad = 0.0;
-  /// Whether an inertial sensor foretold the motion, and of how many sweeps in a row what was not
-  /// so.
+  /// Whether the IMU predicted the motion, and the number of wrong predictions, reduced by correct
+  /// ones.
   bool imu_used = false;
   std::uint32_t imu_contradictions = 0;
 };
@@ -63,24 +63,24 @@ struct OdometryResult {
   std::int64_t instant_ns = 0;
   Pose T_odom_base = Pose::Identity();
   /// body twist of base_link from the sweep's begin to its end, m/s and rad/s:
-  /// p(instant) = Exp(twist * (t_point - instant)) p(t_point) but for the bend
+  /// p(instant) = Exp(twist * (t_point - instant)) p(t_point) up to the bend
   Vector6 twist_per_s = Vector6::Zero();
-  /// what the twist changed by over the sweep, m and rad per sweep, as the deskewing has it: after
-  /// the motion of the twist one by bend (s^2 - 1/4) / 2, s in [-1/2, 1/2] from the middle
+  /// change of the twist over the sweep, m and rad per sweep, as used in deskewing: after the
+  /// motion of the twist one by bend (s^2 - 1/4) / 2, s in [-1/2, 1/2] from the middle
   Vector6 bend = Vector6::Zero();
   /// of the step from prev_sweep's pose, tangent at base_link
   Matrix6 covariance = Matrix6::Zero();
-  /// of T_odom_base and twist_per_s together, which the next sweep begins with; none when the sweep
+  /// of T_odom_base and twist_per_s together, the start of the next sweep; nothing when the sweep
   /// was not matched
   std::optional<Matrix12> state_covariance;
-  /// what the inertial sensor said of the motion since the sweep before; none: nothing
+  /// the IMU's preintegrated motion since the sweep before; nothing: not available
   std::optional<InertialStep> inertial_step;
-  /// what is known of the inertial sensor after the sweep, which the next one begins with
+  /// the IMU's parameters after the sweep, the start of the next one
   std::optional<InertialState> inertia;
-  /// of slices, what restore_slices() takes up; empty but for one that ends a turn, and in the first
-  /// turns
+  /// of slices, the input of restore_slices(); empty unless the slice ends a revolution, and always
+  /// in the first revolutions
   std::vector<std::uint64_t> slice_state;
-  /// cost of the residuals for each point that was looked up; 0: the matching did not come to rest
+  /// cost of the residuals per point that was looked up; 0: the matching did not converge
   double fit = 0.0;
   Degeneracy degeneracy;
   /// less_sharp and less_flat, frame base_link at the instant; time_ns is still each point's own
@@ -90,7 +90,7 @@ struct OdometryResult {
   Health health = Health::kOk;
 };
 
-/// What a sweep leaves behind for the next ones: the part of its result that restore() needs.
+/// The part of a sweep's result that restore() needs to continue from it.
 struct CommittedSweep {
   std::uint64_t sweep = 0;
   std::uint64_t prev_sweep = 0;
@@ -105,8 +105,8 @@ struct CommittedSweep {
   std::optional<InertialState> inertia = {};
 };
 
-/// The features of a slice that came before, by its number; nothing: they are gone. What is handed
-/// out is read before the next call.
+/// The features of an earlier slice, by its number; nothing: they are gone. The result is read
+/// before the next call.
 using SliceAt = std::function<std::optional<FeatureSweep>(std::uint64_t sweep)>;
 
 class Odometry {
@@ -118,24 +118,24 @@ class Odometry {
   Odometry& operator=(Odometry&&) noexcept;
 
   /// Moves on by one sweep. Sweeps come in ascending order; numbers and times may have gaps. Points
-  /// that are not finite are left out. Never throws on bad data: the pose is then the prediction,
+  /// that are not finite are ignored. Never throws on bad data: the pose is then the prediction,
   /// and the health says why.
   OdometryResult process(const FeatureSweep& sweep);
 
   /// The first half of process(): all but the clouds. The pose can be used while complete() works,
   /// which takes about as long.
   OdometryResult locate(const FeatureSweep& sweep);
-  /// The second half, with the sweep and the result of locate(): fills in the clouds, and the next
-  /// sweep will be matched with them. Must follow before the next sweep.
+  /// The second half, with the sweep and the result of locate(): fills in the clouds, which the
+  /// next sweep is matched with. Must follow before the next sweep.
   void complete(const FeatureSweep& sweep, OdometryResult& result);
 
-  /// Takes up the state from the results of the last sweeps, in ascending order, as another
-  /// instance published them; restore_depth() of them give the very same continuation.
+  /// Restores the state from the results of the last sweeps, ascending, as another instance
+  /// published them; with restore_depth() of them the continuation is bit-exact.
   void restore(std::span<const CommittedSweep> sweeps);
 
-  /// The same for slices, whose results are not all that they leave behind: from the slice_state of
-  /// one of them, and the features of those before. False, and as new: too few of these,
-  /// or another program's state.
+  /// The same for slices, whose results do not hold the whole state: from the slice_state of one
+  /// slice and the features of those before. False, and reset: too few features, or another
+  /// program's state.
   bool restore_slices(std::span<const std::uint64_t> state, const SliceAt& slice_at);
 
   /// From the next sweep on. What the targets were built with (config.hpp says which) stays.
@@ -144,7 +144,7 @@ class Odometry {
   /// Forgets everything: the next sweep is a first one.
   void reset();
 
-  /// Sweeps that restore() can make use of.
+  /// Number of sweeps that restore() can use.
   std::size_t restore_depth() const;
 
  private:

@@ -18,9 +18,9 @@ class OdometryStage {
 
   runtime::Outcome take(const Features& features);
   void process(const Features& features);
-  /// Its readings lie here until the next call.
+  /// The IMU readings in the result are valid until the next call.
   FeatureSweep input_of(const Features& features);
-  /// And publishes the pose.
+  /// Also publishes the pose.
   OdometryResult locate(const Features& features, const FeatureSweep& input);
   void publish_pose(const Features& features, const OdometryResult& result);
   void publish_features(const Features& features, const OdometryResult& result);
@@ -30,16 +30,16 @@ class OdometryStage {
   void note_imu(const OdometryResult& result);
   void answer_path(runtime::Answer& answer) const;
   void new_run(const msg::Header& first);
-  /// Takes up what an instance before this one left in the middle of a run; restart_stage.cpp.
+  /// Restores what an earlier instance left in the middle of a run; restart_stage.cpp.
   void restart(const msg::Header& first);
   bool reaches(const msg::Header& first, const CommittedSweep& last) const;
   /// The instant of the last commit; nothing: the frame can't be continued.
   std::optional<std::int64_t> continue_frame(
       const msg::Header& first, std::vector<runtime::Received<msg::OdometryFeatures>> commits);
-  /// From the first so many.
+  /// From the first `count` sweeps.
   void restore(std::size_t count, const std::vector<CommittedSweep>& sweeps);
   void publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps);
-  /// What the first of these commits leave behind, so many of them; 0: too little was kept.
+  /// Restores from the first of these commits and returns their number; 0: too little was kept.
   std::size_t take_up(const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   std::size_t take_up_slices(const std::vector<runtime::Received<msg::OdometryFeatures>>& commits);
   void begin_frame(const msg::Header& first,
@@ -47,12 +47,12 @@ class OdometryStage {
   void go_on(const msg::Header& first);
   void do_again(std::uint64_t run, std::uint64_t from);
   void catch_up(const msg::Header& first, std::int64_t until_ns);
-  /// This process or its link stood still for a while, and queues gave up what came meanwhile.
+  /// This process or its link stalled for a while, and queues dropped messages meanwhile.
   bool stood_still_before(const Features& features) const;
-  /// Nothing came for so long before it that a constant motion would lead astray: at once where the
-  /// frame is too young to know its motion.
+  /// Nothing came for so long before it that a constant motion is no valid prediction; a shorter
+  /// gap is enough if the frame is too young to know its motion.
   bool is_too_far(const Features& features) const;
-  /// Between sweeps, before the present frame; nothing: there were too few.
+  /// Between sweeps, before the present frame; nothing: too few sweeps.
   std::optional<std::int64_t> usual_interval_ns() const;
   void break_frame(std::uint64_t sweep);
   void next_frame();
@@ -71,10 +71,10 @@ class OdometryStage {
   std::vector<msg::StampedPose> path_;
   HeaderFields last_header_;
   std::uint64_t next_sweep_ = 0;
-  /// one past the newest sweep that was worked on; those between are given up
+  /// one past the newest sweep processed; those between are dropped
   std::uint64_t done_below_ = 0;
   std::uint32_t odom_epoch_ = 0;
-  /// of the present frame, so far
+  /// sweeps in the present frame so far
   std::size_t frame_sweeps_ = 0;
   std::int64_t last_instant_ns_ = 0;
   bool in_run_ = false;

@@ -1,5 +1,5 @@
 #pragma once
-// What an ideal inertial sensor reads along a motion, for the tests: by differences of the motion.
+// Readings of an ideal IMU along a motion, for the tests: by finite differences of the motion.
 
 #include <cmath>
 #include <vector>

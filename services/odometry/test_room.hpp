@@ -89,7 +89,7 @@ inline PointVector sweep_along(const TestWorld& world, const TestSensor& sensor,
   return points;
 }
 
-/// One that begins at T_world_base and moves with the body twist (m/s, rad/s).
+/// A sweep that begins at T_world_base and moves with the body twist (m/s, rad/s).
 inline PointVector sweep_of(const TestWorld& world, const TestSensor& sensor,
                             const Pose& T_world_base, const Vector6& twist_per_s, unsigned seed) {
   return sweep_along(
@@ -131,7 +131,7 @@ inline Drive drive(const TestWorld& world, const TestSensor& sensor, const Odome
       world, sensor, config, [&](double time_s) { return exp_se3(twist_per_s * time_s); }, sweeps);
 }
 
-/// As another instance gets it.
+/// The result as another instance receives it.
 inline CommittedSweep committed(const OdometryResult& r, std::uint32_t period_ns) {
   CommittedSweep c{r.sweep,       r.prev_sweep, r.instant_ns,       period_ns, r.T_odom_base,
                    r.twist_per_s, r.health,     r.state_covariance, r.fit,     r.planes};

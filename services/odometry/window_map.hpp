@@ -7,7 +7,7 @@
 // on how they came there, and a program that takes over from the last sweeps' messages continues
 // with the same bytes. Plane fits by eigenvalues as in VoxelMap (Yuan et al. 2022), coarse to fine.
 //
-// The grid is turned and shifted against odom: a floor on the boundary of two layers of voxels
+// The grid is rotated and shifted against odom: a floor on the boundary of two layers of voxels
 // would be split into two half planes that agree with any small shift.
 
 #include <Eigen/Core>
@@ -40,8 +40,8 @@ class WindowMap {
   void add(PointSpan points, const Pose& T_odom_base);
 
   using Cell = VoxelCell;
-  /// What find() found last for a point that moves little between two calls. Valid until the next
-  /// add.
+  /// The last result of find() for a point that moves little between two calls. Valid until the
+  /// next add.
   struct Hint {
     Eigen::Vector3d centre_units = Eigen::Vector3d::Constant(1e30);  // of the finest voxel
     const FittedPlane* plane = nullptr;
@@ -54,8 +54,8 @@ class WindowMap {
   void clear();
   bool empty() const { return sweeps_.empty(); }
   void set_range_noise(double range_noise_m);
-  /// Whether rough surfaces count where there is no plane. Beside an inertial sensor they do not:
-  /// what their normals are off by would hold a tunnel's open direction.
+  /// Whether rough surfaces count where there is no plane. With an IMU they do not: the errors of
+  /// their normals would constrain a tunnel's open direction.
   void set_use_rough(bool use_rough) { use_rough_ = use_rough; }
 
  private:
@@ -123,7 +123,7 @@ class WindowMap {
   std::size_t used_slots_ = 0;
   std::array<OpenRun, kMaxLevels> open_;
   std::vector<std::uint64_t> run_keys_;  // of the sweep that is being added
-  // Of find_all: the points that are not where their hints hold.
+  // Of find(): the points that have left the voxels of their hints.
   struct Moved {
     std::size_t hint;
     Grid position;
