@@ -22,8 +22,8 @@ struct VoxelPlanesConfig {
   std::uint32_t enough_tile_points = 7000;
 };
 
-/// kLocalize: the map is there, and stays as it is. kExtend: so it does until the robot is found in
-/// it; then it grows.
+/// kLocalize: an existing map that does not change. kExtend: the map is fixed until the robot is
+/// found in it; then it grows.
 enum class MappingMode : std::uint8_t { kMap, kLocalize, kExtend };
 
 struct MappingConfig {

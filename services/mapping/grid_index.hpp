@@ -1,5 +1,5 @@
 #pragma once
-// Which cube of a regular grid a point lies in, and that as one number.
+// Which cube of a regular grid a point lies in, also as one number.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -24,8 +24,8 @@ inline TileIndex tile_index(const Eigen::Vector3d& point_map, double edge_m) {
   return {index.x(), index.y(), index.z()};
 }
 
-/// Whether a point lies within a row of cubes for certain, a micrometre from its faces: asked
-/// before tile_index, whose quotients take longer. NaN does not.
+/// Whether a point certainly lies within a row of cubes, a micrometre from its faces. Cheaper than
+/// the divisions of tile_index, so it is asked first. False for NaN.
 inline bool lies_well_within(const Eigen::Vector3d& point_map, const TileIndex& first,
                              const TileIndex& last, double edge_m) {
   constexpr double kMargin_m = 1e-6;

@@ -17,19 +17,19 @@ class InsertionPolicy {
 
   void configure(const MappingConfig& config) { config_ = config; }
 
-  /// Empty: insert; else why not. To be asked once for each matched sweep. A residual is compared
-  /// with the median of the sweeps matched before, inserted or not, so that a lasting change of the
-  /// surroundings does not shut the map for ever.
+  /// Empty: insert; else the reason against it. Call it once for each matched sweep. A residual is
+  /// compared with the median of the sweeps matched before, inserted or not, so that a lasting
+  /// change of the surroundings does not stop insertion for ever.
   std::string judge(const Pose& T_map_base, double residual_m);
-  /// So many in a row, up to the last one judged, had a residual above it.
+  /// Number of sweeps in a row, up to the last one judged, with a residual above the limit.
   std::uint32_t worse_in_row() const { return worse_; }
   void inserted_at(const Pose& T_map_base) { last_inserted_ = T_map_base; }
-  /// All that it knows but its configuration, for who keeps or brings it back.
+  /// The whole state but the configuration, to save or restore it.
   template <class Bits>
   void each(Bits& bits) {
     bits(residuals_, worse_, last_inserted_);
   }
-  /// Nothing to compare with: 0.
+  /// 0: no residual yet.
   double median_residual_m() const;
 
  private:

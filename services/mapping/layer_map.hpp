@@ -3,9 +3,9 @@
 //
 // A voxel keeps the number and the sum of all points that ever fell into it, so that its mean gets
 // better with each of them. (A voxel filter run again over old centroids and new points weighs the
-// whole past like one new point: such a map forgets.) The voxels' grid is turned and shifted
-// against the map's axes, because a floor or wall that lies on the boundary of two layers of voxels
-// would be split into two half-noise surfaces.
+// whole past like one new point: such a map forgets.) The voxels' grid is rotated and shifted
+// against the map's axes, because a floor or wall on the boundary of two layers of voxels would be
+// split into two half-noise surfaces.
 
 #include <cstdint>
 #include <map>
@@ -19,7 +19,7 @@
 
 namespace zloam::mapping {
 
-/// A voxel's mean (m, frame map) and how many points made it.
+/// A voxel's mean (m, frame map) and the number of its points.
 struct CountedPoint {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   std::uint32_t count = 0;
@@ -51,7 +51,7 @@ class LayerMap {
   /// Tiles changed since the last call, ascending; their versions grow by one.
   std::vector<TileIndex> take_changed();
 
-  /// Takes a tile out of the map, returns its points in order of insertion.
+  /// Removes a tile from the map and returns its points in order of insertion.
   std::vector<CountedPoint> remove_tile(const TileIndex& index);
   /// Puts a tile back; its version continues from the given one. Does not count as a change.
   void restore_tile(const TileIndex& index, std::uint64_t version,
@@ -59,7 +59,7 @@ class LayerMap {
 
   std::vector<CountedPoint> tile_points(const TileIndex& index) const;
   std::uint64_t tile_version(const TileIndex& index) const;
-  /// All points ever counted in it.
+  /// All points ever counted in the tile.
   std::uint64_t tile_count(const TileIndex& index) const;
   /// Ascending; only tiles that hold points.
   std::vector<TileIndex> tiles() const;
@@ -76,7 +76,7 @@ class LayerMap {
     std::uint64_t count = 0;
     std::vector<std::uint32_t> voxels;
   };
-  /// There are as many as points in the whole map at hand: kept small.
+  /// There is one for each point of the map in memory: kept small.
   struct Voxel {
     std::uint64_t key = 0;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();  // of the offsets from the voxel's centre

@@ -1,6 +1,6 @@
 #pragma once
-// What a Mapper holds: the steps of a sweep are in mapper.cpp, taking up what another instance knew
-// is in mapper_restore.cpp. Not for other folders.
+// State of a Mapper: the steps of a sweep are in mapper.cpp, restoring another instance's state is
+// in mapper_restore.cpp. Not for other folders.
 
 #include <cstdint>
 #include <deque>
@@ -19,7 +19,7 @@
 
 namespace zloam::mapping {
 
-// What is known of the sweep mapped before.
+// State after the sweep mapped before.
 struct LastPose {
   std::int64_t instant_ns = 0;
   std::uint32_t odom_epoch = 0;
@@ -34,8 +34,8 @@ struct LastPose {
   }
 };
 
-// The motion over the last half second in which the sweeps were found, in the map's axes: the last
-// sweep before a gap is cut off, and tells little of its own.
+// Motion over about the last half second of matched sweeps, in the map's axes: the last sweep
+// before a gap is incomplete, and alone gives a poor estimate.
 class Lately {
  public:
   void add(std::int64_t instant_ns, const Pose& T_map_base) {
@@ -47,7 +47,7 @@ class Lately {
     const Eigen::Matrix3d turned = T_map_base.linear() * first.linear().transpose();
     set((T_map_base.translation() - first.translation()) / time_s, log_so3(turned).z() / time_s);
   }
-  /// Of another instance, which was killed.
+  /// Starts from the pose and twist of an instance that was killed.
   void begin(const Pose& T_map_base, const Vector6& twist_per_s) {
     poses_.clear();
     const Eigen::Matrix3d R = T_map_base.linear();
@@ -81,7 +81,7 @@ struct Mapper::State {
   Match searched(const MappingInput& input, const Prediction& prediction);
   Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
   bool left_map(const Match& match);
-  /// The map stays as it is.
+  /// The map must not change now.
   bool is_fixed() const {
     return config.mode == MappingMode::kLocalize ||
            (config.mode == MappingMode::kExtend && !found_in_map);
@@ -107,25 +107,25 @@ struct Mapper::State {
   std::optional<LastPose> last;
   Lately lately;
   bool bridging = false;
-  // It is searched for as it did not fit where the odometry had it.
+  // Searching because the sweep did not fit the map at the odometry's pose.
   bool lost = false;
   FitRecord fits;
   std::uint32_t bridged_sweeps = 0;
-  // Nothing was seen of the motion for so long since the last sweep that was found.
+  // Time without any observation of the motion since the last sweep that was matched.
   double unseen_s = 0.0;
   Agreement agreement;
   Relocalizer relocalizer;
-  // The next sweep may not go on where the last one was.
+  // The odometry may not continue from the last pose.
   bool break_expected = false;
-  // Where somebody says that it is.
+  // Pose given by a user (Mapper::place).
   std::optional<Pose> told;
-  // In the map of an earlier run: not before may it be extended.
+  // Found in the map of an earlier run: only then may it be extended.
   bool found_in_map = true;
-  // In a row that met nothing of a map that stays as it is.
+  // Sweeps in a row that matched nothing of a fixed map.
   std::uint32_t unmatched = 0;
-  // Matches to come before anything is inserted.
+  // Matches still required before anything is inserted.
   std::uint32_t settling = 0;
-  // Of the instance before, to go on from.
+  // State of an earlier instance to continue from.
   std::vector<std::uint64_t> resumed;
 };
 

@@ -9,7 +9,7 @@ class Parameters;
 
 namespace zloam::mapping {
 
-/// What only the program needs; nothing here changes a pose or the map.
+/// Settings of the program only; none changes a pose or the map.
 struct OutputConfig {
   std::string map_path = "out/map.pcd";
   std::uint32_t publish_every = 5;

@@ -1,6 +1,6 @@
 #pragma once
-// Wires the mapper to the runtime: messages in, messages, answers and files out. Runs on the
-// stage's one worker thread.
+// Wires the mapper to the runtime: takes messages, and produces messages, answers and files. Runs
+// on the stage's one worker thread.
 
 #include <map>
 #include <optional>
@@ -24,10 +24,10 @@ class MappingStage {
   void declare_answers();
   void declare_commands();
   void new_run(const msg::Header& first);
-  /// Takes up what an instance before this one left; restart_stage.cpp.
+  /// Restores what an earlier instance left; restart_stage.cpp.
   void restart(const msg::Header& first);
   void wait_for_store(bool known_run) const;
-  /// With the map and the pose that the store keeps; false: it has none that holds now.
+  /// Takes map and pose from the store; false: it has no valid ones.
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
   bool take_back(const msg::Header& first, SavedMap& saved);
   bool take_pose(const msg::Header& first, SavedMap& saved);
@@ -36,10 +36,10 @@ class MappingStage {
   MappingInput input_of(const Sweep& sweep);
   void publish_pose(const Sweep& sweep, const MappingResult& result);
   void publish_views(const Sweep& sweep, const MappingResult& result);
-  /// Those that have grown by more than this share since they were published.
+  /// Publishes the tiles that have grown by more than this share since they were published.
   void publish_tiles(const Sweep& sweep, double growth);
   void publish_voxels(const Sweep& sweep, double growth);
-  /// What others keep of the map: what has grown enough, or all that has changed.
+  /// Publishes the map for others to keep: what has grown enough, or all that has changed.
   void publish_map(const Sweep& sweep, bool all);
   void publish_submap(const Sweep& sweep, const std::optional<Submap>& submap);
   void forget_published();
@@ -51,17 +51,17 @@ class MappingStage {
   Buffer voxel_message(const HeaderFields& header, const VoxelTile& tile) const;
   std::string voxel_key(const TileIndex& at) const;
   void publish_voxels(const Sweep& sweep, const std::vector<VoxelTile>& tiles);
-  /// What the instance before put into the map after the store had it last.
+  /// Re-inserts the sweeps that the earlier instance inserted after the store's last copy.
   std::size_t insert_again(const msg::Header& first,
                            const std::vector<CorrectionMessage>& corrections);
-  /// Answers what the store may not have yet: another mapping goes on.
+  /// Answers requests for what the store may lack: another mapping continues.
   void leave_map(bool leaves);
   void answer_cloud(runtime::Answer& answer, Key key, bool whole);
   void answer_path(runtime::Answer& answer);
   runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
   runtime::CommandReply place(const std::string& arguments_json);
-  /// Empty when written; the stage is degraded until it succeeds.
+  /// Empty when written; the stage is degraded until writing succeeds.
   std::string write_to(const std::string& path) const;
   runtime::OutputFiles::Run file_run() const;
   std::string own_path() const;
@@ -69,10 +69,10 @@ class MappingStage {
 
   runtime::Stage& stage_;
   runtime::Inlet* inlet_ = nullptr;
-  /// another mapping goes on with this one's map: what of it the store has not
+  /// another mapping continues with this map: the voxels that the store lacks
   std::vector<VoxelTile> left_voxels_;
   bool answers_pose_ = false;
-  /// of this run, the newest whose voxels the store gave back
+  /// of this run, the newest sweep whose voxels came from the store
   std::optional<std::uint64_t> stored_sweep_;
   std::optional<std::pair<HeaderFields, MapPoseFields>> last_pose_;
   const MappingConfig& config_;
@@ -94,7 +94,7 @@ class MappingStage {
   std::uint64_t mapped_ = 0;
   std::uint64_t map_id_ = 0;
   bool replay_ = false;
-  /// of this run: what is below was done by the instance before
+  /// of this run: lower sweeps were done by the earlier instance
   std::uint64_t next_sweep_ = 0;
   bool in_run_ = false;
   std::int64_t started_ns_ = 0;

@@ -1,5 +1,5 @@
 #pragma once
-// A matching method aligns one sweep with the sweeps it has been given before.
+// A matching method aligns one sweep with the sweeps inserted before.
 
 #include <memory>
 
@@ -8,7 +8,7 @@
 
 namespace zloam::mapping {
 
-/// Where the sweep should be, before it is matched.
+/// Expected pose of the sweep before matching.
 struct Prediction {
   Pose T_map_base = Pose::Identity();
   /// tangent at base_link
@@ -26,20 +26,20 @@ struct Match {
   Degeneracy degeneracy;
   std::uint32_t iterations = 0;
   std::uint32_t correspondences = 0;
-  /// features that were looked up, and matched ones whose residual lies inside the kernel
+  /// features that were looked up, and matched features whose residual lies inside the kernel
   std::uint32_t candidates = 0;
   std::uint32_t inliers = 0;
   /// the last step was below the limits
   bool converged = true;
-  /// sum of the robust weights for each feature that was looked up: 1 when all lie in the map
+  /// mean robust weight of the features that were looked up: 1 when all lie in the map
   double fit = 0.0;
-  /// likewise, but each point for itself: it compares places
+  /// likewise, with each point counted by itself: for comparing places
   double explained = 0.0;
   double residual_m = 0.0;
-  double inlier_residual_m = 0.0;  // where the map is not known everywhere: of what it knows
+  double inlier_residual_m = 0.0;  // where the map is incomplete: of the points it knows
 };
 
-/// The clouds to be inserted, base_link at the instant, deskewed with the motion that the method
+/// The clouds to insert, base_link at the instant, deskewed with the motion that the method
 /// estimated.
 struct InsertClouds {
   PointSpan edges;
@@ -49,30 +49,30 @@ struct InsertClouds {
 class MappingMethod {
  public:
   virtual ~MappingMethod() = default;
-  /// Aligns the sweep with what the method has been given before.
+  /// Aligns the sweep with the sweeps inserted before.
   virtual Match match(const MappingInput& input, const Prediction& prediction) = 0;
-  /// Takes the matched sweep into the method's own structures, before the mapper puts the returned
-  /// clouds into the tile map. Spans stay valid until the next call.
+  /// Inserts the matched sweep into the method's own structures, before the mapper puts the
+  /// returned clouds into the tile map. Spans stay valid until the next call.
   virtual InsertClouds insert(const MappingInput& input, const Match& match) = 0;
-  /// Instead of match(): the sweep lies as predicted.
+  /// Replaces match() when the sweep lies as predicted.
   virtual Match accept(const MappingInput& input, const Prediction& prediction) = 0;
-  /// The sweep that was matched last was searched for in vain: no motion is known from it on.
+  /// The search for the last matched sweep failed: the motion is unknown from there on.
   virtual void not_found() {}
   virtual void reset() = 0;
-  /// From the next sweep on; what its structures were built with stays.
+  /// From the next sweep on; existing structures keep their sizes.
   virtual void configure(const MappingConfig& config) = 0;
 
-  /// What it has counted by itself, of the cubes in which it has grown by more than this share
-  /// since it was handed out; ascending.
+  /// The method's own counts, of the cubes that have grown by more than this share since they were
+  /// returned last; ascending.
   virtual std::vector<VoxelTile> take_changed(double growth) = 0;
-  /// Takes that back into an empty map, before the first match.
+  /// Restores these counts into an empty map, before the first match.
   virtual void restore(const std::vector<VoxelTile>& tiles) = 0;
 
-  /// What it knows beside that after a sweep that was inserted, out or back; false: there is more to
-  /// it just now. prepare() comes first, where nothing was matched yet.
+  /// Saves or restores the rest of the state after an inserted sweep; false: it is incomplete at
+  /// present. Where nothing was matched yet, call prepare() first.
   virtual bool each(StateBits& bits) = 0;
   virtual void prepare(const MappingInput& input, const Pose& T_map_base) = 0;
-  /// After each() brought back what was known when this sweep had been inserted: inserts it as then.
+  /// After each() restored the state of the time when this sweep was inserted: re-inserts it.
   virtual InsertClouds insert_again(const MappingInput& input, const Match& match) = 0;
 };
 

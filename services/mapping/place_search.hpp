@@ -1,8 +1,8 @@
 #pragma once
-// Where in the map a sweep may lie when it is only known to be near some pose: correlative matching
-// (Olson, Real-time correlative scan matching, ICRA 2009). The sweep's points are counted in the
-// occupied cells of the map at every place and heading of a grid; the height is near the guess's,
-// roll and pitch are the guess's. What it costs is bounded and does not depend on the map's size.
+// Searches the map for a sweep that is only known to be near some pose: correlative matching
+// (Olson, Real-time correlative scan matching, ICRA 2009). Counts the sweep's points in occupied
+// cells of the map at every place and heading of a grid; the height is near the guess's, roll and
+// pitch are the guess's. The cost is bounded and does not depend on the map's size.
 
 #include <cstddef>
 #include <vector>
@@ -20,7 +20,7 @@ struct SearchArea {
 };
 
 /// Poses of base_link at which most of the sweep's points meet points of the map, best first, at
-/// most so many, none next to another one. Empty where sweep or map have no points.
+/// most `most`, none adjacent to another. Empty where sweep or map have no points.
 std::vector<Pose> likely_places(const TileMap& tiles, const MappingInput& input, const Pose& guess,
                                 const SearchArea& area, std::size_t most);
 

@@ -1,10 +1,10 @@
 #pragma once
-// Cuts the mapped sweeps into submaps: what was seen along a few metres of way, in one frame that
-// nothing bends later. They are what the graph of loops (services/graph) is made of.
+// Cuts the mapped sweeps into submaps: the points seen along a few metres of way, in one frame that
+// no later correction deforms. The graph of loops (services/graph) consists of them.
 //
-// A submap holds consecutive sweeps of one stretch in which each of them was found in the map, so
-// that it is as rigid as the map matching is exact. It ends after a way, never after a time: what
-// stands still tells nothing new. Which sweeps are in it depends on nothing but the sweeps.
+// A submap holds consecutive sweeps of one stretch, all of them found in the map, so that it is as
+// rigid as the map matching is exact. It ends after a distance, never after a time: standing still
+// adds nothing new. The choice of sweeps depends on nothing but the sweeps.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -26,7 +26,7 @@ struct SubmapInput {
   Matrix6 covariance = Matrix6::Zero();
   /// its pose was found in the map
   bool found = false;
-  /// the points left a direction open
+  /// the points left a direction unconstrained
   bool degenerate = false;
   double range_noise_m = 0.0;
   /// of the sensor, base_link
@@ -40,9 +40,9 @@ class SubmapBuilder {
   /// way_m: of a submap; 0: there are none.
   explicit SubmapBuilder(double way_m) : way_m_(way_m) {}
 
-  /// Sweeps in order. The submap that ends with this one, if one does.
+  /// Takes sweeps in order. Returns the submap that ends with this one, if one does.
   std::optional<Submap> add(const SubmapInput& input);
-  /// The one in the making, at the end of a run; none where too little was seen.
+  /// The unfinished submap, at the end of a run; nothing when too little was seen.
   std::optional<Submap> finish();
   /// From the next submap on.
   void configure(double way_m) { way_m_ = way_m; }
@@ -52,7 +52,7 @@ class SubmapBuilder {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     double intensity = 0.0;
     std::uint32_t count = 0;
-    // Groups of sweeps that hit it.
+    // Groups of sweeps that hit it, a bit each.
     std::uint64_t hits = 0;
   };
   struct Step {
@@ -60,8 +60,8 @@ class SubmapBuilder {
     std::int64_t instant_ns;
     Pose T_map_base;
     double way_m;
-    // Of this pose, of what was left open since the frame of the submap before, and of all of the
-    // motion since then.
+    // Of this pose, of what was left unconstrained since the frame of the submap before, and of all
+    // of the motion since then.
     Matrix6 own, open, covariance;
     double since_m;
     bool connected;
@@ -76,7 +76,7 @@ class SubmapBuilder {
   void clear();
 
   double way_m_;
-  // Of the submap in the making; points in the frame of its first sweep.
+  // Of the unfinished submap; points in the frame of its first sweep.
   std::vector<Step> steps_;
   FlatIndex places_;
   std::vector<Voxel> voxels_;

@@ -1,5 +1,5 @@
 #pragma once
-// How far a sweep sees in each direction, to know through what it sees.
+// Range that a sweep sees in each direction, to find walls that it sees through.
 
 #include <Eigen/Core>
 #include <vector>
@@ -12,12 +12,12 @@ class SweepView {
  public:
   explicit SweepView(const MappingInput& input);
 
-  /// Range of the nearest return in a direction (unit, frame lidar) or beside it, m; 0: there is
+  /// Range of the nearest return in a direction (unit, frame lidar) or next to it, m; 0: there is
   /// none.
   float nearest_m(const Eigen::Vector3f& direction) const;
 
  private:
-  // 2 degrees each; elevations from straight down on.
+  // 2 degrees each; elevations start straight down.
   static constexpr int kAzimuths = 180, kElevations = 90;
   struct Bin {
     int azimuth, elevation;

@@ -108,7 +108,7 @@ inline Scan scan(const Room& room, const Pose& T_map_base, double noise_m, unsig
                         ring,
                         ReturnType::kStrongest,
                         0};
-      // Between the two lies what feature extraction leaves out: a mean over a corner is on no
+      // Feature extraction leaves out the points between the two: a mean over a corner lies on no
       // face.
       if (edge_m < 0.04) out.edges.push_back(point);
       if (edge_m > plane_gap_m) out.planes.push_back(point);

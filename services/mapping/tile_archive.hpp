@@ -13,15 +13,15 @@ namespace zloam::mapping {
 
 class TileArchive {
  public:
-  /// max_points: in memory; spill_directory empty: all stay in memory.
+  /// max_points: kept in memory; spill_directory empty: all stay in memory.
   TileArchive(std::uint64_t max_points, std::string spill_directory);
 
   struct Entry {
     std::uint64_t version = 0;
     std::vector<CountedPoint> points;
   };
-  /// Replaces what was there. When the file cannot be written the tile stays in memory: nothing is
-  /// lost, and spill_failed() says so.
+  /// Replaces the tile's entry. If the file can't be written, the tile stays in memory: nothing is
+  /// lost, and spill_failed() reports it.
   void put(const TileId& id, Entry entry);
   std::optional<Entry> get(const TileId& id) const;
   std::optional<Entry> take(const TileId& id);

@@ -1,6 +1,6 @@
 #pragma once
-// The map: both layers, the window of tiles that follows the sensor, and an archive of what left
-// it.
+// The map: both layers, the window of tiles that follows the sensor, and an archive of tiles that
+// left it.
 
 #include <map>
 
@@ -14,20 +14,20 @@ class TileMap {
   explicit TileMap(const MappingConfig& config);
 
   /// Shifts the window: tiles that leave it go to the archive and are returned as they were; tiles
-  /// that come in again are taken back out of it.
+  /// that enter again are taken back from the archive.
   std::vector<Tile> follow(const Eigen::Vector3d& sensor_map);
   /// Inserts points given in base_link.
   void insert(Layer layer, PointSpan points_base, const Pose& T_map_base);
   /// Tiles changed since the last call, ascending; their versions grow by one.
   std::vector<TileId> take_changed();
 
-  /// Puts back a tile that another instance handed out; does not count as a change.
+  /// Restores a tile of another instance; does not count as a change.
   void restore(const Tile& tile);
 
   std::optional<Tile> tile(const TileId& id) const;
-  /// All points ever counted in a tile of the window; 0: it is none.
+  /// All points ever counted in a tile of the window; 0: there is no such tile.
   std::uint64_t count(const TileId& id) const { return layer(id.layer).tile_count(id.index); }
-  /// Ascending, with the archived ones.
+  /// Ascending, including the archived ones.
   std::vector<TileId> tiles() const;
   std::vector<TileId> local_tiles() const;
   std::size_t point_count() const;
@@ -43,7 +43,7 @@ class TileMap {
   TileIndex centre_;
   std::array<LayerMap, 2> layers_;
   TileArchive archive_;
-  std::vector<NewPoint> new_points_;  // of a sweep, while they are inserted
+  std::vector<NewPoint> new_points_;  // points of one sweep while they are inserted
 };
 
 }  // namespace zloam::mapping

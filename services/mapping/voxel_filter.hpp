@@ -1,5 +1,5 @@
 #pragma once
-// One point, the mean, for each voxel of a sweep.
+// Reduces a sweep to one point, the mean, in each voxel.
 
 #include <Eigen/Core>
 #include <vector>

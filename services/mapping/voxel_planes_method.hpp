@@ -1,7 +1,7 @@
 #pragma once
 // Matching against a map of counted planes in voxels (common/plane_map): the sweep's own motion is
-// found anew with its pose, from each point's own time, so that what odometry's deskewing left over
-// is taken out before the points are matched and counted.
+// estimated again with its pose, from each point's own time, so that the odometry's residual
+// distortion is removed before the points are matched and counted.
 
 #include "mapping/method.hpp"
 

@@ -1,6 +1,6 @@
 #pragma once
-// The plane map by cubes, for the store and back. A coarsest voxel belongs to the cube that its
-// centre lies in.
+// The plane map divided into cubes, to and from the store. A coarsest voxel belongs to the cube
+// that contains its centre.
 
 #include <map>
 #include <vector>
@@ -12,22 +12,22 @@ namespace zloam::mapping {
 
 class VoxelTiles {
  public:
-  /// Small, so that what grows is handed out and not all that lies around it.
+  /// Small, so that little besides the voxels that grow is published.
   static constexpr double kEdge_m = 12.5;
 
-  /// The cubes in which more than this share of what was handed out has been counted since, whole,
-  /// ascending.
+  /// The cubes whose counts have grown by more than this share since they were returned last,
+  /// whole, ascending.
   std::vector<VoxelTile> take_changed(const plane_map::VoxelPlaneMap& map, double growth);
 
   void keep_for_loading(const std::vector<VoxelTile>& tiles) { kept_ = tiles; }
-  /// Loads what was kept into a map that is still empty. Cubes of other voxel sizes or of another
-  /// noise are left out: their counts mean something else.
+  /// Loads the kept tiles into a map that is still empty. Cubes of other voxel sizes or of another
+  /// noise are ignored: their counts mean something else.
   void load_into(plane_map::VoxelPlaneMap& map);
 
  private:
   struct Cube {
     std::uint64_t version = 0;
-    /// points counted in it when it was handed out last
+    /// points counted in it when it was returned last
     std::uint64_t points = 0;
   };
   std::map<TileIndex, Cube> cubes_;

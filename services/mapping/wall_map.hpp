@@ -1,11 +1,11 @@
 #pragma once
-// Where in a whole map a robot may be of which nothing is known: the walls around it, seen from
-// above, are laid over the walls of the map at every place and heading. Branch and bound over maps
-// of falling resolution finds the best places without looking at all of them (Hess, Kohler, Rapp,
-// Andor, Real-time loop closure in 2D LIDAR SLAM, ICRA 2016, section V).
+// Finds places in a whole map for a robot of which nothing is known: the walls around it, seen from
+// above, are compared with the walls of the map at every place and heading. Branch and bound over
+// maps of decreasing resolution finds the best places without testing all of them (Hess, Kohler,
+// Rapp, Andor, Real-time loop closure in 2D LIDAR SLAM, ICRA 2016, section V).
 //
-// A wall is a column of points one above the other: what is flat is the same everywhere. Map and
-// surroundings are levelled: their z axes are vertical. It is a picture of a map that stays as it is.
+// A wall is a column of points one above the other: flat surfaces look the same everywhere. Map and
+// surroundings are levelled: their z axes are vertical. The map must be fixed.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -21,36 +21,36 @@ namespace zloam::mapping {
 /// What lies around a robot, for the search.
 class Surroundings {
  public:
-  /// Around the robot, z up.
+  /// points_level: around the robot, z up.
   explicit Surroundings(std::span<const Eigen::Vector3f> points_level);
 
  private:
   friend class WallMap;
   std::vector<Eigen::Vector3f> near_;
-  // An even sample, seen from above, and the range of most of it.
+  // An even sample seen from above, and the range that contains most of it.
   std::vector<Eigen::Vector2f> walls_;
   float range_m_ = 0.0F;
 };
 
 class WallMap {
  public:
-  /// Frame map.
+  /// points: frame map.
   explicit WallMap(std::span<const Eigen::Vector3f> points);
 
-  /// Places of the frame of the surroundings at which most of their walls meet walls of the map,
-  /// best first, at most so many, none next to another one, and none with less than this share of
-  /// what can be met. Empty where either has too few walls.
+  /// Poses of the surroundings' frame at which most of their walls meet walls of the map, best
+  /// first, at most `most`, none adjacent to another, and none with less than least_share of the
+  /// walls that can be met. Empty where either has too few walls.
   std::vector<Pose> likely_places(const Surroundings& around, std::size_t most,
                                   double least_share = 0.0) const;
-  /// That share at one place.
+  /// That share for one pose.
   double share_at(const Surroundings& around, const Pose& T_map_level) const;
 
-  /// Of the walls of the map that a sweep has in view from there, the share that it sees through.
+  /// The share of the map's walls in view of a sweep from this pose that it sees through.
   double seen_through(const SweepView& view, const Pose& T_map_lidar) const;
 
  private:
-  // Greatest values of the level before in squares of 2^level cells; (0, 0) is the square that ends
-  // with the grid's first cell.
+  // Maxima of the level before in squares of 2^level cells; (0, 0) is the square that ends with the
+  // grid's first cell.
   struct Level {
     int width = 0, height = 0;
     std::vector<std::uint8_t> values;
@@ -84,9 +84,9 @@ class WallMap {
 
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();
   std::uint32_t width_ = 0, height_ = 0;
-  // The finest one first.
+  // Finest first.
   std::vector<Pyramid> pyramids_;
-  // Points of walls by column.
+  // Points of walls, by column.
   std::vector<std::pair<std::uint32_t, Eigen::Vector3f>> wall_points_;
   // Heights of points in each column of the map, ascending.
   std::vector<Column> columns_;
