@@ -9,15 +9,15 @@ namespace zloam::registration {
 enum class ReturnSelection : std::uint8_t { kStrongest = 0, kLast = 1, kAll = 2 };
 
 struct RegistrationConfig {
-  /// Points outside [min_range_m, max_range_m] are left out.
+  /// Points outside [min_range_m, max_range_m] are dropped.
   double min_range_m = 0.5;
   double max_range_m = 130.0;
   ReturnSelection returns = ReturnSelection::kStrongest;
   /// One standard deviation of a range, m (sensor's data sheet).
   double range_noise_m = 0.02;
 
-  /// Neighbours on either side for the curvature. LOAM and A-LOAM: 5. Near surfaces need more
-  /// points before a bend stands out of the noise, so the window grows to about window_width_m, up
+  /// Neighbours on either side for the curvature. LOAM and A-LOAM: 5. On near surfaces more points
+  /// are needed to detect a bend above the noise, so the window grows to about window_width_m, up
   /// to half_window_max.
   int half_window_min = 5;
   int half_window_max = 15;
@@ -28,7 +28,7 @@ struct RegistrationConfig {
   int sharp_per_segment = 2;
   int less_sharp_per_segment = 20;
   int flat_per_segment = 4;
-  /// Neighbours on either side that a pick keeps from being picked.
+  /// Neighbours on either side of a picked point that can't be picked.
   int suppression = 5;
 
   /// A bend counts as an edge when its squared curvature exceeds edge_chi2 times its variance (5
@@ -48,7 +48,7 @@ struct RegistrationConfig {
   /// as parallel to the beam. LOAM as released: neighbours' squared distance above 0.0002 r^2 on
   /// both sides, which is a tangent of 4 at steps of 0.2 degrees.
   double parallel_tangent = 4.0;
-  /// True: points rejected as parallel or occluded are left out of less_flat as well. LOAM as
+  /// True: points rejected as parallel or occluded are dropped from less_flat as well. LOAM as
   /// released keeps them there (they are real surface, only no good edges).
   bool drop_unreliable = false;
 

@@ -29,9 +29,9 @@ struct Curvature {
   std::vector<float> chi2;
   /// tangent of half the angle by which the two sides bend: 0 on a plane, 1 at a right angle
   std::vector<float> bend;
-  /// true at i: the surface does not go on from point i to point i + 1
+  /// true at i: the surface ends between point i and point i + 1
   std::vector<std::uint8_t> break_after;
-  /// component of d along the beam over sqrt(2 k + 4 k^2), m, of every smooth point in turn
+  /// component of d along the beam over sqrt(2 k + 4 k^2), m, of each smooth point in order
   std::vector<float> beam_component_m;
 };
 

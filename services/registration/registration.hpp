@@ -4,8 +4,8 @@
 // code: the curvature is tested against the sensor's range noise instead of a fixed number, and its
 // component along the surface is ignored, so that neither noise nor an oblique plane makes an edge.
 //
-// A sweep without rings (a rosette, any cloud) has no lines to take a curvature along: its points
-// are less flat ones all, and no edges.
+// A sweep without rings (a rosette, any cloud) has no lines along which a curvature could be
+// computed: all its points are less flat, none is an edge.
 //
 // A pure function of its arguments: no state, no clock, no threads. Any input is accepted.
 
@@ -18,7 +18,7 @@
 
 namespace zloam::registration {
 
-/// Why a point was left out; numbers as in schemas/rejected.fbs.
+/// Why a point was dropped; numbers as in schemas/rejected.fbs.
 enum class RejectReason : std::uint8_t {
   kNotFinite = 0,
   kTooNear = 1,
@@ -53,7 +53,7 @@ struct RegistrationResult {
   PointVector sharp;
   PointVector less_sharp;  ///< contains sharp
   PointVector flat;
-  PointVector less_flat;  ///< all that is no edge; contains flat before the voxel filter
+  PointVector less_flat;  ///< all points that are no edges; contains flat before the voxel filter
   PointVector rejected;
   std::vector<RejectReason> reasons;  ///< parallel to rejected
   RegistrationDiagnostics diagnostics;

@@ -1,5 +1,5 @@
 #pragma once
-// Names, ranges and meaning of what can be configured about registration.
+// Names, ranges and meaning of registration's parameters.
 
 #include "registration/config.hpp"
 #include "registration/sharing.hpp"

@@ -1,6 +1,6 @@
 #pragma once
-// Registration on the runtime: keys and headers around the method (registration.hpp), and the part
-// of a replica among replicas (sharing.hpp).
+// Registration on the runtime: keys and headers around the method (registration.hpp), and the work
+// of one replica among several (sharing.hpp).
 
 #include <cstdint>
 #include <map>
@@ -24,15 +24,15 @@ class RegistrationStage {
   using Sweep = runtime::Received<msg::Sweep>;
 
   runtime::Outcome take(const Sweep& sweep);
-  /// Held sweeps that are to be done here after all, or that another has done.
+  /// Handles held sweeps that must be computed here after all or were computed elsewhere.
   runtime::Poll settle_held();
   void hear_colleagues();
   void process(const Sweep& sweep);
-  /// Sweeps that were worked on before this replica heard of the revision in force at them.
+  /// Repeats the sweeps processed before this replica received the revision in force at them.
   void do_again(std::uint64_t run, std::uint64_t from_sweep);
   void publish_rejected(const Sweep& sweep, const RegistrationResult& result);
   void publish_dropped(std::uint64_t run, std::uint64_t sweep);
-  /// Counts what the sensor sent between two runs of a live driver.
+  /// Counts packets that the sensor sent between two runs of a live driver.
   void watch_runs(const Sweep& sweep);
 
   runtime::Stage& stage_;
@@ -41,7 +41,7 @@ class RegistrationStage {
   runtime::Outlet& rejected_;
   runtime::Inlet* sweeps_ = nullptr;
   HeaderFields last_;
-  /// newest of the sensor's, whoever works on it
+  /// newest run of the sensor, whichever replica computes it
   std::uint64_t newest_run_ = 0;
   PacketSpan newest_;
   std::int64_t packets_between_ = 0;
@@ -49,11 +49,11 @@ class RegistrationStage {
   /// (run, sweep) -> the message, in memory of this process
   std::map<std::pair<std::uint64_t, std::uint64_t>, runtime::Message> held_;
   std::uint64_t redone_ = 0;
-  /// since a revision came late
+  /// since a revision arrived late
   std::uint64_t done_again_ = 0;
   /// ZLOAM_FAULT_KILL_AT: this process kills itself between a sweep's receipt and its output
   std::optional<std::uint64_t> kill_at_;
-  // Last: its callbacks end before what they use goes.
+  // Last: its callbacks must end before the members they use are destroyed.
   Colleagues colleagues_;
 };
 

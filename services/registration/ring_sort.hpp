@@ -1,5 +1,5 @@
 #pragma once
-// First step of registration: which points can be used at all, sorted by ring and time.
+// First step of registration: selects the usable points and sorts them by ring and time.
 
 #include <cstdint>
 #include <vector>
@@ -28,8 +28,8 @@ RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const Registrati
 /// True when points i and i + 1 of the same ring come from successive firings.
 bool adjacent(const RingSorted& sorted, std::uint32_t i);
 
-/// Firings from point i to point i + 1 of the same ring, 1 for successive ones; infinite when that
-/// can't be told.
+/// Firings from point i to point i + 1 of the same ring, 1 for successive ones; infinite when
+/// unknown.
 double steps_after(const RingSorted& sorted, std::uint32_t i);
 
 }  // namespace zloam::registration

@@ -1,8 +1,8 @@
 #pragma once
 // How replicas of registration divide the sweeps among themselves (docs/protocol.md, section 5),
-// without clock, threads or transport. Every replica has every sweep; who computes it follows from
-// the sweep's number and the members, so that nobody need ask anybody. A wrong view of the members
-// costs work, never a sweep: what is not seen to be done is done by the next in rank.
+// without clock, threads or transport. Every replica receives every sweep; which one computes it
+// follows from the sweep's number and the members, without any negotiation. A wrong list of members
+// costs work, never a sweep: a sweep that is not reported as done is computed by the next in rank.
 //
 // Times are of any monotonic clock, ns.
 
@@ -19,7 +19,7 @@ struct SharingConfig {
   /// the replica of rank r computes a missing sweep after r times this
   int redo_live_ms = 40;
   int redo_replay_ms = 500;
-  /// sweeps and MiB held until odometry has them
+  /// sweeps and MiB held until odometry has received them
   int hold_sweeps = 32;
   int hold_mib = 128;
 };
@@ -27,17 +27,17 @@ struct SharingConfig {
 /// Rendezvous hashing: xxh64(le64(sweep) ‖ instance) with the run as the seed.
 std::uint64_t weight(std::uint64_t run, std::uint64_t sweep, std::string_view instance);
 
-/// How many members come before the instance for this sweep: greater weight first, ties by name.
+/// Number of members that precede the instance for this sweep: greater weight first, ties by name.
 /// The instance itself need not be listed.
 std::size_t rank(std::uint64_t run, std::uint64_t sweep, std::string_view instance,
                  const std::vector<std::string>& members);
 
-/// What odometry says of itself.
+/// Progress that odometry reports.
 struct Progress {
   std::uint64_t run = 0;
   /// sweeps below are done
   std::uint64_t next_sweep = 0;
-  /// one more than the highest sweep it has received; what lies below and is not missing is there
+  /// one more than the highest sweep received; lower sweeps that are not missing have been received
   std::uint64_t received_below = 0;
   std::vector<std::uint64_t> missing;
 };
@@ -54,9 +54,9 @@ class Sharing {
       : instance_(std::move(instance)), config_(config) {}
 
   enum class Share : std::uint8_t { kCompute, kHold, kNotMine };
-  /// A sweep has come, each once. What is held comes out of due() later.
+  /// Takes a sweep that arrived, each once. A held sweep is returned by due() later.
   Share take(const SweepToShare& sweep, std::int64_t now_ns);
-  /// Whether this member is the first for the sweep.
+  /// Whether this replica is the first in rank for the sweep.
   bool first(std::uint64_t run, std::uint64_t sweep) const;
 
   /// The other members; the own name may be among them.
@@ -65,10 +65,10 @@ class Sharing {
 
   struct Due {
     std::uint64_t run, sweep;
-    /// false: another has done it
+    /// false: another replica has computed it, or nothing needs it any more
     bool compute;
   };
-  /// Held sweeps whose case is settled, in order; they are held no longer.
+  /// Held sweeps that are decided, in order; they are no longer held.
   std::vector<Due> due(std::int64_t now_ns);
   std::size_t held() const { return held_.size(); }
 

@@ -1,6 +1,6 @@
 #pragma once
-// What a replica of registration hears of the others and of odometry: who is alive and ready, and
-// which sweeps are still missing.
+// What a replica of registration knows of the other replicas and of odometry: which replicas are
+// alive and ready, and which sweeps are still missing.
 
 #include <functional>
 #include <map>
@@ -18,7 +18,7 @@ namespace zloam::registration {
 
 class Colleagues {
  public:
-  /// on_change may come on any thread.
+  /// on_change may be called on any thread.
   Colleagues(runtime::Stage& stage, std::function<void()> on_change);
 
   /// Instances with a token whose last status says that they are ready. Any thread.
@@ -31,13 +31,13 @@ class Colleagues {
   void on_progress(const zenoh::Sample& sample);
 
   std::function<void()> on_change_;
-  /// ZLOAM_FAULT_MEMBERS: a wrong list on purpose
+  /// ZLOAM_FAULT_MEMBERS: a wrong list for tests
   std::optional<std::vector<std::string>> wrong_;
   mutable std::mutex mutex_;
   std::set<std::string> alive_;
   std::map<std::string, bool> ready_;
   std::optional<Progress> progress_;
-  // Last: their callbacks end before what they use goes.
+  // Last: their callbacks must end before the members they use are destroyed.
   std::vector<zenoh::Subscriber> subscribers_;
 };
 
