@@ -1,5 +1,5 @@
 #pragma once
-// Where each received message went (docs/protocol.md, section 2). All counters of one process
+// The account of each received message (docs/protocol.md, section 2). All counters of one process
 // change under one mutex, so that a snapshot always satisfies
 //   received = processed + not_mine + queued + in_work + sum of dropped
 
@@ -16,9 +16,9 @@ enum class Drop : std::uint8_t {
   kQueueFull,
   kGarbage,
   kWrongRun,
-  /// Refused before it counted for its sweep, which stays missing.
+  /// Refused before it counted for its sweep; the sweep stays missing.
   kInvalid,
-  /// Taken, and then the work on it failed.
+  /// Accepted, but processing failed.
   kFailed,
 };
 inline constexpr std::size_t kDropReasons = 8;
@@ -32,9 +32,9 @@ struct Account {
   std::uint64_t queued = 0;
   std::uint64_t in_work = 0;
   std::array<std::uint64_t, kDropReasons> dropped{};
-  /// never received and given up; no drop
+  /// never received and given up; not counted as drops
   std::uint64_t lost = 0;
-  /// of the received: by asking for the number
+  /// received messages that were requested by number
   std::uint64_t recovered = 0;
 
   std::uint64_t dropped_total() const;

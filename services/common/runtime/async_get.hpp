@@ -45,8 +45,8 @@ class AsyncGet {
         options);
   }
 
-  /// The samples once all have come; then started() is false again. Sooner where some have come, and
-  /// no more for `quiet`: who was asked and hangs answers nothing.
+  /// The samples once all have arrived; then started() is false again. Earlier if some have arrived
+  /// and no more came for `quiet`: a hanging responder never ends its answer.
   std::optional<std::vector<zenoh::Sample>> take(std::chrono::nanoseconds quiet = kEndless) {
     if (!state_) return std::nullopt;
     std::vector<zenoh::Sample> samples;
@@ -72,7 +72,7 @@ class AsyncGet {
   std::shared_ptr<State> state_;
 };
 
-/// The same, waiting until all have come, or `quiet` as above.
+/// The same, waiting until all have arrived, or for `quiet` as above.
 inline std::vector<zenoh::Sample> get_and_wait(
     zenoh::Session& session, const std::string& selector, std::chrono::milliseconds timeout,
     std::chrono::nanoseconds quiet = AsyncGet::kEndless) {

@@ -29,19 +29,19 @@ struct MountingConfig {
 };
 
 struct ZenohConfig {
-  /// `<stage>` in it: each stage is on a host of its own, which has the stage's name in that place
+  /// `<stage>` in it stands for the stage's name: each stage then runs on the host of that name
   std::string host = "127.0.0.1";
-  /// stage i of stage_list() listens on base_port + i and connects to those behind it; 0: neither
+  /// stage i of stage_list() listens on base_port + i and connects to the later stages; 0: neither
   int base_port = 7460;
   /// replaces the stage's own listen endpoint, e.g. tcp/127.0.0.1:0 for a second instance
   std::vector<std::string> listen;
   /// further endpoints, e.g. the router's
   std::vector<std::string> connect;
   bool shared_memory = true;
-  /// every reader has it in its memory too; what does not fit goes through the socket
+  /// each reader maps it into its memory too; messages that do not fit are sent through the socket
   int pool_mib = 16;
   int shared_memory_threshold = 3072;
-  /// ms of silence after which a peer is given up
+  /// ms of silence after which the link to a peer is closed
   int lease_ms = 2000;
 };
 
@@ -56,26 +56,26 @@ struct FlowConfig {
   std::vector<std::string> sinks = acknowledging_stages();
   /// stages that must be ready before the first sweep of a replay
   std::vector<std::string> wait_for = stages_behind_the_source();
-  /// a sweep is published again after so long without progress
+  /// a sweep is published again after this long without progress
   int retransmit_ms = 1000;
 };
 
 struct RecoveryConfig {
-  /// messages kept by each publisher to be asked for by number: more than a replay's windows, and
-  /// at 10 Hz more than it takes to find a frozen host (lease) and a hanging active (1 s)
+  /// messages that each publisher keeps for requests by number: more than a replay's window, and at
+  /// 10 Hz enough for the time to detect a frozen host (lease) and a hanging active (1 s)
   int keep_messages = 32;
   int keep_mib = 128;
-  /// a gap is asked for after
+  /// a missing sweep is requested after
   int gap_live_ms = 30;
   int gap_replay_ms = 200;
-  /// live: given up after; 0: one measured sweep period
+  /// live: a missing sweep is given up after; 0: one measured sweep period
   int late_ms = 0;
   /// replay: the run ends with an error after
   int replay_limit_s = 120;
   /// live: sweeps a stage holds before it drops the oldest, and bytes of any queue
   int queue_sweeps = 4;
   int queue_mib = 256;
-  /// a second instance of a stage is meant to be there
+  /// a second instance of a stage is expected
   bool standby = false;
 };
 
@@ -89,7 +89,7 @@ struct SharedConfig {
   RecoveryConfig recovery;
 };
 
-/// Sections of the robot's file that belong to single programs; each reads its own.
+/// Sections of the robot's file that belong to single programs; each reads only its own.
 std::vector<std::string> owned_sections();
 
 void bind(Parameters& parameters, SharedConfig& config);

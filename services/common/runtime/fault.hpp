@@ -1,5 +1,5 @@
 #pragma once
-// Faults that tests order by the environment.
+// Faults that tests set in the environment.
 
 #include <cstdint>
 #include <optional>
@@ -7,10 +7,10 @@
 
 namespace zloam::runtime {
 
-/// The whole number that the variable holds; none where it is unset or empty. Throws ConfigError.
+/// The whole number in the variable; nothing when it is unset or empty. Throws ConfigError.
 std::optional<std::uint64_t> fault(const std::string& variable);
 
-/// ZLOAM_FAULT_CLOCK_AHEAD_MS, in ns: this process stands for another host whose clock is ahead.
+/// ZLOAM_FAULT_CLOCK_AHEAD_MS, in ns: simulates another host whose clock is ahead.
 std::int64_t clock_fault_ns();
 
 }  // namespace zloam::runtime

@@ -1,6 +1,6 @@
 #pragma once
-// Pacing of a replay (docs/protocol.md, section 4): the sinks say how far they have come, the
-// driver keeps at most a window of sweeps under way and publishes again what seems lost.
+// Pacing of a replay (docs/protocol.md, section 4): the sinks report their progress; the driver
+// keeps at most a window of sweeps in flight and publishes again what seems lost.
 
 #include <cstdint>
 #include <string>
@@ -11,8 +11,8 @@ namespace zloam::runtime {
 class FlowAck {
  public:
   virtual ~FlowAck() = default;
-  /// Every sweep below the number is finished here, whatever came of it. Publishes; a number that
-  /// is not greater than the last of the run is ignored.
+  /// Reports every sweep below the number as finished here, whatever its result. Publishes; a
+  /// number that is not greater than the last of the run is ignored.
   virtual void done_below(std::uint64_t run, std::uint64_t sweep) = 0;
 };
 
@@ -28,14 +28,14 @@ class FlowWindow {
   /// that is a function of the capture's bytes, e.g. SHA-256 in hex.
   virtual void start_replay(const std::string& capture_hash) = 0;
 
-  /// Whether the run has its name and its first sweep may go. Says every 2 s what it waits for.
+  /// Whether the run is named and its first sweep may be sent. Logs every 2 s what it waits for.
   virtual bool begun() const = 0;
   virtual std::uint64_t run() const = 0;
   virtual bool replay() const = 0;
-  /// First sweep that is not finished everywhere: 0 for a new run, more when the driver was
-  /// restarted within a run; what lies below need not be published.
+  /// First sweep that is not finished everywhere: 0 for a new run, greater if the driver was
+  /// restarted within a run; lower sweeps need not be published.
   virtual std::uint64_t resume_at() const = 0;
-  /// Whether this sweep may be published now. Live: always. The worker is woken when that changes.
+  /// Whether this sweep may be published now. Live: always. A change wakes the worker.
   virtual bool may_send(std::uint64_t sweep) const = 0;
   /// All sinks have finished every sweep up to the last one published with end_of_run. A driver
   /// that finds resume_at() beyond its last sweep has nothing to publish and is finished without

@@ -24,7 +24,7 @@ class FlowAckCore final : public FlowAck {
   FlowAckCore(const Keys& keys, std::string sink, std::string instance, zenoh::Session& session,
               std::shared_ptr<const std::atomic<bool>> muted);
   void done_below(std::uint64_t run, std::uint64_t sweep) override;
-  /// The last acknowledgement again, if it is of that run: the other side may lack it.
+  /// Repeats the last acknowledgement if it is of that run: the driver may lack it.
   void publish_again(std::uint64_t run);
 
  private:
@@ -67,7 +67,7 @@ class FlowWindowCore final : public FlowWindow {
   bool finished() const override;
   std::uint64_t done_below() const override;
 
-  /// From the worker, often.
+  /// To be called often by the worker.
   void tick();
   std::optional<std::int64_t> deadline() const;
 
@@ -75,7 +75,7 @@ class FlowWindowCore final : public FlowWindow {
   enum class Phase { kIdle, kStages, kConfigs, kAcks, kOpen };
 
   void on_ack(const zenoh::Sample& sample);
-  /// Says whose the run is, while this driver is the one that publishes.
+  /// Declares the run's owner, while this driver is the one that publishes.
   void declare_run();
   void set_run(std::uint64_t run);
   void tick_stages(std::int64_t now);
@@ -102,7 +102,7 @@ class FlowWindowCore final : public FlowWindow {
   std::int64_t next_try_ = 0;
   std::int64_t next_word_ = 0;
   mutable std::mutex mutex_;
-  /// run_ is known, and the sinks' words of it count
+  /// run_ is known, and acknowledgements for it count
   bool asked_ = false;
   /// sink -> (run, done_below), as last heard
   std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> acks_;
@@ -111,7 +111,7 @@ class FlowWindowCore final : public FlowWindow {
   std::int64_t again_at_ = 0;
   std::int64_t again_wait_ns_ = 0;
   std::optional<zenoh::LivelinessToken> run_token_;
-  // Last: its callbacks end before what they use goes.
+  // Last: its callbacks must end before the members they use are destroyed.
   std::vector<zenoh::Subscriber> subscribers_;
 };
 

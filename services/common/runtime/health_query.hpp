@@ -1,6 +1,6 @@
 #pragma once
-// Asks a running stage on this host how it is, as any client would: what a container's healthcheck
-// or a supervisor calls.
+// Asks a running stage on this host for its health, as any client would: for a container's
+// healthcheck or a supervisor.
 
 #include <string>
 
@@ -15,8 +15,8 @@ struct HealthAnswer {
   std::string text;
 };
 
-/// Connects to the stage's own listen endpoint as a client and reads its status. `instance` narrows
-/// it to one of several on this host; empty: the first of this host that answers. Never throws.
+/// Connects to the stage's own listen endpoint as a client and reads its status. `instance` selects
+/// one of several on this host; empty: the first on this host that answers. Never throws.
 HealthAnswer ask_health(const SharedConfig& shared, const std::string& stage,
                         const std::string& host, const std::string& instance);
 

@@ -1,6 +1,6 @@
 #pragma once
-// Tells others what this host's clock shows, and asks those hosts that messages come from: a
-// latency that begins on another host means nothing without it.
+// Answers requests for this host's time, and asks the hosts that messages come from: a latency that
+// starts on another host is meaningless without the clocks' offset.
 
 #include <cstdint>
 #include <map>
@@ -17,17 +17,17 @@
 
 namespace zloam::runtime {
 
-/// All of it from any thread.
+/// All functions may be called from any thread.
 class HostTimes {
  public:
   HostTimes(const Identity& identity, const Keys& keys, zenoh::Session& session);
 
-  /// From the last packet to now on this host, ms, corrected by the clocks' offset; none while that
-  /// is not known to 5 ms. The host that took the packet is asked from now on.
+  /// From the last packet to now on this host, ms, corrected by the clocks' offset; nothing while
+  /// that is not known to 5 ms. From this call on, the host that received the packet is asked.
   std::optional<double> since_last_packet_ms(const msg::Header& header, std::int64_t now_ns);
   /// Once a second; does not wait.
   void ask();
-  /// host -> its clock beside this one's, of those that have answered and don't share this clock
+  /// host -> offset of its clock, for hosts that have answered and do not share this clock
   std::map<std::string, ClockOffset> offsets() const;
   std::uint64_t not_asked() const;
 
@@ -35,25 +35,25 @@ class HostTimes {
   struct Other {
     std::string stage, instance;
     HostClock clock;
-    /// the same kernel under another name: a container
+    /// the same kernel under another host name: a container
     bool same_clock = false;
   };
   struct Known {
     std::mutex mutex;
     std::map<std::string, Other> hosts;
-    /// messages of more hosts than are asked
+    /// messages from hosts beyond the maximum number of hosts asked
     std::uint64_t not_asked = 0;
   };
   void ask(const std::string& host, const std::string& key);
-  /// Of the clock of a stage's host beside this one's, as far as it is known.
+  /// Clock offset of a stage's host, as far as it is known.
   std::optional<ClockOffset> offset_of(const msg::TracePoint& stage);
 
   std::string host_;
-  /// what processes say that share this clock
+  /// an identifier shared by all processes that use this clock
   std::string boot_;
   Keys keys_;
   zenoh::Session& session_;
-  /// shared with answers under way
+  /// shared with pending answers
   std::shared_ptr<Known> known_ = std::make_shared<Known>();
   std::optional<zenoh::Queryable> queryable_;
 };

@@ -1,6 +1,6 @@
 #pragma once
-// One input key: a callback that only queues, and a worker's side that verifies, drops second
-// copies, puts sweeps in order and asks for what is missing (docs/protocol.md, sections 1 to 3).
+// One input key: a callback that only queues, and a worker's side that verifies, drops duplicates,
+// orders sweeps and requests missing ones (docs/protocol.md, sections 1 to 3).
 
 #include <chrono>
 #include <cstdint>
@@ -17,19 +17,19 @@
 
 namespace zloam::runtime {
 
-/// What became of a message that was handed to its handler. kHeld: not decided yet; it counts as
-/// queued until Inlet::settle().
+/// Result of a message that was passed to its handler. kHeld: not decided yet; it counts as queued
+/// until Inlet::settle().
 enum class Outcome : std::uint8_t { kProcessed, kNotMine, kFenced, kInvalid, kHeld };
 
 enum class Order : std::uint8_t {
-  /// ascending sweep, gaps waited for and asked for
+  /// ascending sweep, gaps waited for and requested
   kBySweep,
-  /// as they come; second copies dropped by (instance, seq)
+  /// by arrival; duplicates dropped by (instance, seq)
   kAsTheyCome,
 };
 
-/// Whether the publisher is one process whose seq tells which sweeps exist (it may leave some out),
-/// or every sweep must come, from whichever replica.
+/// Whether the publisher is one process whose seq defines which sweeps exist (it may skip some), or
+/// every sweep must arrive, from whichever replica.
 enum class SweepSet : std::uint8_t { kEvery, kPublisherDecides };
 
 struct Message;
@@ -37,27 +37,27 @@ struct Message;
 struct InletOptions {
   Order order = Order::kBySweep;
   SweepSet sweeps = SweepSet::kEvery;
-  /// kEvery: several replicas publish the sweeps, and none knows what the others still hold
+  /// kEvery: several replicas publish the sweeps, and none knows which sweeps the others still hold
   bool replicas = false;
-  /// what comes belongs to no run, whatever its header says: of another sensor's process
+  /// messages belong to no run, whatever their header says: they come from another sensor's process
   bool outside_runs = false;
   /// the last sweep of the run, once handled, ends the run for this stage
   bool ends_run = true;
   /// live: sweeps held before the oldest is dropped as queue_full; 0: recovery.queue_sweeps.
   /// kAsTheyCome: messages held.
   std::size_t newest = 0;
-  /// nothing is dropped for lack of room, live neither (poses, corrections, acknowledgements)
+  /// nothing is dropped for lack of room, not even live (poses, corrections, acknowledgements)
   bool lossless = false;
-  /// so many of the newest messages are kept and answered to get <key>?kept=1: for the publisher,
-  /// should it be killed and started again (recall.hpp). Copies: they hold no shared memory.
+  /// this many of the newest messages are kept and answered to get <key>?kept=1: for a publisher
+  /// that is killed and restarted (recall.hpp). Copies: they hold no shared memory.
   std::size_t keep = 0;
-  /// false: dropped as invalid before it counts for its sweep, which stays missing. Asked when the
-  /// message comes, and again for what waits when something has changed.
+  /// false: dropped as invalid before it counts for its sweep, which stays missing. Called on
+  /// arrival, and again for waiting messages after a change.
   std::function<bool(const Message&)> admit;
-  /// Live, once a message: why what it says can't be, beside what was accepted before; empty: it
-  /// can. Dropped as invalid before it counts for its sweep, and reported in health.
+  /// Live, once per message: why its content is implausible given the messages accepted before;
+  /// empty: plausible. Dropped as invalid before it counts for its sweep, and reported in health.
   std::function<std::string(const Message&)> implausible;
-  /// a sweep was given up here (queue_full, late or lost) and will not be handled: say so
+  /// a sweep was given up here (queue_full, late or lost) and will not be handled: report it
   /// downstream. In order with the handler's calls. reason: a Drop's name or "lost".
   std::function<void(std::uint64_t run, std::uint64_t sweep, std::string_view reason)> on_given_up;
 };
@@ -70,7 +70,7 @@ using HeaderFunction = const msg::Header* (*)(std::span<const std::uint8_t> byte
 struct Message {
   std::span<const std::uint8_t> bytes;
   const msg::Header* header = nullptr;
-  /// keeps the bytes: the transport's own, or an aligned copy
+  /// owns the bytes: the transport's own, or an aligned copy
   std::shared_ptr<const void> owner;
   std::int64_t received_ns = 0;
   std::int64_t started_ns = 0;
@@ -95,11 +95,11 @@ class Received {
   Message message_;
 };
 
-/// What an input in order of sweeps has of the current run.
+/// Progress of an input in order of sweeps within the current run.
 struct Arrivals {
-  /// one more than the highest sweep that has come
+  /// one more than the highest sweep received
   std::uint64_t received_below = 0;
-  /// below that and not yet come, ascending; of very many the lowest
+  /// lower sweeps not yet received, ascending; of very many only the lowest
   std::vector<std::uint64_t> missing;
 };
 
@@ -109,12 +109,12 @@ class Inlet {
   virtual ~Inlet() = default;
   virtual const std::string& key() const = 0;
   virtual Account account() const = 0;
-  /// Sweeps below are taken for handled: where a restored stage goes on. What came while it restored
-  /// itself is all handed out, live too. From a handler or before the start.
+  /// Treats lower sweeps as handled: where a restored stage continues. Everything that arrived
+  /// while it was restoring is handed out, also live. From a handler or before the start.
   virtual void continue_at(std::uint64_t run, std::uint64_t sweep) = 0;
   /// Worker only.
   virtual Arrivals arrivals() const = 0;
-  /// The end of a message whose handler said kHeld: work says what became of it. Worker only.
+  /// Finishes a message whose handler returned kHeld; work returns its outcome. Worker only.
   virtual void settle(Message message, const std::function<Outcome(const Message&)>& work) = 0;
 };
 

@@ -17,19 +17,19 @@
 
 namespace zloam::runtime {
 
-/// What an inlet tells its stage; all from the worker.
+/// Events that an inlet reports to its stage; all on the worker.
 class InletEvents {
  public:
   virtual ~InletEvents() = default;
-  /// A sweep has come for the first time.
+  /// A sweep has arrived for the first time.
   virtual void saw(std::uint64_t run, std::uint64_t sweep) = 0;
-  /// False: the message belongs to another run than the one that is followed.
+  /// False: the message belongs to a run that is not followed.
   virtual bool follows(const Message& message) = 0;
-  /// False: its run was left while it waited.
+  /// False: its run was left while the message waited.
   virtual bool before_message(const Message& message) = 0;
-  /// started_ns 0: nobody worked on it here.
+  /// started_ns 0: it was not processed here.
   virtual void after_message(const Message& message, bool ends_run) = 0;
-  /// A second copy of a sweep in replay: someone downstream may lack what came of it.
+  /// A duplicate of a sweep in replay: a stage downstream may lack its result.
   virtual void second_copy(std::uint64_t run, std::uint64_t sweep) = 0;
   virtual void overdue(const std::string& key, std::uint64_t sweep) = 0;
   virtual void handler_threw(const std::string& key, std::uint64_t sweep,
@@ -46,7 +46,7 @@ struct InletSetup {
   VerifyFunction verify = nullptr;
   HeaderFunction header = nullptr;
   std::function<Outcome(const Message&)> handler;
-  /// of an instance that goes on in another's place
+  /// for an instance that takes over from another
   bool joins_at_once = false;
   /// drops every k-th received message before it is counted, to prove recovery; 0: off
   std::uint64_t fault_every = 0;
@@ -58,36 +58,36 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
 
   const std::string& key() const override { return setup_.key; }
   Account account() const override;
-  /// For a snapshot of several: the caller holds Shared::mutex.
+  /// For a snapshot of several inlets: the caller holds Shared::mutex.
   Account account_locked() const { return account_; }
-  /// Each sweep of a run has one.
+  /// There is one message for each sweep of a run.
   bool of_each_sweep() const {
     return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
   }
-  /// Readings: small, and many to a sweep.
+  /// Readings: small, and many per sweep.
   bool is_of_no_sweep() const { return setup_.options.order == Order::kAsTheyCome; }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;
 
-  /// Any thread: get <key>?kept=1, or by number, as the publisher answers it.
+  /// Any thread: answers get <key>?kept=1, or by number, as the publisher would.
   void answer_kept(zenoh::Query& query) const;
-  /// Any thread: queues, counts, rings.
+  /// Any thread: queues, counts, wakes the worker.
   void on_sample(zenoh::Sample sample, bool recovered);
 
   // The worker's side.
-  /// Everything queued is verified and put in order.
+  /// Verifies everything queued and puts it in order.
   void drain();
-  /// Handles at most one message; whether there was one.
+  /// Handles at most one message; true if there was one.
   bool work();
-  /// While another instance works: what has come is that one's. Whatever comes first afterwards
-  /// begins the order again, as in a new instance.
+  /// While another instance works: discards the messages, which that instance handles. The first
+  /// message afterwards starts the order again, as in a new instance.
   void put_aside();
-  /// What waits is dropped where it is not admitted any more.
+  /// Drops waiting messages that are no longer admitted.
   void check_again();
-  /// Asks the publisher for what is missing.
+  /// Requests missing messages from the publisher.
   void recover(zenoh::Session& session);
-  /// Monotonic ns at which there is something to do without a new message.
+  /// Monotonic ns at which there is work even without a new message.
   std::optional<std::int64_t> deadline() const;
 
  private:
@@ -108,7 +108,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void note_given_up();
   void keep(const Message& message, const zenoh::AlignedBytes& bytes, const std::string& encoding);
   void note_seen(bool recovered);
-  /// The text behind '?' of what to ask for now; empty: nothing.
+  /// The text behind '?' of the next request; empty: none.
   std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);
   void handle(Message message);
   void count_outcome(Outcome outcome);
@@ -128,14 +128,14 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
     std::size_t messages;
   };
   std::deque<Answered> answered_;
-  // The worker's own.
+  // Used by the worker only.
   Sequencer sequencer_;
   SeenNumbers seen_;
   TermFence fence_;
   std::deque<Message> arrivals_;
   MessageCache kept_;
   std::uint64_t complaints_ = 0;
-  /// since the last drain() a restored stage has said where it goes on
+  /// a restored stage has called continue_at() since the last drain()
   bool goes_on_ = false;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// What is wrong with a stage's inputs, by their accounts: one that has gone silent, one whose
-// messages are refused. Looked at every second; a reason is gone soon after its cause.
+// Finds faults of a stage's inputs by their accounts: an input that has gone silent, or whose
+// messages are refused. Checked every second; a reason is withdrawn soon after its cause ends.
 
 #include <cstdint>
 #include <map>
@@ -15,10 +15,10 @@ class InputWatch {
  public:
   struct Input {
     Account account;
-    /// of each sweep of a live run that goes on: it must keep coming
+    /// one message per sweep of a live run that continues: messages must keep arriving
     bool expected = false;
   };
-  /// By topic, as for Stage::degraded(); an empty reason: over.
+  /// By topic, as for Stage::degraded(); an empty reason: the fault is over.
   std::map<std::string, std::string> look(const std::vector<Input>& inputs, std::int64_t now_ns);
 
  private:

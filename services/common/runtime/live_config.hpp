@@ -1,14 +1,14 @@
 #pragma once
 // Changes of configuration while running (docs/protocol.md, section 13), the runtime's side:
-// answers command/<stage>/set, publishes config/<stage>, and knows of every stage which revision is
-// in force at which sweep. Every process keeps the revisions of all stages and answers gets of
-// config/*, so that a stage that was killed finds its own with any of the others. A change is
+// answers command/<stage>/set, publishes config/<stage>, and knows for every stage which revision
+// is in force at which sweep. Every process keeps the revisions of all stages and answers gets of
+// config/*, so that a restarted stage finds its own revisions in any other process. A change is
 // answered when another process keeps it too, or with a warning that none does.
 //
-// What is put under config/<stage> is a hint and no more: whoever hears it asks, and what those
-// answer who keep the revisions is what counts. So a stranger's put changes nothing.
+// A put under config/<stage> is only a hint: its receiver asks, and the answers of the processes
+// that keep the revisions count. So a put by an unknown sender changes nothing.
 //
-// Everything from the worker, but for what says otherwise.
+// Everything is called from the worker unless stated otherwise.
 
 #include <atomic>
 #include <cstdint>
@@ -34,54 +34,54 @@ namespace zloam::runtime {
 
 struct LiveConfigSetup {
   Identity identity;
-  /// sweeps under way at most: twice as many ahead, every instance has heard of a change in time
+  /// sweeps in flight at most: twice as many ahead, every instance receives a change in time
   int window = 8;
   /// null: nothing can be changed
   Parameters* parameters = nullptr;
   /// of the first run, from the command line
   std::vector<Revision> presets;
-  /// to test what happens where instances disagree: others' revisions of this stage are not heard
-  /// before so many sweeps after their first one
+  /// for tests of instances that disagree: revisions of this stage from others are ignored until
+  /// this many sweeps after their first one
   std::uint64_t deaf_sweeps = 0;
   /// another instance answers
   std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
 };
 
-/// What the instance says of its configuration.
+/// The configuration that the instance reports.
 struct EffectiveValues {
   std::uint32_t rev = 0;
   std::string values_json = "{}";
-  /// what names a replay: as it is at the run's first sweep, so that a driver that is restarted in
-  /// the middle finds the same name
+  /// the part that names a replay, as of the run's first sweep, so that a driver restarted in the
+  /// middle computes the same name
   std::string result_json = "{}";
 };
 
 class LiveConfig {
  public:
-  /// post: has the worker do it.
+  /// post: runs a task on the worker.
   LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Keys& keys,
              zenoh::Session& session, std::shared_ptr<Shared> bell,
              std::function<void(std::function<void()>)> post);
 
-  /// Asks the others what they know before it returns.
+  /// Asks the others for their revisions before it returns.
   void begin_run(std::uint64_t run);
   void end_run();
   void saw(std::uint64_t run, std::uint64_t sweep);
-  /// Asks when something new may be there, takes the answers.
+  /// Asks when something new may exist, and takes the answers.
   void tick();
-  /// Monotonic ns at which there is something to do.
+  /// Monotonic ns of the next work.
   std::optional<std::int64_t> deadline() const;
 
   bool configure_for(std::uint64_t run, std::uint64_t sweep);
   std::uint32_t rev_at(std::uint64_t run, std::uint64_t sweep) const;
   bool agrees(std::string_view stage, const msg::Header& header);
-  /// The settings "key=value" as a revision to come.
+  /// Turns the settings "key=value" into a coming revision.
   CommandReply set(const std::vector<std::string>& settings);
 
   void answer_set_if(std::function<bool(std::uint64_t run)> mine) { mine_ = std::move(mine); }
-  /// A revision has come, of any stage.
+  /// Called for a new revision of any stage.
   void on_revision(std::function<void(const Revision&)> task) { on_revision_ = std::move(task); }
-  /// One of this stage has come when sweeps from its first one on were worked on already.
+  /// Called for a revision of this stage whose first sweeps were already processed.
   void on_late(std::function<void(const Revision&)> task) { on_late_ = std::move(task); }
 
   /// Any thread.
@@ -96,7 +96,7 @@ class LiveConfig {
   void keep(const Revision& revision);
   void publish(const Revision& revision);
   void remind(std::string_view stage);
-  /// A stage that dies on a revision is not given it again.
+  /// A stage that dies on a revision does not get it again.
   void hear_token(const std::string& key, bool there);
   void withdraw(const std::string& stage, std::uint32_t rev);
   void answer_set(const std::shared_ptr<zenoh::Query>& query);
@@ -110,7 +110,7 @@ class LiveConfig {
   Revision next(const std::string& changed_json) const;
   const RevisionSchedule& own() const { return schedules_.at(setup_.identity.stage); }
 
-  /// A change that was made, and is answered when another process keeps it.
+  /// A change that was made; it is answered when another process keeps it.
   struct Unconfirmed {
     std::shared_ptr<zenoh::Query> query;
     CommandReply reply;
@@ -125,7 +125,7 @@ class LiveConfig {
   std::function<void(std::function<void()>)> post_;
   std::function<bool(std::uint64_t)> mine_;
   std::function<void(const Revision&)> on_revision_, on_late_;
-  /// of the live parameters, as the stage was started
+  /// values of the live parameters at the start of the stage
   std::string base_json_ = "{}";
   std::string presets_text_;
   std::map<std::string, RevisionSchedule, std::less<>> schedules_;
@@ -138,7 +138,7 @@ class LiveConfig {
   std::vector<Unconfirmed> unconfirmed_;
   AsyncGet confirming_;
   std::int64_t next_confirm_ns_ = 0;
-  /// somebody has said that there is something new; any thread
+  /// a put announced something new; any thread
   std::atomic<bool> hinted_{false};
   bool to_ask_ = false;
   std::int64_t next_ask_ns_ = 0;
@@ -147,13 +147,13 @@ class LiveConfig {
   EffectiveValues effective_;
   /// (stage, rev) -> message
   std::map<std::pair<std::string, std::uint32_t>, zenoh::Bytes> kept_;
-  // Last: their callbacks end before what they use goes.
+  // Last: their callbacks must end before the members they use are destroyed.
   std::optional<zenoh::Subscriber> subscriber_, tokens_;
   std::vector<zenoh::Queryable> queryables_;
 };
 
-/// "30:key=value" texts as revisions of the stage, from 1; keys in foreign sections are passed
-/// over. Throws ConfigError.
+/// "30:key=value" texts as revisions of the stage, from 1; keys in foreign sections are skipped.
+/// Throws ConfigError.
 std::vector<Revision> presets_of(const std::vector<std::string>& texts, const std::string& stage,
                                  const std::vector<std::string>& foreign, Parameters& parameters);
 

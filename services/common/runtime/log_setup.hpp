@@ -1,5 +1,5 @@
 #pragma once
-// Once a process, before the first line that matters.
+// Called once per process, before the first line that matters.
 
 #include <string>
 

@@ -1,7 +1,7 @@
 #pragma once
-// Zenoh locks every pool of shared memory that a process makes or reads into memory. Where the
-// limit is reached, a reader can't open a publisher's pool, and loses each message in it without a
-// word.
+// Zenoh locks into memory every shared-memory pool that a process creates or reads. When the limit
+// is reached, a reader can't open a publisher's pool and loses each message in it without any
+// error.
 
 #include <cstdint>
 #include <limits>
@@ -20,11 +20,11 @@ std::uint64_t lockable_bytes(std::string_view process_status, std::uint64_t limi
 /// Whether a stage can lock its own pool and those of all stages that it may read from.
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib);
 
-/// Where shared memory lies.
+/// Folder of the shared memory.
 inline constexpr const char* kSharedMemoryFolder = "/dev/shm";
 
-/// Why the pools have no place there: it is not there, may not be written, or is too small for all
-/// stages' pools or too full for this one's. Empty: they have.
+/// Why the folder can't hold the pools: it is missing or not writable, too small for all stages'
+/// pools, or too full for this one's. Empty: it can.
 std::string no_place_for_pools(const std::string& folder, int pool_mib);
 
 }  // namespace zloam::runtime

@@ -1,6 +1,6 @@
 #pragma once
-// Samples of a key: held until they are taken, and subscribed to only while somebody wants them:
-// what the stages compute for readers alone is then not computed.
+// Samples of a key, held until they are taken. It is subscribed to only while they are wanted:
+// stages then skip the work for data that has no readers.
 
 #include <deque>
 #include <functional>
@@ -14,7 +14,7 @@
 
 namespace zloam::runtime {
 
-/// Of the newest samples, from Zenoh's threads to the worker.
+/// Passes the newest samples from Zenoh's threads to the worker.
 class Mailbox {
  public:
   explicit Mailbox(std::size_t newest) : newest_(newest) {}
@@ -44,7 +44,7 @@ class Mailbox {
 
 class OnDemand {
  public:
-  /// `newest`: so many samples are held until they are taken.
+  /// `newest`: number of samples held until they are taken.
   OnDemand(zenoh::Session& session, std::string key, std::size_t newest)
       : session_(session), key_(std::move(key)), box_(newest) {}
 

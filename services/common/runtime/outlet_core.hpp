@@ -22,13 +22,13 @@ struct OutletSetup {
   Key row = Key::kSweep;
   std::string key;
   std::string robot, sensor, stage, instance, host;
-  /// what is published again goes in slices of so many bytes, past the shared memory
+  /// messages published again are sent in slices of this many bytes, not through shared memory
   std::size_t unshared_part = 3071;
   std::size_t keep_messages = 64;
   std::size_t keep_bytes = std::size_t{256} << 20;
-  /// revision of the configuration with which a sweep is worked on
+  /// revision of the configuration with which a sweep is processed
   std::function<std::uint32_t(std::uint64_t run, std::uint64_t sweep)> config_rev;
-  /// this instance's, of a stage that there is once; null: the cause's
+  /// this instance's term, for a stage that exists once; null: the cause's
   std::function<std::uint32_t()> term;
   /// true: another instance publishes, and nothing leaves here
   std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
@@ -45,12 +45,12 @@ class MessageCache {
     bool replay;
   };
   void put(Entry entry);
-  /// The newest of that sweep.
+  /// The newest message of that sweep.
   std::optional<Entry> find(std::uint64_t run, std::uint64_t sweep) const;
-  /// What a selector's parameters ask for: run=R;sweep=a..b or seq=a..b (a single number too), in
-  /// ascending order; nothing for text that is neither.
+  /// The messages selected by run=R;sweep=a..b or seq=a..b (also a single number), ascending;
+  /// nothing for any other text.
   std::vector<Entry> select(std::string_view parameters) const;
-  /// In the order in which they came.
+  /// In order of arrival.
   std::vector<Entry> all() const;
   std::size_t size() const;
 
@@ -71,7 +71,7 @@ class OutletCore final : public Outlet {
   HeaderFields header(std::int64_t received_ns, std::int64_t started_ns) override;
   void publish(const HeaderFields& header, Buffer message) override;
   void publish_at(const std::string& key, const HeaderFields& header, Buffer message) override;
-  /// Goes on answering by number though another instance publishes: which one is going to ask.
+  /// Answers by number although another instance publishes: that instance is going to ask.
   void answer_in_silence() { answers_in_silence_ = true; }
   bool publish_again(std::uint64_t run, std::uint64_t sweep) override;
   std::uint64_t published() const override { return published_.load(); }
@@ -104,7 +104,7 @@ class OutletCore final : public Outlet {
   std::optional<zenoh::Publisher> live_;
   // Declared when a replay is seen: congestion control belongs to a publisher.
   std::optional<zenoh::Publisher> replay_;
-  // Last, so that its callbacks end before what they use goes.
+  // Last: its callbacks must end before the members they use are destroyed.
   std::optional<zenoh::Queryable> queryable_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// A stage's files in its output folder: each run has its own, nothing that was written is replaced
-// by less, and what others put there is never touched. A list in the folder says what is whose.
+// A stage's files in its output folder: each run has its own, no file is replaced by one with less
+// data, and files of others are never touched. A list in the folder records the owners.
 
 #include <cstdint>
 #include <map>
@@ -12,7 +12,7 @@ namespace zloam::runtime {
 
 class OutputFiles {
  public:
-  /// Of what the files are.
+  /// The run that the files belong to.
   struct Run {
     std::uint64_t id = 0;
     bool replay = false;
@@ -20,26 +20,26 @@ class OutputFiles {
     std::uint64_t count = 0;
   };
 
-  /// An empty folder: there is none, and nothing can be saved. `list`: name of the list's file.
+  /// Empty folder: nothing can be saved. `list`: name of the list's file.
   OutputFiles(std::string folder, std::string list);
 
   const std::string& folder() const { return folder_; }
 
-  /// What stands before the extension of a run's files: nothing for the first run, then _2, _3 ...
-  /// A replay replaces another replay's.
+  /// Suffix before the extension of a run's files: empty for the first run, then _2, _3 ... A
+  /// replay replaces the files of another replay.
   std::string suffix(const Run& run, const std::vector<std::string>& names) const;
-  /// Whole path of a file with the suffix.
+  /// Full path of a file with the suffix.
   std::string path(const std::string& name, const std::string& suffix = {}) const;
 
-  /// The file was written: it is this run's. A sentence on what failed, or empty.
+  /// Records a written file as this run's. Empty, or a sentence that says what failed.
   std::string made(const std::string& path, const Run& run);
 
   struct Place {
     std::string path;
-    /// why not; empty: it may be written
+    /// why it may not be written; empty: it may
     std::string error;
   };
-  /// Where a command may write: below the folder, through no symbolic link, over no file of others.
+  /// Where a command may write: below the folder, through no symbolic link, over no foreign file.
   Place place(const std::string& asked) const;
   /// The same for a file in a folder that place() gave.
   std::string in_the_way(const std::string& path) const;

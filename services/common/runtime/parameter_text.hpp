@@ -1,5 +1,5 @@
 #pragma once
-// Between the text of a configuration and values: what parameters of all types share.
+// Conversions between configuration text and values that parameters of all types share.
 
 #include <cstdint>
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace zloam::runtime {
 
-/// Type of a parameter whose value on the command line is any text, as it stands.
+/// Type of a parameter that takes any text on the command line, unchanged.
 inline constexpr const char* kTextType = "text";
 
 /// The range in words.
@@ -22,7 +22,7 @@ std::string set_integer(const std::string& text, Range range, std::int64_t* valu
 
 std::string join(const std::vector<std::string>& items);
 
-/// A value as an error shows it.
+/// A value as shown in an error.
 std::string shown(const RawValue& value);
 
 }  // namespace zloam::runtime

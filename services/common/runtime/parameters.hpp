@@ -106,8 +106,8 @@ class Parameters {
             const std::string& doc, Effect effect = Effect::kResult);
   Added add(const std::string& key, std::vector<std::string>* field, const std::string& doc,
             Effect effect = Effect::kResult);
-  /// A condition over several fields, checked after all values are set: returns what is wrong, or
-  /// an empty text. key names the field to blame.
+  /// A condition over several fields, checked after all values are set: returns the error, or an
+  /// empty text. key names the field to report.
   void check(const std::string& key, std::function<std::string()> condition);
 
   /// Reads the file, then the settings "key=value". Sections (first chunk of a key) named in
@@ -123,11 +123,11 @@ class Parameters {
   /// Checks and sets one value; returns the error, or an empty text.
   std::string set(const std::string& key, const RawValue& value);
 
-  /// What was changed while running becomes the value of every live parameter in the JSON object;
-  /// throws ConfigError for a value that load() would refuse.
+  /// Sets every live parameter in the JSON object, as changed while running; throws ConfigError for
+  /// a value that load() would refuse.
   void set_live(const std::string& values_json);
-  /// The settings "key=value" checked as load() does, only live keys allowed; the fields stay as
-  /// they are. Returns a JSON object of these keys with the values as they would be in force, or
+  /// Checks the settings "key=value" as load() does, only live keys allowed; the fields keep their
+  /// values. Returns a JSON object of these keys with the values as they would be in force, or
   /// throws ConfigError with all errors, one a line. place stands for the command in errors.
   std::string check_live(const std::vector<std::string>& settings, const std::string& place);
   /// A JSON object: the live parameters and their values in force.

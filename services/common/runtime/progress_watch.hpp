@@ -1,6 +1,6 @@
 #pragma once
-// Whether the instance that works does anything: what a standby looks at (docs/protocol.md, section
-// 6). Without clock or transport; any thread. Times are of any monotonic clock, ns.
+// Whether the active instance makes progress: watched by a standby (docs/protocol.md, section 6).
+// Without clock or transport; any thread. Times are of any monotonic clock, ns.
 
 #include <cstddef>
 #include <cstdint>
@@ -10,15 +10,15 @@ namespace zloam::runtime {
 
 class ProgressWatch {
  public:
-  /// stall_ns: what one sweep may take.
+  /// stall_ns: longest time for one sweep.
   explicit ProgressWatch(std::int64_t stall_ns) : stall_ns_(stall_ns) {}
 
-  /// Another instance works from now on: it is given time to take up what the one before knew.
+  /// Another instance is active from now on: it gets time to restore the state of the one before.
   void begin();
-  /// A sweep for it came, or something of it.
+  /// A sweep for it arrived, or an output of it.
   void input(std::int64_t now_ns);
   void output();
-  /// Sweeps come, and nothing has come of them for too long.
+  /// Sweeps arrive, and there has been no output for too long.
   bool stalls(std::int64_t now_ns) const;
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// What a sample of no declared input holds: of answers to gets, and of subscriptions by hand.
+// Reads samples that belong to no declared input: answers to gets, and manual subscriptions.
 
 #include "common/messages/keys.hpp"
 #include "common/messages/verify.hpp"
@@ -7,8 +7,8 @@
 
 namespace zloam::runtime {
 
-/// The message of a sample with what keeps its bytes; false: it is larger than any of its key, or
-/// not in order.
+/// The message of a sample, with its bytes; false: it is larger than any message of its key, or
+/// invalid.
 template <class T>
 class Read {
  public:

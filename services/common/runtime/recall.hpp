@@ -1,7 +1,7 @@
 #pragma once
-// What others keep of an instance that was killed, and what its inputs' publishers still have:
-// asked for when a run begins, by a stage that was started in the middle of it (docs/protocol.md,
-// section 7).
+// Recovers state in the middle of a run: what other processes keep of a killed instance, and what
+// its inputs' publishers still have. A restarted stage asks for it when a run begins
+// (docs/protocol.md, section 7).
 
 #include <chrono>
 #include <functional>
@@ -13,52 +13,52 @@
 
 namespace zloam::runtime {
 
-/// Of a selector's parameters: all that is kept by readers of the key (InletOptions::keep).
+/// Parameters of a selector: all messages that readers of the key keep (InletOptions::keep).
 inline constexpr std::string_view kKept = "kept=1";
-/// `last` of default: to the end.
+/// Default of `last`: to the end.
 std::string sweeps_from(std::uint64_t run, std::uint64_t first,
                         std::uint64_t last = std::uint64_t{1} << 62);
 
-/// At a car's speed a constant motion tells no more: after 1.9 s at 6 m/s the pose was metres off.
+/// Limit of constant-motion prediction at a car's speed: after 1.9 s at 6 m/s it was metres off.
 inline constexpr std::int64_t kLongestGap_ns = 1'000'000'000;
-/// So long after it is the place in the map still searched for near where the motion leads; a
-/// container that is started again takes a second or two.
+/// Up to this gap the pose in the map is still searched for near the predicted motion; a container
+/// takes a second or two to restart.
 inline constexpr std::int64_t kLongestSearch_ns = 3'000'000'000;
 
-/// The newest run goes on in this one, which the driver began anew: the sensor was not away for
-/// longer than its motion can be told over, or `longest_ns`. `instant_ns`: of the last pose before.
+/// Whether the newest run continues in this one, which a restarted driver began: the gap between
+/// them is shorter than `longest_ns`. `instant_ns`: of the last pose before.
 bool goes_on(const msg::Header& first, std::int64_t instant_ns,
              std::int64_t longest_ns = kLongestGap_ns);
 
-/// Waits, for the worker only, until the links are there over which a question reaches whoever may
-/// keep something: then one asking is enough, and where nothing is kept nothing is lost. False:
-/// they did not come.
+/// Waits (worker only) for the links to the processes that may keep something: then one
+/// request is enough, and if nothing is kept nothing is lost. False: the links did not come up
+/// in time.
 bool wait_for_links(const std::function<bool()>& there, std::chrono::milliseconds at_most);
 /// Whether an instance of the stage can be asked now.
 bool is_there(Stage& stage, std::string_view other_stage);
 
-/// What this stage did not do while it was away, as figures of its status and in the log.
+/// Sweeps that this stage missed while it was away, as figures of its status and in the log.
 struct Gap {
   /// sweeps of this run; last < first: none
   std::uint64_t first = 1, last = 0;
   std::int64_t ns = 0;
 
   bool empty() const { return last < first; }
-  /// Sweeps from one on, up to the one before another; false: there are none between them.
+  /// Adds the sweeps from `from` up to the one before `until`; false: there are none.
   bool add(std::uint64_t from, std::uint64_t until);
 };
 void report(Stage& stage, const Gap& gap);
 
-/// Asks and waits, for the worker only. What is no message in order is left out. A link that is not
-/// yet up looks like nobody who answers: `tries` askings, 200 ms apart, before nothing is taken for
-/// an answer. `quiet`: so long after some have come no more are waited for, where an instance that
-/// was overtaken is still there: it may hang, and say not even that it has nothing.
+/// Asks and waits (worker only). Invalid messages are ignored. A link that is not yet up looks like
+/// no answer: up to `tries` requests, 200 ms apart, before nothing is accepted as the answer.
+/// `quiet`: once some answers have come, wait this long for more if an overtaken instance is still
+/// there: it may hang and never end its answer.
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
                                      VerifyFunction verify, HeaderFunction header, int tries,
                                      std::chrono::milliseconds quiet);
-/// Of messages from memory, which come at once.
+/// For messages from memory, which arrive at once.
 inline constexpr std::chrono::milliseconds kQuietMemory{300};
-/// Of what may come from a disk.
+/// For messages that may come from a disk.
 inline constexpr std::chrono::milliseconds kQuietDisk{1500};
 
 /// Each (run, sweep) once, ascending.

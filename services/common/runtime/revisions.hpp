@@ -1,7 +1,7 @@
 #pragma once
 // Which revision of a stage's configuration is in force at which sweep (docs/protocol.md, section
-// 13). Without clock, threads or transport: every instance that knows the same revisions and runs
-// says the same.
+// 13). Without clock, threads or transport: all instances that know the same revisions and runs
+// give the same result.
 
 #include <cstdint>
 #include <set>
@@ -17,20 +17,20 @@ using Revision = ConfigRevisionFields;
 
 class RevisionSchedule {
  public:
-  /// A run begins: what was changed in other runs before is in force in the whole of it, what was
-  /// said of no run belongs to it.
+  /// A run begins: changes made in earlier runs are in force in all of it; changes made outside a
+  /// run belong to it.
   void begin_run(std::uint64_t run);
 
-  /// False: known already. Of two that two instances issued under one number the one of the
-  /// greater instance counts, everywhere.
+  /// False: known already. If two instances issued the same number, the revision of the greater
+  /// instance counts, everywhere.
   bool add(Revision revision);
-  /// It never was, and is not added again.
+  /// Removes the revision as if it never existed; it is not added again.
   void withdraw(std::uint32_t rev);
 
-  /// Null: as the stage was started.
+  /// Null: the configuration at the stage's start.
   const Revision* in_force(std::uint64_t run, std::uint64_t sweep) const;
   std::uint32_t rev_at(std::uint64_t run, std::uint64_t sweep) const;
-  /// The one with the greatest number, in force or to come.
+  /// The revision with the greatest number, in force or to come.
   const Revision* newest() const;
   /// Ascending.
   const std::vector<Revision>& all() const { return revisions_; }
@@ -39,7 +39,7 @@ class RevisionSchedule {
   bool applies(const Revision& revision, std::uint64_t run, std::uint64_t sweep) const;
 
   std::vector<Revision> revisions_;
-  /// (rev, by, at_ns): an instance that was started again, under its name too, may issue the number
+  /// (rev, by, at_ns): a restarted instance, even with the same name, may issue the number again
   std::set<std::tuple<std::uint32_t, std::string, std::int64_t>> withdrawn_;
   /// 0: none yet
   std::uint64_t run_ = 0;

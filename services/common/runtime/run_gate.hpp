@@ -2,12 +2,12 @@
 // Which run a stage follows (docs/protocol.md, section 15). A run belongs to a driver, whose
 // liveliness token names it. Without clock or transport; any thread.
 //
-// One principle: who is there and was heard lately is believed, whatever others say. The followed
-// run is left only for one that can prove more, and never for good:
+// Principle: a driver that is present and was received lately is trusted, whatever others send.
+// The followed run is left only for one with better evidence, and never for good:
 //  - its own token is gone, and the other's is there;
 //  - no driver has declared a token (a recording, a third party's driver), and the followed run has
-//    been silent for kRunSilence_ns; where it had a token that has gone, for kGoneSilence_ns: a
-//    driver that was started again may be heard through others before its own link is up.
+//    been silent for kRunSilence_ns; if it had a token that is gone, for kGoneSilence_ns: messages
+//    of a restarted driver may arrive through others before its own link is up.
 // Times are of any monotonic clock, ns.
 
 #include <cstdint>
@@ -24,10 +24,10 @@ inline constexpr std::int64_t kGoneSilence_ns = 200'000'000;
 
 class RunGate {
  public:
-  /// A driver's token, by its key, appeared or went.
+  /// The token of a driver, by its key, appeared or disappeared.
   void token(const std::string& key, std::uint64_t run, bool there);
 
-  /// Whether a message of the run is taken; may change which run is followed. Whether a run is a
+  /// Whether a message of the run is accepted; may change the followed run. Whether a run is a
   /// replay is fixed at its first message.
   bool admit(std::uint64_t run, bool replay, std::int64_t now_ns);
   bool follows(std::uint64_t run) const;

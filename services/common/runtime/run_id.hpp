@@ -1,6 +1,6 @@
 #pragma once
-// Identity of a replay: a function of the capture and of everything configured that can change a
-// result (docs/protocol.md, section 1).
+// Identity of a replay: a function of the capture and of all configuration that can change a result
+// (docs/protocol.md, section 1).
 
 #include <cstdint>
 #include <map>

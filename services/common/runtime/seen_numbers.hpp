@@ -1,12 +1,12 @@
 #pragma once
-// The messages of one input key without sweeps, without clock, threads or transport: second copies
-// by (publisher's instance, seq), and which numbers to ask for (docs/protocol.md, section 3).
-// Messages are taken as they come. What a publisher sent before its first message was heard is not
-// missed.
+// The messages of one input key without sweeps, without clock, threads or transport: duplicates by
+// (publisher's instance, seq), and the numbers to request (docs/protocol.md, section 3). Messages
+// are accepted in order of arrival. Messages that a publisher sent before its first received
+// message are not missed.
 //
-// A number far from the others is refused until the next one in order follows it (as RFC 3550,
-// appendix A.1, has it for restarted sources): one forged number makes no true ones old. What is
-// remembered has a bound: the newest publishers, and of each the newest numbers.
+// A number far from the others is refused until the next one in order follows it (as in RFC 3550,
+// appendix A.1, for restarted sources): one forged number can't make true ones look old. The memory
+// is bounded: the newest publishers, and of each the newest numbers.
 //
 // Times are of any monotonic clock, ns.
 
@@ -24,7 +24,7 @@ class SeenNumbers {
  public:
   explicit SeenNumbers(const SequencerLimits& limits = {}) : limits_(limits) {}
 
-  /// Nothing: a new one; else kDuplicate, or kInvalid for a number out of reach. replay: missing
+  /// Nothing: a new number; else kDuplicate, or kInvalid for a number out of reach. replay: missing
   /// numbers are never given up.
   std::optional<Drop> add(const std::string& instance, std::uint64_t seq, bool replay,
                           std::int64_t now_ns);
@@ -32,16 +32,16 @@ class SeenNumbers {
   struct Request {
     std::uint64_t first, last;
   };
-  /// What to ask for now; doubles its patience with each call that returns something. Live, what
-  /// has been missing for too long is given up here.
+  /// The next request; doubles its waiting time with each call that returns something. Live,
+  /// numbers missing for too long are given up here.
   std::optional<Request> request(std::int64_t now_ns);
 
   /// Numbers that were given up.
   std::uint64_t lost() const { return lost_; }
-  /// Publishers whose numbers are not remembered any more.
+  /// Publishers whose numbers are no longer remembered.
   std::uint64_t forgotten() const { return forgotten_; }
   std::size_t publishers() const { return publishers_.size(); }
-  /// When something is to be done though nothing arrives.
+  /// Time of the next work if nothing arrives.
   std::optional<std::int64_t> deadline() const;
   /// Replay: the number that has been missing for longer than the limit.
   std::optional<std::uint64_t> overdue(std::int64_t now_ns) const;
@@ -51,7 +51,7 @@ class SeenNumbers {
     /// every number below is seen or given up
     std::uint64_t below = 0;
     std::set<std::uint64_t> above;
-    /// after a number out of reach: what would follow it
+    /// after a number out of reach: the number that would follow it
     std::optional<std::uint64_t> far_next;
     std::uint64_t heard = 0;
   };

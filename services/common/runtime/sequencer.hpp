@@ -1,11 +1,11 @@
 #pragma once
-// The order of one input key, without clock, threads or transport: which messages are second
-// copies, which sweep is next, what to ask for and when to give up (docs/protocol.md, sections 1, 3
-// and 4).
+// The order of one input key, without clock, threads or transport: which messages are duplicates,
+// which sweep is next, what to request and when to give up (docs/protocol.md, sections 1, 3 and
+// 4).
 //
-// Sweeps leave in ascending order within a run. Which run is followed is decided before
-// (run_gate.hpp): here another one is the next, once this one has come out. Numbers far ahead of
-// what can have happened are refused. Times are of any monotonic clock, ns.
+// Sweeps leave in ascending order within a run. The followed run is decided before (run_gate.hpp):
+// here another run follows once the present one has been handed out. Numbers further ahead than
+// possible are refused. Times are of any monotonic clock, ns.
 
 #include <cstdint>
 #include <functional>
@@ -23,7 +23,7 @@ namespace zloam::runtime {
 
 struct SequencerLimits {
   SweepSet sweeps = SweepSet::kEvery;
-  /// what one publisher answers says nothing of what the others hold
+  /// the answer of one publisher says nothing about the sweeps that the others hold
   bool replicas = false;
   std::int64_t gap_live_ns = 30'000'000;
   std::int64_t gap_replay_ns = 200'000'000;
@@ -38,7 +38,7 @@ class Sequencer {
  public:
   explicit Sequencer(const SequencerLimits& limits) : limits_(limits) {}
 
-  /// Takes the message, or says why not. kQueueFull never comes back here: see given_up().
+  /// Takes the message, or returns why not. kQueueFull is never returned here: see given_up().
   std::optional<Drop> add(Message message, std::int64_t now_ns);
 
   /// The next message in order, if it is there or its gap was given up.
@@ -47,9 +47,9 @@ class Sequencer {
   struct Request {
     std::uint64_t run, first, last;
   };
-  /// What to ask for now; doubles its patience with each call that returns something.
+  /// The next request; doubles its waiting time with each call that returns something.
   std::optional<Request> request(std::int64_t now_ns);
-  /// A request was answered to its end with so many messages.
+  /// A request was answered to its end with this many messages.
   void answered(const Request& request, std::size_t messages);
 
   struct GivenUp {
@@ -57,27 +57,27 @@ class Sequencer {
     /// nothing: never received
     std::optional<Drop> drop;
   };
-  /// Sweeps that will not come out, in order, since the last call.
+  /// Sweeps that will not be handed out, in order, since the last call.
   std::vector<GivenUp> given_up();
 
-  /// When something is to be done though nothing arrives.
+  /// Time of the next work if nothing arrives.
   std::optional<std::int64_t> deadline() const;
   /// Replay: the sweep that has been missing for longer than the limit.
   std::optional<std::uint64_t> overdue(std::int64_t now_ns) const;
 
-  /// Messages that wait and are not to be taken after all: their sweeps are missing again.
+  /// Removes waiting messages that are not to be handled: their sweeps are missing again.
   void remove_if(const std::function<bool(const Message&)>& unfit, std::int64_t now_ns);
 
-  /// Sweeps below are taken for handled.
+  /// Treats lower sweeps as handled.
   void continue_at(std::uint64_t run, std::uint64_t sweep);
-  /// Live: so many more may wait than `newest` says. They came while their reader restored its
-  /// state, which is no sign that it is too slow. The room goes as they come out.
+  /// Live: this many more may wait than `newest`. They arrived while their reader was restoring its
+  /// state, not because it is too slow. The room shrinks as they are handed out.
   void make_room(std::size_t waiting) { room_ = held_.size() + waiting; }
-  /// Before the start, of an instance that goes on in another's place: a replay's first message comes
-  /// out at once, whatever its number, so that its stage learns by what others keep where to go on.
+  /// Before the start, for an instance that takes over: a replay's first message is handed out at
+  /// once, whatever its number, so that the stage learns from others' copies where to continue.
   void join_at_once() { joins_at_once_ = true; }
-  /// Whether a message that has come out is not the next one after all, by what was learnt from it:
-  /// then it was taken back. Where nothing was learnt the run is joined as by anybody else.
+  /// Whether a message that was handed out turns out not to be the next one: then it was taken
+  /// back. If nothing was learned from it, the run is joined as by any other instance.
   bool takes_back(Message& message, std::int64_t now_ns);
   std::size_t held() const { return held_.size() + future_.size(); }
   std::uint64_t next_sweep() const { return next_; }
@@ -105,9 +105,9 @@ class Sequencer {
   bool running_ = false;
   std::uint64_t run_ = 0;
   bool replay_ = false;
-  /// replay_ is of this run; not so after continue_at()
+  /// replay_ is of this run; false after continue_at()
   bool replay_known_ = false;
-  /// replay: nothing has come out of this run yet, and its start may not exist any more
+  /// replay: nothing of this run was handed out yet, and its start may no longer exist
   bool joining_ = false;
   bool joins_at_once_ = false;
   bool continued_ = false;
@@ -115,12 +115,12 @@ class Sequencer {
   std::map<std::uint64_t, Message> held_;
   /// held beside limits_.newest
   std::size_t room_ = 0;
-  /// messages of a newer run, kept until the current one has come out
+  /// messages of a newer run, kept until the current one has been handed out
   std::vector<Message> future_;
   /// sweeps given up, so that a later arrival is late and not a duplicate
   std::set<std::uint64_t> given_up_sweeps_;
   std::vector<GivenUp> given_up_;
-  /// last message that came out, to know the publisher's next number
+  /// last message that was handed out, to know the publisher's next number
   std::string last_instance_;
   std::optional<std::uint64_t> last_seq_;
   std::optional<std::int64_t> gap_since_;
@@ -131,7 +131,7 @@ class Sequencer {
   SweepPeriod period_;
   NumberCredit credit_;
   std::int64_t accepted_ns_ = 0;
-  /// refused as too far ahead, in order among themselves: the next of them, and how many
+  /// numbers refused as too far ahead, in order among themselves: the next of them, and their count
   std::uint64_t far_next_ = 0;
   int far_count_ = 0;
 };

@@ -1,6 +1,6 @@
 #pragma once
-// What the threads of a stage share: the one mutex of all accounts and incoming queues, the bell
-// that wakes the worker, the counters of the transport, the clocks.
+// State shared by the threads of a stage: the one mutex of all accounts and incoming queues, the
+// bell that wakes the worker, the counters of the transport, the clocks.
 
 #include <chrono>
 #include <condition_variable>
@@ -36,7 +36,7 @@ struct Shared {
   std::condition_variable bell;
   bool rung = false;
   zenoh::TransferCounters transfer;
-  /// messages that were larger than any of their key
+  /// messages larger than the limit of their key
   std::uint64_t oversized = 0;
 
   void notify() {
@@ -47,7 +47,7 @@ struct Shared {
     bell.notify_all();
   }
 
-  /// Until the bell was rung since the last wait, or the monotonic time.
+  /// Waits until the bell has rung since the last wait, or until the monotonic time.
   void wait_until(std::int64_t steady_deadline_ns) {
     std::unique_lock lock(mutex);
     const std::chrono::steady_clock::time_point deadline(

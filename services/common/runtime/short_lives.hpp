@@ -1,6 +1,6 @@
 #pragma once
-// Whether a stage keeps dying on its newest revision: instances that end soon after they came, one
-// after another. Without clock or transport; times are of any monotonic clock, ns.
+// Detects a stage that keeps dying on its newest revision: consecutive instances that end soon
+// after their start. Without clock or transport; times are of any monotonic clock, ns.
 
 #include <cstdint>
 #include <map>
@@ -13,12 +13,12 @@ class ShortLives {
   static constexpr std::int64_t kShort_ns = 10'000'000'000;
   static constexpr int kMost = 3;
 
-  /// An instance's token, by its key, has come.
+  /// An instance's token, by its key, appeared.
   void came(const std::string& key, std::int64_t now_ns) {
     if (since_.size() < kMostTokens) since_.emplace(key, now_ns);
   }
-  /// It has gone, when `rev` was the newest revision of its stage. True: it was the third in a row
-  /// that lived shortly with it, and that revision is to be withdrawn.
+  /// The token disappeared while `rev` was its stage's newest revision. True: it was the third
+  /// short life in a row with that revision, which must be withdrawn.
   bool went(const std::string& key, const std::string& stage, std::uint32_t rev,
             std::int64_t now_ns) {
     const auto came = since_.find(key);

@@ -1,16 +1,16 @@
 #pragma once
-// What ends a stage, as events of a thread of its own: nothing runs in a signal handler.
+// Events that end a stage, handled by a separate thread: nothing runs in a signal handler.
 //
-// SIGTERM, SIGINT, SIGHUP (unless it is ignored, as under nohup), and the end of whoever started
-// the stage: ZLOAM_PARENT_PIPE names the inherited end of a pipe whose other end only the parent
-// has. It closes with the parent, whatever the parent dies of.
+// SIGTERM, SIGINT, SIGHUP (unless it is ignored, as under nohup), and the end of the parent
+// process: ZLOAM_PARENT_PIPE names the inherited end of a pipe whose other end only the parent has.
+// It closes when the parent ends, for whatever reason.
 
 #include <functional>
 #include <thread>
 
 namespace zloam::runtime {
 
-/// Blocks the signals in the calling thread, and so in all threads made after it. Call it first.
+/// Blocks the signals in the calling thread and all threads created later. Call it first.
 void block_stop_signals();
 
 /// Calls on_stop at the first signal. A second one, or no end within the deadline, ends the process

@@ -1,9 +1,9 @@
 #pragma once
-// Of a stage that there is once in a robot, one instance works and the others are silent
-// (docs/protocol.md, sections 6 and 15): standbys, two drivers of one sensor, two robots of one name
-// whose networks were joined. Each declares a liveliness token with its term and the time since
-// which it is there. The greatest term works; of one term, who was there first. All see the same
-// tokens and so agree, and each says what it sees.
+// For a stage that exists once in a robot, one instance works and the others are silent
+// (docs/protocol.md, sections 6 and 15): standbys, two drivers of one sensor, two robots of one
+// name whose networks were joined. Each declares a liveliness token with its term and its start
+// time. The greatest term works; among equal terms the earliest start. All see the same tokens and
+// so agree, and each reports what it sees.
 
 #include <atomic>
 #include <cstdint>
@@ -20,7 +20,7 @@
 
 namespace zloam::runtime {
 
-/// Ascending: the least of several is the one that works.
+/// Ascending: the least of several is the active one.
 struct Seniority {
   /// one more each time another instance took over
   std::uint32_t term = 1;
@@ -38,33 +38,33 @@ std::optional<Seniority> seniority_of(const std::string& key);
 
 class Singleton {
  public:
-  /// Declares the token and listens for others'. muted: kept up to date from then on.
+  /// Declares the token and subscribes to others'. muted: kept up to date from then on.
   Singleton(zenoh::Session& session, const Keys& keys, const std::string& stage, Seniority own,
             std::shared_ptr<std::atomic<bool>> muted);
 
-  /// Asks once, so that tokens on links that are up already are known.
+  /// Asks once, so that tokens on existing links are known.
   void ask();
 
-  // The worker's, not for callbacks.
-  /// A term above all that were heard: those who had them are no elders any more, here or, once
-  /// they hear of it, there.
+  // Worker only, not for callbacks.
+  /// Takes a term above all terms received: instances with lower terms no longer take precedence,
+  /// here or, once they receive the new term, there.
   void take_over();
-  /// The own term is no less than one that this stage's messages had.
+  /// Raises the own term to at least one that this stage's messages had.
   void at_least(std::uint32_t term);
-  /// Silent whatever the others are, while one of them is asked to take over.
+  /// Silent regardless of the others, while one of them is asked to take over.
   void hold(bool silent);
 
   // Any thread.
   std::uint32_t term() const { return term_.load(); }
-  /// Another instance has a greater term: what this one knows is old.
+  /// Another instance has a greater term: this one's state is outdated.
   bool overtaken() const;
-  /// One that this instance has overtaken is still there.
+  /// An instance that this one has overtaken is still there.
   bool has_passed() const;
-  /// The one that works, where it is not this one.
+  /// The active instance, if it is not this one.
   std::optional<Seniority> elder() const;
-  /// Those that could take over, the eldest first.
+  /// Instances that could take over, the eldest first.
   std::vector<std::string> juniors() const;
-  /// What is to be said of other instances, to both; empty: there are none.
+  /// Text about other instances, for status and log of both; empty: there are none.
   std::string others() const;
 
  private:
@@ -82,11 +82,11 @@ class Singleton {
   std::set<Seniority> others_;
   /// overtaken by this one
   std::set<Seniority> passed_;
-  /// of all that were heard, also of those that have gone
+  /// of all tokens received, also of those that are gone
   std::uint32_t greatest_ = 0;
   bool held_ = false;
   std::optional<zenoh::LivelinessToken> token_;
-  // Last: its callback ends before what it uses goes.
+  // Last: its callback must end before the members it uses are destroyed.
   std::optional<zenoh::Subscriber> subscriber_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// What a stage's main.cpp is written against. A stage declares inputs, outputs and commands in one
-// function; the runtime does the command line, configuration, session, queues, order, recovery of
+// The interface for a stage's main.cpp. A stage declares inputs, outputs and commands in one
+// function; the runtime handles command line, configuration, session, queues, order, recovery of
 // lost messages, accounts, status, signals and the end.
 //
 //   int main(int argc, char** argv) {
@@ -18,9 +18,9 @@
 //       }});
 //   }
 //
-// Threads: everything that a stage passes in (handlers, commands, answers, polls) runs on the one
-// worker thread, one after another, so a stage needs no lock. Only notify(), accounts and figures
-// may be used from others.
+// Threads: all callbacks of a stage (handlers, commands, answers, polls) run on the one worker
+// thread, one after another, so a stage needs no lock. Only notify(), accounts and figures may be
+// used from others.
 
 #include <chrono>
 #include <functional>
@@ -54,21 +54,21 @@ class Stage;
 
 struct StageSpec {
   std::string name;
-  /// of another program that takes the stage's place: what distinguishes its own name
-  /// (zloam-<variant>-<stage>), and its section of the robot's file; empty: the stage's own program
+  /// for another program that replaces the stage: distinguishes its name (zloam-<variant>-<stage>)
+  /// and its section of the robot's file; empty: the stage's own program
   std::string variant = {};
   /// one sentence for --help
   std::string summary;
   /// binds the stage's own parameters
   std::function<void(Parameters&)> bind;
-  /// after the configuration is read and the session is open: declares everything and returns. What
-  /// it throws ends the process: ConfigError 2, IoError 3, anything else 1.
+  /// called after the configuration is read and the session is open: declares everything and
+  /// returns. An exception ends the process: ConfigError 2, IoError 3, anything else 1.
   std::function<void(Stage&)> wire;
-  /// what one sweep may take: when nothing comes of sweeps for longer, another instance that stands
-  /// by goes on in this one's place
+  /// longest time for one sweep: when sweeps produce no output for longer, a standby instance takes
+  /// over
   std::chrono::milliseconds longest_work{1000};
   /// the largest block that the heap keeps for the next sweep when it is freed, at most 32 MiB.
-  /// Blocks of a dense sweep, mapped and cleared anew each time, are a fifth of a stage's time.
+  /// Mapping and clearing a dense sweep's blocks again each time takes a fifth of a stage's time.
   int kept_block_bytes = 32 << 20;
 };
 
@@ -89,7 +89,7 @@ struct Identity {
 
 enum class ServiceHealth : std::uint8_t { kStarting, kReady, kDegraded, kFailed, kStopping };
 
-/// What a command says; ok = false: refused, with the reason.
+/// Reply of a command; ok = false: refused, with the reason.
 using CommandReply = CommandReplyFields;
 /// arguments: a JSON object.
 using CommandHandler = std::function<CommandReply(const std::string& arguments_json)>;
@@ -105,7 +105,7 @@ class Answer {
   virtual void refuse(const std::string& reason) = 0;
 };
 
-/// What a source says when it is polled: more at once, or wait for notify() (or the next 20 ms).
+/// Result of polling a source: call again at once, or wait for notify() (or the next 20 ms).
 enum class Poll : std::uint8_t { kAgain, kWait };
 
 class Stage {
@@ -127,15 +127,15 @@ class Stage {
   Inlet& inlet_at(Key key, const std::string& full_key, const InletOptions& options,
                   Handler handler);
 
-  /// Publisher with delivery, encoding and numbering as the key table says. Lives as long as the
+  /// Publisher with delivery, encoding and numbering as in the key table. Lives as long as the
   /// stage.
   virtual Outlet& outlet(Key key) = 0;
   /// Map tiles: one publisher for all cubes; publish_at() names each.
   virtual Outlet& outlet_at(Key key, const std::string& full_key) = 0;
 
-  /// Paces a finite source by the sinks' acknowledgements, names the run (driver).
+  /// Paces a finite source by the sinks' acknowledgements, and names the run (driver).
   virtual FlowWindow& flow_window(Outlet& sweeps) = 0;
-  /// Tells the driver how far this sink has come (integration, mapping).
+  /// Reports this sink's progress to the driver (integration, mapping).
   virtual FlowAck& flow_ack(const std::string& sink) = 0;
 
   /// command/<stage>/<verb>. Exactly one reply; an exception becomes a refusal with its text.
@@ -143,22 +143,22 @@ class Stage {
   /// Answers gets under the full key (e.g. path/map, map/tile/**).
   virtual void answer(const std::string& full_key, std::function<void(Answer&)> handler) = 0;
 
-  /// The live parameters take the values in force at the message's sweep (docs/protocol.md, section
-  /// 13): what a handler does first. True: they are others than before. Headers made for an output
-  /// say which revision it was.
+  /// Sets the live parameters to the values in force at the message's sweep (docs/protocol.md,
+  /// section 13); a handler calls it first. True: they have changed. Headers made for an output
+  /// contain the revision.
   virtual bool configure_for(const Message& message) = 0;
-  /// That number, for headers made without a cause.
+  /// The number of that revision, for headers made without a cause.
   virtual std::uint32_t config_rev(std::uint64_t run, std::uint64_t sweep) const = 0;
-  /// Whether another stage's output was made with the revision in force at its sweep; when not, the
-  /// side that has not heard of it is told.
+  /// Whether another stage's output was made with the revision in force at its sweep; if not, the
+  /// side that lacks the revision is informed.
   virtual bool revision_agrees(std::string_view other_stage, const msg::Header& header) = 0;
-  /// Of several instances this one answers command/<stage>/set only then.
+  /// Of several instances, this one answers command/<stage>/set only if `mine` is true.
   virtual void answer_set_if(std::function<bool(std::uint64_t run)> mine) = 0;
-  /// A revision came when sweeps from its first one on were worked on already.
+  /// A revision arrived after sweeps from its first one on were processed.
   virtual void on_late_revision(
       std::function<void(std::uint64_t run, std::uint64_t from_sweep)> task) = 0;
 
-  /// Called again and again between messages: sources, files, pacing.
+  /// Called repeatedly between messages: sources, files, pacing.
   virtual void on_poll(std::function<Poll()> poll) = 0;
   /// Called every period on the worker, late when it is busy.
   virtual void every(std::chrono::milliseconds period, std::function<void()> task) = 0;
@@ -166,14 +166,14 @@ class Stage {
   virtual void on_end_of_run(std::function<void(std::uint64_t run)> task) = 0;
   /// A new run begins (also the first): forget the one before. Called before its first message.
   virtual void on_new_run(std::function<void(const msg::Header& first)> task) = 0;
-  /// leaves: another instance is about to go on in this one's place. What only this one knows is to
-  /// be answered from now on, for the seconds in which the other asks; nothing is published any more.
-  /// Then false, where the other does not: this one goes on.
+  /// leaves: another instance is about to take over. State that only this one has must be answered
+  /// from now on, for the seconds in which the other asks; nothing is published any more. Called
+  /// with false if the other does not take over: this one continues.
   virtual void on_hand_over(std::function<void(bool leaves)> task) = 0;
-  /// Before the end of the process (signal or stop()): save what is there.
+  /// Before the end of the process (signal or stop()): save unsaved data.
   virtual void on_stop(std::function<void()> task) = 0;
 
-  /// Marks the run as ended, for stages whose inlets have ends_run off (they know best when).
+  /// Marks the run as ended, for stages whose inlets have ends_run off (they determine the end).
   virtual void end_of_run(std::uint64_t run) = 0;
   /// Wakes the worker. Any thread.
   virtual void notify() = 0;
@@ -186,13 +186,13 @@ class Stage {
   virtual void figure(const std::string& name, double value) = 0;
   /// Adds a latency sample. Any thread.
   virtual void latency(const std::string& name, double milliseconds) = 0;
-  /// A lasting impairment, e.g. a file that can't be written; empty text: over. Any thread.
+  /// A lasting impairment, e.g. a file that can't be written; empty text: it is over. Any thread.
   virtual void degraded(const std::string& topic, const std::string& reason) = 0;
-  /// A message of this stage, of an instance before, had that term: this one's is no less.
+  /// An earlier instance's message had this term: the own term is raised to at least this.
   virtual void note_term(std::uint32_t term) = 0;
-  /// It works in the place of one that is still there, and may hang.
+  /// This instance took over from one that is still there and may hang.
   virtual bool overtook() const = 0;
-  /// Readiness of the stage's own, e.g. a socket; until true is said the stage is Starting.
+  /// The stage's own readiness, e.g. of a socket; the stage is Starting until yes is true.
   virtual void ready(bool yes, const std::string& reason) = 0;
   /// One snapshot of all inputs. Any thread.
   virtual std::vector<Account> accounts() const = 0;

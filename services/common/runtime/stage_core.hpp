@@ -28,7 +28,7 @@ namespace zloam::runtime {
 struct StageSetup {
   Identity identity;
   SharedConfig shared;
-  /// effective configuration as JSON, all of it and what can change a result
+  /// effective configuration as JSON: all of it, and the part that can change a result
   std::string values_json = "{}";
   std::string result_json = "{}";
   /// null: nothing can be changed while running
@@ -43,9 +43,9 @@ struct StageSetup {
   std::optional<std::uint64_t> fault_hang_at_sweep;
   /// StageSpec::longest_work
   std::chrono::milliseconds longest_work{1000};
-  /// Another instance is at work for certain: this process was overtaken before.
+  /// Another instance is certainly active: this process was overtaken before.
   bool was_overtaken = false;
-  /// Makes a new process of this one at once; for a worker that hangs. Null: nothing does.
+  /// Replaces this process with a new one at once, if the worker hangs. Null: no effect.
   std::function<void()> start_again = nullptr;
 };
 
@@ -54,14 +54,14 @@ class StageCore final : public Stage, private InletEvents {
   StageCore(StageSetup setup, zenoh::Session& session);
   ~StageCore() override;
 
-  /// Waits, before anything is wired, while another instance does this stage's work: its status
-  /// says so. False: it was stopped meanwhile.
+  /// Waits, before anything is wired, while another instance is active: the status reports it.
+  /// False: this instance was stopped meanwhile.
   bool stand_by();
-  /// Works until stop() or fail(); declares the token, publishes status. Once.
+  /// Works until stop() or fail(); declares the token, publishes status. Call it once.
   int run();
-  /// Undeclares everything; the session may be closed after it.
+  /// Undeclares everything; the session may be closed afterwards.
   void close();
-  /// Another instance goes on in this one's place, which is to begin again and stand by.
+  /// Another instance has taken over; this one is to restart and stand by.
   bool begins_again() const { return begins_again_; }
 
   const Identity& identity() const override { return setup_.identity; }
@@ -124,8 +124,8 @@ class StageCore final : public Stage, private InletEvents {
   void overdue(const std::string& key, std::uint64_t sweep) override;
   void handler_threw(const std::string& key, std::uint64_t sweep, const std::string& what) override;
 
-  /// Notes that something about the sweep was published now; false when that was just before: a
-  /// replica's copy is no call for help.
+  /// Records that an output for the sweep was published now; false if that was just before: a
+  /// replica's copy is no request for help.
   bool note_output(std::uint64_t sweep);
   [[noreturn]] static void hang();
   void note_latencies(const Message& message);
@@ -146,23 +146,23 @@ class StageCore final : public Stage, private InletEvents {
   void run_timers();
   void wait();
   void post(std::function<void()> task);
-  /// For what a stranger may ask without end: false when too much waits already.
+  /// For requests that anyone may send without end: false when too many wait already.
   bool offer(std::function<void()> task);
   void status_loop();
   void watch_overload();
   void watch_inputs();
   void subscribe(Subscription& subscription);
-  /// Tells the publishers once more that this input is read.
+  /// Informs the publishers again that this input is read.
   void subscribe_again(const std::map<std::string, std::string>& silences);
   void unsubscribe();
-  /// Asks other hosts for their time, and says how far off they are.
+  /// Asks other hosts for their time, and reports their clocks' offsets.
   void watch_clocks();
-  /// Says which endpoints of zenoh.connect have no link.
+  /// Reports the endpoints of zenoh.connect that have no link.
   void watch_links();
   void publish_status();
   ServiceHealth health(std::string* reason) const;
   void note_source(StatusFields* f) const;
-  /// Outputs that a stage of this deployment reads and nobody subscribes to yet.
+  /// Outputs that a stage of this deployment reads and that have no subscriber yet.
   std::string unmatched() const;
 
   StageSetup setup_;
@@ -172,10 +172,10 @@ class StageCore final : public Stage, private InletEvents {
   std::int64_t started_ns_ = wall_ns();
   double rss_start_mib_ = process_usage().rss_mib;
 
-  /// shared with the outlets, acknowledgements and answers: true, and nothing leaves
+  /// shared with the outlets, acknowledgements and answers; true: nothing is sent
   std::shared_ptr<std::atomic<bool>> muted_ = std::make_shared<std::atomic<bool>>(false);
   std::optional<Singleton> singleton_;
-  /// of another instance's work nothing is lost when this one continues it
+  /// when this instance continues another's work, nothing is lost
   bool replaceable_ = false;
 
   std::vector<std::shared_ptr<InletCore>> inlets_;
@@ -183,7 +183,7 @@ class StageCore final : public Stage, private InletEvents {
   struct Subscription {
     std::shared_ptr<InletCore> inlet;
     std::optional<zenoh::Subscriber> subscriber;
-    /// monotonic: when it is declared again if nothing comes; how long after that once more
+    /// monotonic: when it is declared again if nothing arrives; interval to the next declaration
     std::int64_t again_ns = 0, wait_ns = 0;
   };
   std::mutex subscriptions_mutex_;
@@ -192,7 +192,7 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<std::unique_ptr<FlowAckCore>> acks_;
   std::unique_ptr<FlowWindowCore> window_;
   std::unique_ptr<LiveConfig> live_;
-  /// what the window paces; one of outlets_
+  /// the outlet that the window paces; one of outlets_
   std::atomic<const OutletCore*> source_{nullptr};
   std::vector<zenoh::Queryable> queryables_;
   /// from declare_service() to close()
@@ -223,7 +223,7 @@ class StageCore final : public Stage, private InletEvents {
   RunGate gate_;
   /// replay: sweep -> when its outputs were last published, monotonic ns
   std::map<std::uint64_t, std::int64_t> output_at_;
-  // Told to others: under mutex_.
+  // Reported to others: under mutex_.
   mutable std::mutex mutex_;
   bool in_run_ = false;
   std::uint64_t run_ = 0;

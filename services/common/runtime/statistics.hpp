@@ -1,5 +1,5 @@
 #pragma once
-// Latencies in bounded memory, and what the kernel says of this process.
+// Latencies in bounded memory, and the kernel's figures of this process.
 
 #include <cstdint>
 #include <map>
@@ -15,8 +15,8 @@ struct LatencySummary {
   double p50_ms = 0, p95_ms = 0, p99_ms = 0, max_ms = 0;
 };
 
-/// Percentiles over an even choice of samples: when full, every second one is forgotten and from
-/// then on only every second newcomer is taken, and so on. The maximum is over all. Any thread.
+/// Percentiles over an even choice of samples: when full, every second sample is discarded, and
+/// from then on only every second new one is kept, and so on. The maximum is over all. Any thread.
 class Latencies {
  public:
   void add(const std::string& name, double milliseconds);
@@ -38,18 +38,18 @@ struct ProcessUsage {
   double cpu_ms = 0;
   double rss_mib = 0;
   double rss_peak_mib = 0;
-  /// of rss_mib: this process' own, and shared memory, which every process that has it open counts
+  /// parts of rss_mib: this process's own, and shared memory, counted in every process that maps it
   double rss_anon_mib = 0, rss_shm_mib = 0;
 };
 ProcessUsage process_usage();
 
-/// To be called before other threads start: what is freed beyond a block of this size goes back to
-/// the system instead of staying in one heap for each thread.
+/// Call it before other threads start: free memory beyond a block of this size goes back to the
+/// system instead of staying in one heap for each thread.
 void bound_heap(int kept_block_bytes);
-/// All of the heap that is free goes back to the system, and so does what is freed from then on:
-/// after what was larger than it should be.
+/// Returns all free heap memory to the system, also memory freed from then on: after a message that
+/// was larger than allowed.
 void give_back_heap();
-/// As bound_heap() said, again.
+/// Restores the setting of bound_heap().
 void keep_heap();
 
 }  // namespace zloam::runtime

@@ -14,7 +14,7 @@
 
 namespace zloam::runtime {
 
-/// What an instance gives as its reason that waits, as it is meant to, until it is needed.
+/// The reason in the status of an instance that waits, as intended, until it is needed.
 inline constexpr std::string_view kStandingBy = "standing by";
 
 struct OutputAccountFields {

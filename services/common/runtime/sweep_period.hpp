@@ -1,6 +1,6 @@
 #pragma once
-// The time from sweep to sweep, by their stamps: the median of the last few, so that a single
-// message, whoever sent it, does not change it.
+// The time from sweep to sweep by their stamps: the median of the last few, so that a single
+// message, from any sender, does not change it.
 
 #include <algorithm>
 #include <array>

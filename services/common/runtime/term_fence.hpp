@@ -1,7 +1,7 @@
 #pragma once
-// What an instance says that was overtaken and does not know it yet is not taken (docs/protocol.md,
-// section 6): of the terms of one key's messages the greatest counts, as long as it is heard. A term
-// that falls silent is forgotten, so that no forged one shuts a key for good. The worker's own.
+// Rejects messages of an instance that was overtaken and does not know it yet (docs/protocol.md,
+// section 6): of the terms of one key's messages the greatest counts as long as it is received. A
+// silent term is forgotten, so that a forged one can't close a key for good. Worker only.
 
 #include <cstdint>
 
@@ -13,7 +13,7 @@ class TermFence {
     constexpr std::int64_t kSilence_ns = 2'000'000'000;
     return term < greatest_ && now_ns - heard_ns_ < kSilence_ns;
   }
-  /// One that was not refused.
+  /// Records a message that was not refused.
   void took(std::uint32_t term, std::int64_t now_ns) {
     greatest_ = term;
     heard_ns_ = now_ns;

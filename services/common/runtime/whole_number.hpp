@@ -1,5 +1,5 @@
 #pragma once
-// A text that is a whole number and nothing else: of keys, selectors and variables.
+// Parses a text that is a whole number and nothing else: in keys, selectors and variables.
 
 #include <charconv>
 #include <optional>
