@@ -32,16 +32,16 @@ struct PlaneMapConfig {
   double merged_width_sigmas = 2.1;
 
   /// A voxel is a plane only when it holds points of several rings. Where one ring bends around an
-  /// edge it spans a plane that is no surface, goes with the sensor and holds it back; a sensor
-  /// that stands still makes many of them.
+  /// edge it spans a false plane that follows the sensor and holds it back; a standing sensor
+  /// creates many of them.
   bool planes_several_rings = true;
-  /// Nor is one of which a single ring is known to have given more than this share of the points
-  /// (a ring with more than (1 + share) / 2 of them always is), as a line and a few points beside
-  /// it lie in a plane: unless it is thinner than the trace of a beam that faces it could be.
+  /// A plane is also rejected if a single ring is known to have given more than this share of its
+  /// points (above (1 + share) / 2 it is always known), as a line and a few points beside it lie in
+  /// a plane; unless it is thinner than the trace of a beam that faces it could be.
   double one_ring_lead = 0.75;
   double one_ring_thickness_sigmas = 0.6;
 
-  /// The grid is turned and shifted against the map's axes: floors and walls at a multiple of the
+  /// The grid is rotated and shifted against the map's axes: floors and walls at a multiple of the
   /// voxel size would be split into two half-noise planes that agree with any small shift.
   Eigen::Vector3d grid_rotation_rad{0.1, 0.15, 0.5};
   Eigen::Vector3d grid_shift_m{0.137, 0.291, 0.173};
@@ -49,27 +49,27 @@ struct PlaneMapConfig {
   /// A voxel is fitted again when its points grew by this factor since its last fit.
   double refit_growth = 1.1;
 
-  /// A plane with this many points drops its finer voxels and takes no more of them, as look-up
+  /// A plane with this many points drops its finer voxels and creates no more of them, as look-up
   /// goes from coarse to fine and stops at the first plane.
   unsigned settled_points = 1000;
 
-  /// So does one of this many points once the sensor is farther away than settled_radius_m: most
-  /// of the map lies behind the sensor, and its finer voxels are most of the memory.
+  /// So does a plane of this many points once the sensor is farther away than settled_radius_m:
+  /// most of the map lies behind the sensor, and its finer voxels are most of the memory.
   unsigned settled_far_points = 100;
   double settled_radius_m = 40.0;
 
   /// Finest voxels where no plane fits count as distributions (lines and blobs). They cost a little
   /// accuracy where planes abound, and keep the axis of a smooth tunnel.
   bool distributions = true;
-  /// ... those with points of several rings. One ring's trace over a smooth wall is a line that
-  /// goes with the sensor and holds it back.
+  /// ... but only those with points of several rings. One ring's trace over a smooth wall is a line
+  /// that follows the sensor and holds it back.
   bool distributions_several_rings = true;
 
-  /// A coarser voxel that holds a post, and nothing else, is a line for those of its finest voxels
-  /// that are nothing by themselves: at ten metres each of these is met by one ring alone. A post
-  /// is no wider than this (one sigma of its points), post_aspect times as long as wide (sigmas),
-  /// was seen by rings of which none gave more than (1 + post_lead) / 2 of its points, and lies
-  /// inside the voxel with post_margin_sigmas of its width on either side. 0: none.
+  /// A coarser voxel that holds a post, and nothing else, serves as a line for those of its finest
+  /// voxels that have no fit: at ten metres each of these is hit by one ring alone. A post is no
+  /// wider than this (one sigma of its points), post_aspect times as long as wide (sigmas), seen by
+  /// rings of which none gave more than (1 + post_lead) / 2 of its points, and inside the voxel
+  /// with post_margin_sigmas of its width on either side. 0: none.
   double post_width_m = 0.15;
   double post_aspect = 3.0;
   double post_lead = 0.34;
@@ -80,9 +80,9 @@ struct PlaneMapConfig {
 };
 
 struct MatcherConfig {
-  /// Every stride-th point is matched, and all are counted in the map; of a sweep that is so dense
-  /// that more than enough would be left, every so many that no fewer than enough are. Which ones
-  /// changes from sweep to sweep.
+  /// Every stride-th point is matched, and all are counted in the map; a denser sweep is thinned to
+  /// every n-th point, with n such that at least enough_points (enough_inserted_points) remain. The
+  /// choice changes from sweep to sweep.
   unsigned stride = 2;
   std::size_t enough_points = 10000;
   std::size_t enough_inserted_points = 20000;
@@ -92,7 +92,7 @@ struct MatcherConfig {
   double stop_rotation_rad = 5e-5;
   double stop_translation_m = 5e-4;
 
-  /// Points on one surface do not err independently: information is divided by this.
+  /// Errors of points on one surface are correlated: information is divided by this.
   double correlation = 5.0;
   /// Nor do surfaces that lie together, and what moves, moves together: two vans that keep their
   /// distance have more points than all else that holds along a street. Of n points that met
@@ -106,37 +106,37 @@ struct MatcherConfig {
   double max_gate_m = 1.0;
   double gate_range_m = 10.0;
   /// After the first iteration residuals are rejected above fine_gate_m, with a kernel of
-  /// fine_kernel_m: a wall's other side, 0.2 m behind the one that is in the map, and what has
-  /// moved meanwhile would draw the pose otherwise. As many times wider as the weakest direction's
-  /// share of the normals is below fine_least_share, on the mean of the last sweeps, or of this one
-  /// where there are none: where little holds, as in a tunnel, that little may be farther off.
+  /// fine_kernel_m: otherwise a wall's other side, 0.2 m behind the mapped one, and moved objects
+  /// would pull the pose. Both are multiplied by fine_least_share / share where the normals' share
+  /// along the least constrained direction is lower, as in a tunnel: the few constraints may be
+  /// farther off. share: mean of the last sweeps, or of this one if there are none.
   double fine_gate_m = 0.15;
   double fine_kernel_m = 0.066;
   double fine_least_share = 0.03;
 
-  /// Motion from sweep to sweep: random change of the motion over one sweep, and what else the
-  /// poses of two middles may differ by from the mean of both motions: more, by this share, when
-  /// the last two motions differ.
+  /// Motion from sweep to sweep: random change of the motion over one sweep, and an additional
+  /// difference between the poses at two mid-sweeps and the mean of both motions: larger, by this
+  /// share, when the last two motions differ.
   double change_sigma_m = 0.03;
   double change_sigma_rad = 0.02;
   double continuity_sigma_m = 0.0003;
   double continuity_sigma_rad = 0.0002;
   double continuity_share = 0.03;
-  /// The last pose's own covariance counts up to this: however little holds it, the map around it
-  /// was drawn from it.
+  /// Upper limit of the last pose's own covariance: however poorly it was constrained, the map
+  /// around it was built from it.
   double pose_sigma_m = 0.010;
   double pose_sigma_rad = 0.002;
 
-  /// Fewer matched points than this leave the sweep predicted, and out of the map.
+  /// With fewer matched points than this the sweep is only predicted and not inserted.
   std::size_t min_matches = 30;
 
-  /// Errors of the map's normals (corners in a voxel, noise) make an empty direction look seen:
-  /// their variance is taken off first, at least that of normal_error_rad.
+  /// Errors of the map's normals (corners in a voxel, noise) make an open direction look
+  /// constrained: their variance, at least that of normal_error_rad, is subtracted first.
   double normal_error_rad = 0.035;
   /// Between walls (the next weakest direction has at least this mean squared share of the normals)
-  /// only planes count along a weak direction whose normal's cosine with it is at least so much:
-  /// what the others say of it is the error of their normals. In open ground its slopes are all
-  /// there is.
+  /// a plane counts along a degenerate direction only if its normal's cosine with it is at least
+  /// weak_least_cosine: the information of others is the error of their normals. On open ground,
+  /// slopes are the only information.
   double walls_least_share = 0.05;
   double weak_least_cosine = 0.07;
 };

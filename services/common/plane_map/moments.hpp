@@ -1,5 +1,5 @@
 #pragma once
-// Running sums of points in a voxel, and the plane that they make.
+// Running sums of points in a voxel, and the plane fitted to them.
 
 #include <Eigen/Core>
 #include <array>

@@ -1,5 +1,5 @@
 #pragma once
-// A voxel of the plane map as it is stored: what was counted in it, and where it lies.
+// A voxel of the plane map as it is stored: its counts and its position.
 
 #include <array>
 #include <cstdint>
@@ -12,8 +12,8 @@ struct SavedVoxel {
   std::uint32_t count = 0;
   /// 0: coarsest
   std::uint8_t level = 0;
-  /// the ring most points came from by majority vote, and its lead over all others: count when
-  /// there are no others, 0 when nothing is known of the rings
+  /// ring of most points by majority vote, and its lead over all others: count when there are no
+  /// others, 0 when the rings are unknown
   std::uint16_t ring = 0;
   std::uint32_t lead = 0;
   /// of the points relative to the voxel's centre, m
@@ -22,7 +22,7 @@ struct SavedVoxel {
   std::array<float, 6> squares{};
 };
 
-/// One of the coarsest voxels. It has changed when its count has.
+/// One of the coarsest voxels. It has changed if its count has.
 struct RootSummary {
   std::array<std::int32_t, 3> index{};
   std::uint32_t count = 0;

@@ -1,6 +1,6 @@
 #pragma once
-// Map and matcher together: sweeps in, poses out. Keeps the motion of the last sweep for the priors
-// and adds every matched sweep to the map, deskewed with its own converged motion.
+// Map and matcher together: takes sweeps, returns poses. Keeps the motion of the last sweep for the
+// priors and adds every matched sweep to the map, deskewed with its own converged motion.
 
 #include <cstdint>
 #include <optional>
@@ -15,14 +15,14 @@
 namespace zloam::plane_map {
 
 enum class PredictionUse {
-  /// Where the motion of the sweep before is known: both are weighed by their covariances for the
-  /// start of the iteration, and only that motion counts as a prior. Odometry has seen the same
-  /// points, and its slow drift would be drawn into the map.
+  /// Where the motion of the sweep before is known: both are weighted by their covariances for the
+  /// start of the iteration, and only that motion counts as a prior. Odometry has used the same
+  /// points, and its slow drift would enter the map.
   kBeside,
   kInstead,  ///< start and prior alone
 };
 
-/// What another estimator (odometry) says of the sweep's motion.
+/// The sweep's motion as estimated elsewhere (odometry).
 struct MotionPrediction {
   Pose T_map_base = Pose::Identity();
   std::uint32_t instant_ns = 0;  // of that pose, after the sweep's stamp
@@ -43,12 +43,12 @@ struct ScanToMapResult {
   Pose T_map_base_mid = Pose::Identity();  // at stamp + period / 2
   Pose T_map_base_end = Pose::Identity();  // at stamp + period
   Vector6 twist_per_s = Vector6::Zero();   // body twist, constant over the sweep
-  /// What the twist changes by within the sweep.
+  /// Change of the twist within the sweep.
   Vector6 twist_change_per_s = Vector6::Zero();
   Matrix12 covariance = Matrix12::Zero();  // of T_map_base_mid (right perturbation) and twist_per_s
-  /// when in the sweep the points saw the pose (common/geometry/motion_covariance.hpp)
+  /// time in the sweep at which the points saw the pose (common/geometry/motion_covariance.hpp)
   double seen_at = 0.0;
-  Bend bend;  // of what is known of twist_change_per_s, per sweep
+  Bend bend;  // errors of twist_change_per_s, per sweep
   Degeneracy degeneracy;
   double residual_rms_m = 0.0;  // of planes, see MatchResult
   double inlier_rms_m = 0.0;
@@ -73,25 +73,25 @@ class ScanToMap {
   ScanToMap(const PlaneMapConfig& map, const MatcherConfig& matcher,
             const Pose& T_map_base_start = Pose::Identity());
 
-  /// Sweeps in order of their stamps; one that is not later than its predecessor is taken as one
-  /// period later.
+  /// Takes sweeps in order of their stamps; one that is not later than its predecessor is treated
+  /// as one period later.
   ScanToMapResult process(const SweepInput& sweep,
                           const std::optional<MotionPrediction>& prediction = std::nullopt);
 
-  /// The two halves of process(). match() leaves map and motion as they are and may be called
-  /// several times for a sweep; commit() takes one of its results for the sweep's motion, and with
-  /// `insert` the points into the map. Without a map, match() gives the prediction.
+  /// The two halves of process(). match() does not change map and motion and may be called several
+  /// times for a sweep; commit() takes one of its results as the sweep's motion, and with `insert`
+  /// adds the points to the map. Without a map, match() returns the prediction.
   ScanToMapResult match(const SweepInput& sweep,
                         const std::optional<MotionPrediction>& prediction = std::nullopt);
   void commit(const SweepInput& sweep, const ScanToMapResult& result, bool insert);
 
-  /// After each() brought back what was known when this sweep had been committed: puts its points
-  /// where they were then. False: it is of another sweep.
+  /// After each() restored the state in which this sweep was committed: inserts its points at the
+  /// same places again. False: the state is of another sweep.
   bool insert_again(const SweepInput& sweep);
-  /// Of the sweep that was committed last, deskewing included; none after a gap.
+  /// Motion of the sweep committed last, deskewing included; nothing after a gap.
   std::optional<ScanToMapResult> last_motion() const;
 
-  /// All that it knows but the map, for who keeps or brings it back.
+  /// The whole state but the map, to save or restore it.
   template <class Bits>
   void each(Bits& bits) {
     bits(previous_, acceleration_, gate_m_, share_, weak_, weak_axis_base_, sweeps_);
@@ -154,17 +154,17 @@ class ScanToMap {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
-  // Of the change of the twist, m/s^2 and rad/s^2: what the motion of the sweep before was off by
-  // lately as a prediction, beside config_.change_sigma_*.
+  // Of the change of the twist, m/s^2 and rad/s^2: recent errors of predictions by the motion of
+  // the sweep before, in addition to config_.change_sigma_*.
   ErrorRecord acceleration_{0.0, 0.0};
   SweepPoints matched_points_;                    // of the sweep that was matched last
   std::optional<std::int64_t> matched_stamp_ns_;  // until it is committed
   std::vector<SlotPoint> inserted_points_;
   std::vector<LocalPoint> inserted_;  // the same in the map's local coordinates
   double gate_m_;
-  // Of the normals along the weakest direction, mean of the last sweeps. From 0 after a gap, and in a
-  // map that was read: nobody knows then how far off the prediction is, and the gate stays wide
-  // until the map holds again. None in a map of one sweep, from which the motion goes on.
+  // Share of the normals along the least constrained direction, mean of the last sweeps. 0 after a
+  // gap and in a restored map: prediction error unknown, the gate stays wide until the match is
+  // well constrained again. None in a map of one sweep, whose motion is continued.
   std::optional<double> share_ = 0.0;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();

@@ -1,9 +1,9 @@
 #pragma once
 // Registers one sweep against a plane map: Gauss-Newton over the pose at mid-sweep and the motion
-// over the sweep, deskewing and association anew in each iteration, with priors (maximum a
-// posteriori). Solving about the middle decouples pose and motion. Sources: Zhang & Singh, LOAM
-// (RSS 2014), for deskewing inside the iteration; Dellenbach et al., CT-ICP (ICRA 2022), for soft
-// ties between sweeps in place of a pinned start.
+// over the sweep, with deskewing and association repeated in each iteration, and with priors
+// (maximum a posteriori). Solving about the middle decouples pose and motion. Sources: Zhang &
+// Singh, LOAM (RSS 2014), for deskewing inside the iteration; Dellenbach et al., CT-ICP (ICRA
+// 2022), for soft ties between sweeps instead of a fixed start.
 
 #include <Eigen/Core>
 #include <optional>
@@ -16,50 +16,50 @@ namespace zloam::plane_map {
 
 /// Quadratic priors on a sweep's motion; order x y z rx ry rz, pose before twist (per sweep).
 struct MotionPrior {
-  SweepMotion start;  // where the iteration begins
+  SweepMotion start;  // the iteration starts here
 
   /// Motion predicted from the sweep before, with the information of
   /// (Log(T_mid_predicted^-1 T_mid), twist - twist_predicted).
   SweepMotion predicted;
   Matrix12 information = Matrix12::Zero();
-  /// What it would be without an inertial sensor, where there is one: a direction is weak when it
-  /// is measured worse than this, and not because the sensor knows it better still.
+  /// The information without the IMU, where there is one: a direction is degenerate if its measured
+  /// sigma is worse than this one, not because the IMU knows it even better.
   std::optional<Matrix12> usual_information;
 
-  /// Of the bend about none, in each axis.
+  /// Sigma of the bend about zero, in each axis.
   Vector6 bend_sigma = Vector6::Zero();
 
   /// The same from another estimator (odometry).
   SweepMotion advised;
   Matrix12 advice_information = Matrix12::Zero();
 
-  /// Of the sweep before, in the grid; zero: none was weak.
+  /// Weak axis of the sweep before, in the grid; zero: none was weak.
   Eigen::Vector3d weak_axis_grid = Eigen::Vector3d::Zero();
 };
 
-/// A direction is weak for the matching when measuring it is little better than predicting it, and
-/// well again when it is clearly better: both sigmas then count alike in the sum.
+/// A direction becomes degenerate when its measured sigma exceeds kWeakRatio predicted sigmas, and
+/// stays so until it is at most kStrongRatio predicted sigmas.
 inline constexpr double kWeakRatio = 0.7;
 inline constexpr double kStrongRatio = 0.5;
 
-/// One sigma along a direction of which the data say nothing.
+/// One sigma along a direction about which the data give no information.
 inline constexpr double kNothingKnown_m = 1000.0;
 
-/// The weakest translation direction as the data see it, without the priors.
+/// The least constrained translation direction by the data alone, without the priors.
 struct Degeneracy {
   bool weak = false;
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // frame base_link at mid-sweep, unit
-  double measured_sigma_m = 0.0;                   // what the data give along the axis
-  double predicted_sigma_m = 0.0;                  // what the priors give along it
+  double measured_sigma_m = 0.0;                   // sigma along the axis from the data
+  double predicted_sigma_m = 0.0;                  // sigma along it from the priors
   double share = 0.0;         // mean squared share of the normals along the axis, [0, 1]
   double second_share = 0.0;  // the same along the next weakest direction
-  /// The weakest rotation, with lever arm (m) = rms distance of the matched points.
+  /// The least constrained rotation, with lever arm (m) = rms distance of the matched points.
   Eigen::Vector3d rotation_axis = Eigen::Vector3d::Zero();
   double measured_sigma_rad = 0.0;
   double predicted_sigma_rad = 0.0;
 };
 
-/// The bend beside the other unknowns x: off by -by_motion x, and by an error of its own.
+/// Error of the bend: -by_motion times that of the other unknowns, and an independent part.
 struct Bend {
   Eigen::Matrix<double, 6, 12> by_motion = Eigen::Matrix<double, 6, 12>::Zero();
   Matrix6 own_covariance = Matrix6::Zero();
@@ -72,15 +72,15 @@ struct MatchResult {
   double seen_at = 0.0;                    // of the points (common/geometry/motion_covariance.hpp)
   Bend bend;
   Degeneracy degeneracy;
-  /// Of points against planes, weighted by the roots of what the first gate's kernel gives: with a
-  /// fine kernel, three times the noise, nothing would be far off. inlier_rms_m: by its whole
-  /// weights, which leave out what the map does not know.
+  /// Of points against planes, weighted by the roots of the first gate kernel's weights: a fine
+  /// kernel, three times the noise, would leave no large residuals. inlier_rms_m: with the whole
+  /// weights, which exclude points that the map does not know.
   double residual_rms_m = 0.0;
   double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights
-  /// Likewise, each point for itself and always with the fine kernel: it compares places, whatever
-  /// the matching began with.
+  /// Likewise, with each point counted by itself and always with the fine kernel: for comparing
+  /// places, whatever kernel the matching began with.
   double explained_weight = 0.0;
   std::size_t tried = 0;
   std::size_t matches = 0;
@@ -88,12 +88,12 @@ struct MatchResult {
   bool converged = false;
 };
 
-/// Of the iterations of one sweep. The first one takes what the prediction's error may have moved;
-/// what is that far off afterwards is another surface, or a thing that has moved.
+/// Gates of the iterations of one sweep. The first one admits the prediction's error; afterwards a
+/// point that far off belongs to another surface or to an object that has moved.
 struct MatchGates {
   Gate first;
-  /// Mean squared share of the normals along the weakest direction, of the sweeps before; none:
-  /// nothing is known but what the first iteration finds.
+  /// Mean squared share of the normals along the least constrained direction, of the sweeps before;
+  /// nothing: only the first iteration's share is known.
   std::optional<double> share;
 };
 
@@ -114,17 +114,17 @@ class SweepMatcher {
     Bend bend;
   };
 
-  /// After the first iteration.
+  /// The gate after the first iteration.
   Gate fine_gate(const MatchGates& gates, const NormalSums& first) const;
   Step step_from(const SweepMotion& motion, VoxelPlaneMap& map, const SweepPoints& sweep,
                  MatchedPoints& matched, const MotionPrior& prior, const Gate& gate) const;
   SweepMotion come_near(VoxelPlaneMap& map, const SweepPoints& sweep, const MotionPrior& prior,
                         const Gate& gate) const;
-  /// Of one squared residual.
+  /// Information of one squared residual.
   double information_scale(const VoxelPlaneMap& map) const;
-  /// Of the squared normals along one direction that may be nothing but their errors.
+  /// Weighted sum of squared normals along one direction that may be errors alone.
   double spurious(const NormalSums& sums) const;
-  /// Takes off what those say along the translation that is held least, between walls.
+  /// Removes that part along the least constrained translation, between walls.
   void discount_spurious(const NormalSums& sums, Matrix18& h, Vector18& g) const;
   /// lever2: sum of the weighted squared lever arms, m^2.
   Degeneracy judge(const NormalSums& sums, double lever2, const Matrix12& predicted,

@@ -1,6 +1,6 @@
 #pragma once
-// A sweep made ready for matching: valid points in order of time slots, and the motion of each
-// slot under a constant twist over the sweep.
+// A sweep prepared for matching: valid points in order of time slots, and the motion of each slot
+// under a constant twist over the sweep.
 
 #include <array>
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace zloam::plane_map {
 
-/// What a cloud was deskewed with: p(instant) = Exp(twist * (t - instant)) * p(t), in base_link.
+/// Motion used to deskew a cloud: p(instant) = Exp(twist * (t - instant)) * p(t), in base_link.
 struct Deskewing {
   Vector6 twist_per_s = Vector6::Zero();  // m/s, rad/s
   std::uint32_t instant_ns = 0;           // after the sweep's stamp
@@ -30,7 +30,7 @@ struct SweepInput {
   std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100'000'000;
   std::optional<Deskewing> deskewed;
-  /// What an inertial sensor says of the motion since the sweep before, which must adjoin this one.
+  /// The IMU's motion since the sweep before, which must directly precede this one.
   std::optional<InertialStep> inertial;
 
   std::size_t size() const { return points.size() + more_points.size(); }
@@ -49,29 +49,29 @@ struct SlotPoint {
   std::uint16_t ring;
 };
 
-/// Of each slot boundary.
+/// One motion for each slot boundary.
 using SlotMotions = std::vector<MotionLanes>;
 
-/// Valid points of a sweep (finite, at least min_range_m from the frame's origin), of those that
-/// the thinning leaves, in slot order and in the given order within a slot. They replace what is in
-/// `out`.
+/// Selects the valid points of a sweep (finite, at least min_range_m from the frame's origin) among
+/// those that the thinning keeps, in slot order and in the given order within a slot. Replaces the
+/// content of `out`.
 void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
                  std::vector<SlotPoint>& out);
 
-/// Such points, and how they move.
+/// Such points and their motion.
 class SweepPoints {
  public:
   SweepPoints() = default;
   SweepPoints(const SweepInput& sweep, double min_range_m) { set(sweep, min_range_m); }
-  /// Another sweep, in the memory of the one before: megabytes, which the kernel would else clear
-  /// each time.
+  /// Takes another sweep, in the memory of the one before: megabytes, which the kernel would
+  /// otherwise clear each time.
   void set(const SweepInput& sweep, double min_range_m, const Thinning& thinning = {});
 
   const std::vector<SlotPoint>& points() const { return points_; }
 
-  /// Motions that carry points as given to the frame that T_mid's parent names, rotated but not
+  /// Motions that transform points as given to the frame that T_mid's parent names, rotated but not
   /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s twist +
-  /// s^2 bend / 2), both over the whole sweep. What an earlier deskewing did is undone.
+  /// s^2 bend / 2), both over the whole sweep. Earlier deskewing is undone.
   SlotMotions motions(const Eigen::Matrix3d& rotation, const Vector6& twist,
                       const Vector6& bend = Vector6::Zero()) const;
 

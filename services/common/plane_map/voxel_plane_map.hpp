@@ -1,12 +1,12 @@
 #pragma once
 // A map of planes in voxels of several sizes. Each point is counted in the voxel of every level
 // that contains it (number, sum, sum of outer products), so nothing old is forgotten and the
-// normal's error falls with the root of the count; planes are eigenvectors of these sums, made when
-// a changed voxel is looked up. Method: Yuan et al., "Efficient and probabilistic adaptive voxel
-// mapping", RA-L 2022, with counted sums in place of stored points.
+// normal's error falls with the root of the count; planes are eigenvectors of these sums, computed
+// when a changed voxel is looked up. Method: Yuan et al., "Efficient and probabilistic adaptive
+// voxel mapping", RA-L 2022, with counted sums instead of stored points.
 //
-// The map's frame is the caller's. Inside, voxels live in a "grid" frame turned and shifted against
-// it (config). Look-up and insertion take "local" single-precision coordinates: grid frame,
+// The map's frame is the caller's. Inside, voxels live in a "grid" frame rotated and shifted
+// against it (config). Look-up and insertion take "local" single-precision coordinates: grid frame,
 // relative to an anchor on the grid near the sensor, so that no digits are lost far from the
 // origin.
 //
@@ -43,14 +43,14 @@ struct Match {
   int count = 0;
   bool is_plane = false;
   float normal_variance = 0;  // rad^2, planes only
-  /// By find_all(): how many of its points met a surface that faces this way in this root voxel.
+  /// By find_all(): number of its points on surfaces facing this way in this root voxel.
   float crowd = 0;
   Float4 root_centre{};  // local coordinates, and 1: the factor of a row's -d
 };
 
 constexpr std::uint16_t kUnknownRing = 0xffff;
 
-/// A point to be counted. The ring only says whether a voxel holds several.
+/// A point to be counted. The ring only tells whether a voxel holds several rings.
 struct LocalPoint {
   float x = 0, y = 0, z = 0;
   std::uint16_t ring = kUnknownRing;
@@ -88,15 +88,15 @@ class VoxelPlaneMap {
     int x, y, z;
     bool operator==(const Cell&) const = default;
   };
-  /// What find() gave last for a point that moves little between two calls. Holds until the next
+  /// Last result of find() for a point that moves little between two calls. Valid until the next
   /// insertion or change of the anchor.
   struct Hint {
     Float4 cell_centre = all_lanes(kNowhere);  // finest voxels from the anchor, and 0
     Match match;
   };
 
-  /// Coarse to fine, the first plane wins; none: count == 0. Local coordinates. Fits voxels that
-  /// have changed, so it is not const. Rows stay valid until the next insertion.
+  /// Coarse to fine, the first plane wins; no result: count == 0. Local coordinates. Fits voxels
+  /// that have changed, so it is not const. Rows stay valid until the next insertion.
   Match find(float x, float y, float z);
   /// The same for (x, y, z, 0), looked up only when the point has left the hint's cell; the crowd
   /// stays that of the cell where it was found first.
@@ -105,8 +105,8 @@ class VoxelPlaneMap {
     return hint.match;
   }
 
-  /// The same for many points, in an order that suits the memory. hints: as many as points; what
-  /// they held is of no account.
+  /// The same for many points, in an order that suits the memory. hints: as many as points; their
+  /// previous content is ignored.
   void find_all(std::span<const LocalPoint> points, std::span<Hint> hints);
 
   /// Counts points, local coordinates. Those that are not finite or farther than 3 km from the
@@ -117,29 +117,29 @@ class VoxelPlaneMap {
   std::optional<MapPlane> plane_at(const Eigen::Vector3d& point_map);
   void insert_points(std::span<const Eigen::Vector3d> points_map);
 
-  /// Drops voxels farther than keep_radius_m from the position (grid frame), and what is finer than
+  /// Drops voxels farther than keep_radius_m from the position (grid frame), and voxels finer than
   /// the planes that fell behind settled_radius_m; does nothing until the position has moved by a
   /// twentieth of keep_radius_m since the last time.
   void leave_behind(const Eigen::Vector3d& position_grid);
 
   MapStatistics statistics() const;
 
-  /// The coarsest voxels in order of creation, and all that is counted in the one at a place of it.
+  /// roots(): the coarsest voxels in order of creation; save_root(): all counts in one of them.
   std::vector<RootSummary> roots() const;
   Eigen::Vector3d root_centre_map(const std::array<std::int32_t, 3>& index) const;
   void save_root(std::size_t place, std::vector<SavedVoxel>& out) const;
-  /// Puts back what save_root() gave, voxel by voxel in its order, into a map of the same voxel
-  /// sizes and grid. False: such a voxel can't be.
+  /// Restores the result of save_root(), voxel by voxel in its order, into a map of the same voxel
+  /// sizes and grid. False: the voxel is invalid.
   bool load(const SavedVoxel& voxel);
 
  private:
   static constexpr std::uint32_t kNoChild = 0xffffffffu;
   static constexpr float kMaxLocal_m = 3000.0f;  // 2^21 of the smallest voxels apart
   static constexpr float kNowhere = 1e9f;
-  // How many roots before its turn the memory of one is asked for.
+  // The memory of a root is prefetched this many roots ahead.
   static constexpr std::size_t kAhead = 4;
 
-  // What the points in a voxel are. A settled plane takes no finer points.
+  // Content of a voxel. A settled plane creates no finer voxels.
   enum class Kind : std::uint8_t { kNone, kPlane, kSettledPlane, kLine, kBlob };
 
   struct Plane {
@@ -147,9 +147,9 @@ class VoxelPlaneMap {
     float normal_variance = 0;
   };
 
-  // Which ring the points came from, told by majority vote (Boyer and Moore 1981, joined as Misra
-  // and Gries do): a ring with more than half of n points is `ring`, and has between `lead` and
-  // (n + lead) / 2 of them. lead == n: there is no other.
+  // The ring of the points, by majority vote (Boyer and Moore 1981, joined as in Misra and Gries):
+  // a ring with more than half of n points is `ring`, and has between `lead` and (n + lead) / 2 of
+  // them. lead == n: there is no other.
   struct Rings {
     std::uint16_t ring = kUnknownRing;
     std::uint32_t lead = 0;
@@ -159,17 +159,17 @@ class VoxelPlaneMap {
 
   using Offset = std::array<float, 3>;
 
-  // What of an insertion falls into one voxel, relative to its centre.
+  // The part of an insertion that falls into one voxel, relative to its centre.
   struct Gathered {
     std::uint32_t count = 0;
     MomentSums<double> sums;
     Rings rings;
 
-    /// Of a part of the voxel whose centre lies there.
+    /// Adds a part of the voxel whose centre lies at `offset`.
     void add(const Gathered& other, const Offset& offset);
   };
 
-  // A point's place in the order of the octree: three bits a level, those of its root above.
+  // A point's place in the order of the octree: three bits per level, the root's at the top.
   struct Placed {
     std::uint64_t code;
     std::uint32_t point;
@@ -180,8 +180,8 @@ class VoxelPlaneMap {
     std::span<const Placed> points;
   };
 
-  // What was fitted lies apart: most voxels hold nothing but counts, and they are the map's memory.
-  // Sums are in single precision: offsets are below the voxel's edge, and added once a sweep.
+  // Fits are stored separately: most voxels hold nothing but counts, which fill the map's memory.
+  // Sums are in single precision: offsets are below the voxel's edge, and added once per sweep.
   struct Counted {
     std::uint32_t count = 0;
     std::uint32_t refit_at = 0;  // count from which it is fitted again
@@ -212,11 +212,11 @@ class VoxelPlaneMap {
     std::uint32_t node;
   };
 
-  /// Which child of a voxel a cell lies in; bit: of the child's place in the root.
+  /// Index of a voxel's child that contains a cell; bit: of the child's place in the root.
   static unsigned octant(const Cell& c, int bit) {
     return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
   }
-  /// Whether there are cells so far out; not of NaN.
+  /// Whether the point lies within the range of cells; false for NaN.
   static bool has_cell(Float4 point) { return all_below(point, kMaxLocal_m); }
   Int4 cell_lanes(Float4 point) const { return floor_to_int(point * leaf_per_m_); }
   static Cell cell_of(Int4 lanes) { return {lanes[0], lanes[1], lanes[2]}; }
@@ -246,8 +246,8 @@ class VoxelPlaneMap {
     constexpr Float4 kHalf{0.5f, 0.5f, 0.5f, 0.0f};
     return __builtin_convertvector(cell, Float4) + kHalf;
   }
-  // Points that a look-up has brought to one place: a finest voxel, or none; and what a coarser one
-  // gives: a plane, with which the way ends, or a post for a finest voxel that is nothing itself.
+  // Points that a look-up has brought to one place: a finest voxel, or none; match: from a coarser
+  // one: a plane, which ends the search, or a post for a finest voxel without a fit of its own.
   struct Found {
     std::span<const Placed> points;
     std::uint32_t leaf = kNoChild;
@@ -308,7 +308,7 @@ class VoxelPlaneMap {
   Pool<Leaf> leaves_;
   Pool<Plane> planes_;
   Pool<std::array<PlaneRow, 3>> rows_;
-  std::vector<Placed> placed_, placed_spare_;  // of the insertion under way
+  std::vector<Placed> placed_, placed_spare_;  // of the present insertion
   std::vector<RootHit> roots_hit_;
   std::vector<Found> found_;  // of the root whose points are looked up
 };
