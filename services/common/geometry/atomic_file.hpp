@@ -1,5 +1,5 @@
 #pragma once
-// Files that are either whole or as they were before.
+// Files that are either complete or unchanged.
 
 #include <functional>
 #include <string>
@@ -11,8 +11,8 @@ namespace zloam {
 /// renames it over `path` and syncs the folder. Returns an empty string, or a sentence that says
 /// what failed; `path` is then untouched and no temporary file is left.
 std::string write_file_atomically(const std::string& path, std::string_view bytes);
-/// The same in pieces, each valid until the next one is asked for; an empty one is the end. What is
-/// large need never be there whole.
+/// The same in pieces, each valid until the next one is requested; an empty one is the end. A large
+/// file need never be in memory as a whole.
 std::string write_file_atomically(const std::string& path,
                                   const std::function<std::string_view()>& next);
 

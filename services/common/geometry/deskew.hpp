@@ -11,18 +11,18 @@
 
 namespace zloam {
 
-/// Where a motion whose rate changes by one over a sweep is beside the steady one between the same
-/// ends, at the fraction s in [-1/2, 1/2] of the sweep.
+/// Offset of a motion whose rate changes by one over a sweep from the steady motion between the
+/// same ends, at the fraction s in [-1/2, 1/2] of the sweep.
 inline double bent_at(double s) { return 0.5 * (s * s - 0.25); }
 
 /// Motions at even steps from a sweep's first to its last moment, the twist changing by `bend` (m
-/// and rad per sweep) over it; the first and the last stay as they are.
+/// and rad per sweep) over it; the first and the last stay unchanged.
 void bend_motions(const Vector6& bend, std::vector<Pose>& motions);
 
 /// Table of motions p(instant) = Exp(twist * (t - instant)) * p(t) over one sweep. A point is moved
-/// by the nearest of kSteps + 1 entries: off by at most half a step, 1 mm at 20 m/s in a 0.1 s
+/// by the nearest of kSteps + 1 entries: an error of at most half a step, 1 mm at 20 m/s in a 0.1 s
 /// sweep and 0.16 mrad at 190 deg/s, far below a lidar's range noise and a hundred times cheaper
-/// than one exponential a point.
+/// than one exponential per point.
 class DeskewTable {
  public:
   static constexpr int kSteps = 1024;
@@ -31,15 +31,15 @@ class DeskewTable {
   /// after the sweep's first point. Times outside [0, period_ns] use the nearest end.
   DeskewTable(const Vector6& twist_per_s, std::uint32_t period_ns, std::uint32_t instant_ns);
 
-  /// The same between the same ends, with a twist that changes by `bend` over the period.
+  /// A table with the same ends and a twist that changes by `bend` over the period.
   DeskewTable bent(const Vector6& bend) const;
 
-  /// Carries points that `before`, of the same sweep, has moved to where this would have.
+  /// Takes points that `before`, of the same sweep, has moved to where this table moves them.
   DeskewTable in_place_of(const DeskewTable& before) const;
 
   /// Entry of a point measured time_ns after the sweep's start: the nearest.
   std::size_t step_at(std::uint32_t time_ns) const {
-    // Cut off after adding a half: without a call for each point.
+    // Truncated after adding a half: avoids a call for each point.
     const double above = time_ns * step_per_ns_ + 0.5;
     return std::min<std::size_t>(static_cast<std::size_t>(above), kSteps);
   }
@@ -54,7 +54,7 @@ class DeskewTable {
   std::vector<Pose> motions_;
 };
 
-/// All points re-projected; everything but x, y, z stays.
+/// Re-projects all points; only x, y, z change.
 PointVector deskewed(PointSpan points, const DeskewTable& table);
 
 }  // namespace zloam

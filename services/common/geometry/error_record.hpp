@@ -1,6 +1,6 @@
 #pragma once
-// The recent record of one prediction of motion: mean squares of what it was off by, in each
-// direction, over the last ten errors or so.
+// Recent errors of one prediction of motion: mean squares in each direction, over about the last
+// ten errors.
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -11,8 +11,8 @@
 
 namespace zloam {
 
-/// Of an error, translation and rotation each for itself, the part that its own covariance does not
-/// explain, in each principal direction of that: along what the data leave open nothing was seen.
+/// The part of an error, separately for translation and rotation, that its own covariance does not
+/// explain, in each principal direction of that: nothing was seen along open directions.
 inline Vector6 unexplained(const Vector6& error, const Matrix6& covariance) {
   Vector6 out;
   for (const int at : {0, 3}) {
@@ -30,14 +30,14 @@ inline Vector6 unexplained(const Vector6& error, const Matrix6& covariance) {
 
 class ErrorRecord {
  public:
-  /// What is assumed before the first error, one sigma.
+  /// Assumed before the first error, one sigma.
   ErrorRecord(double sigma_m, double sigma_rad)
       : translation_(sigma_m * sigma_m * Eigen::Matrix3d::Identity()),
         rotation_(sigma_rad * sigma_rad * Eigen::Matrix3d::Identity()) {}
 
-  /// An error in the body's tangent. The first errors count as much as the assumption: a
-  /// prediction that is off by decimetres from the start is not to be believed for as long as a
-  /// record of long memory takes to learn it.
+  /// An error in the body's tangent. The first errors count as much as the assumption: a prediction
+  /// that is off by decimetres from the start must not be trusted for as long as a record with a
+  /// long memory takes to learn it.
   void add(const Vector6& error) {
     const Eigen::Vector3d t = error.head<3>();
     const Eigen::Vector3d r = error.tail<3>();
@@ -57,7 +57,7 @@ class ErrorRecord {
   }
   int errors() const { return errors_; }
 
-  /// All that it knows, for who keeps or brings it back.
+  /// The whole state, to save or restore it.
   template <class Bits>
   void each(Bits& bits) {
     bits(translation_, rotation_, errors_);

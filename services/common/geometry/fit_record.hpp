@@ -1,7 +1,7 @@
 #pragma once
-// Whether a sweep fits as the ones before did. A matching that ends in a wrong place has usually
-// not come to rest there, and explains far fewer of its points than the sweeps before it did; one
-// that found its place explains as many even where much is new.
+// Whether a sweep fits as well as the ones before. A matching that ends at a wrong place has
+// usually not converged, and explains far fewer of its points than the sweeps before it did; one at
+// the right place explains as many even where much is new.
 
 #include <algorithm>
 #include <cstddef>
@@ -13,16 +13,16 @@ namespace zloam {
 
 class FitRecord {
  public:
-  /// So many are remembered; a restarted stage takes as many back.
+  /// Number of fits remembered; a restarted stage restores as many.
   static constexpr std::size_t kRemembered = 10;
 
-  /// Of a sweep whose matching came to rest.
+  /// Adds the fit of a sweep whose matching converged.
   void add(double fit) {
     fits_.push_back(fit);
     if (fits_.size() > kRemembered) fits_.pop_front();
   }
 
-  /// The median; nothing while there are too few to judge by.
+  /// The median; nothing while there are too few values.
   std::optional<double> usual() const {
     constexpr std::size_t kFewest = 3;
     if (fits_.size() < kFewest) return std::nullopt;
@@ -32,7 +32,7 @@ class FitRecord {
     return *middle;
   }
 
-  /// All that it knows, for who keeps or brings it back.
+  /// The whole state, to save or restore it.
   template <class Bits>
   void each(Bits& bits) {
     bits(fits_);

@@ -16,7 +16,7 @@ struct ImuReading {
   Eigen::Vector3d rate_radps = Eigen::Vector3d::Zero();
 };
 
-/// So much before and after a sweep goes with it (schemas/sweep.fbs): stamps may be off by as much.
+/// Readings this long before and after a sweep go with it (schemas/sweep.fbs): tolerance of stamps.
 inline constexpr std::int64_t kImuMargin_ns = 30'000'000;
 
 using ImuSpan = std::span<const ImuReading>;

@@ -1,15 +1,15 @@
 #pragma once
-// What an inertial sensor says of the motion from one sweep to the next, its biases and gravity
-// taken out.
+// The IMU's preintegrated motion from one sweep to the next, with biases and gravity
+// removed.
 
 #include "common/geometry/se3.hpp"
 
 namespace zloam {
 
-/// Two adjoining sweeps, `before` and `now`, each with its mean velocity: the way from its begin to
-/// its end over its period.
+/// Two consecutive sweeps, `before` and `now`, each with its mean velocity: its displacement from
+/// begin to end over its period.
 struct InertialStep {
-  /// of `now` less that of `before`, frame base_link at the end of `before`, m/s
+  /// of `now` minus that of `before`, frame base_link at the end of `before`, m/s
   Eigen::Vector3d velocity_change_mps = Eigen::Vector3d::Zero();
   /// rotation vector of `now` from its begin to its end, rad
   Eigen::Vector3d turn_rad = Eigen::Vector3d::Zero();
@@ -19,7 +19,7 @@ struct InertialStep {
   bool at_rest = false;
 };
 
-/// What a platform at rest may move by all the same, one sigma.
+/// Motion that a platform at rest may still have, one sigma.
 inline constexpr double kRestSpeed_mps = 0.01;
 inline constexpr double kRestRate_radps = 0.002;
 
@@ -27,7 +27,7 @@ inline constexpr double kRestRate_radps = 0.002;
 Vector6 twist_after(const InertialStep& step, const Vector6& twist_before, double period_before_s,
                     double period_now_s);
 
-/// What that twist changes by with the twist before: translation by translation and by rotation.
+/// Jacobian of that twist by the twist before: translation by translation and by rotation.
 Matrix6 twist_after_jacobian(const InertialStep& step, const Vector6& twist_before,
                              double period_before_s, double period_now_s);
 

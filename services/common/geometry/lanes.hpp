@@ -1,5 +1,5 @@
 #pragma once
-// Four numbers at once, by the compilers' vector types (GCC's and Clang's alike): SSE2 on x86-64,
+// Four numbers at once, in the compilers' vector types (GCC's and Clang's alike): SSE2 on x86-64,
 // NEON on arm64, plain code elsewhere. Points and rows of planes take one such vector each.
 
 #include <array>
@@ -32,7 +32,7 @@ inline float sum_of_lanes(Float4 v) {
   return (pairs + __builtin_shufflevector(pairs, pairs, 1, 0, 3, 2))[0];
 }
 
-/// Whether every lane is below the limit in size; NaN is not.
+/// Whether every lane is below the limit in magnitude; false for NaN.
 inline bool all_below(Float4 v, float limit) {
   using Long2 = std::int64_t __attribute__((vector_size(16)));
   const Long2 below = reinterpret_cast<Long2>((v < limit) & (v > -limit));
@@ -42,14 +42,14 @@ inline bool all_below(Float4 v, float limit) {
 /// Two numbers in double precision.
 using Double2 = double __attribute__((vector_size(16)));
 
-/// Rounded down; for numbers of at most 2^51 in size.
+/// Rounded down; for numbers of at most 2^51 in magnitude.
 inline Double2 floor_of(Double2 v) {
   constexpr double kUnits = 3.0 * (std::uint64_t{1} << 51);  // so large that its digits are whole
   const Double2 nearest = (v + kUnits) - kUnits;
   return nearest > v ? nearest - 1.0 : nearest;
 }
 
-/// Whether all four are at least -limit and below limit; NaN is not.
+/// Whether all four are at least -limit and below limit; false for NaN.
 inline bool all_within(Double2 a, Double2 b, double limit) {
   const auto within = (a < limit) & (a >= -limit) & (b < limit) & (b >= -limit);
   return (within[0] & within[1]) == -1;

@@ -1,5 +1,5 @@
 #pragma once
-// The two layers of points that a map has, as in keys, messages and files.
+// The two layers of a map's points, as in keys, messages and files.
 
 #include <array>
 #include <cstdint>

@@ -1,7 +1,7 @@
 #pragma once
 // Whether a pose can be reached from the ones accepted before it. Finite and well formed is not
-// enough: a pose that is 1000 m away after a tenth of a second is nobody's. What keeps coming and
-// fits itself is believed after all: then it is the stage, not a stranger, that is wrong.
+// enough: a pose 1000 m away after a tenth of a second is implausible. Poses that keep coming and
+// are consistent are accepted after all: then a stage is wrong, not a foreign sender.
 
 #include <cstdint>
 #include <optional>
@@ -22,7 +22,7 @@ class MotionCheck {
   explicit MotionCheck(const MotionReach& reach = {}) : reach_(reach) {}
 
   /// Empty: accepted. Else the reason. frame: poses of different frames are not compared. at: the
-  /// point of the pose's child frame that is compared, where the pose is a transform of frames.
+  /// point of the pose's child frame that is compared, if the pose is a transform between frames.
   std::string check(std::uint64_t frame, std::int64_t instant_ns, const Pose& pose,
                     const Pose& at = Pose::Identity());
   void reset() { accepted_.reset(), refused_.reset(), refused_in_a_row_ = 0; }

@@ -11,9 +11,9 @@ namespace zloam {
 enum class ReturnType : std::uint8_t { kStrongest = 0, kLast = 1, kBoth = 2, kSecondStrongest = 3 };
 
 /// One lidar return; same layout as the message's struct (schemas/common.fbs), so that algorithms
-/// read arrays of it where they arrived. x, y, z in metres in the frame that the container names
-/// (lidar: x forward, y left, z up); time_ns counts from the sweep's first point; ring is the rank
-/// of the laser by ascending elevation.
+/// read arrays of it in place. x, y, z in metres in the frame that the container names (lidar: x
+/// forward, y left, z up); time_ns counts from the sweep's first point; ring is the rank of the
+/// laser by ascending elevation.
 struct Point {
   float x, y, z;
   float intensity;

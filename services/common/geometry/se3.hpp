@@ -29,7 +29,7 @@ Eigen::Vector3d log_so3(const Eigen::Matrix3d& rotation);
 Pose exp_se3(const Vector6& twist);
 
 /// exp_se3((first + i * step) * twist) for i in [0, count): along one screw. Each is a product of
-/// two of few exponentials: off by rounding, at a quarter of the cost.
+/// two out of a few exponentials: equal up to rounding, at a quarter of the cost.
 std::vector<Pose> exp_se3_along(const Vector6& twist, double first, double step, std::size_t count);
 
 /// The twist whose exp_se3 is the motion; rotation below pi.
@@ -38,10 +38,10 @@ Vector6 log_se3(const Pose& motion);
 /// Ad(T): exp_se3(adjoint(T) * x) = T * exp_se3(x) * T^-1.
 Matrix6 adjoint(const Pose& pose);
 
-/// A covariance whose tangent is at `from`, with the tangent at `to`.
+/// Transforms a covariance with its tangent at `from` to the tangent at `to`.
 Matrix6 carried(const Matrix6& covariance, const Pose& T_to_from);
 
-/// The nearest rotation, against the drift of long products.
+/// The nearest rotation, to remove the drift of long products.
 Pose normalised(const Pose& pose);
 
 /// Pose from translation (m) and roll, pitch, yaw in degrees: R = Rz(yaw) * Ry(pitch) * Rx(roll).

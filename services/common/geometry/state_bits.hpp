@@ -1,5 +1,5 @@
 #pragma once
-// A state as numbers, to the bit: written by one process and read by the next of the same program.
+// A state as numbers, bit-exact: written by one process and read by the next of the same program.
 // Not for files that outlive a program. One description of a state serves both directions.
 
 #include <bit>
@@ -20,12 +20,12 @@ class StateBits {
  public:
   using Words = std::vector<std::uint64_t>;
 
-  /// Writes.
+  /// For writing.
   StateBits() = default;
-  /// Reads.
+  /// For reading.
   explicit StateBits(std::span<const std::uint64_t> words) : reads_(true), in_(words) {}
 
-  /// Read: exactly what was there was asked for.
+  /// After reading: the words held exactly the values read.
   bool complete() const { return !short_ && in_.empty(); }
   Words take() { return std::move(out_); }
 
@@ -67,7 +67,7 @@ class StateBits {
   void visit(std::optional<T>& value) {
     bool has = value.has_value();
     visit(has);
-    // Not in place: clang 14 takes a class inside of another for not constructible there.
+    // Not in place: clang 14 treats a class nested in another as not constructible there.
     if (reads_) value = has ? std::optional<T>(T{}) : std::nullopt;
     if (value) visit(*value);
   }

@@ -1,5 +1,5 @@
 #pragma once
-// What was seen along a few metres of way, in one frame that nothing bends later.
+// Points seen along a few metres of way, in one frame that no later correction deforms.
 
 #include <cstdint>
 #include <vector>
@@ -15,12 +15,12 @@ struct Submap {
   /// since the Unix epoch
   std::uint64_t sweep = 0;
   std::int64_t instant_ns = 0;
-  /// where mapping had it
+  /// its pose in the map by mapping
   Pose T_map_submap = Pose::Identity();
-  /// of the motion since the frame of the submap before, tangent at this one: of both poses, and of
-  /// what the points between left open
+  /// of the motion since the frame of the submap before, tangent at this one: from both poses, and
+  /// from what the points between left unconstrained
   Matrix6 step_covariance = Matrix6::Zero();
-  /// the sweep of that frame; of the first submap its own
+  /// the sweep of that frame; for the first submap its own
   std::uint64_t before_sweep = 0;
   /// way since that frame, m
   double step_m = 0.0;
@@ -31,7 +31,7 @@ struct Submap {
   std::vector<MapPoint> points;
   /// of each point the groups of consecutive sweeps that hit its voxel, one bit each, lowest first
   std::vector<std::uint64_t> hits;
-  /// where the sensor was in the middle of each group, at most 64 of them
+  /// position of the sensor in the middle of each group, at most 64 of them
   std::vector<Eigen::Vector3d> origins;
 };
 

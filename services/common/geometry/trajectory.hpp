@@ -19,15 +19,15 @@ struct TrajectoryPose {
 /// Grows with every sweep for as long as the robot runs: never copied to make room.
 using Trajectory = std::deque<TrajectoryPose>;
 
-/// TUM: "stamp x y z qx qy qz qw" a line, stamp in seconds with nine decimals, quaternion with w >=
-/// 0.
+/// TUM: "stamp x y z qx qy qz qw" per line, stamp in seconds with nine decimals, quaternion with w
+/// >= 0.
 std::string tum_line(const TrajectoryPose& pose);
 
-/// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers a line, in the frame of the
-/// poses (nothing is moved so that the first one were the identity).
+/// KITTI: the upper 3x4 of T_parent_base row by row, twelve numbers per line, in the frame of the
+/// poses (not moved so that the first pose is the identity).
 std::string kitti_line(const TrajectoryPose& pose);
 
-/// A file's lines in pieces, empty at the end: days of poses are never there as text.
+/// A file's lines in pieces, empty at the end: days of poses are never in memory as text.
 class TrajectoryText {
  public:
   using Line = std::string (*)(const TrajectoryPose&);

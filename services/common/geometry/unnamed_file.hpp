@@ -1,5 +1,5 @@
 #pragma once
-// A file that nobody else sees: for what a program would otherwise hold in memory.
+// A file that no other program sees: for data that a program would otherwise hold in memory.
 
 #include <cstddef>
 #include <cstdint>
@@ -9,19 +9,19 @@
 
 namespace zloam {
 
-/// It has no name from the start, so it goes with the process, however that ends. Nothing is
-/// created before the first append.
+/// It never has a name, so it disappears with the process, however that ends. Nothing is created
+/// before the first append.
 class UnnamedFile {
  public:
-  /// folder: on the file system that gives the room; created when it is missing.
+  /// folder: on the file system that provides the space; created when missing.
   explicit UnnamedFile(std::string folder) : folder_(std::move(folder)) {}
   ~UnnamedFile();
   UnnamedFile(UnnamedFile&& other) noexcept;
   UnnamedFile& operator=(UnnamedFile&& other) noexcept;
 
-  /// Where the bytes begin; none: they could not be written, and none can be any more.
+  /// Offset of the bytes; nothing: writing failed, and no more bytes can be written.
   std::optional<std::int64_t> append(std::span<const std::byte> bytes);
-  /// False: they are not all there.
+  /// False: some of the bytes could not be read.
   bool read(std::int64_t offset, std::span<std::byte> bytes) const;
   bool failed() const { return failed_; }
 
