@@ -1,6 +1,6 @@
 #pragma once
-// Open-addressing hash from a packed grid index to a slot number. Only ever asked by key, never
-// walked, so that no order of a hash can reach a result.
+// Open-addressing hash from a packed grid index to a slot number. Accessed by key only, never
+// iterated, so that a hash order can't affect a result.
 
 #include <cstdint>
 #include <optional>
@@ -13,19 +13,19 @@ class FlatIndex {
   static constexpr std::uint32_t kNone = 0xffffffffU;
 
   explicit FlatIndex(std::size_t capacity = 64);
-  /// Slot of the key, kNone when there is none.
+  /// Slot of the key, or kNone.
   std::uint32_t find(std::uint64_t key) const {
     for (std::size_t at = home(key);; at = (at + 1) & mask_) {
       if (keys_[at] == key) return values_[at];
       if (keys_[at] == kFree) return kNone;
     }
   }
-  /// For a find() of the key that is to come.
+  /// Prefetches for a coming find() of the key.
   void prefetch(std::uint64_t key) const {
     __builtin_prefetch(&keys_[home(key)]);
     __builtin_prefetch(&values_[home(key)]);
   }
-  /// The key must not be in yet, and have its highest bit clear.
+  /// The key must not be present yet, and its highest bit must be clear.
   void insert(std::uint64_t key, std::uint32_t value);
   void erase(std::uint64_t key);
   std::size_t size() const { return size_; }
@@ -38,7 +38,7 @@ class FlatIndex {
   }
   void grow();
 
-  // Apart, as together they would be padded by a third.
+  // Separate, because together they would be padded by a third.
   std::vector<std::uint64_t> keys_;
   std::vector<std::uint32_t> values_;
   std::size_t mask_ = 0;

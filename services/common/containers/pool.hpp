@@ -1,6 +1,6 @@
 #pragma once
-// Index-addressed storage that grows without moving or copying what it holds, and reuses what was
-// released, last in first out.
+// Index-addressed storage that grows without moving or copying its content, and reuses released
+// values, last in first out.
 
 #include <cstddef>
 #include <cstdint>
@@ -29,7 +29,7 @@ class Pool {
     return size_++;
   }
 
-  /// Asks for the memory of a value that is needed soon.
+  /// Prefetches a value that is needed soon.
   void fetch(std::uint32_t i) const {
     constexpr std::size_t kLine = 64;
     const char* at = reinterpret_cast<const char*>(&(*this)[i]);
@@ -37,7 +37,7 @@ class Pool {
   }
 
   void release(std::uint32_t i) { free_.push_back(i); }
-  /// In use or released: the bound of all indices.
+  /// Values in use and released: the bound of all indices.
   std::uint32_t size() const { return size_; }
   std::size_t in_use() const { return size_ - free_.size(); }
   std::size_t bytes() const {

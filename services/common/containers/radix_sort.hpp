@@ -9,7 +9,7 @@
 
 namespace zloam {
 
-/// Ascending by key(item), of which the lowest `bits` count. `spare` is only memory to work in.
+/// Sorts ascending by key(item), of which only the lowest `bits` count. `spare`: working memory.
 template <typename Item, typename Key>
 void radix_sort(std::vector<Item>& items, std::vector<Item>& spare, int bits, Key key) {
   constexpr int kDigitBits = 11;

@@ -1,26 +1,26 @@
 #pragma once
-// How far a dense sweep is thinned: never below what is enough, and which of its points are left.
+// Thinning of a dense sweep: never below a sufficient number, and the choice of its points.
 
 #include <algorithm>
 #include <cstddef>
 
 namespace zloam {
 
-/// The greatest stride through so many items that leaves no fewer than enough of them; at least 1.
+/// The greatest stride through `items` that leaves at least `enough` of them; at least 1.
 inline std::size_t stride_to(std::size_t enough, std::size_t items) {
   return std::max<std::size_t>(items / std::max<std::size_t>(enough, 1), 1);
 }
 
-/// Of a row of items every stride-th stretch of `together` successive ones, the first stretch
-/// chosen by `first`. A sweep's points are given ring by ring, so that each ring has its share.
-/// (Counted through time slots, every second point of a full sweep is every second ring.) Where the
-/// first one changes from sweep to sweep, all points have their turn.
+/// Selects every stride-th stretch of `together` successive items, beginning with stretch `first`.
+/// A sweep's points are given ring by ring, so that each ring has its share. (In time order, every
+/// second point of a full sweep would be every second ring.) If `first` changes from sweep to
+/// sweep, all points are used in turn.
 struct Thinning {
   std::size_t stride = 1;
   std::size_t first = 0;
   std::size_t together = 1;
 
-  /// take(begin, end) for each stretch, in order.
+  /// Calls take(begin, end) for each stretch, in order.
   template <typename Take>
   void each_stretch(std::size_t items, const Take& take) const {
     if (stride == 1) {
@@ -32,7 +32,7 @@ struct Thinning {
     }
   }
 
-  /// take(item) for each one that is left, in order.
+  /// Calls take(item) for each selected item, in order.
   template <typename Items, typename Take>
   void each(const Items& items, const Take& take) const {
     each_stretch(items.size(), [&](std::size_t begin, std::size_t end) {
@@ -41,8 +41,8 @@ struct Thinning {
   }
 };
 
-/// Of points that are counted in voxels: neighbours of one ring mostly share their voxel, so that
-/// fewer are touched (HDL-64E: a seventh less time of odometry and mapping; the same errors).
+/// For points counted in voxels: neighbours of one ring mostly share their voxel, so that fewer
+/// voxels are touched (HDL-64E: a seventh less time of odometry and mapping; the same errors).
 inline constexpr std::size_t kCountedTogether = 4;
 
 }  // namespace zloam
