@@ -1,8 +1,8 @@
 #pragma once
-// Payloads where FlatBuffers can read them: in place when they lie in one piece at an address
-// divisible by 8, else copied once to memory aligned to 64 bytes (what comes over TCP is). Shared
-// memory is copied too: its publisher may write there again while it is read (Bytes::is_intact),
-// and what a verifier has passed must not change afterwards.
+// Payloads in a form that FlatBuffers can read: in place if contiguous at an address divisible by
+// 8, else copied once to memory aligned to 64 bytes (as for messages over TCP). Shared memory is
+// copied too: its publisher may write to it again while it is read (Bytes::is_intact), and verified
+// bytes must not change afterwards.
 
 #include <atomic>
 #include <cstdint>
@@ -21,8 +21,8 @@ struct TransferCounters {
   std::atomic<std::uint64_t> bytes_copied{0};
 };
 
-/// Contiguous bytes at an address divisible by 8, with what keeps them alive. A copy of this object
-/// shares them. Spans from data() live as long as one of the copies.
+/// Contiguous bytes at an address divisible by 8, and their owner. A copy of this object shares
+/// them. Spans from data() live as long as one of the copies.
 class AlignedBytes {
  public:
   AlignedBytes() = default;
@@ -32,8 +32,8 @@ class AlignedBytes {
   bool in_place() const { return copy_ == nullptr; }
   /// The shared memory was written again before it was read: there are no bytes.
   bool torn() const { return torn_; }
-  /// To be kept for long: the copy that was made already, shared, or one that is made now. A
-  /// payload in place may hold a receive buffer many times its size.
+  /// For keeping it long: the existing copy, shared, or a new one. A payload in place may hold a
+  /// receive buffer many times its size.
   Bytes to_keep() const;
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
-// What the .cpp files of this folder share: handles of the C ABI, errors, and the way from a C
-// callback to a std::function. Not for other folders.
+// Shared by the .cpp files of this folder: handles of the C ABI, errors, and the conversion from a
+// C callback to a std::function. Not for other folders.
 
 #include <atomic>
 #include <mutex>
@@ -28,14 +28,14 @@ inline std::string_view text(zloam_slice slice) {
   return {reinterpret_cast<const char*>(slice.data), slice.size};
 }
 
-/// Takes the handle, which may be null.
+/// Takes ownership of the handle, which may be null.
 Bytes adopt(zloam_bytes* handle);
 /// The handle inside, or null for no bytes.
 const zloam_bytes* borrow(const Bytes& bytes);
-/// Takes over the payload and the attachment.
+/// Takes ownership of the payload and the attachment.
 Sample to_sample(const zloam_sample& view);
 
-/// Exceptions that left callbacks of one session; outlives the session with its last callback.
+/// Exceptions thrown by callbacks of one session; outlives the session until its last callback.
 class CallbackErrors {
  public:
   void report(std::string_view what) noexcept;
@@ -48,7 +48,7 @@ class CallbackErrors {
   Session::ErrorHandler handler_;
 };
 
-/// Runs f; an exception goes to errors.
+/// Runs f; passes an exception to errors.
 template <class F>
 void contain(CallbackErrors& errors, F&& f) noexcept {
   try {
@@ -66,7 +66,7 @@ struct Closure {
   State state;
   std::shared_ptr<CallbackErrors> errors;
 
-  /// The context to be handed to Rust, which owns it from then on.
+  /// Makes the context for Rust, which owns it from then on.
   static void* make(State state, std::shared_ptr<CallbackErrors> errors) {
     auto* closure = new Closure{std::move(state), std::move(errors)};
     hand_over(closure);

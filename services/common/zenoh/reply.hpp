@@ -13,7 +13,7 @@ struct GetCallbacks {
 };
 
 /// Calls on_done when both have happened: the get was started without an error, and Zenoh has
-/// dropped its closure. It may do so before the starting call returns, and does when that fails.
+/// dropped its closure. Zenoh may do so before the starting call returns, and does when that fails.
 class GetState {
  public:
   GetState(GetCallbacks callbacks, std::shared_ptr<CallbackErrors> errors)
@@ -36,8 +36,8 @@ void start_get(GetCallbacks callbacks, std::shared_ptr<CallbackErrors> errors,
 
 std::uint64_t to_ms(std::chrono::milliseconds timeout);
 
-/// Waits for the end of a get and has its replies. A get ends by itself after its timeout; when the
-/// session is closed meanwhile Zenoh may forget to say so, so the wait ends kGrace later by itself.
+/// Waits for the end of a get and returns its replies. A get ends after its timeout; if the session
+/// is closed meanwhile Zenoh may not report the end, so the wait then ends kGrace later.
 class ReplyCollector {
  public:
   std::function<void(Reply&&)> on_reply();

@@ -12,7 +12,7 @@ struct Session::Impl {
 
   detail::Handle<zloam_session, zloam_session_drop> handle;
   std::shared_ptr<detail::CallbackErrors> errors = std::make_shared<detail::CallbackErrors>();
-  std::mutex mutex;  // guards what follows
+  std::mutex mutex;  // guards the members below
   bool closed = false;
 };
 

@@ -1,5 +1,5 @@
 #pragma once
-// Tells ThreadSanitizer what it cannot see inside the Rust library, which is not instrumented: that
+// Informs ThreadSanitizer of what it can't see inside the Rust library, which is not instrumented:
 // Zenoh hands an object over from one thread to another. No code in other builds.
 
 #if defined(__SANITIZE_THREAD__)

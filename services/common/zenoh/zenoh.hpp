@@ -4,15 +4,15 @@
 //
 // Rules that hold for everything here:
 //  - Errors are thrown as ZenohError with Zenoh's own message; nothing unwinds into or out of Rust.
-//  - Handles are movable, not copyable; destroying one undeclares it and waits for its running
-//  callbacks,
-//    so a callback may use what it captured until then. Never destroy an entity inside its own
-//    callback.
-//  - Callbacks run on Zenoh's threads: hand the sample to a queue and return. An exception that
-//  leaves a
-//    callback is caught, counted (callback_exceptions()) and passed to the session's error handler.
+//  - Handles are movable, not copyable.
+//    Destroying one undeclares it and waits for its running callbacks, so a callback may use its
+//    captures until then.
+//    Never destroy an entity inside its own callback.
+//  - Callbacks run on Zenoh's threads: pass the sample to a queue and return. An exception that
+//    leaves a callback is caught, counted (callback_exceptions()) and passed to the session's error
+//    handler.
 //  - No static objects: main owns the Session. Entities keep it open, so their order does not
-//  matter.
+//    matter.
 
 #include <chrono>
 #include <cstdint>
@@ -47,17 +47,17 @@ class Bytes {
 
   std::size_t size() const;
   bool is_shared_memory() const;
-  /// False once shared memory may have been written again: its publisher's pool takes back what no
-  /// holder confirmed for 100 ms (a process that stood still, or got no time), references or not.
-  /// True after the last byte was read: so were they all.
+  /// False once shared memory may have been written again: its publisher's pool reclaims memory
+  /// that no holder confirmed for 100 ms (a stalled or starved process), even if referenced. If it
+  /// is true after the last byte was read, all bytes read are valid.
   bool is_intact() const;
-  /// The bytes where they lie, or nothing when they came in several fragments.
+  /// The bytes in place, or nothing when they arrived in several fragments.
   std::optional<std::span<const std::uint8_t>> contiguous() const;
   /// Copies all fragments to dst, which must hold size() bytes.
   void copy_to(std::uint8_t* dst) const;
   std::string to_string() const;
-  /// A copy in slices of at most so many bytes. Slices below the threshold of the implicit shared
-  /// memory go through the socket.
+  /// A copy in slices of at most `part` bytes. Slices below the threshold of the implicit shared
+  /// memory are sent through the socket.
   Bytes in_parts(std::size_t part) const;
 
   // Implementation detail, shared by the classes below.
@@ -155,7 +155,7 @@ class Subscriber {
   std::unique_ptr<Impl> impl_;
 };
 
-/// A query to be answered, from any thread; it ends when this object goes.
+/// A query to be answered, from any thread; it ends when this object is destroyed.
 class Query {
  public:
   Query(Query&&) noexcept;
@@ -189,8 +189,8 @@ class Queryable {
   std::unique_ptr<Impl> impl_;
 };
 
-/// One answer to a get: a sample, or the payload of an error reply ("Timeout" when somebody asked
-/// did not answer in time).
+/// One answer to a get: a sample, or the payload of an error reply ("Timeout" when a queryable did
+/// not answer in time).
 struct Reply {
   std::optional<Sample> sample;
   Bytes error;
@@ -227,13 +227,13 @@ class Session {
   Session& operator=(Session&&) noexcept;
   ~Session();
 
-  /// Closes within the deadline; false when Zenoh did not come back in time (bad link), after which
-  /// the process should end without more ado. Entities stay safe to destroy.
+  /// Closes within the deadline; false when Zenoh did not return in time (bad link), after which
+  /// the process should end at once. Entities stay safe to destroy.
   bool close(std::chrono::milliseconds deadline = std::chrono::milliseconds(3000));
   /// 32 hexadecimal digits or fewer.
   std::string zid() const;
-  /// The other ends of its links, such as tcp/192.168.1.5:7447. Of a link that the other side made
-  /// the port is any one.
+  /// The other ends of its links, such as tcp/192.168.1.5:7447. For a link opened by the other side
+  /// the port is arbitrary.
   std::vector<std::string> links() const;
 
   Publisher declare_publisher(std::string_view key, const PublisherOptions& options = {});
@@ -247,18 +247,18 @@ class Session {
   /// once.
   void get(std::string_view selector, std::function<void(Reply&&)> on_reply,
            std::function<void()> on_done, const GetOptions& options = {});
-  /// Waits for all answers, so not to be called in a callback.
+  /// Waits for all answers, so it must not be called in a callback.
   std::vector<Reply> get(std::string_view selector, const GetOptions& options = {});
 
   LivelinessToken declare_liveliness_token(std::string_view key);
-  /// kPut when a token appears, kDelete when it goes; with history also the tokens that are there.
+  /// kPut when a token appears, kDelete when it disappears; with history also for existing tokens.
   Subscriber declare_liveliness_subscriber(std::string_view key,
                                            std::function<void(Sample&&)> callback,
                                            bool history = true);
   /// Keys of the tokens alive now.
   std::vector<std::string> liveliness_get(std::string_view key, std::chrono::milliseconds timeout);
 
-  /// Where exceptions from callbacks are reported; default: counted only.
+  /// Receives exceptions from callbacks; default: counted only.
   void set_error_handler(ErrorHandler handler);
   std::uint64_t callback_exceptions() const;
 
@@ -269,7 +269,7 @@ class Session {
   std::shared_ptr<Impl> impl_;
 };
 
-/// Zenoh's own log (Rust) to standard error at this level unless RUST_LOG says otherwise; once a
+/// Zenoh's own log (Rust) to standard error at this level unless RUST_LOG sets another; once per
 /// process.
 void init_log(std::string_view fallback_level);
 
