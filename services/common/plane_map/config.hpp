@@ -94,9 +94,9 @@ struct MatcherConfig {
 
   /// Errors of points on one surface are correlated: information is divided by this.
   double correlation = 5.0;
-  /// Nor do surfaces that lie together, and what moves, moves together: two vans that keep their
-  /// distance have more points than all else that holds along a street. Of n points that met
-  /// surfaces facing one way in one root voxel each counts 1 / (1 + n / crowd_points). 0: fully.
+  /// So are those of surfaces that lie together, and moving objects move as a whole: two vans at a
+  /// fixed distance have more points than all else that holds in a street. Each of n points on
+  /// surfaces facing one way in a root voxel counts 1 / (1 + n / crowd_points). 0: fully.
   double crowd_points = 20.0;
 
   /// Residuals above the gate are rejected; the gate follows the error of the prediction at
