@@ -32,7 +32,7 @@ struct DriverConfig {
   SourceKind source = SourceKind::kUdp;
   /// file or folder of a finite source, or the device of a scanner
   std::string path;
-  /// of a recording: which clouds, and the program that reads it
+  /// of a recording: topic of the clouds, and the program that reads it
   std::string topic;
   std::string imu_topic;
   std::string time_field;
@@ -62,9 +62,9 @@ struct DriverConfig {
   double stamp_offset_us = 0.0;
   ScanTiming scan;
   ImuChoice imu = ImuChoice::kNone;
-  /// of recorded readings
+  /// file of recorded readings
   std::string imu_path;
-  /// by how much the readings' stamps are late
+  /// delay of the readings' stamps
   double imu_delay_ms = 0.0;
   /// live: seconds without a packet before a warning
   double quiet_s = 3.0;
@@ -77,7 +77,7 @@ std::optional<double> rate_factor(const std::string& rate);
 
 bool is_live(SourceKind source);
 
-/// The pairs of the mask; throws SourceError for what is none.
+/// Parses the pairs of the mask; throws SourceError for an invalid one.
 std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts);
 
 PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar);

@@ -1,5 +1,5 @@
 #pragma once
-// The driver on the runtime: sweeps, raw packets and GNSS sentences out, paced or live.
+// The driver on the runtime: publishes sweeps, raw packets and GNSS sentences, paced or live.
 
 #include <cstdint>
 #include <memory>
@@ -36,11 +36,11 @@ class DriverStage {
   runtime::Poll poll_live();
   /// The next sweep of a live source, if there is one.
   bool pull_live(Outgoing& outgoing);
-  /// Live: sweeps leave when their inertial readings are there, or after a bounded wait.
+  /// Live: sweeps are published when their inertial readings are there, or after a bounded wait.
   void publish_waiting();
   runtime::Poll poll_replay();
   runtime::Poll finish_replay();
-  /// One sweep ahead, so that the last is known when it is published.
+  /// Reads one sweep ahead, so that the last one is known when it is published.
   bool fetch();
   bool due();
   void on_packets(const runtime::Received<msg::Packets>& packets);
@@ -84,13 +84,13 @@ class DriverStage {
   std::string last_sentence_;
   std::uint64_t seen_datagrams_ = 0;
   std::int64_t last_datagram_ns_ = 0;
-  /// of this host, until this stage began
+  /// of this host, before this stage started
   std::uint64_t to_closed_ports_before_ = datagrams_to_closed_ports();
   bool quiet_ = false;
   bool flushed_ = true;
   std::vector<std::string> remarks_said_;
   int seconds_ = 0;
-  /// when the last step of a clock is no news any more
+  /// until when the last clock step is reported
   int step_said_until_ = 0;
 };
 

@@ -1,11 +1,11 @@
 #pragma once
-// Where a scanner sits on its motor, and by how much the motor's stamps are late, from a recording
-// of a platform that stands still: the flat things that it saw are flat when both are right.
+// Calibrates where a scanner sits on its motor, and the delay of the motor's stamps, from a
+// recording of a standing platform: its flat surfaces are flat in the points when both are right.
 //
 // Minimised with Ceres: distances of the points in a voxel from the plane through all of them, the
 // plane being a function of the unknowns (variable projection). Voxels are chosen again with each
-// solution, larger and thicker ones first. A turn of the scanner about the motor's axis is the
-// encoder's zero, and a shift along the axis moves every point alike: neither can be found.
+// solution, larger and thicker ones first. A rotation of the scanner about the motor's axis equals
+// the encoder's zero, and a shift along the axis moves every point alike: neither is observable.
 
 #include <array>
 #include <cstdint>
@@ -27,22 +27,22 @@ struct Recording {
 struct Unknown {
   double value = 0.0;
   double sigma = 0.0;
-  /// whether the recording tells it: sigma is below what is asked for
+  /// the recording determines it: sigma is below the required limit
   bool found = false;
 };
 
 struct MountCalibration {
-  Unknown pitch_deg, yaw_deg;  ///< of the scanner in what the motor turns
-  Unknown y_m, z_m;            ///< its place there
+  Unknown pitch_deg, yaw_deg;  ///< of the scanner in the frame that the motor rotates
+  Unknown y_m, z_m;            ///< its position there
   Unknown delay_ms;            ///< of the angles' stamps against the lines'
-  /// of the points about their planes, one sigma, before and after
+  /// of the points about their planes, one sigma, before and after the calibration
   double before_m = 0.0;
   double after_m = 0.0;
   std::size_t points = 0;
-  /// of all returns: how many lie on planes
+  /// share of all returns that lie on planes
   double flat_share = 0.0;
   std::size_t planes = 0;
-  /// empty: all is found; else what stands against it
+  /// empty: all unknowns are found; else why not
   std::string objection;
 
   std::array<const Unknown*, 5> unknowns() const {
@@ -50,8 +50,8 @@ struct MountCalibration {
   }
 };
 
-/// start: what is known before; its axis, zero and direction stand. Throws std::invalid_argument
-/// for a recording without lines or angles.
+/// start: initial values; its axis, zero and direction are kept. Throws std::invalid_argument for a
+/// recording without lines or angles.
 MountCalibration calibrate(const Recording& recording, const spinning::Mount& start);
 
 }  // namespace zloam::driver::calibration

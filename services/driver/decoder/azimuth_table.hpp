@@ -1,6 +1,6 @@
 #pragma once
-// cos and sin of whole hundredths of a degree: one table for degrees, one for the rest, and the
-// theorem of addition. Small enough to stay in the first-level cache.
+// cos and sin of whole hundredths of a degree, from one table for degrees, one for the rest, and
+// the addition theorem. Small enough for the first-level cache.
 
 #include <array>
 #include <cmath>
@@ -17,7 +17,7 @@ class AzimuthTable {
   }
   /// 0 to 35999.
   std::pair<double, double> cos_sin(int cdeg) const {
-    // Without a sign: a third of the instructions where the compiler divides several at once.
+    // Unsigned: a third of the instructions where the compiler divides several at once.
     const auto azimuth_cdeg = static_cast<unsigned>(cdeg);
     const auto& [c, s] = degrees_[azimuth_cdeg / 100];
     const auto& [rc, rs] = rest_[azimuth_cdeg % 100];

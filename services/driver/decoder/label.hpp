@@ -1,5 +1,5 @@
 #pragma once
-// Names of models, compared without regard to case, spaces and signs.
+// Names of models, compared without case, spaces and punctuation.
 
 #include <cctype>
 #include <string>

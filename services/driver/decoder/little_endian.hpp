@@ -1,5 +1,5 @@
 #pragma once
-// Integers as most sensors send them.
+// Integers in the byte order of most sensors.
 
 #include <cstdint>
 

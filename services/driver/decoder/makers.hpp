@@ -1,5 +1,5 @@
 #pragma once
-// All makers whose packets are decoded, and which of them a stream is of.
+// All makers whose packets are decoded; finds the maker of a stream.
 
 #include <cstddef>
 #include <cstdint>
@@ -15,21 +15,21 @@ namespace zloam::driver {
 
 /// Models that a configuration can name, as on their labels.
 std::vector<std::string> known_models();
-/// Without regard to case, spaces and signs.
+/// Ignores case, spaces and punctuation.
 bool is_known_model(std::string_view name);
 
 class Makers {
  public:
   explicit Makers(const DecodingOptions& options);
 
-  /// Before the stream is settled a packet of any maker counts.
+  /// Before settle() a packet of any maker counts.
   PacketKind kind(std::span<const std::uint8_t> payload) const;
-  /// From now on the stream is of the maker of this data packet.
+  /// Fixes the stream's maker to that of this data packet.
   void settle(std::span<const std::uint8_t> data_packet);
-  /// The stream's maker, or the one that is taken as long as there was no data packet.
+  /// The stream's maker, or the assumed one before the first data packet.
   const Maker& maker() const;
 
-  /// Why no maker knows the options' metadata; empty: one does.
+  /// Why no maker can read the options' metadata; empty: one can.
   std::string metadata_error() const;
 
  private:

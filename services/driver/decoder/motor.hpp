@@ -1,5 +1,5 @@
 #pragma once
-// The motor's advance from one firing group to the next, and the view's gap that it passes.
+// The motor's advance from one firing group to the next, and the gap of a restricted field of view.
 
 #include <array>
 #include <cstdint>
@@ -8,13 +8,13 @@
 
 namespace zloam::driver {
 
-/// Knows the last plausible motor speed of a stream.
+/// Keeps the last plausible motor speed of a stream.
 class Motor {
  public:
   /// From one firing group to the next.
   explicit Motor(double group_ns);
 
-  /// The packet's advance; where it goes over a gap of the view, also times and duration.
+  /// Sets the packet's advance; across a gap of the field of view also times and duration.
   void measure(PacketPlan& plan);
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// From a sensor's packets to points: what a decoder of any maker does for the cut into sweeps.
+// From a sensor's packets to points: interface between a maker's decoder and sweep assembly.
 //
 // A data packet holds firing groups, the smallest pieces that a sweep can be cut between: a block
 // of channels, a pair of blocks, a column. Each has one azimuth and one time. Coordinates: x
@@ -23,7 +23,7 @@ inline constexpr int kMostGroups = 16;
 
 enum class ReturnMode : std::uint8_t { kUnknown = 0, kStrongest = 1, kLast = 2, kDual = 3 };
 
-/// What becomes of the two returns of one firing.
+/// Selection from the two returns of one firing.
 enum class DualReturns : std::uint8_t {
   kStrongest,  // one: the strongest, or the other one where that is empty
   kLast,       // one: the last, or the other one where that is empty
@@ -31,18 +31,18 @@ enum class DualReturns : std::uint8_t {
   kTagged      // both, with their types; equal distances once, as kBoth
 };
 
-/// Why a packet gave no points.
+/// Why a packet was rejected.
 enum class Reject : std::uint8_t {
   kNone,
-  kShort,          // a data packet cut off
-  kForeign,        // a length that is no packet of this sensor
-  kUnknownModel,   // of no model known here, or its description is missing
-  kModelMismatch,  // of another sensor than the stream began with, or than its description
+  kShort,          // truncated data packet
+  kForeign,        // not a packet length of this sensor
+  kUnknownModel,   // of no known model, or its description is missing
+  kModelMismatch,  // of another sensor than the stream's first packet or its description
   kUnknownMode,    // unknown return mode
-  kBadTime,        // no time stamp that can be
+  kBadTime,        // no plausible time stamp
 };
 
-/// What a short look at a packet tells, for ordering packets before they are decoded.
+/// Result of a short look at a packet, for ordering packets before they are decoded.
 struct PacketTail {
   Reject reject = Reject::kNone;
   /// sensor's time of the packet, since the top of its hour
@@ -78,7 +78,7 @@ struct PacketPlan {
   int gap_before_group = 0;
 };
 
-/// A group of a packet, and where it lies in its sweep.
+/// A group of a packet, and its place in its sweep.
 struct PlacedGroup {
   int group;
   /// of its first firing; a point's time is that and the firing's place in the group
@@ -87,7 +87,7 @@ struct PlacedGroup {
   std::uint16_t column;
 };
 
-/// What does not change from packet to packet, once the model is known.
+/// Constants of a stream, once the model is known.
 struct StreamShape {
   /// as written to the sweeps; empty: not known yet
   std::string model;
@@ -105,7 +105,7 @@ struct StreamShape {
   std::array<std::size_t, 2> most_points_per_group{};
 };
 
-/// A time within the hour, and one that lies before it, maybe in the hour before.
+/// A time within the hour, minus a duration; the result may lie in the hour before.
 inline std::uint32_t earlier_toh_us(std::uint32_t toh_us, std::uint32_t before_us) {
   constexpr std::uint32_t kHourUs = 3'600'000'000U;
   return toh_us >= before_us ? toh_us - before_us : kHourUs - (before_us - toh_us);
@@ -113,8 +113,8 @@ inline std::uint32_t earlier_toh_us(std::uint32_t toh_us, std::uint32_t before_u
 
 inline std::size_t returns_of(ReturnMode mode) { return mode == ReturnMode::kDual ? 2 : 1; }
 
-/// Decodes packets of one sensor. Each virtual function is called once for a packet (decode_groups
-/// once more where a sweep is cut), so that a maker's own code runs over whole packets.
+/// Decodes packets of one sensor. Each virtual function is called once per packet (decode_groups
+/// again where a sweep is cut), so that a maker's code runs over whole packets.
 class PacketDecoder {
  public:
   PacketDecoder() = default;

@@ -1,5 +1,5 @@
 #pragma once
-// Which of the distances in packets, of 16 bits and some unit, are returns.
+// Which raw distances in packets (16 bits, some unit) are returns.
 
 #include <algorithm>
 #include <cmath>
@@ -14,14 +14,14 @@ struct RawLimits {
   bool contain(std::uint32_t raw) const { return raw - lowest <= span; }
 };
 
-/// Both ends belong to the range, also where they are whole numbers of units.
+/// Both ends belong to the range, also if they are whole numbers of units.
 inline RawLimits raw_limits(double min_range_m, double max_range_m, double unit_m) {
   const double lowest = std::ceil(min_range_m / unit_m - 1e-6);
   const double highest = std::floor(max_range_m / unit_m + 1e-6);
   RawLimits limits;
   limits.lowest = static_cast<std::uint32_t>(std::clamp(lowest, 1.0, 65536.0));
   const double span = std::min(highest, 65535.0) - limits.lowest;
-  // Nothing has so great a distance.
+  // Empty range: no raw distance is that large.
   if (span < 0.0) limits.lowest = 65536;
   limits.span = static_cast<std::uint32_t>(std::max(span, 0.0));
   return limits;

@@ -1,6 +1,6 @@
 #pragma once
-// As what returns are given: a single one, and the two of a firing where a packet tells the last one
-// from another one, the strongest or the second strongest (Velodyne and Hesai).
+// Types of returns: of a single one, and of the two of a firing whose packet contains the last one
+// and another one, the strongest or the second strongest (Velodyne and Hesai).
 
 #include "driver/decoder/packet_decoder.hpp"
 
@@ -18,8 +18,8 @@ struct PairChoice {
   ReturnType strongest_type;
 };
 
-/// last and strongest: whether there is one; same: of equal distance, and so one return (VLP-16
-/// manual p. 57).
+/// last and strongest: that return exists; same: both have equal distance and so are one return
+/// (VLP-16 manual p. 57).
 inline PairChoice choose(bool last, bool strongest, bool same, DualReturns policy) {
   const bool both = policy == DualReturns::kBoth || same;
   PairChoice choice{last, strongest && !same, both ? ReturnType::kBoth : ReturnType::kLast,

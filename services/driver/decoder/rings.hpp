@@ -7,7 +7,7 @@
 
 namespace zloam::driver {
 
-/// Rank of each laser by ascending elevation; of two alike the one that comes later is the lower.
+/// Rank of each laser by ascending elevation; of two equal ones the later one is lower.
 inline std::vector<std::uint16_t> rings_by_elevation(const std::vector<double>& elevation_deg) {
   std::vector<std::uint16_t> rings;
   rings.reserve(elevation_deg.size());

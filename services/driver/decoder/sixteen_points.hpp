@@ -1,6 +1,6 @@
 #pragma once
-// Sixteen points at once, from a register for each member to where points lie in memory. Only for
-// files that are compiled where wide.hpp says ZLOAM_WIDE, and run where has_avx512().
+// Writes sixteen points at once, from a register for each member to their places in memory. Only
+// for files compiled where wide.hpp sets ZLOAM_WIDE, and run where has_avx512().
 
 #include <immintrin.h>
 
@@ -49,7 +49,7 @@ ZLOAM_AVX512 void put_eight(std::uint8_t* at, __m512i xy, __m512i zi, __m512i re
   _mm512_storeu_si512(at + 128, c);
 }
 
-/// Those that are kept, in order; room for all sixteen must be there. Returns their number.
+/// Writes the kept points, in order; there must be room for all sixteen. Returns their number.
 ZLOAM_AVX512 std::size_t put_kept(const Sixteen& points, std::uint8_t* at) {
   const __mmask16 kept = points.kept;
   const __m512i x = _mm512_castps_si512(_mm512_maskz_compress_ps(kept, points.x));

@@ -1,5 +1,5 @@
 #pragma once
-// Instead of a decoder where packets are a maker's and still can't be decoded: says why.
+// Replaces a decoder when packets are a maker's but can't be decoded: reports why.
 
 #include <string>
 #include <utility>

@@ -1,5 +1,5 @@
 #pragma once
-// Whether code for wider registers may be compiled beside the portable one, and run.
+// Whether code for wider registers may be compiled beside the portable code, and run.
 
 #if defined(__x86_64__)
 #define ZLOAM_WIDE 1
@@ -15,7 +15,7 @@ inline bool has_avx2() {
   return kHas;
 }
 
-/// Of the kind that permutes bytes: the processors before it slow down where 512 bits are used.
+/// Only with byte permutation: earlier processors slow down when 512 bits are used.
 inline bool has_avx512() {
   static const bool kHas = __builtin_cpu_supports("avx512f") &&
                            __builtin_cpu_supports("avx512bw") &&

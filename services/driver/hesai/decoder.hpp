@@ -33,17 +33,17 @@ class Decoder final : public PacketDecoder {
                             std::uint16_t* columns) const override;
 
  private:
-  /// What of a laser all its points have in common.
+  /// Constants of a laser.
   struct Laser {
     double cos_elevation, elevation_rad, offset_rad;
     std::uint32_t time_ns;
     std::uint16_t ring;
   };
-  /// The horizontal part of a beam's direction, against the block's azimuth.
+  /// Direction of a beam relative to the block's azimuth.
   struct Direction {
     float along, across, up;
   };
-  /// Cosine and sine of a group's azimuth, and what its points have in common.
+  /// Cosine and sine of a group's azimuth, and values common to its points.
   struct Frame {
     float cos_azimuth, sin_azimuth;
     std::uint32_t time_ns;

@@ -1,5 +1,5 @@
 #pragma once
-// Hesai, for the list of makers.
+// Hesai's entry in the list of makers.
 
 #include <memory>
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace zloam::driver::hesai {
 
-/// As on the labels.
+/// As on the sensors' labels.
 std::vector<std::string> models();
 
 std::unique_ptr<const Maker> make(const DecodingOptions& options);

@@ -22,16 +22,16 @@ inline constexpr std::array<int, 2> kLaserCounts = {16, 32};
 inline constexpr int kMostLasers = 32;
 inline constexpr std::size_t kHeaderBytes = 12;
 inline constexpr std::size_t kAzimuthBytes = 2;
-/// distance, reflectivity, and one that is reserved
+/// distance, reflectivity, reserved
 inline constexpr std::size_t kCellBytes = 4;
 inline constexpr std::size_t kTailBytes = 24;
-/// behind the tail, where the header says so
+/// after the tail, if the header says so
 inline constexpr std::size_t kSequenceBytes = 4;
 /// From the firing of one block to that of the next (manual, appendix II).
 inline constexpr std::int64_t kBlockNs = 50'000;
 static_assert(kBlocksPerPacket <= kMostGroups);
 
-/// What the first twelve bytes say.
+/// Content of the first twelve bytes.
 struct Header {
   int protocol_major = 0;
   int protocol_minor = 0;
@@ -40,7 +40,7 @@ struct Header {
   int distance_unit_mm = 0;
   bool has_sequence = false;
 
-  /// Of the sensors that are decoded here.
+  /// One of the sensors decoded here.
   bool known() const {
     return protocol_major == 6 && protocol_minor == 1 && blocks == kBlocksPerPacket &&
            std::find(kLaserCounts.begin(), kLaserCounts.end(), lasers) != kLaserCounts.end() &&
@@ -59,24 +59,24 @@ struct Header {
 
 inline std::string label_of(int lasers) { return "PandarXT-" + std::to_string(lasers); }
 
-/// Nothing where the marks of a Hesai sensor's packet are missing, or the packet ends before.
+/// Nothing if the marks of a Hesai packet are missing, or the packet is too short.
 std::optional<Header> header_of(std::span<const std::uint8_t> payload);
 
-/// What the two blocks of a pair hold; one return: nothing of it counts.
+/// Content of the two blocks of a pair; not used with one return.
 enum class Pair : std::uint8_t { kLastAndStrongest, kLastAndFirst, kFirstAndStrongest };
 
 struct Tail {
-  /// kUnknown: a mode that no manual has
+  /// kUnknown: a mode in no manual
   ReturnMode mode = ReturnMode::kUnknown;
   /// of one return: the first one, which is neither the strongest nor the last
   bool first_only = false;
   Pair pair = Pair::kLastAndStrongest;
-  /// when the last block's lasers were told to fire, since the top of the hour; nothing: no time
-  /// that can be
+  /// time of the firing command of the last block, since the top of the hour; nothing: not
+  /// plausible
   std::optional<std::uint32_t> toh_us;
 };
 
-/// Of a packet that is whole.
+/// Reads the tail of a complete packet.
 Tail tail_of(const std::uint8_t* payload, const Header& header);
 
 }  // namespace zloam::driver::hesai

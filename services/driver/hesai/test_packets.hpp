@@ -19,7 +19,7 @@ inline void put_u32(Bytes& bytes, std::size_t at, std::uint32_t value) {
   put_u16(bytes, at + 2, value >> 16);
 }
 
-/// Where a cell begins; block and laser count from 0.
+/// Offset of a cell; block and laser count from 0.
 inline std::size_t cell_at(int lasers, int block, int laser) {
   const int at = 12 + block * (2 + 4 * lasers) + 2 + 4 * laser;
   return static_cast<std::size_t>(at);

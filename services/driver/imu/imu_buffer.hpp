@@ -1,5 +1,5 @@
 #pragma once
-// An inertial sensor's readings on their way to the sweeps that they cover.
+// Buffers an inertial sensor's readings until the sweeps that they cover.
 
 #include <cstdint>
 #include <deque>
@@ -12,15 +12,15 @@ namespace zloam::driver {
 
 class ImuBuffer {
  public:
-  /// delay_ns: by how much the stamps are later than the readings; it is taken off.
+  /// delay_ns: by how much the stamps are later than the readings; it is subtracted.
   explicit ImuBuffer(std::int64_t delay_ns) : delay_ns_(delay_ns) {}
 
-  /// Readings come in ascending order of their stamps. One that does not, or is not finite, is left
-  /// out and counted; after a second's jump back all before it is forgotten.
+  /// Takes readings in ascending order of their stamps. One out of order or not finite is dropped
+  /// and counted; after a jump back by a second all earlier readings are dropped.
   void add(const ImuReading& reading);
-  /// Those from begin to end with the margin on either side; what lies before is forgotten.
+  /// Readings from begin to end with the margin on either side; drops the earlier ones.
   std::vector<ImuReading> covering(std::int64_t begin_ns, std::int64_t end_ns);
-  /// Whether what covers a sweep that ends then has come.
+  /// Whether all readings of a sweep that ends then have arrived.
   bool reaches(std::int64_t end_ns) const;
 
   bool empty() const { return readings_.empty(); }
@@ -38,9 +38,9 @@ class ImuBuffer {
   std::uint64_t invalid_ = 0;
 };
 
-/// What is wrong with the units or signs of readings taken at about 1 g (conventions of REP 145), a
-/// sentence; empty: nothing. Judged by the mean force in base_link,
-/// whose z axis is up: a robot's first seconds. R_base_imu: turns vectors of the sensor into
+/// What is wrong with the units or signs of readings taken at about 1 g (conventions of REP
+/// 145), a sentence; empty: nothing. Judged by the mean force in base_link, whose z axis is
+/// up, in a robot's first seconds. R_base_imu: rotates vectors of the sensor into
 /// base_link.
 std::string wrong_units(const std::vector<ImuReading>& readings, const Eigen::Matrix3d& R_base_imu);
 

@@ -1,5 +1,5 @@
 #pragma once
-// Inertial readings for the driver's sweeps: of a file, or as they come on imu/<sensor>.
+// Inertial readings for the driver's sweeps: from a file, or live from imu/<sensor>.
 
 #include <cstdint>
 #include <span>
@@ -14,19 +14,19 @@ namespace zloam::driver {
 
 class ImuFeed {
  public:
-  /// Reads the file, or listens, or waits for add(). Throws SourceError.
+  /// Reads the file, or subscribes, or waits for add(). Throws SourceError.
   ImuFeed(runtime::Stage& stage, const DriverConfig& config);
 
-  /// Readings of the lidar's own packets, where they are wanted.
+  /// Readings from the lidar's own packets, if configured.
   void add(const std::vector<ImuReading>& readings);
   bool on() const { return config_.imu != ImuChoice::kNone; }
-  /// Throws SourceError when a replay's readings are not of its time.
+  /// Throws SourceError when a replay's readings are of another time.
   void check_time_of(std::int64_t stamp_ns) const;
   /// Live: whether a sweep that ended then has to wait for its readings.
   bool lacks(std::int64_t end_ns) const;
   /// Readings of a sweep, valid until the next call.
   std::span<const msg::ImuSample> over(std::int64_t begin_ns, std::int64_t end_ns);
-  /// Whether the last span ends before its sweep, or has none.
+  /// Whether the last span ends before its sweep, or is empty.
   bool incomplete() const { return incomplete_; }
   void note_figures();
 
@@ -43,7 +43,7 @@ class ImuFeed {
   bool incomplete_ = false;
   std::uint64_t sweeps_without_ = 0;
   std::uint64_t without_in_row_ = 0;
-  /// live: of the units, once known; what is wrong is not used
+  /// live: readings to check the units, until known; wrong readings are not used
   std::vector<ImuReading> first_;
   bool judged_ = false;
   bool usable_ = true;

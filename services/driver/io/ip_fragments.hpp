@@ -1,5 +1,5 @@
 #pragma once
-// Datagrams that came in several IPv4 fragments (RFC 791, section 3.2): one bounded table.
+// Reassembles datagrams from IPv4 fragments (RFC 791, section 3.2): one bounded table.
 
 #include <cstdint>
 #include <deque>
@@ -11,7 +11,7 @@ namespace zloam::driver {
 
 class IpFragments {
  public:
-  /// What belongs together.
+  /// Identity of a datagram's fragments.
   struct Id {
     std::uint32_t sender = 0;
     std::uint32_t receiver = 0;
@@ -19,12 +19,12 @@ class IpFragments {
     bool operator==(const Id&) const = default;
   };
 
-  /// `part` begins at `offset` of the datagram's bytes. The whole datagram when it was the last one
-  /// missing, valid until the next call; otherwise nothing.
+  /// `part` begins at `offset` of the datagram's bytes. Returns the whole datagram if this was the
+  /// last missing part, valid until the next call; otherwise nothing.
   std::span<const std::uint8_t> add(const Id& id, std::size_t offset, bool more,
                                     std::span<const std::uint8_t> part);
 
-  /// Datagrams dropped because others came before their last part.
+  /// Datagrams dropped because others arrived before their last part.
   std::uint64_t incomplete() const { return incomplete_ + open_.size(); }
 
  private:
@@ -34,9 +34,9 @@ class IpFragments {
   struct Datagram {
     Id id;
     std::vector<std::uint8_t> bytes;
-    /// from, to of what is there, ascending, apart from each other
+    /// from, to of the received parts, ascending, not overlapping
     std::vector<std::pair<std::size_t, std::size_t>> there;
-    /// 0: the last part has not come
+    /// 0: the last part has not arrived
     std::size_t size = 0;
   };
 

@@ -1,6 +1,6 @@
 #pragma once
-// Of a recording the packets to come tell how late the first one was: receive times that were
-// truncated, and a backlog at the start, move no trajectory.
+// In a recording the following packets show how late the first one was: truncated receive times, or
+// a backlog at the start, then do not shift the trajectory.
 
 #include <cstdint>
 #include <deque>
@@ -17,11 +17,11 @@ class LookAhead {
   /// Reads the first second and a half.
   LookAhead(PacketSource& source, const DecodingOptions& options);
 
-  /// As the source's, of which nothing is left out.
+  /// As the source's next(); nothing is skipped.
   Read next(Datagram& datagram);
 
-  /// When the first data packet would have been received had it been as little late as any of the
-  /// first; 0: its own receive time is as good.
+  /// Receive time of the first data packet if it had been delayed as little as any of the first
+  /// ones; 0: its own receive time is as good.
   std::int64_t first_received_ns() const { return first_received_ns_; }
 
  private:
@@ -41,7 +41,7 @@ class LookAhead {
   PacketSource& source_;
   Makers makers_;
   std::deque<Kept> kept_;
-  /// whose payload was handed out last
+  /// the packet whose payload was returned last
   Kept current_;
   bool ended_ = false;
   std::uint32_t sender_ = 0;

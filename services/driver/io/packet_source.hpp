@@ -40,26 +40,26 @@ class PacketSource {
   virtual ~PacketSource() = default;
   /// Waits up to timeout_ms (live sources). Throws SourceError when the source breaks.
   virtual Read next(Datagram& datagram, int timeout_ms) = 0;
-  /// What was passed over, by reason, with names for the status.
+  /// Skipped input, by reason, with names for the status.
   virtual NamedCounts counts() const = 0;
-  /// A sentence when the source ended early or is impaired; empty: all well.
+  /// A sentence if the source ended early or is impaired; empty: neither.
   virtual std::string complaint() const { return {}; }
-  /// Inertial readings that came beside the packets since the last call.
+  /// Inertial readings that arrived beside the packets since the last call.
   virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
 struct UdpOptions {
   std::string bind_address = "0.0.0.0";
-  /// 0: any free one, see UdpSource::data_port()
+  /// 0: any free port, see UdpSource::data_port()
   std::uint16_t data_port = 2368;
   std::uint16_t position_port = 8308;
   int receive_buffer_bytes = 4 << 20;
   /// joined when not empty
   std::string multicast_group = {};
-  /// only packets of this IPv4 address; 0: any. With it several programs, each for a sensor of its
-  /// own, can listen on one port.
+  /// only packets from this IPv4 address; 0: any. With it several programs, each for its own
+  /// sensor, can listen on one port.
   std::uint32_t sender = 0;
-  /// this process' clock beside the kernel's: not 0 where it stands for another host, ns
+  /// this process's clock minus the kernel's, ns: not 0 where it simulates another host
   std::int64_t clock_ahead_ns = 0;
 };
 
@@ -71,12 +71,12 @@ class UdpSource : public PacketSource {
 
 std::unique_ptr<UdpSource> open_udp(const UdpOptions& options);
 
-/// pcap or pcapng: Ethernet with or without VLAN tags, Linux cooked 1 and 2, raw IP, loopback.
-/// All UDP datagrams over IPv4 are given. A file that ends within a record ends the source, with a
-/// complaint, and what came before is kept.
+/// pcap or pcapng: Ethernet with or without VLAN tags, Linux cooked 1 and 2, raw IP, loopback. All
+/// UDP datagrams over IPv4 are returned. A file that ends within a record ends the source, with a
+/// complaint, after the complete records.
 std::unique_ptr<PacketSource> open_pcap(const std::string& path);
 
-/// Payloads of one length end to end, without receive times.
+/// Payloads of one length, concatenated, without receive times.
 std::unique_ptr<PacketSource> open_payload_file(const std::string& path, std::size_t payload_bytes);
 
 /// "192.168.1.201" to its number, 0 for an empty text. Throws SourceError.

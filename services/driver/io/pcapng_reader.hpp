@@ -1,6 +1,6 @@
 #pragma once
 // Blocks of a pcapng file (draft-ietf-opsawg-pcapng), each by its own interface: the library that
-// reads pcap gives up at a second interface of another link type or snap length.
+// reads pcap stops at a second interface of another link type or snap length.
 
 #include <cstdint>
 #include <fstream>
@@ -20,13 +20,13 @@ struct CapturedFrame {
 
 class PcapngReader {
  public:
-  /// Whether the file begins as a pcapng file does.
+  /// Whether the file begins like a pcapng file.
   static bool is_pcapng(const std::string& path);
 
   /// Throws SourceError.
   explicit PcapngReader(const std::string& path);
 
-  /// False at the end, with error() when the file ends early.
+  /// False at the end; error() is set if the file ends early.
   bool next(CapturedFrame& frame);
 
   const std::string& error() const { return error_; }

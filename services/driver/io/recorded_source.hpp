@@ -1,5 +1,5 @@
 #pragma once
-// What is replayed: a capture, bare payloads, a folder of scans, a bag.
+// Sources of a replay: a capture, bare payloads, a folder of scans, a bag.
 
 #include <memory>
 #include <string>
@@ -13,7 +13,7 @@ namespace zloam::driver {
 
 struct RecordedSource {
   std::unique_ptr<SweepSource> sweeps;
-  /// what the replay is known by: this text, and the bytes of these files
+  /// the replay's number is made from this text and the bytes of these files
   std::string identity;
   std::vector<std::string> files;
 };

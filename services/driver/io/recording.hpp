@@ -1,7 +1,7 @@
 #pragma once
 // Sweeps of a recording that another program reads: bags of ROS 1 and 2, MCAP files. Their formats
-// are read by the libraries that are kept for them, in Python (`zloam recording`), which writes
-// sweeps into a pipe as it goes on: nothing of a recording is kept twice.
+// are read by their own libraries in Python (`zloam recording`), which writes sweeps into a pipe as
+// it goes on: nothing of a recording is stored twice.
 //
 // The pipe holds frames, little endian: "ZLRC", uint32 kind, uint64 bytes that follow.
 //
@@ -68,26 +68,26 @@ static_assert(sizeof(RecordedReading) == 56);
 
 struct RecordingOptions {
   std::string path;
-  /// program that reads it
+  /// the program that reads it
   std::string reader;
-  /// empty: the only one of its kind
+  /// empty: the only topic of its kind
   std::string topic;
-  /// whether its inertial readings are wanted, and of which topic; empty: the only one
+  /// whether inertial readings are wanted, and of which topic; empty: the only one
   bool imu = false;
   std::string imu_topic;
-  /// of the points' times; empty: known by its name
+  /// field of the points' times; empty: found by its name
   std::string time_field;
   ScanTiming timing;
 };
 
-/// What a recording has: one of both. Its packets are decoded as a capture's are.
+/// A recording has either clouds or packets. Packets are decoded as those of a capture.
 struct Recording {
   std::string identity;
   std::unique_ptr<ScanFolder> clouds;
   std::unique_ptr<PacketSource> packets;
 };
 
-/// Throws SourceError, with the reader's own words where it refused.
+/// Throws SourceError, with the reader's own text if it refused.
 Recording open_recording(const RecordingOptions& options);
 
 }  // namespace zloam::driver

@@ -1,6 +1,6 @@
 #pragma once
-// Folders of scan files, read in the order of the numbers in their names. What is whole of a scan
-// is used; what is not, and scans that are missing, is reported.
+// Folders of scan files, read in the order of the numbers in their names. Complete points of a scan
+// are used; incomplete and missing scans are reported.
 
 #include <cstdint>
 #include <memory>
@@ -21,15 +21,15 @@ class ScanFolder {
   /// All files that the sweeps depend on, for the identity of a replay.
   virtual const std::vector<std::string>& files() const = 0;
   virtual NamedCounts counts() const = 0;
-  /// Sentences about what is not as it should be; grows.
+  /// Sentences about problems; grows.
   virtual std::vector<std::string> remarks() const = 0;
-  /// Inertial readings that came along since the last call.
+  /// Inertial readings that came with the scans since the last call.
   virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
-/// <path>/velodyne/*.bin, or *.bin in path itself. Times: <path>/times.txt (seconds, one a line, of
-/// the revolution's begin) where it is there, otherwise what the names tell, or scan k begins at k
-/// periods. A timing without a model is refused, and so are scans that no lidar can have seen.
+/// <path>/velodyne/*.bin, or *.bin in path itself. Times: <path>/times.txt (seconds, one per line,
+/// of the revolution's begin) if present, otherwise from the names, or scan k begins at k periods.
+/// A timing without a model is refused, and so are scans that no lidar can have produced.
 std::unique_ptr<ScanFolder> open_kitti(const std::string& path, const ScanTiming& timing);
 
 /// <path>/scans/*.bin and <path>/stamps.txt (begin and end of each scan, s).

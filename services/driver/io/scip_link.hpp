@@ -1,5 +1,5 @@
 #pragma once
-// How the bytes of a SCIP device come: a connection, a serial device, a recorded session.
+// Connections to a SCIP device: a socket, a serial device, a recorded session.
 
 #include <chrono>
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace zloam::driver {
 
-/// This host's clock, by which bytes are stamped: ns since the Unix epoch.
+/// This host's clock, which stamps received bytes: ns since the Unix epoch.
 inline std::int64_t wall_ns() {
   return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
 }
@@ -19,8 +19,8 @@ class ScipLink {
   enum class Read : std::uint8_t { kBytes, kNothing, kClosed };
 
   virtual ~ScipLink() = default;
-  /// Waits up to timeout_ms. received_ns: ns since the Unix epoch. kClosed: the connection has gone,
-  /// why() says how; of a file: its end.
+  /// Waits up to timeout_ms. received_ns: ns since the Unix epoch. kClosed: the connection is lost,
+  /// why() tells the reason; of a file: its end.
   virtual Read read(std::vector<std::uint8_t>& bytes, std::int64_t& received_ns,
                     int timeout_ms) = 0;
   virtual void write(const std::string& bytes) = 0;
@@ -34,7 +34,7 @@ std::unique_ptr<ScipLink> open_scip_device(const std::string& device);
 /// and the bytes. Throws SourceError.
 std::unique_ptr<ScipLink> open_scip_session(const std::string& path);
 
-/// Empty, or what is wrong with the text of a device.
+/// Empty, or what is wrong with a device's text.
 std::string device_error(const std::string& device);
 
 }  // namespace zloam::driver

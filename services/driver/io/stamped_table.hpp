@@ -11,7 +11,7 @@ namespace zloam::driver {
 
 struct StampedRow {
   std::int64_t stamp_ns = 0;
-  /// in the order in which the columns were asked for
+  /// in the order of the requested columns
   std::vector<double> values;
 };
 

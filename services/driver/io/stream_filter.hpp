@@ -1,6 +1,6 @@
 #pragma once
-// Which datagrams are the sensor's: by what its maker knows its packets by, never by the port alone,
-// and of one sensor only.
+// Selects the sensor's datagrams: by its maker's packet format, never by the port alone, and of one
+// sensor only.
 
 #include <cstdint>
 #include <vector>
@@ -14,16 +14,16 @@ enum class DatagramKind : std::uint8_t {
   kData,
   kPosition,
   kImu,
-  kMalformed,  // on the sensor's own port, and no packet of it
+  kMalformed,  // on the sensor's own port, but not a packet of it
   kForeign,
   kNewcomer,  // a data packet of another sender while the sensor is silent: perhaps the sensor
   kAdopted,   // as kData: the newcomer is the sensor, with another address
-  kReturned,  // as kData: the sensor has its first address again, no newcomer was it
+  kReturned,  // as kData: the sensor is back at its first address, the newcomer was another one
 };
 
-/// The sensor is the first sender of a data packet. Another one takes its place only while it is
-/// silent, and only if it was not heard beside it: that is how a sensor comes back from a restart
-/// with another address, and how a second sensor does not.
+/// The sensor is the first sender of a data packet. Another sender replaces it only while it is
+/// silent, and only if the two were not received at the same time: so a sensor that restarts with
+/// another address is followed, and a second sensor is not.
 class StreamFilter {
  public:
   /// port 0: any; sender 0: that of the first data packet. makers: settled by that packet.
@@ -35,7 +35,7 @@ class StreamFilter {
   std::uint64_t foreign() const { return foreign_ + static_cast<std::uint64_t>(newcomer_packets_); }
   std::uint32_t sender() const { return sender_; }
   std::uint16_t port() const { return port_; }
-  /// Sender of a data packet that was passed over last; 0: none.
+  /// Sender of the last data packet that was skipped; 0: none.
   std::uint32_t other_sender() const { return other_sender_; }
 
  private:
@@ -61,7 +61,7 @@ class StreamFilter {
   std::int64_t last_received_ns_ = 0;
   std::uint32_t newcomer_ = 0;
   int newcomer_packets_ = 0;
-  /// heard beside the sensor
+  /// received at the same time as the sensor
   std::vector<std::uint32_t> others_;
   std::uint64_t foreign_ = 0;
 };

@@ -1,5 +1,5 @@
 #pragma once
-// Sweeps from any source, with what else came along.
+// Sweeps from any source, with the data that came with them.
 
 #include <cstdint>
 #include <deque>
@@ -36,13 +36,13 @@ class SweepSource {
   /// Ends the open sweep of a live source that has gone quiet.
   virtual void flush() {}
   virtual NamedCounts counts() const = 0;
-  /// Sentences about what is not as it should be; grows.
+  /// Sentences about problems; grows.
   virtual std::vector<std::string> remarks() const { return {}; }
 
-  /// Another sender of the sensor's kind of packets, which are passed over; 0: there is none.
+  /// Another sender of the sensor's kind of packets, which are skipped; 0: there is none.
   virtual std::uint32_t other_sender() const { return 0; }
 
-  /// Packets that came since the last sweep, while recording.
+  /// Packets that arrived since the last sweep, while recording.
   virtual void record(bool /*on*/) {}
   virtual std::vector<RawPacket> take_packets() { return {}; }
   /// Position packets since the last call.
@@ -51,7 +51,7 @@ class SweepSource {
   virtual std::vector<ImuReading> take_imu() { return {}; }
 };
 
-/// What is left out of every source's sweeps.
+/// Points dropped from every source's sweeps.
 struct PointLimits {
   double min_range_m = 0.0;
   double max_range_m = 1000.0;
@@ -65,7 +65,7 @@ struct PacketStreamConfig {
   std::uint32_t sender = 0;
 };
 
-/// Datagrams to sweeps, wherever they come from.
+/// Converts datagrams from any source to sweeps.
 class PacketStream {
  public:
   explicit PacketStream(const PacketStreamConfig& config);
@@ -81,7 +81,7 @@ class PacketStream {
   NamedCounts counts() const;
   std::vector<std::string> remarks() const;
   std::uint64_t data_packets() const { return data_packets_; }
-  /// Another sender of data packets, which are passed over; 0: there is none.
+  /// Another sender of data packets, which are skipped; 0: there is none.
   std::uint32_t other_sender() const { return filter_.other_sender(); }
 
  private:
@@ -103,11 +103,11 @@ class PacketStream {
   /// the first packets, until there are enough to know the model
   FirstPackets first_;
   std::vector<std::int64_t> first_received_ns_;
-  /// of a sender that may be the sensor with another address, and of which one
+  /// packets of a sender that may be the sensor with another address, and that sender
   std::vector<Kept> newcomer_;
   std::uint32_t newcomer_sender_ = 0;
   std::unique_ptr<SweepAssembler> assembler_;
-  /// whose decoder it has
+  /// the maker whose decoder it has
   const Maker* begun_for_ = nullptr;
   std::vector<std::string> remarks_;
   bool recording_ = false;
@@ -118,17 +118,17 @@ class PacketStream {
   std::uint64_t bad_positions_ = 0;
 };
 
-/// timeout_ms: how long a live source may wait for a packet in one call.
+/// timeout_ms: longest wait of a live source for a packet in one call.
 std::unique_ptr<SweepSource> sweeps_of_packets(std::unique_ptr<PacketSource> packets,
                                                const PacketStreamConfig& config, int timeout_ms);
 std::unique_ptr<SweepSource> sweeps_of_scans(std::unique_ptr<ScanFolder> scans,
                                              const PointLimits& limits = {});
 
-/// "packets_received 12, points 4": those that are not 0.
+/// "packets_received 12, points 4": only the counts above 0.
 std::string counted(const NamedCounts& counts);
 std::uint64_t count_of(const NamedCounts& counts, std::string_view name);
 
-/// SHA-256 in hexadecimal over the files' bytes, one after the other.
+/// SHA-256 in hexadecimal over the concatenated bytes of the files.
 std::string hash_of_files(const std::vector<std::string>& paths);
 
 }  // namespace zloam::driver

@@ -1,5 +1,5 @@
 #pragma once
-// What the tests of files and sockets share: a folder of its own for each, and one packet.
+// Shared by the tests of files and sockets: a separate folder for each, and one packet.
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,14 +1,14 @@
 #pragma once
-// Pixels of a column to points.
+// Converts the pixels of a column to points.
 //
-// A pixel's beam lies fixed in a frame that turns with the rotor. At the encoder's angle e (against
-// the column's number: columns go clockwise), with the beam's azimuth a and altitude b, the origin
-// n of the beams and the measured distance r, which counts from the lidar's axis:
+// A pixel's beam is fixed in a frame that rotates with the rotor. With the encoder's angle e
+// (opposite to the column's number: columns go clockwise), the beam's azimuth a and altitude b, the
+// origin n of the beams and the measured distance r, which counts from the lidar's axis:
 //
 //   local  = (r - |n|) (cos b cos a, cos b sin a, sin b) + n
 //   p      = T_sensor_lidar Rz(e) local
 //
-// local is linear in r, and so is what is kept for each pixel; of a column, T_sensor_lidar Rz(e).
+// local is linear in r: its coefficients are kept per pixel, and T_sensor_lidar Rz(e) per column.
 
 #include <array>
 #include <cstdint>
@@ -28,8 +28,8 @@ struct RangeLimits {
   bool contain(std::uint32_t range_mm) const { return range_mm - lowest_mm <= span_mm; }
 };
 
-/// What becomes of two different returns of a pixel; by 0: the first, 1: the second of them. Alone,
-/// or both alike, they are one, kBoth.
+/// Selection from two different returns of a pixel; by 0: the first, 1: the second of them. A
+/// single return, or two equal ones, are one, kBoth.
 struct PairRule {
   std::array<ReturnType, 2> type_if_farther;
   std::array<ReturnType, 2> type_if_nearer;
@@ -37,22 +37,22 @@ struct PairRule {
   std::array<bool, 2> kept_if_nearer;
 };
 
-/// Of two returns that are ordered by their distance none is known to be the strongest, and the
-/// nearer one is taken for it.
+/// If two returns are ordered by distance, the strongest is unknown, and the nearer one is treated
+/// as the strongest.
 PairRule pair_rule(ReturnOrder order, DualReturns policy);
 
-/// What is fixed for all columns. A lane is one return of one pixel; a pixel's lanes are neighbours.
+/// Constants of all columns. A lane is one return of one pixel; a pixel's lanes are neighbours.
 /// local = scale r + offset.
 struct ColumnReader {
   ColumnReader(const Metadata& metadata, const DecodingOptions& options);
 
   std::size_t lanes;
-  /// of four bytes each, of all pixels
+  /// number of four-byte words of all pixels
   std::size_t words;
   int returns;
   RangeLimits limits;
   Bits range_mm;
-  /// the reflectivity's byte behind a lane's first
+  /// offset of the reflectivity's byte after a lane's first
   std::size_t reflectivity_at;
   ReturnType single_type;
   PairRule rule;
@@ -65,14 +65,14 @@ struct ColumnReader {
   std::vector<std::uint32_t> ring;
 };
 
-/// Where a column's beams point to: rows of T_sensor_lidar Rz(e), with the translation behind.
+/// Pose of a column's beams: rows of T_sensor_lidar Rz(e), with the translation last.
 struct ColumnPose {
   std::array<std::array<float, 4>, 3> rows;
 };
 
 std::vector<ColumnPose> column_poses(const Metadata& metadata);
 
-/// A column of a packet, and what it gives to its points.
+/// A column of a packet, and values common to its points.
 struct MeasuredColumn {
   const std::uint8_t* pixels;
   const ColumnPose* pose;
@@ -80,12 +80,12 @@ struct MeasuredColumn {
   std::uint16_t column;
 };
 
-/// The returns of columns, one column after the other. There must be room for all lanes of all, and
-/// for one point more. Returns their number.
+/// Writes the returns of the columns, one column after the other. There must be room for all lanes
+/// of all columns, and for one more point. Returns their number.
 std::size_t put_columns(std::span<const MeasuredColumn> columns, const ColumnReader& reader,
                         Point* out, std::uint16_t* out_columns);
 
-/// The same with four lanes on any processor: what put_columns must agree with to the last bit.
+/// The same with four lanes on any processor; put_columns must agree with it bit-exactly.
 std::size_t put_columns_portable(std::span<const MeasuredColumn> columns,
                                  const ColumnReader& reader, Point* out,
                                  std::uint16_t* out_columns);

@@ -1,6 +1,6 @@
 #pragma once
-// Data packets of Ouster's OS sensors to points. A firing group is a column: what all lasers measure
-// at one angle of the encoder. Columns are numbered round the frame, clockwise from the rear.
+// Data packets of Ouster's OS sensors to points. A firing group is a column: the pixels of all
+// lasers at one encoder angle. Columns are numbered round the frame, clockwise from the rear.
 
 #include <cstdint>
 #include <span>

@@ -11,12 +11,12 @@
 
 namespace zloam::driver::ouster {
 
-/// Whether a packet is one of them. The legacy one has the length of NTP's, and no mark: its two times
-/// must be close, its numbers such as can be measured.
+/// Whether a packet is an IMU packet. The legacy one has the length of NTP's and no mark: its two
+/// times must be close, and its numbers physically plausible.
 bool is_imu_packet(std::span<const std::uint8_t> payload, const Metadata& metadata);
 
-/// Readings in the axes of the sensor's frame; stamps: ns since the top of the sensor's hour. None
-/// of another packet.
+/// Readings in the axes of the sensor's frame; stamps: ns since the top of the sensor's hour. Empty
+/// for another packet.
 std::vector<ImuReading> parse_imu(std::span<const std::uint8_t> payload, const Metadata& metadata);
 
 }  // namespace zloam::driver::ouster

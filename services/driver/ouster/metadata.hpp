@@ -1,7 +1,7 @@
 #pragma once
-// What a sensor says of itself (metadata): its beams, and the format of its packets. As the sensor's
-// HTTP API gives it at /api/v1/sensor/metadata, and as the maker's tools store it beside recordings,
-// in the nested layout of firmware 2.4 and later or the flat one before it.
+// A sensor's metadata: its beams, and the format of its packets. As the sensor's HTTP API gives
+// them at /api/v1/sensor/metadata, and as the maker's tools store them beside recordings, in the
+// nested layout of firmware 2.4 and later or the flat one before it.
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -19,7 +19,7 @@ enum class ReturnOrder : std::uint8_t { kStrongestFirst, kFarthestFirst, kNeares
 struct Metadata {
   std::string model;
   std::uint64_t serial = 0;
-  /// of the sensor's start, 0: not said
+  /// of the sensor's start, 0: not given
   std::uint32_t initialization_id = 0;
 
   const Profile* profile = nullptr;
@@ -37,7 +37,7 @@ struct Metadata {
   /// by pixel, from the top row down
   std::vector<double> altitude_deg;
   std::vector<double> azimuth_deg;
-  /// the beams' origin in the frame that turns with the rotor, before the sensor's axis and above it
+  /// the beams' origin in the frame that rotates with the rotor: before the sensor's axis, above it
   double beam_origin_x_m = 0.0;
   double beam_origin_z_m = 0.0;
   Eigen::Isometry3d T_sensor_lidar = Eigen::Isometry3d::Identity();

@@ -1,5 +1,5 @@
 #pragma once
-// Ouster, for the list of makers.
+// Ouster's entry in the list of makers.
 
 #include <memory>
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace zloam::driver::ouster {
 
-/// None: the metadata say which it is.
+/// Empty: the metadata contain the model.
 std::vector<std::string> models();
 
 std::unique_ptr<const Maker> make(const DecodingOptions& options);

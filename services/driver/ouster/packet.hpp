@@ -18,14 +18,14 @@ T read_as(const std::uint8_t* at) {
   return value;
 }
 
-/// A number of so many bytes.
+/// Reads a number of `bytes` bytes.
 inline std::uint64_t read_bytes(const std::uint8_t* at, std::size_t bytes) {
   std::uint64_t value = 0;
   for (std::size_t i = 0; i < bytes; ++i) value |= std::uint64_t{at[i]} << (8 * i);
   return value;
 }
 
-/// Of a configurable packet's header; the legacy profile has none.
+/// From a configurable packet's header; the legacy profile has none.
 struct PacketHeader {
   std::uint64_t serial;
   std::uint32_t initialization_id;
@@ -44,7 +44,7 @@ struct ColumnHeader {
   bool valid;
 };
 
-/// Where a data packet has its columns.
+/// Offsets of the columns in a data packet.
 struct PacketLayout {
   explicit PacketLayout(const Metadata& metadata);
 
@@ -70,18 +70,18 @@ struct PacketLayout {
   double column_ns;
 };
 
-/// When a packet's first column was measured, and its number, by its first valid one.
+/// Time and number of a packet's first column, computed from its first valid one.
 struct PacketStamp {
   std::uint64_t time_ns;
   int first_column;
 };
 
-/// Whether a column follows from the packet's stamp: numbers go up by one, at the rotor's pace. index:
-/// its place in the packet.
+/// Whether a column is consistent with the packet's stamp: numbers go up by one, at the rotor's
+/// pace. index: its place in the packet.
 bool follows(const ColumnHeader& column, int index, const PacketStamp& stamp,
              const PacketLayout& layout);
 
-/// Nothing where no column is valid.
+/// Nothing if no column is valid.
 std::optional<PacketStamp> stamp_of(const std::uint8_t* packet, const PacketLayout& layout);
 
 /// The sensor's time into its hour.
@@ -90,8 +90,8 @@ inline std::uint32_t toh_us(std::uint64_t time_ns) {
   return static_cast<std::uint32_t>(time_ns / 1000 % kHourUs);
 }
 
-/// Whether a packet looks like this maker's, by what all of its formats share: 16 columns of whole
-/// words, numbered one after the other.
+/// Whether a packet looks like this maker's, by the common parts of all its formats: 16 columns of
+/// whole words, with consecutive numbers.
 bool looks_like_data(std::span<const std::uint8_t> payload);
 
 }  // namespace zloam::driver::ouster

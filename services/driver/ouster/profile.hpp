@@ -1,6 +1,6 @@
 #pragma once
-// Where a packet of each profile has its fields (Ouster, Firmware User Manual, "Sensor Data": LEGACY
-// and the configurable profiles).
+// Offsets of the fields in a packet of each profile (Ouster, Firmware User Manual, "Sensor Data":
+// LEGACY and the configurable profiles).
 
 #include <array>
 #include <cstddef>
@@ -23,7 +23,7 @@ struct ReturnFields {
   std::uint8_t reflectivity_at = 0;
 };
 
-/// One pixel of a column: what a laser measured.
+/// One pixel of a column: a laser's measurement.
 struct Profile {
   std::string_view name;
   std::uint8_t pixel_bytes;

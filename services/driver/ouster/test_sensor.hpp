@@ -1,5 +1,5 @@
 #pragma once
-// A sensor described and packets made by hand, for tests.
+// A sensor's description and packets made by hand, for tests.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ inline std::string list_of(const std::vector<double>& values) {
   return text + "]";
 }
 
-/// What a sensor of 16 lasers says of itself, in the nested layout.
+/// Metadata of a sensor with 16 lasers, in the nested layout.
 struct Description {
   std::string profile = "RNG19_RFL8_SIG16_NIR16";
   std::string mode = "1024x10";
@@ -74,7 +74,7 @@ void put(Bytes& bytes, std::size_t at, T value) {
   std::memcpy(bytes.data() + at, &value, sizeof value);
 }
 
-/// A packet of this sensor: all columns valid, of this time on, no returns.
+/// A packet of this sensor: all columns valid, starting at this time, no returns.
 inline Bytes empty_packet(const Metadata& metadata, int first_column, std::uint64_t time_ns) {
   const PacketLayout layout(metadata);
   Bytes packet(layout.packet_bytes);
@@ -94,7 +94,7 @@ inline Bytes empty_packet(const Metadata& metadata, int first_column, std::uint6
   return packet;
 }
 
-/// Where a pixel of a packet begins.
+/// Offset of a pixel in a packet.
 inline std::size_t pixel_at(const Metadata& metadata, int column, int pixel) {
   const PacketLayout layout(metadata);
   return layout.header_bytes + static_cast<std::size_t>(column) * layout.column_bytes +

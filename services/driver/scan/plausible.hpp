@@ -1,5 +1,5 @@
 #pragma once
-// Whether a stored scan can be what it is taken for.
+// Whether a stored scan is plausible.
 
 #include <span>
 #include <string>
@@ -8,15 +8,15 @@
 
 namespace zloam::driver {
 
-/// More beams than any lidar has: then the points are not in the order that they are read in.
+/// More beams than any lidar has: then the points are not in the expected order.
 inline constexpr int kMostRings = 128;
-/// Fewer returns than this say nothing.
+/// Fewer returns than this are not judged.
 inline constexpr std::size_t kJudgedReturns = 100;
 
-/// Why no lidar can have seen this scan of 4 floats a point, ring by ring; empty: it can.
+/// Why no lidar can have produced this scan of 4 floats per point, ring by ring; empty: one can.
 std::string implausible(std::span<const float> xyzi);
 
-/// The same of a scan with rings and times.
+/// The same for a scan with rings and times.
 std::string implausible(const DecodedSweep& sweep);
 
 }  // namespace zloam::driver

@@ -14,15 +14,15 @@
 
 namespace zloam::driver {
 
-/// How times are found for points that have none.
+/// How times are computed for points that have none.
 enum class TimeModel : std::uint8_t {
-  kNone,              // refused: a source must say what it is
+  kNone,              // refused: the user must choose one
   kClockwise,         // by azimuth, the sensor turns clockwise seen from above
-  kCounterClockwise,  // by azimuth, the other way round
+  kCounterClockwise,  // by azimuth, in the other direction
   kDeskewed           // all points hold for one instant already
 };
 
-/// As the configuration and the reader of recordings name them.
+/// Names used by the configuration and the reader of recordings.
 inline const std::vector<std::pair<std::string, TimeModel>> kTimeModels = {
     {"none", TimeModel::kNone},
     {"clockwise", TimeModel::kClockwise},

@@ -1,6 +1,6 @@
 #pragma once
-// The dialogue with a SCIP device: stops what it was doing, asks who it is, ties its clock, starts
-// it and watches it. No socket, no clock: bytes and times come in, bytes to send go out.
+// The dialogue with a SCIP device: stops its measurement, identifies it, ties its clock, starts it
+// and monitors it. No socket, no clock: takes bytes and times, returns bytes to send.
 
 #include <cstdint>
 #include <deque>
@@ -17,15 +17,15 @@
 namespace zloam::driver::scip {
 
 struct ClientConfig {
-  /// false: only what comes is read, as of a recorded session
+  /// false: only received data is read, as from a recorded session
   bool asks = true;
   bool intensities = true;
   bool several_echoes = false;
-  /// steps to measure, from the scanner's front, degrees counter-clockwise; cut to what it has
+  /// steps to measure, from the scanner's front, degrees counter-clockwise; limited to its range
   double from_deg = -180.0;
   double to_deg = 180.0;
   int cluster = 1;
-  /// scans that are left out between two
+  /// scans skipped between two
   int skipped = 0;
   /// added to the scans' stamps
   std::int64_t stamp_offset_ns = 0;
@@ -45,27 +45,27 @@ class Client {
  public:
   explicit Client(const ClientConfig& config) : config_(config) {}
 
-  /// A new connection: the dialogue begins again.
+  /// A new connection: the dialogue restarts.
   void connected(std::int64_t now_ns);
   void add(std::span<const std::uint8_t> bytes, std::int64_t received_ns);
-  /// Looks at the time: what was not answered.
+  /// Checks for timeouts.
   void look(std::int64_t now_ns);
 
   /// Bytes to send.
   std::string take_output() { return std::exchange(output_, {}); }
   std::optional<TimedScan> take_scan();
-  /// Nothing more will come: what waits for more is given out.
+  /// No more data will come: returns the scans that wait for more.
   void flush();
-  /// Once true after a silence that only a new connection can end, or a reboot.
+  /// True once after a silence that only a new connection can end, or after a reboot.
   bool take_reconnect() { return std::exchange(reconnect_, false); }
-  /// Once the device has said who it is.
+  /// Set once the device has identified itself.
   const std::optional<Parameters>& parameters() const { return parameters_; }
   bool measuring() const { return state_ == State::kMeasuring; }
 
   std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
-  /// Sentences about what is not as it should be; grows, none twice.
+  /// Sentences about problems; grows, without duplicates.
   const std::vector<std::string>& remarks() const { return remarks_; }
-  /// The device can't be used: a sentence that says why. Empty: it can.
+  /// Why the device can't be used, a sentence. Empty: it can.
   const std::string& refusal() const { return refusal_; }
 
  private:
@@ -115,7 +115,7 @@ class Client {
   bool reconnect_ = false;
   ReplyReader reader_;
   std::optional<Parameters> parameters_;
-  /// until there are enough to tie the clock
+  /// until there are enough scans to tie the clock
   std::vector<Scan> first_;
   std::optional<LineClock> clock_;
   /// of the TM1 with the least round trip

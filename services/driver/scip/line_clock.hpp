@@ -1,6 +1,6 @@
 #pragma once
-// When a device's lines were measured, from its counter of milliseconds and the times at which they
-// were received.
+// Time at which a device's lines were measured, from its counter of milliseconds and the receive
+// times.
 
 #include <cstdint>
 #include <optional>
@@ -10,37 +10,37 @@
 
 namespace zloam::driver::scip {
 
-/// One line as it came.
+/// One received line.
 struct LineArrival {
   /// at step 0, 24 bits
   std::uint32_t counter_ms = 0;
-  /// from step 0 until the last step was measured, before which nothing is sent
+  /// from step 0 to the end of the last step; nothing is sent before
   std::int64_t sent_after_ns = 0;
   /// ns since the Unix epoch; 0: unknown
   std::int64_t received_ns = 0;
 };
 
-/// The counter has 24 bits and whole milliseconds; the scanner turns evenly. So a line is where the
-/// turns lead from the one before, as far as its counter allows.
+/// The counter has 24 bits and whole milliseconds; the scanner rotates evenly. So a line is placed
+/// whole revolutions after the one before, as far as its counter allows.
 class LineClock {
  public:
-  /// first: lines of about a second, from the first one on; the least delay among them ties the
-  /// counter to the host's clock.
+  /// first: lines of about a second, beginning with the first one; the least delay among them ties
+  /// the counter to the host's clock.
   LineClock(std::int64_t turn_ns, std::span<const LineArrival> first);
 
-  /// Ties the counter better than that: the device told this counter at host_ns.
+  /// A better tie of the counter: the device reported this counter at host_ns.
   void tie(std::uint32_t counter_ms, std::int64_t host_ns);
 
-  /// A line's step 0, ns since the Unix epoch. The lines in their order, from the first one on.
+  /// Time of a line's step 0, ns since the Unix epoch. Takes all lines in order.
   std::int64_t place(const LineArrival& line);
 
-  /// Turns between the last two lines; 1 when none is missing.
+  /// Revolutions between the last two lines; 1 when none is missing.
   std::int64_t turns() const { return phase_.turns; }
-  /// How often the counter was set, as by a restart of the device.
+  /// Number of times the counter was set, as by a restart of the device.
   std::uint64_t steps() const { return phase_.steps; }
 
  private:
-  /// Of the device's own time.
+  /// State of the device's own time.
   struct Phase {
     bool begun = false;
     std::uint32_t counter_ms = 0;

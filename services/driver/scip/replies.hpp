@@ -1,6 +1,6 @@
 #pragma once
-// What the replies of a SCIP device mean. Source: Hokuyo C-42-03320B (pages 10 to 16), and the
-// table of the statuses on the maker's wiki.
+// Meaning of a SCIP device's replies. Source: Hokuyo C-42-03320B (pages 10 to 16), and the table of
+// the statuses on the maker's wiki.
 
 #include <cstdint>
 #include <map>
@@ -14,11 +14,11 @@ namespace zloam::driver::scip {
 
 /// The first two lines of every reply.
 struct Head {
-  /// "MD", "TM1", "%SL": what of the echo is the command
+  /// "MD", "TM1", "%SL": the command in the echo
   std::string command;
   /// the echo's rest, without the string
   std::string parameters;
-  /// after a semicolon, up to 16 characters of the asker's own
+  /// after a semicolon, up to 16 characters chosen by the host
   std::string user;
   /// two characters
   std::string status;
@@ -27,15 +27,15 @@ struct Head {
 /// Nothing when the reply has less than two lines or its status line is damaged.
 std::optional<Head> head_of(const RawReply& reply);
 
-/// A sentence for a status of a command that is not what was hoped for; for any of the table.
+/// A sentence for an unexpected status of a command; for any of the table.
 std::string meaning(const Head& head);
-/// Whether a status says that the device itself is at fault (its laser, motor or memory).
+/// Whether a status reports a fault of the device itself (laser, motor or memory).
 bool is_fault(const Head& head);
 
 /// The lines "NAME:VALUE;X" of VV, PP and II. damaged: lines without their checksum.
 std::map<std::string, std::string> values_of(const RawReply& reply, int& damaged);
 
-/// What PP tells (page 15).
+/// Reply to PP (page 15).
 struct Parameters {
   std::string model;
   std::uint32_t least_mm = 0;
@@ -53,7 +53,7 @@ struct Parameters {
   double azimuth_rad(int step) const;
 };
 
-/// Throws std::invalid_argument that names the line which is missing or can't be.
+/// Throws std::invalid_argument that names the line which is missing or invalid.
 Parameters parameters_of(const std::map<std::string, std::string>& values);
 
 /// The counter of a TM1 reply, ms; nothing when the line is missing or damaged.

@@ -1,5 +1,5 @@
 #pragma once
-// The bytes of a SCIP device to replies, however they were cut on their way.
+// Assembles the bytes of a SCIP device to replies, regardless of their fragmentation.
 
 #include <cstdint>
 #include <deque>
@@ -23,9 +23,9 @@ class ReplyReader {
   void add(std::span<const std::uint8_t> bytes, std::int64_t received_ns);
   /// The oldest whole reply.
   std::optional<RawReply> take();
-  /// What is open is given up: the connection is a new one.
+  /// Drops the open reply: the connection is a new one.
   void clear();
-  /// Replies left out as a line or the reply was longer than any of SCIP's.
+  /// Replies dropped because a line or the reply was longer than any of SCIP's.
   std::uint64_t too_long() const { return too_long_; }
 
  private:
@@ -33,7 +33,7 @@ class ReplyReader {
 
   std::string line_;
   RawReply open_;
-  /// the rest of the open reply is passed over
+  /// the rest of the open reply is skipped
   bool skipping_ = false;
   std::deque<RawReply> whole_;
   std::uint64_t too_long_ = 0;

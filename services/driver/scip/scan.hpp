@@ -1,5 +1,5 @@
 #pragma once
-// The reply to a command that measures: ranges, intensities, several echoes of a beam.
+// The reply to a measuring command: ranges, intensities, several echoes of a beam.
 
 #include <cstdint>
 #include <optional>
@@ -10,30 +10,30 @@
 
 namespace zloam::driver::scip {
 
-/// What such a command asks for (pages 11 to 13).
+/// Parameters of such a command (pages 11 to 13).
 struct ScanRequest {
   int first_step = 0;
   int last_step = 0;
-  /// so many neighbouring steps are given as one
+  /// number of neighbouring steps merged into one
   int cluster = 1;
   bool intensities = false;
   bool several_echoes = false;
   /// characters of a range: 3, or 2 in the S commands
   int range_characters = 3;
-  /// M and N commands: sent again and again
+  /// M and N commands: scans are sent continuously
   bool continuous = false;
-  /// of them: scans that are left out between two
+  /// for these: scans skipped between two
   int skipped = 0;
 
   int steps() const { return (last_step - first_step) / cluster + 1; }
 };
 
-/// From an echo; nothing where it is no command that measures, or its numbers can't be.
+/// From an echo; nothing if it is not a measuring command, or its numbers are invalid.
 std::optional<ScanRequest> scan_request(const Head& head);
-/// The command that asks for scans without end.
+/// The command that requests continuous scans.
 std::string continuous_command(const ScanRequest& request);
 
-/// One echo as the device gave it. Values below the device's least range are codes, no ranges.
+/// One echo as the device sent it. Values below the device's least range are codes, not ranges.
 struct Echo {
   /// first of the cluster's steps
   int step = 0;
@@ -52,10 +52,10 @@ struct Scan {
 
 enum class ScanError : std::uint8_t { kNone, kNoScan, kChecksum, kCharacters, kLength };
 
-/// Further echoes of a beam than these are left out.
+/// Further echoes of a beam than these are dropped.
 inline constexpr std::uint8_t kMostEchoes = 3;
 
-/// A reply with data: status 00, of a continuous command 99. kNoScan: the reply is none.
+/// Reads a reply with data: status 00, or 99 of a continuous command. kNoScan: not such a reply.
 ScanError read_scan(const RawReply& reply, const Head& head, Scan& scan);
 
 }  // namespace zloam::driver::scip

@@ -1,6 +1,6 @@
 #pragma once
-// A scanner that answers as the real one does, for tests: bytes in, bytes out. Written after the
-// protocol's text, apart from the code under test.
+// A simulated scanner that answers like the real one, for tests: takes and returns bytes. Written
+// from the protocol's text, separately from the code under test.
 
 #include <cstdint>
 #include <cstdio>
@@ -38,7 +38,7 @@ struct TestDevice {
   std::string measured;  ///< the command
   std::uint32_t counter_ms = 5000;
   std::vector<std::string> heard;
-  /// what is answered to a command instead
+  /// replaces the answer to a command
   std::string broken_command, broken_answer;
   bool silent = false;
 
@@ -47,7 +47,7 @@ struct TestDevice {
             told("AMIN:0"),           told("AMAX:1080"), told("AFRT:540"),   told("SCAN:2400")};
   }
 
-  /// One scan of the command that is running, all ranges alike.
+  /// One scan of the running command, with all ranges equal.
   std::string scan(std::uint32_t range_mm = 2000) {
     const int first = std::stoi(measured.substr(2, 4));
     const int last = std::stoi(measured.substr(6, 4));

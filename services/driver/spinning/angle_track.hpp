@@ -7,7 +7,7 @@
 
 namespace zloam::driver::spinning {
 
-/// One reading; not wrapped, or wrapped to a turn.
+/// One reading; unwrapped, or wrapped to a revolution.
 struct AngleReading {
   std::int64_t stamp_ns = 0;
   double angle_rad = 0.0;
@@ -17,19 +17,19 @@ enum class Angle : std::uint8_t { kKnown, kNotYet, kMissing };
 
 class AngleTrack {
  public:
-  /// Readings in their order; one that is not later than the last, or not finite, is counted and
-  /// left out. A step of more than half a turn is the encoder's own wrap.
+  /// Takes readings in order; one that is not later than the last, or not finite, is counted and
+  /// dropped. A step of more than half a revolution is the encoder's own wrap.
   void add(AngleReading reading);
 
-  /// kNotYet: the readings do not reach the time yet. kMissing: they never will, as it is before
-  /// the first of them or in a gap of more than 50 ms.
+  /// kNotYet: the readings do not reach the time yet. kMissing: it lies before the first reading or
+  /// in a gap of more than 50 ms.
   Angle at(std::int64_t stamp_ns, double& angle_rad) const;
-  /// Whether all angles up to then are decided.
+  /// Whether all angles up to then are known or missing.
   bool reaches(std::int64_t stamp_ns) const;
-  /// Readings before then are not asked for any more.
+  /// Drops readings before then.
   void forget_before(std::int64_t stamp_ns);
 
-  /// The last one that was taken, not wrapped.
+  /// The last reading accepted, unwrapped.
   const AngleReading& last() const { return readings_.back(); }
   std::uint64_t received() const { return received_; }
   std::uint64_t refused() const { return refused_; }

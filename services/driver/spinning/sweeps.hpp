@@ -1,7 +1,7 @@
 #pragma once
-// Lines of a 2-D scanner on a motor to sweeps of points. Every point is turned by the motor's angle
-// at its own instant. Method: J. Zhang, S. Singh, "LOAM: Lidar Odometry and Mapping in Real-time",
-// RSS 2014, section IV and the hardware of section VII.
+// Lines of a 2-D scanner on a motor to sweeps of points. Every point is rotated by the motor's
+// angle at its own time. Method: J. Zhang, S. Singh, "LOAM: Lidar Odometry and Mapping in
+// Real-time", RSS 2014, section IV and the hardware of section VII.
 
 #include <cstdint>
 #include <deque>
@@ -28,24 +28,24 @@ struct Mount {
   double zero_rad = 0.0;
   /// +1 or -1
   double direction = 1.0;
-  /// by how much the readings' stamps are late
+  /// delay of the readings' stamps
   std::int64_t angle_delay_ns = 0;
 };
 
-/// Where an echo lies in the scanner's plane; nothing for a code or a range that it can't have.
+/// Position of an echo in the scanner's plane; nothing for a code or an invalid range.
 std::optional<Eigen::Vector3d> in_scanner(const scip::Parameters& scanner, const scip::Echo& echo);
-/// To the lidar's frame, at an angle of the motor's encoder.
+/// Transforms it to the lidar's frame, at an angle of the motor's encoder.
 Eigen::Vector3d turned(const Mount& mount, double angle_rad, const Eigen::Vector3d& in_motor);
 
 struct SpinningConfig {
-  /// false: the scanner stands still, level by zero_rad
+  /// false: the scanner does not rotate, level by zero_rad
   bool turns = true;
   Mount mount;
   /// instead of readings
   std::optional<MotorProfile> profile;
   /// time from one sweep to the next
   double sweep_s = 0.1;
-  /// in which all directions are seen once
+  /// time in which all directions are seen once
   double turn_s = 1.0;
   double min_range_m = 0.0;
   double max_range_m = 1000.0;
@@ -59,16 +59,16 @@ class SpinningSweeps {
 
   void add(scip::TimedScan scan, const scip::Parameters& scanner);
   void add(AngleReading reading);
-  /// No line from before then will come.
+  /// No more lines from before then will come.
   void forget_angles_before(std::int64_t stamp_ns) { track_.forget_before(stamp_ns); }
   bool take(DecodedSweep& sweep);
-  /// Nothing more will come: waiting lines take the angles that there are, the open sweep ends.
+  /// No more data will come: waiting lines take the angles that are known, the open sweep ends.
   void flush();
 
   std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
-  /// How long the motor really takes, where that is another time than turn_s.
+  /// The motor's measured time, if it differs from turn_s.
   std::optional<double> other_turn_s() const;
-  /// Lines left out as no angle came for them, in a row until now; see counts().
+  /// Lines dropped for lack of an angle, in a row until now; see counts().
   std::uint64_t without_angle_in_row() const { return without_angle_in_row_; }
 
  private:
@@ -77,7 +77,7 @@ class SpinningSweeps {
     scip::Parameters scanner;
     std::int64_t begin_ns = 0;
     std::int64_t end_ns = 0;
-    /// by its turn since the first line
+    /// by its revolution since the first line
     std::int64_t sweep = 0;
   };
 
@@ -101,7 +101,7 @@ class SpinningSweeps {
   bool open_ = false;
   std::int64_t sweep_number_ = 0;
   std::int64_t lines_per_sweep_ = 0;
-  /// of the last line that came
+  /// revolution of the last line received
   std::int64_t turn_ = -1;
   std::uint16_t line_number_ = 0;
   std::deque<DecodedSweep> whole_;

@@ -1,6 +1,6 @@
 #pragma once
-// How long a motor takes to show a scanner all directions once: from one reversal to the next, or
-// for half a turn.
+// Time in which a motor shows a scanner all directions once: from one reversal to the next, or for
+// half a revolution.
 
 #include <cstdint>
 #include <optional>
@@ -11,7 +11,7 @@ namespace zloam::driver::spinning {
 
 class TurnWatch {
  public:
-  /// Readings in their order, not wrapped.
+  /// Takes readings in order, unwrapped.
   void add(const AngleReading& reading);
   /// The mean of the turns so far, s; nothing before the third.
   std::optional<double> turn_s() const;
@@ -22,11 +22,11 @@ class TurnWatch {
   bool begun_ = false;
   std::int64_t from_ns_ = 0;
   double from_rad_ = 0.0;
-  /// the farthest of the present turn, and when
+  /// the farthest angle of the present swing, and its time
   double farthest_rad_ = 0.0;
   std::int64_t farthest_ns_ = 0;
   double way_ = 0.0;  ///< +1, -1; 0: not known yet
-  /// the first turn was begun by somebody else
+  /// false: the first swing started before the readings
   bool whole_ = false;
   int turns_ = 0;
   double sum_s_ = 0.0;

@@ -24,10 +24,10 @@ struct AssemblerConfig {
   double seam_azimuth_deg = 0.0;
   /// a sweep also ends after this time without a cut (slow or stopped motor)
   std::int64_t guard_ns = 300'000'000;
-  /// packets held back at a gap, for a packet that was overtaken
+  /// packets buffered at a gap, to reorder late arrivals
   int reorder_packets = 4;
   ClockMode clock_mode = ClockMode::kReceive;
-  /// when the first packet was received, where that is known better than from its own receive time
+  /// receive time of the first packet, if known better than from its own receive time
   std::int64_t first_received_ns = 0;
   /// written to the sweeps
   ClockSource clock_source = ClockSource::kUnknown;
@@ -36,7 +36,7 @@ struct AssemblerConfig {
   MaskConfig mask = {};
 };
 
-/// All that came in, and why it gave no points.
+/// Counts of all input, and of packets without points by reason.
 struct PacketCounts {
   std::uint64_t received = 0;
   std::uint64_t decoded = 0;
@@ -48,19 +48,19 @@ struct PacketCounts {
   std::uint64_t unknown_mode = 0;
   std::uint64_t bad_time = 0;
   std::uint64_t duplicate = 0;
-  /// came after its place in the order was gone
+  /// arrived after its place in the order had passed
   std::uint64_t late = 0;
-  /// never came, by the stamps; a late one did come
+  /// never arrived, by the stamps; not the late ones
   std::uint64_t lost = 0;
-  /// came after a later one and was put back in order
+  /// arrived after a later one and was put back in order
   std::uint64_t reordered = 0;
   /// blocks of decoded packets with an unknown flag or azimuth
   std::uint64_t bad_blocks = 0;
-  /// the sensor's clock was set; the sweep was started again
+  /// the sensor's clock was set; the sweep was restarted
   std::uint64_t clock_steps = 0;
-  /// the host's clock was set; the sweeps' times go on
+  /// the host's clock was set; the sweeps' times continue
   std::uint64_t host_clock_steps = 0;
-  /// returns left out by the mask
+  /// returns dropped by the mask
   std::uint64_t points_masked = 0;
 
   std::vector<std::pair<std::string_view, std::uint64_t>> named() const;
@@ -70,19 +70,19 @@ class SweepAssembler {
  public:
   SweepAssembler(std::unique_ptr<PacketDecoder> decoder, const AssemblerConfig& config);
 
-  /// One datagram's payload, and when it was received (ns since the Unix epoch, 0: unknown).
+  /// One datagram's payload and its receive time (ns since the Unix epoch, 0: unknown).
   void add(std::span<const std::uint8_t> payload, std::int64_t received_ns);
 
-  /// Ends the open sweep, which is marked incomplete: end of the source, or nothing for a while.
+  /// Ends the open sweep, which is marked incomplete: at the end of the source, or after a silence.
   void flush();
 
-  /// Swaps the next finished sweep into out, whose buffers are used again; false when there is
+  /// Swaps the next finished sweep into out, whose buffers are reused; false when there is
   /// none.
   bool take(DecodedSweep& out);
 
   const PacketCounts& counts() const { return counts_; }
   const PacketDecoder& decoder() const { return *decoder_; }
-  /// When an instant of the sensor's time of the hour was; nothing before the first packet is
+  /// Epoch time of an instant of the sensor's time of the hour; nothing before the first packet is
   /// decoded.
   std::optional<std::int64_t> epoch_ns(std::int64_t toh_ns) const;
 
@@ -145,13 +145,13 @@ class SweepAssembler {
   int view_gap_from_cdeg_ = -1;
   int view_gap_to_cdeg_ = -1;
   std::vector<Held> held_;
-  /// at most one: after a clock that was set, or astray; the next packet tells
+  /// at most one: after the clock was set, or an outlier; the next packet decides
   std::vector<Held> suspect_;
   int late_in_a_row_ = 0;
-  /// stamps of the packets decoded last, to know a copy that comes late
+  /// stamps of the packets decoded last, to detect a late duplicate
   std::array<std::uint32_t, 128> recent_toh_us_{};
   std::size_t recent_ = 0;
-  /// where packets are missing, to know one that comes after all
+  /// where packets are missing, to recognize one that arrives late
   struct Gap {
     std::int64_t from_ns = 0;
     std::int64_t to_ns = 0;
@@ -165,7 +165,7 @@ class SweepAssembler {
   bool began_at_seam_ = false;
   bool packet_counted_ = false;
   DecodedSweep sweep_;
-  // points that are in it; its buffers are longer while it is open
+  // number of its points; its buffers are longer while it is open
   std::size_t filled_ = 0;
   std::int64_t base_ns_ = 0;
   std::int64_t first_group_ns_ = 0;
@@ -173,7 +173,7 @@ class SweepAssembler {
   int phase_cdeg_ = 0;
   std::int64_t turned_cdeg_ = 0;
   std::uint32_t last_period_ns_ = 0;
-  // the packet's groups that are in it and not decoded yet
+  // the packet's groups that are in the sweep and not decoded yet
   std::array<PlacedGroup, kMostGroups> placed_{};
   std::size_t placed_count_ = 0;
 

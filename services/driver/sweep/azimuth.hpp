@@ -8,13 +8,13 @@
 
 namespace zloam::driver {
 
-/// Into one revolution.
+/// Wraps into one revolution.
 inline int wrapped(std::int64_t cdeg) {
   const auto rest = static_cast<int>(cdeg % kTurnCdeg);
   return rest < 0 ? rest + kTurnCdeg : rest;
 }
 
-/// From one azimuth of a revolution ahead to another, without a division.
+/// Advance from one azimuth of a revolution to another, without a division.
 inline int ahead(int from_cdeg, int to_cdeg) {
   return to_cdeg < from_cdeg ? to_cdeg - from_cdeg + kTurnCdeg : to_cdeg - from_cdeg;
 }

@@ -1,5 +1,5 @@
 #pragma once
-// What every source of this stage gives: one revolution of the sensor.
+// Output of every source of this stage: one revolution of the sensor.
 
 #include <cstdint>
 #include <string>
@@ -33,8 +33,8 @@ struct DecodedSweep {
   std::string model;
   ReturnMode return_mode = ReturnMode::kUnknown;
   ClockSource clock_source = ClockSource::kUnknown;
-  /// false for the first and the last of a source, with lost packets, and when no revolution was
-  /// completed
+  /// false for the first and the last sweep of a source, with lost packets, and when no revolution
+  /// was completed
   bool complete = false;
   std::uint32_t packets = 0;
   std::uint32_t packets_lost = 0;
@@ -45,13 +45,13 @@ struct DecodedSweep {
   std::uint32_t packet_period_ns = 0;
   /// receive time of the last packet, ns since the Unix epoch; 0 when unknown
   std::int64_t last_packet_ns = 0;
-  /// by how much the host's and the sensor's clock were found set since the sweep before; the
-  /// stamps do not follow
+  /// detected steps of the host's and the sensor's clock since the sweep before; the stamps do not
+  /// follow them
   std::int64_t host_clock_step_ns = 0;
   std::int64_t sensor_clock_step_ns = 0;
   /// true when the source moved the points to one instant already
   bool deskewed = false;
-  /// so many sweeps in a row see together what a turn shows
+  /// number of consecutive sweeps that together cover a revolution
   std::uint16_t slices = 1;
 };
 

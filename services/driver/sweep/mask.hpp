@@ -1,5 +1,5 @@
 #pragma once
-// Points that are left out on purpose: the robot's own body, sectors that its parts hide.
+// Points dropped on purpose: the robot's own body, sectors that its parts hide.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace zloam::driver {
 
-/// Degrees clockwise from the sensor's front, both ends within; from above to is a sector through
+/// Degrees clockwise from the sensor's front, both ends included; from above to is a sector through
 /// the front.
 struct AzimuthSector {
   double from_deg = 0.0;
@@ -19,7 +19,7 @@ struct AzimuthSector {
 };
 
 struct MaskConfig {
-  /// points in any of these are left out
+  /// points in any of these are dropped
   std::vector<AzimuthSector> sectors = {};
   /// so are points in this box of base_link; empty unless every minimum is below its maximum
   Eigen::Vector3d body_min_m = Eigen::Vector3d::Zero();
@@ -33,7 +33,7 @@ class PointMask {
   bool active() const { return active_; }
   /// Whether the point (frame lidar) stays.
   bool keeps(const Point& point) const;
-  /// Moves the points that stay, with their columns, to the front; returns how many they are.
+  /// Moves the points that stay, with their columns, to the front; returns their number.
   std::size_t apply(Point* points, std::uint16_t* columns, std::size_t count) const;
 
  private:

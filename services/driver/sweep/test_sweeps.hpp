@@ -1,5 +1,5 @@
 #pragma once
-// From packets made by hand to sweeps, for tests of the assembler.
+// Makes sweeps from handmade packets, for tests of the assembler.
 
 #include <gtest/gtest.h>
 
@@ -33,7 +33,7 @@ inline std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler) {
   return sweeps;
 }
 
-/// Of whole packets, in this order.
+/// From complete packets, in this order.
 template <class Packets>
 std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const Packets& packets) {
   for (const auto& packet : packets) assembler.add(packet, 0);
@@ -41,7 +41,7 @@ std::vector<DecodedSweep> sweeps_of(SweepAssembler& assembler, const Packets& pa
   return sweeps_of(assembler);
 }
 
-/// Some bytes of each are others, and one in fifty is cut.
+/// Changes some bytes of each packet, and truncates one in fifty.
 inline void damage(std::vector<std::vector<std::uint8_t>>& packets, std::mt19937& random) {
   for (std::vector<std::uint8_t>& packet : packets) {
     for (unsigned i = random() % 20; i > 0; --i) {
@@ -51,7 +51,7 @@ inline void damage(std::vector<std::vector<std::uint8_t>>& packets, std::mt19937
   }
 }
 
-/// What holds for every sweep, whatever came.
+/// Properties of every sweep, for any input.
 inline void expect_promises(const DecodedSweep& sweep) {
   ASSERT_EQ(sweep.points.size(), sweep.columns.size());
   std::uint32_t last_ns = 0;

@@ -1,5 +1,5 @@
 #pragma once
-// What all blocks of a sensor have in common, by channel and ready for four lanes at a time.
+// Constants of all blocks of a sensor, by channel and laid out for four lanes at a time.
 
 #include <array>
 #include <cstdint>
@@ -19,10 +19,10 @@ struct BeamTables {
   template <typename T>
   using ByChannel = std::array<T, kChannels>;
 
-  /// stretch: of the firing times, against the table's.
+  /// stretch: factor on the table's firing times.
   BeamTables(const ModelTable& table, double stretch, bool vertical_offsets);
 
-  /// Turns the beams by what the motor moves on up to each channel's own firing.
+  /// Rotates the beams by the motor's motion until each channel's own firing.
   void follow(double advance_cdeg);
 
   /// horizontal part of the beam's direction relative to its block's azimuth; follows the motor

@@ -1,5 +1,5 @@
 #pragma once
-// Cells of a block to points.
+// Converts cells of a block to points.
 
 #include <cstdint>
 #include <span>
@@ -11,7 +11,7 @@
 
 namespace zloam::driver::velodyne {
 
-/// What a block gives to all of its points.
+/// Values common to all points of a block.
 struct BlockFrame {
   float cos_azimuth;
   float sin_azimuth;
@@ -21,31 +21,31 @@ struct BlockFrame {
   std::uint16_t column;
 };
 
-/// Where points and their columns go on being written. There must be room for all cells of the
-/// blocks, and for one point more.
+/// Where the next points and their columns are written. There must be room for all cells of the
+/// blocks, and for one more point.
 struct PointSink {
   Point* points;
   std::uint16_t* columns;
   std::size_t count = 0;
 };
 
-/// A block, and what it gives to its points.
+/// A block, and values common to its points.
 struct FiredBlock {
   const std::uint8_t* block;
   BlockFrame frame;
 };
 
-/// The returns of blocks of one bank, one block after the other.
+/// Writes the returns of blocks of one bank, one block after the other.
 void put_single(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
                 RawLimits limits, ReturnType type, PointSink& sink);
 
-/// The same with four lanes on any processor: what put_single must agree with to the last bit.
+/// The same with four lanes on any processor; put_single must agree with it bit-exactly.
 void put_single_portable(std::span<const FiredBlock> blocks, const BeamTables& beams, int bank,
                          RawLimits limits, ReturnType type, PointSink& sink);
 
-/// The returns of a pair of blocks; last: the even one, strongest: the odd one. Either may be
-/// missing (nullptr). Where the strongest return is the last one itself, the odd block holds the
-/// second strongest, and nothing in the packet tells the two cases apart (VLP-16 manual p. 57).
+/// Writes the returns of a pair of blocks; last: the even one, strongest: the odd one. Either may
+/// be missing (nullptr). If the strongest return is also the last one, the odd block holds the
+/// second strongest, and the packet does not distinguish the two cases (VLP-16 manual p. 57).
 void put_dual(const std::uint8_t* last, const std::uint8_t* strongest, const BeamTables& beams,
               int bank, const BlockFrame& frame, RawLimits limits, DualReturns policy,
               PointSink& sink);

@@ -1,6 +1,6 @@
 #pragma once
 // put_single for processors with wider registers: the same operations, one by one, and so the same
-// results to the last bit. Only where has_avx2() or has_avx512() say so.
+// results bit-exactly. Only if has_avx2() or has_avx512() returns true.
 
 #include <span>
 

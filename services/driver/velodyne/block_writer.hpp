@@ -1,5 +1,5 @@
 #pragma once
-// What the ways from cells to points have in common: not for others.
+// Shared by the variants of cell-to-point conversion. Not for other files.
 
 #include <cstddef>
 #include <cstdint>
@@ -19,13 +19,13 @@ inline std::size_t channel_of(int bank, int cell) {
   return static_cast<std::size_t>(channel);
 }
 
-// The two halves of a point as it lies in memory, written at once each: member by member it takes
+// The two halves of a point as in memory, each written at once: writing member by member takes
 // twice as long.
 inline constexpr std::size_t kHalf = 16;
 static_assert(offsetof(Point, time_ns) == kHalf && offsetof(Point, ring) == kHalf + 4 &&
               offsetof(Point, return_type) == kHalf + 6 && sizeof(Point) == kHalf + 8);
 
-/// Beside the ring.
+/// The type's bits beside the ring.
 inline std::uint32_t type_bits(ReturnType type) { return static_cast<std::uint32_t>(type) << 16; }
 
 /// The second half of a point.
@@ -33,8 +33,8 @@ inline std::uint64_t rest_of(std::uint32_t time_ns, std::uint32_t ring_and_type)
   return time_ns | static_cast<std::uint64_t>(ring_and_type) << 32;
 }
 
-/// Every cell is written and kept only when it is a return: cheaper than a branch that is taken
-/// half of the time.
+/// Every cell is written, and kept only if it is a return: cheaper than a branch that is taken half
+/// of the time.
 struct Writer {
   std::uint8_t* points;
   std::uint16_t* columns;
@@ -45,7 +45,7 @@ struct Writer {
         columns(sink.columns),
         count(sink.count) {}
 
-  /// Where the next point goes.
+  /// Address of the next point.
   std::uint8_t* at() const { return points + sizeof(Point) * count; }
 
   void put(const Float4& position_and_intensity, std::uint64_t rest, bool keep) {
@@ -54,7 +54,7 @@ struct Writer {
     count += keep;
   }
 
-  /// Of the points that come next, as many as the channels of one column can give.
+  /// Sets the column of the next points, as many as the channels of one column can give.
   void fill_columns(std::uint16_t column, int returns) {
     const Columns filled = column - Columns{};
     std::uint16_t* to = columns + count;

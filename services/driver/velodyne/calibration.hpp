@@ -1,7 +1,7 @@
 #pragma once
 // The calibration of one HDL-64E: each unit has its own (HDL-64E S3 User Manual 63-HDL64ES3, "Laser
-// and Detector Calibration"). Two forms of the file are read: the maker's db.xml (degrees and
-// centimetres), and the YAML that drivers of ROS make of it (radians and metres).
+// and Detector Calibration"). Reads two forms of the file: the maker's db.xml (degrees and
+// centimetres), and the YAML that ROS drivers make of it (radians and metres).
 
 #include <cstdint>
 #include <string>

@@ -23,16 +23,16 @@ struct DecoderConfig {
   std::optional<Model> model = std::nullopt;
   /// nothing: by the packets' mode byte
   std::optional<ReturnMode> return_mode = std::nullopt;
-  /// which returns of a pair are given
+  /// which returns of a pair are kept
   DualReturns dual_returns = DualReturns::kTagged;
-  /// nearer and farther returns are none; both ends belong to it. Of the measured distance.
+  /// nearer and farther returns are dropped; both ends are kept. Of the measured distance.
   double min_range_m = 0.0;
   double max_range_m = 1000.0;
   /// from one firing group to the next; 0: the model's own
   double group_ns = 0.0;
-  /// the lasers do not leave from one point; most data sets leave the shift (up to 17 mm) out
+  /// the lasers have different origins; most data sets ignore the shift (up to 17 mm)
   bool vertical_offsets = true;
-  /// false: the model was chosen against the packets, and the user knows
+  /// false: the user chose the model in contradiction to the packets
   bool says_contradictions = true;
 };
 
@@ -50,7 +50,7 @@ class Decoder final : public PacketDecoder {
   const ModelTable* table() const { return table_; }
 
  private:
-  /// What follows from the model alone.
+  /// Constants of the model.
   struct Stream {
     BeamTables beams;
     Motor motor;

@@ -2,8 +2,8 @@
 // Data packets of an HDL-64E (S2, S3) to points, by the unit's calibration.
 //
 // Blocks alternate between the upper and the lower 32 lasers, and two or, with two returns, four of
-// them are one firing group. The packets name neither model nor mode (their last two bytes tell the
-// sensor's state): the user names the model, two returns show by equal azimuths.
+// them are one firing group. The packets contain neither model nor mode (their last two bytes hold
+// the sensor's state): the user names the model; equal azimuths show two returns.
 //
 // Where the sources disagree (manual of an early S2, two public decoders): the stamp is taken as the
 // end of the packet, when it is sent; driver.stamp_offset_us moves it where a unit stamps the first
@@ -24,11 +24,11 @@
 
 namespace zloam::driver::velodyne {
 
-/// What differs between the editions.
+/// Differences between the editions.
 struct Hdl64eModel {
   std::string_view label;
   std::int64_t group_ns;
-  /// from one four of a block's lasers to the next, and within one
+  /// from one group of four of a block's lasers to the next, and within a group
   std::int64_t four_ns;
   std::array<std::int64_t, 4> in_four_ns;
 };
@@ -38,7 +38,7 @@ inline constexpr std::array kHdl64eModels = {
     Hdl64eModel{"HDL-64E S3", 57'600, 7'200, {0, 1'300, 2'500, 3'700}},
 };
 
-/// By its label, without regard to case, spaces and signs; nullptr: none of them.
+/// By its label, ignoring case, spaces and punctuation; nullptr: none of them.
 const Hdl64eModel* hdl64e_by_label(std::string_view label);
 
 /// Whether the blocks of a packet alternate as those of an HDL-64E do.
@@ -55,13 +55,13 @@ class Hdl64eDecoder final : public PacketDecoder {
                             std::uint16_t* columns) const override;
 
  private:
-  /// What of a laser does not change.
+  /// Constants of a laser.
   struct Laser {
     LaserCalibration calibration;
     double cos_elevation, sin_elevation;
     std::uint16_t ring;
   };
-  /// A point and whether it is one.
+  /// A point, and whether it is a return.
   struct Cell {
     std::uint32_t raw;
     bool is_return;

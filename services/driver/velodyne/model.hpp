@@ -1,7 +1,7 @@
 #pragma once
-// What is fixed for a model: laser tables, firing times, units. Tables: VLP-16 manual (63-9243) p.
-// 54 to 62, VLP-32C manual (63-9325) p. 55 to 67, HDL-32E application note 63-9277, VLS-128: beams
-// as in the sensor's calibration file, timing as firmware 5.2.3 has it (20 slots of 2.89 us).
+// Constants of a model: laser tables, firing times, units. Tables: VLP-16 manual (63-9243) p. 54 to
+// 62, VLP-32C manual (63-9325) p. 55 to 67, HDL-32E application note 63-9277, VLS-128: beams as in
+// the sensor's calibration file, timing as in firmware 5.2.3 (20 slots of 2.89 us).
 
 #include <array>
 #include <cstdint>
@@ -47,8 +47,8 @@ struct ModelTable {
   std::vector<Channel> channels;
   /// of the group's first firing after the packet's stamp (VLS-128 manual 63-9483)
   std::int64_t first_firing_ns = 0;
-  /// the firmware's firing period is not the same in all sensors: group_ns is the newest's, and
-  /// what the packets say counts
+  /// the firmware's firing period differs between sensors: group_ns is the newest firmware's, and
+  /// the packets' timing has precedence
   bool period_varies = false;
 };
 
@@ -61,7 +61,7 @@ std::optional<Model> model_by_name(std::string_view name);
 /// By the packet's product byte; nothing when unknown.
 std::optional<Model> model_by_product_id(std::uint8_t product_id);
 
-/// What a product byte stands for, also for models that are not decoded; "unknown" otherwise.
+/// Label of a product byte, also for models that are not decoded; "unknown" otherwise.
 std::string_view product_label(std::uint8_t product_id);
 
 /// "vlp16, puck-hires, ...": for messages.

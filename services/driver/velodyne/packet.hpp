@@ -15,14 +15,14 @@ inline constexpr std::size_t kDataPacketBytes = 1206;
 inline constexpr std::size_t kPositionPacketBytes = 512;
 inline constexpr int kBlocksPerPacket = 12;
 inline constexpr std::size_t kBlockBytes = 100;
-/// Where a data packet has its time stamp.
+/// Offset of a data packet's time stamp.
 inline constexpr std::size_t kTimeAt = 1200;
 inline constexpr int kCellsPerBlock = 32;
 static_assert(kBlocksPerPacket <= kMostGroups);
-/// Cells of a packet, and so the most points it can give.
+/// Cells of a packet: the most points it can give.
 inline constexpr std::size_t kMaxPointsPerPacket = 384;
 
-/// Bank of lasers a block flag stands for; -1 for none.
+/// Bank of lasers of a block flag; -1 for none.
 inline int bank_of(const std::uint8_t* block) {
   switch (read_u16(block)) {
     case 0xEEFF:

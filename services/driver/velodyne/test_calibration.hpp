@@ -1,11 +1,11 @@
 #pragma once
-// Calibration files of an HDL-64E made by hand, for tests.
+// Handmade calibration files of an HDL-64E, for tests.
 
 #include <string>
 
 namespace zloam::driver::velodyne::test {
 
-/// What the published vector S1 has of laser 0; the others point 0.4 degrees lower each.
+/// Values of laser 0 from the published vector S1; the others point 0.4 degrees lower each.
 inline std::string calibration_yaml(int lasers = 64) {
   std::string text = "num_lasers: 64\ndistance_resolution: 0.002\nlasers:\n";
   for (int i = 0; i < lasers; ++i) {

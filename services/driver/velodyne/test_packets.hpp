@@ -43,7 +43,7 @@ inline std::vector<int> azimuth_steps(int first_cdeg, int step_cdeg, bool dual =
   return azimuths;
 }
 
-/// CRC-32 (IEEE), to be sure that the input is the published one.
+/// CRC-32 (IEEE), to check that the input is the published one.
 inline std::uint32_t crc32(const Payload& payload) {
   std::uint32_t crc = 0xFFFFFFFFU;
   for (const std::uint8_t byte : payload) {
@@ -53,7 +53,7 @@ inline std::uint32_t crc32(const Payload& payload) {
   return ~crc;
 }
 
-/// A sensor that turns and sees a wall at one distance in every cell: packets as they would come.
+/// A rotating sensor that sees a wall at one distance in every cell: produces its packets.
 class TurningSensor {
  public:
   std::uint8_t product_id = 0x22;
@@ -62,7 +62,7 @@ class TurningSensor {
   double rpm = 600.0;
   double azimuth_deg = 0.0;
   double time_us = 1'000'000.0;
-  /// firings outside [first, last] degrees are left out, as by the sensor's own setting
+  /// firings outside [first, last] degrees are dropped, as by the sensor's own setting
   double view_first_deg = 0.0;
   double view_last_deg = 360.0;
   std::uint16_t raw_distance = 5000;

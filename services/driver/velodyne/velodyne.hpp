@@ -1,5 +1,5 @@
 #pragma once
-// Velodyne, for the list of makers.
+// Velodyne's entry in the list of makers.
 
 #include <memory>
 #include <string>
