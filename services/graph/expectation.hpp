@@ -1,5 +1,5 @@
 #pragma once
-// What the graph knows of where two submaps lie to each other: along the surest way through it.
+// Expected relative pose of two submaps: along the path of least uncertainty through the graph.
 
 #include <optional>
 #include <span>
@@ -10,8 +10,8 @@
 
 namespace zloam::graph {
 
-/// Covariance of T_x_to, tangent at `to`, for every node x that factors connect with `to`; surest
-/// in translation first (Dijkstra).
+/// Covariance of T_x_to, tangent at `to`, for every node x connected with `to` by factors; along
+/// the path of least translation uncertainty (Dijkstra).
 std::vector<std::optional<Matrix6>> uncertainties(std::size_t to, std::span<const Pose> poses,
                                                   std::span<const Between> factors);
 

@@ -1,6 +1,6 @@
 #pragma once
-// Wires the graph of loops to the runtime: submaps and poses in; loops, revisions, answers and files
-// out. Beside the chain: whatever happens here, no pose waits for it.
+// Wires the graph of loops to the runtime: takes submaps and poses; publishes loops, revisions,
+// answers and files. It is outside the chain: no pose ever waits for it.
 
 #include <optional>
 #include <string>
@@ -28,9 +28,9 @@ class GraphStage {
   };
 
   void new_run(const msg::Header& first);
-  /// An empty graph, of a new map.
+  /// Starts an empty graph for a new map.
   void begin();
-  /// What mapping still has of the run, for a graph that was started in the middle of it.
+  /// Requests the run's submaps from mapping, for a graph that was started in the middle of it.
   void catch_up(const msg::Header& first);
   void take(const SubmapMessage& message);
   void take(const PoseMessage& message);
@@ -39,7 +39,7 @@ class GraphStage {
   void note_fit();
   void publish_poses(const SubmapMessage& cause);
   void answer_path(runtime::Answer& answer);
-  /// All loops that were ever candidates to be in force, as they stand now.
+  /// All loops that were ever candidates, with their present verdicts.
   void answer_loops(runtime::Answer& answer);
   LoopFields fields_of(const Loop& loop) const;
   runtime::CommandReply remove(const std::string& arguments_json);

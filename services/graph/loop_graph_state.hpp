@@ -1,6 +1,6 @@
 #pragma once
-// What a LoopGraph holds: its nodes and loops, how loops are found (loop_search.cpp), which of them
-// count (loop_decision.cpp), and the fit (loop_graph.cpp). Not for other folders.
+// State of a LoopGraph: its nodes and loops, the search for loops (loop_search.cpp), the decision
+// on them (loop_decision.cpp), and the fit (loop_graph.cpp). Not for other folders.
 
 #include <algorithm>
 #include <cstddef>
@@ -16,7 +16,7 @@ namespace zloam::graph {
 struct LoopGraph::State {
   explicit State(const GraphConfig& c) : config(c) {}
 
-  // What a node needs to find and verify loops; place frame.
+  // Data of a node for finding and verifying loops; place frame.
   struct Place {
     Surfaces surfaces;
     PlaceFeatures features;

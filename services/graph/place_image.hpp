@@ -1,9 +1,9 @@
 #pragma once
-// A place seen along gravity: a picture whose brightness is the number of heights at which a cell
-// holds a point, walls bright and ground dark, and the corners in it with descriptors that do not
-// depend on the heading. Method: Gupta et al., "Effectively Detecting Loop Closures using Point
-// Cloud Density Maps", ICRA 2024 (ORB on density images), with heights instead of densities: how
-// often a beam fell into a cell says more about the sensor than about the place.
+// A place seen along gravity: an image whose brightness is the number of heights at which a cell
+// holds a point, walls bright and ground dark, and its corners with descriptors that do not depend
+// on the heading. Method: Gupta et al., "Effectively Detecting Loop Closures using Point Cloud
+// Density Maps", ICRA 2024 (ORB on density images), with heights instead of densities: the number
+// of hits in a cell says more about the sensor than about the place.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -31,7 +31,7 @@ struct PlaceFeatures {
   std::vector<Eigen::Vector2d> at_m;
   /// direction of each corner, rad
   std::vector<double> heading_rad;
-  /// 32 bytes a corner
+  /// 32 bytes per corner
   std::vector<std::uint8_t> descriptors;
 };
 
@@ -40,7 +40,7 @@ PlaceImage place_image(std::span<const Eigen::Vector3f> points, const PlaceConfi
 
 PlaceFeatures place_features(const PlaceImage& image, const PlaceConfig& config);
 
-/// A place seen from another: p_a = R(yaw) p_b + shift.
+/// Pose of a place relative to another: p_a = R(yaw) p_b + shift.
 struct PlaceMatch {
   double yaw_rad = 0.0;
   Eigen::Vector2d shift_m = Eigen::Vector2d::Zero();
@@ -48,7 +48,7 @@ struct PlaceMatch {
   std::size_t agreeing = 0;
 };
 
-/// The best one; agreeing is 0 where too few corners agree with any.
+/// The best match; agreeing is 0 where too few corners agree with any.
 PlaceMatch match_places(const PlaceFeatures& a, const PlaceFeatures& b, const PlaceConfig& config);
 
 }  // namespace zloam::graph

@@ -1,7 +1,7 @@
 #pragma once
-// Poses that fit all relative ones best: SE(3) between-factors, least squares by Ceres. Of poses
-// that factors connect the first one is held. Loops count robustly, so that one that is wrong does
-// not bend the whole.
+// Fits poses to relative poses: SE(3) between-factors, least squares by Ceres. Of poses that
+// factors connect the first one is fixed. Loops are weighted robustly, so that a wrong one does not
+// distort the whole graph.
 
 #include <cstddef>
 #include <span>
@@ -19,21 +19,21 @@ struct Between {
   bool robust = false;
 };
 
-/// Of a pose from the expected one, by the covariance of their difference; six degrees of freedom.
+/// Squared distance of a pose from the expected one, by their difference's covariance; six DOF.
 double squared_distance(const Pose& expected, const Pose& found, const Matrix6& covariance);
 
-/// Squared distance of a factor from what two poses say, six degrees of freedom.
+/// Squared distance of a factor from the relative pose of two poses, six degrees of freedom.
 double chi2(const Between& factor, const Pose& T_world_from, const Pose& T_world_to);
 
 struct Optimised {
   std::vector<Pose> poses;
-  /// sums over the factors, with the robust ones as they count
+  /// sums over the factors, robust ones with their robust cost
   double chi2_before = 0.0, chi2_after = 0.0;
-  /// it came to rest; else the poses are not to be used
+  /// the iteration converged; else the poses must not be used
   bool converged = false;
 };
 
-/// From these poses on. One thread, no clock: the same input gives the same bytes.
+/// Optimises from these poses on. One thread, no clock: the same input gives the same bytes.
 Optimised optimised(std::vector<Pose> poses, std::span<const Between> factors);
 
 }  // namespace zloam::graph

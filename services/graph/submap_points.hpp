@@ -1,6 +1,6 @@
 #pragma once
-// The points of a run's submaps, kept in a file without a name until the map is written: the graph
-// itself needs their surfaces only.
+// The points of a run's submaps, kept in an unnamed file until the map is written: the graph itself
+// needs only their surfaces.
 
 #include <cstdint>
 #include <string>
@@ -16,14 +16,14 @@ class SubmapPoints {
   /// folder: where the file lies; empty: nothing is kept.
   explicit SubmapPoints(std::string folder) : folder_(std::move(folder)), file_(folder_) {}
 
-  /// Of the next submap. Where they can't be kept, none is from now on, and complete() says so.
+  /// Adds the next submap's points. If writing fails, no more are kept, and complete() is false.
   void add(const std::vector<MapPoint>& points);
-  /// Of the submap with this number, from 0; none: the file can't be read.
+  /// Points of the submap with this number, from 0; empty: the file can't be read.
   std::vector<MapPoint> of(std::size_t submap) const;
   std::size_t submaps() const { return places_.size(); }
-  /// Of all submaps.
+  /// Number of points of all submaps.
   std::size_t count() const { return count_; }
-  /// All that were added are here.
+  /// All points added are available.
   bool complete() const { return !folder_.empty() && !file_.failed(); }
 
  private:

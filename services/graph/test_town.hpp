@@ -1,6 +1,6 @@
 #pragma once
-// A town of walls and posts for tests, and submaps of it as a drive would give them: from where they
-// were really seen, told as a mapping with a drift tells it.
+// A town of walls and posts for tests, and submaps of it from a drive: seen from the true poses,
+// with poses reported by a mapping with drift.
 
 #include <cmath>
 #include <cstdint>
@@ -31,7 +31,7 @@ class TestTown {
   }
   explicit TestTown(std::vector<Wall> walls) : walls_(std::move(walls)), random_(1) {}
 
-  /// What lies within 40 m, with 1 cm of noise; frame of the pose, whose z is 1.5 m over the ground.
+  /// Points within 40 m, with 1 cm of noise; frame of the pose, whose z is 1.5 m above the ground.
   std::vector<MapPoint> seen_from(const Pose& T_world_base) {
     std::normal_distribution<double> noise(0.0, 0.01);
     std::vector<MapPoint> points;
@@ -69,8 +69,8 @@ inline Pose pose_at(double x, double y, double yaw_rad) {
   return pose;
 }
 
-/// Submaps along true poses 10 m apart; told with steps that are off by these sigmas (translation
-/// m, heading rad), which their covariance says.
+/// Submaps along true poses 10 m apart; reported with steps that have errors of these sigmas
+/// (translation m, heading rad), which are in their covariance.
 struct TestDrive {
   std::vector<Pose> truth;
   std::vector<Submap> submaps;
@@ -107,8 +107,8 @@ inline TestDrive drive(TestTown& town, const std::vector<Pose>& truth, double si
   return out;
 }
 
-/// A round of the radius, driven so often, submaps 10 m apart; every second round the other way
-/// where `both_ways`.
+/// A circle of the radius, driven this often, submaps 10 m apart; every second lap in the other
+/// direction if `both_ways`.
 inline std::vector<Pose> rounds(double radius_m, int laps, bool both_ways = false) {
   std::vector<Pose> poses;
   const int count = static_cast<int>(2.0 * 3.14159265 * radius_m / 10.0);

@@ -1,5 +1,5 @@
 #pragma once
-// The points of submaps as one map, each submap where the graph has it.
+// The points of submaps as one map, each submap at its pose by the graph.
 
 #include <functional>
 #include <optional>
@@ -11,14 +11,14 @@
 
 namespace zloam::graph {
 
-/// Points of a submap, in its frame, and where that lies.
+/// Points of a submap, in its frame, and the pose of that frame.
 struct PlacedPoints {
   std::vector<MapPoint> points;
   Pose T_world_submap = Pose::Identity();
 };
 
-/// Writes a map file (common/geometry/map_file.hpp). count: all points; next: submap after submap,
-/// none of them without points, none after the last one. Empty, or a sentence on what failed.
+/// Writes a map file (common/geometry/map_file.hpp). count: all points; next: one submap after
+/// another, each with points; nothing at the end. Empty, or a sentence that says what failed.
 std::string write_world_map(const std::string& path, std::size_t count,
                             const std::function<std::optional<PlacedPoints>()>& next);
 
