@@ -1,6 +1,6 @@
 #pragma once
-// What saved maps give once they are one graph, as files: poses (TUM), the graph (g2o), the map
-// (PCD) and what was found (JSON).
+// Files written from saved maps after joining them to one graph: poses (TUM), the graph (g2o), the
+// map (PCD) and a report (JSON).
 
 #include <filesystem>
 #include <string>
@@ -16,11 +16,11 @@ struct Merged {
   std::vector<SavedMap> maps;
   graph::LoopGraph graph;
 
-  /// It lies in the frame of the first one.
+  /// Whether the session lies in the frame of the first one.
   bool is_joined(std::size_t session) const { return graph.frame_of(session) == 0; }
 };
 
-/// Each returns an empty string, or a sentence on what failed.
+/// Each function returns an empty string, or a sentence that says what failed.
 /// Submaps' poses in the frame of the first map: submaps_1.tum and so on.
 std::string write_submap_poses(const Merged& merged, const std::filesystem::path& folder);
 /// VERTEX_SE3:QUAT and EDGE_SE3:QUAT as g2o, GTSAM and Ceres' examples read them.

@@ -1,5 +1,5 @@
 #pragma once
-// A map that a run has left, as its tile store keeps it (services/store): the submaps in it.
+// The map that a run has left in its tile store (services/store): the submaps in it.
 
 #include <cstdint>
 #include <filesystem>
@@ -11,7 +11,7 @@
 
 namespace zloam::sessions {
 
-/// A folder that holds no map, or none that can be used; the text names it and says what to do.
+/// The folder holds no map, or an unusable one; the text names it and says what to do.
 class SavedMapError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -21,7 +21,7 @@ struct SavedMap {
   std::filesystem::path folder;
   std::string robot;
   std::uint64_t run = 0;
-  /// in the order of their instants, without what moved
+  /// in the order of their instants, without moving points
   std::vector<Submap> submaps;
 };
 
