@@ -1,5 +1,5 @@
 #pragma once
-// What can be set of the store. Defaults stand here and nowhere else.
+// Configuration of the store. Defaults are written here and nowhere else.
 
 #include <string>
 

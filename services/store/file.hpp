@@ -39,7 +39,7 @@ class AppendFile {
   std::filesystem::path path_;
 };
 
-/// A folder that no other process may have open so; given up with the process, however that ends.
+/// A folder locked against other processes; released with the process, however that ends.
 /// Throws std::system_error when another has it.
 class FolderLock {
  public:
@@ -53,7 +53,7 @@ class FolderLock {
 };
 
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path);
-/// Bytes [offset, offset + size); throws when they are not all there.
+/// Bytes [offset, offset + size); throws when some are missing.
 std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint64_t offset,
                                     std::size_t size);
 void truncate_file(const std::filesystem::path& path, std::uint64_t size);

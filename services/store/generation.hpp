@@ -1,7 +1,7 @@
 #pragma once
-// Which map a message belongs to, as a number that only grows. A map is named by its map_id, which
-// outlives the run that made it; without one (0) by the run. Runs of replays are hashes and have
-// no order, so the order is that in which the store first met them.
+// The map that a message belongs to, as a number that only grows. A map is named by its map_id,
+// which outlives the run that made it; without one (0) by the run. Runs of replays are hashes and
+// have no order, so maps are numbered in the order in which the store first received them.
 
 #include <cstdint>
 
@@ -11,12 +11,12 @@ namespace zloam::store {
 
 class Generations {
  public:
-  /// Goes on with what the store holds.
+  /// Continues from the content of the store.
   explicit Generations(TileStore& store);
-  /// The number of that map; a new one is written to the store at once, which puts the old map
-  /// away.
+  /// The number of that map; a new one is written to the store at once, which makes the old map
+  /// obsolete.
   std::uint64_t of(std::uint64_t run, std::uint64_t map_id);
-  /// Another map than the one before, though it may bear the same name: a capture that is replayed
+  /// Starts another map than the one before, even with the same name: a capture that is replayed
   /// again has the same run.
   std::uint64_t begin(std::uint64_t run, std::uint64_t map_id);
   std::uint64_t current() const { return number_; }

@@ -1,5 +1,5 @@
 #pragma once
-// Whether a key expression covers a key: "*" is one chunk, "**" any number of them.
+// Whether a key expression matches a key: "*" is one chunk, "**" any number of them.
 
 #include <string_view>
 

@@ -1,8 +1,8 @@
 #pragma once
-// Whose messages the store takes: those of the mapping that is there and answers for them. A map is
-// put away for good when another one's tile is stored, and the greatest instant wins for ever, so
-// neither depends on a put alone: what does not come from the publisher that is known, or is far
-// from its other poses, is held until the publisher was asked (docs/protocol.md, section 15).
+// Decides whose messages the store takes: those of the mapping that is present and confirms them.
+// Storing another map's tile makes a map obsolete for good, and the greatest instant wins for ever,
+// so neither depends on a put alone: a message that is not from the known publisher, or is far from
+// its other poses, is held until the publisher was asked (docs/protocol.md, section 15).
 
 #include <compare>
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace zloam::store {
 
-/// Of a message's header.
+/// Source fields of a message's header.
 struct Source {
   std::uint64_t run = 0;
   std::uint64_t map_id = 0;
@@ -22,15 +22,15 @@ struct Source {
 
 class LivePublisher {
  public:
-  /// What a mapping answered of one of its poses; ascending, the last answer counts.
+  /// A mapping's answer about one of its poses; ascending, the last answer counts.
   void answered(const Source& source, std::int64_t instant_ns);
 
   bool believes(const Source& source) const { return source_ == source; }
-  /// Also that the instant is near the others.
+  /// Also requires that the instant is near the others.
   bool believes(const Source& source, std::int64_t instant_ns) const;
-  /// Such a pose was stored.
+  /// A pose of this publisher was stored.
   void stored(std::int64_t instant_ns);
-  /// Of a pose on disk: that it can't be older than what this publisher says.
+  /// Whether a pose on disk has a later instant than any pose of this publisher can have.
   bool is_beyond(std::int64_t instant_ns) const;
 
  private:

@@ -1,10 +1,10 @@
 #pragma once
 // Records on disk: {length u32, crc32c u32, body} after one another, little endian, in segments
-// 00000001.log, 00000002.log, ... A compaction puts what still holds into one file <n>.base, which
-// stands for all segments up to n: written under a temporary name, synced, renamed, folder synced;
-// only then the segments go. On start the newest base is read, then the segments above it; the
-// first bad record ends the log there, is cut off, and segments behind it are set aside as
-// *.ignored.
+// 00000001.log, 00000002.log, ... A compaction writes all valid records into one file <n>.base,
+// which replaces all segments up to n: written under a temporary name, synced, renamed, folder
+// synced; only then the segments are removed. At the start the newest base is read, then the
+// segments above it; the first bad record ends the log, is cut off, and later segments are set
+// aside as *.ignored.
 
 #include <cstdint>
 #include <filesystem>
@@ -18,7 +18,7 @@
 
 namespace zloam::store {
 
-/// Where a body lies.
+/// Position of a body.
 struct Place {
   std::uint64_t file = 0;
   bool base = false;
@@ -28,7 +28,7 @@ struct Place {
 
 struct LogLimits {
   std::uint64_t segment_bytes = 64U << 20;
-  /// a longer record is taken for a broken one
+  /// a longer record is treated as broken
   std::uint32_t record_bytes = 512U << 20;
 };
 
@@ -38,7 +38,7 @@ enum class Access : std::uint8_t { kWrite, kRead };
 struct Recovery {
   std::uint64_t records = 0;
   std::uint64_t bytes = 0;
-  /// cut off at the end of the log, and set aside behind it
+  /// bytes cut off at the end of the log, and segments set aside after it
   std::uint64_t cut_bytes = 0;
   std::uint64_t ignored_segments = 0;
 };
@@ -47,12 +47,12 @@ class RecordLog {
  public:
   using OnRecord = std::function<void(std::span<const std::uint8_t> body, const Place& place)>;
 
-  /// Creates the folder or recovers what is in it, calling on_record for each record in order.
-  /// Throws std::system_error when the folder can't be used, or another process does.
+  /// Creates the folder or recovers its content, calling on_record for each record in order. Throws
+  /// std::system_error when the folder can't be used, or another process uses it.
   RecordLog(std::filesystem::path folder, const LogLimits& limits, const OnRecord& on_record,
             Access access = Access::kWrite);
 
-  /// After it returns a kill loses nothing; a power failure loses what is not synced.
+  /// After it returns a kill loses nothing; a power failure loses unsynced records.
   Place append(std::span<const std::uint8_t> body);
   /// Bytes that a power failure would lose.
   std::uint64_t unsynced_bytes() const { return unsynced_; }
@@ -60,7 +60,7 @@ class RecordLog {
 
   std::vector<std::uint8_t> read(const Place& place) const;
 
-  /// Replaces everything by the records that `keep` gives to its argument, which returns their new
+  /// Replaces everything by the records that `keep` passes to its argument, which returns their new
   /// places.
   void compact(
       const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep);
@@ -71,7 +71,7 @@ class RecordLog {
  private:
   std::filesystem::path path_of(std::uint64_t number, bool base) const;
   void recover(const OnRecord& on_record);
-  /// True: whole; false: it ended at a bad record, cut off there.
+  /// True: complete; false: cut off at a bad record.
   bool read_segment(std::uint64_t number, bool base, const OnRecord& on_record);
   void open_segment();
   void remove_up_to(std::uint64_t number, bool bases);

@@ -40,7 +40,7 @@ class StoreStage {
   bool only_looks(const msg::Header& header) const;
   void take(const PoseMessage& pose);
   void take(const SubmapMessage& submap);
-  /// Until its publisher was asked.
+  /// Holds the message until its publisher was asked.
   runtime::Outcome hold(runtime::Inlet* inlet, const runtime::Message& message);
   Held take_oldest();
   void refuse_oldest();
@@ -50,14 +50,14 @@ class StoreStage {
   void settle_held();
   void put(const std::string& key, Key kind, const Rank& rank, std::span<const std::uint8_t> bytes);
   void answer(runtime::Answer& answer);
-  /// Asks mapping for all its tiles, as puts may be dropped; what is newer is taken.
+  /// Requests all tiles from mapping, as puts may be dropped; takes the newer ones.
   void fetch();
   void take_fetched();
   void finish_fetch();
   void every_period();
   void say_recovery() const;
 
-  /// What the callbacks of a get hand over; outlives the stage when an answer is late.
+  /// Results of a get's callbacks; outlives the stage when an answer is late.
   struct Fetched {
     struct Answer {
       std::string encoding;
@@ -66,7 +66,7 @@ class StoreStage {
     std::mutex mutex;
     std::condition_variable ended;
     bool is_running = false;
-    // Taken out of shared memory at once, before it is written again.
+    // Copied out of shared memory at once, before it is written again.
     std::vector<Answer> answers;
     std::size_t torn = 0;
   };
@@ -83,7 +83,7 @@ class StoreStage {
   runtime::Inlet* poses_ = nullptr;
   runtime::Inlet* submaps_ = nullptr;
   LivePublisher publisher_;
-  /// tiles came of a run in the map of another one
+  /// tiles came from a run that extends the map of another one
   bool is_extended_ = false;
   /// the publisher has just changed
   bool is_new_ = true;

@@ -1,7 +1,7 @@
 #pragma once
-// The newest of each key, on disk. Newest is the greatest (map_id, term, version), not the latest
-// to come (docs/protocol.md, section 9): a late copy from before a take-over changes nothing. A
-// greater map_id makes the tiles of lesser ones obsolete; they go at the next compaction.
+// Keeps the newest message of each key on disk. Newest is the greatest (map_id, term, version), not
+// the last received (docs/protocol.md, section 9): a late copy from before a take-over changes
+// nothing. A greater map_id makes tiles of lesser ones obsolete; the next compaction removes them.
 
 #include <cstdint>
 #include <filesystem>
@@ -35,7 +35,7 @@ struct StoredMessage {
 
 struct StoreLimits {
   LogLimits log;
-  /// compaction starts when the log is larger than this many times what still holds ...
+  /// compaction starts when the log is larger than this many times the valid bytes ...
   double garbage_factor = 3.0;
   /// ... and than this
   std::uint64_t compact_bytes = 256U << 20;
@@ -57,7 +57,7 @@ class TileStore {
 
   void sync() { log_.sync(); }
   std::uint64_t unsynced_bytes() const { return log_.unsynced_bytes(); }
-  /// Does it when the limits say so; true: done.
+  /// Compacts if the limits require it; true: done.
   bool compact_if_due();
   void compact();
 
@@ -65,7 +65,7 @@ class TileStore {
   std::uint64_t log_bytes() const { return log_.bytes(); }
   std::uint64_t newest_map() const { return newest_map_; }
   const Recovery& recovery() const { return log_.recovery(); }
-  /// records that were whole and no message
+  /// records that were complete but no message
   std::uint64_t unreadable() const { return unreadable_; }
 
  private:
@@ -85,7 +85,7 @@ class TileStore {
   RecordLog log_;
 };
 
-/// The body of a record, and back; empty for what is no message.
+/// Encodes the body of a record, and decodes it; nothing for an invalid body.
 std::vector<std::uint8_t> pack(const StoredMessage& message);
 std::optional<StoredMessage> unpack(std::span<const std::uint8_t> body, bool with_payload);
 
