@@ -1,7 +1,7 @@
 #pragma once
-// Data packets of Hesai's PandarXT sensors to points. A firing group is a block, or with two returns
-// a pair of blocks: what all lasers measure from one azimuth on. Each laser fires a little later,
-// and the motor moves on meanwhile:
+// Data packets of Hesai's PandarXT sensors to points. A firing group is a block, or with two
+// returns a pair of blocks: the measurements of all lasers from one azimuth on. Each laser fires a
+// little later, and the motor moves on meanwhile:
 //
 //   azimuth   = block's azimuth + laser's offset + speed * (laser's firing after the first one's)
 //   direction = (cos elevation cos azimuth, -cos elevation sin azimuth, sin elevation)

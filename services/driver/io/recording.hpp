@@ -5,10 +5,10 @@
 //
 // The pipe holds frames, little endian: "ZLRC", uint32 kind, uint64 bytes that follow.
 //
-//   1  identity   text: "clouds", "packets" or "messages", and what the recording is known by, for a replay's
-//                 number
+//   1  identity   text: "clouds", "packets" or "messages", and the recording's identity, from
+//                 which a replay's number is made
 //   2  sweep      RecordedSweep, then points of 24 bytes (common/geometry/point.hpp)
-//   3  remark     text: what is not as it should be
+//   3  remark     text: a problem with the recording
 //   4  refusal    text: why it cannot be used; nothing follows
 //   5  end        nothing follows; without it the reader has died
 //   6  packets    for each RecordedPacket, then its bytes

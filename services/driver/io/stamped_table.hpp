@@ -15,8 +15,8 @@ struct StampedRow {
   std::vector<double> values;
 };
 
-/// columns: the stamp's, then those of the values; others are ignored. Throws SourceError that names
-/// file, line and column.
+/// columns: the stamp's, then those of the values; others are ignored. Throws SourceError that
+/// names file, line and column.
 std::vector<StampedRow> read_stamped_table(const std::string& path,
                                            const std::vector<std::string_view>& columns);
 

@@ -36,7 +36,7 @@ struct TimedScan {
   Scan scan;
   /// step 0, ns since the Unix epoch
   std::int64_t stamp_ns = 0;
-  /// turns since the scan before; 1 when none is missing
+  /// revolutions since the scan before; 1 when none is missing
   std::int64_t turns = 1;
   bool clock_step = false;
 };

@@ -20,8 +20,8 @@
 
 namespace zloam::driver::spinning {
 
-/// From a scanner's point to the lidar's frame: p = R(axis, direction * (angle - zero)) (T p_S). The
-/// axis is fixed to the carrier and goes through the lidar frame's origin.
+/// From a scanner's point to the lidar's frame: p = R(axis, direction * (angle - zero)) (T p_S).
+/// The axis is fixed to the carrier and goes through the lidar frame's origin.
 struct Mount {
   Pose T_motor_scanner = Pose::Identity();
   Eigen::Vector3d axis = Eigen::Vector3d::UnitX();

@@ -13,7 +13,7 @@ class TurnWatch {
  public:
   /// Takes readings in order, unwrapped.
   void add(const AngleReading& reading);
-  /// The mean of the turns so far, s; nothing before the third.
+  /// The mean of the complete times so far, s; nothing before the third.
   std::optional<double> turn_s() const;
 
  private:
@@ -22,7 +22,7 @@ class TurnWatch {
   bool begun_ = false;
   std::int64_t from_ns_ = 0;
   double from_rad_ = 0.0;
-  /// the farthest angle of the present swing, and its time
+  /// the farthest angle of the present swing or half revolution, and its time
   double farthest_rad_ = 0.0;
   std::int64_t farthest_ns_ = 0;
   double way_ = 0.0;  ///< +1, -1; 0: not known yet

@@ -5,10 +5,10 @@
 // them are one firing group. The packets contain neither model nor mode (their last two bytes hold
 // the sensor's state): the user names the model; equal azimuths show two returns.
 //
-// Where the sources disagree (manual of an early S2, two public decoders): the stamp is taken as the
-// end of the packet, when it is sent; driver.stamp_offset_us moves it where a unit stamps the first
-// firing (288 for S2, 345.6 for S3, with two returns 144 and 172.8). Firing times are those of both
-// decoders.
+// Where the sources disagree (manual of an early S2, two public decoders): the stamp is taken as
+// the end of the packet, when it is sent; driver.stamp_offset_us moves it if a unit stamps the
+// first firing (288 for S2, 345.6 for S3, with two returns 144 and 172.8). Firing times are those
+// of both decoders.
 
 #include <array>
 #include <cstdint>
