@@ -100,7 +100,7 @@ struct OdometryConfig {
   double plane_width_sigmas = 3.0;
   double plane_normal_error_rad = 0.05;
 
-  // --- what is said about the result --------------------------------------------------------
+  // --- published result ---------------------------------------------------------------------
   /// A direction is degenerate when its sigma from the points alone exceeds this share of 10 m, or
   /// of a radian.
   double drift_limit = 0.01;

@@ -1,5 +1,5 @@
 #pragma once
-// Planes in voxels over the last sweeps: what a sweep is matched against.
+// Planes in voxels over the last sweeps: the target that a sweep is matched against.
 //
 // Each voxel keeps count, sum and sum of squares of its points; a sweep that leaves the window is
 // subtracted. Everything is summed in integers (the coarsest voxel's edge / 2^15 as unit, 30 um for
