@@ -82,8 +82,6 @@ std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts
 
 PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar);
 
-ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar);
-
 /// Of a scanner on a motor, with the file in driver.metadata. Throws SourceError.
 ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar);
 

@@ -41,7 +41,7 @@ class StepFusion {
   Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
 
   /// Covariance of such a step by its recent errors, beyond those of the mapped poses; none before
-  /// the first mapped pose.
+  /// the first error.
   std::optional<Matrix6> covariance() const;
 
   template <class Bits>

@@ -27,8 +27,8 @@ class MappingStage {
   /// Restores what an earlier instance left; restart_stage.cpp.
   void restart(const msg::Header& first);
   void wait_for_store(bool known_run) const;
-  /// Takes map and pose from the store; false: it has no valid ones.
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
+  /// Takes map and pose from the store; false: it has no valid ones.
   bool take_back(const msg::Header& first, SavedMap& saved);
   bool take_pose(const msg::Header& first, SavedMap& saved);
   runtime::Outcome take(const Sweep& sweep);
