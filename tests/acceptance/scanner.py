@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from tests.acceptance.flags import SEEN
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import Demo, Setting
+from tests.acceptance.runs import Demo, Setting, said_of_poses
 from tests.hokuyo import simulated
 from tests.hokuyo.simulated import Session
-from zloam_monitor import evaluation, trajectory
+from zloam_monitor import evaluation, se3, trajectory
+from zloam_monitor.records import HEALTH
 from zloam_monitor.sources import HOKUYO_SPEED_FACTOR
 
 SEEDS = (1, 2, 3)
@@ -27,6 +29,8 @@ SLOW: dict[str, tuple[float, str]] = {
     "city": (0.05, "260"),
 }
 ANGLE_DEG, OFFSET_MS = 0.05, 1.0
+#: a stretch of so many poses (10 s) is wrong when its error is larger than that
+STRETCH_POSES, WRONG_M, WRONG_DEG = 100, 1.0, 10.0
 CALIBRATED_IN = ("indoor", "handheld")
 
 
@@ -86,6 +90,28 @@ def _drift_percent(scores: evaluation.Scores) -> float:
     return np.inf if scores.drift_percent is None else scores.drift_percent
 
 
+def _silent(setting: Setting, world: str) -> Measured:
+    """Of all stretches that are wrong, those in which no pose says that anything is."""
+    wrong = silent = 0
+    for seed in SEEDS:
+        demo, session = _drive(setting, world, seed, with_imu=False)
+        if demo.code != 0:
+            raise RuntimeError(f"seed {seed}: exit code {demo.code}: {demo.last_words()}")
+        found = trajectory.read(demo.out / "trajectory.tum")
+        at, inside = trajectory.interpolate(trajectory.read(session.truth), found.stamps_ns)
+        truth, estimate = at.transforms, found.transforms[inside]
+        first, last = np.arange(len(truth))[:-STRETCH_POSES], np.arange(len(truth))[STRETCH_POSES:]
+        true_way = se3.inverse(truth[first]) @ truth[last]
+        off = se3.inverse(true_way) @ se3.inverse(estimate[first]) @ estimate[last]
+        far_m = np.linalg.norm(off[:, :3, 3], axis=1)
+        is_wrong = (far_m > WRONG_M) | (se3.rotation_angle_rad(off) > np.radians(WRONG_DEG))
+        names = np.array(HEALTH)[said_of_poses(demo)["health"].astype(int)[inside]]
+        flags = np.concatenate([[0], np.cumsum(~np.isin(names, SEEN))])
+        wrong += int(is_wrong.sum())
+        silent += int((is_wrong & (flags[last + 1] == flags[first])).sum())
+    return Measured(f"{silent} of {wrong} wrong stretches", silent == 0)
+
+
 def _calibrated(setting: Setting, world: str) -> Measured:
     calibrate = setting.build / "bin" / "zloam-calibrate"
     worst_deg = worst_ms = 0.0
@@ -132,6 +158,14 @@ def checks(setting: Setting) -> list[Check]:
                 functools.partial(_drives, setting, world, with_imu, figure, limit, unit),
             )
             for name, text, world, with_imu, figure, limit, unit in drives
+        ),
+        Check(
+            "hokuyo-outdoor-said",
+            "scanner on a motor, a block outdoors, without IMU, seeds 1 to 3: stretches of 10 s "
+            f"wrong by {WRONG_M:.0f} m or {WRONG_DEG:.0f}° in which every pose is Ok",
+            "0",
+            "make accept ONLY=hokuyo-outdoor-said",
+            functools.partial(_silent, setting, "city"),
         ),
         *(
             Check(
