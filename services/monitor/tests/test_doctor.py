@@ -93,6 +93,7 @@ WRONG: dict[str, tuple[Heard, str]] = {
         replace(well(), silent_s={**well().silent_s, ("mapping", "mapping-1"): 30.0}),
         "mapping (mapping-1) has said nothing since 30 s",
     ),
+    "a thin link": (replace(well(), late_s=20.0), "arrives 20 s later than at first"),
     "started again": (
         replace(
             well(),

@@ -1,4 +1,4 @@
-"""Bytes a second, against rates that are given."""
+"""Bytes a second and lateness, against rates and delays that are given."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from zloam_monitor import compose, messages, records
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.traffic import OVER_SECONDS, Published, Taken
+from zloam_monitor.traffic import OVER_SECONDS, Lateness, Published, Taken
 
 
 def a_status(stage: str, seconds: float, counts: dict[str, int]) -> StatusRecord:
@@ -79,3 +79,16 @@ def test_what_comes_here_is_counted() -> None:
     assert taken.kb_s(20.0) == pytest.approx(10.0, rel=0.03)
     assert taken.bytes == 101_000
     assert taken.kb_s(30.0) == 0.0
+
+
+def test_lateness_is_the_backlog_of_most_whatever_the_clocks() -> None:
+    late, ahead_s = Lateness(), 5000.0
+    names = ("a", "b", "c")
+    for second in range(30):
+        for stage in names:
+            # a link that carries half of what is published
+            came_s = second + ahead_s + (0.5 * second if stage != "c" else 0.1)
+            late.take(a_status(stage, second, {}), round(1e9 * came_s))
+    living = {(stage, a_status(stage, 0.0, {}).instance) for stage in names}
+    assert late.seconds(living) == pytest.approx(14.5)
+    assert late.seconds(set()) == 0.0

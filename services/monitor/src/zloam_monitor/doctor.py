@@ -26,6 +26,8 @@ MISNAMED = 0.4
 SHARED = ("robot", "sensor.", "mounting.")
 #: of a message, on average: below it shared memory is not worth its while
 LARGE_BYTES = 16384
+#: statuses come each second, and are read between questions that take seconds
+LATE_SECONDS = 3.0
 #: a stage that is younger than that beside the others, by so much, was started again
 YOUNG_S, APART_S = 60.0, 10.0
 #: of the time from sweep to sweep: a stage that takes longer falls behind
@@ -109,6 +111,8 @@ class Heard:
     garbage: int = 0
     #: of the map, as mapping publishes them
     mapped: list[PoseRecord] = field(default_factory=list)
+    #: by how much longer than at first a status takes to arrive here, s
+    late_s: float = 0.0
 
     def alive(self) -> list[StatusRecord]:
         return [s for who, s in self.after.items() if who in self.living]
@@ -136,23 +140,25 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
     link.query_statuses()
     link.poll()
     now = time.monotonic()
+    living = link.living_instances()
     return Heard(
         link.keys.robot,
         seconds,
         before,
         dict(link.statuses),
         {who: link.silent_s(status, now) for who, status in link.statuses.items()},
-        link.living_instances(),
+        living,
         [pose for sweep, pose in sorted(link.poses.items()) if sweep > posed],
         link.query_configs(),
         link.garbage,
         [pose for sweep, pose in sorted(link.mapped.items()) if sweep > mapped],
+        link.late.seconds(living),
     )
 
 
 def findings_of_statuses(heard: Heard, health: Rule | None = None) -> list[Finding]:
     """Those that need nothing else; `health`: what the stages say of themselves, as it is told."""
-    rules = (_stages, _restarts, _instances, health or _health, _sensor, _drops)
+    rules = (_stages, _late, _restarts, _instances, health or _health, _sensor, _drops)
     return [finding for rule in rules for finding in rule(heard)]
 
 
@@ -187,6 +193,15 @@ def _stages(heard: Heard) -> Iterator[Finding]:
         yield Finding(
             f"{heard.garbage} messages could not be read here",
             "this program and the stages are of different versions",
+        )
+
+
+def _late(heard: Heard) -> Iterator[Finding]:
+    if heard.late_s > LATE_SECONDS:
+        yield Finding(
+            f"what the robot publishes arrives {heard.late_s:.0f} s later than at first",
+            "the link carries less than the views here take: start zloam preview on the robot and "
+            "the views with --thin (if the clock of its host was set back: start this again)",
         )
 
 

@@ -25,7 +25,7 @@ from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
-from zloam_monitor.traffic import Published, Taken
+from zloam_monitor.traffic import Lateness, Published, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
@@ -112,6 +112,8 @@ class Link:
         #: what subscribers of a key cost the robot, and what this link takes
         self.published = Published()
         self.taken = Taken()
+        #: how much later than at first statuses arrive here
+        self.late = Lateness()
         self._newest = newest
         self.poses: dict[int, PoseRecord] = {}
         self.odometry: dict[int, PoseRecord] = {}
@@ -228,6 +230,7 @@ class Link:
         if kept is None or status.stamp_ns >= kept.stamp_ns:
             self.statuses[who] = status
             self.heard[who] = time.monotonic()
+            self.late.take(status, time.monotonic_ns())
             self.published.take(status)
 
     def stage(self, stage: str) -> StatusRecord | None:

@@ -42,5 +42,7 @@ def heard(link: Link, before: dict[tuple[str, str], StatusRecord], seconds: floa
     silent_s = {who: link.silent_s(status, now) for who, status in link.statuses.items()}
     living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}
     after = dict(link.statuses)
-    robot = link.keys.robot
-    return doctor.Heard(robot, seconds, before, after, silent_s, living, [], {}, link.garbage)
+    robot, late_s = link.keys.robot, link.late.seconds(living)
+    return doctor.Heard(
+        robot, seconds, before, after, silent_s, living, [], {}, link.garbage, late_s=late_s
+    )

@@ -1,8 +1,11 @@
-"""Bytes a second: what a subscriber of a key costs the robot, and what a link takes."""
+"""Bytes a second: what a subscriber of a key costs the robot, and what a link takes; and whether
+messages arrive later than they did."""
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
+from collections.abc import Container
 
 from zloam_monitor.records import StatusRecord
 
@@ -71,3 +74,28 @@ class Taken:
         self._forget(now_s)
         over_s = min(OVER_SECONDS, now_s - self._began_s)
         return 1e-3 * sum(count for _, count in self._came) / over_s
+
+
+class Lateness:
+    """By how much more than the fastest one the newest status of each instance took to arrive. The
+    clocks of the two hosts may differ: only the change counts."""
+
+    def __init__(self) -> None:
+        self._least_ns: dict[tuple[str, str], int] = {}
+        self._newest_ns: dict[tuple[str, str], int] = {}
+
+    def take(self, status: StatusRecord, came_ns: int) -> None:
+        """came_ns: of this host's monotonic clock."""
+        who = (status.stage, status.instance)
+        took_ns = came_ns - status.stamp_ns
+        self._newest_ns[who] = took_ns
+        self._least_ns[who] = min(took_ns, self._least_ns.get(who, took_ns))
+
+    def seconds(self, living: Container[tuple[str, str]]) -> float:
+        """Of most of those instances."""
+        late_ns = [
+            newest_ns - self._least_ns[who]
+            for who, newest_ns in self._newest_ns.items()
+            if who in living
+        ]
+        return 1e-9 * statistics.median(late_ns) if late_ns else 0.0
