@@ -164,6 +164,8 @@ void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) 
   header.sweep = sweep;
   header.frame = "lidar";
   header.stamp_ns = last_.stamp_ns;
+  // The driver's, as in all features: a lower one is refused as that of an overtaken instance.
+  header.term = last_.term;
   header.config_rev = stage_.config_rev(run, sweep);
   features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
 }
