@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-# What an assertion of a helper compared is said as it is for a test's own.
+# Assertions in helpers of the tests print the compared values, as those in the tests do.
 pytest.register_assert_rewrite("tests")
 
 os.environ["ZLOAM_FREE_PORTS"] = "1"

@@ -85,7 +85,6 @@ void OdometryStage::restart(const msg::Header& first) {
       runtime::recall<msg::OdometryFeatures>(stage_, Key::kOdometryFeatures, runtime::kKept, tries);
   if (const auto until_ns = continue_frame(first, commits)) {
     catch_up(first, *until_ns);
-    if (first.replay()) go_on(first);
     return;
   }
   // The turns that a frame of slices begins with are not in the messages.
@@ -205,11 +204,11 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
 void OdometryStage::catch_up(const msg::Header& first, std::int64_t until_ns) {
   runtime::Gap gap;
   for (const Features& features : kept_features(stage_, first.run(), done_below_)) {
-    if (gap.add(done_below_, features.sweep()) && first.replay()) return;
+    if (gap.add(done_below_, features.sweep()) && first.replay()) break;
     process(features);
   }
-  if (first.replay()) return;
   go_on(first);
+  if (first.replay()) return;
   gap.add(done_below_, first.sweep());
   gap.ns = std::max<std::int64_t>(0, first.stamp_ns() - until_ns);
   runtime::report(stage_, gap);
