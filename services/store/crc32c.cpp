@@ -9,7 +9,7 @@ constexpr std::uint32_t kPolynomial = 0x82F63B78U;
 constexpr std::size_t kSlices = 8;
 using Tables = std::array<std::array<std::uint32_t, 256>, kSlices>;
 
-// Eight bytes a step: table s holds the effect of a byte that is s places ahead.
+// Slicing by 8: table s holds the effect of a byte that is followed by s more bytes of the slice.
 constexpr Tables make_tables() {
   Tables t{};
   for (std::uint32_t i = 0; i < 256; ++i) {

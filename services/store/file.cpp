@@ -24,7 +24,7 @@ std::uint64_t change_to_die_at = 0;
   throw std::system_error(errno, std::generic_category(), what + " " + path.string());
 }
 
-/// Counts one change; true: this is the one to die in.
+/// Counts one change of the disk; true: die_at_change() named this one.
 bool last_change() { return ++changes_done == change_to_die_at; }
 
 void die() { ::raise(SIGKILL); }
@@ -80,7 +80,7 @@ void AppendFile::append(std::span<const std::uint8_t> bytes) {
   try {
     write_all(descriptor_, bytes, path_);
   } catch (const std::system_error&) {
-    // A full disk: what was half written must not stand before the next record.
+    // On a full disk, cut off the half-written record: records after it could not be read.
     if (::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0) close();
     throw;
   }

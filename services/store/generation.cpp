@@ -5,7 +5,7 @@
 namespace zloam::store {
 namespace {
 
-// No key of Zenoh starts with '#': it can't meet a message's.
+// Record of the current map. Zenoh's keys contain no '#', so no message can have this key.
 constexpr const char* kKey = "#map";
 constexpr std::size_t kSize = 2 * sizeof(std::uint64_t);
 

@@ -6,7 +6,8 @@
 namespace zloam::store {
 namespace {
 
-// From pose to pose of a run; a longer silence of the sensor costs one more question.
+// Maximum distance in time of a credible pose from the publisher's other poses. After a longer
+// silence of the sensor the publisher is asked once more.
 constexpr std::int64_t kNear_ns = 10'000'000'000;
 
 std::int64_t later(std::int64_t ns) {

@@ -1,4 +1,4 @@
-// Whose messages the store takes.
+// LivePublisher: from which publisher the store accepts messages.
 
 #include "store/live_publisher.hpp"
 
@@ -38,7 +38,7 @@ TEST(LivePublisher, AnInstantFarFromItsOthersIsNot) {
        {kNow + 11 * kSecond, kNow - 11 * kSecond, std::int64_t{0}, Limits::max(), Limits::min()}) {
     EXPECT_FALSE(p.believes(kMapping, far)) << far;
   }
-  // It drives on.
+  // Each stored pose moves the limit along.
   for (int i = 1; i < 100; ++i) {
     ASSERT_TRUE(p.believes(kMapping, kNow + i * kSecond));
     p.stored(kNow + i * kSecond);

@@ -25,7 +25,7 @@ void put_u32(std::uint8_t* p, std::uint32_t value) {
   for (int i = 0; i < 4; ++i) p[i] = static_cast<std::uint8_t>(value >> (8 * i));
 }
 
-/// One write for head and body: what a kill leaves is a prefix.
+/// Head and body in one buffer, so that a single write appends them and a kill leaves a prefix.
 std::vector<std::uint8_t> framed(std::span<const std::uint8_t> body) {
   std::vector<std::uint8_t> bytes(kHead + body.size());
   put_u32(bytes.data(), static_cast<std::uint32_t>(body.size()));
@@ -34,8 +34,8 @@ std::vector<std::uint8_t> framed(std::span<const std::uint8_t> body) {
   return bytes;
 }
 
-/// Size of the body of the record at the offset; 0: no whole record is there. An empty body is
-/// none, as zeros after a power failure would pass for it.
+/// Size of the body of the record at the offset; 0: no complete record is there. Empty bodies are
+/// invalid, because the zeros that a power failure may leave would pass for one.
 std::uint32_t body_size(std::span<const std::uint8_t> bytes, std::size_t at, std::uint32_t limit) {
   if (bytes.size() - at < kHead) return 0;
   const std::uint32_t size = read_u32(bytes.data() + at);
@@ -85,7 +85,8 @@ void RecordLog::recover(const OnRecord& on_record) {
   const std::vector<std::uint64_t> bases = numbers(folder_, ".base");
   const std::uint64_t base = bases.empty() ? 0 : bases.back();
   const bool writes = access_ == Access::kWrite;
-  // Left by a process that was killed between the new base and the end of the cleaning.
+  // Older files remain if a process was killed after it wrote the new base and before it removed
+  // the files that the base replaces.
   if (writes) remove_up_to(base, true);
   number_ = base;
   bool whole = bases.empty() || read_segment(base, true, on_record);

@@ -12,11 +12,13 @@ namespace {
 
 constexpr std::uint64_t kMiB = 1U << 20;
 constexpr std::chrono::seconds kFetchTimeout{20};
-// Answers that were lost on this machine, under load, are asked for again.
+// Attempts to fetch the map: under load, answers may be overwritten in shared memory before they
+// are copied.
 constexpr int kFetches = 3;
-// A whole map at the end of a run, while the disk is slow.
+// Input queue: holds a whole map that arrives at the end of a run while the disk is slow.
 constexpr std::size_t kHeldMessages = 4096;
-// Until their publisher was asked, which takes a moment when it is there.
+// Limits of messages that are held until their publisher confirms them; a publisher that is present
+// does so at once.
 constexpr std::size_t kUnconfirmedMessages = 512;
 constexpr std::size_t kUnconfirmed_bytes = std::size_t{32} << 20;
 constexpr std::int64_t kUnconfirmed_ns = 2'000'000'000;
@@ -35,8 +37,8 @@ Source source_of(const msg::Header& header) {
   return {header.run(), header.map_id(), header.term(), header.instance()->str()};
 }
 
-/// A finished message as the runtime takes it. Without an allocator the buffer is freed by
-/// delete[].
+/// Copies a message into the runtime's buffer type. A Buffer without an allocator frees its memory
+/// by delete[].
 Buffer buffer_of(const std::vector<std::uint8_t>& bytes) {
   auto* data = new std::uint8_t[bytes.size()];
   std::copy(bytes.begin(), bytes.end(), data);
@@ -72,7 +74,7 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   stage.answer(stage.keys().all_kept_submaps(), reply);
   stage.on_end_of_run([this](std::uint64_t) {
     fetches_left_ = kFetches;
-    // What an earlier run's map lacks is asked for again, too.
+    // This fetch also requests the tiles that were lost at the end of an earlier run.
     stage_.degraded("map", "");
     fetch();
   });
@@ -164,7 +166,8 @@ void StoreStage::hear_publisher() {
   }
 }
 
-/// What is believed by now, in its order; what was waited for too long is a stranger's.
+/// Stores the held messages whose publisher has been confirmed, in their order, and refuses those
+/// that nobody confirmed within kUnconfirmed_ns.
 void StoreStage::settle_held() {
   for (std::size_t left = held_.size(); left > 0; --left) {
     Held held = take_oldest();
@@ -201,8 +204,8 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
       bytes);
 }
 
-/// A replay in the map of another run only looks into it: done again, it begins as it did before.
-/// Unless it goes on with that map.
+/// A replay that localizes in the map of another run stores no pose, so that repeating the replay
+/// starts from the same state. A replay that extends that map does store its poses.
 bool StoreStage::only_looks(const msg::Header& header) const {
   return header.replay() && header.map_id() != 0 && header.map_id() != header.run() &&
          !is_extended_;
@@ -211,18 +214,18 @@ bool StoreStage::only_looks(const msg::Header& header) const {
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
   if (only_looks(header)) return;
-  // Sweep numbers start again with each run of a map, the sensor's time does not.
+  // The version is the instant, because sweep numbers start from 0 in each run of a map.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
-  // The capture is replayed again: what is left of the last time would be the newer one, and a
-  // mapping that is killed would go on where that run ended.
+  // When the same capture is replayed again, the last pose of the earlier replay would win, and a
+  // killed mapping would resume where that replay ended. Start a new map instead.
   const auto known = store_.rank(stage_.keys().of(Key::kMapOdometry));
   const bool again = std::exchange(is_new_, false) && header.replay() && pose.sweep() == 0 &&
                      known && known->version > version;
   if (again && generations_.is_current(header.run(), header.map_id())) {
     generations_.begin(header.run(), header.map_id());
   }
-  // What no pose of this map can be was stored before instants were checked: a greater term beats
-  // it.
+  // A stored pose with an impossible instant dates from before instants were checked: supersede it
+  // by a greater term.
   std::uint32_t term = known ? std::max(known->term, header.term()) : header.term();
   if (known && publisher_.is_beyond(static_cast<std::int64_t>(known->version))) ++term;
   publisher_.stored(pose->instant_ns());
@@ -230,8 +233,8 @@ void StoreStage::take(const PoseMessage& pose) {
   put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
 }
 
-// One may be empty: the last of a run says that no more come, and nothing is added to a map that
-// stays as it is.
+// Empty submaps are not stored: the last one of a run only marks its end, and a fixed map gets no
+// new points.
 void StoreStage::take(const SubmapMessage& submap) {
   const msg::Header& header = submap.header();
   if (structs_of(submap->points()).empty()) return;
@@ -254,7 +257,7 @@ void StoreStage::put(const std::string& key, Key kind, const Rank& rank,
 }
 
 void StoreStage::answer(runtime::Answer& answer) {
-  // By number only the publisher answers.
+  // A query with parameters asks for messages by number, which only their publisher answers.
   if (!answer.parameters().empty()) return;
   for (const std::string& key : store_.keys()) {
     if (!covers(answer.key(), key)) continue;
@@ -264,7 +267,7 @@ void StoreStage::answer(runtime::Answer& answer) {
   }
 }
 
-// What was lost of the tiles while they were published: mapping has them all.
+// Requests all tiles from mapping, because tiles may have been dropped when they were published.
 void StoreStage::fetch() {
   --fetches_left_;
   {
@@ -305,7 +308,7 @@ void StoreStage::take_fetched() {
     const auto bytes = answer.bytes.data();
     if (!verify<msg::MapTile>(bytes, answer.encoding).ok()) continue;
     const auto& tile = message_of<msg::MapTile>(bytes);
-    // An answer of a map that is gone must not bring it back.
+    // A late answer of an obsolete map must not make that map current again.
     const msg::Header& header = *tile.header();
     if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes);
   }
@@ -319,7 +322,7 @@ void StoreStage::take_fetched() {
   }
 }
 
-// The stage stops, and may have asked a moment ago.
+// The stage is stopping: wait for a fetch that is still running, and store its answers.
 void StoreStage::finish_fetch() {
   for (int i = 0; i <= kFetches; ++i) {
     {

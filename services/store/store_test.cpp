@@ -214,7 +214,7 @@ TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
 constexpr int kPuts = 30;
 constexpr int kCompactAt = 15;
 
-/// What the child does: every put that returned is told through the pipe.
+/// The work of the child process; it reports each completed put through the pipe.
 void work(const fs::path& folder, std::uint64_t die_at, int pipe) {
   die_at_change(die_at);
   StoreLimits small;
@@ -259,7 +259,8 @@ TEST_F(Store, KilledAtEveryChangeOfTheDiskNothingAcknowledgedIsLost) {
     const Outcome outcome = run_until(folder, die_at);
     TileStore store(folder, {});
     for (int k = 0; k < 5; ++k) {
-      // The newest of this key that was acknowledged; the put under way may be there too, or not.
+      // The store must have the newest acknowledged message of this key, or the one whose put was
+      // interrupted.
       std::uint64_t newest = 0;
       for (int v = 1; v <= outcome.puts; ++v)
         newest = v % 5 == k ? static_cast<std::uint64_t>(v) : newest;

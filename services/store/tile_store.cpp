@@ -136,7 +136,7 @@ bool TileStore::compact_if_due() {
 }
 
 void TileStore::compact() {
-  // The old places hold until the new file stands.
+  // Compaction may throw: entries_ keeps the old places until the new file is complete.
   std::map<std::string, Entry> moved = entries_;
   log_.compact([&](const std::function<Place(std::span<const std::uint8_t>)>& write) {
     for (auto& [key, entry] : moved) entry.place = write(log_.read(entry.place));
