@@ -51,7 +51,7 @@ struct LogConfig {
 };
 
 struct FlowConfig {
-  /// sweeps under way in replay
+  /// replay: maximum of sweeps in flight
   int window = 8;
   std::vector<std::string> sinks = acknowledging_stages();
   /// stages that must be ready before the first sweep of a replay
@@ -65,12 +65,12 @@ struct RecoveryConfig {
   /// 10 Hz enough for the time to detect a frozen host (lease) and a hanging active (1 s)
   int keep_messages = 32;
   int keep_mib = 128;
-  /// a missing sweep is requested after
+  /// time until a missing sweep is requested
   int gap_live_ms = 30;
   int gap_replay_ms = 200;
-  /// live: a missing sweep is given up after; 0: one measured sweep period
+  /// live: time until a missing sweep is given up; 0: one measured sweep period
   int late_ms = 0;
-  /// replay: the run ends with an error after
+  /// replay: time until a missing sweep ends the run with an error
   int replay_limit_s = 120;
   /// live: sweeps a stage holds before it drops the oldest, and bytes of any queue
   int queue_sweeps = 4;

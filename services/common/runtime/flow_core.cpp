@@ -90,13 +90,13 @@ void FlowWindowCore::on_ack(const zenoh::Sample& sample) {
     const std::lock_guard lock(mutex_);
     const auto& sinks = setup_.flow.sinks;
     if (std::find(sinks.begin(), sinks.end(), ack->sink()->string_view()) == sinks.end()) return;
-    // Another run's would make this one's stand still.
+    // An acknowledgement of another run would overwrite the sink's progress in this one.
     if (asked_ && ack->run() != run_) return;
-    // Nobody has finished what was not sent.
+    // No sink can have finished a sweep that was not published.
     const auto last = sweeps_.last();
     if (asked_ && last && ack->done_below() > last->sweep + 1) return;
     auto& [run, done] = acks_[ack->sink()->str()];
-    // Of one run only the greatest counts: acknowledgements may overtake one another.
+    // Within a run the greatest number counts, because acknowledgements may overtake one another.
     done = run == ack->run() ? std::max(done, ack->done_below()) : ack->done_below();
     run = ack->run();
   }
@@ -298,7 +298,7 @@ void FlowWindowCore::tick_open(std::int64_t now) {
   const std::uint64_t done = done_below();
   const auto last = sweeps_.last();
   if (done != last_done_ || !last || done > last->sweep) {
-    // Progress, or nothing under way.
+    // There was progress, or no sweep is in flight.
     last_done_ = done;
     progress_at_ = now;
     again_wait_ns_ = setup_.flow.retransmit_ms * kMs;
@@ -313,7 +313,7 @@ void FlowWindowCore::tick_open(std::int64_t now) {
   again_wait_ns_ = std::min(again_wait_ns_ * 2, kMaxAgain_ns);
   again_at_ = now + again_wait_ns_;
   const bool sent = sweeps_.publish_again(run_, done);
-  // When all of the window was lost, nothing shows a gap: the newest does.
+  // If all sweeps in flight were lost, their receiver notices no gap until the newest one arrives.
   if (last->sweep > done) sweeps_.publish_again(run_, last->sweep);
   log(Level::kDebug, sent ? "published again" : "a sweep without progress is not kept any more",
       {{"sweep", done}, {"waiting_for", lagging_sinks()}});

@@ -11,10 +11,10 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kDeadline{2000};
-// A router's storage still answers for a process that is gone.
+// Statuses older than this come from a router's storage, which still answers for ended processes.
 constexpr std::int64_t kStale_ns = 5'000'000'000;
 
-/// Where a listener on all interfaces is reached from its own host.
+/// The endpoint at which a listener on all interfaces is reached from its own host.
 std::string reachable(std::string endpoint) {
   for (const std::string_view any : {"/0.0.0.0:", "/[::]:"}) {
     if (const auto at = endpoint.find(any); at != std::string::npos) {
@@ -32,7 +32,7 @@ zenoh::Config client_config(const ZenohConfig& config, const std::vector<std::st
   c.insert_json5("listen/endpoints", "[]");
   c.insert_json5("connect/exit_on_failure", "true");
   c.insert_json5("connect/timeout_ms", std::to_string(kDeadline.count()));
-  // No pool for one question.
+  // A single query needs no shared-memory pool.
   c.insert_json5("transport/shared_memory/enabled", "false");
   return c;
 }

@@ -13,13 +13,13 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kAnswersWithin{900};
-/// Above it a latency between hosts is not told.
+/// Latencies between hosts are not reported if the clocks' offset is known less well than this.
 constexpr std::int64_t kTooUncertain_ns = 5 * kMs;
-/// Hosts that messages name and that are asked; of more no latency is told.
+/// Maximum number of hosts that are asked for their time; messages of others get no latency.
 constexpr std::size_t kMostHosts = 16;
 
-/// Of the kernel, so that all containers of one machine say the same. A clock that is shifted on
-/// purpose is not shared.
+/// Identifies the clock: the kernel's boot id, which all containers of one machine share. A clock
+/// that is shifted by fault injection counts as another one.
 std::string boot_id() {
   std::ifstream file("/proc/sys/kernel/random/boot_id");
   std::string id;
@@ -36,7 +36,7 @@ Buffer build_time(const std::string& host, const std::string& boot, std::int64_t
   return b.Release();
 }
 
-/// The trace begins with who took the packets.
+/// The stage that received the packets: the first point of the trace; null if it has no valid name.
 const msg::TracePoint* source_of(const msg::Header& header) {
   const auto* trace = header.trace();
   if (trace == nullptr || trace->size() == 0) return nullptr;

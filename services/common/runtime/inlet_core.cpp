@@ -10,7 +10,7 @@
 namespace zloam::runtime {
 namespace {
 
-// A stranger who floods a key must not flood the log.
+// Maximum of warnings about refused messages, so that a flood of them does not flood the log.
 constexpr std::uint64_t kMaxComplaints = 20;
 
 Drop drop_of(Outcome outcome) {
@@ -122,7 +122,7 @@ void InletCore::accept(Raw raw) {
                                      " is not the one that is followed");
     return;
   }
-  // What others kept of an instance that was overtaken is as good as it was.
+  // Recovered messages pass: what an instance published before it was overtaken remains valid.
   if (!raw.recovered && fence_.refuses(message.header->term(), steady_ns())) {
     report_drop(Drop::kFenced, "sweep " + std::to_string(message.header->sweep()) + " of " +
                                    message.header->instance()->str() +
@@ -132,7 +132,8 @@ void InletCore::accept(Raw raw) {
   if (!admitted(message) || !plausible(message)) return;
   const std::uint64_t run = message.header->run();
   const std::uint64_t sweep = message.header->sweep();
-  // A recovered copy that was overtaken by the original is nobody's request.
+  // In a replay, a duplicate means that its publisher sees no progress and wants the output again.
+  // A recovered copy that arrives after the original does not mean that.
   const bool echo = message.header->replay() && !raw.recovered;
   const Message kept = message;
   if (const auto drop = file(std::move(message))) {
@@ -343,7 +344,7 @@ void InletCore::recover(zenoh::Session& session) {
   const std::string wanted = next_request(now, &of_sweeps);
   if (wanted.empty()) return;
   log(Level::kDebug, "asking for what is missing", {{"key", setup_.key}, {"wanted", wanted}});
-  // The answer may come after this object's stage: it keeps the inlet, not the other way round.
+  // The answer may arrive after the stage was destroyed, so its callbacks keep the inlet alive.
   const auto self = shared_from_this();
   const auto count = std::make_shared<std::atomic<std::size_t>>(0);
   session.get(

@@ -41,7 +41,7 @@ struct InletSetup {
   InletOptions options;
   SequencerLimits limits;
   std::size_t queue_bytes = std::size_t{256} << 20;
-  /// of one message
+  /// maximum size of one message
   std::size_t max_bytes = std::size_t{32} << 20;
   VerifyFunction verify = nullptr;
   HeaderFunction header = nullptr;

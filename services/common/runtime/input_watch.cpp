@@ -8,12 +8,12 @@
 namespace zloam::runtime {
 namespace {
 
-// Of the input's own period, and at least.
+// An input is silent after this many of its own periods, and not before this many seconds.
 constexpr double kSilentPeriods = 3.0;
 constexpr double kSilent_s = 0.5;
-// Messages that a period takes after a silence: fewer would make a slow input look fast.
+// Messages needed to measure an input's period; from fewer, a slow input would look fast.
 constexpr std::uint64_t kEnoughForPeriod = 3;
-// Looks without a refused message before it is over.
+// Checks (one per second) without a refused message until the fault counts as over.
 constexpr int kLooksUntilCalm = 5;
 
 constexpr std::array kRefused = {
@@ -26,7 +26,7 @@ std::uint64_t dropped(const Account& account, Drop reason) {
   return account.dropped[static_cast<std::size_t>(reason)];
 }
 
-/// What was taken for what it should be.
+/// Number of messages that were neither duplicates nor refused or fenced.
 std::uint64_t useful(const Account& account) {
   std::uint64_t count = account.received - dropped(account, Drop::kDuplicate);
   for (const auto& [reason, why] : kRefused) count -= dropped(account, reason);
@@ -64,7 +64,7 @@ std::string InputWatch::refusal(Seen& seen, const Account& now) const {
     found += (found.empty() ? "" : "; ") + std::to_string(more(reason)) + " messages of " +
              now.key + " refused in a second as " + drop_name(reason) + " (" + why + ")";
   }
-  // Second copies are a part of recovery; nothing but second copies is not.
+  // Duplicates beside new messages are a normal part of recovery; duplicates alone are a fault.
   if (found.empty() && seen.known && more(Drop::kDuplicate) > 0 &&
       useful(now) == useful(seen.last)) {
     found = "nothing but second copies of " + now.key +

@@ -14,7 +14,7 @@ inline constexpr int kDeepestText = 8;
 /// kDeepestText (a recursive parser ends the process on 80 000 of them). Empty: it may be parsed.
 /// Brackets within quotes count too, so that this scan can't disagree with a parser about quotes.
 std::string json_error(std::string_view text);
-/// The same for a text that is not read.
+/// The error for a text that is too large.
 std::string too_large(std::size_t bytes);
 
 }  // namespace zloam::runtime

@@ -17,16 +17,17 @@ namespace {
 
 constexpr const char* kVerb = "set";
 constexpr const char* kPresetBy = "command line";
-// An answer comes at once or from nobody; a peer that hangs must not hold the sweeps.
+// Answers come at once or never: a peer that hangs must not delay the sweeps.
 constexpr std::chrono::milliseconds kTimeout{500};
 // How long the answer to a change waits for another process to keep it too.
 constexpr std::int64_t kKeptWithin_ns = 1000 * kMs;
-// Who was asked and hangs must not hold that answer.
+// After the last answer so far, wait only this long for more: a process that hangs must not delay
+// the answer to a change.
 constexpr std::chrono::milliseconds kQuiet{20};
 constexpr std::int64_t kRemindEvery_ns = 200 * kMs;
-// However often a stranger says that there is something new.
+// Minimum time between queries, however often puts announce a new revision.
 constexpr std::int64_t kAskEvery_ns = 10 * kMs;
-// Of one stage; more is no person's doing.
+// Maximum of revisions per stage, more than a person makes by hand.
 constexpr std::size_t kMostRevisions = 4096;
 
 zenoh::PublisherOptions publisher_options() {
@@ -46,7 +47,7 @@ std::optional<Revision> read(const zenoh::Sample& sample) {
                   m.values_json()->str(), m.by()->str(), m.at_ns()};
 }
 
-/// Of ".../service/<stage>/<instance>/alive".
+/// The stage in a token's key ".../service/<stage>/<instance>/alive".
 std::string stage_of_token(const std::string& key) {
   const std::string rest = key.substr(0, key.rfind('/', key.rfind('/') - 1));
   return rest.substr(rest.rfind('/') + 1);
@@ -70,7 +71,7 @@ std::pair<std::uint64_t, std::string> preset(const std::string& text) {
   return {sweep, text.substr(colon + 1)};
 }
 
-/// A Command message or bare text; of either a JSON object, or a line "key=value" each.
+/// The settings in a Command message or in bare text: a JSON object, or lines "key=value".
 std::vector<std::string> settings_of(const zenoh::Query& query) {
   std::string text = query.payload().to_string();
   const zenoh::AlignedBytes bytes = zenoh::view_aligned(query.payload());
@@ -152,7 +153,7 @@ void LiveConfig::declare() {
 void LiveConfig::hear_token(const std::string& key, bool there) {
   if (there) {
     lives_.came(key, steady_ns());
-    // What was changed while there was no link to it has not been heard of here.
+    // Ask for the changes that were made while there was no link to this instance.
     hinted_ = true;
     return;
   }
@@ -175,7 +176,7 @@ void LiveConfig::withdraw(const std::string& stage, std::uint32_t rev) {
 }
 
 void LiveConfig::answer_set(const std::shared_ptr<zenoh::Query>& query) {
-  // Of several instances one answers (docs/protocol.md, section 11).
+  // Only one of several instances answers (docs/protocol.md, section 11).
   if (*setup_.muted || (mine_ && !mine_(run_))) return;
   CommandReply reply;
   try {
@@ -193,8 +194,8 @@ void LiveConfig::answer(zenoh::Query& query, const CommandReply& reply) {
               encoding_of(Key::kCommand));
 }
 
-/// A change is answered when another process keeps it: should this one be killed right after its
-/// answer, the change would be lost else, and nobody would know.
+/// Answers a change once another process keeps it too. Otherwise it would be lost unnoticed if this
+/// process were killed right after its answer.
 void LiveConfig::confirm() {
   if (unconfirmed_.empty()) return;
   const auto answers = confirming_.take(kQuiet);
@@ -214,7 +215,7 @@ void LiveConfig::confirm() {
   confirming_.start(session_, keys_.config_revision(setup_.identity.stage), kTimeout, bell_);
 }
 
-/// This process among them.
+/// Number of processes that keep the revision, including this one.
 std::ptrdiff_t LiveConfig::keepers(const std::vector<zenoh::Sample>& answers,
                                    std::uint32_t rev) const {
   return std::count_if(answers.begin(), answers.end(), [&](const zenoh::Sample& answer) {
@@ -239,7 +240,7 @@ CommandReply LiveConfig::set(const std::vector<std::string>& settings) {
   Revision revision = next(changed);
   const Revision* newest = own().newest();
   if (newest != nullptr && newest->run == run_ && newest->values_json == revision.values_json) {
-    // So it is already: by a colleague, who does not know yet that there are two to be asked.
+    // Another replica, which does not know of this one yet, has already made the same change.
     revision = *newest;
   } else {
     if (!accept(revision)) {
@@ -352,7 +353,7 @@ void LiveConfig::begin_run(std::uint64_t run) {
   newest_used_.reset();
   for (auto& [stage, schedule] : schedules_) {
     schedule.begin_run(run);
-    // Now known to be of this run, for those who ask in another.
+    // The schedule has assigned revisions made outside runs to this run: answers must name it.
     for (const Revision& revision : schedule.all()) keep(revision);
   }
   refresh();
@@ -386,7 +387,8 @@ std::optional<std::int64_t> LiveConfig::deadline() const {
   return next_ask_ns_;
 }
 
-/// Whoever works with another revision has not heard of the one in force.
+/// Publishes the stage's newest revision again: an instance that works with another revision than
+/// the one in force has missed a change.
 void LiveConfig::remind(std::string_view stage) {
   const std::int64_t now = steady_ns();
   if (now - reminded_ns_ < kRemindEvery_ns) return;

@@ -34,16 +34,17 @@ namespace zloam::runtime {
 
 struct LiveConfigSetup {
   Identity identity;
-  /// sweeps in flight at most: twice as many ahead, every instance receives a change in time
+  /// maximum of sweeps in flight: a change takes effect twice as many sweeps ahead, so that every
+  /// instance receives it in time
   int window = 8;
   /// null: nothing can be changed
   Parameters* parameters = nullptr;
-  /// of the first run, from the command line
+  /// revisions of the first run, from the command line
   std::vector<Revision> presets;
   /// for tests of instances that disagree: revisions of this stage from others are ignored until
   /// this many sweeps after their first one
   std::uint64_t deaf_sweeps = 0;
-  /// another instance answers
+  /// true: another instance is active and answers
   std::shared_ptr<const std::atomic<bool>> muted = std::make_shared<std::atomic<bool>>(false);
 };
 

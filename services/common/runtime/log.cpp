@@ -16,8 +16,8 @@ struct State {
   std::string stage = "zloam";
 };
 
-// Constructed at the first line; never destroyed before the process ends, since threads of the
-// transport may still write.
+// Created on first use and never destroyed, because threads of the transport may log until the
+// process ends.
 State& state() {
   static State* const kState = [] {
     auto* s = new State;
@@ -56,7 +56,7 @@ std::string text_line(std::string_view message, std::initializer_list<LogField> 
   return line;
 }
 
-/// The part of the JSON object behind time and level, which the pattern writes.
+/// The JSON object's fields after time and level, which the logger's pattern writes.
 std::string json_line(std::string_view message, std::initializer_list<LogField> fields) {
   std::string line = "\"stage\":" + json_text(state().stage) + ",\"message\":" + json_text(message);
   for (const LogField& f : fields) {

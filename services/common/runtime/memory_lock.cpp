@@ -45,15 +45,15 @@ std::uint64_t lockable_bytes() {
                         limit.rlim_cur == RLIM_INFINITY ? kUnlimited : limit.rlim_cur);
 }
 
-// A program locks its own pool, and those of whoever it reads from: at most all that are read, and
-// the tile store, which answers.
+// A program locks its own pool and the pools that it reads from: at most those of all stages that
+// others read, and that of the tile store, which answers queries.
 bool pools_fit(std::uint64_t lockable_bytes, int pool_mib) {
   const std::uint64_t pool = static_cast<std::uint64_t>(pool_mib) << 20;
   return lockable_bytes / (stages_that_are_read() + 2) >= pool;
 }
 
-// A file there takes its room only as it is written: a pool that was made and finds none then ends
-// its process with SIGBUS.
+// A file in shared memory takes up space only when it is written. If there is none left by then,
+// the process ends with SIGBUS, so the space is checked before a pool is made.
 std::string no_place_for_pools(const std::string& folder, int pool_mib) {
   struct statvfs about {};
   if (statvfs(folder.c_str(), &about) != 0 || access(folder.c_str(), W_OK) != 0) {

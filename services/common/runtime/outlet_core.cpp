@@ -108,7 +108,7 @@ OutletCore::OutletCore(OutletSetup setup, zenoh::Session& session)
       cache_(setup_.keep_messages, setup_.keep_bytes) {
   live_ = session_.declare_publisher(setup_.key, options(false));
   if (key_row(setup_.row).numbering == Numbering::kNone) return;
-  // Not complete: a standby or a consumer may hold what this publisher has not.
+  // Declared as not complete: a standby or a consumer may hold messages that this publisher lacks.
   queryable_ = session_.declare_queryable(
       setup_.key, [this](zenoh::Query&& query) { answer(std::move(query)); }, false);
 }
@@ -118,7 +118,7 @@ zenoh::PublisherOptions OutletCore::options(bool block) const {
   zenoh::PublisherOptions o;
   o.congestion_control = block ? zenoh::CongestionControl::kBlock : zenoh::CongestionControl::kDrop;
   o.priority = priority_of(row.priority);
-  // Small and urgent: not held back for a batch.
+  // Small, urgent messages do not wait for a batch.
   o.express = o.priority == zenoh::Priority::kInteractiveHigh;
   o.encoding = encoding_;
   return o;
@@ -153,8 +153,8 @@ void OutletCore::put(const zenoh::Bytes& payload, bool replay) {
   const bool block = replay && key_row(setup_.row).congestion == Congestion::kLiveDrop;
   if (block && !replay_) replay_ = session_.declare_publisher(setup_.key, options(true));
   (block ? *replay_ : *live_).put(payload);
-  // The transport's thread was woken on this processor, and may wait there for as long as this
-  // thread goes on: milliseconds, with another processor idle.
+  // The put woke the transport's thread on this processor. Unless this thread yields, the other may
+  // wait for it for milliseconds, even while another processor is idle.
   if (!block) std::this_thread::yield();
 }
 
@@ -167,7 +167,7 @@ void OutletCore::publish(const HeaderFields& header, Buffer message) {
     const std::lock_guard lock(last_mutex_);
     last_ = {header.run, header.sweep, header.end_of_run};
   }
-  // Kept before it is sent, so that who misses it can have it at once.
+  // Cache the message before sending it, so that a receiver that misses it can get it at once.
   if (queryable_) cache_.put({header.run, header.sweep, header.seq, payload, header.replay});
   put(payload, header.replay);
   published_.fetch_add(1);
@@ -193,8 +193,8 @@ bool OutletCore::publish_again(std::uint64_t run, std::uint64_t sweep) {
   if (*setup_.muted) return false;
   const auto entry = cache_.find(run, sweep);
   if (!entry) return false;
-  // Through the socket, as answers go: who can't reach the publisher's shared memory (no room to
-  // lock it, a chunk taken back under load) would miss the second copy as it missed the first.
+  // Send it through the socket, like answers: a receiver that can't read the publisher's shared
+  // memory (no room to lock it, a chunk taken back under load) would miss the second copy, too.
   put(entry->payload.in_parts(setup_.unshared_part), entry->replay);
   republished_.fetch_add(1);
   return true;

@@ -27,7 +27,7 @@ fs::path without_slash(const fs::path& path) {
 
 }  // namespace
 
-/// Nothing: there is no such file; links are not followed.
+/// Nothing if there is no such file. Links are not followed.
 std::optional<OutputFiles::Stat> OutputFiles::stat_of(const std::string& path) {
   struct stat about {};
   if (::lstat(path.c_str(), &about) != 0) return std::nullopt;
@@ -44,7 +44,7 @@ std::string OutputFiles::path(const std::string& name, const std::string& suffix
       .string();
 }
 
-/// As the list has it: relative to the folder.
+/// The file's name in the list: its path relative to the folder.
 std::string OutputFiles::name_of(const std::string& path) const {
   return fs::absolute(path)
       .lexically_normal()
@@ -64,7 +64,7 @@ OutputFiles::Entries OutputFiles::read() const {
                        e.at("bytes").get<std::uint64_t>(),
                        e.at("changed_ns").get<std::int64_t>()};
     } catch (const Json::exception&) {
-      // Of an unknown form: nobody's.
+      // An entry of an unknown form does not show that this program wrote the file: skip it.
     }
   }
   return entries;

@@ -66,7 +66,7 @@ class OutputFiles {
 
   std::string folder_;
   std::string list_;
-  /// by this process
+  /// files written by this process: name -> run
   std::map<std::string, std::uint64_t> written_;
 };
 

@@ -51,7 +51,7 @@ RawValue raw_value(const nlohmann::json& json) {
 
 }  // namespace
 
-/// One reading of file and settings; collects all errors before it throws.
+/// Reads the file and the settings; collects all errors before it throws.
 struct Parameters::Loader {
   Parameters& parameters;
   const std::string& name;
@@ -113,7 +113,8 @@ struct Parameters::Loader {
     }
   }
 
-  /// Of another program's section, and not one of the few keys of it that this one reads as well.
+  /// Whether the key is in another program's section and not among the few keys there that this
+  /// program reads as well.
   bool is_foreign(const std::string& key) const {
     const std::string section_name = key.substr(0, key.find('.'));
     return std::find(foreign.begin(), foreign.end(), section_name) != foreign.end() &&
@@ -139,7 +140,7 @@ struct Parameters::Loader {
     RawValue value;
   };
 
-  /// Nothing: complained about, or not for this program.
+  /// Nothing if the setting is invalid (the error is recorded) or not for this program.
   std::optional<Setting> read(const std::string& text, const std::string& place) {
     const auto equals = text.find('=');
     const std::string key = text.substr(0, equals);
@@ -149,7 +150,7 @@ struct Parameters::Loader {
     }
     if (is_foreign(key)) return std::nullopt;
     std::string value = text.substr(equals + 1);
-    // A text is taken as it stands: a path may hold " #" or ": ", which are YAML's.
+    // Texts are not parsed as YAML: a path may contain " #" or ": ", which have a meaning there.
     const Entry* entry = parameters.find(key);
     if (entry != nullptr && entry->type == kTextType) {
       return Setting{key, {RawValue::Shape::kScalar, {std::move(value)}}};

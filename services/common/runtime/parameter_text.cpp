@@ -12,7 +12,7 @@ std::string number_text(double value) {
   return {buffer, end.ptr};
 }
 
-/// The whole text as a number; YAML's 1_000 and hexadecimal are not.
+/// Parses the whole text as a decimal number; YAML's 1_000 and hexadecimal numbers are refused.
 template <class Number>
 bool parse_number(const std::string& text, Number* value) {
   const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);

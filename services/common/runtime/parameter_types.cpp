@@ -62,7 +62,7 @@ Parameters::Added Parameters::add(const std::string& key, float* field, Range ra
     return error;
   };
   return add_entry(key, "number", unit, range_text(range), doc, effect, set, [field] {
-    // The shortest text of the float, not the double's long tail.
+    // The shortest text that yields this float; as a double it would have more digits.
     char buffer[32];
     return std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, *field).ptr);
   });

@@ -53,7 +53,7 @@ const Parameters::Entry* Parameters::find(const std::string& key) const {
 
 std::string Parameters::nearest(const std::string& key) const {
   std::string best;
-  // Beyond a third of the name a suggestion misleads.
+  // A suggestion that differs in more than about a third of the name would mislead.
   std::size_t best_distance = key.size() / 3 + 2;
   for (const Entry& entry : entries_) {
     const std::size_t distance = edit_distance(key, entry.key);

@@ -5,9 +5,10 @@
 namespace zloam::runtime {
 namespace {
 
-// One may be lost, or come while the instance goes.
+// Unanswered sweeps before an instance counts as stalled: one may be lost, or arrive while the
+// instance ends.
 constexpr std::size_t kFewest = 3;
-// Of one that has shown nothing yet: a great map takes its time to be read.
+// Time allowed for an instance's first output: reading a large map takes long.
 constexpr std::int64_t kFirst_ns = 30'000'000'000;
 
 }  // namespace

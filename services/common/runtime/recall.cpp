@@ -30,7 +30,7 @@ bool wait_for_links(const std::function<bool()>& there, std::chrono::millisecond
 }
 
 bool is_there(Stage& stage, std::string_view other_stage) {
-  // Its token is the last that a stage declares, so that its answers are there too.
+  // A stage declares its token last, so its queryables are there when the token is.
   return !stage.session().liveliness_get(stage.keys().alive(other_stage, "*"), kTimeout).empty();
 }
 

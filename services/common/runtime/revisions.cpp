@@ -23,7 +23,7 @@ void RevisionSchedule::withdraw(std::uint32_t rev) {
 
 bool RevisionSchedule::add(Revision revision) {
   if (withdrawn_.contains({revision.rev, revision.by, revision.at_ns})) return false;
-  // Said of no run by an instance that has not seen one.
+  // An instance that has not seen a run yet issues revisions without one.
   if (revision.run == 0) revision.run = run_;
   const auto at =
       std::lower_bound(revisions_.begin(), revisions_.end(), revision.rev,
@@ -40,7 +40,8 @@ bool RevisionSchedule::add(Revision revision) {
 bool RevisionSchedule::applies(const Revision& revision, std::uint64_t run,
                                std::uint64_t sweep) const {
   if (revision.run == run || revision.run == 0) return sweep >= revision.from_sweep;
-  // Else it is of a run that is still to come here, or the question is about one that is.
+  // A revision of another run applies to the current run only if it was known when that began;
+  // otherwise it is of a run that has not begun here yet. To a run to come all revisions apply.
   return revision.rev <= known_at_begin_ || run != run_;
 }
 

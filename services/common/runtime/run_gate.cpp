@@ -3,7 +3,7 @@
 namespace zloam::runtime {
 namespace {
 
-// Drivers of one robot; more are somebody's flood.
+// Maximum of drivers' tokens remembered, so that a flood of tokens can't fill the memory.
 constexpr std::size_t kMostTokens = 64;
 
 }  // namespace

@@ -23,9 +23,9 @@ namespace {
 
 std::atomic<int> code_at_end = 0;
 
-// While exit() runs the library's handlers, which drop its shared memory, one of its threads may
-// still end a transport that uses that memory: it panics and aborts. Only from exit() on, after
-// everything of the stage is gone, an abort leaves the exit code as it is.
+// During exit() Zenoh's handlers release its shared memory while one of its threads may still be
+// closing a transport that uses it; that thread panics and aborts. So from exit() on, when nothing
+// of the stage is left, an abort ends the process with the stage's own exit code.
 void keep_exit_code(int code) {
   code_at_end = code;
   std::atexit([] { std::signal(SIGABRT, [](int) { std::_Exit(code_at_end); }); });
@@ -60,7 +60,7 @@ std::string program_of(const StageSpec& spec) {
   return "zloam-" + (spec.variant.empty() ? spec.name : spec.variant + "-" + spec.name);
 }
 
-/// Empty: go on; else the process ends with the code.
+/// Parses the command line. If it returns a code, the process ends with it.
 std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spec,
                          CommandLine* line) {
   CLI::App app(spec.summary, program_of(spec));
@@ -106,7 +106,7 @@ Identity identity_of(const StageSpec& spec, const CommandLine& line, const Share
   return id;
 }
 
-/// Without shared memory where it has no place or could not be locked.
+/// The configuration, without shared memory if there is no room for it or it can't be locked.
 ZenohConfig shareable(ZenohConfig config) {
   if (!config.shared_memory) return config;
   if (const std::string why = no_place_for_pools(kSharedMemoryFolder, config.pool_mib);
@@ -138,7 +138,7 @@ zenoh::Session open_session(const SharedConfig& shared, const std::string& stage
     if (!config.shared_memory) throw;
     reason = e.what();
   }
-  // Only the second try tells whether it was the pool that could not be made.
+  // Try again without shared memory: if that fails too, the pool was not the cause.
   config.shared_memory = false;
   zenoh::Session session = zenoh::Session::open(session_config(config, endpoints));
   log_warning("messages go through sockets: no shared memory is to be had", {{"reason", reason}});
@@ -157,11 +157,11 @@ zenoh::Session listening_session(const SharedConfig& shared, const std::string& 
   }
 }
 
-// Set in a process that was overtaken before it began again.
+// Environment variable that tells a process restarted by begin_again() that it was overtaken.
 constexpr const char* kOvertaken = "ZLOAM_WAS_OVERTAKEN";
 
-/// The same process with everything forgotten: another instance has continued the work meanwhile, and
-/// what this one knows is old. Returns only where it could not be done.
+/// Restarts the program in this process: another instance has continued the work meanwhile, so the
+/// state of this one is obsolete. Returns only if the restart failed.
 void begin_again(const std::vector<const char*>& arguments) {
   setenv(kOvertaken, "1", 1);
   std::fflush(nullptr);
@@ -173,7 +173,7 @@ void begin_again(const std::vector<const char*>& arguments) {
   log_error("could not begin again", {{"what", std::strerror(errno)}});
 }
 
-/// What the stage throws while it is wired and run becomes its exit code in main().
+/// Wires and runs the stage; run_stage() turns its exceptions into exit codes.
 int work(const StageSpec& spec, StageSetup setup) {
   const auto start_again = setup.start_again;
   zenoh::init_log("error");
@@ -221,8 +221,8 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
     std::printf("%s\n", parameters.describe_json().c_str());
     return kExitOk;
   }
-  // Others' sections are passed over but for the keys that this stage reads as well; an unknown key
-  // in its own is an error.
+  // Other programs' sections are skipped, except for the keys that this stage reads as well; an
+  // unknown key in the stage's own section is an error.
   std::vector<std::string> foreign = owned_sections();
   std::erase(foreign, spec.variant.empty() ? spec.name : spec.variant);
   parameters.load(line.config, line.settings, foreign);
@@ -248,10 +248,10 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
   setup.presets = std::move(presets);
   setup.longest_work = spec.longest_work;
   setup.was_overtaken = std::getenv(kOvertaken) != nullptr;
-  // Once: the process that begins again is to be seen at work.
+  // Only the first process hangs: the restarted one shall be seen to work.
   if (!setup.was_overtaken) setup.fault_hang_at_sweep = fault("ZLOAM_FAULT_HANG_AT_SWEEP");
   setup.start_again = [arguments] { begin_again(arguments); };
-  // A copy: the parameters go on pointing into the one here.
+  // Copied, not moved: the parameters are bound to the fields of the local one.
   setup.shared = shared;
   return work(spec, std::move(setup));
 }

@@ -6,7 +6,8 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::int64_t kMaxWait_ns = 8'000'000'000;
-// One period of a sensor, when none is configured: such keys have no sweeps to measure it by.
+// Default time after which missing numbers are given up: one period of a typical lidar, because
+// keys without sweeps have no period to measure.
 constexpr std::int64_t kDefaultLate_ns = 100'000'000;
 
 }  // namespace
@@ -54,7 +55,7 @@ bool SeenNumbers::in_reach(Publisher& p, std::uint64_t seq) {
   return true;
 }
 
-/// The lowest missing numbers of the publisher, which has some.
+/// Gives up the publisher's lowest missing numbers; there must be some.
 void SeenNumbers::give_up(Publisher& p) {
   lost_ += *p.above.begin() - p.below;
   p.below = *p.above.begin();

@@ -7,14 +7,16 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::size_t kGivenUpMemory = 4096;
-// The window of a replay is a few sweeps; what a stage that was killed must catch up with is kept
-// by others, and is less.
+// Maximum distance of a replay's sweep from the next expected one. It exceeds the window, which is
+// a few sweeps, and the backlog of a restarted stage, which others keep.
 constexpr std::uint64_t kMostAhead = 1024;
 constexpr std::size_t kMostOfNextRun = 1024;
-// Numbers out of reach are taken for the true ones when nothing else has come for so long.
+// Numbers too far ahead are accepted when nothing else has arrived for this long and kEnoughFar of
+// them were in order.
 constexpr std::int64_t kSilence_ns = 2'000'000'000;
 constexpr int kEnoughFar = 3;
-// Answers without any message (of replicas: answers) before a replay is joined where it stands.
+// Requests for the start of a replay that brought no message (from replicas, which hold only their
+// own sweeps: any requests) before the replay is joined where it stands.
 constexpr int kJoinAttempts = 5;
 // A live run that begins with a number above this was joined in the middle. Below it the first
 // messages were lost on a link that had just come up, and their publisher still has them.
@@ -81,12 +83,12 @@ bool Sequencer::in_reach(const Message& message, std::int64_t now_ns) {
   const std::uint64_t below = held_.empty() ? next_ : held_.rbegin()->first + 1;
   if (!replay_) return sweep < below || credit_.spend(sweep - below, period_.ns(), now_ns);
   if (!joining_) return sweep - next_ <= kMostAhead;
-  // Where the run stands is what its first messages say.
+  // While joining, the first messages show where the run stands.
   return held_.empty() || sweep <= held_.begin()->first + kMostAhead;
 }
 
-/// After a silence whoever counts on in order is believed: the machine was suspended, or the
-/// numbers followed so far were the wrong ones. What lies between is nobody's loss.
+/// After a silence, far numbers that arrive in order are accepted: the machine was suspended, or
+/// the numbers followed so far were wrong. The sweeps in between do not count as lost.
 bool Sequencer::takes_up_far_numbers(const Message& message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
   far_count_ = sweep == far_next_ ? far_count_ + 1 : 1;
@@ -134,7 +136,7 @@ void Sequencer::give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop) {
 void Sequencer::give_up_gap() {
   const std::uint64_t end = held_.begin()->first;
   for (; next_ < end; ++next_) give_up_sweep(next_, std::nullopt);
-  // What follows is taken as it is, whatever its publisher's number.
+  // Makes the next message contiguous, whatever its seq.
   last_seq_ = held_.begin()->second.header->seq() - 1;
   last_instance_ = instance_of(held_.begin()->second);
 }
@@ -147,7 +149,7 @@ void Sequencer::enforce_bound() {
     const Message oldest = take_front();
     give_up_sweep(oldest.header->sweep(), Drop::kQueueFull);
   }
-  // More come than go: the backlog would stay as it is, and with it the latency.
+  // More sweeps arrive than are processed: unless the room shrinks, backlog and latency remain.
   if (room_ > 0) --room_;
 }
 
@@ -166,7 +168,7 @@ std::optional<Message> Sequencer::next(std::int64_t now_ns) {
   if (held_.empty() && !future_.empty()) switch_run(now_ns);
   if (held_.empty()) return std::nullopt;
   if (!ready()) {
-    // A newer run waits: what this one lacks will not be published any more.
+    // If a newer run waits, the missing sweeps of this one will not be published any more.
     const bool late = !replay_ && gap_since_ && now_ns - *gap_since_ >= late_ns();
     if (!late && future_.empty()) return std::nullopt;
     if (joining_ && !replay_) {
@@ -217,8 +219,8 @@ void Sequencer::answered(const Request& request, std::size_t messages) {
   begin_where_it_stands();
 }
 
-// The publisher has told what it still holds; what lies below was finished by those before us, or
-// before anybody listened.
+// The publisher has sent what it still holds: lower sweeps were finished by an earlier instance, or
+// before any instance listened.
 void Sequencer::begin_where_it_stands() {
   next_ = held_.begin()->first;
   joining_ = false;
@@ -249,7 +251,7 @@ Arrivals Sequencer::arrivals() const {
   for (std::uint64_t n = next_; n < a.received_below && a.missing.size() < kMaxMissing; ++n) {
     if (!held_.contains(n)) a.missing.push_back(n);
   }
-  // Nothing is said of what the list has no room for.
+  // Report nothing about sweeps beyond the end of a full list.
   if (a.missing.size() == kMaxMissing) a.received_below = a.missing.back() + 1;
   return a;
 }

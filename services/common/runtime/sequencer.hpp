@@ -76,8 +76,9 @@ class Sequencer {
   /// Before the start, for an instance that takes over: a replay's first message is handed out at
   /// once, whatever its number, so that the stage learns from others' copies where to continue.
   void join_at_once() { joins_at_once_ = true; }
-  /// Whether a message that was handed out turns out not to be the next one: then it was taken
-  /// back. If nothing was learned from it, the run is joined as by any other instance.
+  /// Whether a message that was handed out turns out not to be the next one, because it made the
+  /// stage call continue_at(): then it is held again. If join_at_once() handed it out and the stage
+  /// has not called that, the run is joined as by any other instance.
   bool takes_back(Message& message, std::int64_t now_ns);
   std::size_t held() const { return held_.size() + future_.size(); }
   std::uint64_t next_sweep() const { return next_; }

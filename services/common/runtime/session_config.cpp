@@ -25,7 +25,7 @@ std::string listen_address(const ZenohConfig& config) {
   return has_own_hosts(config) ? "0.0.0.0" : config.host;
 }
 
-/// Where a stage is reached: "all interfaces" is no destination.
+/// The address at which a stage is reached; "all interfaces" is not a destination.
 std::string address_of(const ZenohConfig& config, const std::string& stage) {
   std::string host = config.host;
   if (has_own_hosts(config)) return host.replace(host.find(kStage), kStage.size(), stage);
@@ -38,7 +38,7 @@ struct HostPort {
   std::uint16_t port = 0;
 };
 
-/// What follows the port, Zenoh reads: "?" and "#" begin it.
+/// Host and port of a TCP endpoint. Zenoh's options, which begin with "?" or "#", are skipped.
 std::optional<HostPort> host_and_port(std::string_view endpoint) {
   constexpr std::string_view kProtocol = "tcp/";
   if (!endpoint.starts_with(kProtocol)) return std::nullopt;
@@ -52,24 +52,25 @@ std::optional<HostPort> host_and_port(std::string_view endpoint) {
   return HostPort{address.substr(0, colon), *port};
 }
 
-/// Of another host's, by number.
+/// Whether the host is given as the numeric address of another host.
 bool is_address(std::string_view host) {
   if (host.starts_with("127.") || host == "[::1]") return false;
   return host.starts_with('[') || host.find_first_not_of("0123456789.") == std::string_view::npos;
 }
 
-// Of the ports that systems give to outgoing connections (Linux; others begin higher).
+// The lowest port that systems give to outgoing connections (Linux; others begin higher).
 constexpr std::uint16_t kFirstOutgoing = 32768;
 
 bool leads_to(std::string_view link, const HostPort& wanted) {
   const auto end = host_and_port(link);
   if (!end) return false;
   if (!is_address(wanted.host)) return end->port == wanted.port;
-  // Whichever side made it. Other programs of that host have their own ports.
+  // Either side may have connected, so the remote port is the wanted one or an outgoing one. Links
+  // to other programs of that host have other ports.
   return end->host == wanted.host && (end->port == wanted.port || end->port >= kFirstOutgoing);
 }
 
-/// Of those that are in no chain, and of second instances: above all stages.
+/// Initiative of programs outside the chain: above all stages. Second instances are above it.
 constexpr std::uint8_t kOutside = 16;
 
 std::uint8_t initiative_of(std::optional<std::size_t> place, bool second_instance) {
@@ -79,7 +80,7 @@ std::uint8_t initiative_of(std::optional<std::size_t> place, bool second_instanc
   return second_instance ? kOutside + behind : behind;
 }
 
-/// Zenoh compares identifiers from the last two digits on.
+/// Random, with the initiative at its end: Zenoh compares identifiers from the last two digits on.
 std::string identifier(std::uint8_t initiative) {
   constexpr std::string_view kDigits = "0123456789abcdef";
   std::random_device random;
@@ -131,7 +132,7 @@ std::vector<std::string> without_link(const std::vector<std::string>& endpoints,
     const auto wanted = host_and_port(*at);
     const bool was_named = std::find(endpoints.begin(), at, *at) != at;
     if (!wanted || was_named) continue;
-    // Two routers may have one port: each link is one endpoint's.
+    // Two routers may use the same port, so each link counts for one endpoint only.
     const auto link = std::find_if(left.begin(), left.end(),
                                    [&](const std::string& end) { return leads_to(end, *wanted); });
     if (link == left.end()) {
@@ -151,7 +152,7 @@ zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoin
   c.insert_json5("connect/endpoints", text(endpoints.connect));
   c.insert_json5("connect/exit_on_failure", "false");
   c.insert_json5("connect/timeout_ms", "-1");
-  // A stage that starts again is found by those before it at once: what comes from them waits.
+  // The stages before a restarted one must connect to it at once: their messages wait for it.
   c.insert_json5("connect/retry",
                  "{period_init_ms: 100, period_max_ms: 100, period_increase_factor: 1}");
   c.insert_json5("scouting/multicast/enabled", "false");
@@ -162,8 +163,8 @@ zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoin
   c.insert_json5("transport/link/tx/lease", std::to_string(config.lease_ms));
   const std::string shm = "transport/shared_memory/";
   c.insert_json5(shm + "enabled", config.shared_memory ? "true" : "false");
-  // Else Zenoh makes a segment for its own bookkeeping whatever "enabled" says, and ends where
-  // there is no room for it.
+  // Otherwise Zenoh creates a segment for its own bookkeeping even if "enabled" is false, and fails
+  // if there is no room for it.
   if (!config.shared_memory) c.insert_json5(shm + "mode", "\"lazy\"");
   const std::string optimization = shm + "transport_optimization/";
   c.insert_json5(optimization + "pool_size", std::to_string(std::int64_t{config.pool_mib} << 20));

@@ -40,7 +40,7 @@ const char* name_of(std::uint32_t number) {
   return number == SIGHUP ? "SIGHUP" : "SIGTERM";
 }
 
-/// -1: nobody to end with.
+/// Descriptor of a pipe that closes when the parent ends; -1: none.
 int parent_pipe() {
   const char* text = std::getenv("ZLOAM_PARENT_PIPE");
   if (text == nullptr) return -1;
@@ -85,13 +85,14 @@ void SignalWatch::watch() {
   bool stopping = false;
   int parent = parent_pipe();
   for (;;) {
-    // A negative descriptor is passed over.
+    // poll ignores negative descriptors.
     pollfd fds[3] = {{signals_, POLLIN, 0}, {end_, POLLIN, 0}, {parent, 0, 0}};
     const int n = poll(fds, 3, stopping ? static_cast<int>(kStopDeadline.count()) : -1);
     if (n < 0 && errno == EINTR) continue;
     if ((fds[1].revents & POLLIN) != 0) return;
     const bool orphaned = fds[2].revents != 0;
-    // It closes once, and a parent that stops its stages and ends is no second signal.
+    // The pipe closes only once. If the parent ends after it has stopped its stages, this does not
+    // count as a second signal.
     if (orphaned) parent = -1;
     if (orphaned && stopping) continue;
     if (stopping) {

@@ -11,7 +11,7 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kTimeout{500};
-// More are a flood of somebody's.
+// Maximum of other instances remembered, so that a flood of tokens can't fill the memory.
 constexpr std::size_t kMostOthers = 64;
 
 }  // namespace
@@ -45,7 +45,7 @@ Singleton::Singleton(zenoh::Session& session, const Keys& keys, const std::strin
   declare(own_.term);
 }
 
-// The new one before the old one goes: there is no moment without.
+// Declares the new token before the old one is dropped, so that there is always a token.
 void Singleton::declare(std::uint32_t term) {
   zenoh::LivelinessToken token = session_.declare_liveliness_token(
       keys_.active(stage_, own_.instance, std::to_string(term), std::to_string(own_.since_ns)));
@@ -60,7 +60,7 @@ void Singleton::hear(const std::string& key, bool there) {
   const auto other = seniority_of(key);
   if (!other) return;
   const std::lock_guard lock(mutex_);
-  // What this instance said itself, now or under a lesser term.
+  // Ignore this instance's own tokens, of the present term or a lesser one.
   if (other->instance == own_.instance && other->since_ns == own_.since_ns) return;
   if (!there) {
     others_.erase(*other);

@@ -11,12 +11,12 @@ namespace {
 constexpr std::int64_t kPoll_ns = 20 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
 constexpr std::size_t kOutputMemory = 256;
-// Of one that handed over: the other asks for what it kept.
+// Time that an instance stays after a hand-over, because its successor requests what it kept.
 constexpr std::int64_t kLinger_ns = 2000 * kMs;
-// Questions and commands that wait for the worker.
+// Maximum of queries and commands that wait for the worker.
 constexpr std::size_t kMostTasks = 1024;
-// Readings of an inertial sensor or an encoder come hundreds of times a second: one in each round of
-// the worker, which waits for the lidar's packets, would leave most of them behind.
+// Maximum of readings (IMU, encoder) handled in one step of the worker. They arrive hundreds of
+// times a second; one per step would be too few, as the steps follow the lidar's packets.
 constexpr int kMostReadings = 64;
 
 }  // namespace
@@ -35,7 +35,7 @@ StageCore::StageCore(StageSetup setup, zenoh::Session& session)
       std::move(live), EffectiveValues{0, setup_.values_json, setup_.result_json}, keys_, session_,
       bell_, [this](std::function<void()> task) { post(std::move(task)); });
   live_->on_revision([this](const Revision&) {
-    // What waits in the queues may be of another revision than the one now known.
+    // Queued messages may come from another revision than the one now known.
     for (const auto& inlet : inlets_) inlet->check_again();
   });
   watch_tokens();
@@ -68,7 +68,7 @@ bool StageCore::follows(const Message& message) {
   return gate_.admit(message.header->run(), message.header->replay(), steady_ns());
 }
 
-/// As an endless loop in an algorithm would.
+/// Fault injection: blocks the worker like an endless loop in an algorithm.
 void StageCore::hang() {
   log_warning("FAULT INJECTION: the worker stops here on purpose");
   while (true) std::this_thread::yield();
@@ -95,7 +95,7 @@ bool StageCore::before_message(const Message& message) {
 
 void StageCore::after_message(const Message& message, bool ends_run) {
   const msg::Header& header = *message.header;
-  // Held from a run that was left meanwhile.
+  // The message was held, and its run is no longer the current one.
   if (header.run() != run_) return;
   if (message.started_ns > 0) note_latencies(message);
   {
@@ -205,7 +205,8 @@ bool StageCore::work() {
   }
   bool busy = run_tasks();
   if (*muted_) {
-    // What it made of them would be a second opinion, and the other's map or frame in its own.
+    // A muted instance processes nothing: its results would compete with the active instance's, and
+    // its state would mix with that one's map or frame.
     for (const auto& inlet : inlets_) inlet->put_aside();
   } else {
     busy = work_on_inputs() || busy;
@@ -247,7 +248,7 @@ int StageCore::run() {
   }
   // No input from here on; what is queued stays in the accounts as queued.
   unsubscribe();
-  // What there is to be saved is the other's now.
+  // After a take-over the other instance saves what is to be saved.
   if (overtaken_) on_stop_.clear();
   for (const auto& task : on_stop_) {
     try {

@@ -124,8 +124,8 @@ class StageCore final : public Stage, private InletEvents {
   void overdue(const std::string& key, std::uint64_t sweep) override;
   void handler_threw(const std::string& key, std::uint64_t sweep, const std::string& what) override;
 
-  /// Records that an output for the sweep was published now; false if that was just before: a
-  /// replica's copy is no request for help.
+  /// Records that an output of the sweep is published now. False if one was published just before:
+  /// then a second copy came from a replica, not from a publisher that lacks the output.
   bool note_output(std::uint64_t sweep);
   [[noreturn]] static void hang();
   void note_latencies(const Message& message);
@@ -175,7 +175,7 @@ class StageCore final : public Stage, private InletEvents {
   /// shared with the outlets, acknowledgements and answers; true: nothing is sent
   std::shared_ptr<std::atomic<bool>> muted_ = std::make_shared<std::atomic<bool>>(false);
   std::optional<Singleton> singleton_;
-  /// when this instance continues another's work, nothing is lost
+  /// whether another instance can take over this stage without loss
   bool replaceable_ = false;
 
   std::vector<std::shared_ptr<InletCore>> inlets_;
@@ -241,7 +241,7 @@ class StageCore final : public Stage, private InletEvents {
   /// monotonic; 0: never, or it is over
   std::atomic<std::int64_t> handler_threw_ns_{0};
 
-  // Of the status thread.
+  // Used by the status thread only.
   std::uint64_t overload_dropped_ = 0;
   int looks_without_drop_ = 0;
   InputWatch input_watch_;

@@ -1,4 +1,4 @@
-// What a stage tells others about itself: health, status, configuration, token.
+// A stage's reports about itself: health, status, configuration, token.
 
 #include <algorithm>
 #include <array>
@@ -14,18 +14,18 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
-// What is more is a fault of the hosts' time keeping (docs/protocol.md section 10).
+// A greater clock offset between hosts is reported as a fault (docs/protocol.md, section 10).
 constexpr std::int64_t kClocksApart_ns = 50 * kMs;
-// Statuses without a drop before an overload is over.
+// Statuses (one per second) without a drop until an overload counts as over.
 constexpr int kLooksUntilCalm = 5;
-// Statuses for which the heap is given back after an oversized message: what was still on its way
-// at the first one is free by then.
+// Statuses at which heap memory is returned to the system after an oversized message: copies that
+// were still in use at the first of them are free by the last.
 constexpr int kLooksAtHeap = 5;
 constexpr std::int64_t kHandlerCalm_ns = 5000 * kMs;
-// Statuses until an endpoint without a link is reported: at the start, and after a break, Zenoh is
-// about to make it.
+// Statuses until an endpoint without a link is reported: at the start and after a break, Zenoh
+// needs a moment to connect.
 constexpr int kLooksUntilLinked = 5;
-// Between two subscriptions of an input of which nothing comes.
+// First and greatest waiting time before a silent input is subscribed again; doubles in between.
 constexpr std::int64_t kFirstAgain_ns = 2000 * kMs, kLastAgain_ns = 60000 * kMs;
 
 }  // namespace
@@ -88,7 +88,7 @@ ServiceHealth StageCore::health(std::string* reason) const {
     return because(all, ServiceHealth::kDegraded);
   }
   if (!lonely.empty()) {
-    // Whom it had and lost is not who is yet to come.
+    // Before the first sweep a subscriber may still be starting; after it, one was lost.
     return because("no subscriber on " + lonely,
                    has_sweep_ ? ServiceHealth::kDegraded : ServiceHealth::kStarting);
   }
@@ -125,7 +125,7 @@ StatusFields StageCore::status() const {
   return f;
 }
 
-/// A source has no input that tells how far it is: its output does.
+/// A source has no input of sweeps, so its output shows its progress.
 void StageCore::note_source(StatusFields* f) const {
   const OutletCore* source = source_.load();
   if (source == nullptr) return;
@@ -137,7 +137,7 @@ void StageCore::note_source(StatusFields* f) const {
   f->end_of_run = last->ended;
 }
 
-/// Another instance that came after both were at work.
+/// Reports another instance of this stage if no standby is configured.
 void StageCore::watch_second() {
   if (!singleton_ || setup_.shared.recovery.standby) return;
   const std::string others = singleton_->others();
@@ -147,7 +147,7 @@ void StageCore::watch_second() {
   degraded("another instance", others);
 }
 
-/// One message that could not be handled is past when others can be.
+/// Withdraws the report of a handler's exception when no other followed for kHandlerCalm_ns.
 void StageCore::watch_handlers() {
   const std::int64_t threw_ns = handler_threw_ns_.load();
   if (threw_ns == 0 || steady_ns() - threw_ns < kHandlerCalm_ns) return;
@@ -155,7 +155,7 @@ void StageCore::watch_handlers() {
   degraded("handler", "");
 }
 
-/// They come in many fragments, whose heap the allocator would keep for the next one.
+/// Oversized messages arrive in many fragments, whose memory the allocator would keep.
 void StageCore::watch_oversized() {
   std::uint64_t now = 0;
   {
@@ -221,7 +221,7 @@ void StageCore::status_loop() {
   }
 }
 
-/// Who drops for want of time says so for a while, whatever else is well.
+/// Reports an overload while sweeps are dropped for lack of time, and for a while after.
 void StageCore::watch_overload() {
   std::uint64_t dropped = 0;
   for (const Account& account : accounts()) {
@@ -238,7 +238,7 @@ void StageCore::watch_overload() {
   }
 }
 
-/// A replay waits for its slowest stage, and none of its inputs has a pace.
+/// Expects regular inputs only in live runs: a replay waits for its slowest stage.
 void StageCore::watch_inputs() {
   bool paced = false;
   {
@@ -257,9 +257,9 @@ void StageCore::watch_inputs() {
   subscribe_again(found);
 }
 
-// A link that was lost and came back (a process that had no processor for longer than the lease) can
-// lack what one side declared on it: the publisher then sends nothing here, for good, and everybody
-// says that he is well (docs/protocol.md, section 11).
+// After a link was lost and restored (a process got no CPU time for longer than the lease),
+// declarations of one side may be missing on it: the publisher then never sends here again, while
+// all stages report ready (docs/protocol.md, section 11).
 void StageCore::subscribe_again(const std::map<std::string, std::string>& silences) {
   const std::int64_t now = steady_ns();
   const std::lock_guard lock(subscriptions_mutex_);
@@ -268,7 +268,7 @@ void StageCore::subscribe_again(const std::map<std::string, std::string>& silenc
     const bool silent = found != silences.end() && !found->second.empty();
     if (!silent) subscription.wait_ns = 0;
     if (!silent || (subscription.wait_ns > 0 && now < subscription.again_ns)) continue;
-    // A silence begins: it may be over soon.
+    // At the beginning of a silence, only start the waiting time: it may be over soon.
     const bool begins = subscription.wait_ns == 0;
     subscription.wait_ns = std::clamp(2 * subscription.wait_ns, kFirstAgain_ns, kLastAgain_ns);
     subscription.again_ns = now + subscription.wait_ns;
@@ -296,7 +296,8 @@ void StageCore::watch_clocks() {
   degraded("clock", apart);
 }
 
-/// A router that is gone, say. Its stages go on among themselves, so that nothing else tells.
+/// Reports configured endpoints without a link, such as a router that has gone: the stages continue
+/// without it, so nothing else shows the loss.
 void StageCore::watch_links() {
   const auto& wanted = setup_.shared.zenoh.connect;
   const auto missing = without_link(wanted, wanted.empty() ? wanted : session_.links());

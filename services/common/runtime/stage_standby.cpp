@@ -1,5 +1,5 @@
-// Which of several instances of a stage works: tokens, standing by, hand-over, being overtaken
-// (docs/protocol.md, sections 6 and 15).
+// Decides which of several instances of a stage is active: tokens, standing by, hand-over, being
+// overtaken (docs/protocol.md, sections 6 and 15).
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -18,20 +18,20 @@ namespace {
 
 constexpr std::int64_t kStandByLook_ns = 20 * kMs;
 constexpr std::int64_t kStandByStatus_ns = 1000 * kMs;
-// For any other stage's link, and from the first one's on for the elder's; for it where it is known
-// to be there.
+// Maximum waits at the start: for a link to any stage, then for the link to an older instance;
+// kKnownElderWait replaces both where an older instance is known to be there.
 constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50}, kKnownElderWait{3000};
 constexpr std::chrono::milliseconds kHandOver{3000};
-// Statuses, a second apart, after which a worker that does not come round is taken for one that
-// never will.
+// Statuses (one per second) after which an overtaken instance whose worker has not ended counts as
+// hanging.
 constexpr int kLooksAtHang = 6;
 
-/// The last chunk of a driver's token.
+/// The run that a driver's token names in the last chunk of its key.
 std::optional<std::uint64_t> run_of(std::string_view key) {
   return whole_number<std::uint64_t>(key.substr(key.rfind('/') + 1));
 }
 
-/// What a standby hears of the instance that works: its first input and its first output.
+/// A standby's watch over the active instance: subscribes to its first input and its first output.
 class Listener {
  public:
   Listener(zenoh::Session& session, const Keys& keys, const StageRow& row,
@@ -61,7 +61,7 @@ class Listener {
   std::optional<zenoh::Subscriber> input_, output_;
 };
 
-/// A question to take over, for the thread that stands by.
+/// A request to take over, passed on to the thread that stands by.
 struct Asked {
   std::mutex mutex;
   std::optional<zenoh::Query> query;
@@ -76,7 +76,7 @@ void StageCore::watch_tokens() {
     const std::vector<std::string> behind = stages_behind_the_source();
     replaceable_ = std::find(behind.begin(), behind.end(), id.stage) != behind.end();
   }
-  // What a driver reads is of no driver's run.
+  // The inputs of a driver belong to no driver's run.
   if (id.stage == "driver") return;
   drivers_ =
       session_.declare_liveliness_subscriber(keys_.run("*", "*"), [this](zenoh::Sample&& sample) {
@@ -89,7 +89,7 @@ bool StageCore::has_elder() {
   const auto wait = [this](std::chrono::milliseconds at_most) {
     return setup_.was_overtaken ? kKnownElderWait : at_most;
   };
-  // Links come up in the background; who sees no stage at all may be the first one.
+  // Links come up in the background; an instance that sees no stage may be the first one.
   const auto linked = [this] {
     return stopping_.load() || !session_.liveliness_get(keys_.alive("*", "*"), kLinkWait).empty();
   };
@@ -111,7 +111,7 @@ bool StageCore::stand_by() {
     log_warning("standing by", {{"reason", singleton_->others()}});
   }
   wait_for_turn();
-  // Its answers look at what is wired now.
+  // These queryables read members that are about to be wired.
   queryables_.clear();
   status_publisher_.reset();
   ready(true, "");
@@ -176,8 +176,8 @@ void StageCore::declare_handover() {
   command("handover", [this](const std::string& arguments) { return hand_over(arguments); });
 }
 
-// Between two sweeps, on the worker: what was published is all that this instance knows that others
-// do not, and the next one asks for it as after a kill.
+// Runs on the worker between two sweeps, when everything that only this instance knew has been
+// published: the successor requests it, as after a kill.
 CommandReply StageCore::hand_over(const std::string& arguments_json) {
   const auto arguments = nlohmann::json::parse(arguments_json);
   const std::string stage = setup_.identity.stage;
@@ -217,7 +217,7 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   return {false, to + " does not answer: this instance goes on"};
 }
 
-/// Its worker may be where it never comes back from.
+/// Restarts an overtaken instance whose worker hangs.
 void StageCore::watch_overtaken() {
   const bool is_over = overtaken_ || (replaceable_ && singleton_->overtaken());
   looks_overtaken_ = is_over ? looks_overtaken_ + 1 : 0;

@@ -1,4 +1,4 @@
-// What a stage declares: inputs, outputs, flow control, commands and answers.
+// A stage's declarations: inputs, outputs, flow control, commands and answers.
 
 #include <nlohmann/json.hpp>
 
@@ -65,7 +65,8 @@ CommandReply call(const CommandHandler& handler, const std::string& arguments) {
 
 }  // namespace
 
-// An odometry that stood still does what it missed: 5 s, and the sweeps that come while it does.
+// Features are kept longer than other messages: after a standstill, odometry processes the sweeps
+// that it missed (up to 5 s) and those that arrive meanwhile.
 constexpr std::size_t kFeaturesKeptTimes = 2;
 
 Outlet& StageCore::outlet(Key key) { return outlet_at(key, keys_.of(key)); }
@@ -122,7 +123,8 @@ Inlet& StageCore::add_inlet(Key key, const std::string& full_key, const InletOpt
 
 void StageCore::subscribe(Subscription& subscription) {
   const std::shared_ptr<InletCore> inlet = subscription.inlet;
-  // The old one first: of two of one session only the first is told to others.
+  // Undeclare the old subscriber first: if a session has two on one key, only the first is declared
+  // to other sessions.
   subscription.subscriber.reset();
   subscription.subscriber.emplace(session_.declare_subscriber(
       inlet->key(),

@@ -73,7 +73,7 @@ ProcessUsage process_usage() {
 namespace {
 #ifdef __GLIBC__
 std::atomic<int> kept_bytes = 0;
-// What is freed at the end of an arena goes back from here on.
+// While memory is given back: free memory at an arena's end is returned from this size on.
 constexpr int kGivenBack_bytes = 1 << 20;
 #endif
 }  // namespace
@@ -81,8 +81,8 @@ constexpr int kGivenBack_bytes = 1 << 20;
 void bound_heap([[maybe_unused]] int kept_block_bytes) {
 #ifdef __GLIBC__
   kept_bytes = kept_block_bytes;
-  // Set, as glibc would raise them by itself. What is below is cut out of the heap, where a small
-  // block above it keeps it from going back.
+  // Set explicitly, because glibc would raise them by itself. Smaller blocks come from the heap,
+  // where a small block above them keeps them from being returned.
   mallopt(M_MMAP_THRESHOLD, kept_block_bytes);
   mallopt(M_TRIM_THRESHOLD, kept_block_bytes);
   mallopt(M_ARENA_MAX, 2);
@@ -91,7 +91,8 @@ void bound_heap([[maybe_unused]] int kept_block_bytes) {
 
 void give_back_heap() {
 #ifdef __GLIBC__
-  // malloc_trim passes over the end of every arena but the first: the next free there looks at this.
+  // malloc_trim trims only the first arena's end; the others are trimmed at their next free, from
+  // this threshold on.
   if (kept_bytes > 0) mallopt(M_TRIM_THRESHOLD, std::min<int>(kept_bytes, kGivenBack_bytes));
   malloc_trim(0);
 #endif
