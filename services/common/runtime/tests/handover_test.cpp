@@ -21,7 +21,8 @@ using test::sweep_header;
 using test::wait_for_reader;
 using test::Watched;
 
-/// An integration that gives each odometry out as a pose; held, it hangs in a sweep.
+/// An instance of integration that publishes a pose for each odometry; while `hold` is set, it
+/// hangs in a sweep.
 struct Instance {
   Instance(zenoh::Session opened, const std::string& name) : session(std::move(opened)) {
     StageSetup s = setup("integration", name);
@@ -61,7 +62,7 @@ struct Instance {
   std::thread thread;
 };
 
-/// A source of odometry, and what is heard of poses: sweep -> (instance, term).
+/// Publishes odometry and collects the poses received: sweep -> (instance, term).
 class Chain {
  public:
   using Heard = std::map<std::uint64_t, std::set<std::pair<std::string, std::uint32_t>>>;

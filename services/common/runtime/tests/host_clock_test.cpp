@@ -9,7 +9,8 @@ namespace {
 
 constexpr std::int64_t kUs = 1000;
 
-/// A question that takes so long there, in work and back, to a clock that is ahead.
+/// A query that takes there_ns to arrive, work_ns to answer and back_ns to return; the other clock
+/// is ahead by ahead_ns.
 TimeExchange exchange(std::int64_t there_ns, std::int64_t work_ns, std::int64_t back_ns,
                       std::int64_t ahead_ns, std::int64_t at_ns = 1'000'000'000) {
   TimeExchange e;

@@ -1,4 +1,4 @@
-// When an input is silent, when it is refused, and when either is over.
+// When an input counts as silent or as refused, and when either ends.
 
 #include "common/runtime/input_watch.hpp"
 
@@ -17,7 +17,7 @@ constexpr const char* kKey = "loam/robot/odometry";
 class Watched {
  public:
   Watched() { account_.key = kKey; }
-  /// A second with so many good messages and so many dropped ones.
+  /// A second with this many good messages and this many dropped ones.
   void second(std::uint64_t good, Drop reason = Drop::kGarbage, std::uint64_t bad = 0,
               bool expected = true) {
     account_.received += good + bad;

@@ -1,4 +1,4 @@
-// What a text must look like before a parser sees it.
+// Checks of JSON text (size, depth) before it is parsed.
 
 #include "common/runtime/json_guard.hpp"
 
@@ -17,7 +17,7 @@ TEST(JsonGuard, LetsThroughWhatACommandIs) {
   EXPECT_EQ(json_error(R"({"registration.points": 20, "path": "a[b]"})"), "");
   EXPECT_EQ(json_error("odometry.kernel_m=0.2\nmapping.layers=[1, 2]"), "");
   EXPECT_EQ(json_error(nested(kDeepestText, '[', ']')), "");
-  // Side by side is not deep.
+  // Many brackets side by side are not deep.
   std::string many;
   for (int i = 0; i < 1000; ++i) many += "{}[]";
   EXPECT_EQ(json_error(many), "");
@@ -29,7 +29,7 @@ TEST(JsonGuard, RefusesDepthHoweverItIsMade) {
     EXPECT_NE(json_error(nested(levels, '{', '}')), "") << levels;
     EXPECT_NE(json_error(std::string(static_cast<std::size_t>(levels), '[')), "") << levels;
   }
-  // Objects in arrays; closed before it is opened; an open quote before it.
+  // Objects in arrays; closing brackets before the opening ones; an open quote before them.
   std::string mixed;
   for (int i = 0; i < 100; ++i) mixed += R"([{"a":)";
   EXPECT_NE(json_error(mixed), "");

@@ -1,5 +1,5 @@
-// Changes while running, over Zenoh: commanded, in force at their sweep, refused with a reason,
-// found again by who was away.
+// Changes of configuration while running, over Zenoh: they are commanded, in force from their sweep
+// on, refused with a reason, and found by an instance that starts later.
 
 #include "common/runtime/live_config.hpp"
 
@@ -29,7 +29,7 @@ constexpr int kWindow = 2;
 
 using Used = std::vector<std::pair<std::uint64_t, int>>;
 
-/// A stage of registration's place that notes the value it used for each sweep.
+/// Takes registration's place and records the value that it used for each sweep.
 struct Worker {
   Worker(zenoh::Session session, const std::string& instance,
          const std::vector<std::string>& presets = {}) {
@@ -60,7 +60,7 @@ struct Worker {
 };
 
 struct LiveConfiguration : testing::Test {
-  // A sweep at a time, so that what has come is known.
+  // Publishes a single sweep, so that the tests know which sweeps have arrived.
   void sweep(std::uint64_t n) {
     zenoh::PublisherOptions o;
     o.congestion_control = zenoh::CongestionControl::kBlock;
@@ -105,7 +105,7 @@ TEST_F(LiveConfiguration, IsInForceFromTwoWindowsAheadOn) {
   EXPECT_EQ((*worker.stage)->config_rev(kRun, 6), 1U);
 }
 
-// Two instances that do not know of each other yet are both asked.
+// Replicas that do not know of each other yet both receive the command.
 TEST_F(LiveConfiguration, WhatIsSoAlreadyIsNoNewRevision) {
   Worker worker(network.open(1), "w");
   sweep(0);
@@ -160,7 +160,7 @@ TEST_F(LiveConfiguration, IsFoundByAnInstanceThatComesLater) {
   });
   auto worker = std::make_unique<Worker>(network.open(1), "w");
   const auto until_read = [&](std::uint64_t n, const std::function<bool()>& read) {
-    // Again until both links are up; second copies are dropped.
+    // Publish the sweep repeatedly until both links are up; second copies are dropped.
     for (; !read(); std::this_thread::sleep_for(std::chrono::milliseconds(10))) sweep(n);
   };
   until_read(0,
@@ -169,7 +169,7 @@ TEST_F(LiveConfiguration, IsFoundByAnInstanceThatComesLater) {
   ASSERT_TRUE(first.ok);
   EXPECT_THAT(first.message, Not(HasSubstr("no other process")));
   ASSERT_TRUE(set("registration.points=30").ok);
-  // The answer came when the other one had it, so that the worker can go at once.
+  // The answers were sent when the other stage had the revisions, so the worker may end at once.
   worker.reset();
   worker = std::make_unique<Worker>(network.open(1), "again");
   until_read(2 * kWindow, [&] { return !worker->used.get().empty(); });
@@ -191,7 +191,7 @@ TEST_F(LiveConfiguration, AChangeNamesAReplayOnlyFromTheNextRunOn) {
   const auto hash = [&] {
     zenoh::GetOptions o;
     o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
-    // Whether the worker's answers are known here already is another matter than its sweeps.
+    // The worker's queryable may become known here later than its subscriber to sweeps.
     auto replies = source.get(kKeys.config("registration", "w"), o);
     while (replies.empty()) replies = source.get(kKeys.config("registration", "w"), o);
     const zenoh::AlignedBytes bytes = zenoh::view_aligned(replies.front().sample->payload);
@@ -247,7 +247,7 @@ TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing
   const Buffer revision = build(ConfigRevisionFields{
       .stage = "registration", .rev = 1, .run = kRun, .from_sweep = 1, .by = "x"});
   const zenoh::Bytes bytes = zenoh::Bytes::copy_of(std::span(revision.data(), revision.size()));
-  // A put alone is a stranger's word: nobody who keeps revisions has this one.
+  // A put alone changes nothing: no process answers with this revision.
   source.put(kKeys.config_revision("registration"), bytes, c);
   features(1, 1);
   while (invalid() < 2) std::this_thread::yield();
@@ -258,7 +258,8 @@ TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing
         query.reply(kKeys.config_revision("registration"), bytes, c.encoding);
       },
       false);
-  // In force as soon as it has come: the same sweep again is then no second copy.
+  // Once the revision is in force, the same sweep is accepted: it was refused before, so it is not
+  // a second copy.
   for (std::uint64_t tries = 0; count.get() < 2; ++tries) {
     features(1, 1);
     std::this_thread::sleep_for(std::chrono::milliseconds(10));

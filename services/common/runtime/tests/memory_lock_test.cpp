@@ -1,4 +1,4 @@
-// When shared memory is left off because it could not be locked.
+// When shared memory is turned off because it could not be locked or has no room.
 
 #include "common/runtime/memory_lock.hpp"
 
@@ -27,7 +27,7 @@ TEST(MemoryLock, AStageLocksThePoolsOfTheOthersToo) {
 TEST(MemoryLock, PoolsNeedAPlace) {
   const std::string folder = testing::TempDir();
   EXPECT_EQ(no_place_for_pools(folder, 1), "");
-  // 9 PiB for nine programs: nobody's disk.
+  // 1 PiB per program: more than any disk has.
   EXPECT_THAT(no_place_for_pools(folder, 1 << 30), testing::HasSubstr(folder));
   EXPECT_THAT(no_place_for_pools("/nowhere", 1), testing::HasSubstr("/nowhere: No such file"));
 }

@@ -1,4 +1,5 @@
-// Each run has its own files; nothing written is replaced by less, and others' files never.
+// Each run has its own files: they are not replaced by a shorter run's, and files of other programs
+// are never replaced.
 
 #include "common/runtime/output_files.hpp"
 
@@ -38,7 +39,7 @@ struct OutputFolder : testing::Test {
     std::ifstream file(folder / name);
     return {std::istreambuf_iterator<char>(file), {}};
   }
-  /// As a stage does at the end of a run; the file's name.
+  /// Writes the file as a stage does at the end of a run; returns its name.
   std::string write(OutputFiles& files, const OutputFiles::Run& run,
                     const std::string& what) const {
     const std::string path = files.path("map.pcd", files.suffix(run, {"map.pcd"}));

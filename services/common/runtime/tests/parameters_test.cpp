@@ -1,4 +1,4 @@
-// Every error names its place, its key, the value and what is allowed; what is right is set.
+// Every error names its place, key, value and the allowed values; valid values are set.
 
 #include "common/runtime/parameters.hpp"
 

@@ -38,7 +38,7 @@ class Program {
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, ends[1], 1);
     posix_spawn_file_actions_adddup2(&actions, ends[1], 2);
-    // Onto itself: kept open.
+    // Duplicating a descriptor onto itself keeps it open in the child.
     for (const int each : inherits) posix_spawn_file_actions_adddup2(&actions, each, each);
     if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0) {
       throw std::runtime_error("spawn");
@@ -166,7 +166,7 @@ TEST(Program, AFileThatIsMissingAtTheEndEndsWithThree) {
   program.signal(SIGTERM);
   EXPECT_EQ(program.exit_code(), 3);
   EXPECT_THAT(program.output(), HasSubstr("the disk is full"));
-  // What can be saved is.
+  // Whatever else can be saved is saved.
   EXPECT_THAT(program.output(), HasSubstr("saved before the end"));
 }
 

@@ -1,4 +1,4 @@
-// A publisher that is killed finds with its readers what it had said last.
+// A killed publisher that restarts finds its last messages with its readers.
 
 #include "common/runtime/recall.hpp"
 
@@ -15,7 +15,7 @@ using test::setup;
 using test::sweep_header;
 using test::Watched;
 
-// 200 ms apart: more than it takes to connect.
+// Tries are 200 ms apart: together more time than connecting takes.
 constexpr int kTries = 100;
 constexpr std::chrono::milliseconds kPatience{20'000};
 
@@ -34,7 +34,7 @@ std::vector<std::uint64_t> sweeps_of(const std::vector<Received<msg::Odometry>>&
 
 class Recall : public ::testing::Test {
  protected:
-  // A publisher of sweeps 0 to 4, gone again when all have been read.
+  // Runs a publisher of sweeps 0 to 4, which ends when all have been read.
   void publish_and_go() {
     RunningStage publisher(network_.open(1), setup("odometry", "killed"), [](Stage& stage) {
       Outlet& out = stage.outlet(Key::kOdometry);

@@ -118,8 +118,8 @@ StageSetup chain_setup(const std::string& stage, std::uint64_t fault_every) {
   return s;
 }
 
-/// What was published again may still be on its way when the source has finished: it belongs into
-/// the accounts, not into a queue that nobody empties any more.
+/// Waits until no more messages arrive. Second copies may still be in flight when the source has
+/// finished; they must be accounted for before the stage stops.
 bool settled(StageCore& stage) {
   constexpr int kQuietLooks = 10;
   int quiet = 0;
@@ -224,7 +224,7 @@ TEST(Recovery, KeysWithoutSweepsAreAskedForBySeq) {
 }
 
 TEST(Recovery, TheLastSweepDroppedIsPublishedAgain) {
-  // The seventh message is the last; nothing after it would show the gap.
+  // The seventh message is the last one, so no later message shows the gap.
   const Result r = replay(7, 7);
   expect_whole(r, 7);
   EXPECT_GT(r.sink.received, 7U - 1U);

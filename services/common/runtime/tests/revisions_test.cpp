@@ -1,5 +1,5 @@
-// Which revision is in force at which sweep: a function of what is known and of the runs, whatever
-// the order in which it was heard.
+// Which revision is in force at which sweep: this depends on the known revisions and runs only, not
+// on the order in which they arrived.
 
 #include "common/runtime/revisions.hpp"
 
@@ -126,10 +126,10 @@ TEST(Schedule, WhatIsWithdrawnNeverWas) {
   EXPECT_EQ(s.rev_at(1, 30), 1U);
   RevisionSchedule named_alike = s;
   Revision again = second;
-  again.at_ns = 5;  // of one that was started after, under the same name
+  again.at_ns = 5;  // issued by an instance started later under the same name
   EXPECT_TRUE(named_alike.add(again));
   EXPECT_EQ(named_alike.rev_at(1, 30), 2U);
-  second.by = "b";  // the instance that was started after
+  second.by = "b";  // issued by an instance started later
   EXPECT_TRUE(s.add(second));
   EXPECT_EQ(s.rev_at(1, 30), 2U);
 }

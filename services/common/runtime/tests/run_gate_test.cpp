@@ -16,7 +16,7 @@ TEST(RunGate, AnotherRunNeverChangesTheOneWhoseDriverIsThere) {
   for (std::uint64_t forged = 2; forged < 2000; ++forged)
     EXPECT_FALSE(gate.admit(forged, false, 1));
   EXPECT_TRUE(gate.admit(1, false, 2));
-  // Nor does its own silence: a sensor that is unplugged for a while.
+  // Silence of the followed run changes nothing either: its sensor may be unplugged for a while.
   EXPECT_FALSE(gate.admit(2, false, 60 * kSecond));
   EXPECT_TRUE(gate.admit(1, false, 61 * kSecond));
 }
@@ -66,7 +66,7 @@ TEST(RunGate, ADriverThatIsStartedAgainMayBeHeardBeforeItsToken) {
   gate.token("driver/a/run/1", 1, false);
   EXPECT_FALSE(gate.admit(2, false, kGoneSilence_ns - 1));
   EXPECT_TRUE(gate.admit(2, false, kGoneSilence_ns));
-  // Was it a forger after all, the driver is believed as soon as it is there.
+  // If run 2 was a forger's, the true driver is followed as soon as its token is there.
   gate.token("driver/b/run/3", 3, true);
   EXPECT_TRUE(gate.admit(3, false, kGoneSilence_ns + 1));
   EXPECT_FALSE(gate.admit(2, false, kGoneSilence_ns + 2));
@@ -90,7 +90,7 @@ TEST(RunGate, WhetherItIsAReplayIsFixedAtTheFirstMessage) {
   EXPECT_TRUE(gate.admit(1, false, 0));
   EXPECT_FALSE(gate.admit(1, true, 1));
   EXPECT_TRUE(gate.admit(1, false, 1));
-  // Unless the first one was the forger's.
+  // If the first message was a forger's, the true run is followed after the silence.
   EXPECT_TRUE(gate.admit(1, true, 1 + kRunSilence_ns));
 }
 

@@ -1,4 +1,4 @@
-// Order, second copies, gaps and giving up, with time as an argument.
+// Order, duplicates, gaps and giving up; time is an argument.
 
 #include "common/runtime/sequencer.hpp"
 
@@ -46,7 +46,7 @@ struct Bench {
     return sequencer.add(message({.run = run, .sweep = sweep, .seq = sweep, .replay = replay}),
                          now);
   }
-  /// All that comes out now.
+  /// All sweeps that are handed out now.
   std::vector<std::uint64_t> out() {
     std::vector<std::uint64_t> sweeps;
     while (const auto m = sequencer.next(now)) sweeps.push_back(m->header->sweep());
@@ -98,8 +98,8 @@ TEST(Sequencer, SaysWhatHasComeAndWhatIsMissing) {
   EXPECT_EQ(b.sequencer.arrivals().received_below, 7U);
 }
 
-// The first sweeps of a run come from several replicas, the later ones first. One replica's answer
-// with what it has must not be taken for all there is.
+// The first sweeps of a run come from several replicas, the later ones first. The answer of one
+// replica contains its own sweeps only and must not be taken for all there are.
 TEST(Sequencer, OneReplicasAnswerDoesNotTellWhereAReplayBegins) {
   for (const bool replicas : {true, false}) {
     Bench b({.replicas = replicas}, true);
@@ -210,7 +210,7 @@ TEST(Sequencer, ReplayWithTheFirstSweepLostWaitsForIt) {
   EXPECT_EQ(b.out(), (Sweeps{0, 1}));
 }
 
-// The first messages of a run may go by before the link they come on is up on both sides.
+// The first messages of a run may be lost before their link is up on both sides.
 TEST(Sequencer, LiveAsksForTheFirstSweepsOfARunThatHasJustBegun) {
   Bench b;
   b.add(2);
@@ -255,11 +255,11 @@ TEST(Sequencer, WhatCameWhileItsReaderRestoredItselfIsNotDropped) {
   b.sequencer.make_room(6);
   for (std::uint64_t sweep = 11; sweep < 17; ++sweep) b.add(sweep);
   EXPECT_EQ(b.sequencer.next(b.now)->header->sweep(), 13U);
-  // What comes meanwhile has the usual room.
+  // Sweeps that arrive meanwhile have the usual room.
   for (std::uint64_t sweep = 17; sweep < 19; ++sweep) b.add(sweep);
   EXPECT_EQ(b.out(), (Sweeps{14, 15, 16, 17, 18}));
   EXPECT_TRUE(b.sequencer.given_up().empty());
-  // The bound is the old one when they have come out.
+  // The usual bound applies again after the extra sweeps were handed out.
   for (std::uint64_t sweep = 19; sweep < 22; ++sweep) b.add(sweep);
   EXPECT_EQ(b.out(), (Sweeps{20, 21}));
 }
@@ -334,7 +334,7 @@ TEST(Sequencer, AReplayIsAheadByItsWindowAndNotMore) {
   EXPECT_EQ(b.out(), Sweeps{0});
   EXPECT_EQ(b.add(900'000), Drop::kInvalid);
   EXPECT_EQ(b.add(1'000), std::nullopt);
-  // Joined in its middle it stands where its first messages say.
+  // When a replay is joined in the middle, its first messages show where it stands.
   Bench joined({}, true);
   EXPECT_EQ(joined.add(900'000), std::nullopt);
   EXPECT_EQ(joined.add(899'990), std::nullopt);
@@ -370,13 +370,13 @@ TEST(Sequencer, AFloodOfNumbersTakesNoMoreThanAHandful) {
     b.out();
     b.now += kMs / 5;
   }
-  // A second of it: the ten that there were, and what stands open for late links.
+  // Numbers allowed in this second: the ten of its period, and the allowance for late messages.
   EXPECT_LE(frontier, next + 20);
   b.now += 1'000 * kMs;
   drive(b, frontier, 20);
 }
 
-// A source faster than its stamps, as a test or a recording may be.
+// A source may publish faster than its stamps say, as a test or a recording does.
 TEST(Sequencer, TheNextNumberIsNeverTooSoon) {
   Bench b;
   for (std::uint64_t n = 0; n < 1'000; ++n) {
@@ -396,7 +396,7 @@ TEST(Sequencer, AfterAnOutageTheNumbersOfItsTimeAreLost) {
   EXPECT_EQ(b.sequencer.given_up().size(), 600U);
 }
 
-// What a stage makes up for after a stall comes at once, and the transport may lose some of it.
+// After a stall a stage publishes its backlog in a burst, of which the transport may lose a part.
 TEST(Sequencer, ABurstAfterAStallMayHaveAHoleAtItsEnd) {
   for (const std::uint64_t held_up : {10U, 50U, 200U}) {
     Bench b;
@@ -408,7 +408,7 @@ TEST(Sequencer, ABurstAfterAStallMayHaveAHoleAtItsEnd) {
       if (next == end - 3) continue;
       EXPECT_EQ(b.add(next), std::nullopt) << next << " of " << end;
     }
-    // It is waited for, and given up.
+    // The missing sweep is waited for, then given up.
     b.out();
     b.now += 100 * kMs;
     b.out();
@@ -416,7 +416,7 @@ TEST(Sequencer, ABurstAfterAStallMayHaveAHoleAtItsEnd) {
   }
 }
 
-// A link that stood still, and then lost a part of what it had.
+// A link that stalled and then lost a part of the delayed messages.
 TEST(Sequencer, WhatWasHeldUpMayHaveHoles) {
   Bench b;
   std::uint64_t next = drive(b, 0, 50);
@@ -429,7 +429,7 @@ TEST(Sequencer, WhatWasHeldUpMayHaveHoles) {
   drive(b, next + 26, 20);
 }
 
-// The machine was suspended, its clock with it; the driver on another one was not.
+// This machine was suspended together with its clock; the driver's machine was not.
 TEST(Sequencer, FarNumbersAreTakenUpWhenNothingElseComes) {
   Bench b;
   std::uint64_t next = drive(b, 0, 50) + 5'000;
@@ -465,7 +465,7 @@ TEST(SeenNumbers, CountsCopiesPerPublisher) {
   EXPECT_EQ(seen.add("a", 6, false, 0), Drop::kDuplicate);
   EXPECT_EQ(seen.add("a", 8, false, 0), Drop::kDuplicate);
   for (std::uint64_t n = 9; n < 100'000; ++n) EXPECT_EQ(seen.add("a", n, false, 0), std::nullopt);
-  // 7 went beyond memory
+  // Number 7 was given up when the memory was full.
   EXPECT_EQ(seen.lost(), 1U);
   EXPECT_EQ(seen.add("a", 7, false, 0), Drop::kInvalid);
 }
@@ -486,7 +486,7 @@ TEST(SeenNumbers, APublisherThatBeganAnewIsTakenUpAtItsSecondMessage) {
   EXPECT_EQ(seen.add("a", 1'000'000, false, 0), std::nullopt);
   EXPECT_EQ(seen.add("a", 0, false, 0), Drop::kInvalid);
   for (std::uint64_t n = 1; n < 100; ++n) EXPECT_EQ(seen.add("a", n, false, 0), std::nullopt);
-  // And back, when it was a forger's: two messages are lost and no more.
+  // If that one was a forger's, the true publisher is accepted again at its second message, too.
   EXPECT_EQ(seen.add("a", 1'000'001, false, 0), Drop::kInvalid);
   EXPECT_EQ(seen.add("a", 1'000'002, false, 0), std::nullopt);
 }

@@ -56,7 +56,7 @@ TEST(Endpoints, WithoutALinkAreThoseThatNoneLeadsTo) {
   };
   EXPECT_THAT(missing({}), IsEmpty());
   EXPECT_THAT(missing({"tcp/router:7447"}), IsEmpty());
-  // Made by the other side, from a port of its own.
+  // A link made by the other side comes from an outgoing port.
   EXPECT_THAT(missing({"tcp/10.0.0.9:7464"}), IsEmpty());
   // A peer on this host is no router on this host.
   EXPECT_THAT(missing({"tcp/127.0.0.1:7450"}), ElementsAre("tcp/127.0.0.1:7450"));
@@ -64,7 +64,7 @@ TEST(Endpoints, WithoutALinkAreThoseThatNoneLeadsTo) {
   // A stage on the router's host is no router.
   EXPECT_THAT(missing({"tcp/172.18.0.2:7463"}), ElementsAre("tcp/172.18.0.2:7463"));
   EXPECT_THAT(missing({"tcp/[fe80::1]:7447#iface=eth0"}), IsEmpty());
-  // Two have that port; the third has none, and one that is named twice is one.
+  // Two links have that port, so the third router has none; an endpoint named twice counts once.
   EXPECT_THAT(missing({"tcp/a:7447", "tcp/a:7447", "tcp/b:7447", "tcp/c:7447"}),
               ElementsAre("tcp/c:7447"));
 }
@@ -74,7 +74,7 @@ TEST(Endpoints, OfTwoStagesExactlyOneConnects) {
   config.base_port = 7000;
   for (const StageRow& a : stage_list()) {
     for (const StageRow& b : stage_list()) {
-      // Two that are both outside of the chain have nothing to say to each other.
+      // Programs that are both outside the chain need no link.
       if (a.name == b.name || !(a.in_chain || b.in_chain)) continue;
       const Endpoints first = endpoints_of(config, a.name);
       const Endpoints second = endpoints_of(config, b.name);

@@ -1,4 +1,4 @@
-// The list of stages and the key table say the same.
+// The list of stages agrees with the key table.
 
 #include "common/runtime/stage_list.hpp"
 
@@ -40,7 +40,7 @@ TEST(StageList, EachKeyOfAStageHasItAsItsWriter) {
     const std::string publishers(row.publisher);
     if (row.pattern.starts_with("service/") || row.pattern.starts_with("config/") ||
         row.pattern.starts_with("command/") || row.pattern.starts_with("path/")) {
-      continue;  // of every stage, or only answered
+      continue;  // published by every stage, or only answered
     }
     for (const StageRow& stage : stage_list()) {
       if (publishers.find(stage.name) == std::string::npos) continue;

@@ -1,4 +1,5 @@
-// One stage and a stranger's session: what is refused, what is answered, what is counted.
+// One stage and another session: which messages are refused, which queries are answered, and how
+// the accounts count them.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -39,7 +40,7 @@ zenoh::Bytes sweep_bytes(const HeaderFields& header, std::span<const Point> poin
   return zenoh::Bytes::own(build(header, SweepFields{.points = points, .rings = 16}));
 }
 
-/// A stage that notes the sweeps it handles.
+/// A stage that records the sweeps that it handles.
 struct Reader {
   Reader(zenoh::Session session, StageSetup s, InletOptions options = {}) {
     options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view reason) {
@@ -110,7 +111,7 @@ TEST(Stage, RefusesWhatIsLargerThanAnyMessageOfTheKey) {
   zenoh::Publisher out = stranger.declare_publisher(kKeys.of(Key::kOdometry), options);
   wait_for_reader(out);
   const std::size_t most = key_row(Key::kOdometry).max_bytes;
-  // Well formed but for its size: nothing but that can be the reason.
+  // The message is well formed, so only its size can be the reason of the drop.
   HeaderFields header = sweep_header(1, 0, true);
   header.frame = std::string(most, 'x');
   out.put(zenoh::Bytes::own(build(header, OdometryFields{})));
@@ -136,7 +137,7 @@ TEST(Stage, LiveQueueDropsTheOldestAndTellsWhich) {
   wait_for_reader(out);
   constexpr std::uint64_t kSent = 9;
   for (std::uint64_t i = 0; i < kSent; ++i) out.put(sweep_bytes(sweep_header(1, i, false)));
-  // Waits for what the socket holds, not for a time: the counter says when all have come.
+  // Wait for the counter instead of a fixed time: it shows when all messages have arrived.
   while (reader.account().received < kSent) std::this_thread::yield();
   reader.hold.change([](bool& h) { h = false; });
   ASSERT_TRUE(reader.wait_for(kSent));
@@ -337,7 +338,7 @@ struct Service : testing::Test {
     });
     client = std::make_unique<zenoh::Session>(network.open(0));
   }
-  /// The answers once there is a good one.
+  /// Asks until an answer is good; returns the answers.
   std::vector<zenoh::Reply> ask(const std::string& selector, const std::string& payload = {}) {
     zenoh::GetOptions options = patient();
     if (!payload.empty()) options.payload = zenoh::Bytes::copy_of(payload);

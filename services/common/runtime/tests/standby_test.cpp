@@ -1,4 +1,4 @@
-// Which of several instances works: seniority, what a standby looks at, what is refused.
+// Which of several instances is active: seniority, progress as a standby sees it, refused terms.
 
 #include <gmock/gmock.h>
 
@@ -53,7 +53,7 @@ TEST(ProgressWatch, ASensorThatPausedIsNoStall) {
   ProgressWatch watch(kStall_ns);
   watch.output();
   EXPECT_FALSE(watch.stalls(60 * kStall_ns));
-  // The first sweeps afterwards are to be worked on first.
+  // The time to process the first sweeps counts from their arrival, not from the last output.
   for (int i = 0; i < 5; ++i) watch.input(60 * kStall_ns + i * 100 * kMilli_ns);
   EXPECT_FALSE(watch.stalls(60 * kStall_ns + 400 * kMilli_ns));
   EXPECT_TRUE(watch.stalls(61 * kStall_ns));
@@ -86,7 +86,7 @@ TEST(TermFence, RefusesALesserTermAsLongAsTheGreaterIsHeard) {
   EXPECT_FALSE(fence.refuses(3, 20));
   EXPECT_TRUE(fence.refuses(1, 10 + 2 * kStall_ns - 1));
   EXPECT_FALSE(fence.refuses(1, 10 + 2 * kStall_ns));
-  // What is taken then counts, so that a forged term is forgotten.
+  // The term of an accepted message counts from then on, so a forged greater term is forgotten.
   fence.took(1, 10 + 2 * kStall_ns);
   EXPECT_FALSE(fence.refuses(1, 20 + 2 * kStall_ns));
 }

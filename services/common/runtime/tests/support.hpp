@@ -1,5 +1,5 @@
 #pragma once
-// What the tests of whole stages share: sessions on the loopback, stages on threads of their own.
+// Shared by the tests of whole stages: sessions on the loopback, stages on threads of their own.
 
 #include <functional>
 #include <memory>
@@ -17,10 +17,10 @@ using zenoh::test::free_port;
 using zenoh::test::kPatience;
 using zenoh::test::Watched;
 
-/// Of the robot and sensor that setup() names.
+/// The keys of the robot and sensor that setup() names.
 inline const Keys kKeys("r", "top");
 
-/// Peers at a port for each place in the chain, linked as stages are.
+/// Opens peers, each with a port for its place in the chain, linked like stages.
 class Network {
  public:
   explicit Network(std::size_t places, bool shared_memory = false) : shared_memory_(shared_memory) {
@@ -104,7 +104,7 @@ inline HeaderFields sweep_header(std::uint64_t run, std::uint64_t sweep, bool re
 
 /// Waits until the other side's subscriber is known.
 inline void wait_for_reader(zenoh::Publisher& publisher) {
-  // Shared with the callback, which lives as long as the publisher.
+  // Shared with the callback, which may outlive this call.
   const auto matched = std::make_shared<Watched<bool>>();
   publisher.on_matching([matched](bool yes) { matched->change([yes](bool& m) { m = yes; }); });
   const bool found = publisher.matching() || matched->wait([](bool m) { return m; });
