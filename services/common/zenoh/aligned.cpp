@@ -45,7 +45,7 @@ class Spare {
 };
 
 std::shared_ptr<std::uint8_t> allocate(std::size_t size) {
-  // Outlives whoever holds a message at the end of the process.
+  // Each block's deleter shares it, because messages may outlive this function's statics.
   static const auto kSpare = std::make_shared<Spare>();
   Block block = size < kReturnedBlock_bytes ? Block{} : kSpare->take(size);
   if (block.memory == nullptr) {
@@ -66,7 +66,7 @@ void count(TransferCounters& counters, bool shared_memory, bool in_place, std::s
   (in_place ? counters.bytes_in_place : counters.bytes_copied) += size;
 }
 
-/// What Bytes::own takes.
+/// A shared copy in the form that Bytes::own takes.
 struct SharedCopy {
   std::shared_ptr<const std::uint8_t> memory;
   std::size_t bytes;

@@ -6,7 +6,7 @@ namespace zloam::zenoh {
 
 struct Bytes::Impl {
   explicit Impl(zloam_bytes* owned) : handle(owned) {}
-  // The reads through this handle happen before the memory is freed.
+  // Tells ThreadSanitizer that reads through this handle happen before the memory is freed.
   ~Impl() {
     if constexpr (detail::kThreadSanitizer) detail::hand_over(view().data);
   }

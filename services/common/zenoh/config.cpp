@@ -29,7 +29,8 @@ Config Config::create_default() {
   zloam_config* handle = nullptr;
   detail::check(zloam_config_default(&handle), "configuration");
   Config config = take(handle);
-  // Zenoh's own 16 MiB hold too few clouds; the mode makes the pool before the first message.
+  // Zenoh's default pool of 16 MiB holds too few clouds. Mode "init" creates the pool before the
+  // first message.
   const std::string_view shm = "transport/shared_memory/";
   const auto set = [&](std::string_view key, std::string_view value) {
     config.insert_json5(std::string(shm).append(key), value);

@@ -8,7 +8,7 @@ Session::Impl::~Impl() {
   try {
     close(std::chrono::milliseconds(3000));
   } catch (
-      const ZenohError&) {  // A destructor can tell nobody; what is left goes with the process.
+      const ZenohError&) {  // A destructor can't report the error; the process frees what is left.
   }
 }
 
@@ -54,7 +54,7 @@ std::vector<std::string> Session::links() const {
     auto* buffer = reinterpret_cast<std::uint8_t*>(text.data());
     return zloam_session_links(impl_->handle.get(), buffer, text.size());
   };
-  // A link that comes between two calls makes it longer.
+  // Read again if a link that came up between two calls has made the text longer.
   for (std::size_t size = read(); size != text.size(); size = read()) text.resize(size);
   std::vector<std::string> ends;
   std::istringstream lines(text);

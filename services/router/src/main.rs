@@ -1,6 +1,7 @@
-//! A Zenoh router with the storage manager (memory volume) and REST linked in. Plugins loaded as `.so`
-//! check compiler, version and features and still crash on differing dependencies
-//! (eclipse-zenoh/zenoh#1745), so nothing is ever loaded: what the configuration names must be in here.
+//! A Zenoh router with the storage manager (memory volume) and REST linked in. Plugins loaded as
+//! `.so` check compiler, version and features and still crash on differing dependencies
+//! (eclipse-zenoh/zenoh#1745). So none is loaded: every plugin that the configuration names must be
+//! linked in.
 
 mod options;
 
@@ -56,7 +57,7 @@ fn main() -> ExitCode {
     }
     zenoh::init_log_from_env_or("warn");
     let code = runtime.block_on(route(config));
-    // A thread of Zenoh that hangs must not keep the process.
+    // A hanging thread of Zenoh must not keep the process alive.
     runtime.shutdown_background();
     code
 }
@@ -66,7 +67,7 @@ fn complain(code: u8, text: &str) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// The file, then the settings in their order.
+/// The configuration: the file, then the settings in their order.
 fn configuration(options: &Options) -> Result<Config, String> {
     let mut config = match &options.config {
         Some(path) => Config::from_file(path).map_err(|e| format!("{path}: {e}"))?,
@@ -78,7 +79,7 @@ fn configuration(options: &Options) -> Result<Config, String> {
     for (key, value) in &options.settings {
         let refused =
             |e: &dyn std::fmt::Display| format!("--set {key}: value '{value}' is refused: {e}");
-        // Bare words are strings: shells eat quotes.
+        // Bare words are taken as strings, because shells remove quotes.
         let json = match json5::from_str::<serde_json::Value>(value) {
             Ok(_) => value.clone(),
             Err(_) => serde_json::Value::from(value.as_str()).to_string(),
@@ -93,8 +94,8 @@ fn is_set(config: &Config, key: &str) -> bool {
     matches!(config.get_json(key).as_deref(), Ok(text) if text != "null")
 }
 
-/// REST speaks as the router itself, past the access rules of its links; a bare port would open it on
-/// all interfaces.
+/// REST acts as the router itself and bypasses the access rules of its links, so an address is
+/// required: a bare port would open it on all interfaces.
 fn check_rest(config: &Config) -> Result<(), String> {
     let Ok(text) = config.get_json("plugins/rest/http_port") else {
         return Ok(());

@@ -1,4 +1,4 @@
-// Closing: in time, or within the deadline with the truth about it.
+// Closing ends in time, or returns at the deadline and reports that it did not.
 #include <gtest/gtest.h>
 
 #include "common/zenoh/tests/support.hpp"

@@ -1,4 +1,4 @@
-// What goes wrong is an exception with Zenoh's own words, or counted; it never ends the process.
+// Failures are exceptions with Zenoh's own message, or are counted; none ends the process.
 #include <gtest/gtest.h>
 
 #include <cstdio>

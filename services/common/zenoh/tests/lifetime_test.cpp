@@ -30,8 +30,8 @@ class Traffic {
   std::thread thread_;
 };
 
-/// What callbacks capture by reference; destroyed right after the entity. A callback is made to
-/// last, so that the entity goes while it runs.
+/// State that callbacks capture by reference, destroyed right after the entity. Callbacks take a
+/// while, so that the entity is destroyed while one runs.
 struct Captured {
   Watched<int> calls;
   std::atomic<int> running{0};
@@ -72,7 +72,7 @@ TEST(Lifetime, SubscriberUnderTraffic) {
 TEST(Lifetime, QueryableUnderQueries) {
   Pair pair;
   GetOptions options;
-  // A query on its way while its queryable goes may stay without an answer (1 of 20 000).
+  // A query in flight while its queryable is undeclared may get no answer (1 of 20 000).
   options.timeout = std::chrono::seconds(1);
   const Traffic traffic([&] { pair.a.get("test/a", options); });
   for (int round = 0; round < kRounds; ++round) {

@@ -1,4 +1,4 @@
-// Liveliness tokens are seen coming and going, and who was there before is told.
+// Tokens are seen to appear and disappear; with history, a subscriber gets earlier tokens too.
 #include <gtest/gtest.h>
 
 #include "common/zenoh/tests/support.hpp"

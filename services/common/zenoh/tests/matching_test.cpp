@@ -1,4 +1,4 @@
-// A publisher knows whether anybody listens.
+// A publisher knows whether it has a subscriber.
 #include <gtest/gtest.h>
 
 #include "common/zenoh/tests/support.hpp"

@@ -1,4 +1,4 @@
-// What is put arrives, with all that belongs to it.
+// Published samples arrive with their payload and all their attributes.
 #include <gtest/gtest.h>
 
 #include <map>

@@ -1,5 +1,5 @@
-// Messages between processes of one machine go by shared memory, in one piece; what its publisher
-// has written again is not believed.
+// Messages between processes of one machine arrive through shared memory in one piece; memory that
+// its publisher has overwritten is not used.
 #include <gtest/gtest.h>
 #include <sys/mman.h>
 #include <sys/wait.h>
@@ -103,7 +103,7 @@ TEST(SharedMemory, BetweenTwoProcesses) {
   EXPECT_EQ(from.peer.join(), 0);
 }
 
-/// As a machine that swaps, or a container that is suspended.
+/// Stops this process for a while, like a machine that swaps or a suspended container.
 void stand_still(std::chrono::milliseconds time) {
   const pid_t self = getpid();
   const pid_t other = fork();
@@ -126,7 +126,7 @@ TEST(SharedMemory, WhatWasWrittenAgainWhileAReaderStoodStillIsTorn) {
   const AlignedBytes after = view_aligned(from.sample->payload);
   EXPECT_TRUE(after.torn());
   EXPECT_EQ(after.size(), 0u);
-  // What was copied in time is what it was.
+  // The copy made in time is unchanged.
   const auto same = [&](std::uint8_t byte) { return byte == before.data()[0]; };
   EXPECT_TRUE(std::all_of(before.data().begin(), before.data().end(), same));
   EXPECT_EQ(from.peer.join(), 0);
@@ -162,7 +162,7 @@ TEST(SharedMemory, BetweenTwoSessionsAndNotForSmallMessages) {
   ASSERT_TRUE(sample.has_value());
   EXPECT_FALSE(sample->payload.is_shared_memory());
   EXPECT_EQ(sample->payload.size(), 1000u);
-  // In parts a large message goes past the shared memory, with the same bytes.
+  // A large message in parts does not use shared memory, and arrives with the same bytes.
   std::vector<std::uint8_t> bytes(50'000);
   for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::uint8_t>(i * 7 / 3);
   publisher.put(Bytes::copy_of(bytes).in_parts(3071));
@@ -174,7 +174,7 @@ TEST(SharedMemory, BetweenTwoSessionsAndNotForSmallMessages) {
   EXPECT_EQ(received, bytes);
 }
 
-/// Zenoh locks its pools into memory, and does without shared memory where it may not.
+/// Zenoh locks its pools into memory; where it may not, it works without shared memory.
 bool may_lock(std::size_t size) {
   void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) return false;

@@ -1,5 +1,5 @@
 #pragma once
-// What the tests of this folder and of the runtime share: sessions on the loopback, and waiting for
+// Shared by the tests of this folder and of the runtime: sessions on the loopback, and waiting for
 // a condition.
 
 #include <arpa/inet.h>
@@ -24,7 +24,7 @@
 
 namespace zloam::zenoh::test {
 
-/// Long enough for a machine that has other things to do; nobody waits for it to pass.
+/// Maximum wait for a condition: enough for a busy machine. Tests that succeed wait less.
 inline constexpr std::chrono::seconds kPatience{90};
 
 /// An address of the loopback, 127.x.y.z, that is this process's alone: tests that run beside each
@@ -34,7 +34,7 @@ inline std::uint32_t own_address() {
   return kLoopback + 1 + static_cast<std::uint32_t>(getpid()) % kHosts;
 }
 
-/// A TCP port that is free now, at every address. None of those that the system gives to
+/// A TCP port that is free now, at every address, and not among those that the system gives to
 /// outgoing connections (32768 and above, as a rule).
 inline int free_port() {
   constexpr int kFirst = 10'000, kCount = 20'000, kTries = 1000;
@@ -166,7 +166,7 @@ class Mailbox {
   Subscriber subscriber_;
 };
 
-/// Waits until a subscriber of another session is known: what is put before is lost.
+/// Waits until a subscriber of another session is known: messages put before that are lost.
 inline void wait_matching(Publisher& publisher) {
   auto matching = std::make_shared<Watched<bool>>();
   publisher.on_matching([matching](bool now) { matching->change([&](bool& v) { v = now; }); });

@@ -1,4 +1,4 @@
-//! What crosses the boundary: borrowed byte ranges, closures, boxed handles.
+//! Types that cross the boundary: borrowed byte ranges, closures, boxed handles.
 use crate::error::{guard, Result, Status};
 use std::ffi::c_void;
 use std::panic::{catch_unwind, AssertUnwindSafe};

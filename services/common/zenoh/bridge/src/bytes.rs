@@ -68,7 +68,8 @@ pub unsafe extern "C" fn zloam_bytes_copy(data: Slice, out: *mut *mut Bytes) -> 
     })
 }
 
-/// A copy in slices of at most `part` bytes: Zenoh's implicit shared memory looks at each slice.
+/// A copy in slices of at most `part` bytes: Zenoh applies the threshold of its implicit shared
+/// memory to each slice.
 #[no_mangle]
 pub unsafe extern "C" fn zloam_bytes_in_parts(
     bytes: *const Bytes,
@@ -102,8 +103,8 @@ pub unsafe extern "C" fn zloam_bytes_is_shared_memory(bytes: *const Bytes) -> bo
     (*bytes).0.as_shm().is_some()
 }
 
-/// False once the publisher may have written there again: its pool takes back what no holder confirmed
-/// for 100 ms, references or not.
+/// False once the publisher may have overwritten the memory: its pool reclaims memory that no
+/// holder confirmed for 100 ms, even if it is referenced.
 #[no_mangle]
 pub unsafe extern "C" fn zloam_bytes_is_intact(bytes: *const Bytes) -> bool {
     (*bytes).0.as_shm().is_none_or(|memory| memory.is_valid())

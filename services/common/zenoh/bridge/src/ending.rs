@@ -8,7 +8,7 @@ use zenoh::Wait;
 /// frees a session that was closed while a publisher was declared on it.
 pub struct Ending {
     live: Mutex<Option<Arc<Live>>>,
-    /// Held while it ends, so that both who want it ended wait for it.
+    /// Held while the publisher ends, so that a second call of `end` waits for the first.
     ending: Mutex<()>,
 }
 
@@ -27,12 +27,12 @@ impl Ending {
         Ending { live: Mutex::new(Some(live)), ending: Mutex::default() }
     }
 
-    /// The lock is not held while Zenoh is called: a callback may come back to this publisher.
+    /// The lock is not held while Zenoh is called, because a callback may use this publisher.
     pub fn live(&self) -> Result<Arc<Live>> {
         lock(&self.live).clone().ok_or_else(|| "the session is closed".into())
     }
 
-    /// A put that runs on another thread just now ends the publisher when it returns.
+    /// If a put is running on another thread, the publisher ends when that put returns.
     pub fn end(&self) -> Result<()> {
         let _ending = lock(&self.ending);
         let live = lock(&self.live).take();

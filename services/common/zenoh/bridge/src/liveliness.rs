@@ -1,4 +1,4 @@
-//! Liveliness: tokens, and who watches or lists them.
+//! Liveliness: tokens, subscribers to tokens, and queries for them.
 use crate::abi::{hand_out, take_back, Context, DropFn, Slice};
 use crate::error::{guard, Status};
 use crate::pubsub::Subscriber;

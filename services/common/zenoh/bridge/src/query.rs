@@ -22,9 +22,9 @@ pub struct QueryView {
 }
 const _: () = assert!(std::mem::size_of::<QueryView>() == 40);
 
-/// The query becomes the callee's, which ends it with `zloam_query_drop`, on any thread.
+/// The callee owns the query and ends it with `zloam_query_drop`, on any thread.
 pub type OnQuery = unsafe extern "C" fn(context: *mut c_void, query: *mut Query);
-/// Either a sample, or the payload of an error reply, which becomes the callee's.
+/// Either a sample, or the payload of an error reply, which the callee owns.
 pub type OnReply =
     unsafe extern "C" fn(context: *mut c_void, sample: *const Sample, error: *mut Bytes);
 
@@ -122,8 +122,8 @@ pub unsafe extern "C" fn zloam_query_drop(query: *mut Query) {
     take_back(query, |_| Ok(()));
 }
 
-/// All answers are wanted, also several with the same key from several queryables: so they are not
-/// consolidated. `drop` comes after the last answer or the timeout.
+/// Answers are not consolidated: all are wanted, even if several queryables answer with the same
+/// key. `drop` is called after the last answer or the timeout.
 #[no_mangle]
 pub unsafe extern "C" fn zloam_session_get(
     session: *const Session,

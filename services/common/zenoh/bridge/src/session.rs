@@ -11,9 +11,9 @@ use zenoh::Wait;
 
 pub struct Session {
     pub zenoh: zenoh::Session,
-    /// The end of a close that is under way.
+    /// Receives the result of a close that is still running.
     closing: Mutex<Option<Receiver<Result<()>>>>,
-    /// What has to be undeclared first.
+    /// Publishers that must be undeclared before the session is closed.
     publishers: Mutex<Vec<Weak<Ending>>>,
 }
 
@@ -31,7 +31,7 @@ impl Session {
         let session = self.zenoh.clone();
         let (done, wait) = mpsc::channel();
         std::thread::Builder::new().name("zloam-close".into()).spawn(move || {
-            // An error in undeclaring one is no reason to leave the session open.
+            // If undeclaring a publisher fails, close the session nevertheless.
             for publisher in publishers.iter().filter_map(Weak::upgrade) {
                 let _ = publisher.end();
             }
@@ -60,7 +60,7 @@ pub unsafe extern "C" fn zloam_session_open(
     })
 }
 
-/// When the deadline passes first, the thread goes on, and the next call waits for the same one.
+/// If the deadline passes first, the closing thread continues, and the next call waits for it.
 #[no_mangle]
 pub unsafe extern "C" fn zloam_session_close(
     session: *const Session,
@@ -127,7 +127,7 @@ pub unsafe extern "C" fn zloam_session_links(
 pub unsafe extern "C" fn zloam_init_log(fallback_level: Slice) -> Status {
     guard(|| {
         zenoh::init_log_from_env_or(fallback_level.text()?);
-        // What a user is to know of it comes as the failed call's text.
+        // Panics print nothing: the failed call returns their text.
         std::panic::set_hook(Box::new(|_| {}));
         Ok(())
     })
