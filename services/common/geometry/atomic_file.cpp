@@ -35,7 +35,7 @@ bool write_pieces(int descriptor, const std::function<std::string_view()>& next)
   return true;
 }
 
-/// What is replaced keeps its own.
+/// Mode of the new file: that of the file it replaces, else 0644.
 mode_t mode_of(const std::string& path) {
   struct stat about {};
   const bool is_file = ::lstat(path.c_str(), &about) == 0 && S_ISREG(about.st_mode);

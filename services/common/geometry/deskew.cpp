@@ -5,7 +5,7 @@ namespace zloam {
 void bend_motions(const Vector6& bend, std::vector<Pose>& motions) {
   if (bend.isZero(0.0)) return;
   const double steps = static_cast<double>(motions.size()) - 1.0;
-  // As much before the middle as after it.
+  // bent_at() is symmetric about the middle.
   for (std::size_t i = 0; 2 * i < motions.size(); ++i) {
     const std::size_t k = motions.size() - 1 - i;
     const double s = static_cast<double>(i) / steps - 0.5;

@@ -34,7 +34,8 @@ class DeskewTable {
   /// A table with the same ends and a twist that changes by `bend` over the period.
   DeskewTable bent(const Vector6& bend) const;
 
-  /// Takes points that `before`, of the same sweep, has moved to where this table moves them.
+  /// A table for points that `before`, a table of the same sweep, has already moved: it moves them
+  /// to where this table would have moved the original points.
   DeskewTable in_place_of(const DeskewTable& before) const;
 
   /// Entry of a point measured time_ns after the sweep's start: the nearest.
@@ -43,7 +44,7 @@ class DeskewTable {
     const double above = time_ns * step_per_ns_ + 0.5;
     return std::min<std::size_t>(static_cast<std::size_t>(above), kSteps);
   }
-  /// Motion that carries such a point to the instant.
+  /// Motion that carries a point measured time_ns after the sweep's start to the instant.
   const Pose& motion_at(std::uint32_t time_ns) const { return motions_[step_at(time_ns)]; }
 
   /// All entries, for points of a frame whose pose in the moving one is given.

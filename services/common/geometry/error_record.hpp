@@ -12,7 +12,8 @@
 namespace zloam {
 
 /// The part of an error, separately for translation and rotation, that its own covariance does not
-/// explain, in each principal direction of that: nothing was seen along open directions.
+/// explain, in each principal direction of the covariance. Along unconstrained directions nothing
+/// remains, as nothing was measured there.
 inline Vector6 unexplained(const Vector6& error, const Matrix6& covariance) {
   Vector6 out;
   for (const int at : {0, 3}) {

@@ -87,7 +87,7 @@ TEST(Deskew, ATableInPlaceOfAnotherTakesItsPointsToTheOwnPlaces) {
   }
 }
 
-// The turn's rate grows evenly from 0.5 to 1.1 rad a sweep, without the table's formula.
+// The angular rate grows evenly from 0.5 to 1.1 rad per sweep, without the table's formula.
 TEST(Deskew, ATurnOfChangingRateBecomesOnePoint) {
   const std::uint32_t period = 100'000'000;
   const auto turned = [](double part) {

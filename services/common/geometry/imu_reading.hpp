@@ -16,7 +16,8 @@ struct ImuReading {
   Eigen::Vector3d rate_radps = Eigen::Vector3d::Zero();
 };
 
-/// Readings this long before and after a sweep go with it (schemas/sweep.fbs): tolerance of stamps.
+/// Readings this long before and after a sweep are attached to it (schemas/sweep.fbs), to tolerate
+/// errors of the stamps.
 inline constexpr std::int64_t kImuMargin_ns = 30'000'000;
 
 using ImuSpan = std::span<const ImuReading>;

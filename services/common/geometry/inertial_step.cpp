@@ -3,8 +3,8 @@
 namespace zloam {
 namespace {
 
-// The way under a constant body twist that turns by theta over it, by its translation: Exp's left
-// Jacobian of SO(3).
+// Jacobian of the displacement under a constant body twist with rotation theta by the twist's
+// translation: the left Jacobian of SO(3).
 Eigen::Matrix3d way_by_translation(const Eigen::Vector3d& theta) {
   Eigen::Matrix3d v;
   for (int i = 0; i < 3; ++i) {
@@ -33,7 +33,7 @@ Matrix6 twist_after_jacobian(const InertialStep& step, const Vector6& twist_befo
       (period_now_s / period_before_s) * way_by_translation(step.turn_rad).inverse();
   Matrix6 jacobian = Matrix6::Zero();
   jacobian.topLeftCorner<3, 3>() = to_twist * way_by_translation(-twist_before.tail<3>());
-  // To first order: the way bends by half of the turn.
+  // To first order, the displacement is rotated by half of the sweep's rotation.
   jacobian.topRightCorner<3, 3>() = 0.5 * to_twist * hat(twist_before.head<3>());
   return jacobian;
 }

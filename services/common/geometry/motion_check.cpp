@@ -6,12 +6,12 @@
 namespace zloam {
 namespace {
 
-// Two seconds of a lidar at 10 Hz.
+// Consistent poses in a row that are accepted after all: two seconds of a lidar at 10 Hz.
 constexpr int kBelievedAfter = 20;
 constexpr double kLongest_s = 3600.0;
-// Poses of two publishers, or of one that was started again, may overlap.
+// Poses of two publishers, or of a restarted one, may overlap in time by this much.
 constexpr double kBack_s = -10.0;
-// After that nothing is known of the motion any more than that it had this long.
+// Longer gaps count as this long: the reachable distance does not grow further.
 constexpr double kCounted_s = 10.0;
 
 std::string fixed(double value) {
@@ -27,7 +27,7 @@ std::string MotionCheck::error(const Entry& from, const Entry& to, const Pose& a
   if (gap_s < kBack_s || gap_s > kLongest_s) {
     return "its instant is " + fixed(std::abs(gap_s)) + " s from the last accepted one's";
   }
-  // One that was held up on its way comes after later ones.
+  // The gap is negative when a delayed pose arrives after later ones.
   const double time_s = std::min(std::abs(gap_s), kCounted_s);
   const Pose step = (from.pose * at).inverse() * (to.pose * at);
   const double moved_m = step.translation().norm();

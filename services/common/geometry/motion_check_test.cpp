@@ -1,4 +1,4 @@
-// What can't be reached is refused, and what keeps coming is believed in the end.
+// Unreachable poses are refused; if they keep coming and are consistent, they are accepted.
 
 #include "common/geometry/motion_check.hpp"
 
@@ -64,7 +64,7 @@ TEST(MotionCheck, WhatKeepsComingAndFitsItselfIsTakenUp) {
   }
   EXPECT_EQ(refused, 19);
   EXPECT_EQ(check.check(0, 21 * kPeriod_ns, at_m(502.0)), "");
-  // What jumps about does not fit itself.
+  // Poses that jump about are not consistent with each other.
   for (int i = 0; i < 100; ++i) {
     EXPECT_NE(check.check(0, (22 + i) * kPeriod_ns, at_m(1e4 * (1 + i))), "");
   }

@@ -7,7 +7,8 @@ namespace {
 
 constexpr double kPose = 1e-4, kTwist = 0.04;
 
-/// Of (pose in the middle, twist), where the pose is known at the fraction s, and the twist hardly.
+/// Covariance of (pose in the middle, twist) where the pose is known well at the fraction s of the
+/// sweep, and the twist is known badly.
 Matrix12 known_at(double s) {
   Matrix12 to_middle = Matrix12::Identity();
   to_middle.topRightCorner<6, 6>().diagonal().setConstant(-s);
@@ -30,8 +31,8 @@ TEST(SeesAPart, NotWhereTheViewGoesRoundOrAllIsOfOneInstant) {
   EXPECT_FALSE(sees_a_part(0.5, 0.5));
 }
 
-// To know the pose at that time better says nothing of the twist, and of the sweep's end what the
-// twist leaves open.
+// A better known pose at that time does not constrain the twist; at the sweep's end the twist's
+// uncertainty remains.
 TEST_P(SeenAt, ABoundThereLeavesTheTwistAsOpenAsItWas) {
   const double s = GetParam();
   const Matrix6 bound = 1e-8 * Matrix6::Identity();

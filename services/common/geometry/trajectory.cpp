@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t kPiece = 1U << 16;
 
-// Integer digits only: a double holds no nanoseconds since 1970.
+// In integers, because a double can't hold nanoseconds since 1970.
 std::string seconds(std::int64_t ns) {
   constexpr std::int64_t kSecond = 1'000'000'000;
   char text[48];
@@ -20,7 +20,7 @@ std::string seconds(std::int64_t ns) {
 }
 
 void append(std::string& text, double value) {
-  // The greatest double and its nine decimals.
+  // Room for the greatest double with nine decimals.
   char number[330];
   const auto [end, error] = std::to_chars(number, number + sizeof number,
                                           value == 0.0 ? 0.0 : value, std::chars_format::fixed, 9);

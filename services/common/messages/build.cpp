@@ -14,7 +14,7 @@ using Builder = flatbuffers::FlatBufferBuilder;
 // Room for header, trace, covariances and small fields beside the arrays.
 constexpr std::size_t kSmall = 4096;
 
-/// For arrays of so many bytes in all.
+/// Size of the buffer for a message whose arrays have this total size.
 std::size_t room_for(std::size_t arrays_bytes) { return block_size(kSmall + arrays_bytes); }
 
 template <class T>
@@ -30,7 +30,7 @@ Int saturated(std::uint32_t value) {
   return static_cast<Int>(std::min<std::uint32_t>(value, std::numeric_limits<Int>::max()));
 }
 
-/// Structs of a table are copied at once, so they may end with this call.
+/// The table copies structs at once, so local ones may end with this call.
 template <class TableBuilder>
 void add_weak(TableBuilder* m, const WeakFields& weak) {
   const msg::Vec3 translation = vec(weak.weak_translation);
@@ -42,7 +42,7 @@ void add_weak(TableBuilder* m, const WeakFields& weak) {
   m->add_weak_sigma_predicted(weak.sigma_predicted);
 }
 
-/// What odometry and mapping both say of a pose they solved for.
+/// Fields that odometry and mapping both publish with a solved pose.
 template <class TableBuilder>
 void add_solution(TableBuilder* m, const WeakFields& weak, const SolveFields& solve) {
   add_weak(m, weak);

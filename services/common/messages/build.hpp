@@ -1,6 +1,7 @@
 #pragma once
-// One function per kind of message from plain values. Spans are only read during the call; every
-// result is a finished buffer with its file identifier, ready to be published without a copy.
+// One function per kind of message, which builds it from plain values. Spans are only read during
+// the call; every result is a finished buffer with its file identifier, ready to be published
+// without a copy.
 
 #include <flatbuffers/flatbuffers.h>
 
@@ -63,7 +64,7 @@ struct FeaturesFields {
   std::uint16_t slices = 1;
 };
 
-/// The direction that the data fixes least, as in the schemas.
+/// The least constrained direction, as in the schemas.
 struct WeakFields {
   bool degenerate = false;
   Eigen::Vector3d weak_translation = Eigen::Vector3d::Zero();
@@ -102,7 +103,7 @@ struct OdometryFeaturesFields {
   Health health = Health::kOk;
   bool degenerate = false;
   float range_noise_m = 0.0F;
-  /// of pose and twist; left out when there is none
+  /// covariance of pose and twist; left out when there is none
   std::optional<Matrix12> state_covariance{};
   /// left out when there is none
   std::optional<InertialStep> inertial{};
@@ -236,7 +237,7 @@ struct CommandReplyFields {
 struct ConfigRevisionFields {
   std::string stage{};
   std::uint32_t rev = 0;
-  /// 0: the run under way, or else the next
+  /// 0: the current run, or the next if there is none
   std::uint64_t run = 0;
   std::uint64_t from_sweep = 0;
   std::string values_json = "{}";

@@ -1,6 +1,6 @@
 #pragma once
-// Between the messages' structs and the geometry of the algorithms. Arrays of points are read where
-// they arrived.
+// Conversions between the messages' structs and the geometry of the algorithms. Arrays of points
+// are read in place.
 
 #include <flatbuffers/flatbuffers.h>
 
@@ -46,7 +46,7 @@ std::span<const Number> numbers_of(const flatbuffers::Vector<Number>* vector) {
   return {vector->data(), vector->size()};
 }
 
-/// Of a message that was verified.
+/// The message must have been verified.
 Submap submap_of(const msg::Submap& message);
 
 /// One copy of the points into a message under construction.
@@ -78,7 +78,7 @@ msg::Twist twist_message(const Vector6& twist_per_s);
 Matrix6 covariance_of(const flatbuffers::Vector<double>* values);
 flatbuffers::Offset<flatbuffers::Vector<double>> put_covariance(
     flatbuffers::FlatBufferBuilder& builder, const Matrix6& covariance);
-/// What an inertial sensor said; none when its covariance is absent.
+/// The IMU's preintegrated motion; none when its covariance is absent.
 std::optional<InertialStep> inertial_step_of(const msg::OdometryFeatures& message);
 /// Row-major 12x12, of pose and twist; none when the field is absent.
 std::optional<Matrix12> state_covariance_of(const flatbuffers::Vector<double>* values);

@@ -1,5 +1,5 @@
 #pragma once
-// Whether a key expression asks for a key: '*' is any one chunk, '**' any number of them.
+// Whether a key expression matches a key: '*' is any one chunk, '**' any number of them.
 
 #include <string_view>
 

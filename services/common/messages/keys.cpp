@@ -10,8 +10,8 @@ namespace {
 using C = Congestion;
 using N = Numbering;
 
-// A sweep of 128 rings, 2048 columns and two returns is 15 MiB. A whole map is asked for, never an
-// input of a stage.
+// A sweep of 128 rings, 2048 columns and two returns has 15 MiB. A whole map is only queried, never
+// an input of a stage.
 constexpr std::size_t kSweep_bytes = std::size_t{32} << 20;
 constexpr std::size_t kTile_bytes = std::size_t{16} << 20;
 constexpr std::size_t kMap_bytes = std::size_t{1} << 30;
@@ -19,7 +19,7 @@ constexpr std::size_t kMap_bytes = std::size_t{1} << 30;
 constexpr std::size_t kText_bytes = std::size_t{72} << 10;
 
 constexpr std::array kTable = {
-    // Not among the poses: over a slow link these would wait behind every sweep's 100 kB.
+    // Lower priority than poses: over a slow link, poses would wait behind every sweep's 100 kB.
     KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver, simulator", C::kDrop,
            "interactive_low", N::kSweep, "newest 8", kSweep_bytes},
     KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
@@ -101,7 +101,7 @@ std::string chunk(std::string_view text) {
   return std::string(text);
 }
 
-/// '*' asks all.
+/// '*' selects all.
 std::string chunk_or_all(std::string_view text) {
   return text == "*" ? std::string(text) : chunk(text);
 }

@@ -60,7 +60,7 @@ enum class Numbering : std::uint8_t { kSweep, kSeq, kNone };
 /// One row of the table.
 struct KeyRow {
   Key key;
-  /// below loam/<robot>/, with <name> for what is filled in
+  /// the key below loam/<robot>/; <name> is replaced by a value
   std::string_view pattern;
   /// file name of the schema without .fbs; empty for liveliness tokens
   std::string_view schema;
@@ -69,15 +69,15 @@ struct KeyRow {
   /// Zenoh's name: interactive_high, interactive_low, data_high, data, data_low, background
   std::string_view priority;
   Numbering numbering;
-  /// what a receiver's queue keeps
+  /// messages that a receiver's queue keeps
   std::string_view queue;
-  /// No message of this key is larger; what is gets dropped before a byte of it is copied or read.
+  /// Maximum size; larger messages are dropped before a byte of them is copied or read.
   std::size_t max_bytes = std::size_t{1} << 20;
 };
 
 std::span<const KeyRow> key_table();
 const KeyRow& key_row(Key key);
-/// Whether a message of so many bytes can be one of this key.
+/// Whether a message of this size can belong to the key.
 bool fits(Key key, std::size_t bytes);
 
 /// "application/x-flatbuffers;schema=<name>;major=<n>"
@@ -98,7 +98,7 @@ class Keys {
   std::string all_tiles() const;
   std::string kept_submap(std::int64_t instant_ns) const;
   std::string all_kept_submaps() const;
-  /// Of any robot.
+  /// Whether the key is that of a kept submap of any robot.
   static bool is_kept_submap(std::string_view key);
   std::string status(std::string_view stage, std::string_view instance) const;
   std::string config(std::string_view stage, std::string_view instance) const;
@@ -110,7 +110,7 @@ class Keys {
   std::string takeover(std::string_view stage, std::string_view instance) const;
   std::string run(std::string_view instance, std::string_view run) const;
   std::string command(std::string_view stage, std::string_view verb) const;
-  /// "*" asks for all stages'
+  /// "*" for all stages
   std::string config_revision(std::string_view stage) const;
 
   const std::string& robot() const { return robot_; }

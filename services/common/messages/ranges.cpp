@@ -11,19 +11,20 @@
 namespace zloam {
 namespace {
 
-// Beyond any place, speed or error on earth, and far from where squares and products overflow.
+// Maximum magnitudes: beyond any place, speed or error on earth, and far below where squares and
+// products overflow.
 constexpr double kMost_m = 1e7;
 constexpr double kMostOfTwist = 1e4;
 constexpr double kMostOfImu = 1e6;
 constexpr double kMostOfNumber = 1e15;
 constexpr float kMostOfPoint_m = 1e6F;
-// From days before 1970 (recordings begin at 0, and offsets go below) to the year 2096: sums and
-// differences of two or three stay far from where they overflow.
+// Times from days before 1970 (recordings may begin at 0, and offsets go below) to the year 2096:
+// sums of two and differences do not overflow.
 constexpr std::int64_t kLeast_ns = -1'000'000'000'000'000;
 constexpr std::uint32_t kLeastPeriod_ns = 1'000'000;
 constexpr std::int64_t kMost_ns = 4'000'000'000'000'000'000;
 
-/// Collects the first thing that is wrong.
+/// Keeps the first error found.
 class Checker {
  public:
   Checker& require(bool ok, std::string_view what) {
@@ -57,7 +58,7 @@ class Checker {
                : require(false, std::string(name) + " is not finite or too large");
   }
 
-  /// Velocities and their variances are over this.
+  /// Velocities and their variances are divided by the period.
   Checker& period(std::uint32_t period_ns, std::size_t points) {
     return require(points == 0 || period_ns >= kLeastPeriod_ns, "period_ns is below a millisecond");
   }
@@ -394,7 +395,7 @@ std::string range_error(const msg::Status& m) {
 
 std::string range_error(const msg::Submap& m) {
   Checker c;
-  // The last of a run may be empty: it says that no more come.
+  // The last submap of a run may be empty: it marks the end.
   const std::uint64_t last = m.header() == nullptr ? 0 : m.header()->sweep();
   c.header(m.header())
       .require(m.first_sweep() <= m.frame_sweep() && m.frame_sweep() <= last,
@@ -408,7 +409,7 @@ std::string range_error(const msg::Submap& m) {
       .finite_points(m.points(), "points")
       .parallel_if_there(m.points(), m.hits(), "hits");
   const auto origins = structs_of(m.origins());
-  // One bit of a point's hits each.
+  // Each origin has one bit in a point's hits.
   c.require(origins.size() <= 64, "origins are more than 64");
   for (const msg::Vec3& origin : origins) c.vec(&origin, "origins");
   return c.take();

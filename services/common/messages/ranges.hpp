@@ -1,5 +1,5 @@
 #pragma once
-// What the FlatBuffers verifier can't know: whether the values of a well-formed message make sense.
+// Checks beyond the FlatBuffers verifier: whether the values of a well-formed message make sense.
 // Each function returns a sentence, or an empty text. Used by verify() only.
 
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 // A received payload becomes a message only through here: Zenoh encoding, file identifier, the
-// FlatBuffers verifier, then ranges. What fails says why and is dropped by the caller.
+// FlatBuffers verifier, then ranges. A failure has a reason, and the caller drops the payload.
 
 #include <cstdint>
 #include <span>

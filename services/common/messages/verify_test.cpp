@@ -1,4 +1,4 @@
-// A message with anything wrong is refused with a reason; nothing is read beyond the payload.
+// Every faulty message is refused with a reason; nothing is read beyond the payload.
 
 #include "common/messages/verify.hpp"
 
@@ -91,7 +91,7 @@ TEST(Verify, EverySingleDamagedByteIsRefusedOrHarmless) {
     bytes[at] ^= 0xFF;
     const std::span<const std::uint8_t> view(bytes, buffer.size());
     if (!verify<msg::Features>(view, encoding_of_schema("features")).ok()) continue;
-    // What passed must be readable to the last point.
+    // An accepted message must be readable to its last point.
     const msg::Features& m = message_of<msg::Features>(view);
     for (const Point& p : points_of(m.sharp())) EXPECT_TRUE(std::isfinite(p.x));
     EXPECT_NE(m.header(), nullptr);
@@ -209,7 +209,7 @@ TEST(Verify, TimesMustBeOfThisCentury) {
   }
 }
 
-// Found by tests/fuzz: a covariance that is no number was published for it.
+// Found by tests/fuzz: without a period, a NaN covariance was published.
 TEST(Verify, SweepsAndFeaturesWithPointsHaveAPeriod) {
   const PointVector points(3, point());
   expect_invalid(check<msg::Sweep>(
