@@ -8,7 +8,7 @@
 namespace zloam::plane_map {
 
 struct PlaneMapConfig {
-  /// Edge of the coarsest voxels; each level halves it. levels in [1, 6]: 2, 1, 0.5, 0.25, 0.125 m.
+  /// Edge of the coarsest voxels; each level halves it: 2, 1, 0.5, 0.25, 0.125 m. levels in [2, 6].
   double root_voxel_m = 2.0;
   int levels = 5;
 
@@ -94,9 +94,10 @@ struct MatcherConfig {
 
   /// Errors of points on one surface are correlated: information is divided by this.
   double correlation = 5.0;
-  /// So are those of surfaces that lie together, and moving objects move as a whole: two vans at a
-  /// fixed distance have more points than all else that holds in a street. Each of n points on
-  /// surfaces facing one way in a root voxel counts 1 / (1 + n / crowd_points). 0: fully.
+  /// Errors of surfaces close together are correlated, too, and moving objects move as a whole: two
+  /// vans at a fixed distance have more points than all else that constrains the pose in a street.
+  /// Each of n points on surfaces facing one way in a root voxel counts 1 / (1 + n / crowd_points).
+  /// 0: fully.
   double crowd_points = 20.0;
 
   /// Residuals above the gate are rejected; the gate follows the error of the prediction at

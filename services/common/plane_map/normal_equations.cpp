@@ -22,9 +22,9 @@ Row row_of(Float4 normal, Float4 lever, float residual, float weight) {
           __builtin_shufflevector(moment_zxy, all_lanes(residual), 2, 0, 4, 3), weight};
 }
 
-// Sums over the points of one slot, which share s. Few terms meet here, so single precision is
-// enough. Of the rows' outer products with themselves the upper part: the last two rows' low half
-// is among the others.
+// Sums over the points of one slot, which share s: few terms, so single precision is enough. Only
+// the upper part of the rows' outer products is kept: by symmetry, the low halves of the last two
+// rows are contained in the others.
 struct SlotSums {
   Float4 low[4] = {};
   Float4 high[6] = {};
@@ -48,7 +48,7 @@ struct SlotSums {
   }
 };
 
-// Sums of the slots: their rows, those of 6 columns and the right-hand side, times powers of s.
+// Sums over the slots, times powers of s: 6 rows, each of 6 columns and the right-hand side.
 class SweepRows {
  public:
   void add(const SlotSums& slot, double s) {
@@ -94,7 +94,7 @@ class SweepRows {
   double powers_[kPowers][6][8] = {};
 };
 
-// From axes of the grid to axes of base_link.
+// Rotates the sums from the grid's axes to those of base_link.
 void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
   Matrix6 b = Matrix6::Zero();
   b.topLeftCorner<3, 3>() = rotation;
@@ -105,7 +105,7 @@ void rotate(NormalSums& sums, const Eigen::Matrix3d& rotation) {
   for (Vector6* g : {&sums.g0, &sums.g1, &sums.g2}) *g = (b.transpose() * *g).eval();
 }
 
-// Points of one kind of match.
+// Sums over the points with one kind of match: planes, or distributions.
 class Accumulator {
  public:
   Accumulator(const Gate& gate, const WeakAxis& weak)
@@ -115,7 +115,8 @@ class Accumulator {
         weak_axis_(lanes_of(weak.axis_grid)),
         least_cosine_(weak.axis_grid.isZero() ? 0.0f : weak.least_cosine) {}
 
-  // lever: (q, 0); point: local, (p, 0). Its squared residual and weight, where it counts.
+  // lever: (q, 0); point: local, (p, 0). Returns its squared residual and weight; nothing if the
+  // residual exceeds the gate.
   std::optional<std::pair<float, float>> add(const Match& match, Float4 lever, Float4 point) {
     const Float4 from_root = point - match.root_centre;
     float residuals[3] = {};
@@ -132,7 +133,7 @@ class Accumulator {
     const float weight = e * e / shared_by;
     for (int i = 0; i < match.count; ++i) {
       const Float4 n = match.rows[i].lanes();
-      // With an axis left open the moment stays that of the whole normal.
+      // leave_open() changes the normal only; the moment stays that of the whole normal.
       slot_.push_back(row_of(n, lever, residuals[i], weight));
       if (least_cosine_ > 0.0f) leave_open(slot_.back().low);
     }
@@ -144,7 +145,7 @@ class Accumulator {
 
   void end_slot(std::uint32_t slot) {
     if (slot_.empty()) return;
-    // In a loop of its own, in which the sums stay in registers.
+    // A separate loop, in which the sums stay in registers.
     SlotSums sums;
     for (const Row& row : slot_) sums.add(row);
     rows_.add(sums, slot_fraction(static_cast<int>(slot)));
@@ -158,7 +159,7 @@ class Accumulator {
   }
 
  private:
-  // Takes the weak axis out of the row of a plane that lies along it.
+  // Removes the weak axis from the row of a plane that is nearly parallel to it.
   void leave_open(Float4& row) const {
     const float along = sum_of_lanes(row * weak_axis_);
     if (std::abs(along) < least_cosine_) row -= along * weak_axis_;

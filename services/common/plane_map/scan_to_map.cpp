@@ -10,14 +10,14 @@
 namespace zloam::plane_map {
 namespace {
 
-// Slow mean of the gate, from the prediction's error with a margin.
+// The gate is a slow mean, computed from the predictions' errors and a margin.
 constexpr double kGateMemory = 0.9;
 constexpr double kGateMargin_m = 0.05;
-// Slow mean of the weakest direction's share: longer than the way through a door, in which for half
-// a second hardly anything holds along it.
+// Slow mean of the normals' share along the least constrained direction. It spans more than the
+// passage of a door, where for half a second hardly anything constrains that direction.
 constexpr double kShareMemory = 0.95;
-// A sweep that begins so much of the last one's period after its end at most goes on with its
-// motion.
+// A sweep directly follows the last one if it begins within this share of a period of that one's
+// end.
 constexpr double kAdjoining = 0.1;
 
 double squared(double x) { return x * x; }
@@ -34,7 +34,8 @@ Matrix6 inverse_or_zero(const Matrix6& covariance) {
   return ldlt.solve(Matrix6::Identity());
 }
 
-// The mean of both predictions: one step of Gauss-Newton from the second.
+// The mean of both predictions, weighted by their information: one Gauss-Newton step from the
+// second one (odometry's).
 SweepMotion most_likely(const MotionPrior& prior) {
   Matrix12 h = Matrix12::Zero();
   Vector12 g = Vector12::Zero();
@@ -47,7 +48,8 @@ SweepMotion most_likely(const MotionPrior& prior) {
   return out;
 }
 
-// Of a platform that is known to rest: the twist is nothing.
+// For a platform known to be at rest: sets the twist to zero and returns the covariance with that
+// knowledge.
 Matrix12 held_still(const Matrix12& covariance, double period_s, SweepMotion& motion) {
   motion.twist.setZero();
   Matrix12 out = covariance;
@@ -67,8 +69,8 @@ Pose ScanToMapResult::at(std::uint32_t instant_ns, std::uint32_t period_ns) cons
                     exp_se3(period_s * (s * twist_per_s + 0.5 * s * s * twist_change_per_s)));
 }
 
-// Pose at s = T_mid * Exp(s * twist): its perturbation is the mid's seen from there plus s times
-// the twist's.
+// The pose at s is T_mid * Exp(s * twist): its perturbation is that of T_mid, transformed to s,
+// plus s times that of the twist.
 Matrix6 ScanToMapResult::covariance_at(std::uint32_t instant_ns, std::uint32_t period_ns) const {
   const double since_mid_s = instant_ns * 1e-9 - 0.5 * seconds(period_ns);
   Eigen::Matrix<double, 6, 12> jacobian;
@@ -94,10 +96,10 @@ Vector6 ScanToMap::previous_twist_per_s() const {
                    : Vector6(Vector6::Zero());
 }
 
-// From middle to middle the body moves by the mean of both twists; the twist changes at random by
-// `change` (white acceleration). The pose before and its twist are known to their common covariance
-// only, and err together: to trust either fully leaves a zig-zag, in which the error of one sweep's
-// twist comes back negated in the next.
+// From one mid-sweep to the next the body moves by the mean of both twists; the twist changes at
+// random by `change` (white acceleration). The previous pose and twist enter with their joint
+// covariance, as their errors are correlated: trusting either fully causes a zig-zag, in which the
+// error of one sweep's twist returns with the opposite sign in the next.
 Matrix12 ScanToMap::carried_on(double steps, double rate) const {
   const Matrix12 before = bounded();
   Matrix12 F = Matrix12::Zero();
@@ -111,20 +113,21 @@ Matrix12 ScanToMap::carried_on(double steps, double rate) const {
   return F * before * F.transpose() + grown;
 }
 
-// The map was drawn from the poses: relative to it a pose is known as well as pose_sigma_*.
+// The map was built from the poses, so relative to it a pose is known to pose_sigma_*.
 Matrix12 ScanToMap::bounded() const {
   return with_bounded_pose_at(previous_->seen_at, previous_->motion.twist, previous_->covariance,
                               diagonal_covariance(config_.pose_sigma_m, config_.pose_sigma_rad));
 }
 
-// Of the twist over so many sweeps: white acceleration, and what the record has of it.
+// Covariance of the twist's change over this many sweeps: white acceleration, and the recorded
+// accelerations.
 Matrix6 ScanToMap::change(double steps) const {
   const double period_s = seconds(previous_->period_ns);
   return steps * diagonal_covariance(config_.change_sigma_m, config_.change_sigma_rad) +
          squared(steps * period_s * period_s) * acceleration_.covariance();
 }
 
-// What the poses of two middles may differ by from the mean of both motions.
+// Covariance of the motion between two mid-sweeps about the mean of both sweeps' motions.
 Matrix6 ScanToMap::continuity() const {
   const Vector6 bend = config_.continuity_share * previous_->twist_change;
   return diagonal_covariance(config_.continuity_sigma_m + bend.head<3>().norm(),
@@ -136,8 +139,8 @@ bool ScanToMap::adjoins(const SweepInput& sweep) const {
   return std::abs(between_ns - previous_->period_ns) < kAdjoining * previous_->period_ns;
 }
 
-// As an inertial sensor felt it: from the end of the sweep before, with its velocity and what that
-// changed by, and the turn as measured.
+// Predicts the motion from the IMU: from the end of the sweep before, with its velocity plus the
+// preintegrated change, and with the preintegrated rotation.
 void ScanToMap::foresee(const SweepInput& sweep, MotionPrior& prior) const {
   const InertialStep& step = *sweep.inertial;
   const double last_s = seconds(previous_->period_ns);
@@ -226,7 +229,7 @@ void ScanToMap::insert(const SweepInput& sweep, const SweepMotion& motion) {
                           kCountedTogether};
   take_points(sweep, config_.min_range_m, thinning, inserted_points_);
   map_.set_anchor(motion.T_mid.translation());
-  // All points of a sweep move alike.
+  // Matched and inserted points of a sweep have the same motion.
   const SlotMotions motions =
       matched_points_of(sweep).motions(motion.T_mid.linear(), motion.twist, motion.bend);
   const Eigen::Vector3f shift = (motion.T_mid.translation() - map_.anchor_grid()).cast<float>();
@@ -289,7 +292,7 @@ ScanToMapResult ScanToMap::match(const SweepInput& sweep,
     match = this->match(points, prior);
   }
   Degeneracy& d = match.degeneracy;
-  // Hysteresis: a weak direction stays so until it is clearly strong.
+  // Hysteresis: a degenerate direction stays so until it is clearly constrained.
   d.weak =
       match.valid && (d.weak || (weak_ && d.measured_sigma_m > kStrongRatio * d.predicted_sigma_m));
   ScanToMapResult result = result_of(match, sweep);
@@ -330,7 +333,7 @@ void ScanToMap::commit(const SweepInput& sweep, const ScanToMapResult& result, b
 bool ScanToMap::insert_again(const SweepInput& sweep) {
   if (!previous_ || previous_->stamp_ns != sweep.stamp_ns || sweeps_ == 0) return false;
   matched_stamp_ns_.reset();
-  // The thinning goes by how many there were before.
+  // The thinning depends on the number of sweeps before this one.
   --sweeps_;
   insert(sweep, previous_->motion);
   ++sweeps_;
@@ -350,7 +353,7 @@ std::optional<ScanToMapResult> ScanToMap::last_motion() const {
 
 void ScanToMap::remember(const SweepInput& sweep, const ScanToMapResult& result,
                          const SweepMotion& motion) {
-  // Points that lie further off than their noise say less than the solver makes of them.
+  // Residuals above the noise model: inflate the covariance by (residual / noise)^2.
   const double off = std::max(1.0, result.residual_rms_m / map_.config().range_noise_m);
   const Matrix12 covariance =
       squared(off) * with_twist_scaled(result.covariance, seconds(sweep.period_ns));
@@ -364,7 +367,7 @@ void ScanToMap::remember(const SweepInput& sweep, const ScanToMapResult& result,
   previous_ = Previous{motion, covariance, result.seen_at, change, sweep.stamp_ns, sweep.period_ns};
 }
 
-// covariance: of (pose, twist per second)
+// covariance: that of (pose, twist per second)
 void ScanToMap::learn_acceleration(const SweepInput& sweep, const ScanToMapResult& result,
                                    const Matrix12& covariance) {
   const double between_s = 1e-9 * static_cast<double>(sweep.stamp_ns - previous_->stamp_ns);

@@ -19,7 +19,7 @@ enum class PredictionUse {
   /// start of the iteration, and only that motion counts as a prior. Odometry has used the same
   /// points, and its slow drift would enter the map.
   kBeside,
-  kInstead,  ///< start and prior alone
+  kInstead,  ///< the prediction alone is start and prior
 };
 
 /// The sweep's motion as estimated elsewhere (odometry).
@@ -154,7 +154,7 @@ class ScanToMap {
   SweepMatcher matcher_;
   Pose T_grid_base_start_;
   std::optional<Previous> previous_;
-  // Of the change of the twist, m/s^2 and rad/s^2: recent errors of predictions by the motion of
+  // Change of the twist, m/s^2 and rad/s^2: recent errors of predicting a sweep by the motion of
   // the sweep before, in addition to config_.change_sigma_*.
   ErrorRecord acceleration_{0.0, 0.0};
   SweepPoints matched_points_;                    // of the sweep that was matched last
@@ -164,7 +164,7 @@ class ScanToMap {
   double gate_m_;
   // Share of the normals along the least constrained direction, mean of the last sweeps. 0 after a
   // gap and in a restored map: prediction error unknown, the gate stays wide until the match is
-  // well constrained again. None in a map of one sweep, whose motion is continued.
+  // well constrained again. No value in a map of one sweep, whose motion is continued.
   std::optional<double> share_ = 0.0;
   bool weak_ = false;
   Eigen::Vector3d weak_axis_base_ = Eigen::Vector3d::Zero();

@@ -11,15 +11,15 @@
 namespace zloam::plane_map {
 namespace {
 
-// The first step, from the prediction's error of centimetres to millimetres, needs so few of the
-// points; those of the others that lie in another voxel after it are then looked up but once. So
-// few hardly make a crowd (Gate), and that is as it should be: what is near, and seen by many
-// points, is what finds a turn that was not expected.
+// The first step, from the prediction's error of centimetres to millimetres, needs only every 8th
+// point; the other points are then looked up once, at the better pose. So few points hardly reduce
+// each other's weight (Gate::crowd_points), which is intended: near surfaces, hit by many points,
+// reveal an unexpected rotation.
 constexpr std::size_t kCoarseStride = 8;
 constexpr std::size_t kLeastCoarsePoints = 200;
 constexpr int kLeastIterations = 2;
 
-// A platform that was never seen to accelerate: m, rad over a sweep.
+// Least sigma of the bend, for a platform that was never seen to accelerate: m, rad over a sweep.
 constexpr double kLeastBend = 1e-6;
 
 constexpr double kLeastWeight = 1e-12;
@@ -40,14 +40,15 @@ SweepMotion moved(const SweepMotion& motion, const Vector12& step, const Vector6
   return out;
 }
 
-// Covariance of one 3-vector when the other one is estimated along with it.
+// Information about one 3-vector when the other one is estimated along with it (Schur complement).
 Eigen::Matrix3d schur(const Matrix6& a, int keep, int drop) {
   const Eigen::Matrix3d other = a.block<3, 3>(drop, drop) + 1e-9 * Eigen::Matrix3d::Identity();
   return a.block<3, 3>(keep, keep) -
          a.block<3, 3>(keep, drop) * other.ldlt().solve(a.block<3, 3>(drop, keep));
 }
 
-// How well translations are held by the normals, the rotation left free; ascending.
+// Information of the normals about translations, with the rotation estimated along with them;
+// eigenvalues ascending.
 Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> held(const NormalSums& sums) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(schur(sums.a0, 0, 3));
 }
@@ -56,7 +57,7 @@ double sigma_along(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& axi
   return std::sqrt(std::max(0.0, axis.dot(covariance * axis)));
 }
 
-// What the priors alone usually know of a motion near their start.
+// Covariance of a motion near the priors' start by the priors alone, without the IMU.
 Matrix12 predicted_covariance(MotionPrior prior) {
   if (prior.usual_information) prior.information = *prior.usual_information;
   Matrix12 h = 1e-9 * Matrix12::Identity();
@@ -90,7 +91,7 @@ SweepMatcher::Step SweepMatcher::step_from(const SweepMotion& motion, VoxelPlane
   const double scale = information_scale(map);
   Matrix18 h = out.sums.planes.hessian();
   Vector18 g = out.sums.planes.gradient();
-  // An inertial sensor knows better what is left open then.
+  // With an IMU, its prior constrains such directions better than spurious information would.
   if (prior.usual_information) discount_spurious(out.sums.planes, h, g);
   h = (scale * (h + out.sums.blobs.hessian())).eval();
   g = (scale * (g + out.sums.blobs.gradient())).eval();

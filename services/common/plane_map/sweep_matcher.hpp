@@ -29,7 +29,7 @@ struct MotionPrior {
   /// Sigma of the bend about zero, in each axis.
   Vector6 bend_sigma = Vector6::Zero();
 
-  /// The same from another estimator (odometry).
+  /// Motion predicted by another estimator (odometry), with its information.
   SweepMotion advised;
   Matrix12 advice_information = Matrix12::Zero();
 
@@ -72,15 +72,15 @@ struct MatchResult {
   double seen_at = 0.0;                    // of the points (common/geometry/motion_covariance.hpp)
   Bend bend;
   Degeneracy degeneracy;
-  /// Of points against planes, weighted by the roots of the first gate kernel's weights: a fine
-  /// kernel, three times the noise, would leave no large residuals. inlier_rms_m: with the whole
-  /// weights, which exclude points that the map does not know.
+  /// Residuals of points against planes, weighted by the roots of the first gate kernel's weights:
+  /// a fine kernel, three times the noise, would leave no large residuals. inlier_rms_m: with the
+  /// whole weights, which exclude points that the map does not know.
   double residual_rms_m = 0.0;
   double inlier_rms_m = 0.0;
   double matched_fraction = 0.0;
   double matched_weight = 0.0;  // sum of the robust weights
-  /// Likewise, with each point counted by itself and always with the fine kernel: for comparing
-  /// places, whatever kernel the matching began with.
+  /// The same sum with each point counted fully, and always with the fine kernel: to compare
+  /// matches at several places, whatever kernel the matching began with.
   double explained_weight = 0.0;
   std::size_t tried = 0;
   std::size_t matches = 0;
@@ -124,7 +124,7 @@ class SweepMatcher {
   double information_scale(const VoxelPlaneMap& map) const;
   /// Weighted sum of squared normals along one direction that may be errors alone.
   double spurious(const NormalSums& sums) const;
-  /// Removes that part along the least constrained translation, between walls.
+  /// Removes the spurious part along the least constrained translation, but only between walls.
   void discount_spurious(const NormalSums& sums, Matrix18& h, Vector18& g) const;
   /// lever2: sum of the weighted squared lever arms, m^2.
   Degeneracy judge(const NormalSums& sums, double lever2, const Matrix12& predicted,

@@ -8,8 +8,8 @@
 namespace zloam::plane_map {
 namespace {
 
-// Exponentials are taken at knots only, and the matrices interpolated: at 190 deg/s and 64 knots
-// the chord is 3e-6 off the arc.
+// Exponentials are computed at knots only, and the matrices interpolated in between: at 190 deg/s
+// and 64 knots the chord differs from the arc by 3e-6.
 constexpr int kKnots = 64;
 constexpr int kSlotsPerKnot = kSlots / kKnots;
 static_assert(kSlots == DeskewTable::kSteps, "slots and steps of the deskewing are the same");
@@ -19,7 +19,7 @@ bool usable(const Point& p, float min_range2) {
   return range2 >= min_range2 && range2 < 1e12f;  // false for NaN
 }
 
-// base_link at the knots, from its middle.
+// Poses of base_link at the knots, relative to its pose at mid-sweep.
 std::vector<Pose> at_knots(const Vector6& twist, const Vector6& bend) {
   if (bend.isZero(0.0)) return exp_se3_along(twist, slot_fraction(0), 1.0 / kKnots, kKnots + 1);
   std::vector<Pose> knots;
@@ -53,7 +53,7 @@ void take_points(const SweepInput& sweep, double min_range_m, const Thinning& th
       take_usable(sweep.more_points.subspan(cut - std::min(cut, first_part), end - cut));
     });
   };
-  // Stable counting sort. The points are read twice: cheaper than keeping them in between.
+  // Stable counting sort. The points are read twice, which is cheaper than storing them in between.
   std::vector<std::uint32_t> next(kSlots + 2, 0);
   each_usable([&](const Point&, std::uint16_t slot) { ++next[slot + 1U]; });
   for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];

@@ -25,7 +25,7 @@ struct Deskewing {
 /// raw, in a frame whose pose in base_link is T_base_points; or, with `deskewed`, at one instant.
 struct SweepInput {
   PointSpan points;
-  PointSpan more_points;  // of the same sweep, wherever they lie
+  PointSpan more_points;  // further points of the same sweep, in other memory
   Pose T_base_points = Pose::Identity();
   std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100'000'000;
@@ -58,20 +58,20 @@ using SlotMotions = std::vector<MotionLanes>;
 void take_points(const SweepInput& sweep, double min_range_m, const Thinning& thinning,
                  std::vector<SlotPoint>& out);
 
-/// Such points and their motion.
+/// The selected points of a sweep and their motion.
 class SweepPoints {
  public:
   SweepPoints() = default;
   SweepPoints(const SweepInput& sweep, double min_range_m) { set(sweep, min_range_m); }
-  /// Takes another sweep, in the memory of the one before: megabytes, which the kernel would
+  /// Takes another sweep and reuses the memory of the one before: megabytes that the kernel would
   /// otherwise clear each time.
   void set(const SweepInput& sweep, double min_range_m, const Thinning& thinning = {});
 
   const std::vector<SlotPoint>& points() const { return points_; }
 
-  /// Motions that transform points as given to the frame that T_mid's parent names, rotated but not
-  /// shifted into it (relative to T_mid's translation): base_link moves with T_mid * Exp(s twist +
-  /// s^2 bend / 2), both over the whole sweep. Earlier deskewing is undone.
+  /// Motions that transform the points as given to the axes of T_mid's parent frame, relative to
+  /// T_mid's translation. base_link moves with T_mid * Exp(s twist + s^2 bend / 2), twist and bend
+  /// over the whole sweep. Earlier deskewing is undone.
   SlotMotions motions(const Eigen::Matrix3d& rotation, const Vector6& twist,
                       const Vector6& bend = Vector6::Zero()) const;
 

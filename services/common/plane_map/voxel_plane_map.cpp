@@ -156,7 +156,7 @@ void VoxelPlaneMap::leave_behind(const Eigen::Vector3d& position_grid) {
   left_behind_from_grid_ = position_grid;
 }
 
-// Once for each root, as the sensor leaves it: a settled plane stays one.
+// Settles the planes of each root once, when the sensor leaves it: settled planes stay settled.
 void VoxelPlaneMap::settle_behind(const Eigen::Vector3d& from_grid,
                                   const Eigen::Vector3d& to_grid) {
   for (const Root& root : roots_) {

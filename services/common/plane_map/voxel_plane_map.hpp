@@ -43,7 +43,7 @@ struct Match {
   int count = 0;
   bool is_plane = false;
   float normal_variance = 0;  // rad^2, planes only
-  /// By find_all(): number of its points on surfaces facing this way in this root voxel.
+  /// Set by find_all(): number of its points on surfaces facing this way in this root voxel.
   float crowd = 0;
   Float4 root_centre{};  // local coordinates, and 1: the factor of a row's -d
 };
@@ -212,7 +212,8 @@ class VoxelPlaneMap {
     std::uint32_t node;
   };
 
-  /// Index of a voxel's child that contains a cell; bit: of the child's place in the root.
+  /// Index of a voxel's child that contains a cell; bit: the bit of the cell's indices that selects
+  /// the child.
   static unsigned octant(const Cell& c, int bit) {
     return static_cast<unsigned>((c.x >> bit & 1) | (c.y >> bit & 1) << 1 | (c.z >> bit & 1) << 2);
   }
@@ -246,8 +247,8 @@ class VoxelPlaneMap {
     constexpr Float4 kHalf{0.5f, 0.5f, 0.5f, 0.0f};
     return __builtin_convertvector(cell, Float4) + kHalf;
   }
-  // Points that a look-up has brought to one place: a finest voxel, or none; match: from a coarser
-  // one: a plane, which ends the search, or a post for a finest voxel without a fit of its own.
+  // Points that a look-up has led to the same finest voxel, or to none. match: from a coarser
+  // voxel, a plane, which ends the search, or a post, for a finest voxel without a fit of its own.
   struct Found {
     std::span<const Placed> points;
     std::uint32_t leaf = kNoChild;

@@ -1,5 +1,5 @@
-// Looking up planes. Many points at once are brought into the order of the octree first, so that
-// each voxel is asked once for all of its points.
+// Looks up planes. Many points at once are sorted into the order of the octree first, so that each
+// voxel is visited once for all of its points.
 
 #include <algorithm>
 
@@ -8,7 +8,7 @@
 namespace zloam::plane_map {
 namespace {
 
-// Which of the grid's axes a surface faces most.
+// The axis of the grid that is closest to the surface's normal.
 std::size_t widest_axis(const PlaneRow& row) {
   const float x = std::abs(row.nx), y = std::abs(row.ny), z = std::abs(row.nz);
   if (x >= y && x >= z) return 0;
@@ -22,7 +22,7 @@ Float4 VoxelPlaneMap::root_lanes(const Cell& cell) const {
   return Float4{root[0], root[1], root[2], 1.0f};
 }
 
-// Of a voxel that is something.
+// The match with a voxel that has a plane or a distribution.
 inline Match VoxelPlaneMap::match_of(const Counted& voxel, Float4 root) const {
   if (voxel.is_plane()) {
     const Plane& plane = planes_[voxel.fit];
@@ -66,7 +66,7 @@ VoxelPlaneMap::Node& VoxelPlaneMap::fitted_node(std::uint32_t index, const Cell&
   return node;
 }
 
-// post: what a coarser voxel gives for a finest one that is nothing itself.
+// post: the match with a coarser voxel, for a finest voxel without a fit of its own.
 Match VoxelPlaneMap::match_of_leaf(std::uint32_t index, const Cell& cell, Float4 root,
                                    const Match& post) {
   Leaf& leaf = leaves_[index];
@@ -76,7 +76,8 @@ Match VoxelPlaneMap::match_of_leaf(std::uint32_t index, const Cell& cell, Float4
   return leaf.kind == Kind::kNone ? post : match_of(leaf, root);
 }
 
-// Into found_: first all ways down, then what they end at, whose memory is on the way meanwhile.
+// Fills found_: first descends to all finest voxels, which prefetches their memory, then fits and
+// matches them.
 void VoxelPlaneMap::find_in_root(const RootHit& hit, std::span<const LocalPoint> points) {
   found_.clear();
   const Float4 root = root_lanes(hit.cell);

@@ -1,4 +1,4 @@
-// The planes and distributions that are fitted to what is counted in the map.
+// Fits planes and distributions to the points counted in the map.
 
 #include <algorithm>
 #include <cmath>
@@ -32,9 +32,10 @@ bool VoxelPlaneMap::enough(const Rings& rings, double count) const {
   return rings.lead < count || !config_.planes_several_rings;
 }
 
-// A line and a few points beside it always lie in a plane: the trace of one ring across the floor
-// and what others left on the wall next to it. Where they are one surface indeed, and seen at a
-// slant, it is thinner than noise along the beam would make a trace that the beam faces.
+// Whether the plane is a phantom: a line and a few points beside it always lie in a plane, such as
+// the trace of one ring across the floor and points of other rings on the wall next to it. A real
+// surface seen at a slant is thinner than the trace of a beam that faces it, because the noise is
+// along the beam.
 bool VoxelPlaneMap::is_trace(const PrincipalAxes& axes, const Rings& rings, double count) const {
   const double thick_m = config_.one_ring_thickness_sigmas * config_.range_noise_m;
   return config_.planes_several_rings && rings.lead > config_.one_ring_lead * count &&
@@ -46,7 +47,7 @@ std::uint32_t VoxelPlaneMap::next_fit(std::uint32_t count) const {
   return std::max(count + 1, static_cast<std::uint32_t>(std::min(grown, 4e9)));
 }
 
-// Gives the voxel a place for what it is now, and back the one of what it was.
+// Changes the voxel's kind: releases the storage of its former fit and takes storage for the new.
 void VoxelPlaneMap::set_kind(Counted& voxel, Kind kind) {
   const Counted before = voxel;
   voxel.kind = kind;
@@ -82,8 +83,8 @@ void VoxelPlaneMap::fit_node(Node& node, const Cell& cell, int level) {
   set_kind(node, Kind::kNone);
 }
 
-// Cut off by the voxel's faces, any surface is narrow: it would say that it is where it is,
-// wherever that is. Those that the post's own axis goes through may cut it.
+// Any surface that the voxel's faces cut off looks narrow, and would confirm any position. So a
+// post keeps a margin to all faces but those that its axis passes through.
 bool VoxelPlaneMap::is_post(const PrincipalAxes& axes, const Node& node, int level) const {
   const Eigen::Vector3d& v = axes.variances;
   if (!config_.distributions || v[1] > config_.post_width_m * config_.post_width_m ||
@@ -103,8 +104,8 @@ bool VoxelPlaneMap::is_post(const PrincipalAxes& axes, const Node& node, int lev
   return true;
 }
 
-// The nodes above the finest voxels that a cell and its 26 neighbours are: two on each axis. Most
-// lie in the cell's own root.
+// Parents of a finest voxel and its 26 neighbours: two on each axis. Most lie in the cell's own
+// root.
 std::array<const VoxelPlaneMap::Node*, 8> VoxelPlaneMap::parents_around(const Cell& cell) const {
   const std::uint64_t own_key = root_key(cell);
   const std::uint32_t own = find_root(own_key);
@@ -122,7 +123,7 @@ std::array<const VoxelPlaneMap::Node*, 8> VoxelPlaneMap::parents_around(const Ce
   return parents;
 }
 
-// Those of the 26 neighbours that hold points, their memory asked for.
+// Finds those of the 26 neighbours that hold points, and prefetches them.
 std::size_t VoxelPlaneMap::neighbours_of(const Cell& cell, std::array<Neighbour, 26>& found) const {
   const std::array<const Node*, 8> parents = parents_around(cell);
   const auto upper = [](int at, int step) { return (at + step) >> 1 != (at - 1) >> 1 ? 1U : 0U; };
@@ -194,8 +195,8 @@ void VoxelPlaneMap::fit_leaf(Leaf& leaf, const Cell& cell) {
   }
 }
 
-// Rows of the square root of the inverse of (covariance + noise), times the noise: the axes of the
-// distribution. A line is free along its long axis.
+// The rows are the axes of the distribution: those of the square root of the inverse of (covariance
+// + noise), times the noise. A line leaves its long axis unconstrained.
 void VoxelPlaneMap::fit_distribution(Leaf& leaf, const PrincipalAxes& axes,
                                      const Eigen::Vector3d& offset) {
   const bool is_line =

@@ -1,5 +1,5 @@
-// Counting points. A sweep's points are brought into the order of the octree first, so that each
-// voxel is touched once a sweep: a voxel's sums are those of its children, moved to its centre.
+// Counts points. A sweep's points are sorted into the order of the octree first, so that each voxel
+// is touched once per sweep: a voxel's sums are those of its children, shifted to its centre.
 
 #include <algorithm>
 #include <bit>
@@ -10,7 +10,7 @@
 namespace zloam::plane_map {
 namespace {
 
-// Every third bit of an entry is one of the ten bits of its number.
+// Entry n has the ten bits of n at every third position (Morton code).
 constexpr std::array<std::uint32_t, 1024> kSpread = [] {
   std::array<std::uint32_t, 1024> table{};
   for (std::uint32_t n = 0; n < table.size(); ++n) {
@@ -19,13 +19,13 @@ constexpr std::array<std::uint32_t, 1024> kSpread = [] {
   return table;
 }();
 
-// The same of a number of 21 bits.
+// Spreads a number of 21 bits in the same way.
 std::uint64_t spread(std::uint32_t n) {
   const std::uint64_t high = kSpread[n >> 10U & 1023U] | std::uint64_t{n >> 20U & 1U} << 30U;
   return kSpread[n & 1023U] | high << 30U;
 }
 
-// Three numbers of 21 bits with a sign side by side.
+// Packs three signed numbers of 21 bits side by side, each with an offset that makes it positive.
 std::uint64_t packed(Int4 cell) {
   const auto above = [](int n) { return static_cast<std::uint64_t>(std::int64_t{n} + (1 << 20)); };
   return above(cell[0]) | above(cell[1]) << 21U | above(cell[2]) << 42U;
@@ -51,7 +51,7 @@ void VoxelPlaneMap::Counted::add(const Gathered& gathered) {
   count += gathered.count;
 }
 
-// Into placed_; points that no voxel can take are left out.
+// Sorts the points into placed_, in the octree's order, without those outside the range of cells.
 void VoxelPlaneMap::place(std::span<const LocalPoint> points) {
   placed_.clear();
   Int4 low{}, high{};
@@ -77,7 +77,8 @@ void VoxelPlaneMap::place(std::span<const LocalPoint> points) {
   radix_sort(placed_, placed_spare_, bits, [](const Placed& p) { return p.code; });
 }
 
-// The first of them that lie in one voxel of the level whose octants these bits of the code are.
+// The first points that lie in the same voxel. bit: the voxel's level, as the index of the group of
+// three bits in the code that is its octant within its parent.
 std::span<const VoxelPlaneMap::Placed> VoxelPlaneMap::together(std::span<const Placed> placed,
                                                                int bit) {
   const auto voxel = [bit](const Placed& p) { return p.code >> (3 * bit); };
@@ -153,7 +154,8 @@ VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_children(Node& node, int level,
   return all;
 }
 
-// The points of each child, and memory for it: the time of a sweep goes into waiting for memory.
+// Splits the points by child, and creates or prefetches the children: most of a sweep's time is
+// spent waiting for memory.
 std::size_t VoxelPlaneMap::take_children(Node& node, int bit, std::span<const Placed> placed,
                                          std::array<std::span<const Placed>, 8>& parts) {
   std::size_t count = 0;
@@ -172,7 +174,7 @@ std::size_t VoxelPlaneMap::take_children(Node& node, int bit, std::span<const Pl
   return count;
 }
 
-// Into roots_hit_, in the octree's order; take: those that are not there yet are made.
+// Fills roots_hit_ in the octree's order; take: creates missing roots.
 void VoxelPlaneMap::hit_roots(std::span<const LocalPoint> points, bool take) {
   place(points);
   roots_hit_.clear();

@@ -1,4 +1,4 @@
-// What is counted in the map, out of it and back.
+// Saves and restores the counts in the map's voxels.
 
 #include "common/geometry/grid_key.hpp"
 #include "common/plane_map/voxel_plane_map.hpp"
@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::int32_t kMaxRoot = 1 << (kGridKeyBits - 2);
 
-// Of a node or a leaf.
+// Voxel: a node or a leaf.
 template <typename Voxel>
 void put(const Voxel& counted, SavedVoxel& out) {
   out.count = counted.count;
@@ -87,7 +87,7 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
     const int bit = shift_ - level;
     const unsigned o = octant(cell, bit);
     if (nodes_[i].children[o] == kNoChild) {
-      // Taken first: it may move what nodes_[i] is found by.
+      // Take first: take() may reallocate the table by which nodes_[i] is found.
       const std::uint32_t taken = level == shift_ ? leaves_.take() : nodes_.take();
       nodes_[i].children[o] = taken;
     }
@@ -100,7 +100,7 @@ bool VoxelPlaneMap::load(const SavedVoxel& voxel) {
   }
   Node& node = nodes_[i];
   take(voxel, node);
-  // A plane that takes no finer points must be known as one before the next point comes.
+  // Fit at once: only a voxel known as a plane is settled at the next insertion.
   fit_node(node, cell, voxel.level);
   return true;
 }

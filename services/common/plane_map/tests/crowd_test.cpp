@@ -1,4 +1,4 @@
-// What a crowd of points that lie together counts for.
+// Reduced weight of correlated points that lie close together (crowd_points).
 
 #include <gtest/gtest.h>
 
@@ -61,7 +61,7 @@ TEST(Crowd, TwoVansDoNotTakeTheSensorAlong) {
   EXPECT_LT(error_m(MatcherConfig{}.crowd_points), 0.05);
 }
 
-// A floor of so many points each way in the root voxel that begins there, seen by several rings.
+// A floor of each_way x each_way points in the root voxel that begins at x, seen by several rings.
 void add_floor(float x, int each_way, std::vector<LocalPoint>& points) {
   for (int i = 0; i < each_way; ++i) {
     for (int k = 0; k < each_way; ++k) {
@@ -95,7 +95,7 @@ TEST(Crowd, IsWhatFacesOneWayInOneRootVoxel) {
       ASSERT_EQ(hints[i].match.crowd, crowd) << "point " << i;
     }
   }
-  // Where it goes meanwhile does not matter.
+  // The crowd stays that of the first look-up when the point moves to another voxel.
   const LocalPoint& p = points.front();
   EXPECT_EQ(map.find(Float4{p.x + 2.0f, p.y, p.z, 0.0f}, hints.front()).crowd, 400.0f);
 }

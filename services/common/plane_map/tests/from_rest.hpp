@@ -1,5 +1,5 @@
 #pragma once
-// A sensor that stands, and then drives off along x: what it saw while it stood must not hold it.
+// A sensor that stands, then drives off along x: planes seen at rest must not hold it back.
 
 #include <algorithm>
 #include <random>
@@ -9,8 +9,8 @@
 
 namespace zloam::plane_map::testing {
 
-/// Twenty sweeps at rest, then faster by the step from sweep to sweep, up to the top speed, in
-/// forty sweeps more: how far the pose in the middle of a sweep is off at worst.
+/// Worst error of the pose at mid-sweep over twenty sweeps at rest and forty more, in which the
+/// speed grows by step_mps per sweep up to top_mps.
 template <typename Scene>
 double worst_from_rest_m(const Scene& scene, double step_mps, double top_mps, unsigned seed,
                          const PlaneMapConfig& map, const MatcherConfig& matcher) {

@@ -1,5 +1,5 @@
 #pragma once
-// A grid along the axes, so that a test can say which voxel a point lies in.
+// A grid along the axes, so that a test knows which voxel a point lies in.
 
 #include "common/plane_map/config.hpp"
 

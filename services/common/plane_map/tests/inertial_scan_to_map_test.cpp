@@ -1,4 +1,4 @@
-// What an inertial sensor's step adds to the matching, in an endless corridor and in a room.
+// What the IMU's preintegrated motion adds to the matching, in an endless corridor and in a room.
 
 #include <gtest/gtest.h>
 
@@ -33,7 +33,7 @@ Vector6 twist_of(int k) {
   return v;
 }
 
-// As good as a sensor's with 2 mm/s and 0.2 mrad a sweep.
+// A true step, with the covariance of an IMU that errs by 2 mm/s and 0.2 mrad per sweep.
 InertialStep step_to(int k) {
   InertialStep step;
   step.velocity_change_mps = (twist_of(k) - twist_of(k - 1)).head<3>();
@@ -50,7 +50,7 @@ struct Errors {
   int weak = 0;
 };
 
-// told: of the sweep k.
+// told(k): the IMU's step to sweep k.
 template <typename Told>
 Errors ride(const Room& room, Told&& told) {
   ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
@@ -92,7 +92,7 @@ TEST(InertialRegistration, GoesThroughAnEndlessCorridorFromRest) {
   const Errors with = ride(corridor, all);
   EXPECT_LT(with.end_m, 0.1);
   EXPECT_LT(with.worst_step_m, 0.02);
-  // Known, and still not from the points.
+  // The position is known, yet the points still leave the corridor's axis degenerate.
   EXPECT_GT(with.weak, 35);
 }
 
@@ -105,7 +105,7 @@ TEST(InertialRegistration, WhereThePointsTellAllItTakesNothing) {
   EXPECT_EQ(with.weak, 0);
 }
 
-// A step that is not of the sweep before says nothing of this one.
+// The IMU's step is used only if it starts from the sweep directly before.
 TEST(InertialRegistration, IsNotUsedAfterAGap) {
   const auto twist_found = [](bool told) {
     ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};

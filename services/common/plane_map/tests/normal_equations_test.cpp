@@ -8,8 +8,8 @@
 namespace zloam::plane_map {
 namespace {
 
-// A room's map and a sweep that is a little off. Points near a change of the voxel are left out, as
-// the cost jumps there.
+// A room's map and a sweep with a small pose error. Points near a voxel's border are left out,
+// because the cost jumps there.
 struct Problem {
   VoxelPlaneMap map{PlaneMapConfig{}};
   PointVector cloud;
@@ -57,8 +57,8 @@ struct Problem {
     return accumulate(map, points, matched, at, gate(), weak);
   }
 
-  // Of Geman and McClure's costs, k^2 r^2 / (k^2 + r^2) / 2, shared by a crowd: the weight is the
-  // square of k^2 / (k^2 + r^2), so shared.
+  // Sum of the Geman-McClure costs k^2 r^2 / (k^2 + r^2) / 2, divided by the crowd's factor: the
+  // weight is the square of k^2 / (k^2 + r^2), divided by the same factor.
   double cost(const SweepMotion& at) {
     sums(at);
     const double kernel2 = gate().kernel_m * gate().kernel_m;
@@ -86,7 +86,7 @@ TEST_P(GradientOf, MatchesNumericDifferences) {
   ASSERT_GT(problem.cloud.size(), 4000u);
   constexpr double kStep = 2e-4;
   for (int i = 0; i < 18; ++i) {
-    // A bend moves the points by an eighth at most.
+    // A bend moves the points by an eighth of itself at most.
     const double scale = i < 12 ? 1.0 : 8.0;
     const auto cost = [&](double step) {
       SweepMotion moved = problem.motion;
@@ -162,7 +162,7 @@ TEST(NormalEquations, AlongAWeakAxisOnlyPlanesThatFaceItCount) {
   const double all = along(axis, 0.0F);
   ASSERT_GT(all, 100.0);
   EXPECT_GT(along(axis, 0.1F), 0.95 * all);
-  // No cosine is so large: nothing is left along the axis, all across it.
+  // No cosine exceeds 1.1: no information remains along the axis, and all of it across.
   EXPECT_LT(along(axis, 1.1F), 1e-3 * all);
   EXPECT_NEAR(along(across, 1.1F), along(across, 0.0F), 0.01 * along(across, 0.0F));
 }

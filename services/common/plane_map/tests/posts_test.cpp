@@ -1,4 +1,4 @@
-// Posts: what a coarser voxel gives for finest ones that are nothing by themselves.
+// Posts: a coarser voxel's line that serves its finest voxels without a fit of their own.
 
 #include <gtest/gtest.h>
 
@@ -57,7 +57,7 @@ TEST(Posts, APostEachOfWhoseVoxelsOneRingMetIsALine) {
   const Match match = map.find(0.93f, 0.95f, 0.82f);
   ASSERT_EQ(match.count, 2);
   EXPECT_FALSE(match.is_plane);
-  // Free along the post, and across it a residual of as many noises as the point is sigmas off.
+  // Unconstrained along the post; across it, residuals count in sigmas of the distribution.
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (int i = 0; i < match.count; ++i) {
     const Vector3d n(match.rows[i].nx, match.rows[i].ny, match.rows[i].nz);
@@ -75,7 +75,7 @@ TEST(Posts, WhatTheVoxelsFacesCutOffIsNone) {
     return map.find(0.93f, static_cast<float>(y), 0.82f).count;
   };
   EXPECT_EQ(rows_at(0.75), 2);
-  EXPECT_EQ(rows_at(0.25), 0);  // as of a wall that goes on in the next voxel
+  EXPECT_EQ(rows_at(0.25), 0);  // could be a wall that continues in the next voxel
   EXPECT_EQ(rows_at(1.8), 0);
 }
 
@@ -88,8 +88,8 @@ TEST(Posts, WhatOneRingSawMostOfIsNone) {
   EXPECT_EQ(map.find(0.93f, 0.95f, 0.82f).count, 0);
 }
 
-// Flat ground, one long wall and thin posts on the other side: along the wall nothing but these
-// holds. Some stand where no voxel holds them whole.
+// Flat ground, one long wall and thin posts on the other side, which alone constrain the direction
+// along the wall. Some posts stand where no voxel contains them whole.
 struct Yard {
   double range(const Vector3d& origin, const Vector3d& direction) const {
     double nearest = std::numeric_limits<double>::infinity();
@@ -120,7 +120,7 @@ double error_along_the_wall_m(double post_width_m, double crowd_points) {
 }
 
 TEST(Posts, HoldASensorAlongAWall) {
-  // Each point for itself: nothing but the posts makes the difference.
+  // Points counted fully (crowd_points 0), so that only the posts make the difference.
   EXPECT_GT(error_along_the_wall_m(0.0, 0.0), 0.2);
   EXPECT_LT(error_along_the_wall_m(kWidth_m, 0.0), 0.06);
   EXPECT_LT(error_along_the_wall_m(kWidth_m, MatcherConfig{}.crowd_points), 0.06);

@@ -1,5 +1,5 @@
 #pragma once
-// A box-shaped room, ray-cast in closed form: the truth that the tests hold the matching to.
+// A box-shaped room, ray-cast in closed form: the ground truth of the tests.
 
 #include <Eigen/Core>
 #include <cmath>

@@ -31,7 +31,7 @@ SweepInput input(const PointVector& points, int number) {
   return sweep;
 }
 
-// For scans without noise: thin planes only, so that voxels with a corner in them are no planes.
+// For scans without noise: only thin planes are accepted, so voxels with a corner are no planes.
 PlaneMapConfig exact() {
   PlaneMapConfig config;
   config.range_noise_m = 0.002;
@@ -43,7 +43,7 @@ struct Drive {
   std::vector<ScanToMapResult> results;
 };
 
-// Two sweeps at rest, a ramp up to the twist over `ramp` sweeps, then `steady` ones at it.
+// Two sweeps at rest, a ramp up to the twist over `ramp` sweeps, then `steady` sweeps at it.
 Drive drive(ScanToMap& tracker, const Room& room, const Scanner& scanner,
             const Vector6& twist_per_s, int ramp, int steady) {
   std::mt19937 random(1);
@@ -66,7 +66,7 @@ double angle_rad(const Pose& a, const Pose& b) {
   return log_so3(a.linear().transpose() * b.linear()).norm();
 }
 
-// The map is made from the truth, so that nothing but the matcher can be wrong.
+// The map is built from true poses, so that only the matcher can err.
 class OneSweep : public ::testing::TestWithParam<int> {};
 
 TEST_P(OneSweep, IsMatched) {
@@ -88,7 +88,7 @@ TEST_P(OneSweep, IsMatched) {
   const Pose T_start = pose_from_xyz_rpy_deg({0.1, -0.2, 0.05}, {1.0, -0.5, 3.0});
   const PointVector cloud = scan(Room{}, Scanner{}, T_start, v, random);
   const SweepPoints points(input(cloud, 0), 0.5);
-  MotionPrior prior;  // a start that is off, and a prior that says next to nothing
+  MotionPrior prior;  // a start with an error, and a prior with hardly any information
   prior.start.T_mid = map.T_grid_map() * T_start;
   prior.predicted = prior.start;
   prior.information = 1e-3 * Matrix12::Identity();
@@ -228,7 +228,7 @@ TEST(ScanToMap, ClosedRoomIsNotFlagged) {
   }
 }
 
-// What an odometry that is right says of a sweep.
+// The prediction of an odometry without errors.
 MotionPrediction true_motion(const Pose& T_start, const Vector6& twist_per_s, double pose_variance,
                              double twist_variance) {
   MotionPrediction odometry;
@@ -261,7 +261,7 @@ TEST(ScanToMap, CorridorKeepsThePredictedMotionAlongItsAxis) {
   EXPECT_LT(std::abs(result.T_map_base_end.translation().y()), 0.01);
 }
 
-// How far along an endless corridor it comes, the speed known from the odometry's first six sweeps.
+// Estimated distance along an endless corridor; odometry gives the speed in the first six sweeps.
 double way_in_a_corridor_m(const PlaneMapConfig& map, const Vector6& v, int sweeps) {
   Room corridor;
   corridor.open_x = true;
@@ -282,9 +282,9 @@ double way_in_a_corridor_m(const PlaneMapConfig& map, const Vector6& v, int swee
   return result.T_map_base_end.translation().x();
 }
 
-// Traces of a ring across the floor and a few points on the wall make planes that go with the
-// sensor: believed, they hold it back at once. Here, where each sweep's beams point where the last
-// one's did and nothing tells the way, other such errors bring it to a stop in the end.
+// The trace of one ring across the floor and a few points on the wall form phantom planes that move
+// with the sensor: if accepted, they hold it back at once. Here all sweeps have the same beam
+// directions and nothing constrains the corridor's axis, so other such errors stop it in the end.
 TEST(ScanToMap, AlongAnEmptyCorridorTracesOfOneRingHoldItBackTheLessTheyCount) {
   const Vector6 v = twist(1.0, 0, 0, 0, 0, 0);
   PlaneMapConfig believing, doubting;
@@ -313,7 +313,7 @@ TEST(ScanToMap, SameInputGivesTheSameBytes) {
   }
 }
 
-// How far off it comes where of a wall in the map, 5 m ahead, the other side is seen, 0.2 m behind.
+// Error of the pose when the sensor sees the other side, 0.2 m behind, of a mapped wall 5 m ahead.
 double drawn_by_a_walls_other_side_m(const MatcherConfig& matcher) {
   Room other_side;
   other_side.high.x() += 0.2;
@@ -327,7 +327,7 @@ double drawn_by_a_walls_other_side_m(const MatcherConfig& matcher) {
 }
 
 TEST(ScanToMap, AWallsOtherSideDoesNotDrawThePose) {
-  MatcherConfig one_gate;  // as after a turn in which the prediction was 0.1 m off
+  MatcherConfig one_gate;  // as after a rotation in which the prediction was 0.1 m off
   one_gate.min_gate_m = one_gate.max_gate_m = 0.5;
   MatcherConfig two_gates = one_gate;
   one_gate.fine_gate_m = one_gate.fine_kernel_m = 1.0;
@@ -335,7 +335,7 @@ TEST(ScanToMap, AWallsOtherSideDoesNotDrawThePose) {
   EXPECT_LT(drawn_by_a_walls_other_side_m(two_gates), 0.003);
 }
 
-// Where it went on without the map, it may be off by more than the fine gate.
+// After a gap, the prediction's error may exceed the fine gate.
 TEST(ScanToMap, AfterAGapItIsFoundFromFarther) {
   Scanner scanner;
   scanner.noise_m = 0.02;
@@ -350,8 +350,8 @@ TEST(ScanToMap, AfterAGapItIsFoundFromFarther) {
   EXPECT_LT(distance_m(result.T_map_base_mid, T_room_start), 0.01);
 }
 
-// However small its covariance, a prediction beside the motion of the sweep before changes where
-// the solver starts, not what it finds: it comes from the same points.
+// However small its covariance, a prediction beside the motion of the sweep before changes only
+// where the solver starts, not its result: the prediction comes from the same points.
 TEST(ScanToMap, APredictionBesideTheMotionBeforeIsAStartOnly) {
   Scanner scanner;
   scanner.noise_m = 0.02;
@@ -418,7 +418,8 @@ std::size_t counted(const VoxelPlaneMap& map) {
   return points;
 }
 
-// An HDL-64E's sweep is four of a VLP-16's: of it no fewer than enough are used, nor twice as many.
+// An HDL-64E's sweep has the points of four of a VLP-16's: at least enough_points of them are used,
+// and less than twice as many.
 TEST(ScanToMap, ADenseSweepIsThinnedToEnough) {
   Scanner dense;
   dense.rings = 64;

@@ -1,4 +1,4 @@
-// Which points of a sweep are taken, and in which order.
+// Which points of a sweep are selected, and in which order.
 #include "common/plane_map/sweep_points.hpp"
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint32_t kPeriod_ns = 100'000'000;
 
-/// Ring by ring, as odometry hands them on; x tells the firing.
+/// A sweep ring by ring, as odometry publishes it; x is the number of the firing plus one.
 PointVector full_sweep(int rings, int firings) {
   PointVector points;
   for (int ring = 0; ring < rings; ++ring) {
@@ -68,7 +68,7 @@ TEST(SweepPoints, AllPointsHaveTheirTurn) {
   EXPECT_EQ(taken.size(), 301U);
 }
 
-// One firing after the other, and over the end of the first part.
+// Stretches consist of successive firings, also across the end of the first part.
 TEST(SweepPoints, NeighboursAreTakenTogether) {
   const PointVector edges = full_sweep(1, 101);
   PointVector planes = full_sweep(1, 150);

@@ -63,7 +63,8 @@ TEST(VoxelPlaneMapState, WhatWasSavedGivesTheSamePlanes) {
 }
 
 TEST(VoxelPlaneMapState, CountingGoesOnWhereItWas) {
-  // When a plane is fitted anew depends on when it was looked up: here always.
+  // When a plane is fitted again depends on the look-ups. Here it is at the first one after each
+  // change.
   PlaneMapConfig always = config();
   always.refit_growth = 1.0;
   always.settled_points = 1'000'000;

@@ -116,7 +116,7 @@ TEST(VoxelPlaneMap, ASingleNoisyRingIsNoPlane) {
   }
 }
 
-// Without noise even: a bent trace lies in a plane of its own, which is no surface.
+// Even without noise, the bent trace of one ring lies in a plane that is no surface.
 TEST(VoxelPlaneMap, AnEdgeBentAroundByOneRingIsNoPlane) {
   for (const int rings : {1, 2}) {
     VoxelPlaneMap map(upright_grid());
@@ -144,7 +144,7 @@ TEST(VoxelPlaneMap, SmallFacesAreFoundBesideABigWall) {
   EXPECT_GE(faces, 8);
 }
 
-// The trace of one ring across the floor, along y, and a few points of others beside it.
+// The trace of one ring across the floor, along y, and a few points of other rings beside it.
 VoxelPlaneMap trace_and_others(const PlaneMapConfig& config, Vector3d others, float noise_x_m,
                                float noise_z_m, int count_of_others) {
   VoxelPlaneMap map(config);
@@ -175,8 +175,8 @@ TEST(VoxelPlaneMap, ATraceOfOneRingWithAFewPointsOnTheWallBesideItIsNoPlane) {
         .is_plane;
   };
   EXPECT_FALSE(is_plane(PlaneMapConfig{}.one_ring_lead, 14));
-  EXPECT_TRUE(is_plane(PlaneMapConfig{}.one_ring_lead, 100));  // as many as make a face of it
-  // The fault that the rule is there for.
+  EXPECT_TRUE(is_plane(PlaneMapConfig{}.one_ring_lead, 100));  // enough points for a real surface
+  // Without the rule, the trace counts as a plane.
   EXPECT_TRUE(is_plane(1.0, 14));
 }
 
@@ -201,7 +201,7 @@ TEST(VoxelPlaneMap, WallOnAVoxelFaceIsOnePlaneThankToTheTurnedGrid) {
     return worst;
   };
   EXPECT_LT(offset_error(PlaneMapConfig{}), 0.008);
-  // The fault that the turned grid is there for: two half-noise planes 16 mm off on either side.
+  // Without the rotated grid: two half-noise planes, 16 mm off on either side.
   EXPECT_GT(offset_error(upright_grid()), 0.012);
 }
 
@@ -248,7 +248,7 @@ TEST(VoxelPlaneMap, PlanesLeftBehindDropTheirFinerVoxels) {
   const std::size_t far = map.statistics().voxels;
   EXPECT_LT(2 * far, near);
   EXPECT_EQ(planes(), 121);
-  // What is seen of it again is counted, and makes no finer voxels.
+  // Points seen again are counted, and create no finer voxels.
   add(2);
   EXPECT_EQ(planes(), 121);
   EXPECT_LT(map.statistics().voxels, far + far / 10);
@@ -265,13 +265,13 @@ TEST(VoxelPlaneMap, FarVoxelsGoAndNearOnesStay) {
   EXPECT_FALSE(map.plane_at({0, 0, 0}));
   EXPECT_TRUE(map.plane_at({50, 0, 0}));
   EXPECT_LT(map.statistics().voxels, before);
-  // What was dropped is used again: the same patch elsewhere takes no new memory.
+  // Released memory is reused: the same patch elsewhere takes no new memory.
   const std::size_t bytes = map.statistics().bytes;
   map.insert_points(patch({60, 0, 0}, Vector3d::UnitZ(), 1.0, 0.01, 3000, 1));
   EXPECT_LE(map.statistics().bytes, bytes + 4096);
 }
 
-// Of a cluttered place, some of them twice, on both sides of the origin.
+// Points of a cluttered place on both sides of the origin; some have a near neighbour.
 std::vector<LocalPoint> clutter(std::size_t count, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<float> place(0.0f, 3.0f);
@@ -285,7 +285,7 @@ std::vector<LocalPoint> clutter(std::size_t count, unsigned seed) {
   return points;
 }
 
-// What a voxel should hold, from the points themselves.
+// Compares a voxel with the sums computed directly from the points.
 void expect_counted(const SavedVoxel& voxel, const std::vector<LocalPoint>& points, double edge_m) {
   const Vector3d low = edge_m * Vector3d(voxel.x, voxel.y, voxel.z);
   const Vector3d centre = low.array() + 0.5 * edge_m;
@@ -302,7 +302,7 @@ void expect_counted(const SavedVoxel& voxel, const std::vector<LocalPoint>& poin
     of_ring += p.ring;
   }
   ASSERT_EQ(voxel.count, count);
-  // Of two rings the votes tell exactly which leads, and by how much.
+  // With two rings, the majority vote is exact: which ring leads, and by how much.
   const std::uint32_t others = count - of_ring;
   EXPECT_EQ(voxel.lead, std::max(of_ring, others) - std::min(of_ring, others));
   EXPECT_TRUE(voxel.lead == 0 || voxel.ring == (of_ring > others ? 1 : 0));
