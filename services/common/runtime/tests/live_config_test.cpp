@@ -240,7 +240,7 @@ TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing
   };
   features(0, 0);
   ASSERT_TRUE(count.wait([](std::size_t n) { return n == 1; }));
-  features(1, 1);  // of a revision nobody has heard of
+  features(1, 1);  // made with an unknown revision
   while (invalid() < 1) std::this_thread::yield();
   zenoh::PublisherOptions c;
   c.encoding = encoding_of(Key::kConfigRevision);
@@ -266,7 +266,7 @@ TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing
     ASSERT_LT(tries, 1000U);
   }
   const std::uint64_t before = invalid();
-  features(2, 0);  // of one that is not in force any more
+  features(2, 0);  // made with a revision that is no longer in force
   while (invalid() == before) std::this_thread::yield();
   features(2, 1);
   ASSERT_TRUE(count.wait([](std::size_t n) { return n == 3; }));

@@ -182,7 +182,7 @@ TEST(Stage, AnotherRunIsRefusedAndTheDriversGoesOn) {
   out.put(sweep_bytes(sweep_header(1, 0, false)));
   for (std::uint64_t run = 2; run < 50; ++run) out.put(sweep_bytes(sweep_header(run, 0, false)));
   out.put(sweep_bytes(sweep_header(1, 900'000, false)));
-  out.put(sweep_bytes(sweep_header(1, 1, true)));  // of a live run
+  out.put(sweep_bytes(sweep_header(1, 1, true)));  // marked as a replay in a live run
   out.put(sweep_bytes(sweep_header(1, 1, false)));
   ASSERT_TRUE(reader.wait_for(2));
   reader.stage->stop();

@@ -16,7 +16,7 @@ GetOptions patient() {
   return options;
 }
 
-/// Asks until somebody answers: the queryable of another session is not known at once.
+/// Repeats the get until it is answered: the queryable of another session is not known at once.
 std::vector<Reply> ask(Session& session, std::string_view selector, GetOptions options = patient(),
                        std::size_t wanted = 1) {
   const auto end = std::chrono::steady_clock::now() + kPatience;
@@ -135,7 +135,7 @@ TEST(Query, WhoDoesNotAnswerIsReportedAfterTheTimeout) {
   ASSERT_EQ(replies.size(), 1u);
   EXPECT_FALSE(replies[0].ok());
   EXPECT_EQ(replies[0].error.to_string(), "Timeout");
-  held.change([](auto& queries) {  // too late: nobody listens, nothing breaks
+  held.change([](auto& queries) {  // a late reply is ignored
     ASSERT_EQ(queries.size(), 1u);
     queries[0].reply("test/a", Bytes::copy_of("late"));
     queries.clear();

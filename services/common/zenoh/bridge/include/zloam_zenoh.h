@@ -1,4 +1,4 @@
-/* C ABI of the Zenoh bridge (Rust crate zloam-zenoh). check_header.py holds it against src/.
+/* C ABI of the Zenoh bridge (Rust crate zloam-zenoh). check_header.py compares it with src/.
  *
  *  - Handles are opaque. zloam_*_drop takes null; handles passed in elsewhere are only borrowed.
  *  - A status other than ZLOAM_OK comes with a text: zloam_last_error(), on the same thread.
@@ -39,7 +39,7 @@ typedef struct zloam_slice {
   size_t size;
 } zloam_slice;
 
-/* Valid during the call it is passed to, except payload and attachment, which become the callee's;
+/* Valid during the call it is passed to, except payload and attachment, which the callee owns;
  * attachment is null when there is none. */
 typedef struct zloam_sample {
   zloam_slice key;
@@ -60,7 +60,7 @@ typedef struct zloam_publisher_options {
   bool reliable;
 } zloam_publisher_options;
 
-/* Valid as long as the query, except payload, which becomes the caller's (null: none). */
+/* Valid as long as the query, except payload, which the caller owns (null: none). */
 typedef struct zloam_query_view {
   zloam_slice key;
   zloam_slice parameters;
@@ -70,16 +70,16 @@ typedef struct zloam_query_view {
 typedef void (*zloam_drop_fn)(void* context);
 typedef void (*zloam_on_sample)(void* context, const zloam_sample* sample);
 typedef void (*zloam_on_matching)(void* context, bool matching);
-/* The query becomes the callee's, which ends it with zloam_query_drop, on any thread. */
+/* The callee owns the query and ends it with zloam_query_drop, on any thread. */
 typedef void (*zloam_on_query)(void* context, zloam_query* query);
-/* Either a sample, or the payload of an error reply, which becomes the callee's. */
+/* Either a sample, or the payload of an error reply, which the callee owns. */
 typedef void (*zloam_on_reply)(void* context, const zloam_sample* sample, zloam_bytes* error);
 
 /* Text of the last failed call on this thread; valid until the next failed call on it. */
 const char* zloam_last_error(void);
 /* For tests: panics with the text. */
 zloam_status zloam_test_panic(zloam_slice text);
-/* Zenoh's log to standard error; RUST_LOG goes before the level given here. */
+/* Zenoh's log to standard error; RUST_LOG overrides the level given here. */
 zloam_status zloam_init_log(zloam_slice fallback_level);
 
 /* Bytes. own: no copy, drop(context) frees the memory when the last reference goes. */
@@ -91,9 +91,9 @@ zloam_status zloam_bytes_in_parts(const zloam_bytes* bytes, size_t part, zloam_b
 void zloam_bytes_drop(zloam_bytes* bytes);
 size_t zloam_bytes_size(const zloam_bytes* bytes);
 bool zloam_bytes_is_shared_memory(const zloam_bytes* bytes);
-/* False once shared memory may have been written again: what was read before is not to be believed. */
+/* False once shared memory may have been overwritten: bytes read before may be invalid. */
 bool zloam_bytes_is_intact(const zloam_bytes* bytes);
-/* The bytes where they lie; false when they are in several fragments. */
+/* The bytes in place; false when they are in several fragments. */
 bool zloam_bytes_view(const zloam_bytes* bytes, zloam_slice* out);
 /* All fragments, one after the other, to size bytes at destination. */
 void zloam_bytes_copy_to(const zloam_bytes* bytes, uint8_t* destination);
@@ -135,7 +135,7 @@ zloam_status zloam_session_declare_subscriber(const zloam_session* session, zloa
                                               zloam_drop_fn drop, zloam_subscriber** out);
 void zloam_subscriber_drop(zloam_subscriber* subscriber);
 
-/* Queries. get returns at once; its drop comes after the last answer or the timeout. */
+/* Queries. get returns at once; its drop is called after the last answer or the timeout. */
 zloam_status zloam_session_declare_queryable(const zloam_session* session, zloam_slice key,
                                              bool complete, zloam_on_query call, void* context,
                                              zloam_drop_fn drop, zloam_queryable** out);
