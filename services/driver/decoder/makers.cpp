@@ -16,7 +16,7 @@ struct Entry {
   std::unique_ptr<const Maker> (*make)(const DecodingOptions& options);
 };
 
-// The order decides nothing: no two makers' packets are alike.
+// The order does not matter: no packet fits two makers.
 constexpr std::array kMakers = {
     Entry{velodyne::models, velodyne::make},
     Entry{ouster::models, ouster::make},

@@ -23,9 +23,9 @@ Motor::Motor(double group_ns)
       least_cdeg_(advance_at(kMinRpm, group_ns)),
       greatest_cdeg_(advance_at(kMaxRpm, group_ns)) {}
 
-// The advance is the packet's mean of plausible gaps: the motor's inertia makes it steadier than a
-// single gap, whose 0.01 degree rounding it averages out. It never looks beyond the packet, so that
-// a lost packet cannot smear it.
+// The advance is the packet's mean of plausible gaps: the motor's inertia keeps the speed steady,
+// and the mean averages out the 0.01 degree rounding of a single gap. Only gaps within the packet
+// count, so that a lost packet has no influence.
 void Motor::measure(PacketPlan& plan) {
   if (plan.groups == 1) {
     measure_by_packets(plan);
@@ -34,7 +34,7 @@ void Motor::measure(PacketPlan& plan) {
   if (!measure_even(plan)) measure_uneven(plan);
 }
 
-/// Nearly all packets: whichever gap is the median, all count.
+/// Fast path for nearly all packets: if the gaps are this even, all are plausible.
 bool Motor::measure_even(PacketPlan& plan) {
   int sum = 0;
   int least = kTurnCdeg;
@@ -81,7 +81,7 @@ void Motor::measure_uneven(PacketPlan& plan) {
       sum += gap_cdeg;
       ++counted;
     } else if (gap_cdeg > 0 && gap_cdeg < kTurnCdeg - 2 * median) {
-      // Slightly backwards is jitter of the encoder; this is a gap.
+      // A gap near a full revolution is a small step back by encoder jitter, and is excluded here.
       ++large;
       large_at = i;
     }
@@ -100,9 +100,9 @@ void Motor::keep(double advance_cdeg, PacketPlan& plan) {
       follows ? smooth_advance_cdeg_ + (advance_cdeg - smooth_advance_cdeg_) / 32.0 : advance_cdeg;
 }
 
-// A packet of one group (128 beams, two returns) cannot tell its own advance. The motor's speed is
-// taken from the stamps and azimuths of this packet and the one before: a speed, so that a lost
-// packet between them does no harm.
+// A packet of one group (128 beams, two returns) does not contain its own advance. The motor's
+// speed is computed from the stamps and azimuths of this packet and the one before; as a speed, it
+// is not affected by a lost packet between them.
 void Motor::measure_by_packets(PacketPlan& plan) {
   plan.advance_cdeg = last_advance_cdeg_;
   if (!plan.group[0].valid) return;
@@ -120,8 +120,8 @@ void Motor::measure_by_packets(PacketPlan& plan) {
   last_advance_cdeg_ = advance_cdeg;
 }
 
-// A restricted field of view shows as one large gap forward within a packet. The sensor turned on
-// meanwhile, so the groups behind the gap are later by the time it took to pass it.
+// A restricted field of view shows as one large gap forward within a packet. The sensor rotates
+// through that gap, so the groups behind it are later by the time that takes.
 void Motor::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const {
   plan.gap_before_group = first_group;
   const double skipped_groups = gap_cdeg / smooth_advance_cdeg_ - 1.0;

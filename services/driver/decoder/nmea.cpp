@@ -18,7 +18,7 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
   }
 }
 
-/// Digits with at most one point; nothing for anything else.
+/// Parses digits with at most one point; nothing for any other text.
 std::optional<double> number(std::string_view text) {
   const auto is_part = [](char c) { return c == '.' || (c >= '0' && c <= '9'); };
   if (!std::all_of(text.begin(), text.end(), is_part)) return std::nullopt;
@@ -29,7 +29,7 @@ std::optional<double> number(std::string_view text) {
   return value;
 }
 
-/// ddmm.mmmm or dddmm.mmmm to degrees.
+/// Converts ddmm.mmmm or dddmm.mmmm to degrees.
 std::optional<double> degrees(std::string_view text, std::string_view hemisphere) {
   const auto value = number(text);
   if (!value || *value > 18000.0) return std::nullopt;
@@ -38,7 +38,7 @@ std::optional<double> degrees(std::string_view text, std::string_view hemisphere
   return hemisphere == "S" || hemisphere == "W" ? -result : result;
 }
 
-/// Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, chrono-compatible date algorithms).
+/// Days since 1970-01-01 in the Gregorian calendar (H. Hinnant, chrono-compatible date algorithms).
 std::int64_t days_from_civil(int year, int month, int day) {
   year -= month <= 2;
   const int era = year / 400;
@@ -48,7 +48,7 @@ std::int64_t days_from_civil(int year, int month, int day) {
   return static_cast<std::int64_t>(era) * 146097 + day_of_era - 719468;
 }
 
-/// ddmmyy and hhmmss.sss to ns since the Unix epoch; 0 when there is none.
+/// Converts ddmmyy and hhmmss.sss to ns since the Unix epoch; 0 if either is invalid.
 std::int64_t utc_ns(std::string_view date, std::string_view time) {
   const auto day_number = number(date);
   const auto time_number = number(time);
@@ -72,8 +72,7 @@ int hex_value(char c) {
   return -1;
 }
 
-/// The sentence between '$' and '*' when its checksum is right. Line ends and padding may be there
-/// or not.
+/// The sentence between '$' and '*' if its checksum is right. Line ends and padding are optional.
 std::optional<std::string_view> checked_body(std::string_view sentence) {
   const std::size_t star = sentence.find('*');
   if (sentence.empty() || sentence[0] != '$' || star == std::string_view::npos) return std::nullopt;

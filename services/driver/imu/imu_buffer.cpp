@@ -6,10 +6,10 @@
 namespace zloam::driver {
 namespace {
 
-// A clock that was set back by more than this starts a new series.
+// If the clock was set back by more than this, the readings start again.
 constexpr std::int64_t kRestart_ns = 1'000'000'000;
 constexpr double kGravity_mps2 = 9.80665;
-// A platform that accelerates adds less than half of g to the mean of a second.
+// A platform's acceleration changes the mean force of a second by less than half of g.
 constexpr double kLeastForce_mps2 = 0.5 * kGravity_mps2;
 constexpr double kMostForce_mps2 = 2.0 * kGravity_mps2;
 

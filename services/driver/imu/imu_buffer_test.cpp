@@ -31,7 +31,7 @@ TEST(ImuBuffer, GivesWhatCoversASweepWithItsMargin) {
   EXPECT_EQ(first.front(), 70);
   EXPECT_EQ(first.back(), 230);
   EXPECT_EQ(first.size(), 33U);
-  // The next sweep's begin is still there.
+  // The readings at the next sweep's begin are still buffered.
   const Stamps second = stamps_ms(buffer.covering(200'000'000, 300'000'000));
   EXPECT_EQ(second.front(), 170);
   EXPECT_EQ(second.back(), 330);
@@ -81,7 +81,8 @@ std::string said_of(const Eigen::Vector3d& force, const Eigen::Vector3d& rpy_deg
                      pose_from_xyz_rpy_deg({0, 0, 0}, rpy_deg).linear());
 }
 
-// A sensor at rest (REP 145): level, rolled by 10 degrees, pitched by 20, both.
+// A sensor at rest (REP 145): level, rolled by 10 degrees, pitched by 20 degrees, rolled and
+// pitched.
 TEST(WrongUnits, NothingIsSaidOfTheSpecificationsAttitudes) {
   EXPECT_EQ(said_of({0.0, 0.0, 9.81}), "");
   EXPECT_EQ(said_of({0.0, 1.70349, 9.66096}), "");

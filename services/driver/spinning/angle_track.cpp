@@ -9,9 +9,10 @@ namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
 constexpr std::int64_t kGapNs = 50'000'000;
-// Readings on either side of a time, through which a line is laid.
+// Readings on either side of a time, to which a line is fitted.
 constexpr std::size_t kSide = 5;
-// A reading lies within half a step of the angle; the line's own error comes to that.
+// A reading is within half a step of the encoder from the angle; the fitted line's own error adds
+// to that.
 constexpr double kWithinGrains = 0.75;
 
 }  // namespace
@@ -41,7 +42,7 @@ void AngleTrack::add(AngleReading reading) {
 
 bool AngleTrack::reaches(std::int64_t stamp_ns) const {
   if (readings_.empty()) return false;
-  // What the line looks at on the far side is waited for, unless there is a gap.
+  // The line fit needs readings after the time as well, except before a gap.
   const auto after =
       std::lower_bound(readings_.begin(), readings_.end(), stamp_ns,
                        [](const AngleReading& r, std::int64_t ns) { return r.stamp_ns < ns; });
@@ -49,8 +50,8 @@ bool AngleTrack::reaches(std::int64_t stamp_ns) const {
          readings_.back().stamp_ns > stamp_ns + kGapNs;
 }
 
-/// The readings around a time as a line, where they lie on one within the encoder's step: then it
-/// is better than any of them.
+/// Fits a line to the readings around a time. It is more precise than any single reading, but valid
+/// only if all lie on it within the encoder's step.
 std::optional<double> AngleTrack::on_line(std::size_t after, std::int64_t stamp_ns) const {
   if (after < kSide || after + kSide > readings_.size()) return std::nullopt;
   double n = 0.0, st = 0.0, sa = 0.0, stt = 0.0, sta = 0.0;

@@ -16,7 +16,7 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 
 using Readers = std::map<std::string, std::function<void(const YAML::Node&)>>;
 
-/// A number within these; written so that what is no number does not pass.
+/// Reads a number within bounds; the condition is written so that NaN fails it.
 std::function<void(const YAML::Node&)> number(double& into, double least, double most) {
   return [&into, least, most](const YAML::Node& node) {
     const auto value = node.as<double>();
@@ -42,7 +42,7 @@ std::function<void(const YAML::Node&)> vector(Eigen::Vector3d& into) {
   };
 }
 
-/// "motor.speed", where it lies: ahead of a message about it.
+/// Throws a message that begins with the full name of the key, such as "motor.speed".
 [[noreturn]] void object(const std::string& key, const std::string& text) {
   throw std::invalid_argument(key + " " + text);
 }
@@ -72,7 +72,7 @@ YAML::Node parsed(const std::string& text) {
   }
 }
 
-/// motor.profile as it is written; what it leaves out is no number.
+/// motor.profile as written in the file; NaN marks a required key that is missing.
 struct ToldProfile {
   double from_s = std::nan("");
   double speed_deg_s = std::nan("");
@@ -122,7 +122,8 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
       {"backward", flag(backward)},
       {"delay_ms", number(delay_ms, -1000.0, 1000.0)},
       {"turn_s", [&](const YAML::Node& node) { number(turn_s.emplace(), 0.1, 30.0)(node); }},
-      // read after the others, as its own keys are named whole
+      // Only noted here: its keys are read afterwards, so that errors name them with their full
+      // path.
       {"profile", [&](const YAML::Node&) { profile.emplace(); }}};
   const YAML::Node root = parsed(text);
   if (root && !root.IsNull() && !root.IsMap()) {

@@ -6,9 +6,10 @@
 namespace zloam::driver::spinning {
 namespace {
 
-// Lines whose angles are this late never get any: live, the motor's readings have stopped.
+// Angles this much later than their line never arrive: in a live run, the motor's readings have
+// stopped.
 constexpr std::int64_t kAngleLateNs = 1'000'000'000;
-// Lines are told apart by so many numbers; those in reach of each other have different ones.
+// Lines are numbered modulo this; lines near enough to be confused with each other differ.
 constexpr std::uint16_t kLineNumbers = 64;
 constexpr double kMetresPerMm = 1e-3;
 
@@ -56,7 +57,7 @@ void SpinningSweeps::add(scip::TimedScan scan, const scip::Parameters& scanner) 
   settle(false);
 }
 
-/// Lines whose angles are decided, in their order.
+/// Puts the waiting lines, in order, into sweeps, as far as their angles are known or missing.
 void SpinningSweeps::settle(bool ended) {
   while (!waiting_.empty()) {
     const Line& line = waiting_.front();

@@ -1,4 +1,4 @@
-// Lines and angles to points, against worked examples; angles between an encoder's readings.
+// Lines and angles to points, against worked examples; interpolation of the encoder's readings.
 
 #include "driver/spinning/sweeps.hpp"
 
@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr std::int64_t kMs = 1'000'000;
-// Any; all stamps count from it.
+// Arbitrary origin of all stamps.
 constexpr std::int64_t kZero = 1'700'000'000'000 * kMs;
 
 scip::Parameters utm() {
@@ -84,7 +84,7 @@ TEST(SpinningSweepsTest, WorkedExamples) {
 }
 
 TEST(SpinningSweepsTest, ZeroDirectionAndDelayOfTheEncoder) {
-  // What an encoder that counts backward from elsewhere, and is stamped late, tells of the same.
+  // The readings of kSteady from an encoder that counts backward from another zero and stamps late.
   SpinningConfig config;
   config.mount.zero_rad = 40.0 * kDegree;
   config.mount.direction = -1.0;
@@ -115,7 +115,7 @@ TEST(SpinningSweepsTest, CodesAndFarRangesAreNoPoints) {
   EXPECT_EQ(sweep.points.size(), 1U);
 }
 
-/// Lines every 25 ms, with readings of a motor at 180 degrees a second every 2 ms.
+/// Lines every 25 ms, and every 2 ms a reading of a motor at 180 degrees per second.
 struct Rig {
   SpinningSweeps sweeps{SpinningConfig{}};
   std::int64_t read_ns = 0;
@@ -204,7 +204,7 @@ TEST(SpinningSweepsTest, WithoutAnglesForASecondLinesAreGivenUp) {
   EXPECT_GT(rig.sweeps.without_angle_in_row(), 40U);
 }
 
-/// 90 degrees to either side at 180 degrees a second, and 0.1 s from one way to the other.
+/// 90 degrees to either side at 180 degrees per second; a reversal takes 0.1 s.
 MotorProfile swing_from(double from_s) { return {from_s, 180.0 * kDegree, 90.0 * kDegree, 0.1}; }
 
 TEST(MotorProfileTest, ASwingBySomeOfItsInstants) {
@@ -213,7 +213,7 @@ TEST(MotorProfileTest, ASwingBySomeOfItsInstants) {
   const auto degrees = [&](double s) {
     return profile.angle_rad(kZero + 250 * kMs + std::llround(1e9 * s)) / kDegree;
   };
-  // 3600 degrees a second squared for 0.05 s, then 180 degrees a second.
+  // 3600 degrees per second squared for 0.05 s, then 180 degrees per second.
   const std::vector<std::pair<double, double>> expected = {
       {0.0, -90.0},    {0.025, -88.875}, {0.05, -85.5}, {0.525, 0.0}, {1.0, 85.5},
       {1.025, 88.875}, {1.05, 90.0},     {1.1, 85.5},   {1.575, 0.0}, {2.1, -90.0},
@@ -233,7 +233,8 @@ TEST(SpinningSweepsTest, AProfileStandsForReadings) {
   config.profile =
       MotorProfile{1e-9 * static_cast<double>(kZero) - 0.05, 180.0 * kDegree, 0.0, 0.0};
   config.mount.angle_delay_ns = 5 * kMs;
-  // A level line of step 900: at 5 ms and 3/8 of a turn of 25 ms, 10 degrees more than the angle.
+  // Step 900 (90 degrees to the left) is measured 5/8 of the scanner's revolution of 25 ms after
+  // the line's stamp of 5 ms; the encoder's delay adds 5 ms.
   SpinningSweeps sweeps(config);
   sweeps.add(line_of(5 * kMs, {{900, 0, 4000, 0}}), utm());
   sweeps.flush();
@@ -321,7 +322,7 @@ TEST(AngleTrackTest, AWrappedEncoderGoesOn) {
   EXPECT_NEAR(angle, 5.05, 1e-9);
 }
 
-/// So many seconds of a motor that goes by this, a reading every 2 ms.
+/// The time that TurnWatch measures for a motor with this angle over time, read every 2 ms.
 std::optional<double> watched(double seconds, const std::function<double(double)>& degrees) {
   TurnWatch watch;
   for (int i = 0; i < static_cast<int>(500.0 * seconds); ++i) {
@@ -331,7 +332,7 @@ std::optional<double> watched(double seconds, const std::function<double(double)
 }
 
 TEST(TurnWatchTest, ASwingFromReversalToReversal) {
-  // 90 degrees to either side, at 120 degrees a second.
+  // 90 degrees to either side, at 120 degrees per second.
   const auto swing = [](double t_s) {
     const double phase = std::fmod(t_s + 0.4, 3.0);
     return phase < 1.5 ? -90.0 + 120.0 * phase : 90.0 - 120.0 * (phase - 1.5);

@@ -6,7 +6,7 @@
 namespace zloam::driver::spinning {
 namespace {
 
-// Back by more than this is a reversal, and no encoder's step.
+// A step back by more than this is a reversal, not jitter or resolution of the encoder.
 constexpr double kReversal_rad = 0.035;
 constexpr int kEnoughTurns = 3;
 
@@ -41,7 +41,7 @@ void TurnWatch::add(const AngleReading& reading) {
     end(farthest_ns_, farthest_rad_);
     way_ = -way_;
   }
-  // A swing of just half a turn ends by its reversal.
+  // The margin lets a swing of exactly half a revolution end at its reversal.
   const double turned_rad = way_ * (reading.angle_rad - from_rad_);
   if (turned_rad < std::numbers::pi + 2.0 * kReversal_rad) return;
   const double part = std::numbers::pi / turned_rad;

@@ -8,13 +8,13 @@
 namespace zloam::driver {
 namespace {
 
-// The encoder may step back a little; that is no turn.
+// A step back of up to 10 degrees is jitter of the encoder, not a full revolution forward.
 constexpr int kJitterCdeg = 1000;
-// Turned less than this, the speed within the packet tells the period better.
+// Below a rotation of 10 degrees, the advance within a packet measures the period better.
 constexpr int kMeasurableTurnCdeg = 1000;
-// What is cut off after it was added is rounded.
+// Added before truncation, so that the result is rounded to nearest.
 constexpr double kToNearest = 0.5;
-// Points by which a sweep's buffers grow.
+// Points by which a sweep's buffers grow at least.
 constexpr std::size_t kRoomStep = 512;
 
 }  // namespace
@@ -82,7 +82,7 @@ void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t rec
     order(packet);
     return;
   }
-  // The first two may have changed places.
+  // The stream's first two packets may have arrived in reverse order; wait for the second.
   if (hold(packet) && held_.size() > 1) process_first_held();
 }
 
@@ -112,9 +112,10 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   decode_groups(plan, sensor_ns_, packet.received_ns);
 }
 
-// The next three are done for each of a packet's twelve groups, where calls would be half of it.
+// The next three functions run for each of a packet's twelve groups, where the calls would take
+// half of the time.
 
-/// Once in each sweep that the packet has groups in.
+/// Counts the packet once in each sweep that contains groups of it.
 __attribute__((always_inline)) inline void SweepAssembler::count_packet(const PacketPlan& plan) {
   if (packet_counted_) return;
   packet_counted_ = true;
@@ -123,7 +124,7 @@ __attribute__((always_inline)) inline void SweepAssembler::count_packet(const Pa
   sweep_.packet_period_ns = static_cast<std::uint32_t>(decoder_->packet_period_ns(plan.mode));
 }
 
-/// Cuts before this group when it has passed the seam, or when no cut came for too long.
+/// Cuts before this group if it has passed the seam, or if the last cut is too long ago.
 __attribute__((always_inline)) inline void SweepAssembler::advance_to(const PacketPlan& plan,
                                                                       int group,
                                                                       std::int64_t time_ns) {
@@ -134,7 +135,7 @@ __attribute__((always_inline)) inline void SweepAssembler::advance_to(const Pack
   }
   const int forward_cdeg = ahead(phase_cdeg_, phase_cdeg);
   const bool backwards = forward_cdeg > kTurnCdeg - kJitterCdeg;
-  // Multiplied by the group's time: what the motor should have turned.
+  // Rotation expected since the last group, multiplied by the time of a group to save a division.
   const double expected = plan.advance_cdeg * static_cast<double>(time_ns - last_group_ns_);
   const bool missed_turn =
       expected > (forward_cdeg + kHalfTurnCdeg) * decoder_->shape().group_ns && !backwards;
@@ -149,11 +150,12 @@ __attribute__((always_inline)) inline void SweepAssembler::advance_to(const Pack
   phase_cdeg_ = phase_cdeg;
 }
 
-/// The groups of a packet are decoded together, up to a cut: one call instead of twelve.
+/// Collects the groups up to a cut, so that one call decodes them instead of twelve.
 __attribute__((always_inline)) inline void SweepAssembler::place_group(int group,
                                                                        std::int64_t time_ns) {
   const StreamShape& shape = decoder_->shape();
-  // Rounded: never negative, and a division and a library's rounding are a tenth of the decoding.
+  // Rounded by hand, as the value is never negative: a division and std::round would be a tenth of
+  // the decoding time.
   const auto groups = static_cast<std::int64_t>(
       static_cast<double>(time_ns - first_group_ns_) * shape.groups_per_ns + kToNearest);
   const std::int64_t by_angle =
@@ -169,8 +171,9 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
   for (int g = 0; g < plan.groups; ++g) {
     if (!plan.group[g].valid) continue;
     std::int64_t time_ns = packet_ns + plan.group[g].offset_ns;
-    // A view's gap passed a little faster than thought, or a damaged stamp: the points stay in time
-    // order. A group's span is shorter than the time to the next one, so that the delay wears off.
+    // The motor may pass the gap of a restricted view faster than estimated, or a stamp may be
+    // damaged: delay the group to keep the points in time order. A group's firings take less time
+    // than the interval between groups, so the delay wears off.
     if (open_) time_ns = std::max(time_ns, last_group_ns_ + group_span_ns);
     if (plan.gap_before_group == g && g > 0) {
       view_gap_from_cdeg_ = plan.group[g - 1].azimuth_cdeg;
@@ -194,8 +197,9 @@ void SweepAssembler::cut(const PacketPlan& plan, std::int64_t time_ns, int phase
   open(time_ns, phase_cdeg, at_seam);
 }
 
-/// Room behind the sweep's points for so many more, and one. Memory is asked for once for a whole
-/// turn; of it only what the last sweep in these buffers did not have is cleared, in steps.
+/// Makes room for this many more points, plus one. The capacity for a whole revolution is reserved
+/// at once; elements are initialized in steps, and only those beyond what these buffers held in an
+/// earlier sweep.
 void SweepAssembler::make_room(const PacketPlan& plan, std::size_t points) {
   const std::size_t group = decoder_->most_points_per_group(plan.mode);
   const double groups = plan.advance_cdeg > 3.0 ? kTurnCdeg / plan.advance_cdeg : 0.0;

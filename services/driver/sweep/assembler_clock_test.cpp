@@ -19,7 +19,7 @@ TEST(Assembler, OneStampFromElsewhereIsNoStep) {
   TurningSensor sensor;
   const std::vector<Payload> packets = packets_of(sensor, 200);
   std::vector<Payload> stream = packets;
-  // 500 s before.
+  // 500 s earlier.
   stream[100][1203] = static_cast<std::uint8_t>(stream[100][1203] ^ 0x1d);
   SweepAssembler assembler(test::decoder(), {});
   std::int64_t received_ns = 1'700'000'000'000'000'000;
@@ -65,14 +65,14 @@ TEST(Assembler, EightThousandSecondsGoOnOverTwoHours) {
   TurningSensor sensor;
   sensor.time_us = 3'000'000'000.0;
   SweepAssembler assembler(test::decoder(), {.clock_mode = ClockMode::kUtc});
-  // A packet each 0.9 s is enough. 1700002800 is a full hour.
+  // One packet every 0.9 s suffices. 1700002800 is a full hour.
   const std::int64_t start_ns = (1'700'002'800 + 3000) * 1'000'000'000LL;
   constexpr std::int64_t kStepNs = 900'000'000;
   constexpr std::int64_t kPackets = 8900;
   std::int64_t last = -1;
   DecodedSweep sweep;
   const auto check = [&] {
-    // A packet over the seam makes two sweeps.
+    // A packet across the seam feeds two sweeps.
     while (assembler.take(sweep)) {
       const std::int64_t after_ns = sweep.stamp_ns - start_ns;
       ASSERT_LT(after_ns % kStepNs, 1'327'104);
@@ -136,7 +136,7 @@ constexpr std::int64_t kStartNs = 1'700'000'000'000'000'000;
 constexpr std::int64_t kPacketNs = 1'327'104;
 constexpr std::int64_t kSecondNs = 1'000'000'000;
 
-/// Packets of a sensor without a flaw, received as the function of when they were sent has it.
+/// Passes ideal packets to an assembler; received_ns maps the send time to the receive time.
 template <class Received>
 std::vector<DecodedSweep> received_as(Received received_ns, std::int64_t packets,
                                       PacketCounts* counts) {
@@ -150,7 +150,8 @@ std::vector<DecodedSweep> received_as(Received received_ns, std::int64_t packets
   return sweeps_of(assembler);
 }
 
-/// As far apart as the sensor says: with drift followed by 100 parts in a million at most.
+/// Checks that intervals are those of the sensor's clock: drift is followed by at most 100 parts in
+/// a million.
 void expect_the_sensors_own_times(const std::vector<DecodedSweep>& sweeps) {
   expect_in_time_order(sweeps);
   for (std::size_t i = 2; i + 1 < sweeps.size(); ++i) {
@@ -200,7 +201,7 @@ TEST(AssemblerClock, AHostThatIsSetIsSaidAndMovesNoStamp) {
 
 TEST(AssemblerClock, ReceiveTimesOfWholeSecondsGiveTheTrueStart) {
   PacketCounts counts;
-  // The first packet comes 0.7 s before the second changes.
+  // The first packet arrives 0.7 s before the receiver's second changes.
   const auto sweeps = received_as(
       [](std::int64_t sent_ns) { return (sent_ns + 300'000'000) / kSecondNs * kSecondNs; }, 12'000,
       &counts);
@@ -223,7 +224,7 @@ TEST(AssemblerClock, LostInABurstIsLostAndASensorThatIsSetTakesAsLongAsTheHostWa
   for (std::int64_t i = 0; i < 4000; ++i) {
     const Payload packet = sensor.next();
     const std::int64_t sent_ns = kStartNs + kPacketNs * (i + 1);
-    // Held up for 2 s, of which the first 1.5 s are lost.
+    // The receiver holds packets up for 2 s and loses those of the first 1.5 s.
     const bool held = i >= 1000 && i < 2500;
     if (i < 1000 || i >= 2130) lossy.add(packet, held ? kStartNs + kPacketNs * 2501 : sent_ns);
   }
@@ -260,7 +261,7 @@ TEST(Assembler, TheTopOfTheHourIsNoStep) {
   sensor.time_us = 3'599'900'000.0;
   const auto packets = packets_of(sensor, 300);
   PacketCounts counts;
-  // 1700002800 is a full hour; the host's clock is 10 s off either way.
+  // 1700002800 is a full hour; the host's clock is up to 10 s off in either direction.
   for (const std::int64_t off_s : {-10, 0, 10}) {
     SCOPED_TRACE(off_s);
     SweepAssembler assembler(test::decoder(), {.clock_mode = ClockMode::kUtc});
@@ -284,7 +285,7 @@ TEST(Assembler, ReceiveClockTiesTheFirstPacketAndFollowsDriftSlowly) {
   SweepAssembler receive(test::decoder(), {.clock_mode = ClockMode::kReceive});
   SweepAssembler free_running(test::decoder(), {.clock_mode = ClockMode::kFreeRunning});
   const std::int64_t start_ns = 1'700'000'000'000'000'000;
-  // The sensor's clock is 50 ppm slow against the host's; 60 s.
+  // Over 60 s, the sensor's clock is slow by 50 parts in a million against the host's.
   for (std::int64_t packet = 0; packet < 45'000; ++packet) {
     const auto received_ns =
         start_ns + static_cast<std::int64_t>(1'327'104.0 * 1.00005 * static_cast<double>(packet));

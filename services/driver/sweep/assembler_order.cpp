@@ -1,4 +1,5 @@
-// The assembler's packets in their order: late, doubled and lost ones, and a clock that was set.
+// Puts the assembler's packets in order: late, duplicate and lost packets, and steps of the
+// sensor's clock.
 
 #include <algorithm>
 #include <cmath>
@@ -9,13 +10,13 @@
 namespace zloam::driver {
 namespace {
 
-// A packet older than this is not late: the sensor's clock was set.
+// A packet older than the newest by more than this is not late: the sensor's clock was set back.
 constexpr std::int64_t kClockStepUs = 500'000;
-// So many packets in a row that are all older than what was: neither.
+// After this many packets in a row that are older than the newest, the clock was set back as well.
 constexpr int kLateInARow = 16;
-// A receiver that waited longer was set meanwhile.
+// A longer wait by the receiver's clock means that the receiver's clock was set meanwhile.
 constexpr std::int64_t kLongestOutageNs = 86'400'000'000'000;
-// Two edges of a restricted field of view within this are the same.
+// Azimuths this close to a known edge of a restricted field of view count as that edge.
 constexpr int kViewEdgeCdeg = 100;
 
 }  // namespace
@@ -50,8 +51,9 @@ void SweepAssembler::order(const Packet& packet) {
   }
 }
 
-/// The sensor's own time decides. Stamps that go on a little are believed whatever the host says; a
-/// leap forward is packets lost, unless the packet came before it could have been sent.
+/// Whether the sensor's clock was set. The sensor's stamps decide: a small step forward is accepted
+/// whatever the host's clock says. A large one means lost packets, unless by the host's clock the
+/// packet arrived before it was sent.
 bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) const {
   if (ahead_us < -kClockStepUs) return true;
   if (ahead_us < 0 && late_in_a_row_ >= kLateInARow) return true;
@@ -64,8 +66,8 @@ bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) 
   return !host_went_back && !waited_as_long && !delayed_less;
 }
 
-/// One packet with a stamp from elsewhere may be damaged, or from before the clock was set. Two
-/// that agree are a new time.
+/// A single packet with a deviating stamp may be damaged, or from before the clock was set. Two
+/// packets that agree confirm the new time.
 void SweepAssembler::suspect_step(const Packet& packet) {
   if (!suspect_.empty()) {
     const std::int64_t ahead_us =
@@ -101,8 +103,8 @@ void SweepAssembler::confirm_step() {
   sweep_.sensor_clock_step_ns += by_stamps_ns - ahead_ns;
 }
 
-/// From the packet before to one with a stamp of another time: as the receiver waited, where that
-/// can be.
+/// Time from the packet before to one whose stamp is on another time base: the receiver's waiting
+/// time where it is plausible, else the expected interval.
 std::int64_t SweepAssembler::elapsed_ns(const Packet& packet) const {
   if (packet.received_ns == 0 || last_received_ns_ == 0) return expected_ahead_ns_;
   const std::int64_t waited_ns = packet.received_ns - last_received_ns_;
@@ -116,8 +118,8 @@ void SweepAssembler::drop_suspect() {
   suspect_.clear();
 }
 
-/// A packet older than what is decoded already: a copy, or one that came too late. The latter is
-/// not lost after all.
+/// Counts a packet older than those already decoded: a duplicate, or one that arrived too late and
+/// is then no longer counted as lost.
 void SweepAssembler::count_overtaken(std::uint32_t toh_us, std::int64_t ahead_us) {
   const std::size_t known = std::min(recent_, recent_toh_us_.size());
   const auto end = recent_toh_us_.begin() + static_cast<std::ptrdiff_t>(known);
@@ -152,7 +154,7 @@ bool SweepAssembler::contiguous(const Packet& packet) const {
          across_view_gap(packet.tail);
 }
 
-/// Keeps the packet, in order of time; false for one that is already there.
+/// Buffers the packet in time order; false if it is there already.
 bool SweepAssembler::hold(const Packet& packet) {
   const auto place = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
     return toh_difference_us(held.tail.toh_us, packet.tail.toh_us) >= 0;
@@ -196,7 +198,7 @@ void SweepAssembler::release_contiguous() {
   }
 }
 
-/// Starts a new sweep with this packet, so much later than the one before.
+/// Starts a new sweep with this packet, ahead_ns after the packet before.
 void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
   close(false);
   view_gap_from_cdeg_ = -1;

@@ -1,4 +1,4 @@
-// Packets that are lost, late, doubled or in another order.
+// Lost, late, duplicate and reordered packets.
 #include <gtest/gtest.h>
 
 #include "driver/sweep/test_sweeps.hpp"
@@ -99,7 +99,7 @@ TEST(Assembler, ALateCopyIsACopyAndALatePacketIsNotLost) {
   EXPECT_EQ(counts.duplicate, 1U);
   EXPECT_EQ(counts.late, 0U);
 
-  // Later than the window: its points are gone, but it came.
+  // Later than the window: its points are dropped, but it does not count as lost.
   stream = packets;
   stream.erase(stream.begin() + 10);
   stream.erase(stream.begin() + 50);

@@ -41,7 +41,7 @@ TEST(Assembler, CutsEveryTurnAtTheSeam) {
     EXPECT_NEAR(azimuth_deg(sweep.points.back()), 90.3, 0.5);
     EXPECT_EQ(sweep.rings, 16);
     EXPECT_EQ(sweep.model, "vlp16");
-    // 1808.4 firings of 16 lasers in a turn, in whole groups of two.
+    // 1808.4 firings of 16 lasers in a revolution; sweeps are cut at groups of two firings.
     EXPECT_NEAR(static_cast<double>(sweep.points.size()), 1808.4 * 16, 33.0);
     EXPECT_EQ(sweep.columns.front(), 0);
     EXPECT_NEAR(sweep.columns.back(), 1807, 2);
@@ -76,7 +76,7 @@ TEST(Assembler, SaysWhichPacketsASweepIsOf) {
   std::size_t last = 0;
   for (const DecodedSweep& sweep : assemble(packets)) {
     SCOPED_TRACE(last);
-    // The packet in which the turn ended is of both sweeps.
+    // The packet in which a revolution ends belongs to both sweeps.
     const bool shared = sweep.first_packet_toh_us == stamp_us(last);
     const std::size_t first = shared ? last : last + 1;
     ASSERT_LT(first + sweep.packets - 1, packets.size());
@@ -189,7 +189,7 @@ TEST(Assembler, ARestrictedViewLosesNothingAndKeepsTime) {
     expect_in_time_order(sweeps);
     for (std::size_t i = 2; i + 1 < sweeps.size(); ++i) {
       SCOPED_TRACE(i);
-      // From a quarter of a turn only.
+      // The view is restricted to a quarter of a revolution.
       EXPECT_NEAR(sweeps[i].period_ns, 1e8, 3e5);
       EXPECT_NEAR(static_cast<double>(sweeps[i].stamp_ns - sweeps[i - 1].stamp_ns), 1e8, 3e5);
       EXPECT_NEAR(static_cast<double>(sweeps[i].points.size()), 1808.4 * 16 / 4, 70.0);
@@ -218,7 +218,7 @@ TEST(Assembler, DamagedPacketsNeverBreakTheSweeps) {
     SweepAssembler assembler(test::decoder(), {});
     for (int i = 0; i < 4000; ++i) {
       Payload payload = sensor.next();
-      // From a few wrong bytes to noise with a right tail.
+      // From a few wrong bytes up to random bytes with only the packet's tail correct.
       const int wrong = i % 5 == 0 ? 0 : i % 5 == 1 ? 1206 : 1 + static_cast<int>(random() % 20);
       for (int k = 0; k < wrong; ++k) {
         payload[random() % payload.size()] = static_cast<std::uint8_t>(random());

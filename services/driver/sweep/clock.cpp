@@ -11,10 +11,10 @@ constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::int64_t kHourNs = 1000 * kHourUs;
 constexpr std::int64_t kWindowNs = 10'000'000'000;
 constexpr std::int64_t kSlewPartsPerMillion = 100;
-// The host's clock was set when the least delay of a stretch has changed by so much.
+// The host's clock was set if the least delay of a window of 2 s differs by this much.
 constexpr std::int64_t kStepWindowNs = 2'000'000'000;
 constexpr std::int64_t kHostStepNs = 500'000'000;
-// Receive times that come in steps of this or more were truncated.
+// Receive times that are all multiples of this or more were truncated.
 constexpr std::int64_t kCoarseNs = 10'000'000;
 
 std::int64_t floor_to(std::int64_t value, std::int64_t step) {
@@ -40,7 +40,7 @@ std::int64_t toh_difference_us(std::uint32_t a_us, std::uint32_t b_us) {
 
 void SensorClock::Window::add(std::int64_t sensor_ns, std::int64_t received_ns,
                               std::int64_t offset_ns) {
-  // Set back: what was measured before is of another time.
+  // The receiver's clock was set back: earlier delays are on another time base.
   if (!open || received_ns < received_start_ns) {
     *this = {true, sensor_ns, received_ns, offset_ns, offset_ns};
   }
@@ -48,8 +48,8 @@ void SensorClock::Window::add(std::int64_t sensor_ns, std::int64_t received_ns,
   most_ns = std::max(most_ns, offset_ns);
 }
 
-/// The receiver's time must have passed as well: packets that were held up arrive together, and the
-/// first of them say nothing of its clock.
+/// At least half of the span must have passed for the receiver too: packets that were held up
+/// arrive together, and their delays do not tell whether its clock was set.
 bool SensorClock::Window::spans(std::int64_t sensor_ns, std::int64_t received_ns,
                                 std::int64_t span_ns) const {
   return sensor_ns - sensor_start_ns >= span_ns && received_ns - received_start_ns >= span_ns / 2;
@@ -88,13 +88,13 @@ void SensorClock::observe(std::int64_t sensor_ns, std::int64_t received_ns,
   }
 }
 
-/// What truncation takes off the receive times at most: the least delay is short by it.
+/// The greatest truncation error of the receive times, by which the least delay is too small.
 std::int64_t SensorClock::truncated_ns() const {
   return !paced_ && grain_ns_ >= kCoarseNs ? grain_ns_ : 0;
 }
 
-/// A delay that is another one and stays: the host's clock was set. The run keeps its time. A delay
-/// that changes is a backlog.
+/// A delay that changed and then stays constant means that the host's clock was set; the run keeps
+/// its time. A delay that keeps changing is a backlog.
 void SensorClock::watch_host(std::int64_t sensor_ns, std::int64_t received_ns,
                              std::int64_t offset_ns) {
   step_.add(sensor_ns, received_ns, offset_ns);

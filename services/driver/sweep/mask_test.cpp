@@ -8,7 +8,7 @@
 namespace zloam::driver {
 namespace {
 
-/// 10 m away in a direction clockwise from the front.
+/// A point 10 m away, at an azimuth clockwise from the front.
 Point at_azimuth(double azimuth_deg) {
   const double a = azimuth_deg * std::numbers::pi / 180.0;
   Point point{};
@@ -52,7 +52,7 @@ TEST(Mask, SeveralSectors) {
 }
 
 TEST(Mask, TheBodyIsABoxInBaseLink) {
-  // The lidar is 1 m ahead of base_link, turned to the left.
+  // The lidar is 1 m ahead of base_link and faces left.
   const Pose T_base_lidar = pose_from_xyz_rpy_deg({1.0, 0.0, 0.5}, {0.0, 0.0, 90.0});
   const PointMask mask({.body_min_m = {-0.5, -0.3, 0.0},
                         .body_max_m = {0.5, 0.3, 1.0},
