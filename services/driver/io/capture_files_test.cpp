@@ -1,4 +1,4 @@
-// Captures and files of bare payloads. Captures are written here byte by byte.
+// Captures, written here byte by byte, and files of bare payloads.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -92,7 +92,7 @@ Bytes pcap_file(std::uint32_t magic, std::uint32_t link_type, const std::vector<
   return file;
 }
 
-/// A pcapng file, block by block.
+/// Builds a pcapng file, block by block.
 class Pcapng {
  public:
   Bytes file;
@@ -105,7 +105,7 @@ class Pcapng {
       word(body, 0xFFFFFFFF), word(body, 0xFFFFFFFF);
     });
   }
-  /// resolution: of if_tsresol, 0: the option is left out
+  /// resolution: value of if_tsresol; 0: the option is omitted.
   void interface(unsigned link_type, std::uint32_t snap_bytes = 65535, unsigned resolution = 0,
                  std::uint32_t offset_s = 0) {
     block(1, [&](Bytes& body) {
@@ -168,7 +168,7 @@ class Pcapng {
   bool big_ = false;
 };
 
-/// In microseconds, one block a frame.
+/// Each frame in a block of its own, stamped in microseconds.
 Bytes pcapng_file(const std::vector<Bytes>& frames) {
   Pcapng capture;
   capture.section();
@@ -295,18 +295,18 @@ TEST_F(Sources, EveryInterfaceOfAPcapngFileIsReadByItsOwnKind) {
       behind({0, 0, 0, 1, 0, 6, 1, 2, 3, 4, 5, 6, 0, 0, 0x08, 0x00}, ipv4(packet_));
   Pcapng capture;
   capture.section();
-  capture.interface(147, 65535);             // of no kind that is known here
+  capture.interface(147, 65535);             // unsupported link type
   capture.interface(1, 262144, 9);           // ns
   capture.interface(113, 2048);              // us
-  capture.interface(1, 0, 0x80 | 20, 1000);  // 2^-20 s, from second 1000 on
-  capture.other(4, 40);                      // names
+  capture.interface(1, 0, 0x80 | 20, 1000);  // 2^-20 s, offset 1000 s
+  capture.other(4, 40);                      // name resolution
   capture.packet(0, 1, frame);
   capture.packet(1, 1'700'000'000'000'000'009, frame);
   capture.packet(2, 1'700'000'000'000'007, cooked);
   capture.packet(3, std::uint64_t{3} << 19, frame);
   capture.other(5, 12);  // statistics
   capture.section(true);
-  capture.interface(1, 65535, 3, 2000);  // ms; interfaces count anew
+  capture.interface(1, 65535, 3, 2000);  // ms; interfaces are counted from 0 again
   capture.packet(0, 1'500, frame);
   capture.simple_packet(frame);
   const auto source = open_pcap(write("many.pcapng", capture.file));
@@ -335,7 +335,7 @@ TEST_F(Sources, ADamagedPcapngFileKeepsWhatCameBeforeAndSaysWhy) {
   }
 }
 
-/// The parts of one datagram of 1234 bytes, in frames of a tunnel.
+/// Fragments of one datagram with 1234 bytes, as from a tunnel with a small MTU.
 std::vector<Bytes> in_fragments(const Bytes& payload, unsigned number) {
   const Bytes whole = ipv4(payload);
   std::vector<Bytes> frames;
@@ -349,7 +349,7 @@ std::vector<Bytes> in_fragments(const Bytes& payload, unsigned number) {
     ip[6] = static_cast<std::uint8_t>(field >> 8), ip[7] = static_cast<std::uint8_t>(field);
     ip.insert(ip.end(), whole.begin() + std::ptrdiff_t(at), whole.begin() + std::ptrdiff_t(end));
     frames.push_back(ethernet(ip));
-    // as short frames are padded on the wire
+    // With Ethernet's padding to 60 bytes and its check sequence.
     frames.back().resize(std::max<std::size_t>(frames.back().size(), 60) + 4);
   }
   return frames;

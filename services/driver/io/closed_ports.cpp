@@ -7,7 +7,7 @@
 namespace zloam::driver {
 namespace {
 
-/// The rest of the next line that begins with "Udp:".
+/// The next line that begins with "Udp:", without this beginning.
 std::istringstream next_udp_line(std::istream& snmp) {
   constexpr std::string_view kBegin = "Udp:";
   for (std::string line; std::getline(snmp, line);) {

@@ -9,9 +9,9 @@
 namespace zloam::driver {
 namespace {
 
-// A robot's first second tells in which units it reads.
+// The readings of the first second decide whether the units are right.
 constexpr std::int64_t kJudge_ns = 1'000'000'000;
-// No sweep waits for a sensor that has been silent for this long.
+// A sweep does not wait for readings of a sensor that has been silent for this long.
 constexpr std::int64_t kSilent_ns = 200'000'000;
 // Sweeps in a row without readings before it is reported.
 constexpr std::uint64_t kSaidAfter = 10;

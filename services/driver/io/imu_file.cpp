@@ -11,11 +11,11 @@ namespace {
 
 const std::vector<std::string_view> kColumns = {"t_ns",    "wx_rad_s", "wy_rad_s", "wz_rad_s",
                                                 "ax_m_s2", "ay_m_s2",  "az_m_s2"};
-// An inertial sensor reads so often: what is outside is of another unit.
+// Bounds of an inertial sensor's rate; outside of them the stamps are in another unit.
 constexpr double kMostReadings_hz = 20'000.0;
 constexpr double kFewestReadings_hz = 0.5;
 
-/// The rate tells the unit of the stamps, and the order how the file was sorted.
+/// The median step reveals a wrong unit of the stamps, and a file in descending order.
 void refuse_wrong_stamps(const std::string& path, const std::vector<ImuReading>& readings) {
   std::vector<std::int64_t> steps_ns;
   for (std::size_t i = 1; i < readings.size(); ++i) {
@@ -53,8 +53,9 @@ std::vector<ImuReading> read_imu_file(const std::string& path) {
 }
 
 std::string standstill_in(const std::vector<ImuReading>& readings) {
-  // Noise alone changes a reading; a simulated one without noise stands still while the platform
-  // does, and says so from its start.
+  // A real sensor's noise changes every reading. A simulated sensor without noise repeats its
+  // readings while the platform is at rest, but does so from the start of the file, which is not
+  // reported.
   constexpr std::size_t kSame = 50;
   std::size_t same = 0;
   for (std::size_t i = 1; i < readings.size(); ++i) {

@@ -31,7 +31,8 @@ unsigned big16(Bytes bytes, std::size_t at) {
 
 bool is_vlan(unsigned type) { return type == 0x8100 || type == 0x88A8 || type == 0x9100; }
 
-/// Type field at type_at, payload at data_at; both move on over VLAN tags. Empty when cut.
+/// Skips VLAN tags. The type field is at type_at, the payload at data_at. Empty if the frame is
+/// cut.
 Bytes behind_type(Bytes frame, std::size_t type_at, std::size_t data_at, unsigned& type) {
   if (frame.size() < data_at) return {};
   type = big16(frame, type_at);
@@ -43,7 +44,7 @@ Bytes behind_type(Bytes frame, std::size_t type_at, std::size_t data_at, unsigne
   return frame.subspan(data_at);
 }
 
-/// The network layer of the frame, and its type; empty when cut.
+/// Returns the network layer of the frame and sets its type; empty if the frame is cut.
 Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
   switch (link_type) {
     case kEthernet:
@@ -55,7 +56,7 @@ Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
     case kLoopback:
     case kOpenBsdLoopback:
       if (frame.size() < 4) return {};
-      // The family 2 (IPv4) in the byte order of either machine.
+      // Address family 2 (IPv4), in the byte order of the capturing machine.
       type = frame[0] == 2 || frame[3] == 2 ? kTypeIpv4 : 0;
       return frame.subspan(4);
     default:
@@ -94,7 +95,7 @@ FrameKind parse_frame(int link_type, Bytes frame, IpFragments& fragments, Datagr
   if ((fragment & (kMoreFragments | kFragmentOffset)) == 0) {
     return parse_udp(ip.subspan(header), datagram);
   }
-  // Ethernet's padding is no part of it.
+  // IPv4's own length excludes Ethernet's padding.
   const std::size_t length = big16(ip, 2);
   if (length < header || ip.size() < length) return FrameKind::kCut;
   const auto receiver = static_cast<std::uint32_t>(big16(ip, 16) << 16 | big16(ip, 18));

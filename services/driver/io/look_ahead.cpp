@@ -9,9 +9,10 @@ namespace zloam::driver {
 namespace {
 
 constexpr std::int64_t kLookAheadNs = 1'500'000'000;
-// A second and a half of any model, and what else a capture holds.
+// Enough for 1.5 s of any model, and for other datagrams between them.
 constexpr std::size_t kMostKept = 65'536;
-// A first packet that came later than others by less is taken as it came.
+// If the first packet is late by less than this against the others, its receive time is used as it
+// is.
 constexpr std::int64_t kLateStartNs = 50'000'000;
 
 }  // namespace
@@ -31,7 +32,7 @@ LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options)
   first_received_ns_ = least_late();
 }
 
-/// Whether it is enough.
+/// Whether enough has been read.
 bool LookAhead::add(const Datagram& datagram) {
   if (makers_.kind(datagram.payload) != PacketKind::kData) return false;
   makers_.settle(datagram.payload);
@@ -49,7 +50,7 @@ bool LookAhead::add(const Datagram& datagram) {
 std::int64_t LookAhead::least_late() const {
   if (arrivals_.size() < 2) return 0;
   const std::int64_t own_ns = arrivals_.front().received_ns;
-  // Of receive times that were truncated only those tell that follow a change.
+  // Among truncated receive times, only those just after a change are precise.
   const bool coarse = arrivals_[1].received_ns == own_ns;
   std::int64_t least_ns = coarse ? std::numeric_limits<std::int64_t>::max() : own_ns;
   for (std::size_t i = 1; i < arrivals_.size(); ++i) {

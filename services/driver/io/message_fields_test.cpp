@@ -38,7 +38,7 @@ TEST(MessageFields, AnEmptySweepIsSaidBeforeAnIncompleteOne) {
   EXPECT_EQ(fields_of(sweep).points.size(), 1U);
 }
 
-/// What a sweep says is what is read back, whatever it says.
+/// Fields with arbitrary values survive the round trip.
 TEST(MessageFields, ASweepIsReadBackAsItWas) {
   std::mt19937 random(7);
   DecodedSweep sweep;
@@ -75,7 +75,7 @@ TEST(MessageFields, ASweepIsReadBackAsItWas) {
       std::memcmp(read.points.data(), sweep.points.data(), sweep.points.size() * sizeof(Point)), 0);
   EXPECT_EQ(read.columns, sweep.columns);
   EXPECT_EQ(read.stamp_ns, sweep.stamp_ns);
-  // All else, as a message says it: the bytes are the same.
+  // For all other fields: the rebuilt message has the same bytes.
   const auto again = build(header, fields_of(read));
   ASSERT_EQ(again.size(), message.size());
   EXPECT_EQ(std::memcmp(again.data(), message.data(), message.size()), 0);

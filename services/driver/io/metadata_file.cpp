@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Of the longest known; what is longer is no description.
+// Well above the longest metadata known; a longer file is not metadata.
 constexpr std::size_t kMostBytes = std::size_t{1} << 20;
 
 std::string beside(const std::string& capture) {
@@ -49,7 +49,7 @@ void read_metadata(const std::string& named, const std::string& capture, Decodin
     options.metadata = text_of_metadata(path);
   } catch (const SourceError&) {
     if (!named.empty()) throw;
-    return;  // whatever it is, nobody said that it belongs to the capture
+    return;  // unreadable, but not named by the user: may not belong to the capture
   }
   options.metadata_name = path;
   const std::string error = Makers(options).metadata_error();

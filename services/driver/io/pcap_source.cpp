@@ -17,11 +17,11 @@ struct PcapClose {
 
 constexpr const char* kNoneOfOurs = ", which is none of Ethernet, Linux cooked, raw IP, loopback";
 
-/// Frames of a file, whichever of the two formats it has.
+/// Frames of a pcap or pcapng file.
 class Frames {
  public:
   virtual ~Frames() = default;
-  /// False at the end, with error() when the file ends early.
+  /// False at the end; error() is set if the file ends early.
   virtual bool next(CapturedFrame& frame) = 0;
   virtual std::string error() const = 0;
 };
@@ -30,7 +30,7 @@ class PcapFrames : public Frames {
  public:
   explicit PcapFrames(const std::string& path) {
     char error[PCAP_ERRBUF_SIZE] = {};
-    // Microsecond files are scaled by the library.
+    // The library converts files with microseconds.
     pcap_.reset(
         pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, error));
     if (!pcap_) throw SourceError(path + ": not a pcap or pcapng file (" + error + ")");
@@ -50,7 +50,7 @@ class PcapFrames : public Frames {
     }
     frame.link_type = link_type_;
     frame.data = {data, header->caplen};
-    // The library was asked for nanoseconds in this field.
+    // tv_usec holds nanoseconds, as requested when the file was opened.
     frame.received_ns = static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 +
                         static_cast<std::int64_t>(header->ts.tv_usec);
     return true;

@@ -18,10 +18,10 @@ constexpr std::uint32_t kPacket = 6;
 constexpr std::uint32_t kByteOrder = 0x1A2B3C4D;
 constexpr unsigned kResolution = 9;
 constexpr unsigned kTimeOffset = 14;
-// Longer blocks hold no frame of a network.
+// A block with a captured frame is shorter.
 constexpr std::uint32_t kMostBlockBytes = 16U << 20;
 constexpr std::size_t kMostInterfaces = 4096;
-constexpr std::size_t kFrame = 12;  // type, length, and the length again
+constexpr std::size_t kFrame = 12;  // type, length, and the length repeated at the end
 
 constexpr std::uint32_t swapped(std::uint32_t v) {
   return v >> 24 | (v >> 8 & 0xFF00U) | (v << 8 & 0xFF0000U) | v << 24;
@@ -61,7 +61,7 @@ bool PcapngReader::fail(const std::string& why) {
   return false;
 }
 
-/// Appends so many bytes of the file to the block's body.
+/// Appends this many bytes of the file to the block's body.
 bool PcapngReader::take(std::size_t bytes) {
   const std::size_t had = body_.size();
   body_.resize(had + bytes);
@@ -69,14 +69,14 @@ bool PcapngReader::take(std::size_t bytes) {
   return file_.good() || fail("a block is cut off");
 }
 
-/// The next block, its two lengths left out; false at the end.
+/// Reads the next block, without its two lengths; false at the end.
 bool PcapngReader::read_block(std::uint32_t& type) {
   body_.clear();
   if (file_.peek() == std::ifstream::traits_type::eof()) return false;
   if (!take(8)) return false;
   type = u32(0);
   if (type == kSection) {
-    // Its byte order is known only by what follows.
+    // The byte order of a section's length is known only from the magic number behind it.
     if (!take(4)) return false;
     swapped_ = false;
     if (u32(8) != kByteOrder && swapped(u32(8)) != kByteOrder)
@@ -129,7 +129,7 @@ bool PcapngReader::interface() {
 }
 
 std::int64_t PcapngReader::time_ns(const Interface& interface, std::uint64_t units) const {
-  // Whole seconds first: what is left fits.
+  // 128 bits hold the product without overflow.
   __extension__ using Wide = unsigned __int128;
   Wide per_second = 1;
   for (int i = 0; i < interface.exponent; ++i) {
@@ -176,7 +176,7 @@ bool PcapngReader::next(CapturedFrame& frame) {
       case kPacket:
         return packet(type, frame);
       default:
-        break;  // names, statistics, what else a program keeps there
+        break;  // names, statistics, custom blocks
     }
   }
   return false;

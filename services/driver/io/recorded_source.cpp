@@ -26,7 +26,7 @@ RecordedSource open_bag(const DriverConfig& config, const PacketStreamConfig& st
           {}};
 }
 
-/// The motor's angles lie beside the session, or are told by its profile.
+/// The motor's angles come from the file beside the session, unless a motor profile replaces them.
 RecordedSource open_session(const DriverConfig& config, const Pose& T_base_lidar) {
   const ScipSourceConfig source = scip_source_config(config, T_base_lidar);
   RecordedSource opened{nullptr, {}, {config.path}};

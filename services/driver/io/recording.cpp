@@ -26,9 +26,9 @@ namespace {
 
 constexpr std::string_view kMagic = "ZLRC";
 constexpr std::uint64_t kLongestText = 1 << 16;
-// A frame of more is none: 20 million points.
+// Upper bound of a plausible frame: 20 million points.
 constexpr std::uint64_t kLargestSweep = sizeof(RecordedSweep) + 20'000'000 * sizeof(Point);
-// Firings of a turn where the points have no times.
+// Assumed firings per revolution if the points have no times.
 constexpr double kColumns = 1800.0;
 
 const std::string& name_of(TimeModel model) {
@@ -37,7 +37,7 @@ const std::string& name_of(TimeModel model) {
       ->first;
 }
 
-/// A program whose output is read; it is ended with this.
+/// A child process whose output is read; the destructor ends it.
 class Reader {
  public:
   explicit Reader(std::vector<std::string> words) : name_(words.front()) {
@@ -67,7 +67,7 @@ class Reader {
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
 
-  /// Throws SourceError when there is less.
+  /// Throws SourceError if the output ends before.
   void read(void* into, std::size_t bytes) {
     auto* at = static_cast<char*>(into);
     while (bytes > 0) {
@@ -101,7 +101,7 @@ std::vector<std::string> words_of(const RecordingOptions& options) {
   return words;
 }
 
-/// What the reader writes, frame by frame. What is not as it should be is kept as remarks.
+/// The reader's output, frame by frame; problems that it reports are kept as remarks.
 class Frames {
  public:
   explicit Frames(const RecordingOptions& options)
@@ -115,7 +115,7 @@ class Frames {
     return text_of(*head);
   }
 
-  /// The next frame with data, of that kind; nothing at the end.
+  /// The next frame with data, which must be of this kind; nothing at the end.
   std::optional<FrameHead> next(FrameKind kind) {
     const std::optional<FrameHead> head = next();
     if (head && head->kind != static_cast<std::uint32_t>(kind)) throw foreign();
@@ -180,8 +180,8 @@ class Frames {
   bool ended_ = false;
 };
 
-/// From one return of a laser to its next, where none is missing: the mean of the steps that are
-/// nearly the middle one, as times may be rounded.
+/// Time between two firings of a laser: the mean of the steps near the median, because times may be
+/// rounded and missing returns make longer steps.
 double firing_period_ns(const DecodedSweep& sweep) {
   std::vector<std::int64_t> last_ns(sweep.rings, -1);
   std::vector<double> steps_ns;
@@ -251,7 +251,8 @@ class RecordedClouds : public ScanFolder {
     sweep.points.clear();
   }
 
-  /// Neighbours along a ring are one firing apart: a missing return leaves a number out.
+  /// Numbers columns by firing time, so that a missing return skips a number and neighbours along a
+  /// ring differ by one.
   static void number_columns(DecodedSweep& sweep) {
     if (sweep.rings == 0) {
       sweep.columns.assign(sweep.points.size(), 0);
@@ -275,7 +276,8 @@ class RecordedClouds : public ScanFolder {
   bool judged_ = false;
 };
 
-/// Sweeps as they were published: what was left out then is left out, and all else is as it was.
+/// Sweeps as a driver published them: points that it masked are missing, all other fields are
+/// unchanged.
 class RecordedMessages : public ScanFolder {
  public:
   explicit RecordedMessages(std::unique_ptr<Frames> frames) : frames_(std::move(frames)) {}
@@ -284,7 +286,7 @@ class RecordedMessages : public ScanFolder {
     const auto head = frames_->next(FrameKind::kMessage);
     if (!head) return false;
     if (!fits(Key::kSweep, head->bytes)) throw frames_->foreign();
-    // of the allocator, which aligns for any message
+    // From the allocator, whose alignment suffices for any message.
     std::vector<std::uint8_t> bytes(head->bytes);
     frames_->read(bytes.data(), bytes.size());
     const VerifyResult verdict = verify<msg::Sweep>(bytes, encoding_of(Key::kSweep));

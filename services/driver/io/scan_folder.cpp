@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Into memory that is used again; returns the file's size, of which whole items are read.
+/// Reads a file into a reused buffer, whole items only; returns the file's size.
 template <typename Item>
 std::size_t read_whole(const std::string& path, std::vector<Item>& items) {
   std::ifstream file(path, std::ios::binary | std::ios::ate);
@@ -29,10 +29,10 @@ std::size_t read_whole(const std::string& path, std::vector<Item>& items) {
   return size_bytes;
 }
 
-/// What both layouts say of files that are not whole.
+/// Counts and describes damaged scan files, for both folder layouts.
 class Damage {
  public:
-  /// Of so many bytes only whole points are used.
+  /// Notes a file that is empty or ends within a point; only whole points are used.
   bool cut(const std::string& file, std::size_t size_bytes, std::size_t point_bytes) {
     if (size_bytes % point_bytes == 0 && size_bytes > 0) return false;
     ++cut_;
@@ -56,7 +56,7 @@ class Damage {
   }
 
  private:
-  // The first few are named one by one.
+  // Only the first few are named individually.
   static constexpr std::size_t kNamed = 10;
 
   void note(const std::string& file, const std::string& what) {
@@ -73,7 +73,8 @@ std::string as_five_floats(std::size_t size_bytes) {
   return size_bytes % 20 == 0 ? " (its size fits 5 floats a point as well)" : "";
 }
 
-/// Times of those that are there, one for each; of those that are missing, in between.
+/// One time per file, missing scans included: times_ns holds those of the files present, those of
+/// missing scans are interpolated.
 std::vector<std::int64_t> times_with_gaps(const ScanList& list,
                                           const std::vector<std::int64_t>& times_ns) {
   std::vector<std::int64_t> found_ns;
@@ -95,7 +96,7 @@ std::vector<std::int64_t> times_with_gaps(const ScanList& list,
   return found_ns;
 }
 
-/// Times of the scans of a list by a file of times: one for each scan, or one for each number.
+/// Assigns the times of a file to scans: it holds one time per scan, or one per scan number.
 std::vector<std::int64_t> times_of(const ScanList& list, const std::vector<std::int64_t>& times_ns,
                                    const std::string& path) {
   const auto there = static_cast<std::size_t>(std::count_if(
@@ -180,7 +181,7 @@ class KittiFolder : public ScanFolder {
     }
   }
 
-  /// The first scan with enough returns tells what all of them are.
+  /// Checks scans up to the first with enough returns, and lets it decide for the whole folder.
   void refuse_implausible() {
     std::size_t returns = 0;
     for (const std::string& file : list_.files) {
@@ -246,7 +247,7 @@ class SynthFolder : public ScanFolder {
 
  private:
   static constexpr std::size_t kRecordBytes = 16;
-  // of the layout's sensor
+  // Period of the sensor that this layout was made for.
   static constexpr double kPeriodS = 0.1;
 
   void set_times(const std::vector<std::int64_t>& stamps_ns, const std::string& path) {

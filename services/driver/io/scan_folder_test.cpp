@@ -62,7 +62,7 @@ constexpr ScanTiming kTurning{TimeModel::kClockwise, 0.1, 180.0};
 
 using Floats = std::vector<float>;
 
-/// A wall all around, at a distance by which the scan is known: eight rings, ring by ring.
+/// A surrounding wall whose distance identifies the scan: eight rings, one after the other.
 Floats scan_of(float distance_m) {
   Floats xyzi;
   for (int ring = 0; ring < 8; ++ring) {

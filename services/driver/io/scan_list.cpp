@@ -20,18 +20,18 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostDigits = 18;
-// Numbers that leave out more than this part of themselves are no numbers of scans.
+// If fewer than about half of the numbers in their range have a file, they are not scan numbers.
 constexpr std::uint64_t kMostPerScan = 2;
 constexpr std::uint64_t kFewScans = 10;
 constexpr std::uint64_t kMostSpan = 10'000'000;
-// Names are times where neighbours are so many periods apart.
+// Names can be times if their median step is within these multiples of the period.
 constexpr double kLeastPeriods = 0.2;
 constexpr double kMostPeriods = 5.0;
 constexpr double kMostPeriodsOfTimes = 200.0;
-// Later times do not fit in 64 bits of ns.
+// Beyond this, nanoseconds do not fit in 64 bits.
 constexpr double kLatestS = 9e9;
 
-/// The last number in a name, and what stands around it.
+/// A file name, split at its last number.
 struct Name {
   std::string path;
   std::string stem;
@@ -76,7 +76,7 @@ bool number_below(const Name& a, const Name& b) {
   return std::tie(a.whole, a.fraction) < std::tie(b.whole, b.fraction);
 }
 
-/// Runs of digits count as numbers, wherever they stand.
+/// Natural order: runs of digits compare as numbers, wherever they are in the name.
 bool natural_below(const Name& a, const Name& b) {
   const std::string &s = a.stem, &t = b.stem;
   std::size_t i = 0, j = 0;
@@ -136,7 +136,7 @@ Number middle(std::vector<Number> values) {
   return *at;
 }
 
-/// As numbers; nothing where one has a fraction or is too long.
+/// The names' numbers as integers; nothing if a number has a fraction or is too long.
 std::optional<std::vector<std::uint64_t>> whole_numbers(const std::vector<Name>& names) {
   std::vector<std::uint64_t> numbers;
   for (const Name& name : names) {
@@ -146,7 +146,8 @@ std::optional<std::vector<std::uint64_t>> whole_numbers(const std::vector<Name>&
   return numbers;
 }
 
-/// Times in a name's unit, of so many ns, to ns.
+/// Converts names to times in ns: seconds with a fraction, or integers in units of
+/// 10^(digits_of_unit - 9) s.
 std::optional<std::vector<std::int64_t>> times_in(const std::vector<Name>& names,
                                                   std::size_t digits_of_unit) {
   std::vector<std::int64_t> times_ns;
@@ -184,7 +185,7 @@ std::string runs_of(const std::vector<std::uint64_t>& numbers) {
   return text;
 }
 
-/// Every number from the first to the last; those without a file get an empty name.
+/// Lists every number from the first to the last; a number without a file gets an empty name.
 void fill_in(const std::vector<std::uint64_t>& numbers, ScanList& list) {
   std::vector<std::string> files;
   std::vector<std::uint64_t> missing;
@@ -204,7 +205,7 @@ void fill_in(const std::vector<std::uint64_t>& numbers, ScanList& list) {
                          runs_of(missing));
 }
 
-/// What the numbers in the names are: of scans, of every n-th scan, or times.
+/// Decides what the numbers in the names are: numbers of scans, of every n-th scan, or times.
 void use_numbers(const std::vector<Name>& names, double period_s, ScanList& list) {
   const auto numbers = whole_numbers(names);
   if (numbers) {

@@ -29,7 +29,7 @@ struct HostPort {
   std::uint16_t port = 0;
 };
 
-/// Nothing but an empty host where the text is none.
+/// Parses host and port; the host is empty if the text is malformed.
 HostPort host_and_port(const std::string& device) {
   const std::string rest = device.substr(kTcp.size());
   const std::size_t colon = rest.rfind(':');
@@ -76,7 +76,7 @@ class Device : public ScipLink {
   }
 
   void write(const std::string& bytes) override {
-    // Commands are a few bytes: what does not fit at once never will.
+    // Commands are a few bytes: if one does not fit at once, the device has stopped reading.
     const ssize_t sent = socket_ ? send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL)
                                  : ::write(fd_.get(), bytes.data(), bytes.size());
     if (sent != static_cast<ssize_t>(bytes.size())) {
@@ -138,7 +138,7 @@ std::unique_ptr<ScipLink> open_serial(const std::string& device) {
     throw SourceError(device + ": is no serial device");
   }
   cfmakeraw(&settings);
-  // Over USB the rate does not matter.
+  // USB devices ignore the rate.
   cfsetspeed(&settings, B115200);
   if (tcsetattr(fd.get(), TCSANOW, &settings) != 0) {
     throw SourceError(device + ": " + std::strerror(errno));

@@ -10,7 +10,7 @@ namespace zloam::driver {
 namespace {
 
 constexpr std::size_t kHeadBytes = 12;
-// A record holds what one call of a reader gave.
+// Limit for one record, which holds the bytes of one read call.
 constexpr std::uint32_t kMostBytes = 1 << 20;
 
 std::uint32_t big_endian(const char* at) {

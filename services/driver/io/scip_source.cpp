@@ -16,9 +16,9 @@ namespace {
 
 constexpr std::int64_t kFirstPauseNs = 250'000'000;
 constexpr std::int64_t kLongestPauseNs = 4'000'000'000;
-// A line that comes later than that is of no use to anybody.
+// A line this late is useless, so older angles can be dropped.
 constexpr std::int64_t kKeptAnglesNs = 10'000'000'000;
-// A second of lines without an angle is reported.
+// Lines without an angle in a row before it is reported: one second of them.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
 std::int64_t steady_ns() {
@@ -29,7 +29,7 @@ std::filesystem::path angles_path(const std::string& session) {
   return std::filesystem::path(session).replace_extension(".csv");
 }
 
-/// What a live and a recorded scanner share: bytes to scans to sweeps.
+/// Common part of live and recorded scanners: bytes to scans to sweeps.
 class ScannerSweeps : public ScipSource {
  public:
   explicit ScannerSweeps(const ScipSourceConfig& config)

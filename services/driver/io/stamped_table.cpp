@@ -20,7 +20,7 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
 }
 
-/// How the table is written: told by the line of names.
+/// The table's separator and columns, determined from the line of names.
 class Table {
  public:
   Table(std::string_view names, const std::vector<std::string_view>& columns,
@@ -40,7 +40,7 @@ class Table {
     }
   }
 
-  /// Nothing for a line that holds no reading: empty, a comment, the names once more.
+  /// False for a line without a reading: empty, a comment, or the names repeated.
   bool read(std::string_view line, const std::string& where, StampedRow& row) const {
     const std::string_view text = trimmed(line);
     if (text.empty() || text.starts_with('#') || text == trimmed(names_)) return false;
@@ -88,7 +88,7 @@ class Table {
   }
 
   double number(std::string_view text, const std::string& where, std::string_view column) const {
-    // Where commas part no fields they may be decimal ones.
+    // If commas do not separate the fields, they may be decimal points.
     std::string decimal(text);
     if (separator_ != ',') std::replace(decimal.begin(), decimal.end(), ',', '.');
     double value = 0.0;

@@ -5,8 +5,8 @@
 namespace zloam::driver {
 namespace {
 
-// A sensor is silent when nothing of it came for this long, or among so many packets of a newcomer
-// where no receive times are known.
+// The sensor is silent if no packet of it arrived for this long, or, without receive times, during
+// this many packets of a newcomer.
 constexpr std::int64_t kSilentNs = 200'000'000;
 constexpr int kNewcomerPackets = 16;
 constexpr int kNewcomerPacketsWithoutTimes = 256;
@@ -27,7 +27,7 @@ DatagramKind StreamFilter::classify(const Datagram& datagram) {
 }
 
 DatagramKind StreamFilter::data(const Datagram& datagram) {
-  // From now on only this sensor, so that two in one capture are not mixed.
+  // From now on only this sensor is accepted, so that two sensors in one capture are not mixed.
   if (!locked_) {
     locked_ = true;
     makers_.settle(datagram.payload);
@@ -68,7 +68,7 @@ DatagramKind StreamFilter::other_sender(const Datagram& datagram) {
   return DatagramKind::kAdopted;
 }
 
-/// The newcomer, if there is one, is another sensor.
+/// Marks the newcomer, if there is one, as another sensor.
 void StreamFilter::no_newcomer() {
   if (newcomer_ == 0) return;
   if (others_.size() == kMostOthers) others_.erase(others_.begin());

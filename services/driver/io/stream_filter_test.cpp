@@ -1,4 +1,4 @@
-// Which datagrams are the sensor's, and a sensor that comes back with another address.
+// Which datagrams belong to the sensor, and a sensor that returns with another address.
 #include "driver/io/stream_filter.hpp"
 
 #include <gtest/gtest.h>
@@ -58,7 +58,7 @@ TEST(StreamFilter, ASecondSensorIsNeverTaken) {
     EXPECT_EQ(filter.classify(from(kFirst, i)), DatagramKind::kData);
     EXPECT_NE(filter.classify(from(kOther, i)), DatagramKind::kData);
   }
-  // Also when the first is silent for good.
+  // Also when the first sender stays silent.
   for (std::int64_t i = 100; i < 5000; ++i) {
     ASSERT_EQ(filter.classify(from(kOther, i)), DatagramKind::kForeign);
   }
@@ -123,7 +123,7 @@ TEST(PacketStream, ASensorThatWasNamedIsNoOther) {
   EXPECT_EQ(stream.other_sender(), kOther);
 }
 
-/// A recording of a sensor without a flaw, received as the function of when it sent has it.
+/// An ideal sensor's recording; received_ns maps the send time to the receive time.
 class Recording : public PacketSource {
  public:
   explicit Recording(std::function<std::int64_t(std::int64_t)> received_ns)

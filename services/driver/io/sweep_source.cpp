@@ -5,10 +5,10 @@
 namespace zloam::driver {
 namespace {
 
-// A call for the next sweep of a live source comes back after this many packets at most: commands, and
-// inertial readings that come as messages, wait as long.
+// Packets after which pull() of a live source returns at the latest, because commands and inertial
+// readings received as messages wait for it.
 constexpr int kPacketsPerPull = 8;
-// Packets kept of a sender that may be the sensor.
+// Packets buffered of a sender that may be the sensor.
 constexpr std::size_t kMostOfNewcomer = 2048;
 
 class PacketSweeps : public SweepSource {
@@ -70,7 +70,7 @@ class PacketSweeps : public SweepSource {
   }
 
   std::unique_ptr<PacketSource> packets_;
-  /// of a recording
+  /// For recordings only.
   std::unique_ptr<LookAhead> ahead_;
   PacketStream stream_;
   int timeout_ms_;
@@ -136,7 +136,8 @@ void PacketStream::add(const Datagram& datagram) {
     if (kind != DatagramKind::kData) adopt(datagram, kind);
     newcomer_.clear();
     ++data_packets_;
-    // What came before was of no maker, and counted as the first one's.
+    // Malformed packets on the sensor's port have started an assembler for the default maker; this
+    // data packet shows the right one.
     if (begun_for_ != nullptr && begun_for_ != &makers_.maker()) assembler_.reset();
   }
   add_data(datagram.payload, datagram.received_ns);
@@ -159,7 +160,8 @@ void PacketStream::keep_newcomer(const Datagram& datagram) {
   newcomer_.push_back({{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns});
 }
 
-/// The sensor sends from another address; what it sent until that was sure is its own.
+/// The sensor sends from another address. Its packets that were buffered until this was certain are
+/// decoded now.
 void PacketStream::adopt(const Datagram& datagram, DatagramKind kind) {
   remarks_.push_back("the sensor's packets come from " + ipv4_text(datagram.sender) +
                      " now: was it restarted, or is there a second sensor? Then set "
@@ -169,7 +171,7 @@ void PacketStream::adopt(const Datagram& datagram, DatagramKind kind) {
   data_packets_ += newcomer_.size();
 }
 
-/// Enough packets are there to know the model.
+/// Called once there are enough packets to determine the model.
 void PacketStream::begin() {
   begun_for_ = &makers_.maker();
   assembler_ =
@@ -189,7 +191,8 @@ void PacketStream::keep_position(const Datagram& datagram) {
   }
 }
 
-/// Readings from before the first packet that is decoded have no time yet, and are of no sweep.
+/// Readings before the first decoded packet are dropped: their time is not known yet, and no sweep
+/// contains them.
 void PacketStream::keep_imu(const Datagram& datagram) {
   if (!assembler_) return;
   for (ImuReading& reading : makers_.maker().imu(datagram.payload)) {

@@ -20,12 +20,12 @@ constexpr std::size_t kLargestDatagram = 65536;
 
 class Socket {
  public:
-  /// shared: others may listen on the same port, if they say so, too.
+  /// shared: other sockets with the same option may bind to this port.
   Socket(const std::string& address, std::uint16_t port, int buffer_bytes, bool shared) {
     fd_ = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fd_ < 0) throw SourceError(std::string("UDP socket: ") + std::strerror(errno));
     const int on = 1;
-    // The time at which the kernel took the packet in: waiting in a queue does not count.
+    // Stamps when the kernel receives the packet, so that waiting in the queue does not count.
     setsockopt(fd_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
     setsockopt(fd_, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
     if (setsockopt(fd_, SOL_SOCKET, SO_RCVBUFFORCE, &buffer_bytes, sizeof buffer_bytes) != 0) {
@@ -40,8 +40,8 @@ class Socket {
   Socket(const Socket&) = delete;
   Socket& operator=(const Socket&) = delete;
 
-  /// Of several sockets on a port the kernel gives a datagram to the one that asks for its sender.
-  /// False when there is no way to that address.
+  /// Connects the socket, so that the kernel prefers it for datagrams of this sender. False if
+  /// there is no route to the address.
   bool only_from(std::uint32_t sender) {
     sockaddr_in name{};
     name.sin_family = AF_INET;
@@ -61,7 +61,7 @@ class Socket {
   std::uint16_t port() const { return port_; }
   std::uint64_t dropped() const { return dropped_; }
 
-  /// The kernel doubles what was asked for, to pay for its own book-keeping.
+  /// Halved, as the kernel doubles the requested size to cover its own overhead.
   int buffer_bytes() const {
     int bytes = 0;
     socklen_t size = sizeof bytes;
@@ -69,7 +69,7 @@ class Socket {
     return bytes / 2;
   }
 
-  /// False when nothing is waiting.
+  /// False if no datagram is waiting.
   bool receive(std::vector<std::uint8_t>& buffer, Datagram& datagram) {
     sockaddr_in sender{};
     iovec part{buffer.data(), buffer.size()};
@@ -135,9 +135,10 @@ class Socket {
   std::uint64_t dropped_ = 0;
 };
 
-/// One port. With a sender named it has two sockets: what is sent to this host alone comes to the
-/// one that is tied to the sender, also when other programs listen for other sensors here. A tied
-/// socket hears no broadcasts; the other one does, as do those of all other programs.
+/// One port. If a sender is named, it has two sockets: unicasts from the sender arrive at the
+/// socket connected to it, even when other programs listen to other sensors on this port.
+/// Broadcasts do not reach a connected socket; they arrive at the unconnected socket of every
+/// program.
 class Port {
  public:
   Port(const UdpOptions& options, std::uint16_t port, int buffer_bytes)
@@ -208,7 +209,7 @@ class UdpSourceImpl : public UdpSource {
   std::uint16_t position_port() const override { return position_.port(); }
 
  private:
-  /// The next one of a port, while the other port's is older.
+  /// A port's next datagram, kept while the other port's is older.
   struct Pending {
     std::vector<std::uint8_t> buffer = std::vector<std::uint8_t>(kLargestDatagram);
     Datagram datagram;
@@ -223,8 +224,8 @@ class UdpSourceImpl : public UdpSource {
     return next_data_.there || next_position_.there;
   }
 
-  /// In the order of their coming, as far as the kernel tells it: behind a driver that lags, a port
-  /// that always has something would keep the other one's readings until their sweep is out.
+  /// The older of both by the kernel's stamps. Otherwise, when the driver lags, a data port that
+  /// always has a datagram would delay the other port's readings until after their sweep.
   Datagram take() {
     const bool data_first =
         next_data_.there && (!next_position_.there || next_data_.datagram.received_ns <=

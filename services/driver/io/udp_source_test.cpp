@@ -1,4 +1,4 @@
-// Sockets, and which of what they hear is the sensor's.
+// UDP sockets, and which of the datagrams received there belong to the sensor.
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -56,8 +56,8 @@ TEST_F(Sources, AGroupIsJoinedOrRefused) {
               HasSubstr("10.0.0.1"));
 }
 
-// Two programs, one for each sensor, listen on one port. What is sent to this host alone reaches
-// the program that named the sender; what is broadcast reaches both, and one keeps it.
+// Two programs listen on one port, each for its own sensor. Unicasts reach the program that named
+// the sender; broadcasts reach both, and the filter of one keeps them.
 TEST_F(Sources, TwoSensorsOnOnePortAreToldApartByAddress) {
   const auto first =
       open_udp({.data_port = 0, .position_port = 0, .sender = parse_ipv4("127.0.0.2")});
@@ -101,11 +101,12 @@ TEST_F(Sources, UdpReceivesOnBothPortsWithKernelTime) {
   EXPECT_EQ(count_of(*source, "kernel_drops"), 0U);
 }
 
-// A driver that lags behind has both ports full.
+// Both ports have waiting datagrams, as in a driver that lags.
 TEST_F(Sources, UdpReceivesBothPortsInTheOrderOfTheirComing) {
   const auto source = open_udp({.bind_address = "127.0.0.1", .data_port = 0, .position_port = 0});
-  // Where no socket of the machine wanted it before, the kernel begins to stamp what comes a moment
-  // after it is asked to (net_enable_timestamp); until then it stamps what is read.
+  // If no socket on the machine has requested receive stamps before, the kernel starts to stamp
+  // packets shortly after the request (net_enable_timestamp); until then it stamps them when they
+  // are read.
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   const std::vector<std::size_t> sent = {1206, 1206, 512, 1206, 512, 512, 1206, 1206};
   for (const std::size_t size : sent) {
@@ -127,7 +128,7 @@ TEST_F(Sources, UdpCountsWhatTheKernelDropped) {
   std::uint64_t got = 0;
   while (source->next(datagram, 0) == Read::kDatagram) ++got;
   ASSERT_LT(got, 200U);
-  // The kernel tells its count with the next packet that fits.
+  // The kernel reports its count with the next packet that fits.
   send_to(source->data_port(), packet_);
   ASSERT_EQ(source->next(datagram, 10'000), Read::kDatagram);
   EXPECT_EQ(count_of(*source, "kernel_drops"), 200U - got);
