@@ -28,10 +28,11 @@ BeamTables::BeamTables(const ModelTable& table, double stretch, bool vertical_of
   }
 }
 
-// Inlined into both, so that each is compiled for its processor; the operations are the same.
+// Inlined into both callers, so that it is compiled for each one's instruction set; the operations
+// are the same.
 __attribute__((always_inline)) inline void BeamTables::turn_by(double advance_rad) {
   for (std::size_t c = 0; c < channels_; ++c) {
-    // At most 1 degree: the series are exact to 1e-12.
+    // At most 1 degree, where the series are exact to 1e-12.
     const double a = advance_rad * time_share_[c];
     const double cos_a = 1.0 - a * a * (0.5 - a * a / 24.0);
     const double sin_a = a * (1.0 - a * a * (1.0 / 6.0 - a * a / 120.0));

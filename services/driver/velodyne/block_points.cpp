@@ -11,10 +11,10 @@
 namespace zloam::driver::velodyne {
 namespace {
 
-// As many lanes as Float4.
+// Has as many lanes as Float4.
 using Ints = std::int32_t __attribute__((vector_size(16)));
 constexpr int kLanes = 4;
-/// Read where a pair has one good block only: no returns.
+/// A block without returns, read in place of the missing one if only one block of a pair is valid.
 constexpr std::array<std::uint8_t, kBlockBytes + 1> kEmptyBlock{};
 
 Float4 load(const float* at) {
@@ -23,15 +23,15 @@ Float4 load(const float* at) {
   return values;
 }
 
-/// A cell with one byte beyond it: raw distance, then intensity. A block is followed by another one
-/// or by the packet's tail.
+/// Reads a cell (raw distance, then intensity) and one byte beyond it, which exists: a block is
+/// followed by another one or by the packet's tail.
 std::uint32_t read_cell(const std::uint8_t* at) {
   std::uint32_t cell;
   std::memcpy(&cell, at, sizeof cell);
   return cell;
 }
 
-/// Position and intensity of four cells; raw 0 is no return.
+/// Position and intensity of four cells; a raw distance of 0 means no return.
 struct Quad {
   std::uint32_t raw[kLanes];
   Float4 points[kLanes];

@@ -17,10 +17,10 @@ ZLOAM_AVX2 __m256i load_eight(const std::uint32_t* at) {
   return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(at));
 }
 
-/// Eight cells as eight lanes; four bytes beyond the last one are read.
+/// Eight cells in eight lanes; reads four bytes beyond the last cell.
 struct Wide {
   __m256 points[4];
-  /// time, then ring and type: of points 0, 1, 4, 5, and of 2, 3, 6, 7
+  /// time, then ring and type: first of points 0, 1, 4, 5, then of points 2, 3, 6, 7
   __m256i rests[2];
   unsigned kept;
 };
@@ -84,7 +84,7 @@ ZLOAM_AVX2 void put_block(const FiredBlock& fired, const BeamTables& beams, int 
     const std::uint8_t* cells =
         block + kFlagAndAzimuthBytes + kCellBytes * static_cast<std::size_t>(c);
     const Wide wide = read_wide(cells, beams, channel, frame, limits, time_ns, types);
-    // Lanes 0 to 3 are the low half of each, lanes 4 to 7 the high half.
+    // Lanes 0 to 3 are in the lower half of each register, lanes 4 to 7 in the upper half.
     const auto& [points, rests, kept] = wide;
     put_pair(writer, _mm256_castps256_ps128(points[0]), _mm256_castps256_ps128(points[1]),
              _mm256_castsi256_si128(rests[0]), kept);

@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kLanes = 16;
 
-/// For each byte of sixteen lanes: the byte of sixteen cells that goes there.
+/// For each byte of sixteen lanes, the index of the cells' byte that is moved there.
 struct CellBytes {
   alignas(64) std::uint8_t raw[64]{};
   alignas(64) std::uint8_t intensity[64]{};
@@ -29,7 +29,7 @@ constexpr __mmask64 kIntensityBytes = 0x1111111111111111;
 ZLOAM_AVX512 Sixteen read_cells(const std::uint8_t* at, const BeamTables& beams,
                                 std::size_t channel, const BlockFrame& frame, RawLimits limits,
                                 __m512i common_time_ns, __m512i types) {
-  // Not a byte beyond the last cell: the last block is followed by the packet's end.
+  // Masked, so that nothing beyond the last cell is read: the last block is at the packet's end.
   const __m512i cells = _mm512_maskz_loadu_epi8((1ULL << kLanes * kCellBytes) - 1, at);
   const __m512i raw =
       _mm512_maskz_permutexvar_epi8(kRawBytes, _mm512_load_si512(kBytes.raw), cells);

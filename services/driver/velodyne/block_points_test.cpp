@@ -1,4 +1,4 @@
-// The quick ways to a block's points against the portable one.
+// Compares the vectorized versions that convert a block to points with the portable one.
 #include "driver/velodyne/block_points.hpp"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 namespace zloam::driver::velodyne {
 namespace {
 
-// A block, and what follows it in a packet.
+// A block, and the bytes of the packet after it.
 using Block = std::array<std::uint8_t, kBlockBytes + 6>;
 using Put = decltype(put_single);
 
@@ -33,7 +33,7 @@ Written written_by(Put* put, std::span<const FiredBlock> blocks, const BeamTable
   return written;
 }
 
-/// Noise, with no return in every third cell.
+/// Random bytes, with no return in about every third cell.
 Block some_block(std::mt19937& random) {
   Block block;
   for (std::uint8_t& byte : block) byte = static_cast<std::uint8_t>(random());
@@ -43,7 +43,7 @@ Block some_block(std::mt19937& random) {
   return block;
 }
 
-/// All that this processor can run, but for the portable one.
+/// All versions except the portable one that this processor can run.
 std::vector<Put*> quick_ways() {
   std::vector<Put*> ways{put_single};
 #if ZLOAM_WIDE

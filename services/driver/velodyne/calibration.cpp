@@ -14,7 +14,7 @@ namespace {
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMetresPerCm = 0.01;
 
-/// What a reader throws within this file.
+/// Thrown by the readers of this file.
 struct Wrong : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -23,7 +23,7 @@ std::string of_laser(int id, const char* name) {
   return "laser " + std::to_string(id) + ": " + name;
 }
 
-/// Puts lasers in their places, and sees that each comes once.
+/// Stores each laser at its number, and checks that each number occurs exactly once.
 class Lasers {
  public:
   LaserCalibration& add(int id) {
@@ -47,10 +47,10 @@ class Lasers {
   std::vector<bool> seen_ = std::vector<bool>(kCalibratedLasers);
 };
 
-// No unit is off by more; what is, was read in other units.
+// No unit has greater corrections; greater values are in other units of measure.
 void check(const LaserCalibration& laser, int id) {
   const auto within = [&](double value, double most, const char* name) {
-    // Written so that what is no number does not pass.
+    // Written so that NaN fails the condition.
     if (!(std::abs(value) <= most)) {
       throw Wrong(of_laser(id, name) + " is " + std::to_string(value) + ", which no unit has");
     }
@@ -81,7 +81,7 @@ LaserCalibration laser_of_xml(const pugi::xml_node& px, int id) {
   laser.azimuth_correction_rad = degrees("rotCorrection_");
   laser.elevation_rad = degrees("vertCorrection_");
   laser.far_m = metres("distCorrection_");
-  // Units before the second edition have one correction for all distances.
+  // Units before the second edition have a single correction for all distances.
   laser.near_x_m = px.child("distCorrectionX_") ? metres("distCorrectionX_") : laser.far_m;
   laser.near_y_m = px.child("distCorrectionY_") ? metres("distCorrectionY_") : laser.far_m;
   laser.vertical_offset_m = metres("vertOffsetCorrection_");
@@ -91,7 +91,7 @@ LaserCalibration laser_of_xml(const pugi::xml_node& px, int id) {
   return laser;
 }
 
-/// The n-th item of a list of all lasers; otherwise where there is no such list.
+/// Value of laser n in a list of all lasers; the given default if there is none.
 double item_of(const pugi::xml_node& list, int n, double otherwise) {
   for (const pugi::xml_node& item : list.children("item")) {
     if (n-- == 0) return std::floor(item.text().as_double(otherwise));

@@ -1,4 +1,4 @@
-// Calibration files of an HDL-64E, and files that are none.
+// Calibration files of an HDL-64E, valid and invalid.
 #include "driver/velodyne/calibration.hpp"
 
 #include <gmock/gmock.h>

@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kAzimuthAt = 2;
 constexpr std::size_t kModeAt = 1204;
 constexpr std::size_t kProductAt = 1205;
-// Stamps slightly beyond the hour are seen in the field before the wrap.
+// Before the wrap at the hour, real sensors have been seen to exceed it slightly.
 constexpr std::uint32_t kMaxTohUs = 3'610'000'000U;
 
 const char* mode_name(ReturnMode mode) {
@@ -61,7 +61,7 @@ void Decoder::shape_stream() {
   shape_.rings = table_->rings;
   shape_.group_ns = config_.group_ns > 0.0 ? config_.group_ns : table_->group_ns;
   shape_.groups_per_ns = 1.0 / shape_.group_ns;
-  // All firings of a group lie in its first seven eighths.
+  // All firings are within the first seven eighths of a group.
   shape_.group_span_ns = static_cast<std::int64_t>(shape_.group_ns) * 7 / 8;
   shape_.columns_per_group = table_->columns_per_group;
   shape_.packet_period_ns = {period_of(1), period_of(2)};
@@ -172,7 +172,7 @@ void Decoder::read_blocks(PacketPlan& plan) const {
         ++plan.bad_blocks;
       } else if (!group.valid) {
         group.valid = true;
-        // Sensors round up to 36000 now and then, though the manual's range ends at 35999.
+        // The manual's range ends at 35999, but sensors sometimes round up to 36000.
         group.azimuth_cdeg = azimuth_cdeg % kTurnCdeg;
       }
     }
@@ -181,8 +181,7 @@ void Decoder::read_blocks(PacketPlan& plan) const {
 
 namespace {
 
-/// Member by member, where it stays: what is copied as a whole must wait for its parts to be
-/// stored.
+/// Sets the members in place: copying a frame would stall until the stores of its members are done.
 inline void set_frame(BlockFrame& frame, const PacketPlan& plan, const PlacedGroup& placed,
                       const AzimuthTable& azimuths, float unit_m) {
   const auto [cos_azimuth, sin_azimuth] = azimuths.cos_sin(plan.group[placed.group].azimuth_cdeg);
@@ -193,8 +192,8 @@ inline void set_frame(BlockFrame& frame, const PacketPlan& plan, const PlacedGro
   frame.column = placed.column;
 }
 
-/// Blocks of one valid group by bank and return. The flag tells the bank, not the place in the
-/// packet.
+/// Blocks of one valid group by bank and return. The block's flag decides the bank, not its
+/// position in the packet.
 using GroupBlocks = std::array<std::array<const std::uint8_t*, 2>, kMostBanks>;
 
 GroupBlocks blocks_by_bank(const std::uint8_t* first, int banks, int returns) {
@@ -217,7 +216,7 @@ std::size_t Decoder::decode_groups(const PacketPlan& plan, std::span<const Place
     for (const PlacedGroup& placed : groups) put_group(plan, placed, sink);
     return sink.count;
   }
-  // A group is a block.
+  // With one bank and one return, a group is one block.
   std::array<FiredBlock, kBlocksPerPacket> blocks;
   const AzimuthTable& azimuths = azimuth_table();
   for (std::size_t i = 0; i < groups.size(); ++i) {

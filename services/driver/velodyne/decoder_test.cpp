@@ -18,7 +18,7 @@ constexpr ReturnType kStrongest = ReturnType::kStrongest;
 constexpr ReturnType kLast = ReturnType::kLast;
 
 TEST(Decoder, DualReturnPolicies) {
-  // Channels 3: last 40 m, strongest 16 m; 5: equal; 7: last only; 9: strongest only.
+  // Channel 3: last 40 m, strongest 16 m; 5: equal; 7: last only; 9: strongest only.
   const Payload payload = make_payload(azimuth_steps(1000, 40, true),
                                        {{4, 3, {0x20, 0x4e, 50}},
                                         {5, 3, {0x40, 0x1f, 200}},
@@ -72,7 +72,7 @@ TEST(Decoder, ReflectivityZeroIsAReturnAndDistanceZeroIsNone) {
   EXPECT_EQ(points[0].intensity, 0.0F);
 }
 
-// Between 359.99 and 360 degrees a table by rounded azimuth would end.
+// Between 359.99 and 360 degrees, a table indexed by the rounded azimuth could be exceeded.
 TEST(Decoder, NothingHappensAtTheEndOfTheTurn) {
   const Payload payload =
       make_payload(azimuth_steps(35997, 40), {{0, 15, {0x88, 0x13, 1}}, {0, 31, {0x88, 0x13, 2}}},
@@ -80,7 +80,7 @@ TEST(Decoder, NothingHappensAtTheEndOfTheTurn) {
   Decoder decoder({});
   const auto points = decode_all(decoder, payload);
   ASSERT_EQ(points.size(), 2U);
-  // 359.97 degrees and 0.40 degrees times the firing's share of the block.
+  // 359.97 degrees, plus 0.40 degrees times the firing's fraction of the block's time.
   for (std::size_t i = 0; i < 2; ++i) {
     const double share = (34.56 + 55.296 * static_cast<double>(i)) / 110.592;
     const double expected_deg = -0.03 + 0.40 * share;
@@ -144,7 +144,7 @@ TEST(Decoder, AnotherModelInTheStreamIsAStranger) {
 }
 
 TEST(Decoder, ForcedReturnModeDecodesAndNamesTheContradiction) {
-  // Old firmware has no such byte; another mode than the packets' is said.
+  // Old firmware sends no mode byte. A mode byte that differs from the configured mode is reported.
   const Payload old = make_payload(azimuth_steps(1000, 40), {}, {0, 0, 0, 0, 0x00, 0x00});
   Decoder forced({.model = Model::kVlp16, .return_mode = ReturnMode::kLast});
   EXPECT_EQ(forced.tail(old).reject, Reject::kNone);
@@ -205,7 +205,8 @@ TEST(Decoder, AFullTurnIsAzimuthZero) {
 }
 
 TEST(Decoder, OneLargeGapIsARestrictedViewAndTakesTime) {
-  // 90 degrees of view: after 7 blocks the sensor passes 270 degrees, 13500 groups of 0.02 degrees.
+  // A view of 90 degrees: after 7 blocks the sensor passes 270 degrees, about 1351 groups of 0.20
+  // degrees.
   std::vector<int> azimuths;
   for (int k = 0; k < 12; ++k) azimuths.push_back(k < 7 ? 17860 + 20 * k : 9000 + 20 * (k - 7));
   Decoder decoder({});

@@ -1,5 +1,5 @@
 // Published test vectors, computed by the manuals' formulas and checked against an independent
-// decoder; z with the vertical offset.
+// decoder; z includes the vertical offset.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -137,7 +137,7 @@ TEST(Decoder, C2Vlp32cDual) {
                  {20, 170.496, -0.218741, 15.998505, 0.0, 99, kStrongest}});
 }
 
-/// Single return: three firings of four banks, each with its own flag.
+/// Single returns: three firings of four banks, each bank with its own flag.
 Payload vls128_payload(const std::array<int, 3>& azimuths_cdeg, std::uint32_t toh_us,
                        const std::vector<test::CellBytes>& cells) {
   std::vector<int> azimuths;
@@ -150,7 +150,7 @@ Payload vls128_payload(const std::array<int, 3>& azimuths_cdeg, std::uint32_t to
   return payload;
 }
 
-// The cells are in the second packet: its CRC is the second one published.
+// The cells are in the second packet, so its CRC is the second one published.
 TEST(Decoder, A1Vls128) {
   const Payload payload = vls128_payload(
       {60, 80, 100}, 1173,
@@ -196,7 +196,7 @@ TEST(Decoder, BanksAreByTheFlagNotByThePlace) {
                                               {2, 0, {0xc4, 0x09, 0x02}}};
   const Payload usual = vls128_payload({60, 80, 100}, 1173, cells);
   Payload moved = usual;
-  // Blocks 0 and 2 change places.
+  // Swaps blocks 0 and 2.
   std::swap_ranges(moved.begin(), moved.begin() + 100, moved.begin() + 200);
   Decoder a({});
   Decoder b({});
@@ -210,7 +210,7 @@ TEST(Decoder, BanksAreByTheFlagNotByThePlace) {
   }
 }
 
-/// Dual return: pairs of blocks for each bank, and four blocks without meaning.
+/// Two returns: a pair of blocks for each bank, and four unused blocks.
 Payload vls128_dual_payload(int azimuth_cdeg, std::uint32_t toh_us,
                             const std::vector<test::CellBytes>& cells) {
   Payload payload = vls128_payload({azimuth_cdeg, azimuth_cdeg, azimuth_cdeg}, toh_us, cells);
@@ -223,7 +223,7 @@ Payload vls128_dual_payload(int azimuth_cdeg, std::uint32_t toh_us,
 
 TEST(Decoder, Vls128DualTakesItsSpeedFromTheLastPackets) {
   Decoder decoder({});
-  // 600 rpm: 20.808 hundredths of a degree in a firing of 57.8 us.
+  // At 600 rpm the azimuth advances by 20.808 hundredths of a degree in a firing of 57.8 us.
   std::vector<Point> points;
   for (int i = 0; i < 20; ++i) {
     const Payload payload = vls128_dual_payload(

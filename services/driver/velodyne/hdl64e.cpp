@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::uint32_t kMaxTohUs = 3'610'000'000U;
 constexpr double kRadPerCdeg = std::numbers::pi / 18000.0;
-// Where the two-point correction was measured (manual).
+// Distances at which the two-point correction was measured (manual).
 constexpr double kFarM = 25.04;
 constexpr double kNearXM = 2.40;
 constexpr double kNearYM = 1.93;
@@ -29,10 +29,11 @@ std::size_t laser_of(int bank, int channel) {
 
 int azimuth_of(const std::uint8_t* block) { return read_u16(block + 2); }
 
-/// Of a group: upper and lower block, with two returns twice.
+/// Blocks of a group: an upper and a lower one for each return.
 int blocks_of(ReturnMode mode) { return 2 * static_cast<int>(returns_of(mode)); }
 
-/// The distance as the manual corrects it along one axis; along_m: the far-corrected point there.
+/// The correction of a distance along one axis, interpolated as in the manual; along_m: coordinate
+/// of the point on this axis with the far correction.
 double corrected(double far_m, double near_m, double nearest_m, double along_m) {
   return near_m + (far_m - near_m) * (std::abs(along_m) - nearest_m) / (kFarM - nearest_m);
 }
@@ -97,7 +98,7 @@ Hdl64eDecoder::Hdl64eDecoder(const Hdl64eModel& model, const Calibration& calibr
 
 ReturnMode Hdl64eDecoder::mode_of(std::span<const std::uint8_t> payload) {
   const auto azimuth = [&](int k) { return azimuth_of(block_of(payload.data(), k)); };
-  // A motor that stands still has equal azimuths too; then the mode is what it was.
+  // If the motor stands still, azimuths are equal too; the mode then stays as it was.
   if (azimuth(0) != azimuth(10)) {
     const bool pairs = azimuth(0) == azimuth(2) && azimuth(4) == azimuth(6);
     last_mode_ = pairs ? ReturnMode::kDual : ReturnMode::kStrongest;
@@ -115,7 +116,7 @@ ReturnMode Hdl64eDecoder::mode_of(std::span<const std::uint8_t> payload) {
   return last_mode_;
 }
 
-/// Stamps tell of the packet's end; ours are of its begin, in whole microseconds before it.
+/// Converts the stamp, which is the packet's end, to its begin, in whole microseconds.
 std::uint32_t Hdl64eDecoder::begin_toh_us(std::uint32_t stamp_us, ReturnMode mode) const {
   const auto before_us = static_cast<std::uint32_t>((packet_period_ns(mode) + 999) / 1000);
   return earlier_toh_us(stamp_us, before_us);
@@ -166,7 +167,8 @@ PacketPlan Hdl64eDecoder::plan(std::span<const std::uint8_t> payload, ReturnMode
 }
 
 void Hdl64eDecoder::intensity_of(const Laser& laser, const std::uint8_t* cell, Point& point) const {
-  // Manual, "Intensity Compensation"; distances against the longest one, 131 m or 65535 units.
+  // Manual, "Intensity Compensation"; distances are relative to the greatest one, 131 m or 65535
+  // units.
   const double focal = 1.0 - laser.calibration.focal_distance_m / 131.0;
   const double own = 1.0 - read_u16(cell) / 65535.0;
   const double added = 256.0 * laser.calibration.focal_slope * std::abs(focal * focal - own * own);
@@ -175,9 +177,9 @@ void Hdl64eDecoder::intensity_of(const Laser& laser, const std::uint8_t* cell, P
                                   std::min(cell[2] + added, laser.calibration.greatest_intensity)));
 }
 
-// Two-point correction (manual, appendix "Coordinate Calculation"): the distance's correction goes
-// from that of near points to that of far ones, along x and y apart; offsets come last. The manual's
-// y is our x, its x our -y.
+// Two-point correction (manual, appendix "Coordinate Calculation"): the correction of the distance
+// is interpolated between near and far, for x and y separately; offsets are applied last. The
+// manual's y is our x, its x our -y.
 Hdl64eDecoder::Cell Hdl64eDecoder::cell_of(const std::uint8_t* block, int channel,
                                            double azimuth_rad, std::uint32_t time_ns) const {
   Cell cell{};
@@ -232,7 +234,7 @@ std::size_t Hdl64eDecoder::decode_groups(const PacketPlan& plan,
     const std::uint8_t* const first = block_of(plan.payload, placed.group * blocks_of(plan.mode));
     const double group_rad =
         kRadPerCdeg * plan.group[static_cast<std::size_t>(placed.group)].azimuth_cdeg;
-    // Upper and lower lasers fire together.
+    // An upper and a lower laser fire at the same time.
     for (int c = 0; c < kCellsPerBlock; ++c) {
       const std::uint32_t firing_ns = firing_ns_[static_cast<std::size_t>(c)];
       const double azimuth_rad = group_rad + turn_rad_per_ns * firing_ns;

@@ -1,5 +1,6 @@
-// Packets of an HDL-64E made byte by byte. Positions and intensities: the published vector S1 and
-// the manual's formulas; firing times: the tables of two public decoders.
+// Packets of an HDL-64E made byte by byte. Expected positions and intensities are from the
+// published vector S1 and the manual's formulas, firing times from the tables of two public
+// decoders.
 #include "driver/velodyne/hdl64e.hpp"
 
 #include <gmock/gmock.h>
@@ -23,7 +24,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-/// Blocks alternate; one azimuth for two blocks, with two returns for four.
+/// Upper and lower blocks alternate; two blocks share an azimuth, or four with two returns.
 Payload payload_of(int first_cdeg, int step_cdeg, bool dual,
                    const std::vector<test::CellBytes>& cells,
                    const std::array<std::uint8_t, 6>& tail) {
@@ -80,7 +81,7 @@ TEST(Hdl64e, TheTwoPointCorrectionOfThePublishedVector) {
     EXPECT_NEAR(points[0].y, vector.y_m, 1e-5);
     EXPECT_NEAR(points[0].z, vector.z_m, 1e-5);
     EXPECT_NEAR(points[0].intensity, vector.intensity, 1e-3);
-    EXPECT_EQ(points[0].ring, 63);  // the highest of the made calibration
+    EXPECT_EQ(points[0].ring, 63);  // the highest laser of the test's calibration
   }
 }
 
@@ -88,7 +89,7 @@ struct Firing {
   const char* model;
   bool dual;
   int block, channel;
-  double before_stamp_us;  // as the tables of VeloView have it
+  double before_stamp_us;  // by the tables of VeloView
 };
 
 TEST(Hdl64e, FiringTimesCountBackFromTheStamp) {
@@ -128,8 +129,8 @@ TEST(Hdl64e, TwoReturnsByEqualAzimuths) {
   const Payload payload = payload_of(0, 18, true,
                                      {{0, 4, {0x88, 0x13, 50}},   // strongest, 10 m
                                       {2, 4, {0x10, 0x27, 60}},   // last, 20 m
-                                      {1, 4, {0x88, 0x13, 70}},   // one of the lower lasers,
-                                      {3, 4, {0x88, 0x13, 70}}},  // twice the same
+                                      {1, 4, {0x88, 0x13, 70}},   // a lower laser,
+                                      {3, 4, {0x88, 0x13, 70}}},  // both returns equal
                                      tail_of(1'000'000));
   const auto decoder = decoder_for(payload, options_of("HDL-64E S3"));
   EXPECT_EQ(decoder->tail(payload).mode, ReturnMode::kDual);
@@ -169,7 +170,7 @@ TEST(Hdl64e, WithoutModelOrCalibrationItIsSaid) {
 }
 
 TEST(Hdl64e, TurnsBecomeSweeps) {
-  // 10 turns a second: 0.1728 degrees from group to group.
+  // 10 revolutions per second: 0.1728 degrees from group to group.
   constexpr int kPackets = 348 * 3;
   std::unique_ptr<SweepAssembler> assembler;
   std::vector<DecodedSweep> sweeps;

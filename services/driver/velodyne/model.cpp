@@ -9,13 +9,13 @@ namespace {
 
 constexpr int kChannelsPerBlock = 32;
 
-// Millimetres by laser, lasers 0 to 15 (manual p. 54; rows 0 to 6 by antisymmetry).
+// Vertical offset in mm by laser, 0 to 15 (manual p. 54; rows 0 to 6 by antisymmetry).
 constexpr std::array<double, 16> kVlp16OffsetMm = {11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1,
                                                    5.1,  -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2};
 constexpr std::array<double, 16> kHiResOffsetMm = {7.4, -0.9, 6.5, -1.8, 5.5, -2.7, 4.6, -3.7,
                                                    3.7, -4.6, 2.7, -5.5, 1.8, -6.5, 0.9, -7.4};
 
-// Millimetres by ring, rings 0 to 31.
+// Vertical offset in mm by ring, 0 to 31.
 constexpr std::array<double, 32> kHdl32eOffsetMm = {
     17.17, 16.27, 15.40, 14.54, 13.71, 12.89, 12.09, 11.31, 10.54, 9.78, 9.04,
     8.30,  7.58,  6.86,  6.15,  5.45,  4.76,  4.07,  3.38,  2.70,  2.02, 1.35,
@@ -36,7 +36,7 @@ constexpr std::array<Beam, 32> kVlp32cBeams = {{
     {-1.4, +10.333}, {+1.4, -1.333},
 }};
 
-// Degrees by laser. Laser l leaves at the azimuth correction number l mod 8.
+// In degrees. Laser l has azimuth correction l mod 8.
 constexpr std::array<double, 8> kVls128AzimuthDeg = {-6.354, -4.548, -2.732, -0.911,
                                                      0.911,  2.732,  4.548,  6.354};
 constexpr std::array<double, 128> kVls128ElevationDeg = {
@@ -62,7 +62,7 @@ double offset_by_focal_length_m(double focal_mm, double elevation_deg) {
   return 1e-3 * focal_mm * std::tan(-elevation_deg * std::numbers::pi / 180.0);
 }
 
-// Two firing sequences of 16 lasers in one block: 2.304 us a laser, 55.296 us a sequence.
+// A block has two firing sequences of 16 lasers: 2.304 us per laser, 55.296 us per sequence.
 std::vector<Channel> sixteen_beam_channels(double lowest_deg, double step_deg,
                                            const std::array<double, 16>& offset_mm) {
   std::vector<Channel> channels;
@@ -84,7 +84,8 @@ std::vector<Channel> hdl32e_channels() {
   std::vector<Channel> channels;
   for (int c = 0; c < kChannelsPerBlock; ++c) {
     const int ring = interleaved_ring(c, 32);
-    // The published angles are thirds of a degree, printed (and used by all) with two decimals.
+    // The angles are thirds of a degree, but published, and used by all decoders, with two
+    // decimals.
     const double elevation_deg = std::round(100.0 * (-92.0 + 4.0 * ring) / 3.0) / 100.0;
     channels.push_back({.elevation_deg = elevation_deg,
                         .azimuth_correction_deg = 0.0,
@@ -102,7 +103,7 @@ std::uint16_t rank_by_elevation(const std::vector<Channel>& channels, double ele
                     [&](const Channel& c) { return c.elevation_deg < elevation_deg; }));
 }
 
-// Lasers fire in pairs, 2.304 us a pair.
+// Lasers fire in pairs, one pair every 2.304 us.
 std::vector<Channel> vlp32c_channels() {
   std::vector<Channel> channels;
   for (int c = 0; c < kChannelsPerBlock; ++c) {
@@ -121,7 +122,7 @@ std::vector<Channel> vlp32c_channels() {
   return channels;
 }
 
-// Eight lasers fire together; two slots without firing follow the eighth and the last firing.
+// Eight lasers fire together. Two slots without firing follow the eighth and the last firing.
 constexpr double kVls128SlotNs = 2890.0;
 constexpr int kVls128Slots = 20;
 

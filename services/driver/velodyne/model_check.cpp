@@ -8,10 +8,10 @@
 namespace zloam::driver::velodyne {
 namespace {
 
-// VLS-128 with firmware 5.1.7: 20 slots of 8/3 us.
+// Period of a VLS-128 with firmware 5.1.7: 20 slots of 8/3 us.
 constexpr double kOldGroupNs = 20.0 * 8000.0 / 3.0;
 
-/// Middle of the times between neighbours, so that a lost packet does not matter.
+/// Median interval between neighbouring packets, which lost packets do not change.
 double median_period_us(std::vector<std::uint32_t> stamps_us) {
   std::vector<std::int64_t> periods_us;
   for (std::size_t i = 1; i < stamps_us.size(); ++i) {
@@ -67,7 +67,7 @@ double measured_group_ns(const std::vector<std::vector<std::uint8_t>>& payloads,
   int count = 0;
   for (std::size_t i = 1; i < stamps_us.size(); ++i) {
     const auto period_us = static_cast<double>(toh_difference_us(stamps_us[i], stamps_us[i - 1]));
-    // Lost packets apart.
+    // Skips intervals with lost packets.
     if (std::abs(period_us - middle_us) > 0.1 * middle_us) continue;
     sum_us += period_us;
     ++count;

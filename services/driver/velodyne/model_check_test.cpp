@@ -49,7 +49,7 @@ TEST(ModelCheck, ALostPacketDoesNotMatter) {
   EXPECT_EQ(model_by_timing(payloads, Model::kVlp16), Model::kVlp16);
 }
 
-/// Packets of a VLS-128 at these stamps.
+/// Packets with these stamps, by default of a VLS-128.
 std::vector<std::vector<std::uint8_t>> at_stamps(const std::vector<double>& stamps_us,
                                                  std::uint8_t product_id = 0xA1) {
   std::vector<std::vector<std::uint8_t>> payloads;

@@ -15,7 +15,7 @@ constexpr double kGyroDps = 0.09766;
 constexpr double kTemperatureC = 0.1453;
 constexpr double kAccelG = 0.001221;
 
-/// The low 12 bits as two's complement.
+/// The low 12 bits as a two's complement number.
 int read_12_bits(const std::uint8_t* at) {
   const int value = (at[0] | at[1] << 8) & 0xFFF;
   return value >= 0x800 ? value - 0x1000 : value;
@@ -37,7 +37,7 @@ std::optional<InertialPositionPacket> parse_position(std::span<const std::uint8_
   packet.pps = static_cast<Pps>(std::min<std::uint8_t>(payload[kPpsAt], 3));
   for (const std::uint8_t byte : payload.subspan(kSentenceAt)) {
     if (byte == 0 || byte == '\r' || byte == '\n') break;
-    // What is no printable character is no part of a sentence.
+    // A sentence consists of printable characters only; others are replaced.
     packet.nmea.push_back(byte >= 0x20 && byte < 0x7F ? static_cast<char>(byte) : '?');
   }
   return packet;

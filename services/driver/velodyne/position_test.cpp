@@ -85,7 +85,7 @@ TEST(Nmea, NumbersBeyondTheirRangeAreNoFix) {
   EXPECT_FALSE(fix->valid);
 }
 
-// Found by fuzzing: more digits than a double has room for were no number, and not nothing.
+// Found by fuzzing: numbers with more digits than a double can hold must not become NaN.
 TEST(Nmea, NumbersOfHundredsOfDigitsAreReadOrLeftOut) {
   const std::string zeros(400, '0');
   const auto sentence = [](const std::string& latitude) {

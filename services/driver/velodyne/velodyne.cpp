@@ -11,7 +11,7 @@
 namespace zloam::driver::velodyne {
 namespace {
 
-/// "VLP-16", "vlp16" and "Puck Hi-Res" as the names of the tables have them.
+/// Finds the table for a label such as "VLP-16", "vlp16" or "Puck Hi-Res".
 std::optional<Model> model_by_label(const std::string& label) {
   const std::string plain = plain_label(label);
   if (plain == "puckhires" || plain == "vlp16hires") return Model::kPuckHiRes;
