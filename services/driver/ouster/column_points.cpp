@@ -16,7 +16,7 @@ constexpr std::size_t kLanes = 4;
 constexpr double kMetresPerMm = 1e-3;
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
-// The halves of a point as it lies in memory, written at once each.
+// A point is written in two parts: position and intensity (16 bytes), then time, ring and type (8).
 constexpr std::size_t kHalf = 16;
 static_assert(offsetof(Point, time_ns) == kHalf && offsetof(Point, ring) == kHalf + 4 &&
               offsetof(Point, return_type) == kHalf + 6 && sizeof(Point) == kHalf + 8);
@@ -27,7 +27,7 @@ __attribute__((always_inline)) inline Float4 load(const float* at) {
   return values;
 }
 
-/// Four lanes: position and intensity, and the distance that tells whether they are points.
+/// Four lanes: position and intensity, and the distances that decide whether they are returns.
 struct Quad {
   std::array<std::uint32_t, kLanes> range_mm;
   std::array<Float4, kLanes> points;
@@ -69,7 +69,7 @@ __attribute__((always_inline)) inline Quad read_quad(const std::uint8_t* pixels,
   return quad;
 }
 
-/// Every lane is written and kept only when it is a return: cheaper than a branch.
+/// Writes every lane and advances only if it is kept, which is faster than a branch.
 struct Writer {
   std::uint8_t* at;
   std::uint64_t time_ns;
@@ -83,7 +83,7 @@ struct Writer {
   }
 };
 
-/// Whether a lane of a pair is given, and as what; which: 0 or 1.
+/// Whether one return of a pair is kept, and with which type. which: its index, 0 or 1.
 struct Choice {
   bool kept;
   ReturnType type;
@@ -118,11 +118,11 @@ __attribute__((always_inline)) inline std::size_t put_column(const MeasuredColum
 
 RangeLimits limits_of(const DecodingOptions& options) {
   constexpr double kMmPerMetre = 1e3;
-  // No profile tells of more than 20 bits.
+  // No profile has distances of more than 20 bits.
   constexpr double kMost = 1U << 20;
   const double lowest = std::clamp(std::ceil(kMmPerMetre * options.min_range_m - 1e-6), 1.0, kMost);
   const double highest = std::min(std::floor(kMmPerMetre * options.max_range_m + 1e-6), kMost);
-  // Nothing has so great a distance.
+  // An empty range, as no distance is this great.
   if (highest < lowest) return {1U << 21, 0};
   return {static_cast<std::uint32_t>(lowest), static_cast<std::uint32_t>(highest - lowest)};
 }
@@ -136,7 +136,7 @@ PairRule pair_rule(ReturnOrder order, DualReturns policy) {
   const bool by_strength = order == ReturnOrder::kStrongestFirst;
   PairRule rule{{kLast, kLast}, {kStrongest, kStrongest}, {true, true}, {true, true}};
   if (by_strength) {
-    // The strongest may be the last as well.
+    // The strongest return may also be the last one.
     rule.type_if_farther = {kBoth, kLast};
     rule.type_if_nearer = {kStrongest, ReturnType::kSecondStrongest};
   }
@@ -160,7 +160,8 @@ ColumnReader::ColumnReader(const Metadata& metadata, const DecodingOptions& opti
       limits(limits_of(options)),
       range_mm(metadata.profile->fields[0].range_mm),
       reflectivity_at(metadata.profile->fields[0].reflectivity_at),
-      // Of one return that is none by its strength, later stages may take it for either.
+      // If a single return is not the strongest, kBoth lets later stages use it as the last or
+      // strongest.
       single_type(metadata.return_order == ReturnOrder::kStrongestFirst ? ReturnType::kStrongest
                                                                         : ReturnType::kBoth),
       rule(pair_rule(metadata.return_order, options.dual_returns)) {
@@ -205,7 +206,8 @@ std::vector<ColumnPose> column_poses(const Metadata& metadata) {
 
 namespace {
 
-// Inlined into both, so that each is compiled for its processor; the operations are the same.
+// Inlined into both callers, so that it is compiled for each one's instruction set; the operations
+// are the same.
 __attribute__((always_inline)) inline std::size_t put_all(std::span<const MeasuredColumn> columns,
                                                           const ColumnReader& reader, Point* out,
                                                           std::uint16_t* out_columns) {

@@ -9,14 +9,16 @@ namespace {
 
 constexpr std::size_t kLanes = 16;
 constexpr __mmask16 kFirstOfPairs = 0x5555;
-// The unmasked forms of some instructions count as uninitialized (GCC bug 105593).
+// Used with the masked forms of intrinsics: GCC warns of uninitialized values in some unmasked ones
+// (bug 105593).
 constexpr __mmask16 kAll = 0xFFFF;
-// Packets are longer than a page, at whose end the processor's own prefetching stops.
+// Prefetch distance. Packets are longer than a page, and the processor's own prefetching stops at
+// the end of a page.
 constexpr std::size_t kAheadBytes = 4096;
 
 ZLOAM_AVX512 __m512i all(std::uint32_t value) { return _mm512_set1_epi32(static_cast<int>(value)); }
 
-/// Types of the first and the second lane of each pair.
+/// Alternates the values for the first and the second return of each pair.
 ZLOAM_AVX512 __m512i in_turns(const std::array<ReturnType, 2>& types) {
   return _mm512_mask_blend_epi32(kFirstOfPairs, all(bits_of(types[1])), all(bits_of(types[0])));
 }
@@ -26,7 +28,7 @@ ZLOAM_AVX512 __mmask16 in_turns(const std::array<bool, 2>& kept) {
   return static_cast<__mmask16>(first | second);
 }
 
-/// What does not change from lane to lane.
+/// Values common to all lanes.
 struct Common {
   __m512i mask, lowest, span, single_type, farther_types, nearer_types;
   __mmask16 kept_if_farther, kept_if_nearer;
@@ -43,7 +45,7 @@ ZLOAM_AVX512 Common common_of(const ColumnReader& reader) {
           in_turns(reader.rule.kept_if_nearer)};
 }
 
-/// Which lanes are given: as choose() of column_points.cpp says, and with which types.
+/// Which lanes are kept, and their types; the same rule as choose() in column_points.cpp.
 ZLOAM_AVX512 __mmask16 choose(__m512i range_mm, __mmask16 own, const Common& common,
                               __m512i& types) {
   const __m512i other_mm = _mm512_maskz_shuffle_epi32(kAll, range_mm, _MM_PERM_CDAB);
@@ -60,12 +62,12 @@ ZLOAM_AVX512 __mmask16 choose(__m512i range_mm, __mmask16 own, const Common& com
                 (same & kFirstOfPairs));
 }
 
-/// Where sixteen lanes have their words among those that follow the first one's; the same for all
-/// sixteens of a column. A gather does the same in four times as long.
+/// Indices of sixteen lanes' words relative to the first of these words, the same for each block of
+/// sixteen lanes of a column. A gather instruction would take four times as long.
 struct Places {
   __m512i range, reflectivity;
   __mmask16 range_beyond_32, reflectivity_beyond_32;
-  /// registers that hold all of them, and bytes from one sixteen to the next
+  /// registers needed for these words, and bytes from one block of lanes to the next
   int registers;
   std::size_t stride;
 };
@@ -100,7 +102,8 @@ struct Words {
 ZLOAM_AVX512 Words words_of(const std::uint8_t* at, const ColumnReader& reader,
                             const Places& places, const Common& common) {
   __m512i words[4] = {};
-  // Not a byte beyond the sixteen: the last ones are followed by the packet's end.
+  // Masked, so that nothing beyond the sixteen lanes is read: the last ones are at the packet's
+  // end.
   for (int i = 0; i < places.registers; ++i) {
     const std::size_t left = places.stride / 4 - kLanes * static_cast<std::size_t>(i);
     const auto mask = static_cast<__mmask16>(left >= kLanes ? 0xFFFFU : (1U << left) - 1U);

@@ -1,4 +1,4 @@
-// Whatever way a processor takes, the points are the same to the last bit.
+// The points are bit-identical, whichever instruction set is used.
 #include "driver/ouster/column_points.hpp"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@ void expect_same_points(const test::Description& description, DualReturns policy
   const Metadata metadata = description.metadata();
   const ColumnReader reader(metadata, {.dual_returns = policy, .min_range_m = 1.0});
   const std::vector<ColumnPose> poses = column_poses(metadata);
-  // As long as the pixels and not a byte longer: a sanitizer sees what is read beyond.
+  // Exactly as long as the pixels, so that a sanitizer detects reads beyond them.
   std::vector<test::Bytes> pixels(3, test::Bytes(4 * reader.words));
   std::vector<MeasuredColumn> columns;
   for (std::size_t c = 0; c < pixels.size(); ++c) {

@@ -13,7 +13,7 @@ ReturnMode mode_of(const Metadata& metadata) {
                                                               : ReturnMode::kStrongest;
 }
 
-/// Clockwise from the sensor's front, by where the frame's x axis points to at each column.
+/// Azimuth of each column, clockwise from the sensor's front: the direction of its frame's x axis.
 std::vector<int> azimuths(const std::vector<ColumnPose>& poses) {
   std::vector<int> azimuths_cdeg;
   for (const ColumnPose& pose : poses) {
@@ -97,7 +97,8 @@ PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
   return tail;
 }
 
-/// From the packet with this first column to the next one, over what the azimuth window leaves out.
+/// Time from the packet with this first column to the next one; the sensor skips packets that are
+/// entirely outside its azimuth window.
 std::int64_t Decoder::next_packet_ns(int first_column) const {
   const int frame = layout_.columns_per_frame;
   int ahead = layout_.columns;
@@ -121,7 +122,7 @@ PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode)
   const auto stamp = stamp_of(payload.data(), layout_);
   if (!stamp) return plan;
   plan.toh_us = toh_us(stamp->time_ns);
-  // The stamp counts microseconds; what is below one is the columns'.
+  // The packet's stamp is in whole microseconds; the columns' offsets contain the rest.
   const std::uint64_t base_ns = stamp->time_ns - stamp->time_ns % 1000;
   for (int c = 0; c < plan.groups; ++c) {
     const ColumnHeader header = layout_.header(layout_.column(payload.data(), c));

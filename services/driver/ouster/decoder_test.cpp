@@ -1,4 +1,4 @@
-// Packets made by the manual ("Sensor Data"), decoded to points by the manual's formulas.
+// Packets made by the manual's "Sensor Data", decoded and compared with the manual's formulas.
 #include "driver/ouster/decoder.hpp"
 
 #include <gmock/gmock.h>
@@ -25,7 +25,7 @@ using ::testing::HasSubstr;
 
 constexpr std::uint64_t kTimeNs = 991'587'364'521;
 
-/// The manual's "Lidar Range Data To Sensor XYZ Coordinate Frame", in m.
+/// The manual's "Lidar Range Data To Sensor XYZ Coordinate Frame", result in m.
 Eigen::Vector3d by_the_manual(int column, int pixel, double range_mm) {
   const double encoder = 2.0 * std::numbers::pi * (1.0 - column / 1024.0);
   const double azimuth = -2.0 * std::numbers::pi * Description::azimuth_deg(pixel) / 360.0;
@@ -47,7 +47,7 @@ void expect_at(const Point& point, const Eigen::Vector3d& expected_m) {
 TEST(OusterDecoder, OneReturn19Bits) {
   const Metadata metadata = Description{}.metadata();
   Bytes packet = empty_packet(metadata, 272, kTimeNs);
-  // The upper bits of the word are flags.
+  // The bits of the word above the 19 bits of range are flags.
   put<std::uint32_t>(packet, pixel_at(metadata, 0, 0), 0xFFF80000U | 12345);
   packet[pixel_at(metadata, 0, 0) + 4] = 77;
   put<std::uint32_t>(packet, pixel_at(metadata, 15, 3), 500'000);
@@ -62,11 +62,11 @@ TEST(OusterDecoder, OneReturn19Bits) {
   EXPECT_EQ(points[0].intensity, 77.0F);
   EXPECT_EQ(points[1].intensity, 255.0F);
   EXPECT_EQ(points[0].return_type, ReturnType::kStrongest);
-  // The stamp counts microseconds, 364 521 ns of the column are 521 ns behind it.
+  // The stamp is in whole microseconds; the column's time has 521 ns more.
   EXPECT_EQ(points[0].time_ns, 521U);
   EXPECT_NEAR(points[1].time_ns, 521 + 15 * 97656.25, 1.0);
   EXPECT_EQ(decoder.tail(packet).toh_us, 991'587'364U);
-  // Column 272 of 1024 from the rear, clockwise.
+  // Column 272 of 1024, counted clockwise from the rear.
   EXPECT_NEAR(decoder.tail(packet).first_azimuth_cdeg, 18000 + 9562.5, 0.51);
 }
 
@@ -101,8 +101,8 @@ TEST(OusterDecoder, LegacyHasItsStatusBehindThePixels) {
   EXPECT_EQ(decoder.plan(packet, ReturnMode::kStrongest).bad_blocks, 1);
 }
 
-/// Two returns of pixels 0 to 4: nearer second, farther second, first alone, second alone, twice
-/// the same.
+/// Pixels 0 to 4 with two returns: second nearer, second farther, first only, second only, both
+/// equal.
 std::vector<Point> dual(const std::string& return_order, DualReturns policy) {
   Description description;
   description.profile = "RNG19_RFL8_SIG16_NIR16_DUAL";
@@ -211,7 +211,7 @@ TEST(OusterDecoder, AColumnThatDoesNotFollowIsBad) {
   EXPECT_EQ(plan.bad_blocks, 4);
   EXPECT_FALSE(plan.group[2].valid || plan.group[3].valid || plan.group[7].valid ||
                plan.group[8].valid);
-  EXPECT_TRUE(plan.group[4].valid && plan.group[9].valid);  // over the frame's end
+  EXPECT_TRUE(plan.group[4].valid && plan.group[9].valid);  // across the frame's end
 }
 
 TEST(OusterDecoder, TheNextPacketComesBehindWhatTheWindowLeavesOut) {
@@ -233,11 +233,11 @@ TEST(OusterDecoder, PacketsThatDoNotFitTheMetadata) {
   const Metadata metadata = Description{}.metadata();
   Decoder decoder(metadata, {});
   Bytes packet = empty_packet(metadata, 0, kTimeNs);
-  put<std::uint16_t>(packet, 4, 1);  // another start
+  put<std::uint16_t>(packet, 4, 1);  // the sensor was started again
   EXPECT_EQ(decoder.tail(packet).reject, Reject::kNone);
   ASSERT_EQ(decoder.contradictions().size(), 1U);
   EXPECT_THAT(decoder.contradictions()[0], HasSubstr("started or set up again"));
-  packet[8] ^= 1;  // another sensor
+  packet[8] ^= 1;  // another sensor's serial number
   EXPECT_EQ(decoder.tail(packet).reject, Reject::kModelMismatch);
   EXPECT_THAT(decoder.contradictions().back(), HasSubstr("serial number"));
   packet.resize(packet.size() - 1);
@@ -302,10 +302,10 @@ TEST(OusterImu, LegacyReading) {
   const Eigen::Vector3d rate_radps = std::numbers::pi * Eigen::Vector3d(0.5, -0.25, 1.0);
   EXPECT_LT((readings[0].rate_radps - rate_radps).norm(), 1e-6);
   Bytes other = packet;
-  put<std::uint64_t>(other, 16, 0xE8A1'0000'0000'0000ULL);  // of NTP, which has this length
+  put<std::uint64_t>(other, 16, 0xE8A1'0000'0000'0000ULL);  // an NTP packet has the same length
   EXPECT_FALSE(is_imu_packet(other, metadata));
   other = packet;
-  put<std::uint32_t>(other, 36, 0x7FC00000);  // no number
+  put<std::uint32_t>(other, 36, 0x7FC00000);  // NaN
   EXPECT_TRUE(parse_imu(other, metadata).empty());
   packet.push_back(0);
   EXPECT_TRUE(parse_imu(packet, metadata).empty());

@@ -17,7 +17,7 @@ Eigen::Vector3d vector_at(const std::uint8_t* at) {
   return {read_as<float>(at), read_as<float>(at + 4), read_as<float>(at + 8)};
 }
 
-/// Times of acceleration and rate, of the lidar's clock.
+/// Times of acceleration and angular rate, by the lidar's clock.
 struct LegacyTimes {
   std::uint64_t force_ns;
   std::uint64_t rate_ns;
@@ -29,7 +29,7 @@ LegacyTimes legacy_times(const std::uint8_t* packet) {
   return {read_as<std::uint64_t>(packet + 8), read_as<std::uint64_t>(packet + 16)};
 }
 
-/// In g, and degrees a second.
+/// In g, and in degrees per second.
 Eigen::Vector3d legacy_force(const std::uint8_t* packet) { return vector_at(packet + 24); }
 Eigen::Vector3d legacy_rate(const std::uint8_t* packet) { return vector_at(packet + 36); }
 
@@ -44,14 +44,14 @@ bool is_legacy(const std::uint8_t* packet) {
 }
 
 ImuReading legacy_reading(const std::uint8_t* packet, const Eigen::Matrix3d& R_sensor_imu) {
-  // Taken 0.2 ms after each other: the middle is either's time.
+  // They are measured 0.2 ms apart; the middle serves as the time of both.
   const LegacyTimes times = legacy_times(packet);
   return {toh_ns(times.force_ns + static_cast<std::uint64_t>(times.apart_ns() / 2)),
           R_sensor_imu * (kStandardGravity_mps2 * legacy_force(packet)),
           R_sensor_imu * (kRadPerDeg * legacy_rate(packet))};
 }
 
-/// Metres a second squared and radians a second.
+/// In metres per second squared and radians per second.
 std::vector<ImuReading> many_readings(const std::uint8_t* packet, const Metadata& metadata,
                                       const Eigen::Matrix3d& R_sensor_imu) {
   constexpr std::size_t kFirstAt = 32 + 100;

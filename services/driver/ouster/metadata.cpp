@@ -23,17 +23,17 @@ constexpr std::size_t kImuReadingBytes = 36;
 constexpr std::size_t kLegacyImuBytes = 48;
 constexpr double kMetresPerMm = 1e-3;
 
-/// Metadata that can't be used.
+/// Thrown for metadata that can't be used.
 struct Unusable : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Finds values by their names, in any of the sections of the nested layout or at the top.
+/// Finds values by name, at the top level or in any section of the nested layout.
 class Reader {
  public:
   explicit Reader(const json& root) : root_(root) {}
 
-  /// Nothing: nullptr.
+  /// nullptr if there is no such value.
   const json* find(const char* name) const {
     for (const char* section :
          {"", "beam_intrinsics", "lidar_intrinsics", "imu_intrinsics", "sensor_info",
@@ -83,7 +83,7 @@ class Reader {
     return values.get<std::vector<double>>();
   }
 
-  /// Rows of a matrix with millimetres; the identity when there is none.
+  /// A matrix by rows, its translation in millimetres; the identity if it is missing.
   Eigen::Isometry3d transform(const char* name) const {
     if (find(name) == nullptr) return Eigen::Isometry3d::Identity();
     const std::vector<double> m = numbers(name, 16);
@@ -123,7 +123,7 @@ void read_sensor(const Reader& reader, Metadata& metadata) {
 
 void read_profile(const Reader& reader, Metadata& metadata) {
   std::string name = reader.text("udp_profile_lidar");
-  if (name.empty()) name = kLegacy;  // firmware before 2.2 had no other one
+  if (name.empty()) name = kLegacy;  // firmware before 2.2 had no other profile
   metadata.profile = profile_by_name(name);
   if (metadata.profile == nullptr) {
     throw Unusable("udp_profile_lidar is " + name + ", which is not decoded; decoded are " +
@@ -136,7 +136,7 @@ void read_profile(const Reader& reader, Metadata& metadata) {
   }
 }
 
-/// "1024x10": columns and frames a second.
+/// Frames per second, from a mode such as "1024x10" (columns, frames per second).
 double rate_of(const Reader& reader) {
   int columns = 0;
   double rate_hz = 0.0;
@@ -150,7 +150,7 @@ double rate_of(const Reader& reader) {
 
 void read_format(const Reader& reader, Metadata& metadata) {
   metadata.pixels_per_column = reader.whole("pixels_per_column", 1, kMostPixels);
-  // Pixels are decoded by fours, and all sensors have 16 to 128.
+  // Pixels are decoded in groups of four; all sensors have 16 to 128.
   if (metadata.pixels_per_column % 4 != 0) throw Unusable("pixels_per_column is no multiple of 4");
   metadata.columns_per_frame = reader.whole("columns_per_frame", 16, kMostColumns);
   metadata.columns_per_packet = reader.whole("columns_per_packet", 1, kMostGroups);

@@ -46,8 +46,8 @@ TEST(OusterMetadata, FlatLayoutOfOlderFirmware) {
   EXPECT_EQ(metadata->last_column, 511);
 }
 
-// Manual, "Lidar Data Packet Size Calculation": header 32, 16 columns of 12 + pixels, footer 32; of
-// LEGACY 16 columns of 16 + pixels + 4.
+// Manual, "Lidar Data Packet Size Calculation": header 32, 16 columns of 12 + pixels, footer 32;
+// for LEGACY, 16 columns of 16 + pixels + 4.
 TEST(OusterMetadata, PacketSizesOfTheManual) {
   const std::vector<std::tuple<std::string, int, std::size_t>> sizes = {
       {"LEGACY", 32, 6464},

@@ -12,7 +12,8 @@
 namespace zloam::driver::ouster {
 namespace {
 
-/// The profile alone says how many returns a pixel has; empty: the user says nothing else.
+/// An error if driver.returns contradicts the profile, which alone determines the returns per
+/// pixel.
 std::string returns_error(const DecodingOptions& options, const Profile& profile) {
   if (!options.return_mode || returns_of(*options.return_mode) == profile.returns) return {};
   return "driver.returns asks for packets with " +
@@ -25,7 +26,7 @@ std::string returns_error(const DecodingOptions& options, const Profile& profile
 class Ouster final : public Maker {
  public:
   explicit Ouster(DecodingOptions options) : options_(std::move(options)) {
-    // JSON, whatever is in it.
+    // Other makers' metadata are not JSON; any JSON object is taken for Ouster's.
     const std::size_t first = options_.metadata.find_first_not_of(" \t\r\n");
     if (first == std::string::npos || options_.metadata[first] != '{') return;
     auto parsed = parse_metadata(options_.metadata);

@@ -5,7 +5,7 @@
 namespace zloam::driver::ouster {
 namespace {
 
-/// Sixteen columns whose numbers go up by one, or begin again at 0.
+/// Whether there are sixteen columns, numbered consecutively or restarting at 0.
 bool has_columns(std::span<const std::uint8_t> payload, const Framing& framing,
                  std::size_t pixel_bytes) {
   constexpr std::size_t kColumns = 16;
@@ -55,7 +55,8 @@ std::optional<PacketStamp> stamp_of(const std::uint8_t* packet, const PacketLayo
 
 bool follows(const ColumnHeader& column, int index, const PacketStamp& stamp,
              const PacketLayout& layout) {
-  // Firings follow the encoder; the rotor's speed differs by some percent.
+  // Columns are fired by the encoder's angle; the motor's speed differs from nominal by a few
+  // percent.
   constexpr double kMostColumnsOff = 8.0;
   const double off_ns =
       static_cast<double>(static_cast<std::int64_t>(column.time_ns - stamp.time_ns)) -

@@ -6,11 +6,11 @@ namespace zloam::driver::ouster {
 namespace {
 
 constexpr ReturnFields legacy() { return {{0, 0xFFFFF}, 4}; }
-/// 19 bits of millimetres; the reflectivity stands in the same word or after it.
+/// 19 bits of millimetres; the reflectivity is in the same word or in the next one.
 constexpr ReturnFields rng19(std::uint8_t at, std::uint8_t reflectivity_at) {
   return {{at, 0x7FFFF}, reflectivity_at};
 }
-/// 15 bits of 8 mm.
+/// 15 bits in units of 8 mm.
 constexpr ReturnFields rng15(std::uint8_t at) {
   return {{at, 0x7FFF, 3}, static_cast<std::uint8_t>(at + 2)};
 }

@@ -1,4 +1,4 @@
-// A stream of packets through the cut into sweeps, whole and damaged.
+// Streams of packets, intact and damaged, cut into sweeps.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -18,7 +18,7 @@ using test::Description;
 constexpr std::uint64_t kStartNs = 3'599'950'000'000;  // the hour ends after half a frame
 constexpr int kPacketsPerFrame = 64;
 
-/// The packets of frames in which every pixel has a return.
+/// Packets of this many frames; every pixel has a return.
 std::vector<Bytes> packets_of(const Metadata& metadata, int frames) {
   std::vector<Bytes> packets;
   for (int p = 0; p < frames * kPacketsPerFrame; ++p) {
