@@ -11,7 +11,7 @@
 namespace zloam::driver::hesai {
 namespace {
 
-// The sensor's whole view is 31 degrees high, and its lasers leave along one line.
+// The sensor's field of view is 31 degrees high, and its lasers are nearly in one vertical line.
 constexpr double kMostElevationDeg = 45.0;
 constexpr double kMostOffsetDeg = 10.0;
 
@@ -22,7 +22,7 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
 }
 
-/// The line up to its end, which goes from text.
+/// Removes the first line from the text and returns it, trimmed.
 std::string_view take_line(std::string_view& text) {
   const std::size_t end = std::min(text.find('\n'), text.size());
   const std::string_view line = trimmed(text.substr(0, end));
@@ -30,12 +30,12 @@ std::string_view take_line(std::string_view& text) {
   return line;
 }
 
-/// Number, elevation and azimuth of a row; nothing where it is none.
+/// Number, elevation and azimuth of a row; nothing if the line is not a row.
 std::optional<std::array<double, 3>> row_of(std::string_view line) {
   std::array<double, 3> row;
   for (std::size_t i = 0; i < row.size(); ++i) {
     const std::size_t comma = line.find(',');
-    // What follows the third field is not asked for.
+    // Further fields after the third one are ignored.
     if (i < 2 && comma == std::string_view::npos) return std::nullopt;
     std::string_view field = trimmed(line.substr(0, std::min(comma, line.size())));
     if (field.starts_with('+')) field.remove_prefix(1);
@@ -84,7 +84,7 @@ std::variant<std::vector<Beam>, std::string> parse_angle_corrections(std::string
     if (laser != static_cast<double>(beams.size() + 1)) {
       return line_error(number, "laser " + std::to_string(beams.size() + 1) + " is expected");
     }
-    // Written so that what is no number does not pass.
+    // Written so that NaN fails the condition.
     if (!(std::abs(elevation_deg) <= kMostElevationDeg &&
           std::abs(azimuth_deg) <= kMostOffsetDeg)) {
       return line_error(number, "no such angles, in degrees, has any PandarXT");

@@ -17,7 +17,7 @@ constexpr double kMmPerMetre = 1e3;
 
 int groups_of(ReturnMode mode) { return kBlocksPerPacket / static_cast<int>(returns_of(mode)); }
 
-/// Stamps tell of the last group; ours are of the first one.
+/// The packet is stamped with the time of the last group; PacketPlan needs that of the first.
 std::uint32_t first_group_toh_us(std::uint32_t toh_us, ReturnMode mode) {
   const auto before_us = static_cast<std::uint32_t>((groups_of(mode) - 1) * kBlockNs / 1000);
   return earlier_toh_us(toh_us, before_us);
@@ -182,8 +182,8 @@ void Decoder::put_pair(const std::uint8_t* odd, const std::uint8_t* even, const 
   for (std::size_t i = 0; i < lasers_.size(); ++i, odd += kCellBytes, even += kCellBytes) {
     const std::uint8_t* last = odd;
     const std::uint8_t* strongest = even;
-    // Of the first and the strongest one, the farther one counts as the last, the nearer one as the
-    // strongest: as where returns are ordered by their distance.
+    // Pairs ordered by distance have the last return farther away. So of the first and the
+    // strongest return, the farther one counts as the last, the nearer one as the strongest.
     if (pair == Pair::kFirstAndStrongest && raw_of(odd) < raw_of(even)) std::swap(last, strongest);
     const PairChoice choice =
         choose(limits_.contain(raw_of(last)), limits_.contain(raw_of(strongest)),
@@ -198,7 +198,8 @@ std::size_t Decoder::decode_groups(const PacketPlan& plan, std::span<const Place
   const Tail tail = tail_of(plan.payload, header_);
   const int blocks_per_group = kBlocksPerPacket / plan.groups;
   ReturnType single = single_type(tail.mode);
-  // The first one is none by its strength; later stages may take it for either.
+  // A first return is not selected by strength: kBoth lets later stages use it as the last or the
+  // strongest.
   if (tail.first_only) single = ReturnType::kBoth;
   Sink sink{out};
   for (const PlacedGroup& placed : groups) {

@@ -1,4 +1,4 @@
-// Packets made by the manual's tables, decoded to points by its formulas.
+// Packets made from the manual's tables, decoded to points and compared with the manual's formulas.
 #include "driver/hesai/decoder.hpp"
 
 #include <gmock/gmock.h>
@@ -23,10 +23,11 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::uint32_t kTimeUs = 754'321'000;
-constexpr double kStepDeg = 0.18;  // 600 turns a minute
+constexpr double kStepDeg = 0.18;  // 600 revolutions per minute
 
 /// By the manual, "Point Cloud Data Analysis": the horizontal angle is the sum of the block's
-/// azimuth, the laser's offset, and the turn up to its firing; 0 is y in the manual, x here.
+/// azimuth, the laser's offset, and the rotation until it fires; angle 0 is y in the manual, x
+/// here.
 Eigen::Vector3d by_the_manual(double block_azimuth_deg, double firing_us, double elevation_deg,
                               double offset_deg, double range_m) {
   constexpr double kRad = std::numbers::pi / 180.0;
@@ -145,7 +146,7 @@ TEST(HesaiDecoder, FilesThatHoldNoAngles) {
   EXPECT_THAT(error_of("1,2\n1,2,3"), HasSubstr("1 lasers"));  // a header, then laser 1
 }
 
-/// Two returns of one laser: raw distances of the odd and the even block.
+/// Two returns of one laser, with raw distances in the odd and the even block.
 std::vector<Point> pair_of(std::uint8_t mode, unsigned odd, unsigned even,
                            DualReturns policy = DualReturns::kTagged) {
   Bytes bytes = packet(32, mode, kTimeUs, 10.0, kStepDeg);
@@ -166,7 +167,7 @@ TEST(HesaiDecoder, PairsOfReturns) {
   const std::vector<Point> same = pair_of(0x3B, 1500, 1500);
   ASSERT_EQ(same.size(), 1U);
   EXPECT_EQ(same[0].return_type, ReturnType::kBoth);
-  // First in the odd block, the strongest in the even one, which is the farther one here.
+  // The first return is in the odd block; the strongest, in the even block, is the farther one.
   const std::vector<Point> first = pair_of(0x3C, 1000, 2000);
   ASSERT_EQ(first.size(), 2U);
   EXPECT_EQ(first[0].return_type, ReturnType::kLast);

@@ -18,7 +18,7 @@ std::string unknown_text(const Header& header) {
          "can be used instead: docs/your-own-sensor.md, `zloam ros-lidar`, or a bag of them";
 }
 
-/// As all PandarXT send them: with a sequence number.
+/// All PandarXT append a sequence number.
 std::size_t packet_bytes(int lasers) {
   Header header;
   header.lasers = lasers;

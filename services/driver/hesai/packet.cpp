@@ -3,7 +3,7 @@
 namespace zloam::driver::hesai {
 namespace {
 
-// Of the tail.
+// Offsets within the tail.
 constexpr std::size_t kModeAt = 10;
 constexpr std::size_t kMinuteAt = 17;
 constexpr std::size_t kSecondAt = 18;
@@ -62,7 +62,7 @@ Tail tail_of(const std::uint8_t* payload, const Header& header) {
   const std::uint32_t minute = at[kMinuteAt];
   const std::uint32_t second = at[kSecondAt];
   const std::uint32_t microsecond = read_u32(at + kMicrosecondAt);
-  // The manual's range ends at 1 000 000, and a minute may have a leap second.
+  // The manual gives 1 000 000 as the last microsecond, and a minute may have a leap second.
   if (minute < 60 && second <= 60 && microsecond <= kSecondUs) {
     tail.toh_us = (60 * minute + second) * kSecondUs + microsecond;
   }

@@ -1,4 +1,4 @@
-// A stream of packets through the cut into sweeps, whole and damaged.
+// Streams of packets, intact and damaged, cut into sweeps.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -15,9 +15,10 @@ using driver::test::expect_promises;
 using driver::test::sweeps_of;
 using test::Bytes;
 
-constexpr int kPacketsPerTurn = 250;  // of 400 us
+constexpr int kPacketsPerTurn = 250;  // 400 us each
 
-/// Packets of turns in which each laser has a return at 8 m; the hour ends within the first turn.
+/// Packets of revolutions in which each laser has returns, at 8 m (and 10 m with two returns); the
+/// hour ends within the first revolution.
 std::vector<Bytes> packets_of(int turns, std::uint8_t mode) {
   const int returns = mode >= 0x39 ? 2 : 1;
   std::vector<Bytes> packets;
