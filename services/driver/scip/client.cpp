@@ -9,14 +9,14 @@ namespace zloam::driver::scip {
 namespace {
 
 constexpr std::int64_t kSecondNs = 1'000'000'000;
-// A device answers within some milliseconds, QT while it measures within a turn.
+// A device answers within some milliseconds; QT during measurement within one revolution.
 constexpr std::int64_t kAnswerNs = kSecondNs;
 constexpr std::int64_t kSilentNs = kSecondNs;
 constexpr std::int64_t kRebootNs = 10 * kSecondNs;
 constexpr int kMostUnanswered = 3;
 constexpr int kMostBad = 3;
 constexpr int kCounterReadings = 10;
-// Lines that tie the clock: those of about a second.
+// Lines of this much time tie the clock.
 constexpr std::int64_t kTieNs = kSecondNs;
 
 bool well(const Head& head) { return head.status == "00"; }
@@ -94,7 +94,7 @@ void Client::on_reply(const RawReply& reply) {
     ++bad_status_;
     return bad_message(reply.received_ns);
   }
-  // A stream from before is not ours.
+  // Data of an earlier measurement still arrives before ours has been started; it is ignored.
   const bool ours = state_ == State::kMeasuring || state_ == State::kStarting;
   const bool data = scan_request(*head) && reply.lines.size() > 2;
   if (data) return ours ? on_scan(reply, *head) : void();
@@ -214,13 +214,13 @@ void Client::on_started(const Head& head, std::int64_t now_ns) {
 void Client::fault(const Head& head, std::int64_t now_ns) {
   ++faults_;
   say("the scanner reports a fault: " + meaning(head));
-  // 21 to 49: it checks itself, and says 98 when it is done.
+  // 21 to 49: the scanner checks itself, and reports 98 when it has finished.
   const bool checks = head.status >= "21" && head.status <= "49";
   if (!checks) reboot(now_ns);
 }
 
 void Client::reboot(std::int64_t now_ns) {
-  // Twice within a second, or it does nothing.
+  // The device reboots only if RB arrives twice within a second.
   output_ += "RB\nRB\n";
   asked_ = "RB";
   asked_ns_ = now_ns;

@@ -1,4 +1,4 @@
-// The dialogue with a scanner, its faults included, and the times of its lines.
+// The dialogue with a scanner, including its faults, and the times of its lines.
 
 #include "driver/scip/client.hpp"
 
@@ -30,7 +30,7 @@ class ScipClient : public ::testing::Test {
     client_.add({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, now_ns_);
   }
 
-  /// Until nobody has anything more to say; a millisecond each way.
+  /// Exchanges messages until client and device are silent; each message takes a millisecond.
   void talk() {
     for (int i = 0; i < 100; ++i) {
       const std::string asked = client_.take_output();
@@ -52,7 +52,7 @@ class ScipClient : public ::testing::Test {
     talk();
   }
 
-  /// So many lines, 25 ms apart.
+  /// Measures this many lines, 25 ms apart.
   void measure(int lines) {
     for (int i = 0; i < lines; ++i) {
       pass(25 * kMs);
@@ -91,7 +91,7 @@ TEST_F(ScipClient, StopsAsksTiesAndStarts) {
 }
 
 TEST_F(ScipClient, LinesHaveTheTimeOfTheirCounter) {
-  // The counter's time is the host's less what it showed at the start.
+  // Host time when the counter was zero.
   const std::int64_t zero_ns = now_ns_ - device_.counter_ms * kMs;
   measure(60);
   const auto scans = taken();
@@ -104,7 +104,8 @@ TEST_F(ScipClient, LinesHaveTheTimeOfTheirCounter) {
 }
 
 TEST_F(ScipClient, EvenReceiveTimesAreNoDrift) {
-  // Of a minute: the host's clock and the counter go alike, and every line comes as late.
+  // One minute in which the host's clock and the counter run at the same rate and every line has
+  // the same delay.
   measure(2400);
   const auto scans = taken();
   ASSERT_EQ(scans.size(), 2400U);

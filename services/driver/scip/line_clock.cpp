@@ -9,12 +9,12 @@ namespace {
 constexpr std::uint32_t kCounterMask = 0xFFFFFF;
 constexpr std::uint32_t kHalf = 0x800000;
 constexpr std::int64_t kMillisecondNs = 1'000'000;
-// No counter can be so far ahead of the time that has passed.
+// A counter that is farther ahead of the elapsed time than this was set.
 constexpr std::int64_t kAheadMs = 1'000;
-// After so many missing turns the motor's evenness says nothing of the phase.
+// After more missing revolutions, the motor's steady speed no longer determines the phase.
 constexpr std::int64_t kMostTurns = 40;
 
-/// (a - b) of two counters, -2^23 ... 2^23 - 1.
+/// (a - b) of two counters, from -2^23 to 2^23 - 1.
 std::int64_t counters_apart_ms(std::uint32_t a, std::uint32_t b) {
   const std::uint32_t ahead = (a - b) & kCounterMask;
   return static_cast<std::int64_t>(ahead) - (ahead >= kHalf ? kCounterMask + 1LL : 0);
@@ -41,7 +41,7 @@ LineClock::LineClock(std::int64_t turn_ns, std::span<const LineArrival> first)
 }
 
 void LineClock::tie(std::uint32_t counter_ms, std::int64_t host_ns) {
-  // The middle of the millisecond that the counter shows.
+  // Assumes the middle of the millisecond that the counter shows.
   const std::int64_t apart_ns = counters_apart_ms(first_.counter_ms, counter_ms) * kMillisecondNs -
                                 kMillisecondNs / 2 + first_step0_ns_ % kMillisecondNs;
   shift_ns_ = host_ns + apart_ns - clock_.to_epoch_ns(first_step0_ns_);
@@ -56,7 +56,7 @@ void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_
     phase.unwrapped_ms += apart_ms;
     return;
   }
-  // The device was started again: its time goes on by what the host saw pass.
+  // The device was restarted: its time continues by the time that elapsed on the host.
   ++phase.steps;
   const std::int64_t since_ns = known ? line.received_ns - phase.received_ns : turn_ns;
   phase.unwrapped_ms += std::max<std::int64_t>(1, since_ns / kMillisecondNs);
@@ -64,7 +64,7 @@ void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_
   phase.first_received_ns = line.received_ns;
 }
 
-/// The step 0 of the next line by the device's own time, ns.
+/// Time of the next line's step 0 on the device's unwrapped clock, ns.
 std::int64_t LineClock::advance(Phase& phase, const LineArrival& line, std::int64_t turn_ns) {
   if (phase.begun) {
     unwrap(phase, line, turn_ns);

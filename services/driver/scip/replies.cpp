@@ -15,7 +15,7 @@ constexpr std::size_t kStatusLine = 1;
 constexpr std::size_t kFirstLine = 2;
 constexpr std::size_t kCounterCharacters = 4;
 
-// Commands of three characters; all others have two.
+// Prefixes of commands with three characters; all others have two.
 constexpr std::array<std::string_view, 3> kLong = {"TM", "%S", "SC"};
 
 std::size_t command_size(std::string_view echo) {

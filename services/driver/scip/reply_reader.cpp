@@ -5,9 +5,10 @@
 namespace zloam::driver::scip {
 namespace {
 
-// An echo with its string has 33 characters, a data line 65; texts of VV and II are longer.
+// An echo with its string has 33 characters, a data line 65; texts of VV and II are longer, but
+// below this.
 constexpr std::size_t kMostCharacters = 512;
-// 1081 steps of three echoes with intensities are 338 lines.
+// The longest scan has 338 lines: 1081 steps of three echoes with intensities.
 constexpr std::size_t kMostLines = 2048;
 
 }  // namespace
@@ -21,7 +22,7 @@ void ReplyReader::add(std::span<const std::uint8_t> bytes, std::int64_t received
     if (line_.empty() && open_.lines.empty()) open_.begun_ns = received_ns;
     line_ += static_cast<char>(byte);
     if (line_.size() > kMostCharacters) {
-      // What follows is kept just long enough to see where it ends.
+      // Keeps one character, so that the next empty line still ends this reply.
       line_.resize(1);
       skipping_ = true;
     }

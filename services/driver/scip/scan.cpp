@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kStampLine = 2;
 constexpr std::size_t kCounterCharacters = 4;
 constexpr std::size_t kIntensityCharacters = 3;
-// SSSSEEEECC, and INN of continuous commands.
+// Lengths of the parameters: SSSSEEEECC, and INN more for continuous commands.
 constexpr std::size_t kSingle = 10;
 constexpr std::size_t kContinuous = 13;
 
@@ -24,7 +24,7 @@ std::optional<int> digits(std::string_view text) {
   return value;
 }
 
-/// The data lines as one text: a value may lie across two of them.
+/// Joins the data lines, as a value may extend across two of them. False if a checksum is wrong.
 bool joined(const RawReply& reply, std::string& data) {
   for (std::size_t i = kStampLine + 1; i < reply.lines.size(); ++i) {
     const auto text = checked(reply.lines[i]);

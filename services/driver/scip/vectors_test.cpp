@@ -1,5 +1,5 @@
-// The worked examples of the protocol: replies whose every byte and value is known. Made by the
-// rules of Hokuyo's C-42-03320B and decoded alike by two other implementations.
+// Worked examples of the protocol: replies with every byte and value known, made by the rules of
+// Hokuyo's C-42-03320B and decoded identically by two other implementations.
 
 #include <gtest/gtest.h>
 
@@ -211,7 +211,7 @@ TEST(ScipReader, WhatIsTooLongIsLeftOutAndTheNextReplyRead) {
 }
 
 TEST(ScipScan, EachDamagedByteIsNoticed) {
-  // A checksum of six bits sees every change of one byte by less than 64.
+  // A checksum of six bits detects every change of one byte by less than 64.
   const std::string good(kIntensities);
   const std::size_t data = good.find("_65WQ");
   for (std::size_t i = data; i + 2 < good.size(); ++i) {
