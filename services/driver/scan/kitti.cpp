@@ -11,13 +11,13 @@ namespace {
 
 constexpr int kHdl64Rings = 64;
 constexpr double kDegPerRad = 180.0 / M_PI;
-// Azimuths within a ring rise but for a jitter far below this.
+// Within a ring the azimuth ascends, except for jitter far below this.
 constexpr double kBackwardDeg = 10.0;
-// A ring that begins this near to azimuth 0 may begin just below it.
+// A ring whose first azimuth is within this of 0 may begin slightly below 0.
 constexpr double kStartDeg = 20.0;
 
-/// Watches the azimuth along the file and tells where a ring ends. Missing returns may leave large
-/// holes in a ring, so only a way back, or the way past 360 degrees, ends it.
+/// Tracks the azimuth along the file and detects where a ring ends. Missing returns may leave large
+/// gaps in a ring, so only a step back, or passing 360 degrees, ends it.
 class RingEnd {
  public:
   bool ends_before(double azimuth) {
@@ -60,7 +60,7 @@ double azimuth_deg(const float* p) {
   return deg < 0.0 ? deg + 360.0 : deg;
 }
 
-/// Of each point; NaN where there is no return.
+/// Azimuth of each point; NaN if it is no return.
 std::vector<double> azimuths_deg(std::span<const float> xyzi) {
   std::vector<double> azimuths(xyzi.size() / 4);
   for (std::size_t i = 0; i < azimuths.size(); ++i) {
@@ -83,7 +83,7 @@ std::vector<std::uint16_t> rings_from_top(const std::vector<double>& azimuths_de
   return ring;
 }
 
-/// Elevations of an HDL-64E from the top: steps of 1/3 degree, then of 1/2.
+/// Nominal elevations of an HDL-64E from the top: steps of 1/3 degree, then of 1/2 degree.
 double nominal_elevation_deg(int from_top) {
   return from_top < 32 ? 2.0 - from_top / 3.0 : -8.83 - 0.5 * (from_top - 32);
 }
@@ -102,7 +102,8 @@ std::vector<double> ring_elevations_deg(std::span<const float> xyzi,
   return sum;
 }
 
-/// Rings missing above the first one found: whole rings without a return (sky) are not in the file.
+/// Number of rings missing above the first one found: the file omits rings without any return
+/// (sky).
 int rings_missing_on_top(std::span<const float> xyzi, const std::vector<std::uint16_t>& ring,
                          int rings) {
   if (rings >= kHdl64Rings) return 0;
@@ -126,18 +127,19 @@ std::uint32_t time_of(double azimuth, const ScanTiming& timing, double period_ns
   double turned = 0.0;
   if (timing.model == TimeModel::kClockwise) turned = timing.seam_deg - azimuth;
   if (timing.model == TimeModel::kCounterClockwise) turned = azimuth - timing.seam_deg;
-  // half of the points lie within the turn, and floor is a call where SSE4.1 is not asked for
+  // The condition saves time: for half of the points it is false, and std::floor is a library call
+  // without SSE4.1.
   if (turned < 0.0 || turned >= 360.0) turned -= 360.0 * std::floor(turned / 360.0);
   return static_cast<std::uint32_t>(turned / 360.0 * period_ns);
 }
 
-/// A return: when it was measured, and where it stands in the file.
+/// A return's time within the revolution, and its index in the file.
 struct Timed {
   std::uint32_t time_ns;
   std::uint32_t index;
 };
 
-/// The returns by their time within the turn. What is sorted is a third of a point's size.
+/// The returns in order of time. Sorting these small items moves a third of a point's bytes.
 std::vector<Timed> in_time_order(const std::vector<double>& azimuths_deg, const ScanTiming& timing,
                                  double period_ns) {
   std::vector<Timed> timed;
@@ -161,18 +163,19 @@ void count_dropped(std::span<const float> xyzi, const std::vector<double>& azimu
   }
 }
 
-/// Stamp and times from the first point; columns by the time within the turn.
+/// Fills in stamp and times relative to the first point, and columns by the time within the
+/// revolution.
 void fill(DecodedSweep& sweep, std::span<const float> xyzi, const std::vector<Timed>& timed,
           const std::vector<std::uint16_t>& from_top, int top_ring, double period_ns) {
-  // points; a few hundred ns, as memory takes
+  // Points to prefetch ahead: a few hundred ns, the latency of memory.
   constexpr std::size_t kAhead = 24;
-  constexpr double kColumns = 2083.0;  // of an HDL-64E at 10 Hz, in steps of 0.1728 degrees
+  constexpr double kColumns = 2083.0;  // an HDL-64E at 10 Hz, in steps of 0.1728 degrees
   const std::uint32_t first_ns = timed.empty() ? 0 : timed.front().time_ns;
   sweep.stamp_ns += first_ns;
   sweep.points.reserve(timed.size());
   sweep.columns.reserve(timed.size());
   for (std::size_t i = 0; i < timed.size(); ++i) {
-    // Neighbours in time are of other rings, each in another place of the file.
+    // Points adjacent in time are of different rings, and far apart in the file.
     if (i + kAhead < timed.size()) {
       __builtin_prefetch(&xyzi[4 * std::size_t{timed[i + kAhead].index}]);
       __builtin_prefetch(&from_top[timed[i + kAhead].index]);

@@ -11,14 +11,14 @@ namespace zloam::driver {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
-// Half of a scan's returns lie between these, in metres, wherever it is taken.
+// In any environment, the median range of a scan is between these.
 constexpr double kNearestMiddleM = 0.1;
 constexpr double kFarthestMiddleM = 300.0;
-// A whole scan in one or two rings is none ring by ring.
+// A full scan with fewer rings than this is not stored ring by ring.
 constexpr int kFewestRings = 4;
 constexpr std::size_t kWholeScan = 2000;
-// Points of one ring lie on one cone: 0.25 to 0.4 degrees in an HDL-64E's scans, 4 and more where
-// the order is another one.
+// Limit for the spread of elevation within a ring: 0.25 to 0.4 degrees in scans of an HDL-64E, at
+// least 4 degrees if the points are in another order.
 constexpr double kConeDeg = 2.0;
 
 std::string text_of(const char* format, double value) {

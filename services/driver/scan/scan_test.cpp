@@ -11,7 +11,7 @@ namespace {
 
 constexpr ScanTiming kClockwise{TimeModel::kClockwise, 0.1, 180.0};
 
-/// Rings as an HDL-64E has them, from the top, each from azimuth 0 counter-clockwise.
+/// Writes rings of an HDL-64E from the top, each from azimuth 0 counter-clockwise.
 struct KittiWriter {
   std::vector<float> values;
   std::vector<int> from_top;
@@ -61,7 +61,7 @@ TEST(Kitti, FindsRingsWithHolesAndJitterAtTheStart) {
   int found = 0;
   const auto ring = recover_rings(scan.values, found);
   EXPECT_EQ(found, 5);
-  // The two points just below azimuth 0 may belong to either; all else is certain.
+  // The two points just below azimuth 0 may belong to either ring; all others are certain.
   for (std::size_t i = 0; i < ring.size(); ++i) {
     const double azimuth = std::atan2(scan.values[4 * i + 1], scan.values[4 * i]);
     if (std::abs(azimuth) < 1e-3) continue;
@@ -87,7 +87,7 @@ TEST(Kitti, TimesFollowTheDeclaredTurn) {
   for (const double azimuth : {0.0, 90.0, 179.0, 181.0, 270.0}) scan.add(0, azimuth);
   const DecodedSweep sweep = kitti_sweep(scan.values, kClockwise, 5'000'000'000);
   ASSERT_EQ(sweep.points.size(), 5U);
-  // Clockwise from the rear: the left side first, the front in the middle, the right side after.
+  // Clockwise from the rear: first the left side, then the front, then the right side.
   const double expected_ns[] = {1.0 / 360, 90.0 / 360, 180.0 / 360, 270.0 / 360, 359.0 / 360};
   for (std::size_t i = 0; i < 5; ++i) {
     EXPECT_NEAR(static_cast<double>(sweep.stamp_ns + sweep.points[i].time_ns) - 5e9,

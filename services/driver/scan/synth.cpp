@@ -41,7 +41,8 @@ std::optional<DecodedSweep> synth_sweep(std::span<const std::byte> records, std:
                    [](const Point& a, const Point& b) { return a.time_ns < b.time_ns; });
   const std::uint32_t first_ns = sweep.points.empty() ? 0 : sweep.points.front().time_ns;
   for (Point& p : sweep.points) {
-    // A record's time is rounded to 2 us; lasers of one firing lie within 34.6 us.
+    // A record's time is rounded to 2 us, so half of this is added; the 16 lasers of a firing fire
+    // within 34.6 us of its begin.
     sweep.columns.push_back(static_cast<std::uint16_t>((p.time_ns + kTickNs / 2) / kFiringNs));
     p.time_ns -= first_ns;
   }
