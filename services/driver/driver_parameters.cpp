@@ -34,7 +34,7 @@ std::optional<ReturnMode> forced_mode(ReturnChoice choice) {
   }
 }
 
-/// Empty when the action throws nothing.
+/// The text of a SourceError thrown by the action; empty if none is thrown.
 std::string error_of(const std::function<void()>& action) {
   try {
     action();
@@ -314,7 +314,7 @@ PacketStreamConfig packet_stream_config(const DriverConfig& config,
   stream.assembler.reorder_packets = config.reorder_packets;
   stream.assembler.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
   choose_clock(config, stream.assembler);
-  // A socket hears its own port only; in a capture the payload's length decides.
+  // A socket receives on its own port only; in a capture the payload decides, whatever its port.
   stream.port = config.source == SourceKind::kUdp ? config.udp.data_port : 0;
   stream.sender = parse_ipv4(config.sensor_address);
   return stream;

@@ -19,18 +19,19 @@ namespace {
 
 using runtime::Poll;
 
-// One wait on the socket: bounds how late a command is heard.
+// Longest wait on the socket, and so the longest delay of a command.
 constexpr int kSocketWaitMs = 5;
-// What has come of a sweep is given out after a silence over which no motion is believed. Packets
-// that only come late, over a radio link or from a busy host, go on with their sweep.
+// After this silence an unfinished sweep is published: across a longer gap no motion estimate is
+// credible. Packets that are merely late, over a radio link or from a busy host, still join their
+// sweep.
 constexpr std::int64_t kFlushAfterNs = 1'000'000'000;
 constexpr int kProgressSeconds = 5;
-// How long the health names a clock that was set.
+// How long the health status reports that a clock was set.
 constexpr int kStepSaidSeconds = 10;
 // How long a live sweep waits for IMU readings.
 constexpr std::int64_t kImuWaitNs = 20'000'000;
 
-/// For waiting and pacing: the host's clock may be set meanwhile.
+/// Used for waiting and pacing, as the host's clock may be set meanwhile.
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -127,7 +128,7 @@ void DriverStage::open_finite() {
   window_.start_replay(recorded.identity + (files.empty() ? "" : hash_of_files(files)));
 }
 
-/// Moves on to the next sweep; false at the end.
+/// Advances to the next sweep; false at the end.
 bool DriverStage::fetch() {
   const auto pull = [this](std::optional<Outgoing>& into) {
     source_->record(packets_.matching());
@@ -177,7 +178,7 @@ Poll DriverStage::finish_replay() {
   return Poll::kWait;
 }
 
-/// Whether the sweep's end has come in a paced replay. Waits a little when it has not.
+/// Whether the end of the sweep is due in a paced replay. Waits a little if it is not.
 bool DriverStage::due() {
   if (!rate_) return true;
   const DecodedSweep& sweep = current_->sweep;
@@ -224,7 +225,8 @@ Poll DriverStage::poll_live() {
   }
   imu_->add(source_ ? source_->take_imu() : stream_->take_imu());
   if (came) {
-    // One that still waits is late enough by now.
+    // A sweep that still waits for IMU readings when the next one is complete is published without
+    // them.
     if (waiting_) waiting_since_ns_ = 0;
     publish_waiting();
     waiting_ = std::move(outgoing);
@@ -258,7 +260,7 @@ void DriverStage::publish(const Outgoing& outgoing, bool last) {
   header.frame = "lidar";
   header.end_of_run = last;
   header.replay = window_.replay();
-  // In a paced replay the sweep "arrives" now.
+  // In a paced replay, publishing counts as the sweep's arrival.
   header.last_packet_ns = !window_.replay() ? sweep.last_packet_ns : rate_ ? now_ns : 0;
   if (!window_.replay() && sweep.last_packet_ns != 0) {
     stage_.latency("last_packet_to_publish",
@@ -329,8 +331,8 @@ void DriverStage::report_steps(const DecodedSweep& sweep) {
   report_step("sensor", sweep.sensor_clock_step_ns);
 }
 
-/// The stamps of a run go on over a clock that was set; who compares them with other times must
-/// know.
+/// The stamps of a run continue across a step of a clock. Users who compare them with other times
+/// must be told.
 void DriverStage::report_step(const std::string& whose, std::int64_t step_ns) {
   if (step_ns == 0) return;
   std::array<char, 160> text{};

@@ -1,5 +1,5 @@
-// zloam-driver: packets of a sensor, a capture or stored scans to sweeps. Everything of substance
-// is in decoder/ and the makers' folders, sweep/ and scan/ (the method), io/ (sources) and
+// zloam-driver: converts packets of a sensor, a capture or stored scans to sweeps. The work is done
+// in decoder/ and the makers' folders, sweep/ and scan/ (the method), io/ (sources) and
 // driver_stage.hpp (keys, pacing).
 
 #include <memory>

@@ -1,4 +1,5 @@
-// zloam-calibrate: a session of a scanner on a motor, at rest, to the file in driver.metadata.
+// zloam-calibrate: computes the mount file for driver.metadata from a recorded session of a scanner
+// on a motor, with the platform at rest.
 
 #include <CLI/CLI.hpp>
 #include <cmath>

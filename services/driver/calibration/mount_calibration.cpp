@@ -18,16 +18,17 @@ using Vector = std::array<double, kUnknowns>;  // pitch and yaw, degrees; y and 
 
 constexpr std::size_t kMostPoints = 60'000;
 constexpr std::size_t kLeastInVoxel = 30;
-// Beyond these a recording does not tell the unknown: 0.05 degrees, 5 mm, 1 ms.
+// An unknown counts as determined if its standard deviation is below: 0.05 degrees, 5 mm, 1 ms.
 constexpr Vector kAsked = {0.05, 0.05, 0.005, 0.005, 1.0};
-// A platform that moves leaves few points on planes.
+// If a smaller share of the points lies on planes, the platform has probably moved.
 constexpr double kLeastFlat = 0.3;
-// Delays that are looked at before anything is solved: a turn of 180 degrees a second is off by
-// seven degrees at the most of them.
+// Delays tried before the first solution, up to 40 ms to either side: at 180 degrees per second,
+// the greatest of them changes the angle by seven degrees.
 constexpr int kDelaySteps = 10;  // to either side
 constexpr double kDelayStep_ms = 4.0;
 
-/// Voxels, from coarse to fine: edge, and how thick a plane in them may be.
+/// Stages from coarse to fine: edge of the voxels, greatest thickness of a plane in a voxel, number
+/// of solutions, whether patches of one surface are joined.
 struct Stage {
   double edge_m, thick_m;
   int rounds;
@@ -36,7 +37,7 @@ struct Stage {
 constexpr std::array kStages = {Stage{2.0, 0.25, 3, false}, Stage{1.5, 0.1, 3, false},
                                 Stage{1.0, 0.05, 3, false}, Stage{1.0, 0.05, 5, true}};
 
-/// One return in the scanner's plane.
+/// One return, in the scanner's frame.
 struct Ray {
   Eigen::Vector3d point;
   std::int64_t at_ns;
@@ -59,12 +60,12 @@ class Points {
 
   std::size_t size() const { return rays_.size(); }
 
-  /// Where a return lies with these unknowns. False where the motor's angle is not known.
+  /// Position of a return with these unknowns. False if the motor's angle is not known.
   bool at(std::size_t i, const Vector& x, Eigen::Vector3d& p) const {
     const Ray& ray = rays_[i];
     const auto delay_ns = static_cast<std::int64_t>(std::llround(1e6 * x[4]));
     double before = 0.0, after = 0.0;
-    // Between two whole nanoseconds, so that it can be differentiated.
+    // Interpolated between whole nanoseconds, so that the position is differentiable by the delay.
     const double rest_ns = 1e6 * x[4] - static_cast<double>(delay_ns);
     constexpr std::int64_t kSpan_ns = 500'000;
     const std::int64_t at_ns = ray.at_ns + delay_ns;
@@ -113,7 +114,7 @@ Plane plane_of(const std::vector<Eigen::Vector3d>& points) {
   return {centre, axes.eigenvectors().col(0), std::sqrt(std::max(0.0, variance))};
 }
 
-/// Returns of one voxel that lie on a plane.
+/// Indices of the returns of one voxel that lie on a plane.
 using Patch = std::vector<std::size_t>;
 
 std::vector<Eigen::Vector3d> placed(const Points& points, const Patch& patch, const Vector& x) {
@@ -146,12 +147,13 @@ std::vector<Patch> patches_of(const Points& points, const Vector& x, const Stage
   return patches;
 }
 
-// Patches of one wall or floor: their normals and planes differ by no more than this.
+// Limits within which patches belong to one wall or floor.
 constexpr double kSameTurn = 0.9986;  // cosine of three degrees
 constexpr double kSamePlane_m = 0.06;
 constexpr double kSameReach_m = 8.0;
 
-/// What a mount is off by bends a floor as a whole, and hardly a metre of it.
+/// Joins the patches of one surface: an error of the mount bends a floor as a whole, but hardly a
+/// single metre of it.
 std::vector<Patch> joined(const Points& points, std::vector<Patch> patches, const Vector& x) {
   std::sort(patches.begin(), patches.end(),
             [](const Patch& a, const Patch& b) { return a.size() > b.size(); });
@@ -207,17 +209,17 @@ struct Solved {
   bool converged = false;
 };
 
-// Farther than that no scanner is from where it was mounted; beyond lie solutions in which all points
-// fall together.
+// Greatest distance from the initial values. No mount is off by more, and farther away are
+// degenerate solutions in which all points coincide.
 constexpr Vector kFarthest = {10.0, 10.0, 0.3, 0.3, 100.0};
 
 using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 using Column = Eigen::Matrix<double, kUnknowns, 1>;
 
-/// What one surface says at the solution.
+/// Contribution of one surface at the solution.
 struct Witness {
   Matrix information = Matrix::Zero();
-  Column pull = Column::Zero();  ///< its part of the gradient, which is zero in all
+  Column pull = Column::Zero();  ///< its part of the gradient; the sum over all surfaces is zero
 };
 
 struct Witnesses {
@@ -255,10 +257,10 @@ bool tells_all(const Matrix& information) {
   return Eigen::SelfAdjointEigenSolver<Matrix>(information).eigenvalues()[0] > kLeastInformation;
 }
 
-/// One sigma of each unknown. What is not flat about a surface is the same for all of its points, so
-/// that each surface is one witness: what the solution would be without it says how far it can be
-/// believed (jackknife over clusters; MacKinnon and White 1985), and what it alone tells, not at
-/// all. No better than the noise of the points allows.
+/// Standard deviation of each unknown. Deviations of a surface from a plane are correlated over all
+/// of its points, so each surface counts as one observation: the solutions without each of them
+/// give the uncertainty (jackknife over clusters; MacKinnon and White 1985). At least the
+/// uncertainty by the noise of the points.
 Vector sigmas_of(ceres::Problem& problem) {
   const Witnesses all = witnesses_of(problem);
   Vector sigma;
@@ -305,7 +307,8 @@ Solved solve(const Points& points, const std::vector<Patch>& patches, const Vect
   return out;
 }
 
-/// The delay with which most returns lie on planes: the other unknowns are small beside it.
+/// Searches the delay with which most returns lie on planes; the other unknowns have less
+/// influence.
 Vector with_best_delay(const Points& points, Vector x) {
   const double known_ms = x[4];
   std::pair<double, double> best{-1.0, known_ms};

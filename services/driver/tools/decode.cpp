@@ -1,5 +1,5 @@
-// Decodes a capture outside of the chain: points as binary for comparisons, or the speed.
-// KITTI scans get the times of a clockwise turn of 0.1 s with its seam at the rear.
+// Decodes a capture without the stages, to write points as binary for comparisons or to measure the
+// speed. KITTI scans get times of a clockwise revolution of 0.1 s with its seam at the rear.
 
 #include <malloc.h>
 
@@ -51,7 +51,7 @@ const char* const kFooter =
     "uint16 sweep}.\n"
     "Exit codes: 0 done; 2 wrong command line; 3 a file can't be read or written.";
 
-/// Ends the process where the command line is wrong, or only asks for help or version.
+/// Ends the process if the command line is wrong or only asks for help or version.
 Options parse(int argc, char** argv) {
   Options options;
   CLI::App app("decodes a capture without the stages, to compare points or to measure the speed",
@@ -119,7 +119,7 @@ void write_points(std::ofstream& out, const DecodedSweep& sweep, std::uint16_t n
             static_cast<std::streamsize>(records.size() * sizeof(Record)));
 }
 
-/// As driver.imu_path takes them.
+/// In the format that driver.imu_path reads.
 void write_readings(std::ofstream& out, const std::vector<zloam::ImuReading>& readings) {
   for (const zloam::ImuReading& r : readings) {
     out << r.stamp_ns;
@@ -131,7 +131,7 @@ void write_readings(std::ofstream& out, const std::vector<zloam::ImuReading>& re
   }
 }
 
-/// Payloads end to end that are in memory already.
+/// Concatenated payloads in memory.
 class MemorySource : public PacketSource {
  public:
   MemorySource(std::span<const std::uint8_t> payloads, std::size_t payload_bytes)
@@ -242,8 +242,8 @@ void print(const Totals& totals) {
 
 int main(int argc, char** argv) {
   const Options options = parse(argc, argv);
-  // Memory that is given back stays with the program, as in a driver that runs on: a repetition
-  // does not pay again for what the first one paid.
+  // Freed memory stays with the process, as in a driver that runs on, so that repetitions do not
+  // pay for page faults again.
   mallopt(M_MMAP_THRESHOLD, 1 << 30);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   try {
