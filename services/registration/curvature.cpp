@@ -8,13 +8,14 @@
 namespace zloam::registration {
 namespace {
 
-// Fewer points than this on the near side of an occlusion edge may be a stray return.
+// With fewer points than this, the near side of an occlusion edge may be a stray return.
 constexpr std::uint32_t kMinSilhouetteRun = 3;
-// Standard deviations by which a step must exceed the noise of a difference of two ranges.
+// A step must exceed the noise of the difference of two ranges by this many standard deviations.
 constexpr double kStepSigmas = 3.0;
-// A surface goes on over so many steps at most: three returns missing.
+// A surface is bridged across at most this many firing steps, that is, three missing returns.
 constexpr double kBridgedSteps = 4.6;
-// Below this squared sine of the angle between beam and surface the noise runs along the surface.
+// Lower bound for the squared sine of the angle between beam and surface: below it, the range noise
+// moves points along the surface.
 constexpr double kMinSine2 = 0.05;
 
 class RingPass {
@@ -51,14 +52,14 @@ class RingPass {
   }
 
  private:
-  // Steps of the range below this are what a surface at the steepest accepted incidence shows.
+  // Range step between firings on a surface at the steepest incidence that is accepted.
   double steepest_step_m(double range_m) const {
     return c_.parallel_tangent * s_.step_rad * range_m;
   }
 
-  // A few returns that are missing are no break where both sides are as deep as one surface would
-  // be: such are lost amid any wall (a hundredth of a VLP-16's, dark spots, panes), and made two
-  // edges each.
+  // A few missing returns are no break if the depth on both sides fits one surface: they occur
+  // within any wall (one in a hundred of a VLP-16's returns, dark spots, panes), and each such
+  // break would make two false edges.
   void find_breaks() {
     for (std::uint32_t i = begin_; i < end_; ++i) {
       if (i + 1 == end_) {
@@ -95,7 +96,7 @@ class RingPass {
         std::clamp(k, double(c_.half_window_min), double(c_.half_window_max)));
   }
 
-  // Curvature of the points of one unbroken stretch [first, last).
+  // Computes the curvature of the points of one unbroken stretch [first, last).
   void smooth_run(std::uint32_t first, std::uint32_t last) {
     for (std::uint32_t i = first; i < last; ++i) {
       const std::uint32_t room = std::min(i - first, last - 1 - i);
@@ -108,7 +109,7 @@ class RingPass {
     }
   }
 
-  // The time goes into divisions: each quotient is taken once, and two at a time.
+  // Divisions dominate the time: each quotient is computed once, and two at a time.
   void measure(std::uint32_t i, std::uint32_t k) {
     const Eigen::Vector3d p = s_.points[i].position().cast<double>();
     const Eigen::Vector3d left = sum(i - k, i);
@@ -145,8 +146,8 @@ class RingPass {
     }
   }
 
-  // LOAM, section V-A, figure 4b: the far side of a step may go on behind the near side, so its end
-  // is no edge; the near side's end is one. A missing return counts as far away.
+  // LOAM, section V-A, figure 4b: the far side of a step may continue behind the near side, so its
+  // end is no edge; the end of the near side is one. A missing return counts as far away.
   void mark_occlusions() {
     for (std::uint32_t i = begin_; i + 1 < end_; ++i) {
       if (out_.break_after[i] == 0) {
@@ -178,7 +179,7 @@ class RingPass {
     }
   }
 
-  // Point i ends a surface; forward says to which side that surface goes on.
+  // Point i is the end of a surface; forward: the surface extends to higher indices.
   void mark_silhouette(std::uint32_t i, bool forward, double step_m) {
     std::uint32_t run = 1;
     for (std::uint32_t j = i; run < static_cast<std::uint32_t>(c_.half_window_min); ++run) {
@@ -204,7 +205,7 @@ class RingPass {
   Curvature& out_;
   double step_noise_m_;
   double noise2_;
-  // Of half a window k, variance of d and its root, in noises of a range.
+  // By half window k: variance of d and its root, in units of the range noise.
   std::vector<double> gain_, root_gain_;
   std::vector<Eigen::Vector3d> prefix_;
   std::uint32_t begin_ = 0;

@@ -1,6 +1,5 @@
-// zloam-registration: takes decoded sweeps, gives the feature clouds of each. Everything of
-// substance is in registration.hpp (the method), sharing.hpp (replicas) and registration_stage.hpp
-// (keys).
+// zloam-registration: extracts the feature clouds of each sweep. The work is done in
+// registration.hpp (the method), sharing.hpp (replicas) and registration_stage.hpp (keys).
 
 #include <memory>
 

@@ -11,7 +11,7 @@ namespace {
 constexpr double kPeriodNs = 24 * 55'296.0;
 constexpr std::int64_t kHourNs = 3'600'000'000'000;
 
-/// A sweep of so many packets, of which the first is number n since the sensor's start.
+/// A sweep of this many packets; the first is number n since the sensor's start.
 PacketSpan sweep_from(std::int64_t n, std::int64_t packets) {
   const auto toh_us = [](std::int64_t number) {
     const auto ns = static_cast<std::int64_t>(std::floor(kPeriodNs * static_cast<double>(number)));

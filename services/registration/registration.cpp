@@ -16,7 +16,7 @@ namespace {
 
 enum Label : std::uint8_t { kNone = 0, kSharp = 1, kLessSharp = 2, kFlat = 4 };
 
-// No point is as uneven.
+// Larger than any chi2: marks points that can't be picked as flat.
 constexpr float kNever = std::numeric_limits<float>::infinity();
 
 bool is_unreliable(Kind kind) { return kind == Kind::kParallel || kind == Kind::kOccluded; }
@@ -57,7 +57,7 @@ class Picker {
 
  private:
   struct Candidate {
-    float key;  // greatest first
+    float key;  // the greatest is picked first
     std::uint32_t index;
     bool operator<(const Candidate& o) const {
       return key != o.key ? key < o.key : index > o.index;
@@ -69,7 +69,7 @@ class Picker {
            (v_.kind[i] == Kind::kPlain && v_.chi2[i] > c_.edge_chi2 && v_.bend[i] > min_bend_);
   }
 
-  // The best that no earlier pick suppresses.
+  // Picks the points of greatest chi2 that no earlier pick suppresses.
   void pick_edges(std::uint32_t first, std::uint32_t last) {
     heap_.clear();
     for (std::uint32_t i = first; i < last; ++i) {
@@ -90,7 +90,8 @@ class Picker {
     }
   }
 
-  // Nearly all points are candidates, and a few are wanted: each is looked for.
+  // Nearly all points are candidates and few are picked, so each pick searches the segment instead
+  // of sorting it.
   void pick_flats(std::uint32_t first, std::uint32_t last) {
     const std::span<const float> segment(flatness_.data() + first, last - first);
     for (int picked = 0; picked < c_.flat_per_segment; ++picked) {
@@ -139,7 +140,7 @@ class Picker {
   double min_bend_;
   std::vector<std::uint8_t> labels_;
   std::vector<std::uint8_t> taken_;
-  // chi2 of what may be picked as flat
+  // chi2 of the points that can be picked as flat, kNever for all others
   std::vector<float> flatness_;
   std::vector<Candidate> heap_;
   std::uint32_t begin_ = 0;
@@ -147,9 +148,9 @@ class Picker {
   std::uint32_t edge_candidates_ = 0;
 };
 
-// Voxel filter along one ring: successive points in the same voxel become their mean. Points of a
-// ring are in order, so no search is needed; a voxel that the ring leaves and enters again gives
-// two.
+// Voxel filter along one ring: averages successive points in the same voxel. The points of a ring
+// are in order, so no search is needed; a voxel that the ring leaves and re-enters gives two
+// points.
 class RingVoxelFilter {
  public:
   RingVoxelFilter(double leaf_m, PointVector& out) : per_leaf_(1.0 / leaf_m), out_(out) {}
@@ -244,8 +245,8 @@ void collect(const RingSorted& sorted, const Curvature& curvature,
   collect_less_flat(sorted, keep, config.less_flat_leaf_m, result.less_flat);
 }
 
-// Standard deviation of a range from the smooth points: 1.4826 * median of the absolute values, of
-// so many of them that it is known to 1 %.
+// Standard deviation of the range noise, from the smooth points: 1.4826 * median of the absolute
+// values, of a sample large enough for an error of 1 %.
 double measured_noise(std::vector<float>& components) {
   constexpr std::size_t kEnough = 20000;
   if (components.size() < 100) {

@@ -36,7 +36,7 @@ FeaturesFields fields_of(const msg::Sweep& sweep, const RegistrationResult& resu
   f.points_rejected = std::accumulate(std::begin(result.diagnostics.rejected),
                                       std::end(result.diagnostics.rejected), std::uint32_t{0});
   f.deskewed = sweep.deskewed();
-  // A sweep that lost packets is still matched, and says so.
+  // A sweep with lost packets is still matched, but its health is passed on.
   const Health source = health_of(sweep.health());
   f.health = result.health == Health::kOk ? source : result.health;
   f.range_noise_m = static_cast<float>(config.range_noise_m);
@@ -103,7 +103,7 @@ void RegistrationStage::watch_runs(const Sweep& sweep) {
     stage_.figure("packets_between_runs", static_cast<double>(packets_between_));
     runtime::log_warning("the driver was started again", {{"packets_missed", missing}});
   }
-  // A sweep that was recovered comes after later ones.
+  // A recovered sweep arrives after later ones and must not replace the newest.
   if (!other_run && span.last_received_ns < newest_.last_received_ns) return;
   newest_run_ = sweep.run();
   newest_ = span;
@@ -124,7 +124,8 @@ runtime::Poll RegistrationStage::settle_held() {
   return runtime::Poll::kWait;
 }
 
-// Odometry drops what was made with another revision and waits. The driver still has the sweeps.
+// Odometry drops features made with another revision and waits for new ones. The driver still keeps
+// the sweeps.
 void RegistrationStage::do_again(std::uint64_t run, std::uint64_t from_sweep) {
   if (run != last_.run || from_sweep > last_.sweep) return;
   const std::string sweeps = runtime::sweeps_from(run, from_sweep, last_.sweep);
@@ -154,8 +155,8 @@ void RegistrationStage::publish_rejected(const Sweep& sweep, const RegistrationR
       header, build(header, RejectedFields{result.rejected, {reasons, result.reasons.size()}}));
 }
 
-/// Odometry need not wait for a sweep that was given up here: an empty message says so. Of replicas
-/// only the one whose turn it was: another may have it.
+/// An empty message tells odometry not to wait for a sweep that was dropped here. Only the replica
+/// that ranks first for the sweep sends it, as another one may have the sweep.
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
   hear_colleagues();
   if (!sharing_.first(run, sweep)) return;
@@ -164,7 +165,8 @@ void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) 
   header.sweep = sweep;
   header.frame = "lidar";
   header.stamp_ns = last_.stamp_ns;
-  // The driver's, as in all features: a lower one is refused as that of an overtaken instance.
+  // The driver's term, as in all features: a lower one would be rejected as that of a superseded
+  // instance.
   header.term = last_.term;
   header.config_rev = stage_.config_rev(run, sweep);
   features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));

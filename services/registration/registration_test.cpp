@@ -24,7 +24,7 @@ struct ScanModel {
   int columns = 1800;
   double noise_m = 0.0;
   unsigned seed = 1;
-  // part of the returns that are lost at random
+  // fraction of returns lost at random
   double missing = 0.0;
 };
 
@@ -68,7 +68,7 @@ RangeModel wall_ahead(double distance_m, double half_angle_deg) {
   };
 }
 
-double corner_angle(const Point& p) {  // to the nearest diagonal
+double corner_angle(const Point& p) {  // distance to the nearest diagonal
   const double a = std::abs(std::atan2(p.y, p.x));
   return std::min(std::abs(a - 45.0 * kDeg), std::abs(a - 135.0 * kDeg));
 }
@@ -81,7 +81,7 @@ TEST(Registration, NoisyWallsGiveNoEdgesAndManyFlats) {
       const PointVector sweep = scan(wall_ahead(distance, 60.0), {.noise_m = 0.02, .seed = seed});
       const RegistrationResult r = extract_features(sweep, {kPeriod_ns, 16}, config);
       for (const Point& p : r.less_sharp) {
-        // The wall's own ends are edges: nothing returns beyond them.
+        // The ends of the wall are edges, as nothing returns beyond them.
         edges += std::abs(std::atan2(p.y, p.x)) < 59.0 * kDeg ? 1U : 0U;
       }
       EXPECT_GT(r.flat.size(), 250U) << distance;
@@ -119,7 +119,8 @@ TEST(Registration, TheSidesOfAGapInAWallAreEdges) {
 }
 
 TEST(Registration, AMissingReturnBesideAStepInDepthIsAnEdge) {
-  // A panel 5 m ahead within 10 degrees, a wall 12 m behind it, and nothing right beside the panel.
+  // A panel 5 m ahead within 10 degrees, a wall 12 m ahead behind it, and no returns directly
+  // beside the panel.
   const RangeModel panel = [](double azimuth, double elevation) {
     const double a = std::abs(azimuth);
     if (a > 50.0 * kDeg || (a >= 10.0 * kDeg && a < 10.3 * kDeg)) return -1.0;
@@ -145,7 +146,7 @@ TEST(Registration, CornersOfARoomAreItsOnlyEdges) {
   for (double half : {4.0, 8.0, 15.0}) {
     const PointVector sweep = scan(square_room(half), {.noise_m = 0.02});
     const RegistrationResult r = extract_features(sweep, {kPeriod_ns, 16}, {});
-    // Most of four corners on 16 rings: at 20 mm a single ring's corner is a matter of luck.
+    // Most corners of four on 16 rings: with 20 mm of noise, not every ring detects every corner.
     EXPECT_GE(r.sharp.size(), 40U) << half;
     for (const Point& p : r.sharp) {
       EXPECT_LT(corner_angle(p), 3.0 * kDeg) << half;
@@ -172,7 +173,7 @@ TEST(Registration, ObliquePlanesAreNoEdges) {
 }
 
 TEST(Registration, FarSideOfAnOcclusionIsRejectedAndNearSideIsAnEdge) {
-  // A panel 5 m ahead within 10 degrees, the wall 12 m behind it.
+  // A panel 5 m ahead within 10 degrees, a wall 12 m ahead behind it.
   const RangeModel panel = [](double azimuth, double elevation) {
     const double d = std::abs(azimuth) < 10.0 * kDeg ? 5.0 : 12.0;
     return std::abs(azimuth) > 50.0 * kDeg ? -1.0 : d / (std::cos(azimuth) * std::cos(elevation));
@@ -181,7 +182,7 @@ TEST(Registration, FarSideOfAnOcclusionIsRejectedAndNearSideIsAnEdge) {
   config.drop_unreliable = true;
   const RegistrationResult r =
       extract_features(scan(panel, {.noise_m = 0.01}), {kPeriod_ns, 16}, config);
-  // Six points on either side on 16 rings.
+  // Six points beside each edge, on 16 rings.
   EXPECT_EQ(r.diagnostics.rejected[int(RejectReason::kOccluded)], 16U * 2U * 6U);
   for (std::size_t i = 0; i < r.rejected.size(); ++i) {
     if (r.reasons[i] == RejectReason::kOccluded) {
@@ -198,10 +199,11 @@ TEST(Registration, FarSideOfAnOcclusionIsRejectedAndNearSideIsAnEdge) {
 }
 
 TEST(Registration, SurfacesParallelToTheBeamAreRejected) {
-  // 85 degrees of incidence on the left side of azimuth 0: x grows 11 times as fast as y.
+  // A surface with a constant incidence of 85 degrees: the range grows 11.4 times as fast as the
+  // arc.
   const RangeModel grazing = [](double azimuth, double elevation) {
     if (azimuth < -5.0 * kDeg || azimuth > 5.0 * kDeg) return -1.0;
-    const double range = 10.0 * std::exp(11.4 * azimuth);  // constant incidence: a spiral
+    const double range = 10.0 * std::exp(11.4 * azimuth);  // logarithmic spiral
     return range / std::cos(elevation);
   };
   RegistrationConfig config;
@@ -329,7 +331,7 @@ TEST(Registration, SameInputSameBytes) {
   EXPECT_TRUE(same(a.flat, b.flat) && same(a.less_flat, b.less_flat));
 }
 
-// All points are surfaces, each in the line that its elevation says, whatever ring was given.
+// All points are less flat, and the elevation replaces the ring, whatever ring the point has.
 TEST(Registration, WithoutRingsTheElevationStandsForThem) {
   const PointVector ringed = scan(square_room(7.0), {.noise_m = 0.02});
   PointVector sweep = ringed;

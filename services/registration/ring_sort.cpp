@@ -11,9 +11,9 @@
 namespace zloam::registration {
 namespace {
 
-// A step longer than this many usual steps means that a firing in between gave no return.
+// If two points are more than this many typical steps apart, a firing between them gave no return.
 constexpr double kAdjacentSteps = 1.6;
-// A beam's width.
+// Width of a beam.
 constexpr double kBeam_rad = 0.0035;
 constexpr double kRightAngle_rad = 0.5 * std::numbers::pi;
 
@@ -35,7 +35,7 @@ void reject(const Point& point, RejectReason reason, RegistrationResult& result)
   ++result.diagnostics.rejected[static_cast<std::size_t>(reason)];
 }
 
-// Range of a usable point; a negative number says that it was rejected.
+// Range of a usable point; negative if it was rejected.
 float usable_range(const Point& point, const RegistrationConfig& config,
                    RegistrationResult& result) {
   const float range = point.position().norm();
@@ -53,8 +53,8 @@ float usable_range(const Point& point, const RegistrationConfig& config,
   return -1.0F;
 }
 
-// Stands for the ring where there is none: points of one elevation, within a beam's width, are of
-// one line where a lidar turns, and hardly two of them in a pattern that crosses itself.
+// Replaces the ring in clouds without rings. If the lidar rotates, points of one elevation, within
+// a beam's width, are on one line; in a pattern that crosses itself, few points share an elevation.
 std::uint16_t elevation_step(const Point& point) {
   const double elevation_rad = std::atan2(point.z, std::hypot(point.x, point.y));
   return static_cast<std::uint16_t>(std::lround((elevation_rad + kRightAngle_rad) / kBeam_rad));
@@ -66,7 +66,7 @@ double angle_between(const Point& a, const Point& b) {
   return std::atan2(p.cross(q).norm(), p.dot(q));
 }
 
-// Of the same order as the angle; infinite from a right angle on.
+// Orders pairs by their angle without computing it; infinite from a right angle on.
 double tangent_between(const Point& a, const Point& b) {
   const Eigen::Vector3d p = a.position().cast<double>();
   const Eigen::Vector3d q = b.position().cast<double>();
@@ -81,15 +81,15 @@ T median(std::vector<T>& values) {
   return *middle;
 }
 
-// Usual step between firings, from a sample of the neighbours.
+// Typical angle and time between firings, from a sample of neighbouring points.
 void measure_steps(RingSorted& sorted) {
-  // Of so many the median is as good as of all.
+  // A sample of this size gives the median precisely enough.
   constexpr std::size_t kEnough = 5000;
   constexpr std::size_t kStride = 5;
   const auto stride =
       static_cast<std::uint32_t>(std::max(kStride, stride_to(kEnough, sorted.points.size())));
   std::vector<std::uint32_t> intervals;
-  std::vector<double> tangents;  // of the angles, whose median's tangent is theirs
+  std::vector<double> tangents;  // monotonic in the angle, so medians match
   for (std::size_t ring = 0; ring + 1 < sorted.ring_begin.size(); ++ring) {
     for (std::uint32_t i = sorted.ring_begin[ring]; i + 1 < sorted.ring_begin[ring + 1];
          i += stride) {
@@ -100,7 +100,7 @@ void measure_steps(RingSorted& sorted) {
       tangents.push_back(tangent_between(sorted.points[i], sorted.points[i + 1]));
     }
   }
-  // Two returns of one firing have no angle between them; they would spoil a plain median.
+  // Two returns of one firing have no angle between them, and would bias the median.
   std::erase_if(tangents, [](double t) { return t < 1e-6; });
   if (!tangents.empty()) sorted.step_rad = std::atan(median(tangents));
   if (intervals.size() * 2 > tangents.size() && !intervals.empty()) {
@@ -148,7 +148,7 @@ bool adjacent(const RingSorted& sorted, std::uint32_t i) {
   const Point& a = sorted.points[i];
   const Point& b = sorted.points[i + 1];
   if (sorted.firing_interval_ns > 0) {
-    // A step back in time wraps to a large number: no neighbours.
+    // A step back in time wraps to a large number, so the points do not count as adjacent.
     return b.time_ns - a.time_ns <= kAdjacentSteps * sorted.firing_interval_ns;
   }
   return sorted.step_rad > 0.0 && angle_between(a, b) <= kAdjacentSteps * sorted.step_rad;

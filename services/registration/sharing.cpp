@@ -1,6 +1,6 @@
 #include "registration/sharing.hpp"
 
-// The distribution's xxHash as a header: one function of it is used.
+// xxHash's header-only form, as only one of its functions is used.
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
@@ -11,7 +11,8 @@ namespace zloam::registration {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-// The odometry can't be past what the driver has sent; another replica may have had it sooner.
+// Odometry can lead the newest sweep received here only a little, if another replica received
+// sweeps sooner. Progress further ahead is not credible.
 constexpr std::uint64_t kMostAhead = 64;
 
 }  // namespace
@@ -72,7 +73,7 @@ void Sharing::set_progress(Progress progress) { progress_ = std::move(progress);
 
 bool Sharing::redo(const Held& held, std::int64_t now_ns) const {
   const std::size_t place = rank(held.sweep.run, held.sweep.sweep, instance_, members_);
-  // Not what odometry has and has not come to: only a sweep that is nowhere is done again.
+  // A sweep that odometry has received is not computed again, even if it is not processed yet.
   if (received(held.sweep)) return false;
   const std::int64_t patience_ns =
       kMs * (held.sweep.replay ? config_.redo_replay_ms : config_.redo_live_ms);
@@ -81,7 +82,7 @@ bool Sharing::redo(const Held& held, std::int64_t now_ns) const {
 
 std::optional<Sharing::Due> Sharing::settle(const Held& held, std::int64_t now_ns) const {
   const SweepToShare& sweep = held.sweep;
-  // A newer run has begun: nobody waits for this one.
+  // A newer run has begun, and odometry no longer waits for sweeps of this one.
   if (sweep.run != run_ || done(sweep)) return Due{sweep.run, sweep.sweep, false};
   if (redo(held, now_ns)) return Due{sweep.run, sweep.sweep, true};
   return std::nullopt;
@@ -103,7 +104,8 @@ std::vector<Sharing::Due> Sharing::due(std::int64_t now_ns) {
   return settled;
 }
 
-/// The oldest makes room: live nobody waits for it any more, a replay loses nothing.
+/// Drops the oldest sweep to make room. In a live run nothing waits for it any more; in a replay it
+/// is computed, so that none is lost.
 Sharing::Due Sharing::let_go() {
   const SweepToShare oldest = held_.front().sweep;
   held_.erase(held_.begin());

@@ -1,5 +1,5 @@
-// Who computes which sweep: the hash against its author's vectors, the division against what a
-// rendezvous must give, and the buffer of held sweeps by hand.
+// Which replica computes which sweep: the hash against its author's vectors, the division against
+// the properties of rendezvous hashing, and the buffer of held sweeps against examples.
 
 #include "registration/sharing.hpp"
 
@@ -35,7 +35,7 @@ std::uint64_t weight_of_text(const std::string& text, std::uint64_t seed) {
 }
 
 TEST(Weight, IsXxh64OfTheNumberAndTheName) {
-  // xxHash's self-test: 14 and 101 bytes, without a seed and with its prime as the seed.
+  // xxHash's self-test: 14 and 101 bytes, with seed 0 and with its prime as the seed.
   EXPECT_EQ(weight_of_text(sanity_buffer(14), 0), 0xCFFA8DB881BC3A3DU);
   EXPECT_EQ(weight_of_text(sanity_buffer(14), 2654435761U), 0x5B9611585EFCC9CBU);
   EXPECT_EQ(weight_of_text(sanity_buffer(101), 0), 0x0EAB543384F878ADU);
@@ -57,7 +57,7 @@ TEST(Rank, DividesEvenly) {
   for (std::uint64_t n = 0; n < 3000; ++n) {
     for (const auto& m : members) share[m] += rank(kRun, n, m, members) == 0 ? 1 : 0;
   }
-  // Binomial with p = 1/3: a standard deviation is 26.
+  // Binomial distribution with p = 1/3: the standard deviation is 26.
   for (const auto& m : members) EXPECT_NEAR(share[m], 1000, 5 * 26) << m;
 }
 
@@ -81,7 +81,7 @@ TEST(Rank, ItselfNeedNotBeListedAndAloneIsFirst) {
   EXPECT_EQ(rank(kRun, 5, "a", {"a", "b"}), rank(kRun, 5, "a", {"b"}));
 }
 
-/// The first sweep from n on for which the instance has this place among the members.
+/// The first sweep from n on for which the instance has this rank among the members.
 std::uint64_t with_rank(std::size_t place, std::uint64_t n, const std::string& instance,
                         const std::vector<std::string>& members) {
   while (rank(kRun, n, instance, members) != place) ++n;
@@ -150,7 +150,7 @@ TEST_F(SharingTest, WhatOdometryHasButHasNotComeToIsNotDoneAgain) {
   take(n, 0);
   sharing_.set_progress({kRun, n - 1, n + 2, {n - 1}});
   EXPECT_EQ(due(5000, true), Sweeps{});
-  // Said to be missing after all, it is.
+  // If odometry then reports it as missing, it is computed.
   sharing_.set_progress({kRun, n - 1, n + 2, {n - 1, n}});
   EXPECT_EQ(due(5000, true), Sweeps{n});
 }
@@ -181,7 +181,7 @@ TEST_F(SharingTest, TheBoundLetsTheOldestGo) {
       take(n, 0, replay);
       held.push_back(n);
     }
-    // A replay loses nothing; live nobody waits for the oldest.
+    // In a replay the oldest sweep is computed; in a live run it is dropped.
     EXPECT_EQ(due(0, replay), Sweeps{held.front()});
     EXPECT_EQ(sharing_.held(), 4U);
     sharing_.set_progress({kRun, n + 1, n + 1, {}});

@@ -86,7 +86,8 @@ void Colleagues::on_status(const zenoh::Sample& sample) {
   const std::string instance = status->instance()->str();
   {
     const std::lock_guard lock(mutex_);
-    // A status may come before its token; names without one are a stranger's.
+    // A status may arrive before its instance's token. Names without a token are dropped if there
+    // are too many of them.
     if (ready_.size() >= kMostNames && !ready_.contains(instance)) {
       std::erase_if(ready_, [this](const auto& r) { return !alive_.contains(r.first); });
     }
