@@ -9,7 +9,7 @@
 namespace zloam::aloam {
 namespace {
 
-// Of the sensor's cube from the window's border.
+// Least number of cubes from the sensor's cube to the window's border.
 constexpr std::int32_t kMargin = 3;
 
 }  // namespace

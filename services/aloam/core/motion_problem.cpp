@@ -20,7 +20,8 @@ Pose Motion::pose() const {
 }
 
 struct MotionProblem::State {
-  // The problem owns the loss function, and Motion::q lies as x y z w, as the manifold has it.
+  // The problem owns the loss function once it is used. Motion::q is stored as x y z w, the order
+  // that the manifold expects.
   ceres::LossFunction* loss = new ceres::HuberLoss(kHuber_m);
   ceres::Problem problem;
 };
@@ -32,7 +33,7 @@ MotionProblem::MotionProblem(Motion& motion) : motion_(motion), state_(new State
 }
 
 MotionProblem::~MotionProblem() {
-  // Only a problem that has used it takes it along.
+  // The problem deletes the loss function only if a residual block uses it.
   if (correspondences_ == 0) delete state_->loss;
 }
 

@@ -22,7 +22,7 @@ constexpr float kCurvature = 0.1F;
 constexpr float kLargestStep_m2 = 0.05F;
 constexpr float kLessFlatLeaf_m = 0.2F;
 
-// Bounds of a ring's segments, [first, last), within the points that have a curvature.
+// Bounds of a ring's segments, [first, last), among the points that have a curvature.
 std::array<std::size_t, kSegments + 1> segments_of(std::size_t points) {
   const std::size_t first = kNeighbours;
   const std::size_t whole = points - 2 * kNeighbours - 1;
@@ -47,7 +47,7 @@ class Ring {
         less_sharp_(points.size(), false) {}
 
   void pick() {
-    // A-LOAM wants six points between the ends.
+    // A-LOAM skips a ring if the ends of its usable part are less than six points apart.
     if (points_.size() < 2 * kNeighbours + 1 + kSegments) return;
     for (std::size_t i = kNeighbours; i + kNeighbours < points_.size(); ++i) {
       curvature_[i] = curvature_at(i);
@@ -74,7 +74,8 @@ class Ring {
     return sum.squaredNorm();
   }
 
-  // Ascending curvature; of equal ones the earlier first, so that equal sweeps give equal bytes.
+  // Sorts by ascending curvature. Equal curvatures keep their order, so that equal sweeps give
+  // equal bytes.
   void sort(std::size_t first, std::size_t last) {
     order_.clear();
     for (std::size_t i = first; i < last; ++i) order_.push_back(i);
@@ -104,7 +105,7 @@ class Ring {
     }
   }
 
-  // Five neighbours exist on either side of whatever has a curvature.
+  // Every point with a curvature has five neighbours on either side.
   void suppress_around(std::size_t i) {
     picked_[i] = true;
     for (std::size_t n = 1; n <= kNeighbours; ++n) {
@@ -150,7 +151,7 @@ ScanFeatures extract_features(PointSpan sweep, double min_range_m, std::uint32_t
     if (!is_wanted(p, min_range_m, rings)) continue;
     TimedCloud& ring = by_ring[p.ring];
     ring.push_back(timed_point(p));
-    // A cloud that is not dense is one in which PCL looks for points that are not finite.
+    // PCL removes points that are not finite only from clouds that are not marked as dense.
     ring.is_dense = false;
   }
   ScanFeatures out;

@@ -1,4 +1,4 @@
-// Scan registration against the geometry of a room, and A-LOAM's quotas counted anew.
+// Scan registration compared with the geometry of a room, and A-LOAM's quotas.
 
 #include "aloam/core/scan_registration.hpp"
 
@@ -15,7 +15,7 @@
 namespace zloam::aloam {
 namespace {
 
-// One ring in a square room of 10 x 10 m, counter to the clock from the middle of a wall.
+// One ring in a square room of 10 x 10 m, counter-clockwise from the middle of a wall.
 PointVector square_ring(int columns, std::uint16_t ring = 0) {
   PointVector out;
   for (int i = 0; i < columns; ++i) {
@@ -70,7 +70,8 @@ TEST(ScanRegistration, PicksLieMoreThanFiveColumnsApart) {
   for (const Point& p : f.less_sharp) {
     columns[p.ring].insert(std::lround(p.time_ns * 1.0 * test::kColumns / test::kPeriod_ns));
   }
-  // Steps of more than 0.22 m end the suppression: only in what is nearer it is sure.
+  // A step of more than 0.22 m between neighbours ends the suppression, so the distance of five
+  // columns is certain only for the dense ring below.
   for (const auto& [ring, picked] : columns) {
     long before = -100;
     for (const long column : picked) {

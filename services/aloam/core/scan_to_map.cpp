@@ -20,7 +20,7 @@ constexpr int kNeighbours = 5;
 constexpr float kReach_m2 = 1.0F;
 constexpr double kLineRatio = 3.0;
 constexpr double kPlane_m = 0.2;
-// Of a line's two points from its centre.
+// Distance of a line's two points from its centre.
 constexpr double kLineHalf_m = 0.1;
 constexpr std::size_t kFewestEdges = 10;
 constexpr std::size_t kFewestPlanes = 50;
@@ -33,7 +33,7 @@ class NearestPoints {
     tree_.setInputCloud(points);
   }
 
-  /// None: fewer lie within 1 m.
+  /// Nothing if fewer neighbours are within 1 m.
   std::optional<Neighbours> around(const Eigen::Vector3d& point) {
     const auto wanted = map_point(static_cast<float>(point.x()), static_cast<float>(point.y()),
                                   static_cast<float>(point.z()), 0.0F);
@@ -54,7 +54,7 @@ class NearestPoints {
   std::vector<float> squared_m2_;
 };
 
-// Two points of the line through them.
+// Two points on the line fitted to the neighbours; nothing if they are not in a line.
 std::optional<std::array<Eigen::Vector3d, 2>> line_of(const Neighbours& near) {
   const Eigen::RowVector3d centre = near.colwise().mean();
   const Neighbours centred = near.rowwise() - centre;
@@ -69,7 +69,7 @@ struct Plane {
   double offset;
 };
 
-// n . p + 1 = 0 by least squares; a plane through the origin has no such n.
+// Solves n . p + 1 = 0 by least squares; for a plane through the origin there is no such n.
 std::optional<Plane> plane_of(const Neighbours& near) {
   const Eigen::Matrix<double, kNeighbours, 1> minus_one =
       Eigen::Matrix<double, kNeighbours, 1>::Constant(-1.0);

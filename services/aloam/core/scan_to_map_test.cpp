@@ -1,5 +1,5 @@
-// The map's cubes against means taken otherwise, and scan to map against where the sweeps were
-// cast.
+// The map's cubes against independently computed means, and scan to map against the poses at which
+// the sweeps were simulated.
 
 #include "aloam/core/scan_to_map.hpp"
 
@@ -50,8 +50,8 @@ TEST(CubeMap, ForgetsWhatLeavesTheWindow) {
   Cloud here, there;
   here.push_back(map_point(1.0F, 1.0F, 1.0F, 0.0F));
   map.insert(here, {});
-  // The window begins as cubes -10 to 10. The sensor in cube 7 is three from its border, in cube 17
-  // it has moved the window by ten: the first cube, number 0, is its border.
+  // At first the window is cubes -10 to 10. At cube 7 the sensor is three cubes from its border; at
+  // cube 17 it has moved the window by ten cubes, and the point's cube 0 is at its border.
   for (const double x : {375.0, 875.0}) {
     map.follow({x, 0.0, 0.0});
     EXPECT_EQ(map.point_count(), 1u) << x;

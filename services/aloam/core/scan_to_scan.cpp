@@ -11,7 +11,7 @@ namespace zloam::aloam {
 namespace {
 
 constexpr int kRounds = 2;
-// A-LOAM only complains; here the motion found from fewer is not taken.
+// A-LOAM only prints a warning below this; here a motion from fewer correspondences is rejected.
 constexpr std::uint32_t kFewest = 10;
 
 struct Target {
@@ -19,7 +19,7 @@ struct Target {
   Pose T_odom_lidar;
 };
 
-// Share of the motion since the middle of the sweep before that a point has seen.
+// Fraction of the motion, counted from the middle of the sweep before, at a point's time.
 double share_of(const Point& p, const ScanView& scan, bool deskew) {
   if (!deskew || scan.deskewed || scan.period_ns == 0) return 1.0;
   return 0.5 + std::clamp(static_cast<double>(p.time_ns) / scan.period_ns, 0.0, 1.0);
@@ -31,7 +31,7 @@ struct ScanToScan::State {
   bool deskew = false;
   std::optional<Target> target;
   Pose T_odom_lidar = Pose::Identity();
-  // of the sweep before
+  // motion of the sweep before
   Pose step = Pose::Identity();
 
   void match(const ScanView& scan, ScanMotion& result);
@@ -65,7 +65,7 @@ void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& 
   result.matched = true;
 }
 
-// The target is the sweep before, unless that had no points.
+// The target is the last sweep that had points, normally the sweep before.
 void ScanToScan::State::match(const ScanView& scan, ScanMotion& result) {
   if (!target) return;
   const Pose predicted = T_odom_lidar * step;

@@ -1,5 +1,5 @@
-// Scan to scan against the motion with which the sweeps were cast, and the cost functions against
-// distances computed otherwise.
+// Scan to scan against the motion with which the sweeps were simulated, and the cost functions
+// against independently computed distances.
 
 #include "aloam/core/scan_to_scan.hpp"
 
@@ -37,7 +37,7 @@ TEST(ScanToScan, FindsTheMotionBetweenSweepsOfAStandingSensor) {
   }
 }
 
-// How far the points, seen from here, are from the room's surfaces in the mean.
+// Mean distance of the points, seen from this pose, from the room's surfaces.
 double off_surfaces_m(const PointVector& points, const Pose& T_map_lidar) {
   double sum = 0.0;
   for (const Point& p : points) {

@@ -1,4 +1,4 @@
-// What A-LOAM's mapping answers and writes: tiles, clouds, the path, the map's file.
+// Answers and outputs of A-LOAM's mapping: tiles, clouds, the path, the map's file.
 
 #include <nlohmann/json.hpp>
 
@@ -31,9 +31,9 @@ void MappingStage::declare_answers() {
     a.reply(stage_.keys().of(Key::kPathMap), encoding_of(Key::kPathMap),
             build_path(last_header_, path_));
   });
-  // {"path": "..."} for another file than mapping.map_path.
+  // Arguments {"path": "..."} name another file than mapping.map_path.
   stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
-  // Empties the map; the next sweep begins a new one where it is.
+  // Empties the map; the next sweep begins a new one at its pose.
   stage_.command("reset", [this](const std::string&) { return reset(); });
 }
 

@@ -1,5 +1,4 @@
-// zloam-aloam-mapping: A-LOAM's mapping in the place of mapping. The method is
-// core/scan_to_map.hpp.
+// zloam-aloam-mapping: A-LOAM's mapping in place of mapping. The method is in core/scan_to_map.hpp.
 
 #include <memory>
 

@@ -9,7 +9,7 @@
 namespace zloam::aloam {
 namespace {
 
-// For an odometry that is killed: its last step is what two commits differ by.
+// Kept for a restarted odometry, which computes its last step from the last two.
 constexpr std::size_t kCommitsKept = 4;
 
 }  // namespace
@@ -35,7 +35,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const OutputConfig& output)
   declare_answers();
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
-    // What could not be written is tried again at the stage's end.
+    // If writing fails, it is tried again when the stage stops.
     unsaved_ |= !write_file().empty();
   });
   stage.on_stop([this] {
@@ -63,7 +63,7 @@ void MappingStage::new_run(const msg::Header& first) {
   map_id_ = first.run();
   if (was_in_run) return;
   if (!(first.replay() && first.sweep() == 0)) restart(first);
-  // Not before: while it asks for its own tiles it can't answer.
+  // Declared last, as this stage can't answer queries for tiles while it requests them itself.
   stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }
 
@@ -109,7 +109,7 @@ void MappingStage::publish_pose(const Sweep& sweep, const Mapped& mapped, Health
   correction.T_map_odom = mapper_.T_map_odom();
   correction.covariance = nominal_covariance(kMapped);
   correction.health = health;
-  // As A-LOAM does it: every sweep.
+  // A-LOAM inserts every sweep.
   correction.inserted = true;
   correction.solve = {mapped.iterations, mapped.lines + mapped.planes, mapped.residual_m};
   correction.prev_sweep = prev_sweep_.value_or(sweep.sweep());

@@ -1,5 +1,5 @@
-// A mapping that was killed and started again: integration keeps its last corrections, the store
-// its tiles. Without a store a new map begins in the same frame.
+// Restores a mapping that was killed and restarted: integration keeps its last corrections, the
+// store its tiles. Without a store, a new map begins in the same frame.
 
 #include <algorithm>
 
@@ -44,7 +44,7 @@ void MappingStage::restart(const msg::Header& first) {
   const Pose T_map_odom = pose_of((*last)->pose_map_odom());
   const auto poses =
       runtime::recall<msg::MapPose>(stage_, Key::kPose, runtime::sweeps_from(first.run(), 0), 1);
-  // In the same odom frame the last pose itself is not asked for.
+  // T_map_base matters only if a new odom frame begins, so it may be missing.
   mapper_.restore(poses.empty() ? T_map_odom : pose_of(poses.back()->pose_map_base()), T_map_odom);
   take_back_tiles(map_id_);
   const std::size_t points = mapper_.map().point_count();

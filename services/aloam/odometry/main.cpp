@@ -1,4 +1,4 @@
-// zloam-aloam-odometry: A-LOAM's odometry in the place of odometry. The method is
+// zloam-aloam-odometry: A-LOAM's odometry in place of odometry. The method is in
 // core/scan_to_scan.hpp.
 
 #include <memory>

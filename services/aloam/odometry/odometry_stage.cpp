@@ -12,7 +12,7 @@
 namespace zloam::aloam {
 namespace {
 
-// Replicas of registration learn from the progress what is still to be done.
+// Replicas of registration need the progress to know which sweeps are still missing.
 constexpr std::chrono::milliseconds kProgressPeriod{50};
 
 PointVector in_base(PointSpan points, const Pose& T_base_lidar) {
@@ -72,13 +72,13 @@ void OdometryStage::new_run(const msg::Header& first) {
   odometry_.reset();
   path_.clear();
   prev_sweep_.reset();
-  // In a replay everything, the epoch too, is a function of the capture.
+  // In a replay everything, including the epoch, is a function of the capture.
   odom_epoch_ = was_in_run && !first.replay() ? odom_epoch_ + 1 : 0;
   if (!was_in_run && !(first.replay() && first.sweep() == 0)) restart(first);
 }
 
 runtime::Outcome OdometryStage::take(const Features& features) {
-  // Done by the instance before, or caught up with.
+  // Already done, by the previous instance or while catching up.
   if (features.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
   process(features);
   return runtime::Outcome::kProcessed;
@@ -102,7 +102,7 @@ OdometryStage::Located OdometryStage::locate(const Features& features) {
 
 void OdometryStage::process(const Features& features) {
   next_sweep_ = std::max(next_sweep_, features.sweep() + 1);
-  // Registration dropped this sweep and accounts for it: no pose.
+  // Registration dropped this sweep and reports it as dropped, so it gets no pose.
   if (health_of(features->health()) == Health::kDropped) return;
   stage_.configure_for(features);
   const Located located = locate(features);
@@ -138,7 +138,7 @@ void OdometryStage::publish_features(const Features& features, const Located& lo
   OdometryFeaturesFields fields;
   fields.instant_ns = located.instant_ns;
   fields.T_odom_base = located.T_odom_base;
-  // The twist of this message is the one that the points were moved by.
+  // The message must contain the twist by which the points were moved.
   if (deskew_) fields.twist_per_s = located.twist_per_s;
   fields.covariance = nominal_covariance(kStep);
   fields.period_ns = features->period_ns();

@@ -1,5 +1,5 @@
-// An odometry that was killed and started again: its last sweeps are what mapping keeps of
-// odometry/features, its inputs since then what registration keeps.
+// Restores an odometry that was killed and restarted: mapping keeps its last odometry/features,
+// registration its inputs since then.
 
 #include <algorithm>
 
@@ -36,7 +36,7 @@ void OdometryStage::restart(const msg::Header& first) {
     catch_up(first.run(), last.sweep() + 1);
     return;
   }
-  // An epoch that was used must not come again.
+  // An epoch must not be used twice.
   ++odom_epoch_;
   runtime::log_warning("a new odom frame begins: the one before could not be continued",
                        {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
@@ -46,7 +46,7 @@ void OdometryStage::restore(const std::vector<Commit>& commits) {
   const Commit& last = commits.back();
   const Pose T_lidar_base = T_base_lidar_.inverse();
   const Pose T_odom_base = pose_of(last->pose_odom_base());
-  // The first step is searched for from rest where the one before is not known.
+  // If the last step is unknown, the search for the first one starts from rest.
   Pose step = Pose::Identity();
   if (commits.size() > 1 && commits[commits.size() - 2].sweep() == last->prev_sweep()) {
     step = pose_of(commits[commits.size() - 2]->pose_odom_base()).inverse() * T_odom_base;

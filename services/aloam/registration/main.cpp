@@ -1,4 +1,4 @@
-// zloam-aloam-registration: A-LOAM's scan registration in the place of registration. The method is
+// zloam-aloam-registration: A-LOAM's scan registration in place of registration. The method is in
 // core/scan_registration.hpp.
 
 #include <memory>

@@ -5,7 +5,7 @@
 namespace zloam::aloam {
 namespace {
 
-// Of a VLP-16's and an HDL-64E's data sheet; only stages that are not A-LOAM's make use of it.
+// From the data sheets of VLP-16 and HDL-64E; only stages other than A-LOAM's use it.
 constexpr float kRangeNoise_m = 0.02F;
 
 FeaturesFields fields_of(const msg::Sweep& sweep, const ScanFeatures& features) {
@@ -54,7 +54,8 @@ void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) 
   header.sweep = sweep;
   header.frame = "lidar";
   header.stamp_ns = last_.stamp_ns;
-  // The driver's, as in all features: a lower one is refused as that of an overtaken instance.
+  // The driver's term, as in all features: a lower one would be rejected as that of a superseded
+  // instance.
   header.term = last_.term;
   header.config_rev = stage_.config_rev(run, sweep);
   features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
