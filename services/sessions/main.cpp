@@ -1,4 +1,4 @@
-// zloam-sessions: maps that runs have left, laid upon each other by the places that they share.
+// zloam-sessions: joins the saved maps of several runs by the places that they share.
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -60,7 +60,7 @@ Merged merged(const Options& options) {
   return out;
 }
 
-/// Throws where a file can't be written.
+/// Throws if a file can't be written.
 void write(const Merged& found, const std::filesystem::path& folder) {
   for (const std::string& error :
        {write_submap_poses(found, folder), write_g2o(found, folder / "graph.g2o"),

@@ -19,7 +19,7 @@ json pose_json(const Pose& pose) {
   return {{"xyz_m", {t.x(), t.y(), t.z()}}, {"quaternion_xyzw", {q.x(), q.y(), q.z(), q.w()}}};
 }
 
-/// x y z qx qy qz qw
+/// Formats a pose as x y z qx qy qz qw.
 std::string pose_text(const Pose& pose) {
   const Eigen::Vector3d& t = pose.translation();
   const Eigen::Quaterniond q(pose.linear());
@@ -30,7 +30,8 @@ std::string pose_text(const Pose& pose) {
   return out.str();
 }
 
-/// g2o's error is the translation and the vector part of the quaternion, half of the turn.
+/// g2o's error is the translation and the vector part of the quaternion, which is half the
+/// rotation.
 std::string information_text(const Matrix6& covariance) {
   Matrix6 half = Matrix6::Identity();
   half.diagonal().tail<3>().setConstant(0.5);
@@ -60,7 +61,7 @@ json session_json(const Merged& merged, std::size_t session) {
               {"joined", merged.is_joined(session)}};
   for (const graph::Node& node : merged.graph.nodes()) {
     if (node.session != session) continue;
-    // Where the session's map lies, as its first submap was moved.
+    // Pose of the session's map, derived from its first submap.
     if (!out.contains("T_world_map")) {
       out["T_world_map"] = pose_json(node.T_world_submap * node.T_map_submap.inverse());
     }

@@ -15,25 +15,28 @@
 namespace zloam::sessions {
 namespace {
 
-// Bins of directions, and their rows up and down.
+// Bins of directions: their size, columns around, rows from -45 to 45 degrees of elevation.
 constexpr float kBin_rad = std::numbers::pi_v<float> / 180.0F;
 constexpr int kColumns = 360, kRows = 90;
-// A ray passes through a place if it is this near to it: less than what stands is thick.
+// A ray passes through a place if it comes this near to it, which is less than the thickness of
+// static objects.
 constexpr float kClose_m = 0.1F;
-// What a ray hits so near to a place is of the same thing, and the place at its edge.
+// If a ray that passes this near hits something at the same range within this, both are one object,
+// and the place is at its edge.
 constexpr float kEdge_m = 0.4F;
-// What it hits lies so much farther off: along a flat surface a ray stays close for long.
+// Least distance from the place to what the ray hits behind it, in m or as a share of the range:
+// along a flat surface a ray stays close for a long way.
 constexpr float kBehind_m = 1.0F, kBehindShare = 0.2F;
-// So often seen through, beside more often than hit.
+// A moving point is seen through at least this often, and more often than it is hit.
 constexpr int kFewest = 2;
-// What moved is one thing where its points are this near to each other: of a point's neighbours so
-// many moved, and more of them than one in so many; asked so often over.
+// Neighbours within this reach belong to one object. A point moved with it if at least this many
+// neighbours moved, and more than one in three of them; repeated for this many passes.
 constexpr double kReach_m = 0.45;
 constexpr int kBeside = 3, kOneIn = 3, kPasses = 4;
-// Above the lowest points around it begins what is not the ground.
+// A point this much above the lowest points around it is not ground.
 constexpr float kGround_m = 0.25F;
 
-/// What one group of sweeps hit, by direction from where it was.
+/// Rays of one group of sweeps by direction, from the sensor's position in the middle of the group.
 class View {
  public:
   View(const Submap& submap, std::size_t group)
@@ -67,7 +70,7 @@ class View {
   }
 
  private:
-  /// Of the angle that a width is seen under; it is small.
+  /// Cosine of the angle at which a width is seen, for small angles.
   static float cosine_of(float width_m, float range_m) {
     const float angle = width_m / std::max(range_m, width_m);
     return 1.0F - 0.5F * angle * angle;
@@ -113,7 +116,7 @@ std::vector<int> times_seen_through(const Submap& submap) {
   return through;
 }
 
-/// Points by their cells.
+/// Points by grid cell.
 class Neighbourhood {
  public:
   explicit Neighbourhood(const std::vector<MapPoint>& points) {
@@ -148,7 +151,7 @@ class Neighbourhood {
   std::unordered_map<std::uint64_t, std::vector<std::size_t>> cells_;
 };
 
-/// Of each point whether it is among the lowest around.
+/// For each point, whether it is among the lowest points around it.
 std::vector<bool> ground_points(const std::vector<MapPoint>& points) {
   std::unordered_map<std::uint64_t, float> lowest;
   const auto key = [](const MapPoint& p, int dx, int dy) {
@@ -173,8 +176,8 @@ std::vector<bool> ground_points(const std::vector<MapPoint>& points) {
   return ground;
 }
 
-/// The rest of what moved: what lies beside much of it and was hit at no other time, though nothing
-/// was seen behind it. Ground and walls are hit at other times, too.
+/// Adds the rest of moving objects: points beside many moving points that were hit at no other
+/// time, though nothing was seen behind them. Ground and walls are hit at other times, too.
 void add_neighbours(const Submap& submap, const Neighbourhood& neighbourhood,
                     const std::vector<bool>& ground, std::vector<bool>& moving) {
   const std::vector<bool> seen = moving;

@@ -1,4 +1,4 @@
-// What stands and what moves, by rays into a street whose truth is known.
+// Static and moving points, from rays into a simulated street whose truth is known.
 
 #include "sessions/standing.hpp"
 
@@ -20,7 +20,7 @@ struct Box {
   Eigen::Vector3d low, high;
 };
 
-/// Where the ray enters the box; none where it misses.
+/// Distance at which the ray enters the box; nothing if it misses.
 std::optional<double> entered(const Box& box, const Eigen::Vector3d& from,
                               const Eigen::Vector3d& along) {
   double near = 0.05, far = 60.0;
@@ -35,7 +35,7 @@ std::optional<double> entered(const Box& box, const Eigen::Vector3d& from,
   return near;
 }
 
-/// A street: ground, walls, posts and a parked car; a car and a person that move.
+/// A street: ground, walls, posts and a parked car are static; a car and a person move.
 struct Street {
   std::vector<Box> standing = {{{-80, -80, -1}, {80, 80, 0}},  {{-80, 12, 0}, {80, 13, 8}},
                                {{-80, -13, 0}, {80, -12, 8}},  {{6, 5, 0}, {10.5, 6.8, 1.5}},
@@ -52,7 +52,7 @@ struct Street {
 
 struct Seen {
   Submap submap;
-  /// of each of its points
+  /// for each of its points
   std::vector<bool> moved;
 };
 
@@ -61,7 +61,7 @@ double distance_m(const Box& box, const Eigen::Vector3d& p) {
   return (p - inside).norm();
 }
 
-/// From a platform at 5 m/s, 16 rings, 10 turns a second.
+/// Seen from a platform at 5 m/s, with 16 rings and 10 revolutions per second.
 Seen driven(const Street& street, unsigned seed, double speed_mps = 5.0) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> noise(0.0, 0.02);
