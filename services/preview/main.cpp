@@ -1,5 +1,5 @@
-// zloam-preview: map and pose for a thin link. Everything of substance is in preview.hpp (what is
-// sent, and when), octree.hpp (how small) and preview_stage.hpp (keys).
+// zloam-preview: map and pose for a thin link. The work is done in preview.hpp (what is sent, and
+// when), octree.hpp (encoding) and preview_stage.hpp (keys).
 
 #include <memory>
 

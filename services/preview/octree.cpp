@@ -6,14 +6,14 @@
 namespace zloam::preview {
 namespace {
 
-/// Index along one axis, by the grid of the whole map, so that all sizes of cells have one grid.
+/// Index along one axis in the grid of the whole map, so that cells of all sizes are aligned to it.
 std::uint32_t index_of(float value_m, double cell_m, std::int32_t cube, int depth) {
   const double cells = std::ldexp(1.0, depth);
   const double index = std::floor(static_cast<double>(value_m) / cell_m) - cells * cube;
   return static_cast<std::uint32_t>(std::clamp(index, 0.0, cells - 1.0));
 }
 
-/// Puts two zeros before each bit of a byte.
+/// Inserts two zero bits before each bit of a byte.
 Cell spread(std::uint32_t index) {
   Cell bits = index;
   bits = (bits | bits << 8) & 0x00F00FU;

@@ -1,4 +1,4 @@
-// Cells and octrees against sets of indices that are computed one by one.
+// Cells and octrees compared with sets of indices that are computed individually.
 
 #include "preview/octree.hpp"
 
@@ -27,7 +27,7 @@ std::vector<MapPoint> scattered(const CubeIndex& cube, double edge_m, int count,
   return points;
 }
 
-/// Of the whole map's grid.
+/// Indices in the grid of the whole map.
 std::set<Index> voxelised(const std::vector<MapPoint>& points, double cell_m) {
   std::set<Index> cells;
   for (const MapPoint& p : points) {
@@ -38,7 +38,7 @@ std::set<Index> voxelised(const std::vector<MapPoint>& points, double cell_m) {
   return cells;
 }
 
-/// As the schema says, node by node. Empty where the bytes are no octree.
+/// Decodes node by node, as the schema defines; empty if the bytes are no octree.
 std::set<Index> decoded(const std::vector<std::uint8_t>& bytes, const CubeIndex& cube, int depth) {
   std::vector<Index> nodes;
   if (!bytes.empty()) nodes.push_back({cube.i, cube.j, cube.k});
@@ -75,7 +75,7 @@ TEST(Octree, HasTheCellsOfThePointsAtEachSize) {
 
 TEST(Octree, OfOnePointHasOneByteALevel) {
   const std::vector<MapPoint> one = {{0.9F, 0.1F, 0.9F, 0.0F}};
-  // Of a cube of 1 m: the halves that are upper on x and z, at each level.
+  // In a cube of 1 m the point is in the upper half on x and z, the lower on y, at each level.
   const auto bytes = octree(cells_of(one, {0, 0, 0}, 1.0, 3), 3);
   EXPECT_EQ(bytes, (std::vector<std::uint8_t>{1U << 5, 1U << 5, 1U << 5}));
 }
@@ -101,7 +101,7 @@ TEST(Octree, OfAFloorCostsAThirdOfAByteACell) {
 TEST(Cells, BeyondTheCubeAreItsOutermost) {
   const std::vector<MapPoint> beyond = {{-1e-3F, 60.0F, 25.0F, 0.0F}};
   const auto cells = cells_of(beyond, {0, 0, 0}, 50.0, 1);
-  // Lower on x, upper on y and z.
+  // Lower half on x, upper half on y and z.
   EXPECT_EQ(cells, std::vector<Cell>{6U});
 }
 

@@ -10,9 +10,9 @@
 namespace zloam::preview {
 namespace {
 
-// Of those that did not fit into what is left, before no more are tried.
+// After this many blocks that do not fit into the rest of the budget, no more are tried.
 constexpr int kMisses = 16;
-// As mapping allows them, and more; what is beyond is a stranger's.
+// Wider than the limits of mapping; cubes beyond are rejected as invalid.
 constexpr double kLeastEdge_m = 1.0, kMostEdge_m = 1e4;
 constexpr std::int32_t kMostIndex = 1 << 24;
 
@@ -36,7 +36,7 @@ void Preview::forget_sent() {
   std::erase_if(blocks_, [](const auto& each) { return each.second.cells.empty(); });
 }
 
-/// The first cube says how large all of a map are.
+/// The first cube determines the edge of all cubes of a map.
 void Preview::begin(double edge_m) {
   clear();
   edge_m_ = edge_m;
@@ -61,7 +61,7 @@ bool Preview::put(const CubeIndex& cube, int layer, double edge_m, const Rank& r
 
 bool Preview::full() const { return std::max(blocks_.size(), cubes_.size()) >= kMostBlocks; }
 
-/// A cube has changed: so have its blocks.
+/// Updates the blocks of a changed cube.
 void Preview::cut(const CubeIndex& cube) {
   std::vector<Cell> cells;
   for (const std::optional<Layer>& layer : cubes_[cube]) {
@@ -131,7 +131,8 @@ std::vector<Preview::Candidate> Preview::candidates(const Eigen::Vector3d& robot
   return all;
 }
 
-/// With the cells that are meant for its distance, or larger ones where no message holds these.
+/// The block with the cells intended for its distance, or with larger ones if those exceed the
+/// budget of a whole message; nothing if it only exceeds the room that is left.
 std::optional<Piece> Preview::piece(const Candidate& candidate, std::size_t room_bytes,
                                     std::size_t budget_bytes) const {
   for (int depth = meant_depth(candidate); depth > 0; --depth) {

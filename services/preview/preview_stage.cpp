@@ -15,12 +15,12 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kNewestTiles = 4096;
 constexpr milliseconds kTilesWithin{10'000};
-// A link that is not yet up looks like nobody who has a tile.
+// Ask again after this long without tiles: while a link is not up yet, the answer is empty.
 constexpr std::int64_t kAskAgain_ns = 2'000'000'000;
-// Of the vectors' alignment within the message.
+// Padding within the message for the alignment of the vectors.
 constexpr std::size_t kPadding_bytes = 32;
 
-/// Nothing: voxels, which are nothing to look at.
+/// Nothing for the voxel layer, which is not for viewing.
 std::optional<int> layer_of(std::string_view name) {
   if (name == "edge") return 0;
   if (name == "plane") return 1;
@@ -41,7 +41,7 @@ PreviewStage::PreviewStage(runtime::Stage& stage)
   options.ends_run = false;
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options,
                             [this](const PoseMessage& m) { take_mapped(m); });
-  // Puts of tiles may be dropped: what was lost by then is made good.
+  // Tiles may be dropped on the way, so all are requested again at the end of a run.
   stage.on_end_of_run([this](std::uint64_t) { asks_ = true; });
   stage.every(milliseconds(kPeriod_ms), [this] { every_period(); });
 }
@@ -59,13 +59,14 @@ void PreviewStage::take(const PoseMessage& m) {
 
 void PreviewStage::take_mapped(const PoseMessage& m) {
   const std::uint64_t map_id = m.header().map_id();
-  // The first sweep of the run that began the map: of the same capture, replayed again, it is the
-  // same number.
+  // At the first sweep of the run that began the map, the map starts anew: a replay of the same
+  // capture has the same map_id.
   const bool again = m.sweep() == 0 && map_id == m.run();
   if (map_id_ != map_id || again) begin_map(map_id);
 }
 
-/// Tiles of it may have come before anybody said that it is the one.
+/// All tiles are requested again, as some of this map may have arrived, and been dropped, before it
+/// was known to be the current one.
 void PreviewStage::begin_map(std::uint64_t map_id) {
   map_id_ = map_id;
   ++epoch_;
@@ -79,7 +80,7 @@ void PreviewStage::take_tile(const zenoh::Sample& sample) {
   const auto layer = layer_of(tile->layer()->string_view());
   if (!layer) return;
   const msg::Header& header = *tile->header();
-  // Of a run that is over nobody says which map it is.
+  // Without a current run no pose names the map, so the first tile does.
   if (!map_id_) map_id_ = header.map_id();
   if (map_id_ != header.map_id()) return;
   preview_.put({tile->i(), tile->j(), tile->k()}, *layer, tile->edge_m(),
@@ -96,7 +97,7 @@ void PreviewStage::take_tiles() {
                                          : std::string());
 }
 
-// What there is already is asked for; what changes is heard.
+// Requests the existing tiles; changes arrive by subscription.
 void PreviewStage::ask_for_all() {
   const std::int64_t now_ns = runtime::steady_ns();
   const bool nothing_came = preview_.blocks() == 0 && now_ns - asked_ns_ > kAskAgain_ns;
@@ -106,7 +107,7 @@ void PreviewStage::ask_for_all() {
   all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
 }
 
-// Without a reader nothing is asked of mapping, and nothing computed.
+// Without a subscriber, no tiles are requested and nothing is computed.
 void PreviewStage::every_period() {
   const bool wanted = out_.matching();
   if (tiles_.want(wanted)) {
@@ -168,7 +169,7 @@ void PreviewStage::say() {
 void PreviewStage::note_figures(std::size_t bytes) {
   stage_.figure("blocks", static_cast<double>(preview_.blocks()));
   stage_.figure("message_bytes", static_cast<double>(bytes));
-  // How long who joins now waits for the whole map.
+  // Time until a new subscriber has the whole map.
   if (const auto round = preview_.round()) {
     stage_.figure("round_s", 1e-3 * static_cast<double>(*round * kPeriod_ms));
   }

@@ -1,4 +1,4 @@
-// What is sent of a map, against a viewer that puts it together again.
+// What is sent of a map, checked with a viewer that reassembles it.
 
 #include "preview/preview.hpp"
 
@@ -26,7 +26,7 @@ const Eigen::Vector3d kOrigin = Eigen::Vector3d::Zero();
 using Points = std::vector<MapPoint>;
 using Cells = std::set<std::array<int, 3>>;
 
-/// Keeps what the newest piece of each block said, decoded as the schema says.
+/// Keeps the newest piece of each block, decoded as the schema defines.
 class Viewer {
  public:
   struct Shown {
@@ -65,7 +65,7 @@ CubeIndex index_of(const MapPoint& p, double edge_m) {
           static_cast<int>(std::floor(p.z / edge_m))};
 }
 
-/// The points of each block with its cells of so many halvings, from nothing but the points.
+/// Cells of a block after this many halvings, computed directly from the points.
 Cells cells_in(const Points& points, const CubeIndex& block, int depth) {
   Cells cells;
   for (const MapPoint& p : points) {
@@ -82,7 +82,7 @@ void put_all(Preview& preview, const Points& points, std::uint64_t version = 1, 
   for (const auto& [cube, own] : cubes) preview.put(cube, layer, kEdge_m, {1, version}, own);
 }
 
-/// A street of so many metres: floor and two walls, a point every 0.25 m with some noise.
+/// A street between two positions on x: floor and two walls, points every 0.25 m with some noise.
 Points street(double from_m, double to_m, double every_m = 0.25) {
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0.0, 0.02);
@@ -143,12 +143,12 @@ TEST(Preview, CellsGrowWithTheDistance) {
   for (int call = 0; call < 400; ++call) viewer.take(preview.take(kBudget_bytes, kOrigin));
   std::map<int, double> cell_m;
   for (const auto& [block, shown] : viewer.shown) {
-    // Of blocks on the street, whose distance is that on x.
+    // Only blocks on the street's axis, whose distance is along x.
     if (block.j != 0 || block.k != -1) continue;
     cell_m[block.i] = std::ldexp(kBlock_m, -shown.depth);
   }
   ASSERT_EQ(cell_m.size(), 40U);
-  // 12.5 m each: 25, 50, 100 m and more
+  // Blocks of 12.5 m: up to 25, 50, 100 m, and farther.
   EXPECT_DOUBLE_EQ(cell_m[0], 0.1953125);
   EXPECT_DOUBLE_EQ(cell_m[2], 0.1953125);
   EXPECT_DOUBLE_EQ(cell_m[3], 0.390625);
@@ -180,7 +180,7 @@ TEST(Preview, NothingIsLargerThanTheBudget) {
 }
 
 TEST(Preview, ABlockThatFitsNoMessageComesWithLargerCells) {
-  // All cells of a block: 64^3.
+  // All 64^3 cells of a block.
   Points full;
   for (int x = 0; x < 64; ++x) {
     for (int y = 0; y < 64; ++y) {
@@ -194,15 +194,15 @@ TEST(Preview, ABlockThatFitsNoMessageComesWithLargerCells) {
   put_all(preview, full);
   Viewer viewer;
   for (int call = 0; call < 4; ++call) viewer.take(preview.take(kBudget_bytes, kOrigin));
-  // 1 + 8 + ... + 8^4 bytes; with 8^5 more it would be 37449
+  // 1 + 8 + ... + 8^4 bytes; one more level would add 8^5, 37449 in all.
   ASSERT_EQ(viewer.shown.size(), 1U);
   EXPECT_EQ(viewer.shown.begin()->second.depth, 5);
   EXPECT_EQ(viewer.shown.begin()->second.cells.size(), 32768U);
-  // And is not tried again and again.
+  // It is not tried again and again.
   EXPECT_TRUE(preview.take(kBudget_bytes, kOrigin).empty());
 }
 
-/// Calls until a viewer that begins now has all of the map.
+/// Number of calls until a viewer that begins now has the whole map.
 int calls_until_whole(Preview& preview, const std::function<void(int)>& change = {}) {
   Viewer late;
   int calls = 0;
@@ -218,7 +218,8 @@ TEST(Preview, WhoJoinsLateHasTheWholeMapAfterOneRound) {
   Preview preview;
   put_all(preview, street(0.0, 2000.0));
   for (int call = 0; call < 400; ++call) preview.take(kBudget_bytes, kOrigin);
-  // At rest a block comes again after the rest, or what the others take: here the latter is less.
+  // An unchanged block is sent again after kRestCalls, or after one round if that takes longer;
+  // here the round is shorter.
   EXPECT_LE(calls_until_whole(preview), static_cast<int>(kRestCalls) + 1);
 }
 
@@ -226,7 +227,7 @@ TEST(Preview, ChangesNearTheRobotDoNotHoldUpTheRound) {
   Preview preview;
   put_all(preview, street(0.0, 2000.0));
   for (int call = 0; call < 400; ++call) preview.take(kBudget_bytes, kOrigin);
-  // Each time all blocks near the robot are others: more than all messages hold.
+  // Each call changes all blocks near the robot: more than all messages can hold.
   const std::array<Points, 2> near = {street(0.0, 49.0, 0.25), street(0.0, 49.0, 0.31)};
   const auto change = [&](int call) {
     const auto version = static_cast<std::uint64_t>(10 + call);
@@ -240,7 +241,7 @@ TEST(Preview, AChangeIsSentAtOnce) {
   Preview preview;
   put_all(preview, points);
   std::vector<Piece> pieces;
-  // To where nothing is due and all rests.
+  // Continue until no block is due and none is old enough to be sent again.
   for (int call = 0; call < 400 || !pieces.empty(); ++call) {
     pieces = preview.take(kBudget_bytes, kOrigin);
   }
@@ -249,7 +250,7 @@ TEST(Preview, AChangeIsSentAtOnce) {
   pieces = preview.take(kBudget_bytes, kOrigin);
   ASSERT_FALSE(pieces.empty());
   EXPECT_EQ(pieces.front().block, (CubeIndex{0, 0, 0}));
-  // Far away a point in a cell that is shown already changes nothing that is seen.
+  // Far away, a point in a cell that is already shown changes nothing visible.
   for (int call = 0; call < 400 || !pieces.empty(); ++call) {
     pieces = preview.take(kBudget_bytes, kOrigin);
   }
@@ -267,9 +268,9 @@ TEST(Preview, TheWholeMapComesWithLargeCellsFirst) {
   for (std::uint64_t call = 0; call < kRestCalls; ++call) {
     bytes += bytes_of(preview.take(kBudget_bytes, kOrigin));
   }
-  // Sooner than it takes with the cells that are meant.
+  // Less than half of the time that the cells of the intended size would take.
   EXPECT_LT(2 * first, static_cast<int>(bytes / kBudget_bytes));
-  // As if nobody had it: again as fast.
+  // After that every block counts as unsent, and the whole map is sent as fast again.
   preview.forget_sent();
   EXPECT_LE(calls_until_whole(preview), first + 1);
 }
@@ -286,7 +287,7 @@ TEST(Preview, AMapAtRestTakesAPartOfTheRate) {
       bytes += piece.bytes();
     }
   }
-  // Each block once.
+  // Each block is sent once.
   EXPECT_EQ(came.size(), preview.blocks());
   EXPECT_EQ(std::set<CubeIndex>(came.begin(), came.end()).size(), preview.blocks());
   EXPECT_LT(bytes, kRestCalls * kBudget_bytes / 4);
@@ -316,7 +317,7 @@ TEST(Preview, AnotherMapHasNothingOfTheOneBefore) {
   preview.clear();
   EXPECT_EQ(preview.blocks(), 0U);
   EXPECT_TRUE(preview.take(kBudget_bytes, kOrigin).empty());
-  // Its versions begin again.
+  // Versions start again with another map.
   EXPECT_TRUE(preview.put({0, 0, 0}, 1, kEdge_m, {1, 1}, Points{{1.0F, 1.0F, 1.0F, 0.0F}}));
   EXPECT_EQ(preview.take(kBudget_bytes, kOrigin).size(), 1U);
 }
@@ -332,7 +333,7 @@ TEST(Preview, WhatIsNoCubeIsRefused) {
 }
 
 TEST(Pace, NoSecondHasMoreThanTheRate) {
-  // A worker that comes late, and then twice in a row.
+  // A caller that is late at times, and then calls several times in a row.
   std::mt19937 random(4);
   std::uniform_int_distribution<std::int64_t> step_ns(1'000'000, 400'000'000);
   Pace pace(kLeastPeriod_ns);
