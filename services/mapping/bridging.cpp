@@ -6,34 +6,36 @@
 namespace zloam::mapping {
 namespace {
 
-// Sweeps that are searched for before the search widens, and how wide it gets before it begins
-// again.
+// Number of attempts before the search area widens, and number of widths before it starts again
+// with the narrowest.
 constexpr std::uint32_t kSweepsOfAWidth = 3;
 constexpr std::uint32_t kWidths = 4;
-// After so many in vain only one sweep in a few is searched for.
+// After kOften failed attempts only every kSeldom-th sweep is searched for.
 constexpr std::uint32_t kOften = kSweepsOfAWidth * kWidths, kSeldom = 5;
-// Places that are matched for one sweep beside the guess: a match takes as long as of any sweep.
+// Maximum number of places matched for one sweep besides the guess: each costs a full match.
 constexpr std::size_t kMostPlaces = 8;
-// What a platform may have braked, accelerated or turned by without being seen.
+// Bounds of the unobserved motion in a gap: acceleration or braking, and angular rate.
 constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 constexpr double kFarthest_m = 30.0, kMostTurned_rad = 1.6;
 constexpr double kFar_m = 0.1;
-// What a match adds to the heading that it begins with.
+// Rotation by which a match may differ from the heading that it starts with.
 constexpr double kFar_rad = 0.1;
-// Of a sweep's points, of those where the map may know nothing too: below it there is no likeness.
+// Minimum share of inliers among all points of a sweep, those outside the map included: with less
+// the place does not resemble the sweep.
 constexpr double kLeastShare = 0.25;
-// Sweeps in a row that find the same frame.
+// Number of sweeps in a row that must find the same frame, and how closely.
 constexpr int kAgreeing = 3;
 constexpr double kSame_m = 0.3, kSame_rad = 0.03;
-// Of what the sweeps before were explained. Right matches that have not come to rest reach 0.85,
-// wrong ones 0.7; right ones that have come to rest are rarely below 0.7
+// Minimum fit relative to that of earlier sweeps. Without convergence right matches have at least
+// 0.85 and wrong ones at most 0.7; converged right matches are rarely below 0.7
 // (docs/experiments/2026-11-26-lost-by-fit.md).
 constexpr double kLeast = 0.75, kLeastAtRest = 0.5;
-// Ten sigmas; and less than this no odometry is sure of (docs/experiments/2026-11-27-carried-unseen.md).
+// A match contradicts the odometry beyond ten sigmas (squared) and beyond kContradictory_rad or
+// kSame_m, as no odometry is surer than that (docs/experiments/2026-11-27-carried-unseen.md).
 constexpr double kContradiction = 100.0, kContradictory_rad = 0.1;
-// Shares that differ by less say nothing.
+// Relative difference of two inlier counts below which neither place is better.
 constexpr double kAlike = 0.005;
-// Nobody is elsewhere after less than this.
+// During a shorter gap a platform cannot have moved elsewhere.
 constexpr double kShortGap_s = 1.0;
 
 }  // namespace
@@ -60,8 +62,8 @@ bool fits(const Match& match, const MappingConfig& config, double median_residua
   if (median_residual_m > 0.0) {
     return match.inlier_residual_m < config.insert_residual_factor * median_residual_m;
   }
-  // Nothing is known of how sweeps fit this map: what has not come to rest, or lies beside its
-  // surfaces by as much as the matching lets pass, has not found its place.
+  // No sweep was matched to this map before: a match then counts only if it has converged and its
+  // residual is smaller than the gate of the matching.
   return match.converged && match.residual_m < config.voxel_planes.matcher.fine_gate_m;
 }
 
@@ -77,8 +79,8 @@ double turned_rad(const Pose& a, const Pose& b) {
   return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
 }
 
-/// Of two places that explain about as much, as in a room that looks the same from its other end,
-/// the nearer one.
+/// Whether a has more inliers than b or, if both have about as many (as in a room that looks the
+/// same from its other end), whether it is rotated less against the guess.
 bool is_likelier(const Match& a, const Match& b, const Pose& guess) {
   const double more = static_cast<double>(a.inliers) / std::max(b.inliers, 1U);
   if (more > 1.0 + kAlike || more < 1.0 - kAlike) return more > 1.0;
@@ -123,7 +125,7 @@ Bridged bridge(MappingMethod& method, const MappingInput& input, const Predictio
     best = {match, enough && near && explains(match, kLeast, usual)};
   };
   take(guess.T_map_base);
-  // Found before: what fits where it was expected needs no more of the map.
+  // The sweep before was found: a match at the expected place needs no minimum share in the map.
   const double moved_m = (guess.T_map_base.inverse() * best.match.T_map_base).translation().norm();
   if (best.match.ok && gap_s <= 0.0 && moved_m < kSame_m) {
     best.sure = explains(best.match, kLeast, usual);

@@ -1,4 +1,5 @@
-// A frame of the odometry was broken off: where the sweep is searched for, and what is believed.
+// After a restart of the odometry's frame: where the sweep is searched for, and which matches are
+// accepted.
 
 #include "mapping/bridging.hpp"
 
@@ -79,7 +80,7 @@ TEST(Agreement, ThreeInARowBearEachOtherOut) {
   EXPECT_FALSE(agreement.add(T_map_odom, at(0.0, 0.0, 0.0, 0.0)));
   EXPECT_FALSE(agreement.add(T_map_odom * at(0.05, 0.0, 0.0, 0.001), at(1.0, 0.0, 0.0, 0.0)));
   EXPECT_TRUE(agreement.add(T_map_odom, at(2.0, 0.0, 0.0, 0.1)));
-  // Another place begins the count again.
+  // A different frame restarts the count.
   EXPECT_FALSE(agreement.add(T_map_odom * at(2.0, 0.0, 0.0, 0.0), at(3.0, 0.0, 0.0, 0.1)));
   EXPECT_FALSE(agreement.add(T_map_odom, at(4.0, 0.0, 0.0, 0.1)));
   EXPECT_FALSE(agreement.add(T_map_odom, at(5.0, 0.0, 0.0, 0.1)));
@@ -88,8 +89,8 @@ TEST(Agreement, ThreeInARowBearEachOtherOut) {
   EXPECT_FALSE(agreement.add(T_map_odom, at(7.0, 0.0, 0.0, 0.1)));
 }
 
-// A drive of which nothing is seen for seconds, after which sweeps without points come: what the
-// mapper believes of where it is.
+// A drive that is unobserved for seconds, followed by sweeps without points: which pose the mapper
+// then assumes.
 struct Unseen {
   Unseen() {
     for (int i = 0; i < 10; ++i) {
@@ -106,7 +107,7 @@ struct Unseen {
     return mapper.process(input).T_map_base;
   }
   test::Room room = test::furnished_room();
-  // pitching a little, as no platform goes on to do
+  // slow pitching, which no platform continues for seconds
   Vector6 twist_per_s = (Vector6() << 1.0, 0.0, 0.0, 0.0, 0.1, 0.0).finished();
   Mapper mapper{MappingConfig{}};
   Pose last = Pose::Identity();

@@ -6,7 +6,7 @@
 namespace zloam::mapping {
 namespace {
 
-// A median of fewer sweeps says nothing.
+// Minimum number of residuals for a meaningful median.
 constexpr std::size_t kFewest = 5;
 
 }  // namespace

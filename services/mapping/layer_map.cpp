@@ -8,8 +8,8 @@ namespace {
 
 constexpr double kFarthest_m = 1e5;
 constexpr std::size_t kFetchAhead = 8;
-// Any turn that brings no axis of the grid near one of the map's, and a shift that is no simple
-// fraction of a voxel.
+// An arbitrary rotation that aligns no axis of the grid with one of the map's, and a shift that is
+// no simple fraction of a voxel.
 const Eigen::Vector3d kGridTurn_rad(0.1, 0.15, 0.5);
 const Eigen::Vector3d kGridShift_m(0.137, 0.291, 0.173);
 
@@ -35,8 +35,8 @@ void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, std::ui
   if (count > 0) insert_at(key_of(point_map), {point_map, intensity}, count);
 }
 
-// A sweep's voxels lie anywhere in memory: the index is asked for long before a voxel is needed,
-// the voxel shortly before.
+// A sweep's voxels are scattered in memory: the index entry is prefetched well before a voxel is
+// needed, the voxel itself shortly before.
 void LayerMap::fetch_ahead(std::size_t at) const {
   if (at + 2 * kFetchAhead < new_keys_.size()) {
     voxel_index_.prefetch(new_keys_[at + 2 * kFetchAhead]);

@@ -19,9 +19,9 @@ int main(int argc, char** argv) {
            [&](zloam::runtime::Stage& stage) {
              mapping = std::make_unique<zloam::mapping::MappingStage>(stage, config, output);
            },
-       // A look for the place in the whole map takes 2.6 s on two busy processors.
+       // A search of the whole map takes 2.6 s on two busy processors.
        .longest_work = std::chrono::milliseconds(4000),
-       // Between sweeps that come and go its map grows: kept blocks, a VLP-16's messages among
-       // them, would leave holes in it.
+       // The map grows while sweeps are allocated and freed: blocks kept by the heap, those of a
+       // VLP-16's messages among them, would leave holes between its parts.
        .kept_block_bytes = zloam::kReturnedBlock_bytes});
 }

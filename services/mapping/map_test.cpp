@@ -21,7 +21,7 @@ std::string slurp(const std::string& path) {
   return text.str();
 }
 
-// A reader of the format's header that knows nothing of the writer.
+// A parser of the PCD header that shares nothing with the writer.
 struct Pcd {
   std::map<std::string, std::vector<std::string>> header;
   std::string data;
@@ -44,7 +44,7 @@ Pcd parse(const std::string& bytes) {
   return pcd;
 }
 
-/// The points, so many at a time.
+/// Yields the points in parts of this size.
 NextPoints in_parts(const std::vector<LayeredPoint>& points, std::size_t part) {
   return [&points, part, at = std::size_t{0}]() mutable {
     const std::size_t end = std::min(at + part, points.size());
@@ -155,7 +155,7 @@ TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
 
 TEST(LayerMap, CountsAllPointsOfATileAlsoOfVoxelsThatMoveToTheNext) {
   LayerMap map(0.4, 50.0);
-  // Around the border of two tiles, so that means of voxels cross it.
+  // Points around the border of two tiles, so that means of voxels cross it.
   std::uint64_t state = 3;
   for (int i = 0; i < 4000; ++i) {
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;

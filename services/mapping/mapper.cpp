@@ -10,21 +10,21 @@
 namespace zloam::mapping {
 namespace {
 
-// For longer the last motion says nothing about where the sensor is now.
+// Beyond this gap the last motion does not predict where the sensor is now.
 constexpr double kLongestGap_s = 5.0;
-// In a map that stays as it is somebody may have carried the sensor away within that.
+// In a fixed map the sensor may have been carried away during a longer gap: it is searched for.
 constexpr double kWatched_s = 1.0;
-// A new odometry knows its first sweep's motion only from the second, and what is distorted must
-// not go into the map: so many sweeps in a row must be found in it first.
+// A new odometry knows the motion of its first sweep only from the second one, and distorted sweeps
+// must not enter the map: this many sweeps must be matched before one is inserted.
 constexpr std::uint32_t kSettling = 3;
-// A sweep of fewer is called too small; one of more that found no match is only predicted.
+// An unmatched sweep with fewer points is reported as TooFewPoints, others as Predicted.
 constexpr std::uint32_t kFewestPoints = 50;
-// So many matches in a row that are worse than those before are no chance; and how often it is
-// looked for a better place while they go on.
+// This many residuals above the limit in a row are not chance: a better place is searched for, and
+// again after every kWorseAgain further ones.
 constexpr std::uint32_t kWorse = 3, kWorseAgain = 5;
 
-// Over seconds a platform goes on with its velocity and its turn about the map's vertical axis; a
-// tilt does not grow. in_map_per_s: of those two, in the map's axes.
+// Pose after a gap of seconds: a platform keeps its velocity and its yaw rate about the map's
+// vertical axis, but a tilt does not grow. in_map_per_s holds only these two, in the map's axes.
 Pose moved_on(const Pose& T_map_base, const Vector6& in_map_per_s, double time_s) {
   const Pose moved = exp_se3(time_s * in_map_per_s);
   Pose out = T_map_base;
@@ -59,7 +59,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
   const bool stays = is_fixed();
   if (new_frame || break_expected || told || (stays && gap_s > kWatched_s)) {
-    // The pose that was given is of this moment, however long nothing was seen.
+    // A pose given by the user is valid now, however long the motion was unobserved.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
     bridging = tiles.point_count() >= config.founding_points;
@@ -81,9 +81,9 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   return prediction;
 }
 
-// A place that explains much of a sweep may still be the wrong one of two that look alike: then it
-// is not where the odometry leads, or sweep after sweep fits worse than before, and the right one
-// better.
+// A match that explains much of a sweep may still be the wrong one of two places that look alike.
+// Signs of it: it contradicts the odometry, or sweep after sweep fits worse than before, and
+// another place fits better.
 bool Mapper::State::is_elsewhere(const MappingInput& input, const Match& match,
                                  const Prediction& prediction) {
   const std::uint32_t worse = policy.worse_in_row();
@@ -105,8 +105,9 @@ Match Mapper::State::align(const MappingInput& input, const Prediction& predicti
   return searched_everywhere(input, prediction);
 }
 
-// A turn of slices comes once a second, and half of it may be new: how it fits says little of
-// whether the place is right. The odometry has followed each slice of it, and says when it is lost.
+// A full turn of slices comes once a second, and half of it may be unmapped: its fit tells little
+// about whether the place is right. The odometry has followed each slice and reports when it is
+// lost, so a match that contradicts it is rejected.
 Match Mapper::State::near_odometry(Match match, const Prediction& prediction) {
   if (match.ok && contradicts(match, prediction)) {
     match.ok = false;
@@ -122,7 +123,7 @@ void Mapper::State::begin_search() {
   relocalizer.reset();
 }
 
-// Of a map that stays as it is nothing else is known than that the robot may be in it.
+// Searches a whole fixed map, of which it is only known that the robot may be in it.
 Match Mapper::State::searched_everywhere(const MappingInput& input, const Prediction& prediction) {
   Match match = relocalizer.look(*method, input, tiles);
   ++bridged_sweeps;
@@ -163,13 +164,13 @@ Match Mapper::State::searched(const MappingInput& input, const Prediction& predi
 Matrix6 Mapper::State::predicted_covariance(const MappingInput& input,
                                             const Prediction& prediction) const {
   if (bridging) return prediction.covariance;
-  // The first pose is the map's frame.
+  // The first pose defines the map's frame: only the prior's own sigmas count.
   if (!last) return prior_covariance(config, Matrix6::Zero());
   const Pose T_now_last = input.T_odom_base.inverse() * last->T_odom_base;
   return carried(last->covariance, T_now_last) + prediction.covariance;
 }
 
-// By how much the sweep turned more or less than the one before.
+// Change of the rotation within a sweep against the sweep before.
 double Mapper::State::turn_change_rad(const MappingInput& input) const {
   if (!last) return 0.0;
   const Vector6 change_per_s = input.twist_per_s - last->twist_per_s;
@@ -184,7 +185,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
     result.health = Health::kLost;
     result.reason = "there is no map to find it in";
   } else if (match.ok && settling > 0) {
-    // Its pose is as distorted as the sweep.
+    // The sweep may be distorted, and its pose is then wrong too.
     result.health = Health::kBridging;
     result.reason = "a new odometry frame is still settling";
   } else if (match.ok) {
@@ -192,7 +193,7 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
     result.reason = policy.judge(match.T_map_base, match.residual_m);
     if (is_fixed()) result.reason = "the map stays as it is";
   } else if (bridging) {
-    // Also of a sweep without points: its pose is not in the map.
+    // Applies to a sweep without points as well: its pose in the map is unknown too.
     const bool given_up = bridged_sweeps > config.bridge_sweeps;
     result.health = lost || given_up ? Health::kLost : Health::kBridging;
     result.reason = lost ? "the sweep does not fit the map where it should be: searched for"
@@ -212,7 +213,8 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   }
 }
 
-// A map that does not grow ends somewhere: a prediction alone is no place in it for long.
+// A fixed map ends somewhere: after bridge_sweeps unmatched sweeps in a row the prediction no
+// longer counts as a pose in it.
 bool Mapper::State::left_map(const Match& match) {
   if (!is_fixed() || match.ok) return false;
   if (++unmatched <= config.bridge_sweeps) return false;
@@ -252,13 +254,13 @@ void Mapper::State::put(const InsertClouds& clouds, const Pose& T_map_base) {
   tiles.insert(Layer::kPlane, clouds.planes, T_map_base);
 }
 
-// Nothing is to be settled before the odometry can be followed.
+// Whether the odometry can be followed: no new frame, expected break or given pose is pending.
 bool Mapper::State::goes_on(const MappingInput& input) const {
   const bool same_frame = last ? input.odom_epoch == last->odom_epoch : !is_fixed();
   return same_frame && !break_expected && !told;
 }
 
-// A pose without points of its own: where the odometry leads from the last match.
+// Result for a pose without points of its own: the last match continued by the odometry.
 MappingResult Mapper::State::carry(const MappingInput& input) {
   MappingResult result;
   result.sweep = input.sweep;

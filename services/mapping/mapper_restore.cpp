@@ -1,5 +1,5 @@
-// A Mapper that goes on where another one was: from its tiles and voxels, the sweeps since them, and
-// what it knew beside its map.
+// Lets a Mapper continue from another instance: from its tiles and voxels, the sweeps inserted
+// since then, and its state beside the map.
 
 #include <utility>
 
@@ -10,12 +10,12 @@
 namespace zloam::mapping {
 namespace {
 
-// Of state(): another number where what is in it changes.
+// Version of the layout of state(): change it when the contents change.
 constexpr std::uint64_t kStateLayout = 3;
 
 }  // namespace
 
-// What is not in it is empty or unset unless something is searched for.
+// The members left out are empty or unset except during a search, when no state is saved.
 bool Mapper::State::each(StateBits& bits) {
   bits(T_map_odom, last, lately, policy, fits, found_in_map, unmatched);
   return method->each(bits);
@@ -34,7 +34,7 @@ void Mapper::restore(const SavedMap& saved) {
   s.method->restore(saved.voxels);
   s.last = LastPose{};
   s.last->instant_ns = saved.instant_ns;
-  // Without its pose in the map the frame is as good as a new one.
+  // Without T_map_odom the odometry's frame is treated as a new one.
   s.last->odom_epoch = saved.T_map_odom ? saved.odom_epoch : ~saved.odom_epoch;
   s.last->T_map_base = saved.T_map_base;
   s.last->twist_per_s = saved.twist_per_s;

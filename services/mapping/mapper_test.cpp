@@ -30,7 +30,7 @@ MappingInput input_of(std::uint64_t sweep, const Scan& scan, const Pose& T_odom_
   return input;
 }
 
-// Drives through the room with the odometry it is given; truth(i) is the pose in the map.
+// Drives through the room with exact odometry; truth(i) is the pose in the map.
 struct Drive {
   Room room = test::furnished_room();
   double noise_m = 0.0;
@@ -84,7 +84,7 @@ TEST_P(RecoversPose, AtTwentyMillimetresOfNoise) {
   const Vector6 error = log_se3(truth.inverse() * result.T_map_base);
   EXPECT_LT(error.head<3>().norm(), 0.02);
   EXPECT_LT(error.tail<3>().norm(), 0.006);
-  // A covariance that is neither blind to the error nor boundless.
+  // The covariance is neither overconfident nor far too wide.
   const double nees = error.dot(result.covariance.inverse() * error) / 6.0;
   EXPECT_LT(nees, 20.0);
   EXPECT_LT(std::sqrt(result.covariance(0, 0)), 0.02);
@@ -107,7 +107,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Offset{"all", twist(0.05, 0.04, -0.03, 0.008, 0.008, -0.01)}),
     [](const auto& which) { return which.param.name; });
 
-// Odometry that drifts by 5 mm and 0.5 mrad a sweep: the map takes the drift out.
+// Odometry drifts by about 6 mm and 0.5 mrad a sweep: the map corrects the drift.
 TEST(Mapper, CorrectsDrift) {
   Mapper mapper{MappingConfig{}};
   const Room room = test::furnished_room();
@@ -146,7 +146,7 @@ TEST(Mapper, SameInputGivesSameBytes) {
   Mapper first{MappingConfig{}};
   Mapper second{MappingConfig{}};
   drive.map(first, 12, small_steps);
-  // Between them something else is allocated, so that addresses differ.
+  // An allocation between the two runs, so that addresses differ.
   const std::vector<char> elsewhere(1 << 20);
   drive.map(second, 12, small_steps);
   EXPECT_EQ(bytes_of(first), bytes_of(second));
@@ -160,7 +160,7 @@ TEST(Mapper, CorridorsAxisIsFlaggedAndItsErrorCovered) {
   Drive drive;
   drive.room = test::corridor();
   drive.noise_m = 0.02;
-  // Faces only: what lies near their meeting lines is left out, so that the axis is unseen.
+  // Only points on faces, none near their edges, so that the axis is unobserved.
   drive.plane_gap_m = 0.7;
   const auto truth = [](int i) { return at(0.05 * i, 0.0, 0.0); };
   drive.map(mapper, 15, truth);
@@ -206,7 +206,7 @@ TEST(Mapper, BadInputsPassWithAReason) {
                                  {PointVector(500, not_finite), PointVector(500, endless)},
                                  {PointVector(500, zero), PointVector(5000, zero)},
                                  {PointVector(500, far), PointVector(500, far)}};
-  // Before there is a map, and after.
+  // Without a map, and with one of six sweeps.
   for (const int before : {0, 6}) {
     Mapper mapper{MappingConfig{}};
     const Drive drive;
@@ -308,7 +308,7 @@ TEST(Mapper, TilesTellTheirChanges) {
   EXPECT_EQ(sum, mapper.cloud().size());
 }
 
-// A small window: what leaves it stays in the whole map, on file or in memory, and comes back.
+// Tiles that leave a small window stay in the whole map, in a file or in memory, and come back.
 TEST(Mapper, WindowLosesNothing) {
   for (const bool on_file : {false, true}) {
     MappingConfig config;
@@ -339,7 +339,7 @@ TEST(Mapper, WindowLosesNothing) {
       }
       for (const TileId& id : mapper.tiles()) {
         const std::size_t now = mapper.tile(id)->points.size();
-        // Means may cross a tile's side, nothing else takes points away.
+        // Means of voxels may cross a tile's face; nothing else removes points.
         EXPECT_GE(now + 5, largest[id]);
         largest[id] = std::max(largest[id], now);
       }
@@ -363,7 +363,7 @@ TEST(Mapper, BridgesANewOdometryFrame) {
   MappingInput input = input_of(15, s, Pose::Identity());
   input.odom_epoch = 1;
   const auto result = mapper.process(input);
-  // Found; bridged still, because the frame's first sweeps may be distorted.
+  // Found, but still Bridging, because the first sweeps of a frame may be distorted.
   EXPECT_EQ(result.health, Health::kBridging) << result.reason;
   EXPECT_FALSE(result.inserted);
   EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03);

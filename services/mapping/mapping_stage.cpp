@@ -38,11 +38,11 @@ std::string folder_of(const std::string& map_path) {
   return folder.empty() ? "." : folder;
 }
 
-// For an odometry that is killed: its window of 20 sweeps, the one before them, and the last one,
-// which it says again. Each takes a megabyte.
+// Odometry messages kept for a restarted odometry: its window of 20 sweeps, the sweep before it,
+// and the last one, which it publishes again. Each takes a megabyte.
 constexpr std::size_t kCommitsKept = 22;
 
-// No map reaches so far, in m, and no heading is so many degrees.
+// Limit of the arguments of `place`, in m or degrees: no map reaches that far.
 constexpr double kFarthest = 1e6;
 
 }  // namespace
@@ -79,7 +79,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   declare_commands();
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
-    // What could not be written is tried again at the stage's end.
+    // If the files cannot be written now, the stage tries again when it stops.
     unsaved_ |= !write_files().empty();
   });
   stage.on_hand_over([this](bool leaves) { leave_map(leaves); });
@@ -122,7 +122,7 @@ void MappingStage::new_run(const msg::Header& first) {
   }
   if (unsaved_) write_files();
   if (was_in_run && config_.mode != MappingMode::kMap) {
-    // The map stays; where the robot went meanwhile nobody knows.
+    // The map is kept, but how the robot moved between the runs is unknown.
     mapper_.place(last_T_map_base_);
     return;
   }
@@ -134,7 +134,7 @@ void MappingStage::new_run(const msg::Header& first) {
   if (was_in_run) return;
   const bool has_map = config_.mode != MappingMode::kMap;
   if (has_map || !(first.replay() && first.sweep() == 0)) restart(first);
-  // Not before: while it asks for its own tiles it can't answer.
+  // Declared after restart(), which requests the same tiles and cannot answer while it waits.
   stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }
 
@@ -250,9 +250,10 @@ void MappingStage::publish_map(const Sweep& sweep, bool all) {
   }
 }
 
-// The last message of a run says that no more come, also where nothing is left to be said.
+// The last message of a run marks its end and is sent even if there is no submap left to publish.
 void MappingStage::publish_submap(const Sweep& sweep, const std::optional<Submap>& submap) {
-  // Kept from the first reader on: one that is started again asks for what it missed.
+  // Published from the first subscriber on, even while there is none: a restarted subscriber
+  // requests the submaps that it missed.
   submaps_read_ = submaps_read_ || submap_.matching();
   if (!submaps_read_ || config_.submap_m <= 0.0) return;
   std::optional<Submap> closed = submap;
@@ -275,7 +276,7 @@ void MappingStage::publish_tiles(const Sweep& sweep, double growth) {
     const std::uint64_t count = mapper_.tile_count(id);
     std::uint64_t& published = published_[id];
     const double enough = (1.0 + growth) * static_cast<double>(published);
-    // What has left the window does not grow any more.
+    // A tile that has left the window (count 0) no longer grows and is published as it is.
     if (count > 0 && static_cast<double>(count) <= enough) {
       ++next;
       continue;
@@ -405,7 +406,7 @@ runtime::CommandReply MappingStage::reset() {
   return {true, "map emptied", results.dump()};
 }
 
-// Height, roll and pitch are as they were: nobody knows them better than the map.
+// Height, roll and pitch are kept from the last pose: a user cannot give them better.
 runtime::CommandReply MappingStage::place(const std::string& arguments_json) {
   const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
   std::array<double, 3> values{};
@@ -430,7 +431,8 @@ runtime::CommandReply MappingStage::place(const std::string& arguments_json) {
   return {true, "from the next sweep on the robot is searched for around there", "{}"};
 }
 
-// Tile by tile: the map need not be there a second time as one cloud, and a third as bytes.
+// Writes tile by tile: otherwise the map would be in memory a second time as one cloud and a third
+// time as bytes.
 std::string MappingStage::write_to(const std::string& path) const {
   const std::vector<TileId> tiles = mapper_.tiles();
   auto at = tiles.begin();
@@ -445,7 +447,7 @@ runtime::OutputFiles::Run MappingStage::file_run() const {
   return {map_id_, replay_, mapper_.point_count()};
 }
 
-/// Of this map's file; each map has its own.
+/// Path of this map's file; each map has its own.
 std::string MappingStage::own_path() const {
   const std::string name = std::filesystem::path(output_.map_path).filename().string();
   return files_.path(name, files_.suffix(file_run(), {name}));

@@ -10,20 +10,21 @@
 namespace zloam::mapping {
 namespace {
 
-// Cells of the map and steps of the search: of a wide search twice as large.
+// Edge of the map's cells and step of the search; both are doubled for a search beyond kWide_m.
 constexpr double kCell_m = 0.5, kWide_m = 10.0;
 constexpr double kTurn_rad = 0.05;
-// Steps up and down.
+// Number of vertical steps, both up and down.
 constexpr int kUp = 2;
-// What lies farther away moves by more than a cell with each step of the heading.
+// Farther points are left out: at this range a step of the heading moves a point by 1.5 m.
 constexpr double kFarthest_m = 30.0;
 constexpr double kHighest_m = 12.0;
-// Points of the sweep: one in each of its own voxels, and no more than these.
+// The sweep is reduced to one point per voxel of this size, and thinned if more than twice
+// kMostPoints remain.
 constexpr double kLeaf_m = 1.0;
 constexpr std::size_t kMostPoints = 300;
-// Of an occupied cell, and of one beside it: the right place lies between two of the grid.
+// Score of an occupied cell and of its neighbours: the right place lies between places of the grid.
 constexpr std::uint8_t kHit = 2, kBeside = 1;
-// Of the best one's score: what has less is not looked at.
+// Minimum score of a place as a share of the best score.
 constexpr double kWorth = 0.5;
 
 struct Scored {
@@ -45,7 +46,7 @@ class Cells {
   void occupy(const Eigen::Vector3d& point_map) {
     const Eigen::Vector3d at = (point_map - origin_) / cell_m_;
     const Eigen::Vector3i cell = at.array().floor().cast<int>();
-    // The cells beside it lie within, too.
+    // One cell of margin, as the neighbouring cells are marked too.
     if (cell.head<2>().cwiseAbs().maxCoeff() >= half_ - 1) return;
     if (std::abs(cell.z()) >= half_z_ - 1) return;
     for (const int dx : {-1, 0, 1}) {
@@ -56,12 +57,12 @@ class Cells {
     }
   }
 
-  /// Of the cell that a point relative to the centre lies in.
+  /// Index of the cell that contains a point, which is given relative to the centre.
   std::int32_t index_of(const Eigen::Vector3d& offset) const {
     return static_cast<std::int32_t>(
         index((offset / cell_m_).array().floor().matrix().cast<int>()));
   }
-  /// What the index changes by with one step along x, and along y.
+  /// Change of the index with one step along x, and along y.
   std::int32_t step_x() const { return 4 * half_ * half_z_; }
   std::int32_t step_y() const { return 2 * half_z_; }
   const std::uint8_t* values() const { return values_.data(); }
@@ -81,7 +82,7 @@ class Cells {
   std::vector<std::uint8_t> values_;
 };
 
-/// Relative to the guess, turned into the map's axes.
+/// The thinned points of the sweep relative to the guess's position, in the map's axes.
 std::vector<Eigen::Vector3d> points_at(const MappingInput& input, const Pose& guess) {
   std::vector<Eigen::Vector3d> points;
   for (const PointSpan layer : {input.edges, input.planes}) {
@@ -111,7 +112,7 @@ Eigen::Matrix3d turned_by(int turn) {
   return Eigen::AngleAxisd(turn * kTurn_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
 }
 
-/// All places of one heading.
+/// Scores all places of one heading.
 void score(const Cells& cells, const std::vector<Eigen::Vector3d>& points, int turn, int steps,
            std::vector<Scored>& out) {
   std::vector<std::int32_t> indices;
@@ -136,7 +137,7 @@ bool is_next_to(const Scored& a, const Scored& b) {
   return std::abs(a.x - b.x) <= 1 && std::abs(a.y - b.y) <= 1 && std::abs(a.turn - b.turn) <= 1;
 }
 
-/// The best ones, by score and then by their order.
+/// The best places, none adjacent to another; places of equal score keep their order.
 std::vector<Scored> best_of(std::vector<Scored> all, std::size_t most) {
   std::uint32_t highest = 0;
   for (const Scored& s : all) highest = std::max(highest, s.score);

@@ -6,13 +6,15 @@
 namespace zloam::mapping {
 namespace {
 
-// Directions a thousand times surer than the weakest are no measurement's.
+// Lower limit of the smallest variance relative to the largest: no measurement has a direction
+// constrained a thousand times better (sigma) than the least constrained one.
 constexpr double kLeastShare = 1e-6;
-// Nothing was compared with truth where the map's turn would count for more.
+// Upper limit of the map's contribution relative to the pose's own rotation variance: larger ones
+// were never compared with truth.
 constexpr double kMostOfTheMap = 10.0;
 
-// Errors of the map's normals lend information of the surest direction to the others: of what is
-// known along one of variance v, error^2 / least is not its own.
+// Errors of the map's normals leak information of the best constrained direction into the others:
+// a variance v grows by v^2 error^2 / least, where least is the smallest variance.
 Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_rad) {
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(position, Eigen::EigenvaluesOnly);
@@ -21,8 +23,8 @@ Eigen::Matrix3d borrowed(const Eigen::Matrix3d& position, double normal_error_ra
   return normal_error_rad * normal_error_rad / least * position * position;
 }
 
-// Where a sweep holds its turn badly, those that drew the map did too: one turn of the map for all
-// that are matched to it, which no number of sweeps averages out.
+// Where a sweep constrains its rotation poorly, so did the sweeps that built the map. The resulting
+// rotation error of the map is common to all sweeps matched to it and does not average out.
 Eigen::Matrix3d of_the_map(const Eigen::Matrix3d& rotation, double known_rad) {
   if (!(known_rad > 0.0)) return Eigen::Matrix3d::Zero();
   const double worse = rotation.trace() / 3.0 / (known_rad * known_rad);

@@ -16,7 +16,7 @@ MappingConfig as_solved() {
   return config;
 }
 
-// Of sigmas about turned axes, position and rotation depending on each other.
+// A covariance with rotated principal axes and correlated position and rotation.
 Matrix6 solved() {
   Matrix6 root = Matrix6::Identity();
   root.diagonal() << 0.001, 0.002, 0.02, 0.0003, 0.0004, 0.0005;
@@ -69,7 +69,7 @@ TEST(PublishedCovariance, WhereTheTurnIsKnownBadlyTheMapIsTurnedToo) {
   Matrix6 apart = 1e-6 * Matrix6::Identity();
   apart.diagonal().tail<3>() << 1e-6, 2e-6, 6e-6;
   const Vector6 found = published_covariance(apart, 0.0, config).diagonal();
-  // v (1 + 3e-6 / 1e-6), the mean of the three deciding
+  // v (1 + 3e-6 / 1e-6), where 3e-6 is the mean of the three variances
   EXPECT_LT((found.tail<3>() - Eigen::Vector3d(4e-6, 8e-6, 24e-6)).norm(), 1e-18);
   EXPECT_EQ(found.head<3>(), Eigen::Vector3d(1e-6, 1e-6, 1e-6));
   apart.diagonal().tail<3>().setConstant(1.0);

@@ -11,27 +11,27 @@
 namespace zloam::mapping {
 namespace {
 
-// What is laid over the map: of so many sweeps one point in each such voxel.
+// The surroundings compared with the map: of the last kSweepsSeen sweeps one point per voxel each.
 constexpr std::size_t kSweepsSeen = 30;
 constexpr double kLeaf_m = 0.3;
-// Between two looks at the map; while nothing in it resembles what is seen, up to the longest.
+// Time between two searches of the map; it doubles up to the longest while there is no hypothesis.
 constexpr std::int64_t kLook_ns = 500'000'000, kLongestLook_ns = 2'000'000'000;
 constexpr std::size_t kMostPlaces = 16, kMostExpected = 8, kMostHypotheses = 32;
-// Of the hypotheses, that are followed between two looks.
+// Number of hypotheses that are matched with the sweeps between two searches.
 constexpr std::size_t kFollowed = 3;
-// How far off a place of the search may be, one sigma.
+// Error of a place found by the search, one sigma.
 constexpr double kStart_m = 0.5, kStart_rad = 0.05;
-// Two places are one, and a sweep is where its hypothesis led to.
+// Poses closer than this are the same place.
 constexpr double kSame_m = 0.5, kSame_rad = 0.05;
-// Of a sweep, with less there is no likeness.
+// Minimum explained share of a sweep for a hypothesis.
 constexpr double kLeastLikeness = 0.15;
-// What makes a place be believed (docs/experiments/2026-11-27-kidnapped.md): looks and way, its
-// likeness, and what any other place may have of that.
+// Conditions of accepting a place (docs/experiments/2026-11-27-kidnapped.md): minimum number of
+// matched sweeps, distance and likeness, and maximum likeness of any other place relative to it.
 constexpr int kLooks = 3;
 constexpr double kWay_m = 1.0;
 constexpr double kLikeness = 0.3, kUnique = 0.9;
-// Before it is believed all places of the map with this share of its walls are looked at; so many
-// are too many to be told apart.
+// Before a place is accepted, all places that match at least this share of its walls are tested; if
+// there are kTooMany, they cannot be told apart.
 constexpr double kAlike = 0.85;
 constexpr std::size_t kTooMany = 48;
 
@@ -58,7 +58,7 @@ WallMap walls_of(const TileMap& tiles) {
   return WallMap(points);
 }
 
-/// Of the robot, level: with the axes of odom.
+/// Level frame at the robot's position: it has the axes of odom.
 Pose level_at(const MappingInput& input) {
   Pose T_odom_level = Pose::Identity();
   T_odom_level.translation() = input.T_odom_base.translation();
@@ -152,7 +152,7 @@ void Relocalizer::propose(MappingMethod& method, const MappingInput& input, cons
   sort(input);
 }
 
-// Two that have come to the same place are one, and no rivals: the older one stays.
+// Hypotheses that have come to the same place are no rivals: only the older one is kept.
 void Relocalizer::sort(const MappingInput& input) {
   std::stable_sort(hypotheses_.begin(), hypotheses_.end(),
                    [](const Hypothesis& a, const Hypothesis& b) { return a.looks > b.looks; });

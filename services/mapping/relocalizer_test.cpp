@@ -1,5 +1,4 @@
-// A robot of which nothing is known, in a map that stays as it is: found where the map tells, lost
-// where it does not.
+// A robot at an unknown pose in a fixed map: found where the map is unambiguous, lost elsewhere.
 
 #include "mapping/relocalizer.hpp"
 
@@ -21,7 +20,7 @@ Pose at(double x, double y, double yaw_deg) {
   return pose_from_xyz_rpy_deg({x, y, 0.0}, {0.0, 0.0, yaw_deg});
 }
 
-/// The same from its other end.
+/// A hall that looks the same from its other end.
 test::Room hall() { return {{{-9.0, -5.0, -1.3}, {9.0, 5.0, 2.7}}, {}}; }
 
 /// A furnished room whose pillars stand elsewhere.
@@ -30,7 +29,7 @@ test::Room other_room() {
           {{{-3.0, 1.0, -1.3}, {-1.5, 2.0, 2.7}}, {{3.0, -5.0, -1.3}, {3.6, -3.0, 1.5}}}};
 }
 
-/// As the stage gets them: a sweep that was moved to its end.
+/// Input as the stage gets it: a sweep deskewed to its end.
 MappingInput input_of(int sweep, std::uint32_t epoch, const test::Scan& scan,
                       const Pose& T_odom_base) {
   MappingInput input;
@@ -73,7 +72,7 @@ class Kidnapped : public ::testing::Test {
     return mapper;
   }
 
-  /// Put down at start, it drives ahead. An hour later, so that nobody knows where it is.
+  /// Drives ahead from `start`, an hour after the map was built, so that its pose is unknown.
   static Found drive(Mapper& mapper, const test::Room& room, const Pose& start,
                      double step_m = kStep_m) {
     Found found;
@@ -113,7 +112,7 @@ TEST_F(Kidnapped, IsFoundAgainAfterAnotherPlace) {
   for (int i = 0; i < kSweeps; ++i) {
     const Pose moved = at(kStep_m * i, 0.0, 0.0);
     const test::Scan scan = test::scan(room, start * moved, 0.01, 700U + static_cast<unsigned>(i));
-    // The odometry saw nothing of it.
+    // The odometry did not observe that the robot was carried.
     const MappingResult r =
         mapper.process(input_of(72'000 + i, 1, scan, at(44.0, -7.0, 65.0) * moved));
     if (r.health != Health::kOk) continue;
@@ -140,7 +139,7 @@ TEST_F(Kidnapped, WhoStandsStillIsNotBelieved) {
   EXPECT_EQ(drive(mapper, room, at(9.0, -3.0, 120.0), 0.0).sweeps, 0);
 }
 
-// Of two places that look alike it is the one that somebody named.
+// Of two places that look alike, the one given by the user is accepted.
 TEST_F(Kidnapped, IsFoundAtOnceWhereItIsExpected) {
   Mapper mapper = localizing(hall());
   mapper.place(at(3.6, -2.4, 105.0));
@@ -178,7 +177,7 @@ TEST(WallMap, HasNoPlaceForWhatHasNoWalls) {
   EXPECT_NEAR(of_walls.share_at(walled, Pose::Identity()), 1.0, 1e-9);
 }
 
-// An independent truth: every place and heading of the grid, one after the other.
+// Independent reference: exhaustive search of every place and heading of the grid.
 TEST(WallMap, ItsBestPlaceIsTheBestOfAll) {
   const test::Room room = test::furnished_room();
   std::vector<Eigen::Vector3f> map;
@@ -216,7 +215,7 @@ TEST(WallMap, SeesThroughWallsThatAreNotThere) {
   const test::Scan own = test::scan(room, truth, 0.01, 2);
   const SweepView view(input_of(0, 0, own, truth));
   EXPECT_LT(walls.seen_through(view, truth), 0.01);
-  // Two metres nearer to a wall than it is.
+  // A pose two metres nearer to a wall than the true one.
   EXPECT_GT(walls.seen_through(view, at(2.0, 0.0, 0.0)), 0.1);
 }
 

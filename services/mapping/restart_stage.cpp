@@ -1,5 +1,5 @@
-// A mapping that was killed and started again (docs/protocol.md, section 7): the store has its map
-// and its last pose, integration its last corrections.
+// Restart of mapping after a kill (docs/protocol.md, section 7): the store has its map and its last
+// pose, integration its last corrections.
 
 #include <algorithm>
 #include <map>
@@ -14,11 +14,12 @@ namespace zloam::mapping {
 namespace {
 
 constexpr const char* kVoxels = "voxels";
-// The store's link may come up after the others': it connects to mapping, within a second.
+// The store's link may come up after the other links: the store connects to mapping within a
+// second.
 constexpr double kStoreLink_s = 2.0;
-// Live, no longer than the queue holds what comes meanwhile.
+// Wait for the other links; live no longer than the queue can hold the sweeps arriving meanwhile.
 constexpr std::chrono::milliseconds kReplayLinks{1000}, kLiveLinks{300};
-// The store is there: its disk may be slow.
+// Requests for the tiles: the store is connected, but its disk may be slow.
 constexpr int kTries = 10;
 
 msg::MapVoxel to_message(const plane_map::SavedVoxel& v) {
@@ -40,7 +41,7 @@ plane_map::SavedVoxel voxel_of(const msg::MapVoxel& m) {
   v.z = m.z();
   v.count = m.count();
   v.level = m.level();
-  // Without leads: of several rings, or all of one.
+  // A message without leads only tells whether the points are of several rings or all of one.
   v.lead = m.several_rings() ? 0 : m.count();
   v.ring = m.ring();
   for (std::size_t i = 0; i < v.sum.size(); ++i) {
@@ -126,7 +127,7 @@ void MappingStage::leave_map(bool leaves) {
     left_voxels_.clear();
     return;
   }
-  // Where a store listens it has the rest.
+  // A connected store already has the cubes that have not changed since they were published.
   constexpr double kAll = -1.0;
   left_voxels_ = mapper_.take_changed_voxels(tile_.matching() ? 0.0 : kAll);
   if (std::exchange(answers_pose_, true)) return;
@@ -141,7 +142,7 @@ void MappingStage::leave_map(bool leaves) {
 // Creating a map supersedes the stored one; give the store time to answer first. A run that no
 // other stage knows waits for a store only where one is deployed.
 void MappingStage::wait_for_store(bool known_run) const {
-  // The one before is still there for a moment, and has the map.
+  // The instance that was overtaken still runs for a moment and has the map.
   if (stage_.overtook()) return;
   const double wait_s =
       known_run ? std::max(kStoreLink_s, output_.store_link_s) : output_.store_link_s;
@@ -159,7 +160,7 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   const bool same_run = pose.run() == first.run();
   const bool recent = static_cast<double>(away_ns) * 1e-9 < output_.take_back_s;
   const bool of_now = first.replay() ? same_run : recent && away_ns >= -1'000'000'000;
-  // One that the robot is to be found in may be as old as it likes, and of any run.
+  // A map in which the robot is to be found may be of any age and of any run.
   if (!of_now && config_.mode == MappingMode::kMap) {
     runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
@@ -169,7 +170,7 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   saved.T_map_base = pose_of(pose->pose_map_base());
   saved.twist_per_s = twist_of(pose->twist());
   map_id_ = pose.header().map_id();
-  // The store and the instance before may both have a cube.
+  // The store and the previous instance may both send a cube: the newer one is kept.
   using TileMessage = runtime::Received<msg::MapTile>;
   std::map<std::tuple<std::string, int, int, int>, TileMessage> newest;
   const auto rank = [](const TileMessage& tile) {
@@ -190,15 +191,15 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   }
   last_instant_ns_ = saved.instant_ns;
   if (same_run) next_sweep_ = pose.sweep() + 1;
-  // A pose alone is no map.
+  // A pose without tiles or voxels is no map.
   return !saved.tiles.empty() || !saved.voxels.empty();
 }
 
-// Without a store the map is gone, but not where it was: integration knows the last pose in it.
+// Without a store the map is lost, but not its frame: integration has the last pose in it.
 bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
   const auto poses =
       runtime::recall<msg::MapPose>(stage_, Key::kPose, runtime::sweeps_from(first.run(), 0), 1);
-  // Nobody mapped in this run: it only begins.
+  // No sweep of this run has been mapped yet, so there is nothing to continue.
   if (next_sweep_ == 0 || (poses.empty() && !saved.T_map_odom)) return false;
   if (poses.empty()) {
     saved.T_map_base = *saved.T_map_odom;
@@ -210,8 +211,8 @@ bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
   return true;
 }
 
-// The voxels go to the store every some sweeps; where there was no store, what can be had is a map
-// of the last seconds.
+// Re-inserts the sweeps since the voxels were last published for the store. Without a store these
+// are the sweeps still kept by others, and the map holds only the last seconds.
 std::size_t MappingStage::insert_again(const msg::Header& first,
                                        const std::vector<CorrectionMessage>& corrections) {
   const std::uint64_t from = stored_sweep_ ? *stored_sweep_ + 1 : 0;
@@ -278,9 +279,11 @@ void MappingStage::restart(const msg::Header& first) {
   mapper_.restore(saved);
   const std::size_t again = insert_again(first, corrections);
   if (has_map) mapper_.resume(state);
-  // Of another run: nobody knows how it moved since. It is begun where the map was left.
+  // The stored pose is of another run and the motion since then is unknown: the search starts at
+  // the pose where that run ended.
   if (config_.mode != MappingMode::kMap && next_sweep_ == 0) mapper_.place(saved.T_map_base);
-  // A file that the instance before did not come to, also when nothing is added to the map.
+  // The previous instance may not have written its file: write it even if nothing is added to the
+  // map.
   unsaved_ = mapper_.point_count() > 0;
   if (first.replay()) {
     inlet_->continue_at(first.run(), next_sweep_);

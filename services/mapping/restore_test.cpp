@@ -35,7 +35,8 @@ class Restored : public ::testing::Test {
     input.period_ns = kPeriod_ns;
     input.odom_epoch = epoch;
     input.T_odom_base = T_map_odom.inverse() * truth(sweep);
-    // The scans are of one instant; that it moves is known from the second one on.
+    // The scans are of one instant; a twist other than zero tells that the motion is known, which
+    // it is from the second sweep on.
     if (sweep > 0) input.twist_per_s.x() = 1e-12;
     input.edges = scan.edges;
     input.planes = scan.planes;
@@ -52,7 +53,7 @@ class Restored : public ::testing::Test {
     return mapper.process(input_of(scan, sweep, T_map_odom, epoch));
   }
 
-  // What the store has of a mapper that was killed.
+  // What the store has of a killed mapper.
   SavedMap killed(const test::Room& room) const {
     Mapper mapper{config()};
     MappingResult last;
@@ -87,8 +88,8 @@ TEST_F(Restored, GoesOnInTheSameFrameOfTheOdometry) {
   }
 }
 
-// The store has the voxels of some sweeps ago, the stream what was inserted since and what was known
-// after each: then it is as if it had never been away.
+// The store has the voxels of some sweeps ago, the stream the sweeps inserted since then with the
+// state after each: the restored mapper continues as if it had never been killed.
 TEST_F(Restored, WithTheStateOfTheInstanceBeforeItIsThatInstance) {
   const test::Room room = test::furnished_room();
   Mapper before{config()};
@@ -118,7 +119,7 @@ TEST_F(Restored, WithTheStateOfTheInstanceBeforeItIsThatInstance) {
   for (int i = kBefore + kSince; i < kBefore + kSince + 10; ++i) {
     const MappingResult one = feed(before, room, i, Pose::Identity(), 0);
     const MappingResult other = feed(after, room, i, Pose::Identity(), 0);
-    // Planes are fitted again at other counts: not to the bit.
+    // Not bit-identical: the planes are refitted at different counts.
     EXPECT_LT((one.T_map_base.inverse() * other.T_map_base).translation().norm(), 1e-3) << i;
     EXPECT_EQ(other.health, Health::kOk);
   }
@@ -140,11 +141,11 @@ TEST_F(Restored, FindsItselfInANewFrameOfTheOdometry) {
   const test::Room room = test::furnished_room();
   Mapper mapper{config()};
   mapper.restore(killed(room));
-  // The odometry began anew where the robot was after five more sweeps.
+  // The odometry restarted where the robot was after five more sweeps.
   const Pose T_map_odom = truth(kBefore + 5);
   for (int i = kBefore + 5; i < kBefore + 15; ++i) {
     const MappingResult result = feed(mapper, room, i, T_map_odom, 1);
-    // found at once; the frame has settled with the third sweep
+    // found at once; the frame is settled with its third sweep
     EXPECT_EQ(result.health, i < kBefore + 7 ? Health::kBridging : Health::kOk) << result.reason;
     EXPECT_LT(error_m(result, i), 0.03) << i;
     EXPECT_LT((T_map_odom.inverse() * result.T_map_odom).translation().norm(), 0.03);
@@ -160,13 +161,13 @@ TEST_F(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
   const Pose T_map_odom = truth(kBefore + 5);
   for (int i = kBefore + 5; i < kBefore + 10; ++i) {
     const MappingResult result = feed(mapper, room, i, T_map_odom, 0);
-    // found at once; the frame has settled with the third sweep
+    // found at once; the frame is settled with its third sweep
     EXPECT_EQ(result.health, i < kBefore + 7 ? Health::kBridging : Health::kOk) << result.reason;
     EXPECT_LT(error_m(result, i), 0.03) << i;
   }
 }
 
-// The piece of a turn that a driver began with.
+// An empty first sweep, such as the partial revolution with which a driver starts.
 TEST_F(Restored, ASweepWithoutPointsIsNotYetFound) {
   const test::Room room = test::furnished_room();
   Mapper mapper{config()};
@@ -188,7 +189,7 @@ TEST_F(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
   Mapper mapper{c};
   mapper.restore(killed(test::furnished_room()));
   const std::size_t points = mapper.point_count();
-  // Walls, floor and ceiling all elsewhere, and farther away than is searched for.
+  // Walls, floor and ceiling are all displaced by more than the search reaches.
   const test::Room elsewhere = {{{-40.0, -31.0, -5.3}, {37.0, 29.0, 9.7}},
                                 {{{12.0, -9.0, -5.3}, {19.0, -2.0, 9.7}}}};
   for (int i = kBefore + 5; i < kBefore + 12; ++i) {
@@ -200,8 +201,8 @@ TEST_F(Restored, SomewhereElseItSaysLostAndInsertsNothing) {
   EXPECT_TRUE(mapper.take_changed_voxels(0.0).empty());
 }
 
-// A robot that is carried while its odometry sees nothing: turned right round, so that the room's
-// walls lie alike, and set down a metre off.
+// A robot is carried unobserved by its odometry, rotated by 3 rad, so that the room's walls look
+// alike, and set down elsewhere.
 constexpr int kSetDown = kBefore + 15;
 Pose frame_after_carrying() {
   const Pose turned(Eigen::AngleAxisd(3.0, Eigen::Vector3d::UnitZ()));
@@ -214,14 +215,14 @@ TEST_F(Restored, ACarriedRobotIsFoundByWhatStandsInTheRoom) {
   for (int i = 0; i < kBefore; ++i) feed(mapper, room, i, Pose::Identity(), 0);
   for (int i = kSetDown; i < kSetDown + 8; ++i) {
     const MappingResult result = feed(mapper, room, i, frame_after_carrying(), 0);
-    // three sweeps bear each other out
+    // three sweeps must agree
     EXPECT_EQ(result.health, i < kSetDown + 2 ? Health::kLost : Health::kOk) << result.reason;
     if (result.health != Health::kOk) continue;
     EXPECT_LT(error_m(result, i), 0.03) << i;
   }
 }
 
-// About the middle of the furnished room's hull.
+// Rotates a pose by 180 degrees about the centre of the furnished room's hull.
 Pose from_the_other_end(const Pose& T_map_base) {
   const Pose middle(Eigen::Translation3d(2.0, 1.0, 0.0));
   const Pose turned(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ()));

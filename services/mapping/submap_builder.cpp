@@ -7,16 +7,16 @@
 namespace zloam::mapping {
 namespace {
 
-// Fine enough for planes of a metre to be fitted to what is left.
+// Fine enough to fit planes of 1 m to the remaining points.
 constexpr double kLeaf_m = 0.3;
-// A sweep's own uncertainty counts when the sensor has moved by so much since the last one that did:
-// at rest the same points are matched to the same map again.
+// A degenerate sweep adds its covariance only after this motion since the last one that was
+// considered: at rest the same points are matched to the same map again.
 constexpr double kMoved_m = 0.1, kMoved_rad = 0.02;
-// Below this a submap tells no place.
+// With fewer points a submap cannot identify a place.
 constexpr std::size_t kFewestPoints = 300;
 constexpr std::size_t kMostGroups = 64;
 
-/// Of two neighbours one.
+/// Merges each pair of neighbouring bits into one.
 std::uint64_t joined_in_pairs(std::uint64_t bits) {
   std::uint64_t out = 0;
   for (unsigned i = 0; i < kMostGroups / 2; ++i) {
@@ -41,21 +41,22 @@ void SubmapBuilder::move(const SubmapInput& input) {
   T_map_base_before_ = input.T_map_base;
   connected_ = connected_ && input.found;
   if (!input.found) {
-    // Of many in a row the last one says it all.
+    // The covariance of an unmatched pose grows from sweep to sweep: the last one contains them
+    // all.
     unfound_ = input.covariance;
     return;
   }
   const double moved_m = (input.T_map_base.translation() - counted_at_).norm();
   const double turned_rad = log_so3(counted_turn_.transpose() * input.T_map_base.linear()).norm();
   if (moved_m < kMoved_m && turned_rad < kMoved_rad) return;
-  // Where the points hold, both ends are as uncertain as their matches; along what they leave open
-  // each sweep adds its own.
+  // Where the points constrain the pose, only the matches at both ends are uncertain; where they do
+  // not, each sweep adds its own covariance.
   if (input.degenerate) open_ += input.covariance;
   counted_at_ = input.T_map_base.translation();
   counted_turn_ = input.T_map_base.linear();
 }
 
-// Of the newest sweep. Where there are too many for one bit each, they count in groups.
+// Bit of the newest sweep. If there are more sweeps than bits, groups of sweeps share a bit.
 std::uint64_t SubmapBuilder::next_hit() {
   if ((steps_.size() - 1) / group_ == kMostGroups) {
     group_ *= 2;
@@ -96,7 +97,7 @@ void SubmapBuilder::take(PointSpan points, const Pose& T_first_base, std::uint64
 std::optional<Submap> SubmapBuilder::add(const SubmapInput& input) {
   if (!(way_m_ > 0.0)) return std::nullopt;
   std::optional<Submap> closed;
-  // What follows may lie anywhere against it.
+  // The sweeps after an unmatched one may be displaced against the submap, so it ends here.
   if (!input.found) closed = finish();
   move(input);
   if (!input.found) return closed;
@@ -155,7 +156,7 @@ Submap SubmapBuilder::close() {
     out.points.push_back({p.x(), p.y(), p.z(), static_cast<float>(voxel.intensity / voxel.count)});
     out.hits.push_back(voxel.hits);
   }
-  // What came after the frame's sweep is the next one's.
+  // The motion after the frame's sweep belongs to the next submap.
   const Pose T_now_frame = steps_.back().T_map_base.inverse() * frame.T_map_base;
   frame_ = carried(frame.own, T_now_frame);
   open_ = open_ + unfound_ - carried(frame.open, T_now_frame);

@@ -18,7 +18,7 @@ Point point(double x, double y, double z) {
   return {static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), 5.0F, 0, 0, {}, 0};
 }
 
-/// Along x at a metre a sweep, past walls at y = +-8 m whose points do not move.
+/// A drive along x, step_m per sweep, past walls at y = +-8 m.
 Drive drive(std::size_t sweeps, double step_m = 1.0) {
   Drive out;
   std::mt19937_64 random(1);
@@ -67,7 +67,7 @@ TEST(SubmapBuilder, CutsByWayAndPutsTheFrameIntoTheMiddle) {
     EXPECT_NEAR(std::abs(p.y), 8.0, 1e-4);
     EXPECT_LT(std::abs(p.x), 15.0 + 5.1);
   }
-  // Means of voxels: fewer than came.
+  // Fewer than were given, because they are means of voxels.
   EXPECT_LT(submaps[1].points.size(), 11U * 200U);
 }
 
@@ -115,7 +115,7 @@ TEST(SubmapBuilder, ASweepThatWasNotFoundEndsOneAndIsInNone) {
   EXPECT_EQ(submaps[1].last_sweep, 15U);
   EXPECT_EQ(submaps[2].first_sweep, 20U);
   EXPECT_FALSE(submaps[2].connected);
-  // As uncertain as the last of those that were not found, once.
+  // The covariance of the last unmatched pose counts once.
   EXPECT_NEAR(std::sqrt(submaps[2].step_covariance(0, 0)), 2.0, 0.01);
 }
 

@@ -7,7 +7,7 @@
 namespace zloam::mapping {
 namespace {
 
-// What one point takes in the file; read back by the same process only.
+// One point in the file, which is read back by the same process only.
 struct Stored {
   double x, y, z;
   std::uint32_t count;

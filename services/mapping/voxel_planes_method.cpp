@@ -14,21 +14,22 @@
 namespace zloam::mapping {
 namespace {
 
-// Below this a given range noise counts as unknown.
+// Lower limit of the range noise: a sweep that states less does not know it.
 constexpr double kLeastNoise_m = 1e-3;
-// 95 % of the steps of a sensor at rest are below: chi-squared with six degrees of freedom.
+// 95 % of the odometry's steps at rest are below: chi-squared with six degrees of freedom.
 constexpr double kRestChiSquared = 12.59;
-// Over one missing sweep the map's own motion still goes on; over several it is metres off.
+// In periods of a sweep. The motion of the last mapped sweep still predicts the next one across one
+// missing sweep; across several its prediction is metres off.
 constexpr double kLongestStep = 2.5;
-// Of two predictions that are both right as far as they say: 99.9 % of them are nearer to each
-// other (chi-squared with six degrees of freedom).
+// Limit of the squared Mahalanobis distance between two predictions: 99.9 % are below if both
+// covariances are right (chi-squared with six degrees of freedom).
 constexpr double kContradiction = 22.46;
-// Sums of weights that differ by less are the same: both starts came to one place, or to two of
-// which neither is known to be better.
+// Ratio of matched weights below which neither match is better: both starts led to the same place,
+// or to two places that cannot be told apart.
 constexpr double kBetterFit = 1.02;
 
-// Whether the odometry saw motion, more than it would make of noise. Where it sees little (a flat
-// yard) it drifts at rest by centimetres a sweep: a first motion that the map would go on with.
+// Whether the odometry's step is larger than its noise. On poorly constrained ground (a flat yard)
+// it drifts by centimetres per sweep at rest, and the map would continue that as its first motion.
 bool is_moving(const MappingInput& input) {
   const Vector6 step = 1e-9 * input.period_ns * input.twist_per_s;
   const Eigen::LDLT<Matrix6> covariance(input.step_covariance);
@@ -76,13 +77,13 @@ class VoxelPlanesMethod : public MappingMethod {
   VoxelPlanesMethod(const VoxelPlanesConfig& config, double drift_limit)
       : config_(config), drift_limit_(drift_limit) {}
 
-  // A result and the pose that was made of it.
+  // Result of one match of the current sweep, and its pose at the sweep's instant.
   struct Tried {
     plane_map::ScanToMapResult result;
     Pose T_map_base = Pose::Identity();
   };
-  // The sweep that founded the map while its motion was unknown, to be counted anew with the second
-  // one's motion.
+  // The initial sweep, inserted while its motion was unknown: it is re-inserted with the motion of
+  // the second sweep.
   struct Founding {
     PointVector points;
     Pose T_map_base = Pose::Identity();
@@ -103,10 +104,10 @@ class VoxelPlanesMethod : public MappingMethod {
   VoxelPlanesConfig config_;
   double drift_limit_;
   std::optional<plane_map::ScanToMap> scan_to_map_;
-  // What the odometry's step was off by lately, m/s and rad/s.
+  // Recent errors of the odometry's steps, m/s and rad/s.
   ErrorRecord odometry_error_{0.0, 0.0};
   Pose T_map_base_predicted_ = Pose::Identity();
-  std::optional<MappingInput> open_;  // the sweep whose results wait; spans are not to be read
+  std::optional<MappingInput> open_;  // sweep of tried_, not yet committed; its spans are invalid
   std::vector<Tried> tried_;
   std::optional<Founding> founding_;
   std::uint32_t odom_epoch_ = 0;
@@ -127,10 +128,9 @@ plane_map::MotionPrediction VoxelPlanesMethod::advice(const MappingInput& input,
   return out;
 }
 
-// One estimate from two predictions of the motion: the odometry's, and that of the sweeps mapped
-// before, each weighed by what it was off by lately. Where they contradict each other one of them
-// is wrong, and their mean is nowhere: then the sweep is matched from each, and the better fit
-// counts.
+// Matches from two predictions of the motion, the odometry's and that of the sweeps mapped before,
+// each weighted by its recent errors. If they contradict each other, one of them is wrong and their
+// mean is useless: the sweep is then matched from each, and the better fit counts.
 plane_map::ScanToMapResult VoxelPlanesMethod::registered(const MappingInput& input,
                                                          const Prediction& prediction) {
   const plane_map::SweepInput sweep = sweep_of(input);
@@ -149,7 +149,7 @@ plane_map::ScanToMapResult VoxelPlanesMethod::registered(const MappingInput& inp
   return by_odometry.matched_weight > kBetterFit * own.matched_weight ? by_odometry : own;
 }
 
-// What matching to the map would say of a sweep whose pose and twist are as predicted.
+// The result that a match would have at this pose, with the odometry's twist.
 plane_map::ScanToMapResult VoxelPlanesMethod::placed_at(const MappingInput& input,
                                                         const Pose& T_map_base) const {
   plane_map::ScanToMapResult result;
@@ -159,8 +159,8 @@ plane_map::ScanToMapResult VoxelPlanesMethod::placed_at(const MappingInput& inpu
   return result;
 }
 
-// Odometry hands the first sweep on before it knows how the sensor moved: distorted by half a metre
-// at 5 m/s. With the second sweep's motion it is counted anew, in a map that holds nothing else.
+// Odometry publishes its first sweep before it knows the motion, so that the sweep is distorted by
+// half a metre at 5 m/s. It is re-inserted into an empty map with the second sweep's motion.
 void VoxelPlanesMethod::found_anew(const MappingInput& input) {
   const Founding founding = std::move(*founding_);
   plane_map::PlaneMapConfig map = scan_to_map_->map().config();
@@ -193,7 +193,7 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   if (!scan_to_map_) {
     prepare(input, prediction.T_map_base);
   } else if (open_ && tried_.size() == 1) {
-    // It was matched and not inserted.
+    // The sweep before was matched but not inserted.
     scan_to_map_->commit(sweep_of(*open_), tried_.front().result, false);
   }
   if (founding_ && !input.twist_per_s.isZero(0.0)) {
@@ -201,7 +201,7 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
     founding_.reset();
   }
   const bool bridged = open_ && tried_.size() > 1;
-  // The odometry had the sweeps that are missing here.
+  // Odometry processed the sweeps that are missing here: after a gap only its motion is valid.
   const bool gap = last_stamp_ns_ && static_cast<double>(input.stamp_ns - *last_stamp_ns_) >
                                          kLongestStep * input.period_ns;
   if (bridged || gap || input.odom_epoch != odom_epoch_) scan_to_map_->forget_motion();
@@ -211,9 +211,10 @@ void VoxelPlanesMethod::begin(const MappingInput& input, const Prediction& predi
   open_ = input;
 }
 
-// A direction that the points alone leave open by more than the limit, or of which they say no more
-// than the errors of their normals may: of random drives' poses of such a share two of five were wrong
-// by more than they said (docs/experiments/2026-11-29-starts-and-shares.md).
+// A direction is degenerate if the points alone leave a sigma above the limit, or if their share of
+// information along it is no more than errors of the normals may produce: with such a share two of
+// five poses of random drives were silently wrong
+// (docs/experiments/2026-11-29-starts-and-shares.md).
 Degeneracy VoxelPlanesMethod::judged(const plane_map::Degeneracy& d,
                                      const Eigen::Matrix3d& R_base_mid) const {
   const double pretended = std::pow(config_.matcher.weak_least_cosine, 2);
@@ -272,7 +273,7 @@ Match VoxelPlanesMethod::accept(const MappingInput& input, const Prediction& pre
   return match;
 }
 
-// By how much the odometry's step from the sweep mapped before was off.
+// Records the error of the odometry's step since the sweep mapped before.
 void VoxelPlanesMethod::learn(const MappingInput& input, const Pose& T_map_base) {
   const double step_s = 1e-9 * input.period_ns;
   odometry_error_.add(log_se3(T_map_base_predicted_.inverse() * T_map_base) / step_s);
@@ -303,7 +304,7 @@ InsertClouds VoxelPlanesMethod::insert_again(const MappingInput& input, const Ma
   return insert(input, match);
 }
 
-// Deskewed with the sweep's own motion instead of the odometry's.
+// Points for the tiles, deskewed with the motion that mapping estimated instead of the odometry's.
 InsertClouds VoxelPlanesMethod::tile_clouds(const MappingInput& input, const Vector6& twist_per_s) {
   const DeskewTable odometry(input.twist_per_s, input.period_ns, input.instant_ns);
   const DeskewTable own(twist_per_s, input.period_ns, input.instant_ns);
@@ -323,7 +324,7 @@ void VoxelPlanesMethod::restore(const std::vector<VoxelTile>& tiles) {
   tiles_.keep_for_loading(tiles);
 }
 
-// What the thinning leaves, moved by the table.
+// The points that remain after thinning, deskewed by the table.
 PointSpan VoxelPlanesMethod::thinned(PointSpan points, const Thinning& thinning,
                                      const DeskewTable& table, PointVector& out) {
   out.clear();

@@ -19,8 +19,8 @@ Vector6 twist(double x, double y, double z, double rx, double ry, double rz) {
   return t;
 }
 
-// A sweep of a sensor that moves while it turns: each column seen from its own pose, then moved to
-// the sweep's end with the twist that odometry believed in.
+// A sweep of a moving sensor: each column is measured from its own pose, then deskewed to the
+// sweep's end with the twist that the odometry estimated.
 PointVector swept(const test::Room& room, const Pose& T_map_end, const Vector6& true_twist_per_s,
                   const Vector6& believed_twist_per_s, double noise_m, unsigned seed) {
   std::mt19937 generator(seed);
@@ -90,7 +90,7 @@ TEST(VoxelPlanes, TakesOutWhatOdometrysDeskewingLeft) {
   EXPECT_LT(worst_error_m(0.01, pose_error, twist_error), 0.02);
 }
 
-// What may be made of a sweep on its way: places, times, or both are another's.
+// A sweep damaged in transit: its positions, its times or both are wrong.
 PointVector damaged(PointVector points, double spread_m, bool times, unsigned seed) {
   std::mt19937 generator(seed);
   std::uniform_real_distribution<float> place(static_cast<float>(-spread_m),
@@ -103,7 +103,7 @@ PointVector damaged(PointVector points, double spread_m, bool times, unsigned se
   return points;
 }
 
-// Whatever one sweep says, the pose stays where the odometry has it, and the next ones are found.
+// One damaged sweep leaves the pose near the odometry's, and the next sweeps are matched.
 TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
   const test::Room room = test::furnished_room();
   for (const double spread_m : {0.0, 1.0, 30.0, 1e3, 1e6}) {
@@ -124,7 +124,7 @@ TEST(VoxelPlanes, OneDamagedSweepMovesNothing) {
   }
 }
 
-// A new odometry frame whose place is further off than the first search reaches: it widens.
+// A new odometry frame lies farther away than the first search reaches; later searches are wider.
 TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
   Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
@@ -141,7 +141,7 @@ TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
     input.odom_epoch = 1;
     const auto result = mapper.process(input);
     found = found || result.health == Health::kOk;
-    // Until then nothing goes into the map, and from then on the pose is right.
+    // Nothing is inserted until the frame is found, and from then on the pose is right.
     EXPECT_TRUE(found || !result.inserted) << sweep;
     const double off_m = (result.T_map_base.translation() - truth.translation()).norm();
     EXPECT_TRUE(!found || off_m < 0.05) << sweep << ": " << off_m;
@@ -149,7 +149,7 @@ TEST(VoxelPlanes, ANewFrameIsSearchedForFurtherOutWithTime) {
   EXPECT_TRUE(found);
 }
 
-// Ten sweeps did not reach mapping, in which the sensor turned the other way.
+// Ten sweeps did not reach mapping, and the sensor reversed its rotation during them.
 TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
   Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
@@ -171,8 +171,8 @@ TEST(VoxelPlanes, AfterAGapTheOdometryKnowsTheMotion) {
   }
 }
 
-// From one sweep to the next the sensor turns by a radian: it was jolted, or carried while the
-// odometry saw nothing; the error of the poses from then on that say Ok, m, and how many do.
+// From one sweep to the next the sensor rotates by a radian: it was jolted, or carried unobserved
+// by the odometry. Returns the largest error (m) of the Ok poses after that, and their number.
 std::pair<double, int> after_a_jolt(bool seen_by_odometry) {
   Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();
@@ -203,12 +203,11 @@ TEST(VoxelPlanes, AJoltIsFoundFromTheOdometrys) {
 TEST(VoxelPlanes, AJoltThatNobodySawIsFoundInTheMap) {
   const auto [worst_m, ok] = after_a_jolt(false);
   EXPECT_LT(worst_m, 0.05);
-  // Three sweeps bear each other out.
+  // Three sweeps must agree, so the first two are not Ok.
   EXPECT_EQ(ok, 4);
 }
 
-// Open ground with small things that stand about, none of which is as wide as the sensor swings in
-// a sweep.
+// Open ground with small boxes, each narrower than the sensor's swing within a sweep.
 test::Room thicket() {
   test::Room out{{{-300.0, -300.0, -1.3}, {300.0, 300.0, 100.0}}, {}};
   std::mt19937 generator(3);
@@ -224,8 +223,8 @@ test::Room thicket() {
   return out;
 }
 
-// How far the map's pose is off at worst where the odometry is right. It hands the first sweep on
-// with what it knows of its motion.
+// Largest error of the map's pose with exact odometry. first_believed: the twist that the odometry
+// assumes for the first sweep, whose motion it may not know.
 double worst_m(const test::Room& room, const std::vector<Vector6>& motions,
                const Vector6& first_believed) {
   Mapper mapper{MappingConfig{}};
@@ -244,7 +243,8 @@ double worst_m(const test::Room& room, const std::vector<Vector6>& motions,
   return worst;
 }
 
-// The sensor swings to and fro, turning by up to 0.12 rad more or less than in the sweep before.
+// The sensor swings back and forth; its rotation per sweep changes by up to 0.12 rad from one sweep
+// to the next.
 double worst_while_swinging_m() {
   std::vector<Vector6> motions;
   for (int i = 0; i < 40; ++i) {
@@ -258,8 +258,8 @@ TEST(VoxelPlanes, AnUnpredictedTurnIsFoundFromTheOdometrys) {
   EXPECT_LT(worst_while_swinging_m(), 0.06);
 }
 
-// Begun while the sensor turns, more slowly from sweep to sweep: what the first sweep saw is put
-// where the second one's motion has it, which is another.
+// Started while rotating, slower from sweep to sweep: the first sweep is re-inserted with the
+// motion of the second one, which differs from its own.
 double worst_after_a_turning_start_m(const test::Room& room, double turn_rad) {
   std::vector<Vector6> motions;
   for (int i = 0; i < 8; ++i) {
@@ -284,8 +284,8 @@ TEST(VoxelPlanes, AStartInATurnIsFollowed) {
   EXPECT_LT(worst_after_a_turning_start_m(street(), 0.3), 0.1);
 }
 
-// What a few ledges say of the way along a corridor is no more than the errors of its walls' normals
-// may pretend to.
+// A few ledges give no more information along a corridor than errors of its walls' normals may
+// produce.
 TEST(VoxelPlanes, SoLittleAlongAnAxisIsDegenerate) {
   test::Room room = test::corridor();
   for (double x = -60.0; x < 60.0; x += 13.1) {
@@ -319,14 +319,14 @@ TEST(VoxelPlanes, BridgesANewOdometryFrame) {
   MappingInput input = input_of(8, points, Pose::Identity(), still);
   input.odom_epoch = 1;
   const auto result = mapper.process(input);
-  // Found; bridged still, because the frame's first sweeps may be distorted.
+  // Found, but still Bridging, because the first sweeps of a frame may be distorted.
   EXPECT_EQ(result.health, Health::kBridging) << result.reason;
   EXPECT_FALSE(result.inserted);
   EXPECT_LT((result.T_map_base.translation() - truth.translation()).norm(), 0.03);
 }
 
-// How far the map's pose has gone after ten sweeps over bare ground, which tells nothing of motion
-// along it, when odometry believes in one that it knows to 0.15 m a sweep.
+// How far the map's pose moves within ten sweeps over bare ground, which does not constrain
+// horizontal motion, if the odometry states a motion with a sigma of 0.15 m per sweep.
 double gone_over_bare_ground_m(const Vector6& believed_twist_per_s) {
   Mapper mapper{MappingConfig{}};
   const test::Room yard{{{-300.0, -300.0, -1.5}, {300.0, 300.0, 50.0}}, {}};

@@ -7,11 +7,11 @@ namespace {
 
 struct Roots {
   std::uint64_t points = 0;
-  /// in VoxelPlaneMap::roots()
+  /// indices into VoxelPlaneMap::roots()
   std::vector<std::size_t> places;
 };
 
-// The order of creation, so that a map that was saved and loaded is the same map again.
+// Keeps the roots of a cube in order of creation, so that a saved and loaded map is identical.
 std::map<TileIndex, Roots> roots_by_cube(const plane_map::VoxelPlaneMap& map, double edge_m) {
   std::map<TileIndex, Roots> cubes;
   const std::vector<plane_map::RootSummary> roots = map.roots();
@@ -35,7 +35,8 @@ std::vector<VoxelTile> VoxelTiles::take_changed(const plane_map::VoxelPlaneMap& 
   std::vector<VoxelTile> changed;
   for (const auto& [index, roots] : roots_by_cube(map, kEdge_m)) {
     Cube& cube = cubes_[index];
-    // Fewer: voxels far from the sensor were dropped; what was handed out before is the better one.
+    // Fewer points: voxels far from the sensor were dropped, so the version handed out before is
+    // better.
     if (roots.points < cube.points) cube.points = roots.points;
     const auto handed_out = static_cast<double>(cube.points);
     if (static_cast<double>(roots.points) <= (1.0 + growth) * handed_out) continue;

@@ -13,11 +13,12 @@
 namespace zloam::mapping {
 namespace {
 
-// Of the columns that are walls or none. Their points are no farther apart than those of a sensor's
-// rings, and reach so high.
+// A column of this edge contains a wall if its points reach up by kWall_m without a gap above
+// kGap_m, which is the spacing of a sensor's rings.
 constexpr float kColumn_m = 0.5F, kGap_m = 1.0F, kWall_m = 0.6F;
-// Cells and steps of the search; that one counts at whose walls' range the heading's steps move a
-// point by a cell or two. A grid of more cells is left out.
+// Cell sizes of the search, which are also its steps. The one used is chosen such that a step of
+// the heading moves a wall at median range by one or two cells. Grids of more than kMostCells are
+// left out.
 constexpr std::array<float, 3> kCells_m = {0.25F, 0.5F, 1.0F};
 constexpr double kMostCells = 1e7;
 constexpr int kTurns = 128;
@@ -26,23 +27,24 @@ constexpr float kCellsOfTurn = 1.5F;
 constexpr float kFarthest_m = 40.0F;
 constexpr std::size_t kMostWalls = 200, kFewestWalls = 20;
 constexpr int kLevels = 7;
-// Of a cell with a wall, and of one beside it: the right place lies between two of the grid.
+// Score of a cell with a wall and of its neighbours: the right place lies between places of the
+// grid.
 constexpr std::uint8_t kHit = 2, kBeside = 1;
-// Of the best one's score: what has less is not looked at. Of the highest score that can be: with
-// less it is not this place.
+// Minimum score of a place as a share of the best score (kWorth), and as a share of the highest
+// possible score (kLeast), below which it is a different place.
 constexpr double kWorth = 0.8, kLeast = 0.4;
 constexpr std::size_t kMostNodes = 2'000'000;
-// Of heights that are compared.
+// Resolution of the heights that are compared.
 constexpr float kHeight_m = 0.25F;
 constexpr std::size_t kMostVoters = 1000;
-// Of walls in view, and by how much what is seen lies behind or before another.
+// Range limits of the walls in view. A return farther behind a wall than kBehind_m sees through it.
 constexpr float kInView_m = 20.0F, kTooNear_m = 1.0F, kBehind_m = 0.7F;
 
 Eigen::Vector2i cell_of(const Eigen::Vector2f& at_m, float cell_m) {
   return (at_m / cell_m).array().floor().cast<int>();
 }
 
-/// Whether some of the heights, ascending, are those of a wall.
+/// Whether a column of points, in ascending height, contains a wall.
 template <typename At>
 bool is_wall(std::span<const At> column) {
   float foot_m = column.front().z;
@@ -53,7 +55,7 @@ bool is_wall(std::span<const At> column) {
   return false;
 }
 
-/// Those of the points that are in a wall.
+/// The points that belong to walls.
 std::vector<Eigen::Vector3f> walls_of(std::span<const Eigen::Vector3f> points) {
   struct At {
     int x, y;
@@ -163,7 +165,7 @@ WallMap::Pyramid WallMap::pyramid_of(std::span<const Eigen::Vector2f> walls,
   Pyramid pyramid{cell_m, {}};
   pyramid.levels.push_back(std::move(finest));
   for (int l = 1; l < kLevels; ++l) {
-    // A square of 2^l is four of half its edge.
+    // A square of 2^l cells consists of four squares of half its edge.
     const Level& fine = pyramid.levels.back();
     const int half = 1 << (l - 1);
     Level coarse{fine.width + half, fine.height + half, {}};
@@ -202,7 +204,8 @@ void WallMap::keep_heights(std::span<const Eigen::Vector3f> points) {
   columns_.erase(std::unique(columns_.begin(), columns_.end()), columns_.end());
 }
 
-// Of the cells moved by (x, y), and by up to first more along both axes, at most.
+// Upper bound of the score of the cells shifted by (x, y), and by up to `first` more along each
+// axis.
 std::uint32_t WallMap::score(const Level& level, const Cells& cells, int x, int y, int first) {
   std::uint32_t sum = 0;
   const auto width = static_cast<std::uint32_t>(level.width);
@@ -263,7 +266,8 @@ std::vector<WallMap::Node> WallMap::search(const Pyramid& pyramid, const std::ve
   return best;
 }
 
-// Each point says at which height it would lie among those of its column; most of them are right.
+// Each point votes for the heights at which it would coincide with a point of its column of the
+// map.
 double WallMap::height_of(std::span<const Eigen::Vector3f> points_level, const Pose& place) const {
   std::map<std::int32_t, std::uint32_t> votes;
   const Eigen::Isometry3f T = place.cast<float>();
