@@ -18,7 +18,8 @@ struct Weakest {
   double next_information;
 };
 
-// Mean squared share of the normals along the next weakest direction, between walls at least.
+// Between walls the second least constrained direction has at least this mean squared share of the
+// normals.
 constexpr double kWallsLeastShare = 0.05;
 
 // Information about one 3-vector when the other is unknown as well.
@@ -79,7 +80,7 @@ Degeneracy find_weak_directions(const NormalEquations& data, const MotionPrior& 
   const Weakest rotation = weakest(schur(rr, tr.transpose(), tt));
   const double pretended = std::pow(config.plane_normal_error_rad, 2) * tt.trace();
   const double measured_m = 1.0 / std::sqrt(std::max(1e-12, translation.information - pretended));
-  // The middle of the sweep, from its begin and half of its twist.
+  // Sigma of the sweep's middle, from those of its begin and of half its twist.
   const Vector6 predicted =
       (prior.begin_sigma.array().square() + 0.25 * prior.twist_sigma.array().square()).sqrt();
   const double predicted_m = predicted.head<3>().maxCoeff();

@@ -7,11 +7,11 @@
 namespace zloam::odometry {
 namespace {
 
-// Of the readings' median period: what may be missing between two of them, and at either end.
+// Longest gap between two readings, and at either end of the sweep, in median periods.
 constexpr double kLongestGap = 3.0;
 constexpr std::size_t kLeastReadings = 3;
 
-// A reading in base_link's axes, its errors taken out, at a time after the sweep's begin.
+// A reading in base_link's axes with its errors removed; time since the sweep's begin.
 struct Inertia {
   double time_s = 0.0;
   Eigen::Vector3d force, rate;
@@ -49,7 +49,7 @@ bool covers(const std::vector<Inertia>& readings, double period_s) {
          readings.back().time_s >= period_s - most_s;
 }
 
-// Between two readings by a straight line, before the first and after the last one as that.
+// Interpolates linearly between readings; constant before the first and after the last one.
 Inertia at(const std::vector<Inertia>& readings, double time_s) {
   const auto after = std::lower_bound(readings.begin(), readings.end(), time_s,
                                       [](const Inertia& r, double t) { return r.time_s < t; });
@@ -77,7 +77,7 @@ struct Integral {
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
   Eigen::Vector3d way = Eigen::Vector3d::Zero();
 
-  // By one step of constant rate and force, those of its middle.
+  // Integrates one step with the rate and force at its middle.
   void advance(const std::vector<Inertia>& readings, double until_s) {
     const double dt = until_s - time_s;
     if (dt <= 0.0) return;
@@ -118,7 +118,8 @@ std::optional<SweepInertia> integrate(ImuSpan readings, std::int64_t stamp_ns,
   SweepInertia out;
   out.period_s = period_s;
   out.turn_rad = log_so3(sum.turn);
-  // The second half's turn less the first one's is a quarter of the change of rate over both.
+  // The second half's rotation minus the first half's is a quarter of the rate's change over the
+  // sweep.
   out.bend_rad = 4.0 * (log_so3(half.transpose() * sum.turn) - log_so3(half));
   out.begin_to_mean_mps = mean + swing_begin - swing_mean;
   out.mean_to_end_mps = sum.turn.transpose() * (sum.velocity - mean + swing_mean) - swing_end;

@@ -23,8 +23,8 @@ Eigen::Vector3d mean_velocity(const Motion& motion, double begin_s) {
   return 10.0 * (motion(begin_s + 0.1).translation() - motion(begin_s).translation());
 }
 
-// The change of the mean velocity from one sweep to the next is what both integrals and gravity add
-// up to, and the turn is the motion's, wherever the sensor sits.
+// Both integrals and gravity add up to the change of the mean velocity from one sweep to the next,
+// and the rotation is that of the motion, wherever the IMU is mounted.
 TEST(ImuIntegration, GivesTurnAndChangeOfVelocityOfASwingingPlatform) {
   const Pose mountings[] = {Pose::Identity(),
                             pose_from_xyz_rpy_deg({0.3, -0.2, 0.4}, {0.0, 0.0, 0.0}),
@@ -61,7 +61,7 @@ TEST(ImuIntegration, GivesTheChangeOfTheTurnsRateWithinASweep) {
   imu.rate_hz = 1000.0;
   const auto found = over(readings_along(speeding_up, imu, 0.0, 1.0, kOrigin_ns), 0.4);
   ASSERT_TRUE(found);
-  // 3 rad/s^2: 0.3 rad/s over a sweep, 0.03 rad a sweep.
+  // 3 rad/s^2 change the rate by 0.3 rad/s within a sweep: 0.03 rad per sweep.
   EXPECT_LT((found->bend_rad - Eigen::Vector3d(0.0, 0.0, 0.03)).norm(), 1e-5);
 }
 
@@ -88,7 +88,7 @@ TEST(ImuIntegration, SaysNothingOfASweepThatIsNotCovered) {
   EXPECT_FALSE(over(readings, -0.1));
   EXPECT_FALSE(over({}, 0.5));
   EXPECT_FALSE(integrate(readings, kOrigin_ns + 500'000'000, 0, Pose::Identity(), {}));
-  // Six of them missing, 30 ms.
+  // Six readings (30 ms) are missing.
   std::erase_if(readings, [](const ImuReading& r) {
     const std::int64_t t_ms = (r.stamp_ns - kOrigin_ns) / 1'000'000;
     return t_ms > 520 && t_ms <= 550;
@@ -111,7 +111,7 @@ TEST(ImuIntegration, PassesOverWhatIsOutOfOrderOrNotFinite) {
   EXPECT_EQ(a->begin_to_mean_mps, b->begin_to_mean_mps);
 }
 
-// twist_after() with the true step gives the true twist, whatever the one before was.
+// twist_after() with the true step gives the true twist, whatever the twist before was.
 TEST(InertialStep, GivesTheTwistAfter) {
   for (double begin_s = 0.2; begin_s < 2.5; begin_s += 0.3) {
     const Pose T_begin = swinging(begin_s);
@@ -139,7 +139,7 @@ TEST(InertialStep, ItsJacobianIsThatOfSmallChanges) {
     constexpr double kStep = 1e-6;
     const Vector6 up = twist_after(step, before + kStep * Vector6::Unit(i), 0.1, 0.05);
     const Vector6 down = twist_after(step, before - kStep * Vector6::Unit(i), 0.1, 0.05);
-    // By rotation to first order of it.
+    // The derivative by the rotation is of first order only.
     EXPECT_LT((jacobian.col(i) - (up - down) / (2.0 * kStep)).norm(), i < 3 ? 1e-8 : 0.01) << i;
   }
 }

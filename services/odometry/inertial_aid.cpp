@@ -8,25 +8,26 @@
 namespace zloam::odometry {
 namespace {
 
-// Six degrees of freedom: by chance once in a million sweeps.
+// Six degrees of freedom: exceeded by chance once in a million sweeps.
 constexpr double kContradictionChiSquared = 38.0;
-// Among leaves the points err by more than they say.
+// Tolerated errors of the points' twist: in foliage its covariance is overconfident.
 constexpr double kTolerated_mps = 0.15;
 constexpr double kTolerated_radps = 0.025;
-// Of the fit, and of its slow mean.
+// Ratio of the fit to its slow mean above which the prediction may be wrong, and the mean's decay
+// per sweep.
 constexpr double kMisleading = 1.5;
 constexpr double kFitMemory = 0.9;
-// What was not so puts the sensor on probation, each time twice as long: one that is turned,
-// mounted or timed otherwise than was said is right as long as nothing moves.
+// A wrong prediction puts the IMU on probation for this many sweeps, each time twice as long: an
+// IMU with a wrong mounting or delay predicts correctly as long as nothing moves.
 constexpr std::uint32_t kProbation = 10;
 constexpr std::uint32_t kMostDoublings = 8;
-// A bump in the road is forgiven after so many sweeps.
+// One contradiction, such as a bump in the road, is forgiven after this many correct sweeps.
 constexpr std::uint32_t kForgiven = 300;
-// 95 % of the twists of a sensor at rest are below: six degrees of freedom.
+// 95 % of the twists of a sensor at rest are below: chi-squared with six degrees of freedom.
 constexpr double kRestChiSquared = 12.59;
-// Root mean square of the readings about their mean; a motor that runs has more.
+// Root mean square of the force readings about their mean at rest; a running motor causes more.
 constexpr double kRestSpread_mps2 = 0.1;
-// Of their mean, from the first sweep on: slower than anything sets off.
+// Change of the mean force since the first sweep: any platform that sets off exceeds it.
 constexpr double kRestChange_mps2 = 0.03;
 
 }  // namespace
@@ -80,8 +81,8 @@ void InertialAid::give_way() {
   wrong_ = true;
 }
 
-// Steady readings of a body that turns no more than its gyroscope is off by, and that the points
-// have not seen moving.
+// At rest: the readings are steady, the measured rotation is within the gyroscope's bias, and the
+// points show no motion.
 bool InertialAid::rests(const MotionState& solved, const Matrix12& covariance,
                         const OdometryConfig& config) {
   if (!felt_ || wrong_ || (state_ && !state_->resting)) return false;

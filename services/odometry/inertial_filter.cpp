@@ -15,7 +15,7 @@ double squared(double x) { return x * x; }
 
 Eigen::Matrix3d diagonal(double sigma) { return squared(sigma) * Eigen::Matrix3d::Identity(); }
 
-// What gravity and biases wander by.
+// Covariance of the drift of gravity, biases and delay.
 InertialMatrix walk(const OdometryConfig& c, double over_s) {
   InertialMatrix q = InertialMatrix::Zero();
   q.block<3, 3>(kGravity, kGravity) = over_s * diagonal(c.imu_gravity_walk);
@@ -25,7 +25,7 @@ InertialMatrix walk(const OdometryConfig& c, double over_s) {
   return q;
 }
 
-// Of the step: the readings' white noise, added up over it, and what the sensor's scale is off by.
+// Covariance of the step: integrated white noise, error of the mean force and scale error.
 Matrix6 step_noise(const OdometryConfig& c, const SweepInertia& sweep, double between_s) {
   Matrix6 q = Matrix6::Zero();
   q.topLeftCorner<3, 3>() = between_s * diagonal(c.imu_force_noise) +
@@ -37,9 +37,9 @@ Matrix6 step_noise(const OdometryConfig& c, const SweepInertia& sweep, double be
 
 using StepByParameters = Eigen::Matrix<double, 6, kInertialParameters>;
 
-// Of the step by the delay: later stamps make earlier readings of what was felt. The force's mean
-// moves on from the one sweep's to the other's, seen from a frame that moves on as well; the turn's
-// rate from begin to end.
+// Derivative of the step by the delay: with a larger delay, later readings belong to the step. The
+// mean force changes from that of the earlier sweep to that of the later one, in a frame that
+// rotates as well; the rotation's rate changes from that at the begin to that at the end.
 Vector6 step_by_delay(const InertialState& state, const SweepInertia& sweep) {
   const Eigen::Vector3d rate_begin = (sweep.turn_rad - 0.5 * sweep.bend_rad) / sweep.period_s;
   const Eigen::Vector3d felt_mps = state.mean_to_end_mps + sweep.begin_to_mean_mps;
@@ -49,14 +49,14 @@ Vector6 step_by_delay(const InertialState& state, const SweepInertia& sweep) {
   return by_delay;
 }
 
-// What the next sweep's motion is told after.
+// Keeps what the prediction of the next sweep starts from.
 void adjoin(InertialState& state, const SweepInertia& sweep) {
   state.mean_to_end_mps = sweep.mean_to_end_mps;
   state.mean_force_from_end_mps2 = sweep.mean_force_from_end_mps2;
   state.adjoins = true;
 }
 
-// Walks through all members in one order, for both ways.
+// Visits all members in one order, for packing and unpacking.
 template <class State, class Number>
 void visit(State& s, Number&& number) {
   for (Eigen::Index i = 0; i < s.mean.size(); ++i) number(s.mean(i));
@@ -103,7 +103,7 @@ InertialState begin_inertia(const SweepInertia& sweep, const Pose& T_odom_end, b
                             const OdometryConfig& c) {
   InertialState state;
   const Eigen::Matrix3d R = T_odom_end.linear();
-  // The force was felt on the way: seen from the begin.
+  // The mean force is given in the frame at the sweep's begin.
   const Eigen::Matrix3d R_begin = R * exp_so3(-sweep.turn_rad);
   state.mean.segment<3>(kGravity) = -R_begin * sweep.mean_force_mps2;
   state.covariance.block<3, 3>(kGravity, kGravity) =
@@ -135,7 +135,7 @@ InertialPrediction foresee(const InertialState& state, const SweepInertia& sweep
   const Vector6 before = period_before_s * twist_before_per_s;
   out.twist_per_s = twist_after(out.step, before, period_before_s, sweep.period_s) / sweep.period_s;
 
-  // Of (velocity change, turn) by (pose, twist before) and by the parameters.
+  // Jacobians of (velocity change, rotation) by (pose, twist before) and by the parameters.
   Eigen::Matrix<double, 6, 12> by_motion = Eigen::Matrix<double, 6, 12>::Zero();
   by_motion.block<3, 3>(0, 3) = between_s * hat(gravity);
   StepByParameters by_parameters = StepByParameters::Zero();
@@ -144,7 +144,8 @@ InertialPrediction foresee(const InertialState& state, const SweepInertia& sweep
   by_parameters.block<3, 3>(3, kRateBias) = -sweep.period_s * Eigen::Matrix3d::Identity();
   by_parameters.col(kDelay) = step_by_delay(state, sweep);
 
-  // Of the twist by the step: V^-1 of its turn, to first order, and the turn itself.
+  // Jacobian of the twist by the step: V^-1 of its rotation, to first order, and the rotation
+  // itself.
   Matrix6 by_step = Matrix6::Zero();
   by_step.topLeftCorner<3, 3>() = Eigen::Matrix3d::Identity() - 0.5 * hat(sweep.turn_rad);
   by_step.bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() / sweep.period_s;
@@ -193,7 +194,7 @@ InertialState corrected(const InertialState& state, const InertialPrediction& fo
   const InertialCross of_end = regression * end_of_begin.inverse();
   const Matrix12 full = end_of_begin * solved.covariance * end_of_begin.transpose();
   out.cross = of_end * bounded;
-  // The part of the errors that the pose is taken not to have stays the twist's.
+  // The errors that the bound removes from the pose remain with the twist.
   out.cross.rightCols<6>() += of_end * (full - bounded).rightCols<6>();
   adjoin(out, sweep);
   return out;

@@ -1,4 +1,4 @@
-// The odometry with an inertial sensor: what it gains, what a wrong one costs, what is restored.
+// Odometry with an IMU: what it gains, what a wrong IMU costs, and what is restored.
 
 #include <gtest/gtest.h>
 
@@ -75,10 +75,10 @@ Ride ride(const TestWorld& world, const Motion& motion, const std::optional<Test
   return ride(world, motion, imu, sweeps, imu ? imu->T_base_imu : Pose::Identity());
 }
 
-// A smooth tunnel without an end: nothing faces along it.
+// An endless smooth tunnel without any surface across it.
 const TestWorld kTunnel{{{-500.0, -2.0, -1.2}, {500.0, 2.1, 2.0}}, {}};
 
-// At rest for a second, then up to 3 m/s within two, nodding.
+// At rest for a second, then nodding and accelerating to 3 m/s within two seconds.
 Pose through_the_tunnel(double t) {
   const double s = std::max(0.0, t - 1.0);
   const double way_m = s < 2.0 ? 0.75 * s * s : 3.0 + 3.0 * (s - 2.0);
@@ -105,8 +105,8 @@ TEST(OdometryWithImu, KnowsTheWayThroughABareTunnelFromRest) {
   const Ride with = ride(kTunnel, through_the_tunnel, mems(), kSweeps);
   EXPECT_LT(with.end_error_m, 0.15);
   EXPECT_LT(with.worst_step_m, 0.02);
-  // Known, but not by the points: that is still said from where it moves on. At rest the rings'
-  // own traces hold it.
+  // Known from the IMU only: Degenerate is still reported once the platform moves. At rest the
+  // traces of the rings constrain the axis.
   constexpr int kMoving = 12;
   for (int k = kMoving; k < kSweeps; ++k) {
     const Degeneracy& d = with.results[std::size_t(k)].degeneracy;
@@ -125,10 +125,10 @@ double rms_rotation_error_rad(const Ride& r, std::size_t from) {
 
 constexpr double kPace = 1.2;
 
-// At rest for a second, then as swinging() does.
+// At rest for a second, then the motion of swinging().
 Pose swings_after_a_second(double t) {
   const double s = std::max(0.0, t - 1.0);
-  // Sets off softly.
+  // Starts smoothly.
   const double ease = s * s / (s + 0.5);
   return swinging(0.0).inverse() * swinging(kPace * ease);
 }
@@ -148,7 +148,7 @@ TEST(OdometryWithImu, ASensorBesideTheOriginAndTurnedIsAsGood) {
   EXPECT_LT(r.end_error_m, 0.02);
 }
 
-// Biases are found: what is left of them is far below what was there.
+// The biases are estimated: the remaining errors are far smaller than they.
 TEST(OdometryWithImu, FindsTheBiases) {
   TestImu imu = mems();
   imu.rate_bias_radps << 0.02, -0.015, 0.025;
@@ -158,7 +158,7 @@ TEST(OdometryWithImu, FindsTheBiases) {
   EXPECT_LT((found.rate_radps - imu.rate_bias_radps).norm(), 0.002);
 }
 
-// Stamps that are late or early are found out, and cost next to nothing.
+// A delay of the stamps, late or early, is estimated and costs almost no accuracy.
 TEST(OdometryWithImu, FindsTheDelayOfTheStamps) {
   for (const double delay_s : {0.0, 0.02, -0.015}) {
     TestImu imu = mems();
@@ -171,13 +171,13 @@ TEST(OdometryWithImu, FindsTheDelayOfTheStamps) {
   }
 }
 
-// The points have the last word: a sensor that is mounted otherwise than was said costs little.
+// The points take precedence: an IMU mounted otherwise than configured costs little accuracy.
 TEST(OdometryWithImu, AWronglyMountedSensorIsNotBelieved) {
   TestImu imu = mems();
   imu.T_base_imu = pose_from_xyz_rpy_deg({0.0, 0.0, 0.0}, {180.0, 0.0, 90.0});
   const Ride wrong = ride({}, swings_after_a_second, imu, 50, Pose::Identity());
   EXPECT_LT(wrong.end_error_m, 0.03);
-  // Until it is found out.
+  // The worst step comes before the contradiction is detected.
   EXPECT_LT(wrong.worst_step_m, 0.1);
   EXPECT_FALSE(wrong.results.back().diagnostics.imu_used);
   EXPECT_GT(wrong.results.back().diagnostics.imu_contradictions, 1U);
@@ -203,7 +203,7 @@ TEST(OdometryWithImu, ReadingsThatStopAndComeBackAreUsedAgain) {
   EXPECT_LT((truth.inverse() * last.T_odom_base).translation().norm(), 0.02);
 }
 
-// A sweep without a point: the sensor knows where it went.
+// Sweeps without points: the IMU gives the motion.
 TEST(OdometryWithImu, BridgesEmptySweeps) {
   const auto end_error_m = [](bool with_imu) {
     const TestSensor sensor{.noise_m = 0.02};
@@ -220,7 +220,7 @@ TEST(OdometryWithImu, BridgesEmptySweeps) {
     }
     return worst_m;
   };
-  // Half a second by the noise of velocity and readings alone.
+  // Half a second of dead reckoning: only the noise of velocity and readings counts.
   EXPECT_LT(end_error_m(true), 0.05);
   EXPECT_GT(end_error_m(false), 0.2);
 }

@@ -11,30 +11,33 @@
 namespace zloam::odometry {
 namespace {
 
-// A longer silence is not bridged: the motion since is unknown.
+// A longer gap is not bridged: the motion during it is unknown.
 constexpr std::int64_t kMostGap_ns = 500'000'000;
-// Of the usual share of points on surfaces. Around a corner, where much is new, it falls to three
-// fifths; a sensor that was carried away sees less. What is well below is not usual, either.
+// Relative to the usual share of points on surfaces: below kLost the pose is lost. Around a corner,
+// where much is new, the share falls to 0.6; a sensor that was carried away has less. Shares below
+// kStillUsual do not count for the usual one.
 constexpr double kLost = 0.5;
 constexpr double kStillUsual = 0.8;
-// The most of a turn's solutions that may not converge. Around corners it is rarely more than half of
-// them; where the heading is lost, nearly all.
+// Maximum share of a revolution's solutions that do not converge. Around corners it is rarely more
+// than half of them, with a lost heading nearly all.
 constexpr double kMostRestless = 0.6;
-// A platform that is at rest while the target is founded: its gyroscope reads its bias.
+// Below this mean rate in the first revolution the platform is at rest: the gyroscope shows its
+// bias.
 constexpr double kRestRate_radps = 0.02;
-// What is within it of the mean of the Earth's can be gravity, by an accelerometer that is off.
+// An estimate this close to the Earth's mean gravity is plausible: the accelerometer has errors.
 constexpr double kGravity_mps2 = 9.81;
 constexpr double kGravityOff_mps2 = 1.0;
-// Of the residuals with the inertial sensor to those without it, in one turn: a true sensor has 0.5
-// to 0.8 while the platform moves and 1.0 at rest; one that is turned, or reads degrees, 1.1 to 2.
+// Ratio of the residuals with the IMU to those without it, in one revolution. A correct IMU has 0.5
+// to 0.8 while the platform moves and 1.0 at rest; one that is mounted wrongly, or reads degrees,
+// has 1.1 to 2.
 constexpr double kMisled = 1.15;
-// In one turn this much leaves no doubt, and a second one would find the target bent.
+// Above this ratio one revolution is proof: during a second one the target would be distorted.
 constexpr double kCertain = 1.5;
-// A second opinion counts where it has found its way.
+// Minimum explained share of points for the solution without the IMU to count.
 constexpr double kExplained = 0.5;
-// Such turns until the sensor is left out: an instant of chance is none.
+// Number of such revolutions until the IMU is ignored: a single one may be chance.
 constexpr std::uint32_t kDoubted = 2;
-// Of state(): another number where what is in it changes.
+// Version of the layout of state(): change it when the contents change.
 constexpr std::uint64_t kLayout = 3;
 
 /// When a slice's points were measured.
@@ -150,14 +153,14 @@ void KnotOdometry::settle(std::size_t k) {
   if (settled_.size() > most_settled()) settled_.pop_front();
 }
 
-/// The first turn as the target, as far as its motion is known by now.
+/// Makes the first revolution the target, with its motion as far as it is known by now.
 void KnotOdometry::found() {
   recent_->clear();
   settled_.clear();
   for (std::size_t k = 0; k < turn_; ++k) settle(k);
 }
 
-/// The gyroscope's bias, where the platform rests in the first turn.
+/// Estimates the gyroscope's bias if the platform is at rest in the first revolution.
 void KnotOdometry::note_rest() {
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();
   double time_s = 0.0;
@@ -171,8 +174,8 @@ void KnotOdometry::note_rest() {
   if (rate_radps.norm() < kRestRate_radps) window_.inertia().rate_bias_radps = rate_radps;
 }
 
-/// From the slices that have readings: the mean force is what holds against gravity, but for what
-/// the velocity changed by meanwhile. Readings may begin later than the slices.
+/// Estimates gravity from the slices with readings: the mean acceleration minus the mean specific
+/// force. Readings may begin later than the slices.
 void KnotOdometry::find_gravity() {
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   double time_s = 0.0;
@@ -213,7 +216,7 @@ void KnotOdometry::judge_inertia(const KnotSolution& solution, double range_nois
   if (!believes_inertia()) window_ = std::move(alone);
 }
 
-/// The oldest slice leaves the window and becomes a part of the target.
+/// Moves the oldest slices from the window into the target.
 void KnotOdometry::let_settle() {
   while (window_.slices().size() > 2 * turn_) {
     if (seen_ > 3 * turn_) settle(0);
@@ -254,7 +257,8 @@ Health KnotOdometry::judge(const FeatureSweep& sweep, const KnotSolution& soluti
   return bad ? Health::kPredicted : Health::kOk;
 }
 
-/// Of the window taken as rigid: what two turns leave open, no slice's motion can tell.
+/// Degenerate directions of the window taken as rigid: what two revolutions do not constrain, no
+/// single slice does.
 Degeneracy KnotOdometry::weak_directions(const KnotSolution& solution) const {
   MotionPrior prior;
   prior.begin_sigma = sigmas(config_.begin_sigma_m, config_.begin_sigma_rad);
@@ -290,7 +294,7 @@ void KnotOdometry::learn_inertia() {
     window_.inertia().rate_bias_sigma_radps = config_.imu_rate_walk * root_s;
   }
   if (seen_ == turn_) note_rest();
-  // Later from motion that all slices of the window have told.
+  // Later only with motion that was estimated from all slices of the window.
   const bool asks_gravity = seen_ == turn_ || (ends_turn() && seen_ >= 3 * turn_);
   if (asks_gravity && believes_inertia() && !window_.knows_gravity()) find_gravity();
 }
@@ -350,7 +354,7 @@ void KnotOdometry::each(Bits& bits, std::deque<MadeWith>& made_with) {
 }
 
 std::vector<std::uint64_t> KnotOdometry::state() {
-  // Before, some of the window's slices are not matched.
+  // Before this, some slices of the window have not been matched.
   if (!ends_turn() || seen_ < 3 * turn_) return {};
   StateBits bits;
   std::uint64_t layout = kLayout;
@@ -384,7 +388,7 @@ bool KnotOdometry::take_back(std::span<const std::uint64_t> state, const SliceAt
 }
 
 bool KnotOdometry::is_sound(const std::deque<MadeWith>& made_with) const {
-  // Of a pose beyond it no point can be matched.
+  // At poses farther away no point can be matched.
   constexpr double kFarthest_m = 1e6;
   const auto sound = [](const Pose& pose) {
     return pose.linear().isUnitary(1e-6) && pose.translation().norm() < kFarthest_m;

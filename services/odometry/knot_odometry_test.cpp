@@ -1,5 +1,5 @@
-// A scanner's plane turned in a furnished room: the pose while it moves, with and without an
-// inertial sensor, and what is said when it can't be known.
+// A rotated 2-D scanner in a furnished room: its pose while it moves, with and without an IMU, and
+// the reported health where the pose cannot be known.
 
 #include "odometry/knot_odometry.hpp"
 
@@ -17,7 +17,7 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kSliceNs = 100'000'000;
 constexpr int kLines = 4;
-constexpr int kSteps = 181;  // of half a turn
+constexpr int kSteps = 181;  // per half circle
 
 /// A room of 10 x 8 x 3 m with three boxes in it.
 double range_to_room(const Eigen::Vector3d& from, const Eigen::Vector3d& along, bool tunnel) {
@@ -46,7 +46,7 @@ double range_to_room(const Eigen::Vector3d& from, const Eigen::Vector3d& along, 
   return nearest;
 }
 
-/// Starts from rest after the second second, swings about, speeds of 0.4 m/s.
+/// At rest for two seconds, then swinging at speeds of 0.4 m/s.
 Pose T_room_base(double t_s) {
   const double moving_s = std::max(0.0, t_s - 2.0);
   const double eased_s = moving_s * moving_s / (moving_s + 1.0);
@@ -63,7 +63,7 @@ struct Drive {
   std::mt19937 random{7};
   double noise_m = 0.01;
   bool tunnel = false;
-  /// what is otherwise with the inertial sensor than was said, and its first slice
+  /// fault of the IMU, and the first slice with readings
   std::function<void(ImuReading&)> otherwise = [](ImuReading&) {};
   std::function<Pose(double)> motion = T_room_base;
   int imu_from = 0;
@@ -78,7 +78,7 @@ struct Drive {
       for (int step = 0; step < kSteps; ++step) {
         const std::int64_t at_ns = (line * kSliceNs + step * kSliceNs / kSteps) / kLines;
         const double t_s = 1e-9 * static_cast<double>(begin_ns + at_ns);
-        const double roll = kPi * t_s;  // half a turn a second
+        const double roll = kPi * t_s;  // half a revolution per second
         const double theta = -kPi / 2.0 + kPi * step / (kSteps - 1);
         const Eigen::Vector3d along_base(std::cos(theta), std::sin(theta) * std::cos(roll),
                                          std::sin(theta) * std::sin(roll));
@@ -105,7 +105,7 @@ struct Drive {
     return sweep;
   }
 
-  /// An ideal sensor but for constant biases, by differences of the motion.
+  /// Readings of an IMU with constant biases and no noise, from differences of the motion.
   ImuSpan readings(std::int64_t begin_ns, std::int64_t zero_ns) {
     imu.clear();
     constexpr std::int64_t kStepNs = 5'000'000;
@@ -173,8 +173,8 @@ TEST(KnotOdometryTest, FollowsWithoutOne) {
 void in_degrees(ImuReading& r) { r.rate_radps *= 180.0 / kPi; }
 void yaw_reversed(ImuReading& r) { r.rate_radps.z() *= -1.0; }
 
-// As without a sensor, which is what is left. One that reads degrees has turned the first turn of the
-// mirror by its bias before it is found out, and the frame with it.
+// As accurate as without an IMU. One that reads degrees has rotated the first revolution, and with
+// it the frame, by its bias before it is detected.
 TEST(KnotOdometryTest, ASensorThatThePointsContradictIsLeftOut) {
   for (const auto& [otherwise, rms_m] : {std::pair{&yaw_reversed, 0.06}, {&in_degrees, 0.25}}) {
     KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
@@ -223,7 +223,7 @@ TEST(KnotOdometryTest, TheSameSlicesGiveTheSameBytes) {
   EXPECT_EQ(poses[0], poses[1]);
 }
 
-/// The slices so far, as registration keeps them.
+/// The slices so far as registration keeps them.
 struct Kept {
   std::vector<FeatureSweep> sweeps;
   std::deque<PointVector> points;
@@ -243,8 +243,8 @@ struct Kept {
   }
 };
 
-/// Two instances, of which the second goes on from the first one's state after slice 59 and has the
-/// slices from one on: what their poses differ by, m.
+/// The second of two instances continues from the first one's state after slice 59, with the slices
+/// from first_kept on. Returns the largest difference of their poses, m.
 double taken_over_apart_m(
     bool with_imu, std::uint64_t first_kept,
     const std::function<void(ImuReading&)>& otherwise = [](ImuReading&) {}) {
@@ -326,7 +326,7 @@ TEST(KnotOdometryTest, EachSliceIsHandedOnOnceItHasSettled) {
     const bool turn_ends = i >= 19 && i % 10 == 9;
     EXPECT_EQ(!result.planes.empty(), turn_ends) << i;
     points += result.planes.size();
-    // In base_link at the result's instant: the walls are where they are.
+    // The points are given in base_link at the result's instant, so they lie within the walls.
     for (std::size_t k = 0; k < result.planes.size(); k += 97) {
       const Eigen::Vector3d p =
           T_room_base(0.1 * (i + 1)) * result.planes[k].position().cast<double>();
@@ -344,7 +344,7 @@ TEST(KnotOdometryTest, SlicesOfAnotherPlaceAreNotCalledWell) {
   int well = 0;
   for (int i = 40; i < 60; ++i) {
     FeatureSweep sweep = scans.slice(i, false);
-    // Carried away in an instant: a turned room of another size.
+    // Carried away in an instant: the room is rotated and of another size.
     for (Point& p : scans.points) {
       const float x = p.x;
       p.x = 0.5F * p.y;
@@ -357,7 +357,7 @@ TEST(KnotOdometryTest, SlicesOfAnotherPlaceAreNotCalledWell) {
   EXPECT_EQ(well, 0);
 }
 
-/// Rolls by so much, four times a second, from the fifth second on.
+/// Additionally rolls to and fro by this angle at 4 Hz, from the fifth second on.
 Drive shaken(double roll_rad) {
   Drive scans;
   scans.motion = [roll_rad](double t_s) -> Pose {
@@ -370,7 +370,8 @@ Drive shaken(double roll_rad) {
   return scans;
 }
 
-// The share of solutions that did not converge needs part of a turn to grow.
+// A few wrong poses may be Ok: the share of unconverged solutions takes part of a revolution to
+// grow.
 TEST(KnotOdometryTest, AMotionThatSlicesCannotFollowIsNotCalledWell) {
   constexpr double kOff_m = 0.3;
   int wrong = 0, silent = 0;
@@ -383,7 +384,7 @@ TEST(KnotOdometryTest, AMotionThatSlicesCannotFollowIsNotCalledWell) {
       const Pose truth = scans.motion(1e-9 * static_cast<double>((i + 1) * kSliceNs));
       off.push_back(result.T_odom_base * truth.inverse());
       if (i < 20) continue;
-      // of the last second
+      // motion during the last second
       if ((off[i - 10].inverse() * off[i]).translation().norm() < kOff_m) continue;
       ++wrong;
       silent += result.health == Health::kOk ? 1 : 0;

@@ -9,10 +9,11 @@ namespace zloam::odometry {
 namespace {
 
 constexpr double kGateWidths = 3.0;
-// Solved anew with each slice from where the last solution was: the kernel need not be wide.
+// Each slice's solution starts from the last one, so the kernel need not start wide.
 constexpr double kStartWidths = 2.0;
 constexpr int kMostIterations = 12;
-// A platform mostly rests when its odometry begins; m/s and rad/s. Points of a turn outweigh it.
+// Initial velocity, one sigma about rest, m/s and rad/s: a platform mostly starts at rest, and the
+// points of one revolution outweigh this.
 constexpr double kStartSigma = 0.05;
 
 using Row6 = Eigen::Matrix<double, 1, 6>;
@@ -33,9 +34,9 @@ struct KnotWindow::System {
     g.setZero();
   }
   Eigen::Index size() const { return static_cast<Eigen::Index>(6 * (n - 1) + 6); }
-  /// Where a knot's six unknowns begin; below 0: it is held.
+  /// Index of a knot's first unknown; below 0: the knot is fixed.
   static Eigen::Index at(std::size_t knot) { return 6 * static_cast<Eigen::Index>(knot) - 6; }
-  /// Of the inertial sensor: gravity, then the gyroscope's bias.
+  /// Index of the IMU's unknowns: gravity, then the gyroscope's bias.
   Eigen::Index inertia() const { return size() - 6; }
 
   template <int Rows>
@@ -70,7 +71,7 @@ struct KnotWindow::Match {
   Eigen::Vector3d normal, position;  ///< frame odom
 };
 
-/// Of the last knot against the one before it, as they err together.
+/// Covariance of the last knot relative to the one before it, their correlation included.
 Matrix6 KnotWindow::last_step_covariance(const System& system,
                                          const Eigen::LDLT<Eigen::MatrixXd>& ldlt) const {
   const Eigen::Index at = System::at(knots_.size() - 1);
@@ -187,8 +188,8 @@ void KnotWindow::add_points(const std::vector<Match>& matches, double weight, do
   }
 }
 
-/// What has changed of late shows in the newest slices: over the whole window it would creep in. A
-/// point counts as much as its residual lets it.
+/// Robustly weighted share of points on surfaces among the newer half of the slices: over the whole
+/// window a recent change would show too slowly.
 double KnotWindow::explained_of_newest(const std::vector<Match>& matches, double kernel_m) const {
   const double k2 = kernel_m * kernel_m;
   const std::size_t first = slices_.size() / 2;
@@ -201,7 +202,7 @@ double KnotWindow::explained_of_newest(const std::vector<Match>& matches, double
   return on_surface / static_cast<double>(std::max<std::size_t>(1, points));
 }
 
-/// Between slice k - 1 (or the one that left) and slice k.
+/// Adds the smoothness between slice k - 1 (or the one that left the window) and slice k.
 void KnotWindow::add_smoothness(std::size_t k, System& system) const {
   const double before_s = k == 0 ? period_before_s_ : slices_[k - 1].period_s;
   const double after_s = slices_[k].period_s;
@@ -210,7 +211,7 @@ void KnotWindow::add_smoothness(std::size_t k, System& system) const {
   Vector6 variance = sigma.array().square();
   if (k == 0) variance.array() += velocity_before_sigma_.array().square();
   Vector6 weight = variance.cwiseInverse();
-  // What the inertial sensor tells is told by it.
+  // Where the IMU measures the motion, its terms replace the smoothness.
   const bool felt = slices_[k].inertia.has_value();
   const bool felt_before =
       k == 0 ? inertia_before_.has_value() : slices_[k - 1].inertia.has_value();
@@ -245,7 +246,8 @@ void KnotWindow::add_turn(std::size_t k, System& system) const {
   system.add<3, 3>(e, weight, parts);
 }
 
-/// Mean velocities of slices k and k + 1 differ by what force and gravity do between their middles.
+/// The mean velocities of slices k and k + 1 differ by the effect of force and gravity between
+/// their middles.
 void KnotWindow::add_force(std::size_t k, System& system) const {
   const Slice& before = slices_[k];
   const Slice& after = slices_[k + 1];

@@ -13,10 +13,11 @@ namespace {
 
 // Residuals above this many kernel widths are left out.
 constexpr double kGateWidths = 3.0;
-// While the kernel is still wide so many points stand for one: the steps only have to come near.
+// While the kernel is still wide, every kCoarseStride-th point suffices: these steps only have to
+// come near the solution.
 constexpr std::size_t kCoarseStride = 4;
 constexpr std::size_t kLeastForCoarse = 1000;
-// Enough to tell a rate of turn from another.
+// Number of points that suffices to compare starts with different angular rates.
 constexpr std::size_t kPointsToCompare = 500;
 
 std::uint16_t bin_of(const Point& point, const FeatureSweep& sweep) {
@@ -85,7 +86,7 @@ class Association {
   WindowMap& recent_;
   double plane_weight_;
   std::vector<WindowMap::Hint> hints_;      // of source.planes
-  std::vector<Eigen::Vector3d> positions_;  // in odom, of those that are looked at
+  std::vector<Eigen::Vector3d> positions_;  // in odom, of the points that are looked up
 };
 
 bool is_small(const Vector12& step, const OdometryConfig& config) {

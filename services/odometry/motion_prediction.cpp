@@ -8,7 +8,7 @@ namespace {
 
 // Longer gaps between sweeps are bridged as if they were this long: the prediction is void anyway.
 constexpr double kMaxGap_s = 2.0;
-// A sweep that begins so much of its time after the last one's end at most goes on with its turn.
+// A sweep adjoins the one before if gap or overlap is at most this share of its period.
 constexpr double kAdjoining = 0.1;
 
 double gap_before_s(const MotionMemory& before, const SweepTime& sweep) {
@@ -17,13 +17,13 @@ double gap_before_s(const MotionMemory& before, const SweepTime& sweep) {
   return before.started ? std::clamp(gap_s, -period_s, kMaxGap_s) : 0.0;
 }
 
-// Since the motion was last measured.
+// Time since the motion was last measured.
 double blind_time_s(const MotionMemory& before, const SweepTime& sweep) {
   return std::max(0.0, gap_before_s(before, sweep)) +
          before.predicted_in_row * sweep.period_ns * 1e-9;
 }
 
-// Of the last sweeps, root mean square in each axis.
+// Root mean square of the accelerations of the last sweeps in each axis.
 Vector6 recent_acceleration(const MotionMemory& before) {
   Vector6 squares = Vector6::Zero();
   int n = 0;
@@ -35,23 +35,23 @@ Vector6 recent_acceleration(const MotionMemory& before) {
   return (squares / std::max(1, n)).array().sqrt();
 }
 
-// A platform accelerates as platforms do, and as this one did lately.
+// Root sum of squares of the configured acceleration and of this platform's recent one.
 Vector6 acceleration_sigma(const MotionMemory& before, const OdometryConfig& config) {
   const Vector6 any =
       sigmas(config.acceleration_sigma_mps2, config.angular_acceleration_sigma_radps2);
   return (any.array().square() + recent_acceleration(before).array().square()).sqrt();
 }
 
-// Of a sweep in which the twist changes as it did lately; none where that moves nothing.
+// Sigma of the change of the twist within a sweep, from recent accelerations; zero if negligible.
 Vector6 bend_sigma(const MotionMemory& before, double period_s) {
-  constexpr double kNothing = 1e-4;  // an eighth of it at most, m or rad
-  constexpr double kLeast = 1e-6;    // in an axis beside one that counts
+  constexpr double kNothing = 1e-4;  // m or rad: moves a point by an eighth of it at most
+  constexpr double kLeast = 1e-6;    // for a negligible axis beside one that counts
   const Vector6 sigma = period_s * period_s * recent_acceleration(before);
   if (!(sigma.maxCoeff() > kNothing)) return Vector6::Zero();
   return sigma.cwiseMax(kLeast);
 }
 
-// What a begin may differ by from the end before it.
+// Sigmas of the difference between a sweep's begin and the end of the sweep before.
 Vector6 continuity_sigmas(const MotionMemory& before, const OdometryConfig& config,
                           double period_s) {
   return sigmas(config.continuity_sigma_m, config.continuity_sigma_rad) +
@@ -60,10 +60,10 @@ Vector6 continuity_sigmas(const MotionMemory& before, const OdometryConfig& conf
                     before.twist_change_per_s.tail<3>().norm());
 }
 
-// The end of the sweep before and its twist err together: where most of what a sweep saw of a
-// direction was seen in its first half, the end is the twist's error away from it. Tied to such an
-// end as if it were sure, the next sweep's twist errs the other way round and by more, and so on: a
-// zig-zag that grows until the window is torn.
+// Propagates the joint covariance of end and twist of the sweep before. Their errors are
+// correlated: where a direction was mostly observed in the first half of a sweep, an error of the
+// twist displaces the end. Tied to such an end as if it were certain, the next twist would err the
+// other way and by more: a zigzag that grows until the window breaks.
 void carry_on(const MotionMemory& before, const OdometryConfig& config, double gap_s,
               double period_s, const Vector6& strayed, MotionPrior& prior) {
   Matrix12 F = Matrix12::Zero();
@@ -74,26 +74,26 @@ void carry_on(const MotionMemory& before, const OdometryConfig& config, double g
   change << continuity_sigmas(before, config, period_s) + strayed, prior.twist_sigma;
   Matrix12 covariance = F * *before.state_covariance * F.transpose();
   covariance.diagonal() += change.array().square().matrix();
-  // One acceleration has done both: where the sweep lies tells how fast it is.
+  // Both changes come from the same acceleration, so they are fully correlated.
   const Vector6 together = strayed.cwiseProduct(prior.twist_sigma);
   covariance.topRightCorner<6, 6>().diagonal() += together;
   covariance.bottomLeftCorner<6, 6>().diagonal() += together;
   prior.information = information_of(covariance).value_or(prior.information);
 }
 
-// The matching finds home from a turn that is off by this much: half a metre at five metres.
+// The matching converges from a rotation error of this size: half a metre at five metres.
 constexpr double kFoundTurn_rad = 0.1;
 constexpr double kSearchedSigmas = 2.0;
 constexpr int kMostStarts = 15;
 
-// Rates of turn that the platform may have instead of the predicted one, about one axis.
+// Adds starts with other angular rates about one axis than the predicted one.
 void add_turned_starts(const MotionMemory& before, const SweepTime& sweep, Eigen::Index axis,
                        double alpha_radps2, const MotionState& predicted,
                        std::vector<MotionState>& starts) {
   const double period_s = sweep.period_ns * 1e-9;
   const double gap_s = gap_before_s(before, sweep);
   const double over_s = period_s + blind_time_s(before, sweep);
-  // At the middle of the sweep, by a change of rate spread over the time since.
+  // Rotation at the sweep's middle per change of the rate, which builds up during the gap.
   const double turn_per_rate_s = 0.5 * std::max(0.0, gap_s) + 0.5 * period_s;
   const double reach_rad = kSearchedSigmas * alpha_radps2 * over_s * turn_per_rate_s;
   const int reach = std::min(kMostStarts, static_cast<int>(reach_rad / kFoundTurn_rad));

@@ -125,7 +125,7 @@ class Accumulator {
   bool filled_ = false;
 };
 
-// Robust weight rho'(x), and the residual's account in the sums.
+// Weight times rho'(x); also adds the residual to the sums.
 double robust_weight(double squared, double weight, double kernel2, NormalEquations& equations) {
   const double quotient = kernel2 / (kernel2 + squared);
   const double robust = quotient * quotient;

@@ -10,8 +10,8 @@
 namespace zloam::odometry {
 namespace {
 
-// The cost of the header's formulas once more, on automatic derivatives and independent of the
-// solver's code: exponential by Ceres' own rotation functions and the closed form of V.
+// The cost of the header's formulas with automatic derivatives, independent of the solver's code:
+// exponential by its power series, logarithm by Ceres' rotation functions and the series of V.
 template <typename T>
 using Vec3 = Eigen::Matrix<T, 3, 1>;
 template <typename T>
@@ -178,7 +178,7 @@ Problem random_problem(unsigned seed, double rate) {
   p.start.bend = truth.bend + offset;
   p.prior.bend = truth.bend - offset;
   p.prior.bend_sigma << 0.02, 0.03, 0.02, 0.03, 0.02, 0.03;
-  // Begin and twist know of each other, as after a sweep.
+  // Begin and twist are correlated, as after a sweep.
   Matrix12 hang_together = Matrix12::Identity();
   hang_together.topRightCorner<6, 6>() =
       0.3 * Matrix6::NullaryExpr([&](auto, auto) { return u(rng); });
@@ -206,7 +206,7 @@ struct CeresProblem {
   ceres::Problem problem;
 };
 
-// The system with the bend in it, as the prior has it.
+// The whole system, the bend and its prior included.
 struct Whole {
   explicit Whole(const NormalEquations& sums, const Problem& p) {
     const Vector6 information = p.prior.bend_sigma.array().square().inverse();
@@ -256,7 +256,7 @@ TEST(MotionSolver, GaussNewtonMatrixMatchesAutomaticDerivatives) {
     }
     const Matrix18 H = jacobian.transpose() * jacobian;
     EXPECT_LT((Whole(own, p).H - H).norm(), 1e-8 * H.norm()) << seed;
-    // Without the bend what is left is the inverse of its part of the inverse.
+    // Eliminating the bend leaves the inverse of the other unknowns' block of the covariance.
     EliminatedBend(p.start, p.prior, own);
     const Matrix12 covariance = Matrix18(H.inverse()).topLeftCorner<12, 12>();
     EXPECT_LT((own.H.inverse() - covariance).norm(), 1e-6 * covariance.norm()) << seed;

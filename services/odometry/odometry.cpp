@@ -16,12 +16,12 @@
 namespace zloam::odometry {
 namespace {
 
-// So many other starts are followed to their end.
+// Number of other starts from which the matching is run to its end.
 constexpr std::size_t kTried = 2;
-// Right matches that have not come to rest cost up to 1.2 of the usual, wrong ones 1.3 and more
-// (docs/experiments/2026-11-26-lost-by-fit.md).
+// Cost relative to the usual one: right matches that have not converged have up to 1.2, wrong ones
+// 1.3 and more (docs/experiments/2026-11-26-lost-by-fit.md).
 constexpr double kWorse = 1.5;
-// Sweeps of another place cost ten times as much.
+// Sweeps of another place cost ten times the usual, even if the match has converged.
 constexpr double kFarWorse = 5.0;
 
 PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
@@ -56,21 +56,22 @@ struct Odometry::State : MotionMemory {
   /// of scans that come in slices
   std::optional<KnotOdometry> knots;
 
-  // The first sweep was a piece of a turn, and was not begun with.
+  // The first sweep was a part of a revolution and did not initialize the target.
   bool passed_piece = false;
   std::uint64_t prev_sweep = 0;
-  // The sweep that founded the target while the twist was unknown, to be deskewed once it is known.
+  // The sweep that initialized the target while the twist was unknown, to be deskewed once the
+  // twist is known.
   PointVector founding_planes;
   std::uint32_t founding_period_ns = 0;
 
-  // Points that lie further off than their noise say less than the solver makes of them.
+  // Residuals above the noise model: inflates the covariance by (residual / noise)^2.
   static Matrix12 solved_covariance(const Solution& solution, const FeatureSweep& sweep) {
     const double off = solution.residual_m / std::max(1e-3, sweep.range_noise_m);
     return std::max(1.0, off * off) * solution.covariance;
   }
 
-  // Where nothing holds the sensor the pose is as sure as the window that was drawn from it, and
-  // the end is taken as if it were: what little the data say there drags it back.
+  // In a degenerate direction the pose is as certain as the window that was built from it, so the
+  // sigma of the end is bounded there: otherwise the little that the data say would drag it back.
   Matrix12 state_covariance_of(const Solution& solution, const Degeneracy& weak,
                                const FeatureSweep& sweep) const {
     const Vector6 bound = sigmas(config.pose_sigma_m, config.pose_sigma_rad).array().square();
@@ -114,7 +115,7 @@ struct Odometry::State : MotionMemory {
 
   bool founding_pending() const { return !founding_planes.empty(); }
 
-  // Replaces the target by the founding sweep, deskewed by a twist.
+  // Replaces the target by the initial sweep, deskewed by a twist.
   void deskew_founding_sweep(const Vector6& known_twist_per_s) {
     const DeskewTable table(known_twist_per_s, founding_period_ns, founding_period_ns);
     recent.clear();
@@ -123,9 +124,10 @@ struct Odometry::State : MotionMemory {
 
   void forget_founding_sweep() { founding_planes.clear(); }
 
-  // The first sweep's own motion is only known from the second. Both taken as rigid, their middles
-  // are one step apart; near that step the second sweep's own motion and the first one's deskewing
-  // are found in turn. In leaves the turns may lead away: the best of them counts.
+  // The motion of the first sweep is only known from the second one. With both taken as rigid,
+  // their middles are one step apart. From that step on, the second sweep's motion and the
+  // deskewing of the first one are estimated alternately. In foliage the alternation may diverge:
+  // the round of lowest cost is kept.
   Solution solve_second(const FeatureSweep& sweep, const Source& source,
                         const Prediction& predicted) {
     constexpr int kRounds = 4;
@@ -146,14 +148,14 @@ struct Odometry::State : MotionMemory {
       solution = match(sweep, source, {prior.T_odom_begin * exp_se3(0.5 * twist), twist}, prior);
       if (solution.solved && (!best || solution.cost < best->cost)) best = solution;
     }
-    // The target that stays is a function of the published twist: restore() makes the same.
+    // The final target depends only on the published twist, so that restore() builds the same one.
     deskew_founding_sweep(best ? Vector6(best->state.twist / period_s) : Vector6(Vector6::Zero()));
     if (!best) return solution;
     forget_founding_sweep();
     return *best;
   }
 
-  // Each sweep as if it had been seen at once.
+  // Matches as if each sweep had been measured at one instant, its middle.
   Solution match_rigidly(const FeatureSweep& sweep, const Source& source,
                          const Prediction& predicted) {
     Source rigid = source;
@@ -185,7 +187,7 @@ struct Odometry::State : MotionMemory {
     return best;
   }
 
-  // Where else the motion may be than where the matching led to.
+  // Other starts of the matching, likeliest first: more of them if the result is doubtful.
   std::vector<MotionState> other_starts(const FeatureSweep& sweep, const Source& source,
                                         const Prediction& predicted, const Solution& found) {
     std::vector<MotionState> starts = predicted.starts;
@@ -199,21 +201,23 @@ struct Odometry::State : MotionMemory {
     return solution.solved && fits.usual() && solution.fit > factor * *fits.usual();
   }
 
-  // Where the matching ended is not where the sensor is: it has not come to rest and the points lie
-  // farther off than those of the sweeps before, or most of them lie nowhere.
+  // Whether the match is at a wrong pose: it has not converged and fits worse than the sweeps
+  // before, or it fits far worse than these.
   bool is_astray(const Solution& solution) const {
     return (!solution.converged && fits_worse(solution, kWorse)) || fits_worse(solution, kFarWorse);
   }
 
-  // By more than chance makes in one of a thousand (chi-squared, eighteen degrees of freedom).
+  // Whether the solution is farther from the prior than one in a thousand is by chance (chi-squared
+  // with eighteen degrees of freedom).
   static bool is_surprising(const Solution& solution) {
     constexpr double kSurprising = 42.3;
     return !solution.solved || 2.0 * solution.prior_cost > kSurprising;
   }
 
-  /// With what the inertial sensor foretells, unless the points say otherwise.
+  /// Solves with the IMU's prediction, unless the points contradict it.
   Solution solve_as_foreseen(const FeatureSweep& sweep, Prediction& predicted);
-  /// Where there is nothing to match with, or no platform moves as the match says: the prediction.
+  /// The match; the prediction if there is no target or the match is wrong, and rest at the last
+  /// pose if the match rotates faster than any platform.
   Solution solve_within_bounds(const FeatureSweep& sweep, const Prediction& predicted);
   void commit(const OdometryResult& result, std::uint32_t period_ns);
   void note_acceleration(const OdometryResult& result, bool measured);
@@ -227,7 +231,7 @@ Odometry::~Odometry() = default;
 Odometry::Odometry(Odometry&&) noexcept = default;
 Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 
-// Takes a result into the state; the same for an own result and for one of another instance.
+// Updates the state by a result, be it an own one or one of another instance.
 void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_ns) {
   const bool has_points = !result.planes.empty();
   const bool solved = result.health == Health::kOk || result.health == Health::kDegenerate;
@@ -298,7 +302,7 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
 }
 
 Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Prediction& predicted) {
-  // A fit is better when it is so by more than chance.
+  // Maximum ratio of the costs for the match without the IMU to be better by more than chance.
   constexpr double kBetterFit = 0.9;
   Solution solution = solve_within_bounds(sweep, predicted);
   const bool contradicted =
@@ -357,7 +361,8 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   const Matrix12 unknowns = State::solved_covariance(solution, sweep);
   result.inertia = s.inertial.learned(solution.state, unknowns, result.state_covariance, s.config);
   if (s.inertial.foreseen() && solution.solved) {
-    // Taken for knowledge of the twist it would leave gravity alone to blame for what follows.
+    // With the bounded pose the twist would seem known, and gravity alone would have to explain
+    // later differences: the twist keeps its unbounded covariance.
     result.state_covariance =
         with_twist_of(*result.state_covariance,
                       with_twist_scaled(end_covariance(solution.state, unknowns), 1.0 / period_s));
@@ -415,7 +420,7 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
     result.inertia = sweep.inertia;
     result.fit = sweep.fit;
     result.planes.assign(sweep.planes.begin(), sweep.planes.end());
-    // A first sweep was handed on before its twist was known.
+    // A first sweep was published before its twist was known.
     if (!state_->started) state_->twist_known = sweep.prev_sweep != sweep.sweep;
     if (state_->founding_pending() &&
         (sweep.health == Health::kOk || sweep.health == Health::kDegenerate)) {

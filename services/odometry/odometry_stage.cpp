@@ -12,18 +12,19 @@
 namespace zloam::odometry {
 namespace {
 
-// Replicas of registration learn from the progress what is still to be done.
+// Replicas of registration learn from the progress which sweeps are still to be processed.
 constexpr std::chrono::milliseconds kProgressPeriod{50};
-// Whose revisions the inputs are made with.
+// The stage whose configuration revisions apply to the inputs.
 constexpr std::string_view kInputStage = "registration";
 
-// What the source said about the sweep stands when odometry itself has nothing to say.
+// The source's health of the sweep is published if odometry's own is Ok.
 Health health_with(Health own, Health source) { return own == Health::kOk ? source : own; }
 
-// Times that an inertial sensor was wrong until it is said.
+// Number of wrong IMU predictions after which the status reports them.
 constexpr std::uint32_t kSuspicious = 3;
 
-// Of its stamps: what is worth the user's while. Less is allowed for, in a live run too.
+// Delay of the IMU's stamps above which the user is told; smaller ones are compensated silently, in
+// a live run too.
 constexpr double kLate_s = 0.01;
 
 const std::string kInconsistent =
@@ -59,7 +60,7 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
       progress_(stage.outlet(Key::kProgress)) {
   runtime::InletOptions options;
   options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
-    // What was caught up with after a restart may be given up here once more.
+    // A sweep that was already caught up with after a restart may be dropped here once more.
     next_sweep_ = std::max(next_sweep_, sweep + 1);
   };
   // Any number of replicas; the first copy of a sweep is taken.
@@ -97,7 +98,7 @@ void OdometryStage::new_run(const msg::Header& first) {
 
 runtime::Outcome OdometryStage::take(const Features& features) {
   if (stood_still_before(features)) catch_up(features.header(), last_instant_ns_);
-  // Done by the instance before, or caught up with.
+  // Already processed, by the previous instance or by catch_up().
   if (features.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
   process(features);
   return runtime::Outcome::kProcessed;
@@ -128,7 +129,7 @@ OdometryResult OdometryStage::locate(const Features& features, const FeatureSwee
 void OdometryStage::process(const Features& features) {
   done_below_ = features.sweep() + 1;
   next_sweep_ = std::max(next_sweep_, done_below_);
-  // Registration gave this sweep up and accounts for it: no pose, the next sweep bridges the time.
+  // Registration dropped this sweep and reports it: no pose, and the next sweep bridges the gap.
   if (health_of(features->health()) == Health::kDropped) return;
   if (is_too_far(features)) break_frame(features.sweep());
   const FeatureSweep input = input_of(features);
@@ -191,7 +192,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   features_.publish(header, build(header, fields));
 }
 
-// The sweep as far as registration handed it on: all returns that it did not reject.
+// Publishes the deskewed sweep with all returns that registration did not reject.
 void OdometryStage::publish_sweep(const Features& features, const OdometryResult& result) {
   std::vector<MapPoint> points;
   points.reserve(result.edges.size() + result.planes.size());
@@ -231,7 +232,7 @@ void OdometryStage::note_figures(const OdometryResult& result) {
 void OdometryStage::note_imu(const OdometryResult& result) {
   stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
   if (!result.inertia) {
-    // Of slices: once it is not used any more it is not asked again.
+    // Slices have no filter state, and an IMU that they ignore once is ignored for good.
     if (result.diagnostics.imu_contradictions > 1) stage_.degraded("imu", kInconsistent);
     return;
   }

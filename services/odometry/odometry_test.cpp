@@ -15,7 +15,7 @@ struct Error {
   double rotation_rad = 0.0;
 };
 
-// Greatest error of the poses from sweep `from` on.
+// Largest errors of the poses from sweep `from` on.
 Error error_of(const Drive& d, std::size_t from = 0) {
   Error e;
   for (std::size_t k = from; k < d.results.size(); ++k) {
@@ -73,8 +73,8 @@ TEST(Odometry, CombinedMotionAndSlowSensor) {
 constexpr double kNod_hz = 1.2;
 constexpr double kNod_rad = 0.05;
 
-// Root mean square of the rotation's error at the sweeps' ends, rad, while the sensor nods after
-// half a second of rest.
+// Rms rotation error at the ends of the sweeps, rad, of a sensor that nods after half a second of
+// rest.
 double nodding_error_rad() {
   const Motion nodding = [](double time_s) {
     const double phase = 2.0 * std::numbers::pi * kNod_hz * std::max(0.0, time_s - 0.5);
@@ -131,7 +131,7 @@ TEST(Odometry, CloudsLieOnTheSurfacesAtTheInstant) {
                   std::abs(w.y() - 7), std::abs(w.z() + 1.2), std::abs(w.z() - 2.3)});
     worst = std::max(worst, off);
   }
-  // Undeskewed, the far walls would be off by 2 m/s * 0.1 s.
+  // Without deskewing the far walls would be off by 2 m/s * 0.1 s.
   EXPECT_LT(worst, 0.03);
   EXPECT_EQ(r.instant_ns, 1000000000LL * 1000 + 6 * 100000000LL);
 }
@@ -161,7 +161,7 @@ TEST(Odometry, EndlessCorridorIsFlaggedAlongItsAxis) {
   EXPECT_TRUE(r.degeneracy.degenerate);
   EXPECT_GT(std::abs(r.degeneracy.weak_translation.x()), 0.99);
   EXPECT_GT(r.degeneracy.sigma_measured, r.degeneracy.sigma_predicted);
-  // The open direction keeps the prediction, the closed ones are measured.
+  // The degenerate direction keeps the prediction, the constrained ones are measured.
   const Vector6& before = d.results[d.results.size() - 2].twist_per_s;
   EXPECT_LT(std::abs(r.twist_per_s.x() - before.x()), 0.5);
   const Eigen::Vector3d off = r.T_odom_base.translation() - d.truth_end.back().translation();
@@ -209,7 +209,7 @@ TEST(Odometry, DroppedSweepsAreBridgedByTheirTimes) {
   }
 }
 
-// Of another place, as after a kidnapping: nothing near the prediction explains it.
+// Sweeps of another place, as after a kidnapping: no pose near the prediction explains them.
 TEST(Odometry, SweepsThatFitNowhereAreLostAndTheNextThatFitIsNot) {
   TestWorld elsewhere;
   elsewhere.room = {{-4, -3, -1.2}, {14, 2.5, 3.5}};
@@ -320,7 +320,7 @@ TEST(Odometry, AnotherInstanceTakesOverFromTheResultsWithTheSameBytes) {
   }
 }
 
-/// A part of the turn in which a sensor sees, and its speed, m/s.
+/// The part of the revolution in which a sensor sees, and its speed, m/s.
 struct Narrow {
   double from, to, speed_mps;
 };
@@ -331,8 +331,8 @@ INSTANTIATE_TEST_SUITE_P(Views, NarrowView,
                                          Narrow{0.1, 0.4, 0.8}, Narrow{0.35, 0.65, 0.0},
                                          Narrow{0.64, 1.0, 0.0}, Narrow{0.7, 1.0, 0.8}));
 
-// What is seen in a part of a sweep says little of its end: an odometry that ties the next sweep to
-// that end as if it were sure goes to and fro, each time by more.
+// Points in a part of the sweep hardly constrain its end: an odometry that ties the next sweep to
+// that end as if it were certain oscillates with growing amplitude.
 TEST_P(NarrowView, DoesNotSwing) {
   const auto [from, to, speed_mps] = GetParam();
   Vector6 twist = Vector6::Zero();
@@ -359,8 +359,9 @@ TEST_P(NarrowView, DoesNotSwing) {
   EXPECT_LT(worst_m, 0.05);
 }
 
-// Sweeps of a sensor at rest after one that was believed to turn by a radian and more, as bare
-// ground can make one believe; how far the last one's pose is from the first one's, rad.
+// Sweeps of a sensor at rest after a sweep with a wrong solution that rotates by more than a
+// radian, as may happen on bare ground. Returns the rotation of the last pose from the first one,
+// rad.
 double turned_after_a_wrong_turn_rad(double max_turn_radps) {
   OdometryConfig config;
   config.max_turn_radps = max_turn_radps;
@@ -374,7 +375,7 @@ double turned_after_a_wrong_turn_rad(double max_turn_radps) {
     sweep.less_flat = points;
     return odometry.process(sweep);
   };
-  // What is committed points into them.
+  // The commits refer to the points of these results.
   std::vector<OdometryResult> results;
   for (int k = 0; k < 5; ++k) results.push_back(sweep_at_rest(k));
   std::vector<CommittedSweep> commits;

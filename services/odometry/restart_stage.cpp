@@ -1,5 +1,5 @@
-// An odometry that was killed and started again (docs/protocol.md, section 7): its last commits are
-// what mapping keeps of odometry/features, its inputs since then what registration keeps.
+// Restart of odometry after a kill (docs/protocol.md, section 7): mapping keeps its last commits
+// (odometry/features), registration the inputs since then.
 
 #include <algorithm>
 #include <map>
@@ -15,22 +15,23 @@ namespace {
 using Commit = runtime::Received<msg::OdometryFeatures>;
 using Features = runtime::Received<msg::Features>;
 
-// A replay waits for whoever asks; live, as long as the queue holds what comes.
+// Requests for commits in a replay, which waits for them, and time for the links to come up, during
+// which a live queue still holds the arriving sweeps.
 constexpr int kReplayTries = 5;
 constexpr std::chrono::milliseconds kLinks{500};
-// More than the sweeps that a queue may hold and drop while everybody works.
+// After a longer gap this process stood still: a queue drops fewer sweeps while all stages work.
 constexpr std::int64_t kStandstill_ns = 700'000'000;
-// A frame of fewer sweeps hardly knows its motion, and a sweep that comes after more than so many of
-// the usual intervals would be matched as if the platform stood: what a process that stood still
-// finds in its queue comes with such holes.
+// A frame of fewer than kYoungSweeps hardly knows its motion: a sweep more than kHole usual
+// intervals after the last one would be matched as if the platform stood still. A process that
+// stood still finds sweeps with such gaps in its queue.
 constexpr std::size_t kYoungSweeps = 3;
 constexpr double kHole = 2.5;
-// Intervals that the usual one is the median of.
+// Number of intervals of which the usual one is the median.
 constexpr std::size_t kUsualOf = 15;
 
 bool is_slice(const Commit& commit) { return commit->slices() > 1; }
 
-// What the odometry itself said: where it had nothing to say, the message has the source's word.
+// Odometry's own health: where that was Ok, the message has the source's health instead.
 Health own_health(Health published) {
   const bool own = published == Health::kEmpty || published == Health::kPredicted ||
                    published == Health::kDegenerate;
@@ -55,12 +56,12 @@ CommittedSweep committed(const Commit& commit) {
   return sweep;
 }
 
-/// What registration still has of these sweeps.
+/// The features of these sweeps that registration still has.
 std::vector<Features> recall_features(runtime::Stage& stage, const std::string& sweeps) {
   return runtime::recall<msg::Features>(stage, Key::kFeatures, sweeps, 1);
 }
 
-/// Of a sweep and all after it.
+/// The features of sweep `first` and of all later ones.
 std::vector<Features> kept_features(runtime::Stage& stage, std::uint64_t run, std::uint64_t first) {
   return recall_features(stage, runtime::sweeps_from(run, first));
 }
@@ -75,8 +76,8 @@ void note_epochs(const Messages& messages, std::optional<std::uint32_t>& greates
 }  // namespace
 
 void OdometryStage::restart(const msg::Header& first) {
-  // Once their readers are there, who keeps nothing answers at once; at the first sweep of a run
-  // nobody can keep anything of it.
+  // Once the subscribers are connected, one that keeps nothing answers at once. At the first sweep
+  // of a run nothing of it can have been kept.
   const auto linked = [this] { return pose_.matching() && features_.matching(); };
   const bool waited = first.sweep() > 0 && !linked();
   if (waited) runtime::wait_for_links(linked, kLinks);
@@ -87,23 +88,25 @@ void OdometryStage::restart(const msg::Header& first) {
     catch_up(first, *until_ns);
     return;
   }
-  // The turns that a frame of slices begins with are not in the messages.
+  // In the first revolutions of a frame of slices the commits carry no state, so that it cannot be
+  // continued even in a replay.
   const bool in_slices = std::any_of(commits.begin(), commits.end(), is_slice);
   if (first.replay() && !in_slices) return;
   begin_frame(first, commits);
-  // The queue may have given up meanwhile what registration still has.
+  // While waiting, the queue may have dropped sweeps that registration still has.
   if (waited) do_again(first.run(), first.sweep());
   if (!first.replay()) go_on(first);
 }
 
-// Live, nothing is waited for that is missing before this sweep: the gap is reported.
+// Live, sweeps that are missing before this one are not waited for: the gap is reported.
 void OdometryStage::go_on(const msg::Header& first) {
   const std::uint64_t live = std::max(next_sweep_, first.sweep() + 1);
   inlet_->continue_at(first.run(), first.replay() ? next_sweep_ : live);
 }
 
 void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Commit>& commits) {
-  // An epoch that was used must not come again: mapping would take its correction for this frame's.
+  // An epoch must not be used twice: mapping would apply the correction of the old frame to this
+  // one.
   std::optional<std::uint32_t> used;
   note_epochs(commits, used);
   note_epochs(runtime::recall<msg::Odometry>(stage_, Key::kOdometry, runtime::kKept, 1), used);
@@ -114,8 +117,8 @@ void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Comm
                        {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
 }
 
-// Registration keeps what came while nobody was here: a container takes its seconds to start. Only
-// what is gone there too has to be told by a constant motion.
+// A container takes seconds to start, but registration keeps the sweeps of that time: only the gap
+// before the first kept sweep must be bridged by constant motion.
 bool OdometryStage::reaches(const msg::Header& first, const CommittedSweep& last) const {
   if (runtime::goes_on(first, last.instant_ns)) return true;
   const auto kept = kept_features(stage_, first.run(), last.sweep + 1);
@@ -128,8 +131,8 @@ void OdometryStage::restore(std::size_t count, const std::vector<CommittedSweep>
   odometry_.restore({end - static_cast<std::ptrdiff_t>(depth), end});
 }
 
-// The last commit came through to mapping; its pose, on another connection, may have died with its
-// publisher. Whoever has it drops the copy by its number.
+// Mapping has received the last commit, but its pose, sent on another connection, may be lost with
+// the killed publisher. Receivers that have the pose drop the copy by its number.
 void OdometryStage::publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps) {
   if (sweeps.size() < 2) return;
   const std::uint64_t last = sweeps.back().sweep;
@@ -148,8 +151,9 @@ std::size_t OdometryStage::take_up(const std::vector<Commit>& commits) {
   return commits.size();
 }
 
-// From the end of a turn, but not of the last commit, so that it comes again: what follows is done
-// once more, to the same bytes, and whoever has it drops the copies.
+// Continues from the end of a revolution before the last commit, so that this commit is published
+// again: the slices since then are processed again to the same bytes, and receivers drop the
+// copies.
 std::size_t OdometryStage::take_up_slices(const std::vector<Commit>& commits) {
   const auto from =
       std::find_if(commits.rbegin() + 1, commits.rend(), [this](const Commit& commit) {
@@ -199,8 +203,8 @@ void OdometryStage::do_again(std::uint64_t run, std::uint64_t from) {
   }
 }
 
-// What came while nobody was here, as far as it can still be had. In a replay the rest comes by
-// itself: nothing is given up.
+// Processes the sweeps that came while no instance was running, as far as registration still has
+// them. In a replay the rest arrives by itself: nothing is dropped.
 void OdometryStage::catch_up(const msg::Header& first, std::int64_t until_ns) {
   runtime::Gap gap;
   for (const Features& features : kept_features(stage_, first.run(), done_below_)) {
@@ -241,8 +245,8 @@ bool OdometryStage::is_too_far(const Features& features) const {
   return usual_ns && interval_ns > kHole * static_cast<double>(*usual_ns);
 }
 
-// Mapping then searches for the new frame in its map; what a constant motion makes of seconds is
-// tens of metres astray, and a map that is left so is never found again.
+// Mapping then searches for the new frame in its map. Constant motion over seconds would be off by
+// tens of metres, from where mapping would not find its map again.
 void OdometryStage::break_frame(std::uint64_t sweep) {
   next_frame();
   runtime::log_warning("a new odom frame begins: nothing came for too long before this sweep",

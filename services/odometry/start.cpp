@@ -8,15 +8,16 @@
 namespace zloam::odometry {
 namespace {
 
-// Part of a turn that is as good as all of it.
+// Share of a revolution that counts as a whole one.
 constexpr double kWholeTurn = 0.9;
-// The matching finds home from half of this at least, with its kernel still wide.
+// Spacing of the starts: with its initial, wide kernel the matching converges from at least half of
+// this.
 constexpr double kSpacing_m = 0.5;
 constexpr double kFastest_mps = 30.0;
-// No lidar turns slower than five times a second; a period that says so is a fault.
+// Longest plausible period: no lidar revolves slower than 5 Hz, and a longer period is a fault.
 constexpr double kSlowestTurn_s = 0.2;
-// Of the cost, a log likelihood: e^10 times as likely at least. By chance it differs by hundredths
-// where nothing is seen of the direction, and among leaves.
+// Minimum difference of the cost, a log likelihood: e^10 times as likely. Where the direction is
+// unobserved, and in foliage, the cost differs by hundredths of itself by chance.
 constexpr double kClearly = 10.0;
 constexpr double kClearlyPart = 0.025;
 

@@ -1,4 +1,4 @@
-// How the odometry begins: at any speed, and with a piece of a turn.
+// Start of the odometry: at any speed, and with a part of a revolution.
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,7 @@
 namespace zloam::odometry {
 namespace {
 
-// A long street between two walls; only the ends of the few things that stand in it tell how far
-// along it one is.
+// A long street between two walls; only the ends of a few boxes constrain the position along it.
 TestWorld street() {
   TestWorld world{.room = {{-200, -7, -1.6}, {200, 8, 30}}, .boxes = {}};
   double x = -60.0;
@@ -35,8 +34,8 @@ struct Start {
   std::vector<PointVector> points;
 };
 
-// As a driver gives it that is opened when the sensor has made so much of its turn: the piece's
-// stamp is its first point's, its period the measured one.
+// Input from a driver that is opened after this share of the sensor's revolution: the stamp of the
+// partial sweep is that of its first point, its period the measured one.
 Start begun_after(double share, const TestWorld& world, const Vector6& twist_per_s, int sweeps) {
   const TestSensor sensor{.columns = 450, .noise_m = 0.01};
   Start start;
@@ -60,7 +59,7 @@ Start begun_after(double share, const TestWorld& world, const Vector6& twist_per
   return start;
 }
 
-// Greatest error of the motion since sweep `from`.
+// Largest error of the motion since sweep `from`.
 double error_m(const Start& start, const Vector6& twist_per_s, std::size_t from) {
   double greatest_m = 0.0;
   for (std::size_t k = from; k < start.results.size(); ++k) {
@@ -91,7 +90,7 @@ TEST(OdometryStart, APieceOfATurnIsNotBegunWith) {
   }
 }
 
-// A sensor that sees a part of the turn only never gives more than a piece.
+// A sensor that sees only a part of the revolution never delivers a whole one.
 TEST(OdometryStart, HalfAViewIsBegunWithAtTheSecondSweep) {
   const Vector6 twist = along_x(1.0);
   const TestSensor sensor{.columns = 900, .noise_m = 0.01};

@@ -16,7 +16,7 @@ constexpr std::int64_t kEdge = 1 << kShift;
 
 using Whole = std::array<std::int64_t, 3>;
 
-// One product after the other, about a centre.
+// Reference: sums of the points' offsets from a centre, one product after the other.
 VoxelSums summed(const std::vector<Whole>& points, const Whole& centre) {
   VoxelSums out;
   for (const Whole& p : points) {
@@ -43,7 +43,7 @@ UnitPoint unit_point(const Whole& p) {
 
 class VoxelSumsTest : public ::testing::Test {
  protected:
-  // In the voxel whose lower corner this is.
+  // Random points in the voxel with this lower corner.
   std::vector<Whole> points_in(const Whole& corner, int count) {
     std::uniform_int_distribution<std::int64_t> within(0, kEdge - 1);
     std::vector<Whole> out;

@@ -42,7 +42,7 @@ std::array<std::int32_t, 3> grid_of(const Eigen::Vector3d& units) {
 
 }  // namespace
 
-// Where the search for a key begins.
+// The slot at which the search for a key starts.
 inline std::size_t WindowMap::slot_of(std::uint64_t key) const {
   return mix(key) & (table_.size() - 1);
 }
@@ -94,7 +94,7 @@ std::uint32_t WindowMap::find_voxel(std::uint64_t key) const {
   return kNoVoxel;
 }
 
-// There must be room.
+// Requires free slots: make_room().
 std::uint32_t WindowMap::make_voxel(std::uint64_t key) {
   const std::uint32_t found = find_voxel(key);
   if (found != kNoVoxel) {
@@ -112,7 +112,7 @@ void WindowMap::make_room(std::size_t voxels) {
   }
 }
 
-// Empty voxels stay in the table until it fills up; here they are given back.
+// Also releases the empty voxels, which stay in the table until it fills up.
 void WindowMap::rebuild_table(std::size_t more_voxels) {
   for (std::uint32_t i = 0; i < voxels_.size(); ++i) {
     if (voxels_[i].sums.count == 0 && voxels_[i].key != 0) {
@@ -146,7 +146,7 @@ void WindowMap::enter(std::uint64_t key, std::uint32_t voxel) {
 }
 
 void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
-  // The memory of the sweep that leaves: megabytes, which the kernel would else clear each time.
+  // Reuses the memory of the sweep that leaves: megabytes that the kernel would otherwise clear.
   std::vector<Run> runs;
   while (!sweeps_.empty() &&
          sweeps_.size() >= static_cast<std::size_t>(std::max(1, config_.window_sweeps))) {
@@ -155,7 +155,7 @@ void WindowMap::add(PointSpan points, const Pose& T_odom_base) {
     sweeps_.pop_front();
   }
   runs.clear();
-  // A vector that grows by doubling touches twice the memory.
+  // Reserved, because a vector that grows by doubling touches twice the memory.
   if (!sweeps_.empty()) runs.reserve(sweeps_.back().size() + sweeps_.back().size() / 8);
   const auto enough = static_cast<std::size_t>(std::max(1, config_.enough_inserted_points));
   const Thinning thinning{stride_to(enough, points.size()), 0, kCountedTogether};
@@ -189,7 +189,7 @@ void WindowMap::add_run(const VoxelRun& run, std::vector<Run>& runs) {
   close_run(finest, runs);
 }
 
-// Keeps a level's run and hands it on to the level above.
+// Stores a level's run and adds its sums to the open run of the next coarser level.
 void WindowMap::close_run(int level, std::vector<Run>& runs) {
   OpenRun& open = open_[static_cast<std::size_t>(level)];
   if (open.sums.count == 0) {
@@ -212,8 +212,8 @@ void WindowMap::close_run(int level, std::vector<Run>& runs) {
   open.sums = {};
 }
 
-// The voxels of successive runs lie anywhere in memory, so each is fetched some runs before it is
-// needed.
+// The voxels of successive runs are scattered in memory, so the table slot of each is prefetched
+// some runs before it is needed.
 void WindowMap::find_voxels(std::vector<Run>& runs) {
   make_room(runs.size());
   for (std::size_t i = 0; i < runs.size(); ++i) {
@@ -251,8 +251,8 @@ WindowMap::Hint WindowMap::looked_up(const Grid& position) {
   return {2.0 * half * corner + Eigen::Vector3d::Constant(half), look_up(position)};
 }
 
-// Those that have left their voxel lie anywhere in memory: the table is asked for first, then the
-// voxels.
+// Looks up only the points that have left their hint's voxel. Their voxels are scattered in memory:
+// table slots are prefetched first, then the voxels.
 void WindowMap::find(std::span<const Eigen::Vector3d> points_odom, std::span<Hint> hints,
                      std::size_t stride) {
   moved_.clear();
@@ -283,9 +283,9 @@ void WindowMap::fetch_voxels(const Grid& position) const {
   }
 }
 
-// A voxel that is thicker than its noise may hold more than one surface, which its finer ones tell
-// apart. Where these have no plane either it is a rough surface, or one drawn from poses that are
-// off, and still better than nothing.
+// A voxel thicker than the noise may contain several surfaces, which finer voxels separate. If
+// these have no plane either, the surface is rough or was built from inaccurate poses: it is used
+// for want of a better one.
 const FittedPlane* WindowMap::look_up(const Grid& position) {
   const FittedPlane* rough = nullptr;
   for (int level = 0; level < levels_; ++level) {
@@ -323,7 +323,8 @@ bool WindowMap::covariance(const Voxel& voxel, Eigen::Vector3d& mean, Eigen::Mat
 }
 
 void WindowMap::fit(Voxel& voxel, const Cell& cell, int level) {
-  // Planes must be well longer than wide is thick.
+  // Minimum ratio of the middle to the smallest eigenvalue: planes are three times wider than
+  // thick.
   constexpr double kAspect = 9.0;
   voxel.fit = Fit::kNone;
   Eigen::Vector3d mean;
