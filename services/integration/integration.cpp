@@ -11,7 +11,7 @@ namespace {
 
 // Odometry poses kept to carry a correction's covariance to the present, and corrections kept.
 constexpr std::size_t kRecent = 256;
-// Of them, where no mapped pose tells which are still referred to.
+// Maximum number of odometry poses in a saved state.
 constexpr std::size_t kSaved = 32;
 
 Matrix6 finite_or_zero(const Matrix6& covariance) {
@@ -19,7 +19,7 @@ Matrix6 finite_or_zero(const Matrix6& covariance) {
   return 0.5 * (covariance + covariance.transpose());
 }
 
-// The odometry's of a step, as it turned out beside the truth.
+// The odometry's covariance of a step, scaled as a comparison with ground truth showed.
 Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
   Vector6 scale;
   scale << Eigen::Vector3d::Constant(config.step_scale_m),
@@ -27,7 +27,8 @@ Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
   return scale.asDiagonal() * finite_or_zero(step) * scale.asDiagonal();
 }
 
-// Live. Mapping, at 10 Hz, is at most a few sweeps behind.
+// Live: age of the last correction beyond which a pose counts as Predicted. Mapping, at 10 Hz, is
+// at most a few sweeps behind.
 constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
@@ -64,7 +65,7 @@ void Integrator::restore(const OdometryPose& pose, const Pose& T_map_base) {
 }
 
 std::vector<std::uint64_t> Integrator::state() const {
-  // What is before the last mapped pose no later one refers to.
+  // Later poses need nothing from before the last mapped pose.
   const std::uint64_t from = mapped_ ? mapped_->sweep : 0;
   Integrator kept(config_);
   kept.mapped_ = mapped_;
@@ -139,8 +140,8 @@ const Correction* Integrator::correction_for(const OdometryPose& pose) const {
     const bool fits = found != corrections_.end() && found->second.odom_epoch == pose.odom_epoch;
     return fits ? &found->second : nullptr;
   }
-  // Poses that are caught up with after a restart have newer corrections than theirs beside them:
-  // the odometry's frame has turned since, and the pose with it about a distant origin.
+  // When poses are caught up with after a restart, corrections of later sweeps are there already:
+  // T_map_odom has rotated since and would rotate the pose about a distant origin.
   const Correction* newer = nullptr;
   for (auto it = corrections_.rbegin(); it != corrections_.rend(); ++it) {
     if (it->second.odom_epoch != pose.odom_epoch) continue;
@@ -150,7 +151,7 @@ const Correction* Integrator::correction_for(const OdometryPose& pose) const {
   return newer;
 }
 
-// Learns from each correction used, once, how both predictions of its pose did.
+// Learns from each correction, once, the errors of both predictions of its pose.
 void Integrator::follow_map(const Correction& correction) {
   if (mapped_ && mapped_->sweep == correction.sweep) return;
   for (const OdometryPose& p : recent_) {
@@ -203,7 +204,7 @@ void Integrator::place(const OdometryPose& pose, const Correction* correction, F
     T_map_odom = correction->T_map_odom;
     T_map_base = carried_on(pose, *correction);
   } else if (broken_off) {
-    // The new frame is hung on where the last pose should have moved to.
+    // The new frame starts where the last pose has moved according to its twist.
     const double gap_s = 1e-9 * static_cast<double>(pose.instant_ns - last_odometry_->instant_ns);
     const Pose T_map_end = last_fused_->T_map_base * exp_se3(last_odometry_->twist_per_s * gap_s);
     T_map_odom = normalised(T_map_end * pose.T_odom_base.inverse());
@@ -219,7 +220,8 @@ void Integrator::place(const OdometryPose& pose, const Correction* correction, F
   last_T_map_odom_ = T_map_odom;
 }
 
-// What the map does not see stays open in every pose that hangs on it, given at the pose.
+// A degenerate direction of the correction is one of every pose that is derived from it, expressed
+// in the axes of that pose.
 Weak Integrator::weak_of(const OdometryPose& pose, const Correction& correction) const {
   Weak weak = correction.weak;
   for (const OdometryPose& p : recent_) {
@@ -232,8 +234,8 @@ Weak Integrator::weak_of(const OdometryPose& pose, const Correction& correction)
   return weak;
 }
 
-// The map holds the pose, and the odometry carries it on over a sweep or two: what that does not
-// see counts as far as the pose is less sure by it.
+// The map constrains the pose, and the odometry continues it over one or two sweeps: a degenerate
+// odometry counts only as far as it increases the covariance of the pose.
 Weak Integrator::judged(const OdometryPose& pose, const Correction* correction,
                         const Matrix6& covariance) const {
   if (correction == nullptr) return pose.weak;
@@ -249,7 +251,7 @@ Weak Integrator::judged(const OdometryPose& pose, const Correction* correction,
   return weak;
 }
 
-// Of the odometry's words and the map's, what holds for the pose made of both.
+// Health of the fused pose, from those of odometry and correction.
 Health Integrator::health_of(const OdometryPose& pose, const Correction* correction,
                              const Weak& weak) {
   const bool uncorrected = old(pose, correction);
@@ -293,7 +295,8 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   return covariance;
 }
 
-// Without one, the run's first pose is as sure as the map's frame itself.
+// Before the first correction the age counts from the run's first pose, which is as certain as the
+// map's frame itself.
 bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
   if (!corrected_ns_) corrected_ns_ = pose.instant_ns;
   if (correction != nullptr) {
@@ -325,7 +328,7 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   return fused;
 }
 
-// What no later pose can ask for.
+// Drops what no later pose can need.
 void Integrator::forget() {
   while (recent_.size() > kRecent) recent_.pop_front();
   if (last_odometry_->replay) {

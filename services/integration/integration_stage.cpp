@@ -12,10 +12,10 @@ namespace {
 
 constexpr std::array kNames = {"trajectory.tum", "trajectory.kitti", "odometry.tum"};
 
-// After a gap the place in the map is searched for within a few metres.
+// Plausible change of a correction: after a gap mapping searches within a few metres.
 constexpr MotionReach kCorrectionReach{.m = 25.0, .m_per_s = 0.0, .rad = 1.0, .rad_per_s = 0.0};
 
-// Odometry and MapCorrection name these fields alike.
+// These fields have the same names in Odometry and MapCorrection.
 template <typename Table>
 Weak weak_of(const Table& table) {
   return {table.degenerate(), vector_of(table.weak_translation()), vector_of(table.weak_rotation()),
@@ -123,13 +123,13 @@ std::string IntegrationStage::implausible(const OdometryMessage& message) {
 }
 
 std::string IntegrationStage::implausible(const CorrectionMessage& message) {
-  // A correction moves the robot's place at once, whatever the time since the last one.
+  // A correction moves the pose at once, whatever time has passed since the last one.
   return correction_check_.check(message.header().odom_epoch(), 0,
                                  pose_of(message->pose_map_odom()), T_odom_base_);
 }
 
 runtime::Outcome IntegrationStage::take(const OdometryMessage& message) {
-  // Given out by the instance before, or caught up with.
+  // Already published, by the previous instance or by catch_up().
   if (message.sweep() < next_sweep_) return runtime::Outcome::kNotMine;
   process(message);
   return runtime::Outcome::kProcessed;
@@ -168,7 +168,7 @@ void IntegrationStage::publish(const std::vector<FusedPose>& poses, std::int64_t
     const auto cause = waiting_.find(pose.sweep);
     if (cause == waiting_.end()) continue;
     runtime::Message message = cause->second;
-    // A pose that waited for its correction is worked on from that one's arrival.
+    // The work on a pose that waited for its correction starts when the correction arrives.
     message.started_ns = started_ns;
     waiting_.erase(cause);
     publish(pose, message);
@@ -194,12 +194,13 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   trajectory_.push_back({fused.instant_ns, fused.T_map_base});
   last_instant_ns_ = fused.instant_ns;
   unsaved_ = true;
-  // Before the journal: the state after a pose that is in it is always there.
+  // Written before the journal, so that each pose in the journal has its state on disk.
   if (integrator_.last_sweep() == fused.sweep) {
     note_journal(state_.write({header.run, fused.sweep, integrator_.state()}));
   }
-  // After the pose: killed in between, the next instance gives it out once more, and readers drop
-  // the second copy. Before the acknowledgement: what is acknowledged is not asked for again.
+  // Written after publishing: if this process is killed in between, the next instance publishes the
+  // pose again, and readers drop the copy. Written before the acknowledgement, because acknowledged
+  // sweeps are not requested again.
   note_journal(journal_.append({header.run, fused.sweep, fused.instant_ns, header.odom_epoch,
                                 fused.T_map_base,
                                 pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base())}));
@@ -210,7 +211,7 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   if (fused.jump) {
     runtime::log_warning("the correction moved the pose", {{"sweep", fused.sweep}});
   }
-  // Files first: who sees the acknowledgement may look for them.
+  // Files before the acknowledgement, because its receivers may look for them.
   if (header.end_of_run) stage_.end_of_run(header.run);
   ack_.done_below(header.run, header.sweep + 1);
 }
@@ -261,7 +262,7 @@ runtime::CommandReply IntegrationStage::save(const std::string& arguments_json) 
   const auto [folder, refusal] = files_.place(arguments.value("path", "."));
   if (!refusal.empty()) return {false, refusal, "{}"};
   run_.count = trajectory_.size();
-  // Named again: a structured binding is no variable that clang 14 captures.
+  // Renamed in the capture, because clang 14 cannot capture structured bindings.
   const auto path_of = [&place = folder](const std::string& name) { return place + "/" + name; };
   std::string error;
   if (!arguments.contains("path")) {

@@ -71,7 +71,8 @@ TEST(Integration, ReplayWaitsForItsOwnCorrection) {
   EXPECT_THAT(integrator.add(odometry(1, true)), IsEmpty());
   EXPECT_THAT(integrator.add(odometry(2, true)), IsEmpty());
   EXPECT_EQ(integrator.awaited(), 0U);
-  // That of sweep 1 is here first: pose 1 still waits for that of sweep 0, and so does pose 2.
+  // The correction of sweep 1 arrives first: pose 1 still waits for that of sweep 0, and pose 2
+  // waits behind it.
   EXPECT_THAT(integrator.add(correction(1, along(0.02))), IsEmpty());
   EXPECT_EQ(integrator.waiting(), 2U);
   const auto both = integrator.add(correction(0, along(0.01)));
@@ -125,7 +126,7 @@ TEST(Integration, ReplayDoesNotDependOnArrival) {
   EXPECT_EQ(runs[0], runs[2]);
 }
 
-/// A drive whose odometry drifts and whose map corrects it: something to learn from.
+/// A drive with drifting odometry and correcting mapping, from which the integrator learns.
 std::vector<FusedPose> drive(Integrator& integrator, bool replay, std::uint64_t from,
                              std::uint64_t until) {
   std::vector<FusedPose> poses;
@@ -138,7 +139,7 @@ std::vector<FusedPose> drive(Integrator& integrator, bool replay, std::uint64_t 
     pose.T_odom_base = pose_from_xyz_rpy_deg({0.5 * x, std::sin(x), 0.01 * x}, {0.1 * x, 0.0, x});
     pose.weak.degenerate = n % 7 == 3;
     take(integrator.add(pose));
-    // A live mapping is a sweep behind.
+    // Live, mapping is one sweep behind.
     if (!replay && n == 0) continue;
     const std::uint64_t k = replay ? n : n - 1;
     take(
@@ -147,7 +148,7 @@ std::vector<FusedPose> drive(Integrator& integrator, bool replay, std::uint64_t 
   return poses;
 }
 
-// An instance that goes on in another's place is that one, to the bit.
+// An instance that resumes the state of another one continues bit-exactly.
 TEST(Integration, WhoResumesAStateGoesOnToTheBit) {
   for (const bool replay : {true, false}) {
     Integrator whole{IntegrationConfig{}};
@@ -245,7 +246,7 @@ TEST(Integration, BridgesANewEpoch) {
   EXPECT_FALSE(bridged.has_correction);
   EXPECT_TRUE(bridged.jump);
   EXPECT_NEAR(bridged.T_map_base.translation().x(), 2.0, 1e-9);
-  // Odometry goes on in its new frame; the old epoch's corrections must not be used.
+  // Odometry continues in its new frame; corrections of the old epoch must not be used.
   integrator.add(correction(1, along(77.0), 0));
   restarted.sweep = 3;
   restarted.T_odom_base = along(0.5);
@@ -267,9 +268,9 @@ TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
   const auto one = integrator.add(odometry(1, false)).at(0);
   const double step_m = IntegrationConfig{}.step_scale_m;
   const double step = step_m * step_m * 1e-4;
-  // Along x nothing mixes in: 4e-4 of the correction plus the steps.
+  // Along x the rotation error has no effect: 4e-4 of the correction plus the steps.
   EXPECT_NEAR(one.covariance(0, 0), 4e-4 + step, 1e-12);
-  // Across, a rotation of the correction's base acts over the 0.5 m driven since.
+  // Across, the correction's rotation error acts over the 0.5 m driven since.
   EXPECT_NEAR(one.covariance(1, 1), 4e-4 + step + 0.25 * 4e-4, 1e-12);
   const auto two = integrator.add(odometry(2, false)).at(0);
   EXPECT_NEAR(two.covariance(0, 0), 4e-4 + 2.0 * step, 1e-12);
@@ -291,7 +292,7 @@ TEST(Integration, CarriesHealth) {
   EXPECT_EQ(integrator.add(odometry(1, false)).at(0).health, Health::kLost);
 }
 
-// A drive along x whose odometry errs by so much in each sweep, and whose mapping knows the truth.
+// A drive along x with an odometry error of slip_m per sweep and exact mapping.
 struct Drive {
   double slip_m = 0.0;
   double acceleration_m = 0.0;  // change of the step from sweep to sweep
@@ -313,7 +314,7 @@ struct Drive {
   Correction correction_of(std::uint64_t n) const {
     return correction(n, along(slip_m * static_cast<double>(n)));
   }
-  /// Errors of the fused pose from one sweep to another.
+  /// Position errors of the fused poses.
   std::vector<double> errors_m(std::uint64_t sweeps) const {
     Integrator integrator{IntegrationConfig{}};
     std::vector<double> out;
@@ -331,7 +332,7 @@ TEST(Integration, AlongAWeakDirectionTheMapsMotionLeadsAtOnce) {
   const Drive drive{.slip_m = 0.1, .weak = Eigen::Vector3d::UnitX()};
   const auto errors = drive.errors_m(8);
   ASSERT_THAT(errors, SizeIs(8));
-  // The first two mapped poses tell the speed.
+  // The speed is known from the first two mapped poses on.
   for (std::size_t n = 2; n < errors.size(); ++n) EXPECT_LT(errors[n], 0.015) << n;
 }
 
@@ -368,7 +369,7 @@ TEST(Integration, MotionOfTheMapGrowsOld) {
     integrator.add(drive.odometry_of(n));
     integrator.add(drive.correction_of(n));
   }
-  // No correction for a second: the odometry's steps are all there is.
+  // No more corrections: after half a second only the odometry's steps count.
   double last = 0.0;
   for (std::uint64_t n = 3; n < 12; ++n) {
     const auto fused = integrator.add(drive.odometry_of(n)).at(0);
@@ -424,7 +425,7 @@ TEST(Integration, ResetForgetsTheRun) {
   EXPECT_FALSE(pose.jump);
 }
 
-// Known so well that a second's way from the last correction does not show.
+// A covariance so small that a second of odometry does not make the pose degenerate.
 Correction sure(Correction correction) {
   correction.covariance *= 1e-3;
   return correction;
@@ -442,7 +443,7 @@ TEST(Integration, APoseSaysThatItsCorrectionIsOld) {
     go(0);
     if (any_correction) integrator.add(sure(correction(0, along(0))));
     for (std::uint64_t sweep = 1; sweep <= 13; ++sweep) go(sweep);
-    // Ten sweeps of 100 ms are a second, with it as old as that; from then on it is the odometry's.
+    // At sweep 10 the correction is 1 s old, the limit; later poses are Predicted.
     EXPECT_EQ(healths, "00000000000555");
     integrator.add(sure(correction(12, along(0))));
     go(14);

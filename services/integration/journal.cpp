@@ -13,7 +13,7 @@
 namespace zloam::integration {
 namespace {
 
-// Of one machine, from one start of the program to the next: its own byte order will do.
+// Written and read on one machine, so the native byte order suffices.
 constexpr std::size_t kNumbers = 4 + 2 * 12;
 using Record = std::array<std::uint64_t, kNumbers>;
 
@@ -68,7 +68,7 @@ std::string Journal::begin(const std::vector<JournalPose>& poses) {
   std::error_code ignored;
   const std::filesystem::path folder = std::filesystem::path(path_).parent_path();
   if (!folder.empty()) std::filesystem::create_directories(folder, ignored);
-  // What is there stays until the new one stands: this process may be killed too.
+  // The old journal stays until the new one is complete: this process may be killed too.
   const std::string fresh = path_ + ".new";
   descriptor_ = ::open(fresh.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
   if (descriptor_ < 0) return path_ + ": " + std::strerror(errno);
@@ -87,7 +87,7 @@ std::string Journal::append(const JournalPose& pose) {
   const Record record = record_of(pose);
   if (::write(descriptor_, record.data(), sizeof record) == ssize_t{sizeof record}) return {};
   std::string error = path_ + ": " + std::strerror(errno);
-  // A record cut short would shift all behind it.
+  // No more is written, because a record that was cut short would shift all later ones.
   close();
   return error;
 }

@@ -1,5 +1,5 @@
-// An integration that was killed and started again: the trajectory so far is in the journal, the
-// poses since then are made of what odometry and mapping still have (docs/protocol.md, section 7).
+// Restart of integration after a kill: the trajectory so far is in the journal, and the poses since
+// then are computed from what odometry and mapping still have (docs/protocol.md, section 7).
 
 #include <algorithm>
 
@@ -16,7 +16,7 @@ constexpr int kTries = 5;
 void IntegrationStage::restart(const msg::Header& first) {
   std::vector<JournalPose> poses = journal_.read();
   const bool same_run = !poses.empty() && poses.back().run == first.run();
-  // A replay that begins at its first sweep is done anew, or from the start once more.
+  // A replay that begins at its first sweep is a new one, or starts over.
   const bool goes_on =
       first.replay()
           ? same_run && first.sweep() > 0
@@ -52,7 +52,8 @@ void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
   write_run({poses.front().run, false, poses.size()}, trajectory, odometry);
 }
 
-// Poses that were given out after the newest state are made once more: the same, which readers have.
+// Poses that were published after the newest state are computed again: they are identical, and
+// readers drop the copies.
 bool IntegrationStage::resume(std::vector<JournalPose>& poses) {
   const auto saved = state_.read(poses.back().run, poses.back().sweep);
   if (!saved || saved->sweep < poses.front().sweep) return false;
@@ -74,7 +75,8 @@ void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_
   OdometryPose pose;
   pose.sweep = last.sweep;
   pose.instant_ns = last.instant_ns;
-  // Whether the odometry went on over the runs is not known: the next pose hangs on this one.
+  // In another run it is unknown whether the odometry continued: with a different epoch the next
+  // pose is predicted from this one.
   pose.odom_epoch = same_run ? last.odom_epoch : ~last.odom_epoch;
   pose.T_odom_base = last.T_odom_base;
   if (integrator_.last_sweep() != last.sweep) integrator_.restore(pose, last.T_map_base);
@@ -89,7 +91,7 @@ void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_
 void IntegrationStage::catch_up(const msg::Header& first) {
   const std::int64_t killed_ns = last_instant_ns_;
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
-  // All corrections that a pose from here on may ask for.
+  // All corrections that later poses may need.
   for (const CorrectionMessage& correction : runtime::recall<msg::MapCorrection>(
            stage_, Key::kMapCorrection, runtime::sweeps_from(first.run(), 0), kTries)) {
     take(correction);
@@ -97,7 +99,7 @@ void IntegrationStage::catch_up(const msg::Header& first) {
   runtime::Gap gap;
   for (const OdometryMessage& pose : runtime::recall<msg::Odometry>(
            stage_, Key::kOdometry, runtime::sweeps_from(first.run(), next_sweep_), kTries)) {
-    // A replay gives nothing up: the rest comes in order by itself.
+    // A replay drops nothing: the rest arrives in order by itself.
     if (gap.add(next_sweep_, pose.sweep()) && first.replay()) break;
     process(pose);
   }

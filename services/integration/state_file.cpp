@@ -12,11 +12,11 @@
 namespace zloam::integration {
 namespace {
 
-// Of one machine, from one start of the program to the next: its own byte order will do.
+// Written and read on one machine, so the native byte order suffices.
 struct Head {
   std::uint64_t checksum = 0, run = 0, sweep = 0, words = 0;
 };
-// A state is a few thousand bytes.
+// Limit against damaged files: a state has a few thousand bytes.
 constexpr std::uint64_t kMostWords = 1 << 20;
 
 std::uint64_t checksum(const Head& head, std::span<const std::uint64_t> words) {
@@ -69,7 +69,7 @@ std::string StateFile::write(const SavedState& state) {
   std::vector<std::uint64_t> all = {head.checksum, head.run, head.sweep, head.words};
   all.insert(all.end(), state.words.begin(), state.words.end());
   const std::size_t bytes = all.size() * sizeof all.front();
-  // The other one stays whole, whatever becomes of this.
+  // The other file stays intact, even if this write fails.
   if (::pwrite(descriptor, all.data(), bytes, 0) != static_cast<ssize_t>(bytes)) {
     std::string error = paths_[turn_] + ": " + std::strerror(errno);
     close();

@@ -6,23 +6,25 @@
 namespace zloam::integration {
 namespace {
 
-// A motion that was taken over more time, or is older, predicts nothing.
+// A motion that was measured over a longer time, or is older, predicts nothing.
 constexpr double kFreshMotion_s = 0.5;
-// More than this in one sweep is a break, not an error to learn from.
+// A larger error in one sweep is a discontinuity, not an error to learn from.
 constexpr double kBreak_m = 2.0;
 constexpr double kBreak_rad = 0.5;
-// Fewer mapped poses than this judge nobody: the odometry leads but for what it says it cannot see.
+// Minimum number of mapped poses to weight the two predictions: before, the odometry leads unless
+// it reports a degenerate direction.
 constexpr int kFewest = 5;
-// Below this both predictions are as good as the mapped poses that judge them.
+// Lower limit of both errors: smaller ones cannot be told from errors of the mapped poses.
 constexpr double kFloor_m = 0.001;
 constexpr double kFloor_rad = 0.0002;
 
 bool is_break(const Vector6& error) {
-  // Written so that NaN is one.
+  // Written so that NaN is a break.
   return !(error.head<3>().norm() < kBreak_m && error.tail<3>().norm() < kBreak_rad);
 }
 
-// Part of the way from the odometry's step to the map's, by the two mean squares.
+// Part of the difference from the odometry's step to the map's, weighted by their mean squared
+// errors.
 Eigen::Vector3d weighed(const Eigen::Vector3d& ahead, const Eigen::Matrix3d& odometry,
                         const Eigen::Matrix3d& map, double floor) {
   const Eigen::Matrix3d least = floor * floor * Eigen::Matrix3d::Identity();

@@ -18,7 +18,8 @@ double off_m(const StepFusion& fusion, const Pose& odometry_step, const Weak& we
   return (step.translation() - forward(0.8).translation()).norm();
 }
 
-// Started at 8 m/s between walls that do not tell the speed, an odometry takes a second to find it.
+// Started at 8 m/s between walls that do not constrain the speed, an odometry takes a second to
+// find it.
 TEST(StepFusion, AnOdometryThatIsFarOffIsLearntOfAtOnce) {
   Weak weak;
   weak.degenerate = true;
@@ -41,7 +42,7 @@ TEST(StepFusion, OneWhoseStepsAreGoodLeads) {
   EXPECT_LT(off_m(fusion, forward(0.8), Weak{}), 0.001);
 }
 
-// Sigma along x after steps that neither prediction foresees, beside mapped poses known to 1 cm.
+// Sigma along x after steps that neither source predicts, with mapped poses known to 1 cm.
 double sigma_after_m(double off_m) {
   StepFusion fusion;
   for (int i = 0; i < 60; ++i) {
