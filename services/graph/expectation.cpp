@@ -35,7 +35,7 @@ std::vector<std::optional<Matrix6>> uncertainties(std::size_t to, std::span<cons
     known[at] = covariance;
     for (const Arc& arc : arcs[at]) {
       if (known[arc.other]) continue;
-      // A factor's covariance is at its end, whichever way it is gone along.
+      // A factor's covariance is a tangent at its end, in whichever direction the path uses it.
       const Pose T_to_end = T_to_world * poses[factors[arc.factor].to];
       const Matrix6 sum = covariance + carried(factors[arc.factor].covariance, T_to_end);
       open.emplace(sum.topLeftCorner<3, 3>().trace(), arc.other, sum);

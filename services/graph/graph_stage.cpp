@@ -36,7 +36,7 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const PoseMessage& m) { take(m); });
   stage.answer(stage.keys().of(Key::kPathWorld), [this](runtime::Answer& a) { answer_path(a); });
   stage.answer(stage.keys().of(Key::kGraphLoop), [this](runtime::Answer& a) { answer_loops(a); });
-  // {"from_sweep": 120, "to_sweep": 870}: the loop between these two submaps is taken out.
+  // {"from_sweep": 120, "to_sweep": 870}: removes the loop between these two submaps.
   stage.command("remove", [this](const std::string& arguments) { return remove(arguments); });
   stage.command("save", [this](const std::string&) { return save(); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
@@ -50,7 +50,7 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
 void GraphStage::new_run(const msg::Header& first) {
   const bool was_in_run = !path_.empty() || !graph_.nodes().empty();
   submaps_end_ = poses_end_ = false;
-  // The map goes on, and with it the graph.
+  // The map continues, and so does the graph.
   if (was_in_run && runtime::goes_on(first, path_.empty() ? 0 : path_.back().instant_ns,
                                      runtime::kLongestSearch_ns)) {
     return;
@@ -77,7 +77,7 @@ void GraphStage::catch_up(const msg::Header& first) {
       path_.push_back({p.instant_ns(), p.sweep(), pose_of(p.pose())});
     }
   }
-  // A store has them all, mapping the last ones.
+  // A store has all submaps, mapping the last ones.
   std::vector<SubmapMessage> submaps =
       runtime::recall_at<msg::Submap>(stage_, stage_.keys().all_kept_submaps(), kTries, false);
   for (SubmapMessage& submap : runtime::recall<msg::Submap>(
@@ -206,7 +206,7 @@ void GraphStage::answer_path(runtime::Answer& answer) {
 }
 
 void GraphStage::answer_loops(runtime::Answer& answer) {
-  // By number the runtime answers.
+  // Requests by number are answered by the runtime.
   if (!answer.parameters().empty()) return;
   const std::string key = stage_.keys().of(Key::kGraphLoop);
   for (const Loop& loop : graph_.loops()) {

@@ -1,4 +1,4 @@
-// Which of the loops that were verified count: those that others bear out, within a session and
+// Decides which verified loops are accepted: those that other loops confirm, within a session and
 // between two.
 
 #include <cmath>
@@ -8,12 +8,12 @@
 namespace zloam::graph {
 namespace {
 
-// Loops that must agree on where two sessions lie to each other, where nothing else tells it.
+// Number of loops that must agree on the unknown relative pose of two sessions.
 constexpr std::size_t kJoining = 3;
 
 }  // namespace
 
-// Near by, along the ways between their ends.
+// Whether the ends of both loops are near each other along the way, and the loops agree.
 bool LoopGraph::State::bears_out(const Loop& a, const Loop& b) const {
   const auto is_near = [&](std::size_t i, std::size_t j) {
     return nodes[i].session == nodes[j].session &&
@@ -22,7 +22,8 @@ bool LoopGraph::State::bears_out(const Loop& a, const Loop& b) const {
   return is_near(a.to, b.to) && is_near(a.from, b.from) && agrees(a, b);
 }
 
-// Around the ring of both loops and the ways between their ends, which are of the same sessions.
+// Whether the cycle of both loops and the ways between their ends closes. Corresponding ends are of
+// the same session.
 bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
   if (a.to == b.to) return false;
   const auto way_m = [&](std::size_t i, std::size_t j) {
@@ -52,8 +53,8 @@ bool LoopGraph::State::joins_strangers(const Loop& loop) const {
   return frames[nodes[loop.from].session] != frames[nodes[loop.to].session];
 }
 
-// Nothing but loops tells where two sessions lie to each other: more of them must say the same, and
-// more than contradict it.
+// Only loops determine the relative pose of two sessions: at least kJoining of them must agree, and
+// more than contradict them.
 bool LoopGraph::State::join(const Loop& loop, std::vector<Loop>& decided) {
   std::vector<Loop*> agreeing;
   std::size_t others = 0;
@@ -71,7 +72,7 @@ bool LoopGraph::State::join(const Loop& loop, std::vector<Loop>& decided) {
   return settle(loop, accepted, agreeing, decided);
 }
 
-// A new loop, and those that it is accepted with.
+// Stores a new loop and, if it is accepted, accepts the loops that confirm it too.
 bool LoopGraph::State::settle(Loop loop, bool accepted, const std::vector<Loop*>& with,
                               std::vector<Loop>& decided) {
   if (accepted) {

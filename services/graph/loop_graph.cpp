@@ -11,12 +11,12 @@
 namespace zloam::graph {
 namespace {
 
-// Rounding, and no other poses.
+// A smaller displacement is rounding, not a revision.
 constexpr double kUnmoved_m = 1e-6;
-// Of the motion between two submaps, one sigma: no covariance is smaller.
+// Added to the covariance of the motion between two submaps, one sigma: none is smaller.
 constexpr double kLeast_m = 1e-3, kLeast_rad = 1e-4;
 
-/// In the axes of the map.
+/// The points within this range, in the axes of the map.
 std::vector<Eigen::Vector3f> points_near(const Submap& submap, double reach_m) {
   const Eigen::Matrix3f R = submap.T_map_submap.linear().cast<float>();
   const auto reach = static_cast<float>(reach_m);
@@ -60,7 +60,7 @@ void LoopGraph::State::add_node(const Submap& submap, std::size_t session) {
     step.from = own.back();
     step.to = nodes.size();
     step.T_from_to = before.T_map_place.inverse() * place.T_map_place;
-    // Of what was missed between the two nothing is known but where both are.
+    // If submaps between the two were missed, the covariance of the motion between them is unknown.
     const bool missed = submap.before_sweep != nodes[step.from].sweep;
     if (missed) node.connected = false;
     step.covariance = carried(submap.step_covariance, place.T_place_submap) +
@@ -97,7 +97,7 @@ std::vector<Between> LoopGraph::State::factors(bool with_drift) const {
   return all;
 }
 
-// What the loops in force say of where two sessions lie to each other.
+// Relative poses of sessions according to the loops in force between them.
 std::vector<Between> LoopGraph::State::session_links() const {
   std::vector<Between> links;
   for (const Loop& loop : loops) {
@@ -114,7 +114,7 @@ std::vector<Between> LoopGraph::State::session_links() const {
   return links;
 }
 
-// Where mapping had all, with the sessions laid upon each other where loops say how.
+// The poses of mapping, with sessions that loops connect moved into one frame.
 LoopGraph::State::Aligned LoopGraph::State::aligned() const {
   Aligned out;
   std::vector<Pose> T_world_map(sessions.size(), Pose::Identity());
@@ -125,7 +125,7 @@ LoopGraph::State::Aligned LoopGraph::State::aligned() const {
     if (a == b) continue;
     Pose T_a_b = T_world_map[link.from] * link.T_from_to * T_world_map[link.to].inverse();
     if (b < a) T_a_b = T_a_b.inverse();
-    // All that lies in the later one's frame goes along.
+    // All sessions in the later one's frame move with it.
     for (std::size_t i = 0; i < sessions.size(); ++i) {
       if (out.frames[i] != std::max(a, b)) continue;
       T_world_map[i] = T_a_b * T_world_map[i];
@@ -145,8 +145,8 @@ LoopGraph::State::Aligned LoopGraph::State::aligned() const {
   return out;
 }
 
-// Mapping may have closed the loops by itself, by matching to what it saw the first time. Then they
-// would only add their own errors to its poses.
+// Mapping may have closed the loops by itself, by matching to what it saw on the first visit. The
+// loops would then only add their own errors to its poses.
 bool LoopGraph::State::contradicts(const std::vector<Pose>& poses) const {
   double sum = 0.0;
   std::size_t count = 0;
@@ -172,8 +172,8 @@ Loop* LoopGraph::State::contradiction(const std::vector<Pose>& poses) {
   return worst;
 }
 
-// From mapping's poses each time: what comes out is a matter of the loops in force alone. True: the
-// poses have changed.
+// Starts from mapping's poses each time, so that the result depends only on the loops in force.
+// True: the poses have changed.
 bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
   Aligned start = aligned();
   std::vector<Pose> poses = start.poses;
@@ -215,7 +215,7 @@ LoopGraph::~LoopGraph() = default;
 LoopGraph::LoopGraph(LoopGraph&&) noexcept = default;
 LoopGraph& LoopGraph::operator=(LoopGraph&&) noexcept = default;
 
-// Of places inside, of submaps outside.
+// Converts a loop between places (internal) into one between submaps (public).
 Loop LoopGraph::State::of_submaps(Loop loop) const {
   const Pose& from = places[loop.from].T_place_submap;
   const Pose& to = places[loop.to].T_place_submap;
@@ -224,8 +224,8 @@ Loop LoopGraph::State::of_submaps(Loop loop) const {
   return loop;
 }
 
-// The loop that the newest submap closes with what it is known to lie near, and with what may lie
-// anywhere. True: loops in force have come.
+// Decides on the best loop of the newest submap with connected submaps, and on that with submaps of
+// unknown relative pose. True: loops have come into force.
 bool LoopGraph::State::decide(std::size_t to, std::vector<Loop>& decided) {
   std::vector<Pose> world;
   for (const Place& place : places) world.push_back(place.T_world_place);
@@ -311,7 +311,7 @@ Pose LoopGraph::corrected(std::int64_t instant_ns, const Pose& T_map_base,
   const std::size_t before = *(after - 1);
   const double share = static_cast<double>(instant_ns - nodes[before].instant_ns) /
                        static_cast<double>(nodes[*after].instant_ns - nodes[before].instant_ns);
-  // Both ends of the stretch say where the pose is; what they differ by is spread over it.
+  // Both neighbouring submaps give a corrected pose; their difference is interpolated in time.
   const Pose by_first = correction(before) * T_map_base;
   const Pose by_second = correction(*after) * T_map_base;
   return by_first * exp_se3(share * log_se3(by_first.inverse() * by_second));

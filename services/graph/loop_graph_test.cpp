@@ -32,7 +32,7 @@ Ran run(const TestDrive& drive) {
   return out;
 }
 
-// Of the loops in force.
+// Largest position error of the loops in force.
 double worst_loop_m(const LoopGraph& graph, const TestDrive& drive) {
   double worst = 0.0;
   for (const Loop& loop : graph.loops()) {
@@ -72,8 +72,8 @@ TEST(LoopGraph, MovesNothingWhereMappingIsRight) {
   EXPECT_LT(rms_off(ran.world, driven.truth), 1e-9);
 }
 
-// Two squares of streets that look the same, 150 m apart: what the way between rules out is not
-// believed, however well it matches.
+// Two identical street squares, 150 m apart: a loop that the way between excludes is not accepted,
+// however well it matches.
 TEST(LoopGraph, EqualPlacesFarApartAreNoLoop) {
   for (unsigned seed = 1; seed <= 5; ++seed) {
     TestTown here(seed, 80.0);
@@ -85,7 +85,7 @@ TEST(LoopGraph, EqualPlacesFarApartAreNoLoop) {
     all.insert(all.end(), there.begin(), there.end());
     TestTown nothing(std::vector<Wall>{});
     TestDrive whole = drive(nothing, all, 0.02, 0.001, seed);
-    // The second square is seen as the first one.
+    // The second square looks exactly like the first one.
     for (std::size_t i = 0; i < 16; ++i) {
       whole.submaps[i].points = here.seen_from(truth[i % 8]);
     }

@@ -1,5 +1,5 @@
-// Where a new node may have been before: candidates by place and by look, and the best of those that
-// hold when they are verified.
+// Search for loops of a new node: candidates by pose and by appearance, and the best of those that
+// verification accepts.
 
 #include <algorithm>
 #include <cmath>
@@ -10,16 +10,16 @@
 namespace zloam::graph {
 namespace {
 
-// Chi-squared with two degrees of freedom, 99.9 %: how far off a place may be in the plane.
+// Maximum horizontal distance of a candidate: chi-squared with two degrees of freedom, 99.9 %.
 constexpr double kPlaneChi2 = 13.8;
-// Beside that: what matching can bridge, m.
+// Added to that distance: error from which matching converges, m.
 constexpr double kReach_m = 8.0;
-// Less uncertain than that is what matching begins with anyway.
+// With a smaller sigma the expected pose itself is a good enough start of the matching.
 constexpr double kSure_m = 1.0;
-// Two places that differ by less are one.
+// Poses that differ by less are the same place.
 constexpr double kSame_m = 1.5, kSame_rad = 0.15;
 constexpr double kSameGuess_m = 4.0;
-// Places of another session that are verified where nothing tells how the two lie to each other.
+// Number of places of sessions with unknown relative pose that are verified.
 constexpr std::size_t kStrangeCandidates = 8;
 
 Pose turned_by(double yaw_rad) {
@@ -45,7 +45,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
     const Pose expected = places[from].T_world_place.inverse() * places[to].T_world_place;
     const double distance_m = expected.translation().head<2>().norm();
     const double sigma_m = std::sqrt(known[from]->topLeftCorner<2, 2>().trace());
-    // Where it is known well enough, what is seen need not be asked for it.
+    // If the pose is known well enough, no comparison of appearance is needed.
     if (sigma_m < kSure_m) {
       if (distance_m < config.verify.radius_m / 2.0) near.push_back({from, expected, 0});
       continue;
@@ -61,7 +61,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
   return distinct(near, config.candidates);
 }
 
-// By what both look like from above.
+// Candidate by comparing both places as seen from above.
 std::optional<LoopGraph::State::Candidate> LoopGraph::State::seen_from(std::size_t from,
                                                                        std::size_t to) const {
   const PlaceMatch match = match_places(places[from].features, places[to].features, config.place);
@@ -71,7 +71,7 @@ std::optional<LoopGraph::State::Candidate> LoopGraph::State::seen_from(std::size
   return Candidate{from, guess, match.agreeing};
 }
 
-// Of the sessions of which nobody knows where they lie.
+// Candidates in sessions whose pose relative to this one is unknown.
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
     std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
   std::vector<Candidate> seen;
@@ -83,7 +83,7 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
   return distinct(seen, kStrangeCandidates);
 }
 
-// Of those that say the same of where the newest submap is the first one.
+// Of candidates that put the newest submap at the same place, only the first one.
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::distinct(
     const std::vector<Candidate>& all, std::size_t most) const {
   const auto frame = [&](const Candidate& c) { return frames[nodes[c.from].session]; };

@@ -1,5 +1,5 @@
-// zloam-graph: finds places that the robot came back to, and poses that fit. Everything of substance
-// is in loop_graph.hpp (the method) and graph_stage.hpp (keys, files).
+// zloam-graph: finds loop closures and poses that fit them. Everything of substance is in
+// loop_graph.hpp (the method) and graph_stage.hpp (keys, files).
 
 #include <memory>
 

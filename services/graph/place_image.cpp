@@ -10,7 +10,7 @@
 namespace zloam::graph {
 namespace {
 
-// So many heights make a cell white.
+// Number of occupied heights that makes a cell white.
 constexpr unsigned kWhite = 12;
 constexpr int kPatch = 31, kDescriptor_bytes = 32;
 constexpr int kEdge = 12;
@@ -25,7 +25,7 @@ cv::Mat descriptors_of(const PlaceFeatures& features) {
           const_cast<std::uint8_t*>(features.descriptors.data())};
 }
 
-/// Corners that are each other's nearest.
+/// Pairs of corners whose descriptors are each other's nearest.
 std::vector<Pair> mutual_nearest(const PlaceFeatures& a, const PlaceFeatures& b, int most_bits) {
   std::vector<cv::DMatch> matches;
   const cv::BFMatcher matcher(cv::NORM_HAMMING, true);
@@ -87,7 +87,7 @@ PlaceImage place_image(std::span<const Eigen::Vector3f> points, const PlaceConfi
   image.cell_m = config.cell_m;
   const auto cells = static_cast<std::size_t>(image.edge) * static_cast<std::size_t>(image.edge);
   std::vector<std::uint64_t> levels(cells, 0);
-  // What lies lower than a few metres below the sensor is below the ground.
+  // Points more than half of highest_m below the sensor are taken to be below the ground.
   const double lowest_m = -config.highest_m / 2.0;
   for (const Eigen::Vector3f& p : points) {
     const int x = half + static_cast<int>(std::floor(p.x() / config.cell_m));
@@ -107,7 +107,7 @@ PlaceImage place_image(std::span<const Eigen::Vector3f> points, const PlaceConfi
 }
 
 PlaceFeatures place_features(const PlaceImage& image, const PlaceConfig& config) {
-  // One thread: what comes out must not depend on how many there are.
+  // One thread, so that the result does not depend on their number.
   cv::setNumThreads(1);
   const cv::Mat picture(image.edge, image.edge, CV_8UC1,
                         const_cast<std::uint8_t*>(image.pixels.data()));
@@ -132,7 +132,7 @@ PlaceFeatures place_features(const PlaceImage& image, const PlaceConfig& config)
 PlaceMatch match_places(const PlaceFeatures& a, const PlaceFeatures& b, const PlaceConfig& config) {
   const std::vector<Pair> pairs = mutual_nearest(a, b, config.most_different_bits);
   std::vector<Pair> most;
-  // Each pair of corners with their headings says where b is.
+  // Each pair of corners, with their headings, gives a pose of b.
   for (const Pair& pair : pairs) {
     PlaceMatch guess;
     guess.yaw_rad = a.heading_rad[pair.a] - b.heading_rad[pair.b];

@@ -9,7 +9,7 @@ namespace {
 
 const GraphConfig kConfig;
 
-// Level, with the heading that the submap was told with: as two sessions may differ.
+// Points in level axes with the heading of the pose, which may differ between two sessions.
 std::vector<Eigen::Vector3f> seen(TestTown& town, const Pose& T_world_base) {
   std::vector<Eigen::Vector3f> points;
   for (const MapPoint& p : town.seen_from(T_world_base)) points.emplace_back(p.x, p.y, p.z);
@@ -43,7 +43,7 @@ TEST(PlaceMatch, OtherTownsDoNotMatch) {
       ++matched_wrongly;
     }
   }
-  // Verification has to look at the few that do.
+  // The few false matches are left to verification.
   EXPECT_LE(matched_wrongly, 2U);
 }
 

@@ -10,7 +10,8 @@
 namespace zloam::graph {
 namespace {
 
-// Beyond what six degrees of freedom make likely a loop counts less and less.
+// Scale of the robust loss: beyond what is likely with six degrees of freedom a loop has less and
+// less weight.
 constexpr double kRobustSigmas = 3.5;
 constexpr int kMostIterations = 100;
 
@@ -72,7 +73,7 @@ Pose pose_of(const State& state) {
   return pose;
 }
 
-/// The first pose of each part that factors connect.
+/// The first pose of each connected component of the factors.
 std::vector<std::size_t> firsts_of_parts(std::size_t count, std::span<const Between> factors) {
   std::vector<std::size_t> before(count);
   std::iota(before.begin(), before.end(), std::size_t{0});

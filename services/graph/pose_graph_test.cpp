@@ -127,7 +127,7 @@ TEST(Uncertainties, ALoopMakesTheWayShorterInBothDirections) {
   const auto back = uncertainties(1, c.truth, c.factors);
   EXPECT_LT(with[1]->trace(), 0.2 * without[1]->trace());
   EXPECT_LT(back[28]->trace(), 0.01);
-  // Of both directions the same is known: carried from one end to the other they agree.
+  // The uncertainty is the same in both directions: carried from one end to the other they agree.
   const auto there = uncertainties(5, c.truth, c.factors)[2].value();
   const auto here = uncertainties(2, c.truth, c.factors)[5].value();
   const Matrix6 carry = adjoint(c.truth[5].inverse() * c.truth[2]);

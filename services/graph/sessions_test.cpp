@@ -1,4 +1,4 @@
-// Drives of their own, in maps of their own, in one graph.
+// Separate drives, each in its own map, in one graph.
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 namespace zloam::graph {
 namespace {
 
-/// The same drive in a map that lies elsewhere: its first pose is the origin, as a run begins.
+/// The same drive in another map, whose origin is the drive's first pose, as at the start of a run.
 TestDrive in_its_own_map(TestDrive driven) {
   const Pose T_own_told = driven.submaps.front().T_map_submap.inverse();
   Pose level = Pose::Identity();
@@ -30,7 +30,7 @@ void add(LoopGraph& graph, const TestDrive& driven, std::size_t session) {
   for (const Submap& submap : driven.submaps) graph.add(submap, session);
 }
 
-/// Greatest error of a submap of the one against the first submap of the other.
+/// Largest position error of the second drive's submaps relative to the first drive's first submap.
 double worst_between_m(const LoopGraph& graph, const TestDrive& first, const TestDrive& second) {
   const Pose T_truth_world = first.truth.front() * graph.nodes().front().T_world_submap.inverse();
   double worst = 0.0;
@@ -104,8 +104,8 @@ TEST(Sessions, OtherTownsAreNotJoined) {
   }
 }
 
-// Equal houses 20 m apart along a street that is seen only in part: one house more or less is as
-// good.
+// Equal houses 20 m apart along a street that is seen only in part: a match displaced by one house
+// is as good.
 TEST(Sessions, AStreetThatRepeatsItselfJoinsNothing) {
   std::vector<Wall> walls;
   for (int i = -20; i < 20; ++i) {

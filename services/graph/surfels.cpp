@@ -8,10 +8,10 @@ namespace zloam::graph {
 namespace {
 
 constexpr double kCoarse_m = 2.0, kFine_m = 1.0;
-// Noise, and what a submap bends by.
+// Maximum thickness of a plane, one sigma: noise and distortion of the submap.
 constexpr double kThickness_m = 0.06;
 constexpr double kFewest = 6.0, kAspect = 9.0;
-// Of a plane across its narrower side, one sigma, in edges of the voxel.
+// Minimum width of a plane across its narrower side, one sigma, in edges of the voxel.
 constexpr double kWidth = 0.1;
 
 std::uint64_t key_of(const Eigen::Vector3f& p, double edge_m) {

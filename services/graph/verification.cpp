@@ -8,17 +8,18 @@
 namespace zloam::graph {
 namespace {
 
-// Of the normals of floors and flat ground.
+// Normals of floors and flat ground have a larger vertical component than this.
 constexpr float kLevel = 0.8F;
-// What lies this near to a plane is on it.
+// A surface this near to a plane lies on it.
 constexpr float kOn_m = 0.15F;
-// So many more were asked for and not found: a handful of surfaces proves nothing.
+// Added to the number of surfaces compared, as if they had no counterpart: a handful proves
+// nothing.
 constexpr double kDoubt = 10.0;
-// Cosine of two normals of one surface.
+// Minimum cosine between two normals of the same surface.
 constexpr float kAlike = 0.95F;
 constexpr double kLeastNoise_m = 0.03;
 constexpr double kStop_m = 1e-4, kStop_rad = 1e-5;
-// Surfaces of one submap do not err independently: information is divided by this.
+// The errors of a submap's surfaces are correlated: information is divided by this.
 constexpr double kCorrelation = 20.0;
 
 struct Sums {
@@ -61,13 +62,13 @@ Sums sums_at(const Surfaces& a, const Surfaces& b, std::size_t stride, const Pos
   return sums;
 }
 
-/// A piece of a surface where the other has the same.
+/// Whether a surface element coincides with a plane of the other submap.
 bool is_on(const Surfel& surface, const Eigen::Vector3f& at, const Eigen::Vector3f& normal) {
   return surface.is_plane() && std::abs(surface.normal.dot(normal)) > kAlike &&
          std::abs(surface.normal.dot(at - surface.centre)) < kOn_m;
 }
 
-/// Of what lies off the ground in b near a's sensor.
+/// Share of b's planes off the ground and near a's sensor that coincide with a plane of a.
 double share_on(const Surfaces& a, const Surfaces& b, const Pose& T_a_b, double radius_m) {
   std::size_t asked = 0, on = 0;
   const Eigen::Isometry3f T = T_a_b.cast<float>();
