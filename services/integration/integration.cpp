@@ -9,7 +9,8 @@
 namespace zloam::integration {
 namespace {
 
-// Odometry poses kept to carry a correction's covariance to the present, and corrections kept.
+// Maximum number of kept odometry poses, which carry a correction's covariance to the present, and
+// of kept corrections.
 constexpr std::size_t kRecent = 256;
 // Maximum number of odometry poses in a saved state.
 constexpr std::size_t kSaved = 32;

@@ -194,7 +194,8 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   trajectory_.push_back({fused.instant_ns, fused.T_map_base});
   last_instant_ns_ = fused.instant_ns;
   unsaved_ = true;
-  // Written before the journal, so that each pose in the journal has its state on disk.
+  // Written before the journal: if this process is killed in between, the other file still has the
+  // state of the journal's last pose. Of poses released together only the last one has a state.
   if (integrator_.last_sweep() == fused.sweep) {
     note_journal(state_.write({header.run, fused.sweep, integrator_.state()}));
   }

@@ -18,8 +18,8 @@ constexpr int kUp = 2;
 // Farther points are left out: at this range a step of the heading moves a point by 1.5 m.
 constexpr double kFarthest_m = 30.0;
 constexpr double kHighest_m = 12.0;
-// The sweep is reduced to one point per voxel of this size, and thinned if more than twice
-// kMostPoints remain.
+// The sweep is reduced to one point per voxel of this size, and thinned to fewer than twice
+// kMostPoints.
 constexpr double kLeaf_m = 1.0;
 constexpr std::size_t kMostPoints = 300;
 // Score of an occupied cell and of its neighbours: the right place lies between places of the grid.

@@ -10,7 +10,7 @@ namespace {
 constexpr std::uint32_t kPeriod_ns = 100'000'000;
 constexpr int kBefore = 12;
 
-// A slow drive through the room; the scans are taken at rest, so that they need no deskewing.
+// A slow drive through the room. Each scan is taken at rest, so that it needs no deskewing.
 Pose truth(int sweep) {
   Vector6 step;
   step << 0.1, 0.01, 0.0, 0.0, 0.0, 0.02;

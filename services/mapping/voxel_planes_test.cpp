@@ -61,7 +61,7 @@ const Vector6 kMotion = twist(1.5, 0.1, 0.0, 0.0, 0.02, 0.6);
 
 Pose end_of(int sweep) { return exp_se3(0.1 * sweep * kMotion); }
 
-// Odometry's pose and twist are off by a constant; the map's pose must not be.
+// Odometry's pose and twist have a constant error, which the map's pose must not have.
 double worst_error_m(double noise_m, const Vector6& pose_error, const Vector6& twist_error) {
   Mapper mapper{MappingConfig{}};
   const test::Room room = test::furnished_room();

@@ -53,7 +53,7 @@ struct Odometry::State : MotionMemory {
   WindowMap recent;
   InertialAid inertial;
   FitRecord fits;
-  /// of scans that come in slices
+  /// for scans that arrive in slices
   std::optional<KnotOdometry> knots;
 
   // The first sweep was a part of a revolution and did not initialize the target.
