@@ -10,7 +10,7 @@ namespace zloam::ros {
 namespace {
 
 CdrWriter& operator<<(CdrWriter& out, const Stamped& header) {
-  // Before 1970 too: nanoseconds are from 0 up.
+  // Nanoseconds must not be negative, also for times before 1970.
   constexpr std::int64_t kSecond = 1'000'000'000;
   const std::int64_t ns = (header.stamp_ns % kSecond + kSecond) % kSecond;
   const auto seconds = static_cast<std::int32_t>((header.stamp_ns - ns) / kSecond);
@@ -38,7 +38,7 @@ void read_into(CdrReader& in, Numbers& numbers) {
   for (double& number : numbers) in >> number;
 }
 
-/// Of a measured vector: -1 says that it was not.
+/// ROS marks a quantity without measurement by -1 as the first element of its covariance.
 bool is_measured(const std::array<double, 9>& covariance) { return covariance[0] != -1.0; }
 
 }  // namespace
@@ -141,7 +141,7 @@ std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes) {
   read_into(in, covariance);
   const auto [x, y, z, w] = xyzw;
   const double norm = x * x + y * y + z * z + w * w;
-  // Written so that what is no number does not pass.
+  // The negated comparison also rejects NaN.
   if (!in.ok() || !(std::abs(norm - 1.0) < 0.01)) return std::nullopt;
   if (!std::isfinite(position[0]) || !std::isfinite(position[1])) return std::nullopt;
   place.x_m = position[0];

@@ -1,5 +1,6 @@
 #pragma once
-// ROS 2's messages as bytes (cdr_stream.hpp), little endian.
+// Encodes ROS 2 messages as CDR bytes (cdr_stream.hpp), little endian, and decodes those that the
+// stages need.
 
 #include <cstdint>
 #include <optional>
@@ -20,12 +21,12 @@ Cdr encode(const PathMessage& message);
 Cdr encode(const CloudMessage& message);
 Cdr encode(const DiagnosticsMessage& message);
 
-/// A sensor_msgs/msg/Imu, of either byte order: specific force and rate. Empty: it is none, or it
-/// says that it has no acceleration or rate (its covariance begins with -1), or holds what is no
-/// number.
+/// Specific force and angular rate of a sensor_msgs/msg/Imu in either byte order. Empty if the
+/// bytes are no such message, if a value is not finite, or if the message lacks the acceleration or
+/// the rate (their covariance then begins with -1).
 std::optional<ImuReading> decode_imu(std::span<const std::uint8_t> bytes);
 
-/// What RViz's "2D Pose Estimate" says.
+/// The pose that RViz's "2D Pose Estimate" publishes.
 struct PlaceMessage {
   std::string frame;
   double x_m = 0.0;
@@ -33,8 +34,8 @@ struct PlaceMessage {
   double yaw_rad = 0.0;
 };
 
-/// A geometry_msgs/msg/PoseWithCovarianceStamped, of either byte order. Empty: it is none, or holds
-/// what is no number, or no rotation.
+/// Decodes a geometry_msgs/msg/PoseWithCovarianceStamped in either byte order. Empty if the bytes
+/// are no such message, x or y is not finite, or the quaternion's norm is not 1.
 std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes);
 
 }  // namespace zloam::ros

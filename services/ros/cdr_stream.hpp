@@ -1,7 +1,7 @@
 #pragma once
 // Plain CDR (OMG DDSI-RTPS 2.5, section 10.2; CORBA 3.4, section 9.3): a header of four bytes, then
-// each number at a multiple of its size behind it. By hand, since eProsima Fast CDR 1.0 and 2.2 leave
-// in the gaps what was in the heap before.
+// each number at an offset behind the header that is a multiple of its size. Not eProsima Fast CDR,
+// because versions 1.0 and 2.2 leave uninitialized heap memory in the padding.
 
 #include <bit>
 #include <concepts>
@@ -19,7 +19,7 @@ inline constexpr std::size_t kCdrHeader = 4;
 template <class T>
 concept CdrNumber = std::integral<T> || std::floating_point<T>;
 
-/// Little endian; gaps are zero.
+/// Writes little endian; padding is zero.
 class CdrWriter {
  public:
   explicit CdrWriter(std::size_t expected) {
@@ -39,9 +39,9 @@ class CdrWriter {
     raw(text.data(), text.size() + 1, text.size());
     return *this;
   }
-  /// A sequence's length.
+  /// Writes a sequence's length.
   void count(std::size_t n) { *this << static_cast<std::uint32_t>(n); }
-  /// A sequence of octets.
+  /// Writes a sequence of octets.
   void octets(const void* data, std::size_t size) { raw(data, size, size); }
 
   std::vector<std::uint8_t> take() { return std::move(bytes_); }
@@ -57,7 +57,7 @@ class CdrWriter {
   std::vector<std::uint8_t> bytes_;
 };
 
-/// Of either byte order. What lies beyond the end is zero, and ok() false from then on.
+/// Reads either byte order. A value beyond the end is read as zero, and ok() is false from then on.
 class CdrReader {
  public:
   explicit CdrReader(std::span<const std::uint8_t> bytes) {
@@ -83,7 +83,7 @@ class CdrReader {
     at_ = at + sizeof(T);
     return *this;
   }
-  /// Without its ending zero.
+  /// Reads a string, without its terminating zero.
   CdrReader& operator>>(std::string& text) {
     std::uint32_t size = 0;
     *this >> size;

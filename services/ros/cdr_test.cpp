@@ -1,4 +1,4 @@
-// CDR by hand, as the specification says it, against what is written and read here.
+// Compares the encoder and decoder with CDR bytes composed by hand after the specification.
 
 #include "ros/cdr.hpp"
 
@@ -13,8 +13,8 @@
 namespace zloam::ros {
 namespace {
 
-/// Bytes of an Imu message, field by field: 4 bytes of header, and each number at a multiple of its
-/// size behind them.
+/// Composes an Imu message field by field: 4 bytes of header, then each number at an offset behind
+/// the header that is a multiple of its size.
 class ImuBytes {
  public:
   explicit ImuBytes(bool little) : little_(little) { bytes_ = {0, std::uint8_t{little}, 0, 0}; }

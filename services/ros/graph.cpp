@@ -13,7 +13,7 @@ namespace {
 constexpr std::string_view kTokens = "@ros2_lv/";
 constexpr std::string_view kNone = "%";
 
-/// A slash would part the token.
+/// Slashes are replaced, because a slash would split the token's chunk.
 std::string mangled(std::string_view name) {
   if (name.empty()) return std::string(kNone);
   std::string text(name);

@@ -1,6 +1,6 @@
 #pragma once
-// Names that rmw_zenoh gives to nodes, topics and types, and what it puts beside each message:
-// rmw_zenoh's own page on its design, "Discovery", "Topic and service names" and "Attachments".
+// Names that rmw_zenoh gives to nodes, topics and types, and the attachment of each message.
+// Source: rmw_zenoh's design page, "Discovery", "Topic and service names" and "Attachments".
 
 #include <array>
 #include <cstdint>
@@ -11,9 +11,10 @@
 
 namespace zloam::ros {
 
-/// REP-2011's hash of a message's definition; the same in all distributions here.
+/// A type with the hash of its definition (REP-2011), which is the same in all supported
+/// distributions.
 struct MessageType {
-  /// as ROS writes it, e.g. nav_msgs/msg/Odometry
+  /// in ROS's notation, e.g. nav_msgs/msg/Odometry
   std::string_view name;
   std::string_view hash;
 };
@@ -41,10 +42,10 @@ inline constexpr MessageType kImuType{
 
 /// nav_msgs/msg/Odometry -> nav_msgs::msg::dds_::Odometry_
 std::string dds_name(const MessageType& type);
-/// The hash as this distribution has it in keys and tokens.
+/// The hash as it appears in this distribution's keys and tokens.
 std::string_view hash_of(const MessageType& type, Distro distro);
 
-/// What differs from ROS's default (reliable, volatile, keep last) is written down.
+/// Quality of service. The defaults are ROS's; tokens contain only values that differ from them.
 struct Qos {
   bool best_effort = false;
   bool transient_local = false;
@@ -64,7 +65,7 @@ enum class EntityKind { kPublisher, kSubscription };
 struct NodeNames {
   Distro distro = Distro::kJazzy;
   int domain = 0;
-  /// of the Zenoh session, as Zenoh writes it
+  /// identifier of the Zenoh session, as Zenoh writes it
   std::string zid;
   /// with its leading slash; empty: the root
   std::string name_space;
@@ -73,23 +74,23 @@ struct NodeNames {
 
 /// Liveliness token of the node.
 std::string node_token(const NodeNames& node);
-/// Liveliness token of one of its topics; `entity`: a number that no other has in the session.
+/// Liveliness token of one of the node's topics; `entity` is a number unique within the session.
 std::string topic_token(const NodeNames& node, EntityKind kind, int entity, const Topic& topic);
-/// Key of the messages.
+/// Key on which the topic's messages are published.
 std::string data_key(const NodeNames& node, const Topic& topic);
-/// Of everything in a domain that says it is a node.
+/// Key expression of the tokens of all nodes in a domain.
 std::string every_node(int domain);
 
 using Gid = std::array<std::uint8_t, 16>;
-/// Of a publisher: its token's hash, so that readers on both sides have the same.
+/// A publisher's identifier: the hash of its token, so that every reader computes the same.
 Gid gid_of(std::string_view token);
 
-/// Number and time of one message, and its publisher. A ROS process that can't read it aborts
-/// (rmw_zenoh #601): exactly these 33 bytes go with each message.
+/// Number, time and publisher of one message. A ROS process that cannot parse the attachment aborts
+/// (rmw_zenoh #601), so each message carries exactly these 33 bytes.
 using Attachment = std::array<std::uint8_t, 33>;
 Attachment attachment(std::int64_t number, std::int64_t source_ns, const Gid& gid);
 
-/// Why it is no name of a topic or namespace; empty: it is one.
+/// Why `name` is not a valid topic or namespace name; empty if it is valid.
 std::string name_error(std::string_view name);
 
 }  // namespace zloam::ros

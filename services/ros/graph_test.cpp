@@ -1,5 +1,5 @@
-// Names, tokens and attachments, against what zenoh-ros2-sdk 0.1.8 and rosbags 0.11 make of the same
-// (tests/integration/test_ros.py has them read each other's).
+// Compares names, tokens and attachments with those of zenoh-ros2-sdk 0.1.8 and rosbags 0.11. In
+// tests/integration/test_ros.py both sides read each other's messages.
 
 #include "ros/graph.hpp"
 

@@ -1,6 +1,6 @@
 #pragma once
-// ROS 2's messages as plain values: common_interfaces' definitions (geometry_msgs, nav_msgs,
-// sensor_msgs, tf2_msgs, diagnostic_msgs). Times are ns since the Unix epoch.
+// ROS 2 messages as plain structs, after the definitions of common_interfaces (geometry_msgs,
+// nav_msgs, sensor_msgs, tf2_msgs, diagnostic_msgs). Times are ns since the Unix epoch.
 
 #include <cstdint>
 #include <span>
@@ -23,7 +23,7 @@ struct OdometryMessage {
   Stamped header;
   std::string child_frame;
   Pose T_frame_child = Pose::Identity();
-  /// x y z and rotations about the axes of the header's frame, as ROS has it
+  /// order, as in ROS: x y z, then rotations about the axes of the header's frame
   Matrix6 pose_covariance = Matrix6::Zero();
   /// m/s and rad/s in the child's frame
   Vector6 twist = Vector6::Zero();
@@ -44,7 +44,7 @@ struct TransformMessage {
 
 struct PathMessage {
   Stamped header;
-  /// (stamp, pose), in the order of time
+  /// (stamp, pose), in ascending time
   std::vector<std::pair<std::int64_t, Pose>> poses;
 };
 
@@ -54,7 +54,7 @@ struct CloudMessage {
   std::span<const MapPoint> points;
 };
 
-/// As diagnostic_msgs has them.
+/// Values as in diagnostic_msgs.
 enum class DiagnosticLevel : std::uint8_t { kOk = 0, kWarning = 1, kError = 2, kStale = 3 };
 
 struct Diagnostic {

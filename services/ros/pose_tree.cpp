@@ -5,7 +5,7 @@
 namespace zloam::ros {
 namespace {
 
-// The map's pose of a sweep follows the odometry's within a few sweeps.
+// Sweeps kept to be joined: a sweep's map pose arrives a few sweeps after its odometry.
 constexpr std::size_t kSteps = 64;
 
 template <class Step>

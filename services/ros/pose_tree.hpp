@@ -1,6 +1,6 @@
 #pragma once
-// What ROS's conventions (REP 105) make of the stages' poses: odom -> base_link with a covariance
-// that grows along the way, map -> odom as the map corrects it.
+// Converts the stages' poses to ROS's frames (REP 105): odom -> base_link with a covariance that
+// accumulates along the way, and map -> odom from mapping's corrections.
 
 #include <cstdint>
 #include <deque>
@@ -18,7 +18,7 @@ struct OdometryStep {
   std::uint32_t epoch = 0;
   std::int64_t instant_ns = 0;
   Pose T_odom_base = Pose::Identity();
-  /// of the step since the pose before, tangent at base_link
+  /// covariance of the motion since the previous pose, tangent at base_link
   Matrix6 step_covariance = Matrix6::Zero();
 };
 
@@ -30,35 +30,37 @@ struct MapStep {
   Pose T_map_base = Pose::Identity();
 };
 
-/// Covariance of a pose T_frame_base, given in the tangent at base_link, as ROS has it: of the
-/// position in the frame, and of rotations about the frame's axes.
+/// Converts the covariance of T_frame_base from the tangent at base_link to ROS's convention:
+/// position in the frame, and rotations about the frame's axes.
 Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covariance);
 
 class PoseTree {
  public:
   /// Covariance of T_odom_base in the odom frame (about_frame_axes), and of the twist in
-  /// (m/s, rad/s)^2: the first of a frame is exact, and each step adds its own.
+  /// (m/s, rad/s)^2. The first pose of an odom frame is exact; each step adds its covariance.
   struct Uncertainty {
     Matrix6 pose = Matrix6::Zero();
     Matrix6 twist = Matrix6::Zero();
   };
   Uncertainty add(const OdometryStep& step);
 
-  /// T_map_odom and the instant it holds for.
+  /// T_map_odom and the instant for which it is valid.
   struct Correction {
     std::int64_t instant_ns = 0;
     Pose T_map_odom = Pose::Identity();
   };
-  /// A sweep's pose in the map. It comes on another way than its odometry, before or after it.
+  /// Adds a sweep's pose in the map. It arrives on another key than the sweep's odometry, and so
+  /// before or after it.
   void add(const MapStep& step);
-  /// What both of a sweep have said since it was asked last, in the order of time.
+  /// The corrections of all sweeps whose odometry and map pose are both known, since the last call,
+  /// in the order in which they were completed.
   std::vector<Correction> take_corrections() { return std::exchange(corrections_, {}); }
 
  private:
   void correct(const OdometryStep& odometry, const MapStep& map);
 
   std::deque<OdometryStep> steps_;
-  /// whose odometry has not come
+  /// map poses whose odometry has not arrived yet
   std::deque<MapStep> waiting_;
   std::vector<Correction> corrections_;
   Matrix6 covariance_ = Matrix6::Zero();

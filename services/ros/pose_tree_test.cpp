@@ -1,4 +1,4 @@
-// Covariances along a way, and the map's frame, against what is drawn at random.
+// Compares the covariance accumulated along a way, and T_map_odom, with those of random samples.
 
 #include "ros/pose_tree.hpp"
 

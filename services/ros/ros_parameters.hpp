@@ -1,5 +1,5 @@
 #pragma once
-// Names of the configuration for ROS's side.
+// Binds the configuration keys ros.* to RosConfig.
 
 #include "common/runtime/parameters.hpp"
 #include "ros/config.hpp"

@@ -16,26 +16,28 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// A reader of these sees changes soon enough, and a whole map is large.
+// Periods of polling for clouds and of slower topics. The whole map is large, so it is published
+// less often still.
 constexpr milliseconds kLook{20}, kSecond{1000};
 constexpr std::int64_t kMapPeriod_ns = 5'000'000'000;
 constexpr milliseconds kTilesWithin{10000};
 constexpr milliseconds kPlacedWithin{5000};
-// A status comes each second.
+// A stage publishes its status every second.
 constexpr std::int64_t kSilent_ns = 5'000'000'000;
 // A node is listed within a second of its start.
 constexpr std::int64_t kPatience_ns = 10'000'000'000;
-// Keys are what messages say: more than a robot has of either is a stranger's.
+// Received messages determine the number of entries; these limits, above what any robot has, bound
+// the memory that an unknown sender can occupy.
 constexpr std::size_t kMostTiles = 65'536;
 constexpr std::size_t kNewestStatuses = 256, kNewestTiles = 4096, kNewestReadings = 4096;
 
 const Qos kReliable{};
 const Qos kSensor{.best_effort = true, .transient_local = false, .depth = 5};
 const Qos kLatched{.best_effort = false, .transient_local = true, .depth = 1};
-// As tf2_ros publishes.
+// QoS of tf2_ros's broadcasters.
 const Qos kTransforms{.best_effort = false, .transient_local = false, .depth = 100};
 
-/// The map does not vouch for these.
+/// Whether a pose of this health is confirmed by the map.
 bool is_placed(Health health) {
   return health != Health::kLost && health != Health::kBridging && health != Health::kDropped &&
          health != Health::kInvalid;
@@ -116,7 +118,7 @@ void RosStage::wire() {
 void RosStage::new_run() {
   tree_ = {};
   way_.poses.clear();
-  // An empty one, where there was another.
+  // If the previous run's map was shown, an empty map must replace it.
   map_grew_ = !map_tiles_.empty();
   forget_map();
 }
@@ -218,7 +220,7 @@ void RosStage::take_tile(const zenoh::Sample& sample) {
   map_grew_ = true;
 }
 
-// What there is already is asked for; what comes is heard.
+// When /map gets a subscriber, requests all existing tiles; later ones arrive by subscription.
 void RosStage::take_tiles() {
   if (tiles_.want(map_->matching())) {
     all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);

@@ -1,6 +1,6 @@
 #pragma once
-// Wires ROS 2's node to the runtime: what the stages publish goes out as ROS's messages, an IMU
-// comes in.
+// Connects the ROS 2 node to the runtime: publishes the stages' results as ROS messages, and hands
+// the messages of an IMU and of /initialpose on to the stages.
 
 #include <cstdint>
 #include <map>
@@ -30,7 +30,8 @@ class RosStage {
   void take(const runtime::Received<msg::MapPose>& pose);
   void say_corrections();
   void say_mounting();
-  /// Each a few times a second at most.
+  /// say_points(), take_imu() and take_places() run every 20 ms, the path, the map and the
+  /// diagnostics once a second.
   void say_points();
   void say_path();
   void take_tiles();

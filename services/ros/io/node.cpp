@@ -6,10 +6,11 @@
 namespace zloam::ros {
 namespace {
 
-// zenoh-ext's keys of an advanced publisher's cache and of its presence.
+// Infix of the keys on which a zenoh-ext advanced publisher answers for its cache and declares its
+// presence.
 constexpr std::string_view kHistory = "/@adv/pub/";
 
-/// As rmw_zenoh's default session: a peer, gossip, no multicast, everything stamped.
+/// The same as rmw_zenoh's default session: peer, gossip, no multicast, all messages timestamped.
 zenoh::Config session_config(const RosConfig& config) {
   zenoh::Config c = zenoh::Config::create_default();
   const auto list = [](const std::vector<std::string>& l) { return nlohmann::json(l).dump(); };
@@ -23,7 +24,7 @@ zenoh::Config session_config(const RosConfig& config) {
   c.insert_json5("scouting/multicast/enabled", "false");
   c.insert_json5("scouting/gossip/enabled", "true");
   c.insert_json5("timestamping/enabled", "true");
-  // ROS's processes need not see this one's memory.
+  // ROS processes need no shared memory with this one.
   c.insert_json5("transport/shared_memory/enabled", "false");
   c.insert_json5("transport/shared_memory/mode", "\"lazy\"");
   return c;
@@ -31,7 +32,7 @@ zenoh::Config session_config(const RosConfig& config) {
 
 zenoh::PublisherOptions options_of(const Qos& qos) {
   zenoh::PublisherOptions options;
-  // A ROS node that dawdles must not hold up the stages: drop also what is reliable on the way.
+  // A slow ROS node must not block the stages: messages of reliable topics are dropped too.
   options.congestion_control = zenoh::CongestionControl::kDrop;
   options.reliable = !qos.best_effort;
   return options;

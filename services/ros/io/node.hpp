@@ -1,6 +1,6 @@
 #pragma once
-// A ROS 2 node on a Zenoh session of its own: what it publishes and reads is listed by every ROS
-// node, as rmw_zenoh lists it.
+// A ROS 2 node on a Zenoh session of its own. It declares its publishers and subscriptions as
+// rmw_zenoh does, so that every ROS node lists them.
 
 #include <cstdint>
 #include <functional>
@@ -20,12 +20,12 @@ class Publication {
  public:
   Publication(zenoh::Session& session, const NodeNames& node, int entity, const Topic& topic);
 
-  /// Whether somebody reads it now.
+  /// Whether the topic has a subscriber now.
   bool matching() const { return publisher_.matching(); }
   void put(Cdr message, std::int64_t source_ns);
 
  private:
-  /// The last message, for readers of a transient-local topic that come later.
+  /// The last message, for late subscribers of a transient-local topic.
   struct Last {
     std::mutex mutex;
     std::optional<std::pair<zenoh::Bytes, zenoh::Bytes>> message;  // payload, attachment
@@ -44,7 +44,7 @@ class Publication {
 
 class Node {
  public:
-  /// Throws zenoh::ZenohError when a listen endpoint is taken.
+  /// Throws zenoh::ZenohError if a listen endpoint is in use.
   Node(const RosConfig& config, const std::string& name);
 
   std::unique_ptr<Publication> publish(const std::string& topic, const MessageType& type,
