@@ -1,6 +1,6 @@
 #pragma once
-// Dates of the Gregorian calendar and days since 1970-01-01 (H. Hinnant, "chrono-compatible
-// low-level date algorithms", 2013).
+// Converts between dates of the Gregorian calendar and days since 1970-01-01 (H. Hinnant,
+// "chrono-compatible low-level date algorithms", 2013).
 
 #include <cstdint>
 
@@ -37,7 +37,7 @@ constexpr Date date_from_days(std::int64_t days) {
   return {static_cast<int>(year_of_era + era * 400) + (month <= 2 ? 1 : 0), month, day};
 }
 
-/// Whether such a day exists.
+/// Whether the date exists in the calendar.
 constexpr bool is_date(const Date& date) {
   if (date.month < 1 || date.month > 12 || date.day < 1) {
     return false;

@@ -44,14 +44,14 @@ std::uint16_t ip_checksum(std::span<const std::uint8_t> header) {
 
 void append_frame(const Datagram& datagram, Bytes& out) {
   const std::size_t udp_length = kUdpBytes + datagram.payload.size();
-  big(out, 0xFFFFFFFFFFFF, 6);  // to everybody
+  big(out, 0xFFFFFFFFFFFF, 6);  // broadcast
   big(out, 0x607688000001, 6);
   big(out, 0x0800, 2);  // IPv4
   const std::size_t ip = out.size();
   big(out, 0x4500, 2);
   big(out, kIpBytes + udp_length, 2);
   big(out, 0, 2);       // identification
-  big(out, 0x4000, 2);  // not to be fragmented
+  big(out, 0x4000, 2);  // flag "don't fragment"
   big(out, 0xFF11, 2);  // time to live, UDP
   big(out, 0, 2);       // checksum, below
   big(out, kSensorAddress, 4);
@@ -62,7 +62,7 @@ void append_frame(const Datagram& datagram, Bytes& out) {
   big(out, datagram.port, 2);
   big(out, datagram.port, 2);
   big(out, udp_length, 2);
-  big(out, 0, 2);  // no UDP checksum, as the sensor
+  big(out, 0, 2);  // no UDP checksum, like the sensor
   out.insert(out.end(), datagram.payload.begin(), datagram.payload.end());
 }
 
@@ -116,7 +116,7 @@ std::string tum_line(std::int64_t unix_ns, const Pose& pose) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(pose.linear()).normalized();
   const Eigen::Vector3d p = pose.translation();
   std::array<char, 256> text;
-  // The time is printed from integers: a double holds today's seconds only to 240 ns.
+  // The time is printed from integers: a double resolves today's Unix time only to 240 ns.
   const int length = std::snprintf(text.data(), text.size(),
                                    "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
                                    static_cast<long long>(unix_ns / 1'000'000'000),

@@ -1,6 +1,6 @@
 #pragma once
-// What leaves the simulator: datagrams in the order of sending, and the bytes of capture files and
-// trajectories. Nothing here touches a file.
+// The simulator's output as bytes: datagrams in the order of sending, capture files and
+// trajectories. Opens no file.
 
 #include <cstdint>
 #include <span>
@@ -23,8 +23,8 @@ struct Datagram {
   bool is_data() const { return port == vlp16::kDataPort; }
 };
 
-/// Data packets [first, first + packets.size()) and the position packets among them. A packet is
-/// sent kSendDelayNs after its last firing.
+/// The datagrams of data packets [first, first + packets.size()) and of the position packets among
+/// them. A packet is sent kSendDelayNs after its period ends.
 inline constexpr std::int64_t kSendDelayNs = 60'000;
 std::vector<Datagram> datagrams(const Sensor& sensor, std::int64_t first,
                                 std::span<const DataPacket> packets);

@@ -35,7 +35,7 @@ std::vector<Datagram> some_datagrams(std::int64_t count) {
   return out;
 }
 
-/// What comes out, to the last one held back.
+/// All datagrams that come out, including those held back until the end.
 std::vector<Datagram> all_of(FaultInjector& faults, const std::vector<Datagram>& in) {
   auto out = faults.pass(in);
   const auto rest = faults.flush();
@@ -62,7 +62,7 @@ TEST(Pcap, RecordHasCorrectHeaders) {
     EXPECT_EQ(record[16 + 14], 0x45);
     EXPECT_EQ(big16(record, 16 + 16), 540U);
     EXPECT_EQ(record[16 + 23], 17);
-    // A receiver adds all words of the header, the checksum included, and must get 0xFFFF.
+    // The sum of all words of the header, including the checksum, must be 0xFFFF.
     std::uint32_t sum = 0;
     for (std::size_t i = 0; i < 20; i += 2) {
       sum += big16(record, 30 + i);
@@ -86,7 +86,7 @@ TEST(Datagrams, OnePositionPacketForFourteenDataPackets) {
   EXPECT_TRUE(std::is_sorted(sent.begin(), sent.end(), [](const Datagram& a, const Datagram& b) {
     return a.sent_ns < b.sent_ns;
   }));
-  // A packet is on the wire after its last firing.
+  // A packet is sent only after its last firing.
   EXPECT_GT(sent.front().sent_ns, config.epoch_ns + 1'306'368);
   for (const Datagram& datagram : sent) {
     EXPECT_EQ(datagram.payload.size(), datagram.is_data() ? 1206U : 512U);
@@ -182,7 +182,8 @@ TEST(Faults, LogAccountsForEveryPacket) {
 
 TEST(Faults, ClockStepsAndGapsHappenWhereTheyShould) {
   FaultConfig config;
-  // The first goes below the full hour and wraps; the second comes on top of it.
+  // The step at 0.1 s takes the stamps below the full hour, so that they wrap; the step at 0.15 s
+  // adds to it.
   config.clock_steps = {{0.15, 7.25}, {0.1, -30.0}};
   config.gap_start_s = 0.05;
   config.gap_s = 0.02;
@@ -269,7 +270,8 @@ TEST(Faults, BytesAreWrongWhereTheLogSays) {
   for (std::size_t i = 0; i < out.size(); ++i) {
     for (std::size_t at = 0; at < 1206; ++at) {
       const bool same = out[i].payload[at] == expected[i][at];
-      // A flag can be hit twice, and an azimuth after it was noted: only the noted may differ.
+      // Several faults can hit one byte, a flag twice for example, so a byte named in the log
+      // may have any value; every other byte must be as expected.
       ASSERT_TRUE(same || noisy.contains({static_cast<std::int64_t>(i), at})) << i << " " << at;
     }
   }

@@ -20,7 +20,7 @@ class CubicSpline {
 
   CubicSpline() = default;
 
-  /// Through values[i] at parameter i * step. At least two values.
+  /// The spline through values[i] at parameter i * step. At least two values.
   CubicSpline(std::vector<Value> values, double step)
       : step_(step), values_(std::move(values)), curvature_(values_.size(), Value::Zero()) {
     const std::size_t n = values_.size();
@@ -39,7 +39,7 @@ class CubicSpline {
 
   double end() const { return step_ * static_cast<double>(values_.size() - 1); }
 
-  /// Parameters outside [0, end()] take the nearest end's value and stand still.
+  /// Outside [0, end()] the value is that of the nearest end, and the derivatives are 0.
   Sample at(double parameter) const {
     if (parameter <= 0.0) {
       return {values_.front(), Value::Zero(), Value::Zero()};

@@ -25,7 +25,8 @@ void shift_stamp(Datagram& datagram, double step_s) {
   }
 }
 
-// The azimuths from a random block on are off by a random angle. Says which and how much.
+// Shifts the azimuths from a random block on by a random angle. Returns block and angle as the
+// fault's detail.
 std::string jump_azimuth(Datagram& datagram, Random& random) {
   const std::uint64_t from = 1 + random.bits() % (vlp16::kBlocks - 1);
   const std::uint64_t by = 100 + random.bits() % 35'800;
@@ -79,7 +80,7 @@ FaultInjector::FaultInjector(const FaultConfig& config, std::int64_t start_ns)
                    [](const ClockStep& a, const ClockStep& b) { return a.at_s < b.at_s; });
 }
 
-// Faults that belong to an instant; false if nothing arrives at it.
+// Faults that depend on the time: clock steps and gaps. False if the datagram falls into a gap.
 bool FaultInjector::disturb_time(Datagram& datagram) {
   const double time_s = static_cast<double>(datagram.sent_ns - start_ns_) * 1e-9;
   for (;
@@ -103,7 +104,8 @@ bool FaultInjector::disturb_time(Datagram& datagram) {
   return true;
 }
 
-// A later packet has been sent: those held back are one nearer to their turn.
+// A later packet has been sent: counts it for the packets held back, and sends those that have been
+// overtaken often enough.
 void FaultInjector::overtake(std::int64_t now_ns, std::vector<Datagram>& out) {
   std::vector<Held> still;
   for (Held& held : held_) {
@@ -187,7 +189,7 @@ std::vector<Datagram> FaultInjector::flush() {
   for (Held& held : held_) {
     log_[held.note].detail = "by " + std::to_string(held.overtaken);
     if (held.overtaken == 0) {
-      log_[held.note].kind.clear();  // nothing came before it: in time after all
+      log_[held.note].kind.clear();  // no packet overtook it, so it is not late
     }
     out.push_back(std::move(held.datagram));
   }

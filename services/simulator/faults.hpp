@@ -1,5 +1,5 @@
 #pragma once
-// Faults on demand: what networks and clocks do to a sensor's packets.
+// Injects faults of networks and clocks into a sensor's packets.
 
 #include <cstdint>
 #include <string>
@@ -10,28 +10,29 @@
 
 namespace zloam::simulator {
 
-/// From at_s on the sensor's stamps are off by by_s more than before.
+/// From at_s on, the sensor's stamps are shifted by by_s in addition to earlier steps.
 struct ClockStep {
   double at_s = 0.0;
   double by_s = 0.0;
 };
 
 struct FaultConfig {
-  double loss = 0.0;         ///< part of the data packets that never arrive
-  double duplication = 0.0;  ///< part that arrives twice, one right after the other
-  double delay = 0.0;        ///< part that arrives after delay_packets later ones
+  // probabilities for each data packet, 0 to 1
+  double loss = 0.0;         ///< the packet never arrives
+  double duplication = 0.0;  ///< it arrives twice in a row
+  double delay = 0.0;        ///< it arrives after delay_packets later packets
   int delay_packets = 3;
-  double corruption = 0.0;    ///< part with eight bytes of noise somewhere
-  double bad_flag = 0.0;      ///< part in which one block's flag is wrong
-  double azimuth_jump = 0.0;  ///< part whose azimuths are off from some block to the packet's end
-  double wrong_length = 0.0;  ///< part that is cut short
-  double gap_start_s = 0.0;   ///< nothing at all arrives for gap_s from here
+  double corruption = 0.0;    ///< eight random bytes of it are replaced
+  double bad_flag = 0.0;      ///< one block's flag is wrong
+  double azimuth_jump = 0.0;  ///< the azimuths from some block to the packet's end are off
+  double wrong_length = 0.0;  ///< the payload is cut short
+  double gap_start_s = 0.0;   ///< from here on no packet arrives for gap_s
   double gap_s = 0.0;
   std::vector<ClockStep> clock_steps;
   std::uint64_t seed = 1;
 };
 
-/// What was done to which data packet. A packet can be in the log more than once.
+/// An injected fault and the data packet that it affected. A packet can be in the log repeatedly.
 struct Fault {
   std::int64_t index;
   std::string kind;    ///< one of fault_kinds()
@@ -41,23 +42,23 @@ struct Fault {
 /// lost, duplicated, late, corrupted, bad_flag, azimuth_jump, cut, gap, clock_step.
 std::vector<std::string> fault_kinds();
 
-/// Passes datagrams through, in order, and does to them what the configuration says. Which packet
-/// is hit depends on the seed and the packet's number only.
+/// Passes datagrams through in order and injects the configured faults. Which packets are affected
+/// depends only on the seed and the packets' numbers.
 class FaultInjector {
  public:
   /// start_ns: Unix time of the simulation's start.
   FaultInjector(const FaultConfig& config, std::int64_t start_ns);
 
   std::vector<Datagram> pass(std::vector<Datagram> in);
-  /// What is still held back, at the end.
+  /// The datagrams that are still held back; call it at the end.
   std::vector<Datagram> flush();
   const std::vector<Fault>& log() const { return log_; }
 
  private:
   struct Held {
     Datagram datagram;
-    int overtaken;     // by so many later packets
-    std::size_t note;  // its place in the log
+    int overtaken;     // number of later packets that were sent before it
+    std::size_t note;  // index of its entry in the log
   };
   void pass_one(Datagram datagram, std::vector<Datagram>& out);
   bool disturb_time(Datagram& datagram);

@@ -19,7 +19,8 @@ void check(const ImuErrors& errors) {
 IdealInertia ideal_inertia(const MotionState& state, const Pose& T_body_imu) {
   const Vector3d& rate = state.rate_body;
   const Vector3d lever = T_body_imu.translation();
-  // The force that carries the body, then what turning adds at the end of the lever.
+  // Specific force at the body's origin, plus the tangential and the centripetal acceleration at
+  // the end of the lever arm.
   const Vector3d force = state.T_world_body.linear().transpose() *
                              (state.acceleration_world + Vector3d(0.0, 0.0, kGravity)) +
                          state.angular_acceleration_body.cross(lever) +
@@ -43,7 +44,8 @@ Imu::Imu(const Trajectory& trajectory, const ImuConfig& config, const Pose& T_ba
   accelerometer_bias_ = draw(config.accelerometer.bias);
 }
 
-// Axis by axis: the order of evaluation of a constructor's arguments is not ours to choose.
+// Axis by axis, because C++ does not specify the order in which the arguments of a constructor are
+// evaluated.
 Vector3d Imu::draw(double sigma) {
   Vector3d out;
   for (int axis = 0; axis < 3; ++axis) {

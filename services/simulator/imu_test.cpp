@@ -46,7 +46,7 @@ TEST(Imu, ItsAxesAreTurnedByTheExtrinsics) {
   EXPECT_TRUE(reading.force_m_s2.isApprox(Vector3d(0.0, 9.80665, 0.0), 1e-12));
 }
 
-// Turning at a growing rate about the vertical through the trajectory's body.
+// A rotation at an increasing rate about the vertical axis through the trajectory's body.
 Trajectory spinning(double rate, double growth) {
   std::vector<Knot> knots;
   for (int i = 0; i < 400; ++i) {

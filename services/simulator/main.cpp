@@ -1,4 +1,5 @@
-// Writes what a virtual VLP-16, or a virtual Hokuyo on a motor, sends to files or the network, and the truth beside them.
+// Writes the data of a virtual VLP-16, or of a virtual Hokuyo on a motor, to files or the network,
+// and the ground truth to files.
 
 #include <unistd.h>
 
@@ -35,7 +36,7 @@ std::int64_t nanoseconds(double seconds) {
   return static_cast<std::int64_t>(std::llround(seconds * 1e9));
 }
 
-// The trajectory is that of the lidar's place, along the axes of the base.
+// The trajectory's body has its origin at the lidar and the axes of base_link.
 Pose T_base_body(const SimulationConfig& config) {
   Pose pose = Pose::Identity();
   pose.translation() = config.T_base_lidar.translation();
@@ -184,7 +185,7 @@ struct Chunk {
   std::vector<std::vector<Return>> returns;
 };
 
-// One line that is rewritten, for people; nothing in between where the output is not a terminal.
+// Shows the progress in one line that is rewritten; without a terminal, only the end is printed.
 class Progress {
  public:
   Progress(const Options& options, double whole_s)
@@ -220,7 +221,7 @@ Chunk simulate(const Sensor& sensor, std::int64_t first, std::int64_t count, int
   return chunk;
 }
 
-// The next chunk is made while this one is written or sent, so that live sending keeps its pace.
+// The next chunk is computed while this one is written or sent, so that live sending keeps pace.
 void write_packets(const Options& options, const Sensor& sensor, double duration_s) {
   std::vector<std::unique_ptr<Sink>> sinks = make_sinks(options, sensor);
   ReturnsFile returns(options.returns);
@@ -257,7 +258,7 @@ void write_packets(const Options& options, const Sensor& sensor, double duration
   progress.finish(count);
 }
 
-// At the first pose for as long as the motion would last.
+// A trajectory that stays at the first pose for the duration of the scene's motion.
 Trajectory at_rest(const Scene& scene) {
   const Pose pose = scene.trajectory.at(0.0).T_world_body;
   const Eigen::Vector3d forward = pose.linear().col(0);
@@ -272,7 +273,7 @@ void run(const Options& options) {
                                                 : make_scene(options.world, options.scene);
   if (options.still) scene = std::make_shared<const Scene>(Scene{scene->world, at_rest(*scene)});
   const Sensor sensor(scene, options.simulation);
-  // Beyond the end of the motion it stands still.
+  // After the end of the motion the platform stands still.
   const double duration_s = options.duration_s > 0.0 ? options.duration_s : sensor.duration_s();
   write_trajectory(options.truth, sensor, duration_s, false);
   write_trajectory(options.truth_base, sensor, duration_s, true);

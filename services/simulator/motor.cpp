@@ -26,7 +26,7 @@ double Motor::sweep_s() const {
     case MotorKind::kTurn:
       return 180.0 / config_.speed_deg_s;
     default:
-      // Half of the reversal's time is gained at full speed.
+      // The two ramps last reversal_s together, at half of the full speed on average.
       return 2.0 * config_.amplitude_deg / config_.speed_deg_s + 0.5 * config_.reversal_s;
   }
 }
@@ -38,7 +38,7 @@ double Motor::angle_rad(double time_s) const {
   const double number = std::floor(time_s / half_s);
   const double since_s = time_s - number * half_s;
   const double ramp_s = 0.5 * config_.reversal_s;
-  // Distance from where this half began; constant acceleration in both ramps.
+  // Angle covered since the last reversal; the acceleration is constant in both ramps.
   const auto ramp = [&](double s) {
     return ramp_s > 0.0 ? 0.5 * config_.speed_deg_s / ramp_s * s * s : 0.0;
   };

@@ -1,5 +1,5 @@
 #pragma once
-// The motor that turns a 2-D scanner: its angle at every instant, and what its encoder tells.
+// The motor that rotates a 2-D scanner: its angle at every instant, and its encoder's readings.
 
 #include <cstdint>
 #include <vector>
@@ -12,11 +12,11 @@ struct MotorConfig {
   MotorKind kind = MotorKind::kSwing;
   double speed_deg_s = 180.0;
   double amplitude_deg = 90.0;  ///< of a swing, to either side
-  double reversal_s = 0.06;     ///< in which a swing goes from one direction to the other
-  double still_deg = 0.0;       ///< where a motor that stands still stands
-  double encoder_hz = 500.0;    ///< readings a second
+  double reversal_s = 0.06;     ///< time in which a swing reverses its direction
+  double still_deg = 0.0;       ///< angle of a motor that stands still
+  double encoder_hz = 500.0;    ///< readings per second
   double encoder_step_deg = 0.25;
-  double encoder_delay_s = 0.0;  ///< by how much the readings' stamps are late
+  double encoder_delay_s = 0.0;  ///< how much later than the true time a reading is stamped
 };
 
 /// One reading of the encoder.
@@ -33,9 +33,10 @@ class Motor {
   explicit Motor(const MotorConfig& config);
 
   double angle_rad(double time_s) const;
-  /// From one reversal to the next, s; of a turning motor half a turn; of a still one 1 s.
+  /// Time from one reversal to the next, s; for a rotating motor that of half a rotation, for a
+  /// motor that stands still 1 s.
   double sweep_s() const;
-  /// Readings with index first ... first + count - 1, made at index / encoder_hz.
+  /// The readings with index first ... first + count - 1, measured at index / encoder_hz.
   std::vector<AngleReading> readings(std::int64_t first, std::int64_t count) const;
 
  private:

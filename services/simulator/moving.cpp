@@ -19,7 +19,7 @@ double turn_between(double from_rad, double to_rad) {
   return std::remainder(to_rad - from_rad, 2.0 * std::numbers::pi);
 }
 
-// Points at most kKeySpacingM apart, so that what walks on uneven ground follows it.
+// Inserts points so that they are at most kKeySpacingM apart: the track then follows uneven ground.
 Polyline dense(const Polyline& points) {
   Polyline out{points.front()};
   for (std::size_t i = 1; i < points.size(); ++i) {

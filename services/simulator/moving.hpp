@@ -1,5 +1,5 @@
 #pragma once
-// What moves through a world: solids that follow a track.
+// Moving objects of a world: solids that follow a track.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -11,19 +11,19 @@
 
 namespace zloam::simulator {
 
-/// A place on a track. Between two of them place and direction go evenly.
+/// A place on a track at a time. Between two keys, place and direction are interpolated linearly.
 struct TrackKey {
   double time_s = 0.0;
   Eigen::Vector3d place = Eigen::Vector3d::Zero();
   double yaw_rad = 0.0;
 };
 
-/// Where something is at any instant. A track that repeats ends where it began; one that does not
-/// stands still before its first and after its last key.
+/// The motion of an object. A repeating track ends where it began; on any other the object stands
+/// still before the first and after the last key.
 class Track {
  public:
   Track() = default;
-  /// Keys by ascending time. start_s shifts all of them to earlier times.
+  /// Keys in ascending time. start_s shifts all of them to earlier times.
   Track(std::vector<TrackKey> keys, bool repeats, double start_s = 0.0);
 
   struct State {
@@ -41,13 +41,13 @@ class Track {
 
 enum class Repeat : std::uint8_t { kOnce, kLoop, kToAndFro };
 
-/// Along the points at constant speed, facing where it goes; start_m is how far along it is at time
-/// 0. ground gives the height at x, y; absent: 0. Throws std::invalid_argument for fewer than two
-/// points and a speed that is not above 0.
+/// A track along the points at constant speed, facing the direction of travel; start_m is the
+/// distance already travelled at time 0. ground gives the height at x, y; absent: 0. Throws
+/// std::invalid_argument for fewer than two points or a speed that is not positive.
 Track walk(Polyline points, double speed_m_s, double start_m, Repeat repeat,
            const std::function<double(double, double)>& ground);
 
-/// Solids that move together. Their own frame: x ahead, z up, origin on the track.
+/// Solids that move together. Their frame: x forward, z up, origin on the track.
 struct Mover {
   std::vector<Shape> shapes;
   Track track;

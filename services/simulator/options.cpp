@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kUsageError = 2;
 
-// Values that need a conversion after parsing.
+// Command line values that are converted after parsing.
 struct Raw {
   std::string mode = "strongest";
   std::string motor = "swing";

@@ -20,9 +20,9 @@ struct Options {
   SimulationConfig simulation;
   FaultConfig faults;
   ImuConfig imu_config;
-  /// the platform stays where it begins
+  /// the platform stays at its first pose
   bool still = false;
-  /// a Hokuyo on a motor in place of the VLP-16
+  /// simulate a Hokuyo on a motor instead of the VLP-16
   bool scans = false;
   ScannerConfig scanner;
   ScannerFiles scanner_files;
@@ -41,8 +41,8 @@ struct Options {
   ZenohSinkConfig zenoh_config;
 };
 
-/// Exit code if the program is to end at once (help, version, list or an error, all of it already
-/// printed); else the options are filled in.
+/// Fills in the options, or returns an exit code if the program must end at once (help, version,
+/// list or an error, which have been printed).
 std::optional<int> parse_options(int argc, char** argv, Options& options);
 
 }  // namespace zloam::simulator

@@ -34,7 +34,8 @@ std::vector<double> hann(std::size_t half_width) {
   return weights;
 }
 
-// Moving average with a Hann window. Beyond the ends: the other end (closed) or the end's value.
+// Moving average with a Hann window. Beyond its ends, a closed line continues at its other end, an
+// open one keeps the value of its end.
 template <typename T>
 std::vector<T> smoothed(const std::vector<T>& in, std::size_t half_width, bool closed) {
   const std::vector<double> weights = hann(half_width);
@@ -57,7 +58,7 @@ double turn_between(const Vector2d& in, const Vector2d& out) {
   return std::atan2(in.x() * out.y() - in.y() * out.x(), in.dot(out));
 }
 
-// Points of the arc that rounds the corner at b between a and c.
+// Points of the arc that rounds the corner at b, between a and c.
 Polyline rounded_corner(const Vector2d& a, const Vector2d& b, const Vector2d& c, double radius) {
   const Vector2d in = (b - a).normalized();
   const Vector2d out = (c - b).normalized();
@@ -81,10 +82,10 @@ Polyline rounded_corner(const Vector2d& a, const Vector2d& b, const Vector2d& c,
   return arc;
 }
 
-// Arcs that would overlap make the path double back on itself.
+// Throws if the arcs of two corners overlap, because the path would then double back on itself.
 void check_room(const Polyline& way, double radius, bool closed) {
   const std::size_t n = way.size();
-  double before = 0.0;  // what the arc at the segment's start takes of it
+  double before = 0.0;  // length of the segment that the arc at its start replaces
   for (std::size_t i = 1; i < n + (closed ? 1 : 0); ++i) {
     const Vector2d segment = way[i % n] - way[i - 1];
     const bool corner = i + (closed ? 0 : 1) < n;
@@ -116,7 +117,7 @@ Polyline rounded(const Polyline& way, double radius, bool closed) {
   return out;
 }
 
-// The polyline again at (nearly) the given spacing, which divides its length exactly.
+// Resamples the polyline at nearly the given spacing, adjusted to divide the length exactly.
 Path resampled(const Polyline& line, double spacing) {
   std::vector<double> s{0.0};
   for (std::size_t i = 1; i < line.size(); ++i) {
@@ -137,7 +138,7 @@ Path resampled(const Polyline& line, double spacing) {
   return path;
 }
 
-// Distance driven at equal time steps, from a speed that respects curvature and acceleration.
+// Distance driven at equal time steps, at a speed limited by the curvature and the acceleration.
 std::vector<double> distance_over_time(const Path& path, const Drive& options, Random& random,
                                        double step_s) {
   const std::vector<double> heading = path.headings();
@@ -181,7 +182,7 @@ std::vector<double> distance_over_time(const Path& path, const Drive& options, R
   return distance;
 }
 
-// Height and tilt that the ground gives the platform, softened by its suspension.
+// Height and tilt of the platform on the ground, smoothed by its suspension.
 std::vector<Eigen::Vector3d> ground_following(const std::vector<Vector2d>& places,
                                               const std::vector<double>& yaws,
                                               const Drive& options) {

@@ -1,8 +1,8 @@
 #pragma once
-// Counter-based random numbers: a value depends only on the keys it is asked for, never on what was
-// drawn before elsewhere, so that packets can be made in any order and by any number of threads.
-// The mixing function is splitmix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
-// generators", OOPSLA 2014).
+// Counter-based random numbers: a value depends only on its keys (seed, stream, index), never on
+// other draws, so that packets can be made in any order and by any number of threads. The mixing
+// function is splitmix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
+// OOPSLA 2014).
 
 #include <cmath>
 #include <cstdint>
@@ -17,7 +17,7 @@ inline std::uint64_t mixed(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// Separates the draws of one seed by what they are for.
+/// Purpose of a draw. Different streams of one seed are independent.
 enum class Stream : std::uint64_t {
   kReturns = 1,
   kWorld,

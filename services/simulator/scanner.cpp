@@ -10,10 +10,10 @@
 namespace zloam::simulator {
 namespace {
 
-// Codes in place of a range (page 12, table 4, UTM-30LX).
+// Error codes that a range field can have instead of a range (page 12, table 4, UTM-30LX).
 constexpr std::uint32_t kNoObject = 1;
 constexpr std::uint32_t kTooNear = 2;
-constexpr double kIntensityPerPercent = 40.0;  // the unit is the maker's own
+constexpr double kIntensityPerPercent = 40.0;  // the manufacturer's unit is arbitrary
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 

@@ -1,6 +1,6 @@
 #pragma once
-// A 2-D scanner (Hokuyo UTM-30LX) on a motor that turns its plane about its forward axis: casts
-// every step of every line from the pose and the motor's angle at its own instant.
+// A 2-D scanner (Hokuyo UTM-30LX) on a motor that rotates its scan plane about its forward axis.
+// Each step of a line is cast from the pose and the motor's angle at its own instant.
 
 #include <cstdint>
 #include <memory>
@@ -14,7 +14,7 @@ namespace zloam::simulator {
 
 struct ScannerConfig {
   scip::Scanner scanner;
-  /// steps that are measured; 180 degrees, as the LOAM rig had them
+  /// range of measured steps: 180 degrees, as on the sensor of the LOAM paper
   int first_step = 180;
   int last_step = 900;
   double noise_sigma_m = 0.01;
@@ -24,26 +24,27 @@ struct ScannerConfig {
   double max_range_m = 30.0;
   double detection_reflectivity = 10.0;  ///< as in SensorConfig
   MotorConfig motor;
-  /// Carries points of the scanner into what the motor turns.
+  /// Pose of the scanner on the rotating part of the motor.
   Pose T_motor_scanner = Pose::Identity();
-  /// The device's counter at the start, ms; any, as the device was switched on some time before.
+  /// The device's counter at the start, ms. The value is arbitrary: a real device was switched on
+  /// some time before.
   std::uint32_t counter_ms = 1'000'000;
 };
 
-/// One turn of the scanner.
+/// One line: the measurements of one revolution of the scanner's mirror.
 struct ScanLine {
-  std::int64_t time_ns = 0;  ///< of step 0, after the start
+  std::int64_t time_ns = 0;  ///< time of step 0, after the start
   std::uint32_t counter_ms = 0;
   std::vector<scip::Echo> echoes;
 };
 
 class Scanner {
  public:
-  /// Of simulation.sensor nothing counts. Throws std::invalid_argument.
+  /// simulation.sensor is ignored. Throws std::invalid_argument for settings outside their limits.
   Scanner(std::shared_ptr<const Scene> scene, const SimulationConfig& simulation,
           const ScannerConfig& config);
 
-  /// Line number index, from 0; depends on nothing else.
+  /// The line with this number, from 0. Does not depend on other lines.
   ScanLine line(std::int64_t index) const;
   std::int64_t line_count(double duration_s) const;
   const Motor& motor() const { return motor_; }

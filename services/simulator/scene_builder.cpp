@@ -101,7 +101,7 @@ struct Interval {
   double low, high;
 };
 
-// What is left of [low, high] after cutting out the given intervals.
+// The parts of the interval that remain after the given cuts.
 std::vector<Interval> remainder_of(Interval whole, std::vector<Interval> cuts) {
   std::sort(cuts.begin(), cuts.end(),
             [](const Interval& a, const Interval& b) { return a.low < b.low; });
@@ -120,7 +120,8 @@ std::vector<Interval> remainder_of(Interval whole, std::vector<Interval> cuts) {
   return left;
 }
 
-// The parts of a side at position `at` (x if vertical, else y) that other rectangles leave closed.
+// The parts of a rectangle's side at position `at` (x if vertical, else y) that no other rectangle
+// opens.
 std::vector<Interval> closed_parts(const std::vector<Rectangle>& all, std::size_t self,
                                    bool vertical, double at, Interval side) {
   std::vector<Interval> cuts;

@@ -1,5 +1,5 @@
 #pragma once
-// What the worlds are put together with: solids placed upright on the ground, kept off the path.
+// Builds worlds from solids that are placed upright on the ground and kept clear of the path.
 
 #include <Eigen/Core>
 #include <vector>
@@ -10,7 +10,7 @@
 
 namespace zloam::simulator {
 
-/// Centre (m), extents along its own axes (m) and turn about the vertical (rad) of an upright box.
+/// An upright box: centre (m), extents along its own axes (m), rotation about the vertical (rad).
 struct BoxSpec {
   double x, y, z_low, z_high, length, width, yaw;
   double reflectivity = 60.0;
@@ -23,17 +23,18 @@ struct Rectangle {
 
 class SceneBuilder {
  public:
-  /// Nothing that is placed with try_* comes nearer to the path than clearance_m.
+  /// Solids placed with try_* stay at least clearance_m away from the path.
   void keep_clear(const Path& path, double clearance_m);
 
   Shape& box(const BoxSpec& spec);
   Shape& cylinder(double x, double y, double radius, double z_low, double z_high,
                   double reflectivity);
-  /// A tube along the x axis of its own frame, seen from inside: half height along the axis.
+  /// A tube along the world's x axis, to be seen from inside.
   Shape& tube_x(const Eigen::Vector3d& centre, double radius, double length, double reflectivity);
   Shape& ellipsoid(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, double reflectivity);
 
-  /// The same, but false and nothing placed where the path would be obstructed.
+  /// The same, unless the solid would obstruct the path: then nothing is placed and the result is
+  /// false.
   bool try_box(const BoxSpec& spec);
   bool try_cylinder(double x, double y, double radius, double z_low, double z_high,
                     double reflectivity);
@@ -41,11 +42,11 @@ class SceneBuilder {
   /// Whether the upright box keeps its distance from the path.
   bool is_clear(const BoxSpec& spec) const;
 
-  /// Walls along the outline of the union of the rectangles, outside of it.
+  /// Places walls along the outline of the union of the rectangles, outside of it.
   void walls_around(const std::vector<Rectangle>& free, double height, double thickness,
                     double reflectivity);
 
-  /// Sets everything that was placed so far onto uneven ground, by the height below its centre.
+  /// Lifts every solid placed so far by the ground's height below its centre.
   void lift_onto(const Terrain& ground);
 
   std::vector<Shape> take() { return std::move(shapes_); }
@@ -59,7 +60,7 @@ class SceneBuilder {
 /// Rotation about the vertical.
 Eigen::Matrix3d turned(double yaw_rad);
 
-/// Goes along a line from the first place on, step() further each time, while before the end.
+/// Visits places along a line, from `first` on and step() apart, up to `end`.
 template <class Step, class Visit>
 void along_line(double first, double end, Step step, Visit visit) {
   double place = first;

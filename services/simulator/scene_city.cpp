@@ -1,5 +1,6 @@
-// A closed loop through streets: houses of all depths with bays, balconies and gaps between them,
-// parked cars, poles and trees; one stretch with bare walls, one almost open. The ground rolls.
+// World city: a closed loop through streets with houses of all depths, bays, balconies and gaps,
+// parked cars, poles and trees; one stretch has bare walls, one is almost open. The ground is
+// rolling.
 
 #include "simulator/scenes.hpp"
 #include "simulator/streets.hpp"
@@ -8,7 +9,7 @@ namespace zloam::simulator {
 
 Scene city_scene(const SceneOptions& options) {
   Random random(options.seed, Stream::kWorld);
-  // Start in the middle of the first street; one corner is cut, so that walls stand at 45 degrees.
+  // The drive starts in the middle of the first street. One corner is cut, for walls at 45 degrees.
   const Polyline corners = {{67, -40}, {67, 9}, {38, 40}, {-66, 40}, {-66, -40}};
   Polyline way{{0.0, -40.0}};
   way.insert(way.end(), corners.begin(), corners.end());

@@ -1,4 +1,5 @@
-// Inside a building: a loop of corridors and furnished rooms, and a hall for a sensor in the hand.
+// Worlds inside a building: indoor, a loop of corridors and furnished rooms; handheld, a hall in
+// which the sensor is carried by hand.
 
 #include <cmath>
 #include <numbers>
@@ -53,7 +54,7 @@ void furnish(SceneBuilder& scene, Random& random, const Rectangle& room, double 
   }
 }
 
-// Frames, radiators and cupboards in a corridor; `bare` leaves long stretches of smooth wall.
+// Places frames, radiators and cupboards in a corridor; `bare` leaves long smooth walls.
 void line_corridor(SceneBuilder& scene, Random& random, const Rectangle& c, double ceiling,
                    bool bare) {
   const bool along_x = c.x_high - c.x_low > c.y_high - c.y_low;
@@ -100,7 +101,7 @@ Scene indoor_scene(const SceneOptions& options) {
                              {8.4, 8.9, 8.9, 10.1},
                              {-4.9, 7.6, -4.4, 8.8},
                              {-7.4, -9.6, -6.9, -8.4}};
-  // A side room whose door stands open: seen in passing only.
+  // A side room with an open door, which is seen only in passing.
   const Rectangle side_room{9.5, -2.0, 15.5, 4.0};
   const Rectangle side_door{15.4, 0.5, 15.9, 1.5};
   std::vector<Rectangle> free(std::begin(corridors), std::end(corridors));

@@ -1,5 +1,5 @@
-// The city's streets with traffic: a van ahead and one behind that keep their distance, cars that
-// come the other way, people on the pavements and across the street.
+// World moving: the city's streets with traffic. A van ahead and one behind keep their distance to
+// the platform, cars come the other way, people walk on the pavements and across the street.
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +17,7 @@ constexpr double kNearestPersonM = 1.5;
 constexpr double kAheadM = 12.0;
 constexpr double kBehindM = -11.0;
 
-// The platform's way as a line, and how far along it is at equal time steps.
+// The platform's path, and the distance along it at equal time steps.
 struct Way {
   static constexpr double kStepS = 0.05;
   Polyline points;  // closed, without repetition of the first one
@@ -44,7 +44,7 @@ Way way_of(const Trajectory& trajectory) {
   return way;
 }
 
-// Place and direction after so many metres of the closed way.
+// Place and direction of travel at a distance along the closed way.
 struct Place {
   Vector2d p;
   Vector2d ahead;
@@ -61,7 +61,7 @@ Place place_at(const Way& way, double s) {
   return {way.points[i] + u * step, step.normalized()};
 }
 
-// Keeps its distance along the way from the platform.
+// The track of an object at a constant distance along the way from the platform.
 Track escort(const Way& way, double ahead_m, const Terrain& ground) {
   std::vector<TrackKey> keys;
   for (std::size_t i = 0; i < way.along.size(); ++i) {
@@ -89,12 +89,12 @@ void add_cars(std::vector<Mover>& movers, Random& random, const Way& way, const 
   const auto height = [&](double x, double y) { return ground.height(x, y); };
   movers.push_back(car(true, 60.0, escort(way, kAheadM, ground)));
   movers.push_back(car(true, 45.0, escort(way, kBehindM, ground)));
-  Polyline lane;  // the other way round, on the other side
+  Polyline lane;  // of the oncoming cars: in the opposite direction, on the other side
   for (int i = 0; i < way.length(); ++i) {
     const Place place = place_at(way, way.length() - i);
     lane.push_back(place.p + kLaneM * place.left());
   }
-  const double speed = 8.0;  // the same for all, so that none runs into another
+  const double speed = 8.0;  // the same for all cars, so that they do not collide
   constexpr int kCars = 16;
   for (int i = 0; i < kCars; ++i) {
     const double start = way.length() * (i + random.uniform(0.0, 0.6)) / kCars;
@@ -120,7 +120,7 @@ void add_people(std::vector<Mover>& movers, Random& random, const Way& way,
     }
     const double speed = random.uniform(0.8, 1.8);
     const double tall = random.uniform(1.5, 1.95);
-    for (int attempt = 0; attempt < 10; ++attempt) {  // waits for the platform to have passed
+    for (int attempt = 0; attempt < 10; ++attempt) {  // until the platform is not in the way
       Track track = walk(points, speed, random.uniform(0.0, 30.0), Repeat::kToAndFro, height);
       if (keeps_away(track, platform, kNearestPersonM)) {
         movers.push_back(person(tall, std::move(track)));

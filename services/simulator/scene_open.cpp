@@ -1,5 +1,5 @@
-// Worlds with little to hold on to: tunnels, a flat yard, an open field; and a park of curved,
-// rough and leafy things without planes.
+// Worlds with few constraints (tunnels, a flat yard, an open field), and a park of curved, rough
+// and leafy objects without planes.
 
 #include <cmath>
 #include <numbers>
@@ -27,7 +27,7 @@ Polyline oval(double half_length, double half_width) {
 Scene tunnel_scene(const SceneOptions& options, bool with_faces) {
   Random random(options.seed, Stream::kWorld);
   constexpr double kLengthM = 90.0;
-  constexpr double kMarginM = 130.0;  // beyond the sensor's range: no end is ever seen
+  constexpr double kMarginM = 130.0;  // beyond the sensor's range, so that it never sees an end
   SceneBuilder scene;
   const Path path =
       smooth_path({{0.0, 0.0}, {kLengthM / 2.0, 0.0}, {kLengthM, 0.0}}, 1.0, 1.0, false);
@@ -39,7 +39,7 @@ Scene tunnel_scene(const SceneOptions& options, bool with_faces) {
   }
   scene.box({kLengthM / 2.0, 0.0, -0.3, 0.0, whole, 5.0, 0.0, 30.0});
   scene.box({kLengthM / 2.0, 0.0, kTunnelHeightM, kTunnelHeightM + 0.3, whole, 5.0, 0.0, 60.0});
-  if (with_faces) {  // shallow pilasters and niches: little that looks along the axis
+  if (with_faces) {  // shallow pilasters: small surfaces that face along the axis
     const auto next = [&] { return random.uniform(5.0, 11.0); };
     along_line(-kMarginM + 20.0, kLengthM + kMarginM - 20.0, next, [&](double x) {
       const double depth = random.uniform(0.08, 0.25);

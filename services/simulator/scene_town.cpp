@@ -1,6 +1,6 @@
-// A town on a grid of streets, driven for three kilometres and more: crossings several times, streets
-// in both directions, on the right side of each. A week later the houses are the same, other cars
-// are parked, and a wall has been built along one street.
+// Worlds town and town_later: a drive of more than three kilometres through a grid of streets, on
+// the right side of each. Crossings are passed several times, streets in both directions. A week
+// later (town_later) the houses are the same, other cars are parked, and one street has a new wall.
 
 #include <algorithm>
 #include <array>
@@ -17,7 +17,7 @@ using Eigen::Vector2d;
 
 constexpr int kColumns = 5, kRows = 4;
 constexpr double kColumnM = 78.0, kRowM = 66.0;
-// From a crossing to the first house.
+// Distance from a crossing to the first house.
 constexpr double kCrossingM = 26.0;
 constexpr double kLeastWayM = 3200.0;
 constexpr double kLaneM = 1.0;
@@ -39,11 +39,11 @@ std::vector<int> neighbours(int crossing) {
 
 double way_between(int a, int b) { return (place_of(a) - place_of(b)).norm(); }
 
-/// The shortest way on from b, coming from a, that ends with last and then first: crossings after
-/// b, without last and first. Nobody turns around in a street.
+/// The shortest way from b, when coming from a, that ends with `last` and then `first`, without
+/// U-turns. Returns the crossings after b, without `last` and `first`.
 std::vector<int> way_back(int a, int b, int last, int first) {
   constexpr std::size_t kAll = kColumns * kRows;
-  std::array<std::array<int, kAll>, kAll> before;  // [at][from]: where from was come to from
+  std::array<std::array<int, kAll>, kAll> before;  // [at][from]: the crossing before `from`
   for (auto& row : before) row.fill(kNowhere);
   std::queue<std::pair<int, int>> open;
   open.emplace(a, b);
@@ -72,8 +72,7 @@ std::vector<int> way_back(int a, int b, int last, int first) {
   throw std::logic_error("town: no way back");
 }
 
-/// Crossings in the order in which they are driven through, each street to the next, and from the
-/// last to the first.
+/// The crossings in the order of the drive; the last one leads back to the first.
 std::vector<int> round_trip(Random& random) {
   const int first = kColumns + 1, second = kColumns + 2;
   std::vector<int> way = {first, second};
@@ -94,7 +93,7 @@ std::vector<int> round_trip(Random& random) {
 
 Vector2d right_of(const Vector2d& along) { return {along.y(), -along.x()}; }
 
-/// On the right side of each street; starts in the middle of the first one.
+/// The path on the right side of each street; starts in the middle of the first street.
 Path lane(const std::vector<int>& crossings) {
   const std::size_t count = crossings.size();
   const auto direction = [&](std::size_t i) -> Vector2d {
@@ -136,7 +135,7 @@ struct Streets {
     ++street;
   }
 
-  // Along the pavement, in front of the houses.
+  // The wall stands along the pavement, in front of the houses.
   void add_new_wall(const Front& front) {
     const Vector2d p = front.place(front.length / 2.0, 7.5);
     scene.try_box({p.x(), p.y(), -2.0, 2.5, front.length, 0.3, front.yaw(), 60.0});

@@ -1,5 +1,5 @@
 #pragma once
-// The worlds that come with the simulator, each with a motion through it.
+// The simulator's built-in worlds, each with a motion through it.
 
 #include <cstdint>
 #include <memory>
@@ -13,9 +13,9 @@
 namespace zloam::simulator {
 
 struct SceneOptions {
-  std::uint64_t seed = 1;    ///< of everything that is placed at random, and of the motion
-  double heading_deg = 0.0;  ///< turns the platform against its path, and so the walls against the
-                             ///< axes of its first pose
+  std::uint64_t seed = 1;    ///< of the random placement of objects, and of the motion
+  double heading_deg = 0.0;  ///< yaw of the platform against its path, which rotates the walls
+                             ///< against the axes of its first pose
   double speed_factor = 1.0;
   int laps = 1;  ///< rounds of a closed path
 };
@@ -33,11 +33,11 @@ std::shared_ptr<const Scene> make_scene(const std::string& name, const SceneOpti
 
 class SceneBuilder;
 
-/// What was built, set onto uneven ground, and the ride over it as the options have it.
+/// Sets the solids onto uneven ground and adds the drive over it, with the options applied.
 Scene on_ground(SceneBuilder& scene, const Terrain& ground, const Path& path, Drive ride,
                 const SceneOptions& options);
 
-/// The single worlds; same as make_scene with their names.
+/// The individual worlds, as make_scene returns them by name.
 Scene city_scene(const SceneOptions& options);
 Scene indoor_scene(const SceneOptions& options);
 Scene handheld_scene(const SceneOptions& options);

@@ -1,5 +1,5 @@
 #pragma once
-// What a Hokuyo scanner says: bytes of SCIP 2.0. Source: Hokuyo, "Communication Protocol
+// Encodes the replies of a Hokuyo scanner (SCIP 2.0). Source: Hokuyo, "Communication Protocol
 // Specification for SCIP2.0 Standard", C-42-03320B.
 
 #include <cstdint>
@@ -9,17 +9,18 @@
 
 namespace zloam::simulator::scip {
 
-/// n characters of 6 bits, most significant first (page 7).
+/// The value as characters of 6 bits each, most significant first (page 7).
 std::string encoded(std::uint32_t value, int characters);
-/// Of a line without its end (page 9).
+/// Checksum of a line without its line end (page 9).
 char checksum(const std::string& text);
-/// The echo, the status with its checksum, lines as they are, and the empty line.
+/// A complete reply: the echoed command, the status with its checksum, the lines unchanged, and an
+/// empty line.
 std::string reply(const std::string& echo, const std::string& status,
                   const std::vector<std::string>& lines = {});
-/// "TEXT;X", as VV, PP and II have it: the checksum leaves the semicolon out.
+/// A line "TEXT;X" of the replies to VV, PP and II; the checksum X does not include the semicolon.
 std::string information(const std::string& text);
 
-/// What PP tells of a scanner.
+/// The parameters of a scanner that the command PP reports.
 struct Scanner {
   std::string model = "UTM-30LX-EW";
   int least_mm = 23;
@@ -35,7 +36,7 @@ struct Scanner {
 };
 std::vector<std::string> parameters(const Scanner& scanner);
 
-/// One measurement of a step; what else of the same beam follows it.
+/// One measurement of a step. `further`: another echo of the same beam as the previous one.
 struct Echo {
   int step = 0;
   bool further = false;
@@ -43,7 +44,7 @@ struct Echo {
   std::uint32_t intensity = 0;
 };
 
-/// Stamp and data of one scan, in lines of 64 characters with their checksums (page 12).
+/// Time stamp and data of one scan, in lines of 64 characters with their checksums (page 12).
 std::vector<std::string> scan_lines(std::uint32_t counter_ms, std::span<const Echo> echoes,
                                     bool intensities);
 

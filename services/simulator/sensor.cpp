@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 using std::numbers::pi;
 
 constexpr double kMotorPeriodS = 5.0;
-constexpr double kSecondReturnM = 1.0;  // two returns nearer to each other melt into one
+constexpr double kSecondReturnM = 1.0;  // hits closer to each other merge into one return
 constexpr double kCentreWeight = 0.4;   // of the five rays across the beam
 constexpr double kRimWeight = 0.15;
 constexpr double kRimRadius = 0.35;  // of the full angle
@@ -48,7 +48,7 @@ void check(const SensorConfig& config) {
 
 }  // namespace
 
-/// One laser firing once: where it looks, in the world, and what tells it from all others.
+/// One shot of one laser: its ray in the world frame, its time, azimuth and laser.
 struct Sensor::Shot {
   Ray ray;
   Vector3d across;  // unit, perpendicular to the ray and to upward
@@ -62,11 +62,11 @@ struct Sensor::Shot {
 struct Sensor::Echo {
   double range_m = 0.0;
   double reflectivity = 0.0;
-  double signal = 0.0;  // reflected power relative to what is just detected; 0: none
+  double signal = 0.0;  // reflected power relative to the detection limit; 0: no return
   int surface = kNoSurface;
 };
 
-/// Where everything that moves is at one time.
+/// The states of all moving objects at one time.
 struct Sensor::Movement {
   std::int64_t time_ns;
   std::vector<Track::State> states;
@@ -103,14 +103,14 @@ double Sensor::rotor_deg(double time_s) const {
 double Sensor::rotor_time_s(double angle_deg) const {
   const double rate = 6.0 * config_.sensor.rotation_rpm;
   double time_s = (angle_deg - config_.sensor.start_azimuth_deg) / rate;
-  for (int i = 0; i < 20; ++i) {  // the speed is within a tenth of the rate, so this contracts
+  for (int i = 0; i < 20; ++i) {  // converges: the speed is within a tenth of the mean rate
     time_s += (angle_deg - rotor_deg(time_s)) / rate;
   }
   return time_s;
 }
 
 Sensor::Shot Sensor::shot(const MotionState& body, std::int64_t sequence_ns, int laser) const {
-  // Within the 35 us of one sequence the motion is its first-order term: off by less than 1 um.
+  // Within the 35 us of one sequence the motion is linearized; the error is below 1 um.
   const std::int64_t since_ns = laser * vlp16::kLaserNs;
   const double dt = seconds(since_ns);
   const auto i = static_cast<std::size_t>(laser);
@@ -134,11 +134,11 @@ Sensor::Shot Sensor::shot(const MotionState& body, std::int64_t sequence_ns, int
   return shot;
 }
 
-// All that moves and can be met by the sequence that begins with this shot: its lasers look along
-// one upright plane, which turns by a quarter of a degree at most until the last of them.
+// The moving shapes that the firing sequence beginning with this shot may hit. Its lasers fire
+// within one upright plane, which rotates by at most a quarter of a degree until the last of them.
 std::vector<MovingShape> Sensor::moving_near(const Shot& first, const Movement& movement) const {
-  constexpr double kSlack = 0.03;  // of the distance: the turn, and half of the widest beam
-  constexpr double kDriftM = 0.1;  // nothing turns or speeds up by more within one packet
+  constexpr double kSlack = 0.03;  // share of the distance: plane's rotation, half the widest beam
+  constexpr double kDriftM = 0.1;  // bound on the deviation from straight motion within a packet
   const World& world = scene_->world;
   const double since_s = seconds(first.time_ns - movement.time_ns);
   std::vector<MovingShape> moving;
@@ -180,8 +180,8 @@ Sensor::Echoes Sensor::detect(std::span<Echo> echoes) const {
   Echoes out;
   const double threshold = config_.sensor.detection_reflectivity > 0.0 ? 1.0 : 0.0;
   for (std::size_t i = 0; i < echoes.size();) {
-    // Parts of the beam that return less than kSecondReturnM apart are one return at their centre,
-    // so that two returns are never nearer to each other than that.
+    // Hits of the beam less than kSecondReturnM apart merge into one return at their centre, so
+    // that two returns are never closer to each other than that.
     Echo joined = echoes[i];
     double moment = joined.signal * joined.range_m;
     std::size_t j = i + 1;
@@ -240,7 +240,8 @@ Sensor::Echoes Sensor::measure(const Shot& shot, std::span<const MovingShape> mo
 void Sensor::write(const Echo& echo, const Shot& shot, int block, int channel, DataPacket& packet,
                    std::vector<Return>* returns) const {
   const SensorConfig& sensor = config_.sensor;
-  // Both returns of one firing keep their noise apart, and equal ones stay equal.
+  // Seeded by time and range: two different returns of one shot have independent noise, and one
+  // return that is written to both blocks stays equal.
   Random random(config_.seed, Stream::kReturns,
                 mixed(static_cast<std::uint64_t>(shot.time_ns)) ^
                     mixed(static_cast<std::uint64_t>(std::llround(echo.range_m * 1e6))));

@@ -1,5 +1,5 @@
 #pragma once
-// The virtual sensor: casts every laser of every firing from the pose at its own instant and writes
+// The virtual VLP-16: casts each laser of each firing from the pose at its own instant, and writes
 // the packets. Times are integer nanoseconds after the start of the simulation; the capture clock
 // adds epoch_ns.
 
@@ -15,8 +15,8 @@
 
 namespace zloam::simulator {
 
-/// A world and a motion through it. The trajectory is that of the mounting point (where the lidar
-/// sits), upright axes of the platform.
+/// A world and a motion through it. The trajectory is that of a frame with its origin at the lidar
+/// and the axes of the platform.
 struct Scene {
   World world;
   Trajectory trajectory;
@@ -26,19 +26,20 @@ struct SensorConfig {
   ReturnMode mode = ReturnMode::kStrongest;
   double rotation_rpm = 600.0;  ///< 300 to 1200
   double start_azimuth_deg = 0.0;
-  /// The motor's speed wanders by this part, over periods of 5 s.
+  /// relative variation of the motor's speed, with a period of 5 s
   double speed_deviation = 1e-3;
   double noise_sigma_m = 0.02;  ///< of the range
   double noise_limit_sigmas = 4.0;
-  double dropout = 0.01;  ///< part of the returns that are lost at random
+  double dropout = 0.01;  ///< share of the returns that are lost at random
   double min_range_m = 0.5;
   double max_range_m = 100.0;
-  /// A surface of so much reflectivity (percent), seen perpendicularly, is just detected at
-  /// max_range_m; darker, farther or more slanted ones are not. 0: everything is detected.
+  /// A perpendicular surface of this reflectivity (percent) is just detected at max_range_m;
+  /// darker, farther or more slanted surfaces are not. 0: every surface is detected.
   double detection_reflectivity = 10.0;
   double reflectivity_sigma = 3.0;
   double range_bias_sigma_m = 0.0;  ///< constant offset of each laser, drawn once
-  /// Full angle of the beam. Above 0, five rays per firing find second returns and mixed pixels.
+  /// Full angle of the beam. Above 0, each shot consists of five rays, which gives second returns
+  /// and mixed pixels.
   double divergence_mrad = 0.0;
 };
 
@@ -46,13 +47,13 @@ struct SimulationConfig {
   SensorConfig sensor;
   std::uint64_t seed = 1;
   std::int64_t epoch_ns = 1'704'067'210'000'000'000;  ///< 2024-01-01T00:00:10 UTC
-  /// Carries points of the lidar into the base. The lidar's place stays that of the trajectory.
+  /// Pose of the lidar in base_link. The trajectory remains that of the lidar's position.
   Pose T_base_lidar = Pose::Identity();
-  /// Turns and shifts the frame of the truth.
+  /// Rotates and shifts the frame of the published ground truth.
   Pose T_truth_world = Pose::Identity();
 };
 
-/// One return as it was encoded, before any decoding.
+/// One return, as it was encoded.
 struct Return {
   std::int64_t time_ns;  ///< of the firing, after the start
   double azimuth_deg;    ///< of the rotor at the firing, not rounded
@@ -77,13 +78,13 @@ class Sensor {
   const SimulationConfig& config() const { return config_; }
   const Scene& scene() const { return *scene_; }
 
-  /// Packets that begin within the duration (s).
+  /// Number of packets that begin within the duration (s).
   std::int64_t packet_count(double duration_s) const;
   std::int64_t packet_period_ns() const { return vlp16::packet_ns(config_.sensor.mode); }
   double duration_s() const { return scene_->trajectory.duration_s(); }
 
-  /// Packet number index, from 0. Depends on nothing but the scene, the configuration and index;
-  /// may be called from several threads. Appends what was measured to returns, if given.
+  /// The packet with this number, from 0. Depends only on scene, configuration and index; may be
+  /// called from several threads. Appends its returns to `returns`, if given.
   DataPacket data_packet(std::int64_t index, std::vector<Return>* returns = nullptr) const;
 
   /// The position packet that follows data packet index (one after every kDataPerPosition).
@@ -91,10 +92,10 @@ class Sensor {
 
   /// Angle of the rotor, degrees clockwise since the start, not wrapped.
   double rotor_deg(double time_s) const;
-  /// Instant at which the rotor stands at this angle (degrees, not wrapped), s after the start.
+  /// Time at which the rotor passes this angle (degrees, not wrapped), s after the start.
   double rotor_time_s(double angle_deg) const;
 
-  /// Truth, in the truth's frame, at a time after the start (s).
+  /// True poses in the frame of the ground truth, at a time after the start (s).
   Pose T_truth_lidar(double time_s) const;
   Pose T_truth_base(double time_s) const;
 

@@ -1,4 +1,4 @@
-// Which returns a shot gives, and what noise and limits do to them.
+// Tests which returns a shot gives, and the effect of noise and limits on them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -92,8 +92,9 @@ TEST(Sensor, DarkAndSlantedSurfacesAreLostFirst) {
     }
     return n;
   };
-  // Reflectivity 50 against 49 at 100 m: the signal suffices while 50 / 49 cos >= (r / 100)^2, and
-  // r = 60 / cos, so while cos^3 >= 0.98 * 0.36. All would be seen while r <= 100, cos >= 0.6.
+  // Reflectivity 50, detection limit 49 at 100 m: a return is detected while
+  // 50 / 49 cos >= (r / 100)^2 with r = 60 / cos, that is while cos^3 >= 0.98 * 0.36. Without the
+  // limit all returns with r <= 100, cos >= 0.6 are detected.
   config.sensor.detection_reflectivity = 49.0;
   const std::size_t some = returns_of(60.0);
   config.sensor.detection_reflectivity = 0.0;
@@ -108,7 +109,7 @@ TEST(Sensor, DarkAndSlantedSurfacesAreLostFirst) {
   EXPECT_NEAR(static_cast<double>(some) / static_cast<double>(all), seen / within, 0.01);
 }
 
-// A pole in front of a wall: rays at its edge meet both.
+// Poles in front of a wall: rays at a pole's edge hit both.
 std::shared_ptr<const Scene> pole_scene() {
   SceneBuilder builder;
   builder.box({20.5, 0.0, -20.0, 20.0, 1.0, 100.0, 0.0, 40.0});
@@ -146,7 +147,7 @@ TEST(Sensor, DualModeFollowsTheRulesOfTheManual) {
       } else {
         ++two;
         ASSERT_GE(std::abs(pair.first - pair.second), 1.0);
-        // The odd block is never farther than the last return.
+        // The odd block's return is never farther than the last return.
         ASSERT_LT(pair.second, pair.first);
         second += pair.second < 15.0 ? 1 : 0;
       }

@@ -50,7 +50,7 @@ TEST(Sensor, AzimuthTurnsClockwiseAtTheRateAskedFor) {
   const Sensor sensor(scene, config);
   const DataPacket packet = sensor.data_packet(0);
   EXPECT_EQ(u16(packet.bytes.data() + 2), 9000U);
-  // 1200 turns a minute: 7200 degrees a second, 0.7963 degrees a block.
+  // 1200 revolutions per minute: 7200 degrees per second, 0.7963 degrees per block.
   EXPECT_EQ(u16(packet.bytes.data() + 1102), 9000U + 876U);
   const std::vector<Decoded> points = decode(packet.bytes);
   ASSERT_FALSE(points.empty());

@@ -1,4 +1,4 @@
-// Returns against the world they come from, at rest and moving.
+// Compares returns with the surfaces that they come from, with the sensor at rest and moving.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -83,7 +83,7 @@ INSTANTIATE_TEST_SUITE_P(Worlds, DecodedWorld,
                          testing::Values("city", "indoor", "handheld", "tunnel_weak"),
                          [](const auto& param) { return param.param; });
 
-// A wall that comes towards a sensor at rest.
+// A wall moves towards a sensor at rest.
 TEST(Sensor, WhatMovesIsMetWhereItIsWhenTheLaserFires) {
   constexpr double kSpeed = 60.0;
   Track track({{0.0, {40.0, 0.0, 0.0}, 0.0}, {0.5, {40.0 - 0.5 * kSpeed, 0.0, 0.0}, 0.0}}, false);
@@ -162,7 +162,7 @@ TEST(Sensor, RoughAndLeafyThingsLookTheSameInEveryTurn) {
   SimulationConfig config = exact();
   config.sensor.speed_deviation = 0.0;
   config.sensor.detection_reflectivity = 0.0;
-  // Turns of exactly 75 packets, so that each of their shots looks along the same line again.
+  // Revolutions of exactly 75 packets, so that the shots of each have the same directions.
   config.sensor.rotation_rpm = 60e9 / (75.0 * vlp16::packet_ns(ReturnMode::kStrongest));
   const Sensor sensor(scene, config);
   std::map<int, int> by_surface;

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// The part of a line inside a convex solid, with the normals (shape frame) at both ends.
+// The part of a ray inside a convex solid, with the normals (shape frame) at both ends.
 struct Span {
   double enter;
   double leave;
@@ -72,7 +72,7 @@ std::optional<Crossing> crossing_at(double range, const Vector3d& d, const Vecto
   return Crossing{range, std::abs(d.dot(normal))};
 }
 
-// The mantle only: what is seen of a pole, a tank, a pipe or the inside of a vault.
+// The lateral surface only, without caps: enough for poles, tanks, pipes and vaults.
 std::optional<Crossing> cross_cylinder(const Vector3d& o, const Vector3d& d, const Vector3d& half) {
   const double a = d.head<2>().squaredNorm();
   if (a < 1e-12) {
@@ -93,7 +93,7 @@ std::optional<Crossing> cross_cylinder(const Vector3d& o, const Vector3d& d, con
   return std::nullopt;
 }
 
-// A number for each cell of a grid, the same whenever it is asked for.
+// A random number for each cell of a grid, always the same for the same cell.
 std::uint64_t cell_bits(const Eigen::Vector3i& cell, std::uint64_t key) {
   const auto part = [](int v) { return static_cast<std::uint64_t>(static_cast<std::uint32_t>(v)); };
   return mixed(key + part(cell.x()) * 0x8DA6B343D8163841ULL +
@@ -104,7 +104,7 @@ double unit(std::uint64_t bits, int shift) {
   return static_cast<double>((bits >> shift) & 0xFFFF) / 65536.0;
 }
 
-// Cells with at most one leaf each, a sphere of 0.4 of the cell.
+// A grid with at most one leaf per cell; a leaf is a sphere with a radius of 0.4 cells.
 struct Leaves {
   double cell_m;
   std::uint64_t threshold;  // of 2^16: a cell has a leaf where its bits are below
@@ -114,8 +114,8 @@ struct Leaves {
 constexpr double kLeafRadius = 0.4;  // of the cell
 
 Leaves leaves_of(double density, std::uint64_t key) {
-  // A ray that crosses a cell runs through 2/3 of its edge on average. The part mean of such rays
-  // would meet a leaf inside, and of those the part 1 - share finds none there, so that
+  // A ray that crosses a cell runs through 2/3 of its edge on average. If each cell had a leaf, the
+  // share `mean` of such rays would hit it; a cell is without a leaf with probability 1 - share. So
   // mean * ln(1 - share) must be -density * 2/3 * edge.
   const double cell_m = std::min(0.1, 0.4 / density);
   const double chord_m = 2.0 / 3.0 * cell_m;
@@ -124,7 +124,7 @@ Leaves leaves_of(double density, std::uint64_t key) {
   return {cell_m, static_cast<std::uint64_t>(share * 65536.0), key};
 }
 
-// Nearest crossing with the leaf of a cell, if it has one. o and d in cells.
+// Nearest crossing with the cell's leaf, if there is one. o and d are in units of cells.
 std::optional<Crossing> cross_leaf(const Vector3d& o, const Vector3d& d,
                                    const Eigen::Vector3i& cell, const Leaves& leaves) {
   const std::uint64_t bits = cell_bits(cell, leaves.key);
@@ -145,8 +145,8 @@ std::optional<Crossing> cross_leaf(const Vector3d& o, const Vector3d& d,
   return Crossing{along - half, half / kLeafRadius};
 }
 
-// From cell to cell along the ray (Amanatides and Woo, "A fast voxel traversal algorithm for ray
-// tracing", Eurographics 1987).
+// Walks from cell to cell along the ray (Amanatides and Woo, "A fast voxel traversal algorithm for
+// ray tracing", Eurographics 1987).
 std::optional<Crossing> cross_foliage(const Vector3d& o_m, const Vector3d& d, const Span& span,
                                       const Leaves& leaves, double max_range_m) {
   const double start = std::max(span.enter, kNearestHitM) / leaves.cell_m;
@@ -182,7 +182,8 @@ std::optional<Crossing> cross_foliage(const Vector3d& o_m, const Vector3d& d, co
 
 std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index,
                               double max_range_m) {
-  // Most candidates of the tree are passed by; this costs less than turning the ray.
+  // The ray misses most candidates of the tree. This test against the bounding sphere costs less
+  // than transforming the ray.
   const Vector3d to = shape.centre - ray.origin;
   const double along = to.dot(ray.direction);
   if (to.squaredNorm() - along * along > shape.half.squaredNorm() * (1.0 + 1e-9)) {
@@ -214,7 +215,7 @@ double relief_along(const Vector3d& point, const Shape& shape, std::uint64_t sha
     return 0.0;
   }
   constexpr double kCellM = 0.05;
-  constexpr double kLeastCosine = 0.3;  // what is seen at a glance has no relief of its own
+  constexpr double kLeastCosine = 0.3;  // limits the relief at grazing incidence
   const Vector3d p = shape.R_world_shape.transpose() * (point - shape.centre) / kCellM;
   const Vector3d low = p.array().floor();
   const Vector3d u = p - low;
@@ -230,7 +231,8 @@ double relief_along(const Vector3d& point, const Shape& shape, std::uint64_t sha
     sum += weight * (2.0 * unit(cell_bits(cell + at, mixed(~shape_index)), 0) - 1.0);
     squares += weight * weight;
   }
-  // A value between -1 and 1 has a variance of 1/3, a weighted sum that times the weights' squares.
+  // A value uniform in [-1, 1] has the variance 1/3; the weighted sum has 1/3 of the sum of the
+  // squared weights.
   return shape.roughness_m * sum * std::sqrt(3.0 / squares) / std::max(cos_incidence, kLeastCosine);
 }
 

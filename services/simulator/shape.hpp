@@ -1,6 +1,5 @@
 #pragma once
-// The solids of which worlds are made, and the intersection of a ray with one of them. Frame:
-// world, metres.
+// The solids that worlds consist of, and the intersection of a ray with a solid. Frame world, m.
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -15,8 +14,9 @@ enum class ShapeKind : std::uint8_t {
   kEllipsoid,  ///< half: semi-axes
 };
 
-/// One solid. A shape with density > 0 is foliage: full of small round leaves, each at its place
-/// for ever, of so many that a ray stops inside with the probability 1 - exp(-density * depth).
+/// One solid. A shape with density > 0 is foliage: it is filled with small spherical leaves at
+/// fixed places, so many that a ray stops within a depth with probability
+/// 1 - exp(-density * depth).
 struct Shape {
   ShapeKind kind = ShapeKind::kBox;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -24,7 +24,7 @@ struct Shape {
   Eigen::Matrix3d R_world_shape = Eigen::Matrix3d::Identity();
   double reflectivity = 60.0;  ///< 0-100 diffuse, 101-255 retro-reflector
   double density_per_m = 0.0;
-  double roughness_m = 0.0;  ///< 1 sigma of the surface's own relief, bumps of some 5 cm
+  double roughness_m = 0.0;  ///< 1 sigma of the surface's relief, bumps of some 5 cm
 };
 
 struct Ray {
@@ -38,16 +38,16 @@ struct Crossing {
   double cos_incidence;  ///< 0 (grazing) to 1 (perpendicular)
 };
 
-/// Nothing is nearer to the sensor than its own housing, so shapes nearer than this are not seen.
+/// Crossings nearer than this are ignored: they would be inside the sensor's housing.
 inline constexpr double kNearestHitM = 0.05;
 
-/// First crossing of the ray with the shape beyond kNearestHitM; seen from inside, the far wall.
-/// shape_index tells the leaves of one shape from another's. Nothing beyond max_range_m is of use.
+/// First crossing of the ray with the shape beyond kNearestHitM; from inside, that with the far
+/// wall. shape_index selects the shape's own leaves. Crossings beyond max_range_m may be omitted.
 std::optional<Crossing> cross(const Ray& ray, const Shape& shape, std::uint64_t shape_index,
                               double max_range_m = std::numeric_limits<double>::infinity());
 
-/// What the roughness of the shape adds to the range of a ray that meets it at the point: 0 for
-/// smooth shapes; else the same at the same place, with a sigma of roughness / cos_incidence.
+/// The range that the shape's roughness adds for a ray that hits the point: 0 for smooth shapes,
+/// else a fixed value for each place, with a sigma of roughness / cos_incidence.
 double relief_along(const Eigen::Vector3d& point, const Shape& shape, std::uint64_t shape_index,
                     double cos_incidence);
 

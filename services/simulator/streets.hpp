@@ -1,5 +1,5 @@
 #pragma once
-// What stands along a street, for the worlds with houses.
+// Places the objects along a street, for the worlds with houses.
 
 #include <Eigen/Core>
 #include <cmath>
@@ -19,13 +19,13 @@ struct Front {
   Eigen::Vector2d place(double s, double out) const { return start + s * along + out * outward; }
 };
 
-/// Houses wall to wall with now and then a gap, from 12 m before the front to 12 m behind it; bare
-/// fronts if the stretch is to be hard.
+/// A row of houses with occasional gaps, from 12 m before the front to 12 m behind it; `bare` gives
+/// plain walls, which constrain the motion less.
 void add_houses(SceneBuilder& scene, Random& random, const Front& front, bool bare);
-/// A low wall and what stands behind it at a distance: few vertical surfaces near the sensor.
+/// A low wall, and objects at a distance behind it: few vertical surfaces near the sensor.
 void add_open_side(SceneBuilder& scene, Random& random, const Front& front);
 void add_parked_cars(SceneBuilder& scene, Random& random, const Front& front);
-/// Trees, posts, bins, signs; fewer where it is bare.
+/// Trees, posts, bins, signs; fewer if `bare`.
 void add_street_furniture(SceneBuilder& scene, Random& random, const Front& front, bool bare);
 
 }  // namespace zloam::simulator

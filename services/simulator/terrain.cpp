@@ -130,7 +130,7 @@ std::optional<Crossing> Terrain::cross(const Ray& ray, double max_range_m) const
     if (above < 0.0 && above < -kCloseM) {
       return std::nullopt;  // started below the ground
     }
-    // Near the surface Newton's step is exact within one cell, but for its slight curvature.
+    // Near the surface Newton's step is nearly exact within one cell, whose curvature is small.
     t += above < kCloseM && rate > 0.1 * closing ? above / rate : above / closing;
   }
   return std::nullopt;

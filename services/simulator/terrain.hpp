@@ -11,7 +11,7 @@
 
 namespace zloam::simulator {
 
-/// How uneven the ground is; all zero is a plane at z = 0.
+/// The unevenness of the ground; with all values 0 it is the plane z = 0.
 struct TerrainShape {
   double long_wave_m = 0.0;   ///< amplitude of hills with wave lengths of 30 to 90 m
   double short_wave_m = 0.0;  ///< amplitude of bumps with wave lengths of 4 to 12 m
@@ -24,11 +24,11 @@ class Terrain {
   Terrain(const Eigen::Vector2d& low, const Eigen::Vector2d& high, double spacing_m,
           const TerrainShape& shape, std::uint64_t seed);
 
-  /// Height in metres; beyond the rectangle that of its edge.
+  /// Height in metres; beyond the rectangle, the height at its nearest edge.
   double height(double x, double y) const;
 
   /// First crossing from above within max_range_m. Sphere tracing with the greatest slope as bound
-  /// (Hart, "Sphere tracing", The Visual Computer 1996), so no bump is jumped over.
+  /// (Hart, "Sphere tracing", The Visual Computer 1996), so that no bump is skipped.
   std::optional<Crossing> cross(const Ray& ray, double max_range_m) const;
 
   double reflectivity = 25.0;

@@ -1,6 +1,6 @@
 #pragma once
-// A decoder of its own, after the formulas of the manual; shares nothing with the encoder. And what
-// the tests of the sensor share.
+// An independent decoder after the formulas of the manual, which shares no code with the encoder,
+// and helpers shared by the tests of the sensor.
 
 #include <gtest/gtest.h>
 
@@ -78,7 +78,7 @@ inline SimulationConfig exact() {
   return config;
 }
 
-// A level plane of ground under a sensor that stands still, and a wall.
+// A wall in front of a sensor that stands still.
 inline std::shared_ptr<const Scene> still_scene(double wall_x) {
   SceneBuilder builder;
   builder.box({wall_x + 0.5, 0.0, -60.0, 60.0, 1.0, 400.0, 0.0, 50.0});

@@ -30,7 +30,7 @@ class Trajectory {
 
   double duration_s() const { return spline_.end(); }
 
-  /// State at a time in seconds after the start; before 0 and after the end it stands still.
+  /// State at a time after the start (s); before 0 and after the end the platform stands still.
   MotionState at(double time_s) const;
 
  private:

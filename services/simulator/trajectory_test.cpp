@@ -91,7 +91,7 @@ TEST_P(EveryWorld, KeepsItsLimitsAndMoves) {
 }
 
 TEST_P(EveryWorld, NothingStandsInTheWay) {
-  // The nearest thing in any direction from any pose is beyond the sensor's shortest range.
+  // From every pose the nearest surface in every direction is beyond the sensor's minimum range.
   for (double t = 0.0; t < trajectory.duration_s(); t += 0.2) {
     const Vector3d p = trajectory.at(t).T_world_body.translation();
     for (int k = 0; k < 72; ++k) {

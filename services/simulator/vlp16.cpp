@@ -29,7 +29,7 @@ std::uint32_t microseconds_of_hour(std::int64_t unix_ns) {
   return static_cast<std::uint32_t>(within / 1000);
 }
 
-// Degrees as NMEA writes them: whole degrees, then minutes.
+// An angle in NMEA's notation: whole degrees, then minutes.
 std::string nmea_angle(double degrees, int width, char positive, char negative) {
   const double magnitude = std::abs(degrees);
   auto whole = static_cast<int>(magnitude);

@@ -28,7 +28,7 @@ inline constexpr std::int64_t kBlockNs = 2 * kSequenceNs;
 inline constexpr double kDistanceUnitM = 0.002;
 inline constexpr std::int64_t kHourNs = 3'600'000'000'000;
 
-/// One data packet for every so many position packets' periods (manual: about 14 to 1).
+/// Number of data packets per position packet (manual: about 14 to 1).
 inline constexpr std::int64_t kDataPerPosition = 14;
 
 /// Elevation in degrees and height of the origin in metres, by laser.
@@ -38,7 +38,7 @@ inline constexpr std::array<double, kLasers> kHeightM = {
     11.2e-3, -0.7e-3, 9.7e-3, -2.2e-3, 8.1e-3, -3.7e-3, 6.6e-3, -5.1e-3,
     5.1e-3,  -6.6e-3, 3.7e-3, -8.1e-3, 2.2e-3, -9.7e-3, 0.7e-3, -11.2e-3};
 
-/// Firing groups (azimuth blocks) of a packet: in dual mode two blocks tell of the same firings.
+/// Number of firing groups in a packet: in dual mode two blocks describe the same group.
 constexpr int groups(ReturnMode mode) { return mode == ReturnMode::kDual ? kBlocks / 2 : kBlocks; }
 constexpr std::int64_t packet_ns(ReturnMode mode) { return groups(mode) * kBlockNs; }
 
@@ -56,7 +56,7 @@ void set_stamp(DataBytes& bytes, std::int64_t unix_ns);
 
 enum class Pps : std::uint8_t { kNone = 0, kSynchronising = 1, kLocked = 2, kError = 3 };
 
-/// What a position packet tells.
+/// Content of a position packet.
 struct Position {
   std::int64_t unix_ns = 0;
   Pps pps = Pps::kLocked;

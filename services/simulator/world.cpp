@@ -37,8 +37,8 @@ struct Split {
   std::int32_t middle = 0;
 };
 
-// The split of order[begin, end) with the smallest sum of surface times count (MacDonald and Booth,
-// "Heuristics for ray tracing using space subdivision", 1990), tried at every position.
+// Tries every split of order[begin, end) and returns the one with the smallest sum of surface times
+// count (MacDonald and Booth, "Heuristics for ray tracing using space subdivision", 1990).
 Split best_split(const std::vector<Shape>& shapes, std::vector<std::int32_t>& order,
                  std::int32_t begin, std::int32_t end) {
   Split best{0, (begin + end) / 2};
@@ -147,7 +147,7 @@ void World::cast_shapes(const Ray& ray, Hit& best) const {
     if (node.count > 0) {
       cast_leaf(ray, node, best);
     } else {
-      // The nearer child is taken first, so that the other one can often be left out.
+      // The nearer child is visited first, so that the other one can often be skipped.
       const bool forward = ray.direction[node.axis] >= 0.0;
       stack[depth++] = forward ? node.first : index + 1;
       stack[depth++] = forward ? index + 1 : node.first;
@@ -202,7 +202,8 @@ Hit World::cast(const Ray& ray, double max_range_m, std::span<const MovingShape>
   }
   const MovingShape* moved = nullptr;
   for (const MovingShape& candidate : moving) {
-    // To what moves evenly, the ray is one that starts elsewhere.
+    // For a shape with constant velocity, moving the ray's origin back is the same as moving the
+    // shape on.
     const Ray relative{ray.origin - after_s * candidate.velocity, ray.direction};
     const auto crossing = cross(relative, candidate.shape,
                                 static_cast<std::uint64_t>(candidate.surface), best.range_m);

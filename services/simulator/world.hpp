@@ -16,12 +16,12 @@ namespace zloam::simulator {
 inline constexpr int kNoSurface = -1;
 inline constexpr int kGround = -2;
 
-/// What a ray met first.
+/// The first surface that a ray hits.
 struct Hit {
   double range_m = 0.0;
   double cos_incidence = 0.0;
   double reflectivity = 0.0;
-  /// Index into World::shapes(), after those the moving ones in the order of World::movers();
+  /// Index into World::shapes(), followed by the shapes of World::movers() in their order; or
   /// kGround or kNoSurface.
   int surface = kNoSurface;
 
@@ -39,15 +39,15 @@ class World {
 
   const std::vector<Mover>& movers() const { return movers_; }
 
-  /// All that moves, where it is at a time (s).
+  /// All moving shapes at their places at a time (s).
   std::vector<MovingShape> moving_at(double time_s) const;
-  /// Appends the solids of one mover.
+  /// Appends the shapes of one mover at a time (s).
   void add_moving(std::size_t mover, double time_s, std::vector<MovingShape>& out) const;
-  /// Of the sphere around a mover's place that holds all of its solids, m.
+  /// Radius of the sphere around a mover's place that contains all of its shapes, m.
   double mover_radius(std::size_t mover) const { return radii_[mover]; }
 
-  /// The nearest surface within max_range_m, rough ones with their relief; of what moves only that
-  /// which is given, after_s later than it was made.
+  /// The nearest surface within max_range_m, including the relief of rough ones. Of the moving
+  /// shapes only those in `moving` count, moved on by after_s at their velocities.
   Hit cast(const Ray& ray, double max_range_m, std::span<const MovingShape> moving = {},
            double after_s = 0.0) const;
 
@@ -57,7 +57,7 @@ class World {
     Eigen::Vector3f high;
     std::int32_t first;  // leaf: first of the shapes; else index of the second child
     std::int32_t count;  // leaf: number of shapes; else 0
-    std::int32_t axis;   // inner: along which the children are sorted
+    std::int32_t axis;   // inner node: axis along which the children are sorted
   };
   void measure_movers();
   void build(std::int32_t begin, std::int32_t end, int depth);

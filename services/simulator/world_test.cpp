@@ -28,7 +28,7 @@ TEST(Shape, BoxIsHitWhereTheClosedFormSays) {
   const Shape shape = builder.take().front();
   const auto crossing = cross({Vector3d::Zero(), Vector3d::UnitX()}, shape, 0);
   ASSERT_TRUE(crossing);
-  // The face x' = -1 of the box turned by 30 degrees: its normal is (cos 30, sin 30), so
+  // The face x' = -1 of the box rotated by 30 degrees: its normal is (cos 30, sin 30), so
   // (10 - t) cos 30 = 1.
   EXPECT_NEAR(crossing->range_m, 10.0 - 1.0 / std::cos(std::numbers::pi / 6.0), 1e-12);
   EXPECT_NEAR(crossing->cos_incidence, std::cos(std::numbers::pi / 6.0), 1e-12);
@@ -50,7 +50,7 @@ TEST(Shape, CylinderHasAMantleAndNoCaps) {
   EXPECT_NEAR(cross({{0, 0.3, 1}, Vector3d::UnitX()}, shape, 0)->range_m, 4.6, 1e-12);
   EXPECT_FALSE(cross({{0, 0, 3}, Vector3d::UnitX()}, shape, 0));
   EXPECT_FALSE(cross({{5, 0, 9}, -Vector3d::UnitZ()}, shape, 0));
-  // Over the near rim, onto the inside of the far wall.
+  // The ray passes over the near rim and hits the inside of the far wall.
   const auto over = cross({{0, 0, 2.5}, Vector3d(1, 0, -0.1).normalized()}, shape, 0);
   ASSERT_TRUE(over);
   EXPECT_NEAR(over->range_m, 5.5 * std::hypot(1.0, 0.1), 1e-12);
@@ -99,7 +99,7 @@ TEST(Shape, FoliageIsPenetratedByTheExponentialLaw) {
       }
     }
     EXPECT_NEAR(static_cast<double>(hits) / rays, 1.0 - through, 0.02) << density;
-    // A leaf is met at its front, not at its centre.
+    // A ray hits a leaf at its front, not at its centre.
     EXPECT_NEAR(depth, expected_depth, 0.04 * expected_depth + 0.02) << density;
   }
 }
@@ -109,7 +109,8 @@ TEST(Shape, LeavesStayWhereTheyAre) {
   builder.ellipsoid({5.0, 0.0, 0.0}, {1.5, 1.5, 1.5}, 40.0);
   Shape shape = builder.take().front();
   shape.density_per_m = 1.0;
-  // Rays from everywhere to a point that one ray has met are stopped there or before, never behind.
+  // Rays from any direction to a point that one ray has hit stop at this point or before, never
+  // behind it.
   Random random(2, Stream::kWorld);
   int met = 0;
   int same = 0;

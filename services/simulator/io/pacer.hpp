@@ -1,5 +1,5 @@
 #pragma once
-// Holds back what is sent live until its time has come.
+// Delays datagrams that are sent live until their time has come.
 
 #include <chrono>
 #include <cstdint>
@@ -13,8 +13,8 @@ class Pacer {
   /// `rate` seconds of the simulation pass in one second.
   explicit Pacer(double rate) : rate_(rate) {}
 
-  /// Returns when it is time for something that the sensor sends at sent_ns; the first call starts
-  /// the clock.
+  /// Waits until the time of a datagram that the sensor sends at sent_ns. The first call starts the
+  /// clock.
   void wait_for(std::int64_t sent_ns) {
     using Clock = std::chrono::steady_clock;
     if (!first_ns_) {

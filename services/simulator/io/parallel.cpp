@@ -11,7 +11,7 @@ std::vector<DataPacket> data_packets(const Sensor& sensor, std::int64_t first, s
   if (returns != nullptr) {
     returns->assign(packets.size(), {});
   }
-  // Each takes the next packet when it is done with one, so that none waits for a slower one.
+  // Each thread takes the next packet when it has finished one, so that none waits for another.
   std::atomic<std::int64_t> next{0};
   const auto work = [&] {
     for (std::int64_t i = next++; i < count; i = next++) {

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::int64_t kLinesPerChunk = 40;
 
-/// The lines [first, first + count), by several threads.
+/// Computes the lines [first, first + count) with several threads.
 std::vector<ScanLine> lines_of(const Scanner& scanner, std::int64_t first, std::int64_t count,
                                int threads) {
   std::vector<ScanLine> lines(static_cast<std::size_t>(count));
@@ -84,7 +84,7 @@ void write_angles(const Scanner& scanner, std::int64_t epoch_ns, double duration
                   const std::string& path) {
   OutputFile file(path);
   file.write("t_ns,angle_rad\n");
-  // The last line is within the readings.
+  // The readings extend beyond the last line.
   constexpr double kAfter_s = 0.1;
   const auto count = static_cast<std::int64_t>(
       std::ceil((duration_s + kAfter_s) * scanner.config().motor.encoder_hz));

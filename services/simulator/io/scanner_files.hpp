@@ -1,5 +1,5 @@
 #pragma once
-// What a simulated scanner and its motor leave behind: a session of SCIP replies, and the angles.
+// Writes the files of a simulated scanner and its motor: a session of SCIP replies, and the angles.
 
 #include <cstdint>
 #include <string>
@@ -16,11 +16,12 @@ struct ScannerFiles {
   bool intensities = true;
 };
 
-/// From a line's last step until it is received: at least, and by how much more at most.
+/// Delay from a line's last step until it is received: minimum, and maximum addition to it.
 inline constexpr std::int64_t kLineDelayNs = 2'000'000;
 inline constexpr std::int64_t kLineJitterNs = 1'000'000;
 
-/// Shows its progress on stderr if asked to. Throws std::runtime_error when a file can't be written.
+/// Writes the files; `progress` shows the progress on stderr. Throws std::runtime_error if a file
+/// cannot be written.
 void write_scanner_files(const Scanner& scanner, std::int64_t epoch_ns, double duration_s,
                          int threads, bool progress, const ScannerFiles& files);
 

@@ -8,7 +8,7 @@
 
 namespace zloam::simulator {
 
-/// Reads a scene. Throws std::invalid_argument that names file, line and key for anything unknown,
+/// Reads a scene. Throws std::invalid_argument, naming file, line and key, if anything is unknown,
 /// missing or out of range.
 std::shared_ptr<const Scene> read_scene(const std::string& path, const SceneOptions& options);
 

@@ -77,8 +77,8 @@ movers:
   EXPECT_EQ(hit.surface, 0);
 }
 
-// In the frame of the first pose of base_link all walls, the floor and the ceiling of this world
-// are where a map with cells of 0.25, 0.5 or 1 m has its boundaries.
+// In the frame of the first pose of base_link, all walls, the floor and the ceiling of this world
+// lie on cell boundaries of a map with cells of 0.25, 0.5 or 1 m.
 TEST_F(SceneFile, TheGridWorldsWallsStandOnTheGrid) {
   const auto scene = read_scene(ZLOAM_WORLDS "/grid.yaml", {});
   const Pose T_map_world = scene->trajectory.at(0.0).T_world_body.inverse();

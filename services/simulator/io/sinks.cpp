@@ -79,7 +79,7 @@ class UdpSink : public Sink {
       const sockaddr_in& target = datagram.is_data() ? data_ : position_;
       const ssize_t sent = sendto(socket_, datagram.payload.data(), datagram.payload.size(), 0,
                                   reinterpret_cast<const sockaddr*>(&target), sizeof target);
-      // A receiver that is not there (yet) is no error for a sensor that broadcasts.
+      // A missing receiver is not an error: the real sensor broadcasts.
       if (sent < 0 && errno != ECONNREFUSED) {
         throw std::runtime_error(std::string("sending failed: ") + std::strerror(errno));
       }

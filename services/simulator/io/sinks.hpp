@@ -1,5 +1,5 @@
 #pragma once
-// Where datagrams go: files and the network. Part of the program, not of the library.
+// Sinks for datagrams: files and the network. Part of the program, not of the library.
 
 #include <fstream>
 #include <memory>
@@ -11,7 +11,7 @@
 
 namespace zloam::simulator {
 
-/// Throws std::runtime_error when something cannot be written.
+/// Its functions throw std::runtime_error if something cannot be written.
 class Sink {
  public:
   virtual ~Sink() = default;
@@ -37,7 +37,7 @@ class OutputFile {
 };
 
 std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds);
-/// Data payloads end to end.
+/// Writes the payloads of data packets, concatenated.
 std::unique_ptr<Sink> payload_sink(const std::string& path);
 /// Sends to an IPv4 address, paced so that `rate` seconds of the simulation pass in one second;
 /// data packets to `port`, position packets to position_port.

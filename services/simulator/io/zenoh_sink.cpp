@@ -30,7 +30,7 @@ msg::ImuSample sample_of(const ImuReading& reading, std::int64_t epoch_ns) {
   return {epoch_ns + reading.time_ns, vec(reading.force_m_s2), vec(reading.rate_rad_s)};
 }
 
-// Numbers the messages of one key.
+// Publishes on one key and numbers its messages.
 class Outlet {
  public:
   Outlet(zenoh::Session& session, const Keys& keys, Key key, bool block)

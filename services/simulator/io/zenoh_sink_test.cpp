@@ -69,7 +69,7 @@ TEST(ZenohSink, EveryDatagramArrivesOnceAndInOrder) {
   const int port = zenoh::test::free_port();
   zenoh::Session reader = zenoh::Session::open(zenoh::test::listening_config(port));
   Mailbox imu(reader, "loam/r/imu/s");
-  // Declared last: who is seen here has been seen there.
+  // Declared last: a publisher that sees this subscriber has seen the one before it.
   Mailbox packets(reader, "loam/r/lidar/s/packets");
   const auto sent = some_datagrams(400);
   const auto sink = zenoh_sink(sink_config(port), kEpochNs, counted_imu());
