@@ -24,10 +24,10 @@ using Bytes = std::vector<std::uint8_t>;
 constexpr int kRings = 16;
 constexpr std::size_t kPackets = 20, kPacket_bytes = 1206;
 constexpr std::int64_t kPeriod_ns = 100'000'000;
-// What the choices of a byte mean: the usual value, one near it, anything.
+// Meaning of a choice byte: below kUsual the usual value, below kNear one near it, else any value.
 constexpr std::uint8_t kUsual = 216, kNear = 240;
 
-/// What a field usually holds in sweep n of run 7.
+/// The usual value of a field in sweep n of run 7.
 double usual(std::string_view name, std::uint64_t n) {
   static const std::map<std::string_view, double> kConstants = {{"run", 7},
                                                                 {"rings", kRings},
@@ -107,7 +107,7 @@ std::size_t size_of(BaseType type) {
   }
 }
 
-/// An integer of so many bytes, as the hardware would wrap it.
+/// Writes the value as an integer of `size` bytes, wrapped as the hardware would.
 void put_integer(std::uint8_t* at, std::size_t size, double value) {
   const bool fits = value >= -9.2e18 && value <= 9.2e18;
   const std::int64_t whole = fits ? static_cast<std::int64_t>(value)
@@ -130,7 +130,8 @@ void put(std::uint8_t* at, BaseType type, double value) {
   }
 }
 
-/// Byte i of packets of a VLP-16 that turns by 0.4 degrees a block and sees 10 m everywhere.
+/// Byte i of the packets of a VLP-16 that rotates by 0.4 degrees per block and measures 10 m
+/// everywhere.
 std::uint8_t packet_byte(std::size_t i, std::uint64_t n) {
   static constexpr std::uint8_t kTail[] = {0, 0, 0, 0, 0x37, 0x22};
   const std::size_t packet = i / kPacket_bytes, at = i % kPacket_bytes;
@@ -144,7 +145,7 @@ std::uint8_t packet_byte(std::size_t i, std::uint64_t n) {
   return kReturn[(at % 100 - 4) % 3];
 }
 
-/// A return of a room of 12 x 8 x 3 m, from where the sensor is in sweep n.
+/// A return from a room of 12 x 8 x 3 m, at the sensor's position in sweep n.
 void room_point(float* xyz, std::size_t i, std::uint64_t n) {
   const double azimuth = 2.399963 * static_cast<double>(i / kRings);
   const double elevation = (static_cast<double>(i % kRings) * 2.0 - 15.0) * M_PI / 180.0;
@@ -178,7 +179,7 @@ struct MessageMaker::Impl {
   std::map<std::string, Bytes> files;
   std::uint64_t sweep = 0;
   std::uint8_t replay = 0;
-  // Of the message that is made.
+  // State of the message that is being made.
   const reflection::Schema* schema = nullptr;
   Input* in = nullptr;
   std::size_t points = 0;
@@ -213,7 +214,7 @@ struct MessageMaker::Impl {
     }
   }
 
-  /// What differs from point to point.
+  /// Fills in the members of a point that differ from point to point.
   void place(std::uint8_t* at, std::size_t size, std::size_t index) const {
     float xyz[3];
     room_point(xyz, index, sweep);
@@ -225,7 +226,7 @@ struct MessageMaker::Impl {
     std::memcpy(at + offsetof(Point, ring), &ring, sizeof ring);
   }
 
-  /// In a long vector every element is the usual one: the fuzzer changes a few afterwards.
+  /// In a long vector every element gets the usual values; the fuzzer changes some afterwards.
   void fill_field(std::uint8_t* at, std::string_view kind, const reflection::Field& field,
                   std::size_t index) {
     const auto type = field.type()->base_type();
@@ -251,7 +252,7 @@ struct MessageMaker::Impl {
     }
   }
 
-  /// Some numbers of the bytes become others.
+  /// Changes some numbers or bytes.
   void disturb(Bytes& bytes) {
     if (bytes.empty()) return;
     const std::uint8_t choice = in->byte();
@@ -327,12 +328,12 @@ struct MessageMaker::Impl {
 
   flatbuffers::uoffset_t table(flatbuffers::FlatBufferBuilder& b,
                                const reflection::Object& object) {
-    // Children first, as the format wants it.
+    // FlatBuffers requires that children are built before their table.
     std::map<std::uint16_t, flatbuffers::uoffset_t> children;
     std::map<std::uint16_t, Bytes> structs;
     for (const reflection::Field* field : *object.fields()) {
       const auto type = field->type()->base_type();
-      // An optional field that is missing, now and then.
+      // Sometimes an optional field is missing.
       if (in->byte() >= 250) continue;
       if (type == BaseType::String) {
         children[field->offset()] = b.CreateString(text_for(field->name()->string_view())).o;
@@ -380,7 +381,7 @@ std::vector<std::uint8_t> MessageMaker::make(const std::string& schema, Input& i
   Impl& m = *impl_;
   m.schema = &m.load(schema);
   m.in = &input;
-  // Points, step of the drive, replay or live: of the whole message.
+  // Choices for the whole message: number of points, step of the drive, replay or live.
   const std::uint8_t choice = input.byte();
   m.points = kPoints[choice % 8];
   m.sweep += choice / 8 % 4 == 0 ? 0 : 1;

@@ -1,6 +1,6 @@
 #pragma once
-// Messages of every schema out of a fuzzer's bytes: well-formed, near to what a stage sends, with
-// some values of the fuzzer's own; then, for some, bytes changed on the wire.
+// Makes messages of every schema from a fuzzer's bytes: well-formed and close to those of a stage,
+// with some values replaced by the fuzzer's, and in some messages bytes changed as if in transit.
 
 #include <cstdint>
 #include <memory>
@@ -10,7 +10,7 @@
 
 namespace zloam::fuzz {
 
-/// The fuzzer's bytes one after another; zeros behind their end.
+/// Yields the fuzzer's bytes in order, and zeros after their end.
 class Input {
  public:
   explicit Input(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -26,12 +26,12 @@ class Input {
 
 class MessageMaker {
  public:
-  /// folder: of the schemas in binary form (flatc --schema -b)
+  /// folder: contains the schemas in binary form (flatc --schema -b)
   explicit MessageMaker(const std::string& folder);
   ~MessageMaker();
-  /// Of the schema's root table. Repeated calls advance a drive through a room.
+  /// Makes a message of the schema's root table. Repeated calls advance a drive through a room.
   std::vector<std::uint8_t> make(const std::string& schema, Input& input);
-  /// Begins the drive again.
+  /// Starts the drive again.
   void restart();
 
  private:

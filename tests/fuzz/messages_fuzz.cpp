@@ -1,6 +1,6 @@
-// Every stage with its runtime, on a network that is the fuzzer's: messages of every schema on
-// every key, tokens, commands, answers to what the stage asks. Nothing crashes, and whatever the
-// stage publishes is itself a message within its ranges.
+// Runs each stage with its runtime on the fuzzer's network: messages of every schema on every key,
+// tokens, commands, and answers to the stage's gets. Nothing may crash, and every message that the
+// stage publishes must be within its ranges.
 #include <unistd.h>
 
 #include <cstdio>
@@ -44,7 +44,7 @@ struct Driven {
   std::shared_ptr<void> parts;
 };
 
-/// config: bound and, changed by prepare, given to the stage with what else it takes.
+/// Binds a config, lets `prepare` change it, and passes it to the stage with its other arguments.
 template <class Made, class Config, class... More>
 Driven driven(const std::string& name, std::vector<Key> inputs, auto prepare) {
   struct Parts {
@@ -129,7 +129,7 @@ std::string name_of(Key key) {
   }
 }
 
-/// What a get on the key is answered with.
+/// The answers to a get on the key.
 std::vector<fuzz::NetMessage> answers(std::string_view asked, fuzz::Input& in) {
   std::vector<fuzz::NetMessage> out;
   const auto give = [&](Key kind, const std::string& key) {
@@ -156,7 +156,7 @@ std::string fault_of(std::string_view encoding, std::span<const std::uint8_t> by
   return verify<T>(bytes, encoding).reason;
 }
 
-/// What the others believe without a second look.
+/// Checks a published message as its receivers do; a fault aborts.
 void check_output(std::string_view encoding, std::span<const std::uint8_t> bytes) {
   for (const std::string& fault :
        {fault_of<msg::Sweep>(encoding, bytes), fault_of<msg::Features>(encoding, bytes),
@@ -170,7 +170,7 @@ void check_output(std::string_view encoding, std::span<const std::uint8_t> bytes
   }
 }
 
-/// Readers of all schemas, also of those that no stage takes in.
+/// Passes a message to the reader of any schema, including those that no stage subscribes to.
 void read_any(fuzz::Input& in) {
   const KeyRow& row = key_table()[in.byte() % key_table().size()];
   if (row.schema.empty()) return;
@@ -272,7 +272,7 @@ void drive(Driven stage, fuzz::Input in) {
   stage.bind(parameters);
   const auto worker = std::this_thread::get_id();
   fuzz::set_network({[&](std::string_view key) {
-                       // the status thread asks too: not of the same bytes
+                       // gets of the status thread must not consume the fuzzer's bytes
                        if (std::this_thread::get_id() == worker) return answers(key, in);
                        return std::vector<fuzz::NetMessage>();
                      },

@@ -38,7 +38,7 @@ struct zloam_queryable {
   zloam_drop_fn drop;
 };
 
-// A stage that waits for a link sleeps in between: here everybody is there.
+// A stage sleeps while it waits for a link. Here every link exists, so sleeping is skipped.
 extern "C" int nanosleep(const timespec*, timespec*) { return 0; }
 
 namespace {
@@ -57,7 +57,7 @@ zloam_slice slice(std::string_view s) {
   return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()};
 }
 
-/// Of exactly this size, so that AddressSanitizer sees a read beyond it.
+/// Allocated with exactly this size, so that AddressSanitizer detects reads beyond the end.
 zloam_bytes* copied(std::span<const std::uint8_t> bytes) {
   auto* data = new std::uint8_t[bytes.size()];
   std::copy(bytes.begin(), bytes.end(), data);

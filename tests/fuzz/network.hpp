@@ -1,6 +1,7 @@
 #pragma once
-// A network of one process: the C ABI of the Zenoh bridge, answered by the fuzzer. What a stage
-// declares is kept here; send() and ask() call it back on the caller's thread.
+// A network within one process: the C ABI of the Zenoh bridge, implemented for the fuzzer. It keeps
+// the subscribers and queryables that a stage declares; send() and ask() call them on the caller's
+// thread.
 
 #include <cstdint>
 #include <functional>
@@ -18,19 +19,19 @@ struct NetMessage {
 };
 
 struct Network {
-  /// the answers to a get; on any thread
+  /// returns the answers to a get; called on any thread
   std::function<std::vector<NetMessage>(std::string_view key)> on_get;
-  /// what a stage publishes or replies; on any thread
+  /// receives everything that a stage publishes or replies; called on any thread
   std::function<void(std::string_view encoding, std::span<const std::uint8_t>)> on_put;
 };
 
-/// In force until the next call; the entities of the one before must be gone.
+/// Sets the network until the next call. All entities declared on the previous one must be gone.
 void set_network(Network network);
-/// To all subscribers whose key expression matches.
+/// Sends the message to all subscribers whose key expression matches.
 void send(const NetMessage& message);
-/// A liveliness token appears or goes.
+/// Reports a liveliness token as declared (`there`) or withdrawn.
 void send_token(const std::string& key, bool there);
-/// To all queryables whose key expression matches.
+/// Sends the query to all queryables whose key expression matches.
 void ask(const NetMessage& question, const std::string& parameters);
 
 }  // namespace zloam::fuzz

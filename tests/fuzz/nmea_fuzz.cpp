@@ -1,4 +1,4 @@
-// NMEA sentences, with the checksum as it came and made right.
+// Parses NMEA sentences, with the fuzzer's checksum and with a corrected one.
 #include <cmath>
 #include <cstdlib>
 #include <string>

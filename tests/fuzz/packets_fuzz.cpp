@@ -1,4 +1,4 @@
-// Data packets: any bytes, in any order, give sweeps that keep their promises.
+// Decodes data packets: any bytes in any order must give valid sweeps (check()).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -26,7 +26,8 @@ void check(const DecodedSweep& sweep) {
 
 namespace {
 
-/// What the packets of one maker are decoded by, and how any bytes get past its first checks.
+/// The decoder for one manufacturer's packets, and a function that changes any bytes so that they
+/// pass the decoder's first checks.
 struct Stream {
   std::unique_ptr<PacketDecoder> decoder;
   void (*mend)(std::vector<std::uint8_t>& payload, std::size_t any);
@@ -78,8 +79,8 @@ Stream stream_by(std::uint8_t choice) {
 
 }  // namespace
 
-/// First byte: which model is forced, if any, or else which maker and what is left out. Then packets:
-/// two bytes of length, and the payload; half of them are mended, to get past the first checks.
+/// The first byte selects a forced model, or else the manufacturer and the settings. Then follow
+/// packets: two bytes of length and the payload. Half of them are mended to pass the first checks.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   AssemblerConfig config;

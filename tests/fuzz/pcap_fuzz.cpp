@@ -1,4 +1,4 @@
-// Capture files, and frames of every link type.
+// Reads capture files, and frames of every link type.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>

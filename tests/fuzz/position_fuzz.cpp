@@ -1,4 +1,4 @@
-// Position packets, and the sentences in them.
+// Decodes position packets and the NMEA sentences in them.
 #include "driver/velodyne/decoder.hpp"
 #include "driver/velodyne/position.hpp"
 

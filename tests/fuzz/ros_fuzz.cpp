@@ -1,4 +1,4 @@
-// What a ROS node sends: an Imu's and a pose's bytes, and names that a user writes.
+// Decodes the messages that a ROS node sends (Imu, pose), and checks names that a user configures.
 
 #include <cmath>
 #include <cstdlib>
@@ -15,7 +15,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!(std::isfinite(place->x_m + place->y_m + place->yaw_rad))) std::abort();
   }
   const std::string_view name(reinterpret_cast<const char*>(data), size);
-  // What passes must not part a token or match more than itself.
+  // An accepted name must not split a token or match other keys than itself.
   const bool passes = zloam::ros::name_error(name).empty();
   if (passes && name.find_first_of("*$#?%@ ") != std::string_view::npos) std::abort();
   return 0;

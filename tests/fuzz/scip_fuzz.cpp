@@ -1,4 +1,4 @@
-// Replies of a SCIP device: any bytes give lines that keep their promises, or are counted.
+// Reads replies of a SCIP device: any bytes must give valid scans and sweeps (check()), or none.
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// Each line with its checksum, so that what lies behind it is reached.
+/// Adds the checksum to each line, so that the code behind the checksum test is reached.
 std::string mended(std::string_view text) {
   std::string out, line;
   bool echo = true;
@@ -69,7 +69,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   spinning::SpinningSweeps sweeps({});
   std::int64_t now_ns = 1'700'000'000'000 * kMs;
   client.connected(now_ns);
-  // In pieces, as they come.
+  // In pieces, as they arrive over TCP.
   const std::size_t piece = 1 + (flags >> 3);
   for (std::size_t at = 0; at < text.size(); at += piece) {
     const std::size_t count = std::min(piece, text.size() - at);

@@ -1,4 +1,4 @@
-// A robot's YAML file, values of the command line, and the JSON of a command.
+// Reads a robot's YAML file, values of the command line, and the JSON of a command.
 #include <array>
 #include <string>
 #include <vector>

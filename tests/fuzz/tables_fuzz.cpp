@@ -1,4 +1,4 @@
-// Tables that other programs write: inertial readings, times of scans.
+// Reads tables that other programs write: IMU readings, times of scans.
 #include <sys/mman.h>
 #include <unistd.h>
 
