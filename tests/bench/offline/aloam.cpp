@@ -1,8 +1,8 @@
 // zloam-aloam-offline INPUT OUT [--deskew] [--model NAME] [--first N] [--count N]
 //
-// A-LOAM's stages over a capture or a folder of scans (scan_reader.hpp), in one process and without
-// any messages. Writes odom.tum and est.tum: poses of the lidar, stamped with the instant they hold
-// for; est is the mapped one. Prints the CPU time of each stage per sweep.
+// Runs A-LOAM's stages over a capture or a folder of scans (scan_reader.hpp), in one process and
+// without messages. Writes the lidar's poses by odometry (odom.tum) and by mapping (est.tum),
+// stamped with the instant for which they are valid. Prints the CPU time of each stage per sweep.
 
 #include <cstdio>
 #include <filesystem>

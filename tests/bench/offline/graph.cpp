@@ -1,10 +1,11 @@
 // zloam-graph-offline SUBMAPS EST OUT [--drift SHARE RAD_PER_M SEED] [--points FILE]
 //
-// The graph of loops over the submaps that zloam-offline --submaps has written, without any
-// messages. Writes graph.tum (the poses of EST as the graph has them), chain.tum (without loops),
-// submaps.tum (where mapping had the submaps) and loops.csv, and prints its cost. --drift makes the motion between submaps worse, by a share of the
-// way and a turn for each metre, one sigma, and their covariance likewise. --points: all points, float32 x y z in
-// the map as mapping had it, and 1 for what moved.
+// Runs the pose graph over the submaps written by zloam-offline --submaps, without messages. Writes
+// the poses of EST with the drift of --drift but without loops (chain.tum) and corrected by the
+// graph (graph.tum), the submaps' poses before the graph (submaps.tum) and loops.csv, and prints
+// the CPU time. --drift adds errors to the motion between submaps (one sigma: a share of the
+// travel, and rad per metre) and increases the covariance accordingly. --points writes all points
+// as float32: x y z in the map by mapping, and 1 for points classified as moving, else 0.
 
 #include <cstdio>
 #include <fstream>
@@ -79,7 +80,7 @@ std::vector<StampedPose> read_tum(const std::string& path) {
   return all;
 }
 
-/// Poses of the way with a drift; sweeps between two submaps go along.
+/// Adds a random drift to the submaps' poses.
 class Drift {
  public:
   explicit Drift(const Options& o) : o_(o), random_(o.seed) {}
@@ -93,7 +94,7 @@ class Drift {
     error(1) = sigma_m * normal(random_);
     error(2) = 0.3 * sigma_m * normal(random_);
     error(5) = sigma_rad * normal(random_);
-    // Of the motion from the submap before: all that follows is moved.
+    // The error is applied to the motion since the previous submap, so it moves all later ones too.
     const Pose T_before_now = before_.inverse() * submap.T_map_submap;
     before_ = submap.T_map_submap;
     now_ = normalised(now_ * T_before_now * exp_se3(error));

@@ -1,14 +1,15 @@
 // zloam-kidnap MAP DRIVE OUTSIDE OUT.csv [--count N] [--seed N] [--sweeps N]
 //
-// A robot that is carried about: the map is made of the first capture and stays as it is; then, N
-// times over, the robot is put down with any heading somewhere on the second drive, through the same
-// world, one time in ten on the third, through another one. It is told nothing. Every other time
-// its odometry begins again, else it goes on as if nothing had happened; up to 20 s are not seen.
-// Registration and odometry have computed the drives as they are; only mapping is carried.
+// Simulates a kidnapped robot. The map is made from the first capture and does not change after
+// that. Then, N times, the robot is put down with a random heading somewhere on the second drive,
+// through the same world, or one time in ten on the third drive, through another world. It gets no
+// hint. Every other time its odometry restarts, otherwise it continues as if nothing had happened;
+// up to 20 s pass without a sweep. Registration and odometry process the drives unchanged; only the
+// input of mapping is transformed.
 //
-// A row for each sweep: kidnap, outside, heading_rad, sweeps since, instant_ns of the drive's pose,
-// health, pose. The poses are those of a base_link that is turned by heading_rad against the
-// drive's, and in the frame of the first capture's first pose.
+// Writes a row for each sweep: kidnap, outside, heading_rad, sweeps since the kidnap, instant_ns of
+// the drive's pose, health, pose. The poses are those of a base_link rotated by heading_rad against
+// the drive's, in the frame of the first capture's first pose.
 
 #include <cmath>
 #include <cstdio>
@@ -31,10 +32,10 @@
 namespace zloam::offline {
 namespace {
 
-// While it is carried nothing is seen.
+// Time without sweeps while the robot is carried.
 constexpr double kLeastAway_s = 0.1, kMostAway_s = 20.0;
 
-/// What mapping takes of one sweep, and the points that it reads.
+/// Mapping's input for one sweep, with the points that it refers to.
 struct Sweep {
   mapping::MappingInput input;
   PointVector edges, planes;
@@ -48,7 +49,7 @@ struct Sweep {
   }
 };
 
-/// Each sweep of a capture as odometry hands it on.
+/// Passes each sweep of a capture, as odometry publishes it, to `take`.
 template <typename Take>
 void drive(const std::string& path, const Take& take) {
   ScanReader reader(path, {});
@@ -87,7 +88,7 @@ void drive(const std::string& path, const Take& take) {
 mapping::SavedMap map_of(const std::string& path) {
   mapping::Mapper mapper{mapping::MappingConfig{}};
   mapping::SavedMap saved;
-  // As the store keeps them: what lies far behind is dropped.
+  // Tiles are collected as the store does it, because mapping drops voxels that lie far behind.
   std::map<mapping::TileIndex, mapping::VoxelTile> voxels;
   const auto publish = [&](double growth) {
     for (auto& tile : mapper.take_changed_voxels(growth)) {
@@ -117,7 +118,7 @@ void turn(PointVector& points, const Eigen::Matrix3f& R) {
   }
 }
 
-/// As of a robot whose base_link is turned against the drive's, in another frame of the odometry.
+/// The sweep of a robot whose odom frame differs and whose base_link is turned by T_turned_base.
 Sweep carried_to(Sweep s, const Pose& T_odom_drive, const Pose& T_turned_base) {
   mapping::MappingInput& m = s.input;
   m.T_odom_base = normalised(T_odom_drive * m.T_odom_base * T_turned_base.inverse());
@@ -186,9 +187,9 @@ class Robot {
     out_ << "kidnap,outside,heading_rad,since,instant_ns,health,x,y,z,qx,qy,qz,qw\n";
   }
 
-  /// Puts it down somewhere on the drive.
+  /// Puts the robot down somewhere on the drive.
   void carry(int kidnap, const std::vector<Sweep>& sweeps, bool is_outside) {
-    constexpr double kBegun = 10.0;  // the odometry has settled
+    constexpr double kBegun = 10.0;  // after this many sweeps the odometry has settled
     const auto most = static_cast<double>(sweeps.size() - o_.sweeps - 1);
     const auto first = static_cast<std::size_t>(uniform(kBegun, most));
     const double heading_rad = uniform(-std::numbers::pi, std::numbers::pi);
@@ -227,7 +228,8 @@ class Robot {
     return std::uniform_real_distribution<double>(low, high)(random_);
   }
 
-  /// Of the drive in odom, level, so that the robot is there.
+  /// T_odom_drive, level, so that T_odom_drive * T_drive_base has the position and yaw of
+  /// T_odom_base.
   static Pose frame_from(const Pose& T_odom_base, const Pose& T_drive_base) {
     Pose T = turned_by(yaw_of(T_odom_base) - yaw_of(T_drive_base));
     T.translation() = T_odom_base.translation() - T.linear() * T_drive_base.translation();

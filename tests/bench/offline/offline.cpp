@@ -1,16 +1,21 @@
-// zloam-offline INPUT OUT [--set key=value]... [--first N] [--count N] [--mount x y z roll pitch
-// yaw] [--map-gaps EVERY SWEEPS] [--thin N] [--seam DEG] [--counter-clockwise]
-// [--sweep S] [--stamp-offset-us US] [--elevation-offset DEG] [--range-offset M] [--imu FILE] [--imu-mount x y z roll pitch yaw]
+// zloam-offline INPUT OUT [--list] [--set key=value]... [--first N] [--count N]
+//   [--mount x y z roll pitch yaw] [--imu FILE] [--imu-mount x y z roll pitch yaw]
+//   [--no-mapping] [--map-gaps EVERY SWEEPS] [--thin N] [--submaps FILE]
+//   [--seam DEG] [--counter-clockwise] [--deskewed] [--sweep S] [--stamp-offset-us US]
+//   [--elevation-offset DEG] [--range-offset M]
 //
-// Registration, odometry, mapping and integration over a capture, a folder of scans or a
-// simulated drive (scan_reader.hpp), in one process and without any messages. Writes odom.tum and
-// est.tum (poses of base_link stamped with the instant they hold for; est is the mapped one),
-// fused.tum (as integration forms it in a replay), sweeps.csv, fused.csv (what the fused pose says
-// of itself), covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row by row),
-// cost.csv (points and CPU time of each sweep, points in the map), and prints the CPU time of each
-// stage per sweep.
-// --thin keeps the returns of every N-th part of the turn. The options from --seam on are for scans
-// in KITTI's layout; --deskewed (all points hold for the end of the sweep) for any folder.
+// Runs registration, odometry, mapping and integration over a capture, a folder of scans or a
+// simulated drive (scan_reader.hpp), in one process and without messages. Writes poses of
+// base_link, stamped with the instant for which they are valid: odom.tum, est.tum (mapping) and
+// fused.tum (integration, as in a replay); sweeps.csv; fused.csv (health, degenerate direction and
+// jump of each fused pose); covariance.csv and fused_covariance.csv (sweep, then the pose's 6x6 row
+// by row); cost.csv (points and CPU time of each sweep, points in the map). Prints the CPU time of
+// each stage per sweep.
+//
+// --map-gaps withholds the last SWEEPS of every EVERY sweeps from mapping; --thin keeps the returns
+// of every N-th firing. --seam and --counter-clockwise are for scans in KITTI's layout, --deskewed
+// (all points are valid at the end of the sweep) for any folder, --sweep and --stamp-offset-us for
+// a scanner's session.
 
 #include <algorithm>
 #include <cstdio>
@@ -45,14 +50,14 @@ struct Options {
   std::vector<ImuReading> imu;
   std::string submaps;
   bool with_mapping = true;
-  // of every so many sweeps the last ones do not reach mapping, as when it is away
+  // of every gap_every sweeps the last gap_sweeps do not reach mapping, as if it were down
   std::uint64_t gap_every = 0, gap_sweeps = 0;
   std::uint64_t thin = 1;
   Settings settings;
   ReadOptions reading;
 };
 
-// Options of KITTI's layout; false: none of them.
+// Parses an option about reading the input; false if `name` is no such option.
 template <typename Value>
 bool parse_reading(const std::string& name, const Value& value, ReadOptions& reading) {
   if (name == "--seam") {
@@ -119,10 +124,10 @@ Options parse_options(const std::vector<std::string>& args) {
   return o;
 }
 
-// As of a sensor that fires less often by this factor.
+// Thins out the points as if the sensor fired less often by this factor.
 void thin_out(Scan& scan, std::uint64_t factor) {
   if (factor <= 1 || scan.period_ns == 0) return;
-  constexpr std::uint64_t kParts = 1800;  // firings of a VLP-16's turn at 10 Hz
+  constexpr std::uint64_t kParts = 1800;  // firings per revolution of a VLP-16 at 10 Hz
   std::erase_if(scan.points, [&](const Point& p) {
     return std::uint64_t{p.time_ns} * kParts / scan.period_ns % factor != 0;
   });

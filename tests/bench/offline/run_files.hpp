@@ -1,5 +1,5 @@
 #pragma once
-// What every offline run measures and writes.
+// Functions that all offline programs share: CPU time, TUM files, main().
 
 #include <time.h>
 
@@ -15,7 +15,7 @@
 
 namespace zloam::offline {
 
-/// Of the process so far.
+/// CPU time of the process so far.
 inline double cpu_ms() {
   timespec t{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
@@ -33,7 +33,7 @@ inline void write_tum(std::ofstream& file, std::int64_t stamp_ns, const Pose& po
   file << line;
 }
 
-/// The program's main(): 2, and why, where the run throws.
+/// The program's main(): if the run throws, prints the reason and returns 2.
 inline int run_main(const char* name, int argc, char** argv,
                     int (*run)(const std::vector<std::string>& args)) {
   try {

@@ -38,7 +38,7 @@ std::unique_ptr<driver::SweepSource> open(const fs::path& path, const ReadOption
                                    stream, 0);
 }
 
-// Every return as a sensor would see it whose elevations and ranges are off by so much.
+// Changes every return as if the sensor's elevations and ranges had these calibration errors.
 void bend(PointVector& points, const ReadOptions& options) {
   if (options.elevation_offset_deg == 0.0 && options.range_offset_m == 0.0) return;
   const double turn = options.elevation_offset_deg * std::numbers::pi / 180.0;
@@ -75,7 +75,7 @@ bool ScanReader::next(Scan& scan) {
   scan.period_ns = sweep.period_ns;
   scan.rings = sweep.rings;
   scan.slices = sweep.slices;
-  // the 16-byte layout can't say it of itself
+  // KITTI's layout of 16 bytes per point cannot express it, so an option does.
   scan.deskewed = sweep.deskewed || options_.timing.model == driver::TimeModel::kDeskewed;
   scan.points = std::move(sweep.points);
   bend(scan.points, options_);

@@ -19,7 +19,7 @@ std::uint8_t* number_of(Enum& value) {
   return reinterpret_cast<std::uint8_t*>(&value);
 }
 
-// A member's name can't stand in parentheses. NOLINTNEXTLINE(bugprone-macro-parentheses)
+// A member's name cannot be in parentheses. NOLINTNEXTLINE(bugprone-macro-parentheses)
 #define ZLOAM_FIELD(prefix, object, name) fields[prefix #name] = &(object).name
 
 void add_registration(registration::RegistrationConfig& c, Fields& fields) {

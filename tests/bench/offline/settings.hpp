@@ -1,5 +1,5 @@
 #pragma once
-// --set key=value: every field of the stages' configurations by name.
+// Sets any field of the stages' configurations by name (--set key=value).
 
 #include <string>
 
@@ -17,10 +17,10 @@ struct Settings {
   integration::IntegrationConfig integration;
 };
 
-/// Applies "stage.field=value". Throws std::invalid_argument that names what is wrong.
+/// Applies "stage.field=value". Throws std::invalid_argument with the reason if it is invalid.
 void assign_setting(const std::string& assignment, Settings& settings);
 
-/// All keys with their values, one a line.
+/// All keys with their values, one per line.
 std::string listing(Settings& settings);
 
 }  // namespace zloam::offline

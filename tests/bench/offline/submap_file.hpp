@@ -1,5 +1,6 @@
 #pragma once
-// Submaps in a file of this machine, for runs of the graph over the same submaps again and again.
+// Writes and reads submaps in this machine's byte order, for repeated runs of the graph over the
+// same submaps.
 
 #include <cstdint>
 #include <fstream>

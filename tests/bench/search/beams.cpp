@@ -46,9 +46,9 @@ std::uint32_t BeamLidar::period_ns() const {
   return static_cast<std::uint32_t>(std::llround(1e9 / config_.hz));
 }
 
-// What can come into reach during a turn.
+// The moving objects that can come within range during a revolution.
 std::vector<std::size_t> BeamLidar::movers_near(std::int64_t start_ns) const {
-  constexpr double kSlackM = 60.0;  // both may go towards each other for half a second
+  constexpr double kSlackM = 60.0;  // object and platform may approach each other for 0.5 s
   const Vector3d place = scene_.trajectory.at(seconds(start_ns)).T_world_body.translation();
   std::vector<std::size_t> near;
   for (std::size_t i = 0; i < scene_.world.movers().size(); ++i) {
@@ -58,7 +58,7 @@ std::vector<std::size_t> BeamLidar::movers_near(std::int64_t start_ns) const {
   return near;
 }
 
-// The range of a ray, 0 where nothing is seen.
+// The measured range of a ray; 0: no return.
 double BeamLidar::measured(const Ray& ray, std::span<const MovingShape> moving, Random& random,
                            float& intensity) const {
   const bool lost = random.chance(config_.dropout);
@@ -111,7 +111,7 @@ void BeamLidar::column(std::int64_t time_ns, double azimuth_rad,
   }
 }
 
-// Laser after laser, each where the rosette has come to.
+// Casts the shots of the lasers in turn, each along the rosette's direction at its own time.
 void BeamLidar::trace(std::int64_t start_ns, const std::vector<std::size_t>& movers,
                       PointVector& points) const {
   const auto shots = static_cast<std::size_t>(rosette_->points_per_s / config_.hz);
@@ -151,7 +151,7 @@ Turn BeamLidar::turn(std::int64_t start_ns) const {
     const auto after_ns = static_cast<std::uint32_t>(share * period_ns());
     column(start_ns + after_ns, azimuth_rad, movers, out.points, after_ns);
   }
-  // times count from the first point, as with every source
+  // As for every source, the points' times count from the first point.
   const std::uint32_t first_ns = out.points.empty() ? 0 : out.points.front().time_ns;
   for (Point& p : out.points) p.time_ns -= first_ns;
   out.first_ns = start_ns + first_ns;

@@ -1,7 +1,7 @@
 #pragma once
-// A lidar in a world of the simulator: a spinning one of any number of beams, rate and field of
-// view, all lasers of a column firing at once, or one that traces a rosette. Ranges, drop-outs and
-// what is too dark to be seen are as those of the simulator's VLP-16.
+// A lidar in a world of the simulator. It either spins, with any number of beams, rate and field of
+// view, where all lasers of a column fire at once; or it scans a rosette. Range noise, drop-outs
+// and the detection limit are modelled as for the simulator's VLP-16.
 
 #include <cstddef>
 #include <cstdint>
@@ -18,16 +18,16 @@
 namespace zloam::search {
 
 struct BeamConfig {
-  /// "beams", or the name of a rosette, whose view and points a second are its own
+  /// "beams", or the name of a rosette, which has its own field of view and points per second
   std::string pattern = "beams";
-  /// Whether a sweep says which laser a point is of. A rosette's never does.
+  /// Whether the points of a sweep have rings. Those of a rosette never have.
   bool has_rings = true;
   std::size_t rings = 16;
   double low_deg = -15.0;
   double high_deg = 15.0;
-  std::size_t columns = 1800;  ///< a turn
-  double hz = 10.0;            ///< turns a second
-  double view_deg = 360.0;     ///< horizontal, whole
+  std::size_t columns = 1800;  ///< per revolution
+  double hz = 10.0;            ///< revolutions per second
+  double view_deg = 360.0;     ///< full horizontal angle
   double view_towards_deg = 0.0;
   double noise_m = 0.02;
   double dropout = 0.01;
@@ -36,10 +36,10 @@ struct BeamConfig {
   double detection_reflectivity = 10.0;  ///< as in simulator::SensorConfig
 };
 
-/// One turn, clockwise from straight ahead, or the part of a rosette of the same length.
+/// One revolution, clockwise from straight ahead, or a stretch of a rosette of the same duration.
 struct Turn {
-  std::int64_t first_ns = 0;  ///< of its first point after the start of the motion
-  PointVector points;         ///< frame lidar, each in the pose at its own time, in time order
+  std::int64_t first_ns = 0;  ///< time of its first point after the start of the motion
+  PointVector points;         ///< frame lidar at each point's own time, in time order
 };
 
 class BeamLidar {
@@ -48,9 +48,9 @@ class BeamLidar {
   BeamLidar(const simulator::Scene& scene, const BeamConfig& config, std::uint64_t seed);
 
   std::uint32_t period_ns() const;
-  /// Of a sweep's message; 0: its points have none.
+  /// The number of rings in a sweep's message; 0: its points have no rings.
   std::uint16_t rings() const;
-  /// The turn that begins so long after the start of the motion.
+  /// The revolution that begins at start_ns after the start of the motion.
   Turn turn(std::int64_t start_ns) const;
 
  private:

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
-// The keys of one map: each that is asked for is known, any other is refused.
+// The keys of one YAML map. Keys that were read are known; any other key is refused.
 class Keys {
  public:
   Keys(const YAML::Node& map, const char* what) : map_(map), what_(what) {

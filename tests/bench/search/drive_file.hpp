@@ -1,5 +1,5 @@
 #pragma once
-// Drives described in YAML files, as `python -m tests.bench.search` draws them.
+// Reads drives from YAML files, as `python -m tests.bench.search` generates them.
 
 #include <string>
 
@@ -7,8 +7,8 @@
 
 namespace zloam::search {
 
-/// Throws std::invalid_argument that names the file and the key for anything unknown, missing or of
-/// another type.
+/// Throws std::invalid_argument, naming the file and the key, if anything is unknown, missing or of
+/// the wrong type.
 DriveConfig read_drive(const std::string& path);
 
 }  // namespace zloam::search

@@ -50,7 +50,8 @@ void DriveSource::write_truth(const std::filesystem::path& tum,
   constexpr std::int64_t kStepNs = 2'000'000;
   std::ofstream file(tum);
   const auto from_ns = std::llround(config_.start_s * 1e9);
-  // the poses of a view that begins late hold beyond the last turn's end
+  // With a field of view that begins late in the revolution, a sweep's instant can lie after the
+  // end of the last revolution.
   const std::int64_t to_ns =
       from_ns + (static_cast<std::int64_t>(sweeps_) + 1) * lidar_.period_ns();
   for (std::int64_t t = from_ns; t <= to_ns; t += kStepNs) {

@@ -1,5 +1,5 @@
 #pragma once
-// Sweeps of a simulated drive, cast as they are asked for, for programs that read recordings.
+// Sweeps of a simulated drive, computed on demand, for programs that read recordings.
 
 #include <filesystem>
 #include <memory>
@@ -11,15 +11,15 @@ namespace zloam::search {
 
 class DriveSource : public driver::SweepSource {
  public:
-  /// Throws std::invalid_argument for a file that is no drive, and for a drive that nothing in the
-  /// world can make (motion.hpp: Limits).
+  /// Throws std::invalid_argument if the file describes no drive, or a drive that is physically
+  /// impossible (motion.hpp: Limits).
   explicit DriveSource(const std::filesystem::path& file);
 
   driver::Pull pull(driver::DecodedSweep& sweep) override;
   driver::NamedCounts counts() const override;
 
-  /// TUM, the lidar's poses every 2 ms, from the first sweep to the last one's end; and what the
-  /// motion came to, one line of `name value` each.
+  /// Writes the lidar's poses every 2 ms from the first sweep to the end of the last one (TUM), and
+  /// the extremes of the motion, one line `name value` each.
   void write_truth(const std::filesystem::path& tum, const std::filesystem::path& motion) const;
 
  private:

@@ -47,8 +47,8 @@ double distance_to_world(const simulator::World& world, const Vector3d& point) {
   return nearest;
 }
 
-// Each point is carried by the true pose at its own time onto a surface: motion, times and angles
-// agree with each other.
+// The true pose at a point's own time maps the point onto a surface, so motion, times and angles
+// are consistent.
 TEST(BeamLidar, PointsLieOnSurfacesFromTheirOwnPoses) {
   DriveConfig drive = walk_indoors();
   drive.waves = {{Axis::kYaw, 1.0, 1.0, 0.3}, {Axis::kRoll, 0.1, 2.0, 0.0}};
@@ -75,7 +75,7 @@ TEST(BeamLidar, AViewThatIsCutHasNothingElsewhere) {
   const Turn turn = BeamLidar(scene, drive.lidar, 1).turn(3 * kSecondNs);
   ASSERT_GT(turn.points.size(), 4000U);
   for (const Point& p : turn.points) EXPECT_LT(p.x, -std::abs(p.y) + 1e-3);
-  // it begins three eighths of a turn late, and times count from there
+  // The view begins three eighths of a revolution late, and the times count from there.
   EXPECT_NEAR(static_cast<double>(turn.first_ns - 3 * kSecondNs), 37.5e6, 0.1e6);
   EXPECT_EQ(turn.points.front().time_ns, 0U);
 }
@@ -96,7 +96,8 @@ TEST(BeamLidar, NoiseHasTheSigmaThatWasAskedFor) {
   EXPECT_NEAR(std::sqrt(sum / static_cast<double>(a.points.size())), 0.03, 0.001);
 }
 
-// The view that the maker gives, filled anew by each sweep, and points where the pose has them.
+// A rosette covers the field of view of its data sheet, each sweep differently, and its points lie
+// on surfaces by their own poses.
 TEST(BeamLidar, ARosetteFillsItsViewAndDoesNotRepeat) {
   DriveConfig drive = walk_indoors();
   drive.lidar = {.pattern = "mid360"};
@@ -163,7 +164,7 @@ TEST(Drive, VehiclesReachTheirSpeedAndKeepTheirLimits) {
   const Extremes found = extremes(scene, drive);
   EXPECT_GT(found.speed_mps, 20.0);
   EXPECT_LT(found.speed_mps, 25.5);
-  EXPECT_LT(found.acceleration_mps2, 12.0);  // along and across, and the ground below
+  EXPECT_LT(found.acceleration_mps2, 12.0);  // longitudinal, lateral, and by the uneven ground
   EXPECT_NO_THROW(require_possible(found, Limits{}));
 }
 

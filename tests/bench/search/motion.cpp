@@ -18,18 +18,18 @@ using simulator::Scene;
 using simulator::Trajectory;
 using std::numbers::pi;
 
-constexpr double kStillS = 1.0;   // standing at the start of a drive
-constexpr double kEngageS = 1.0;  // until the shaking is whole
+constexpr double kStillS = 1.0;   // time at rest at the start of a drive
+constexpr double kEngageS = 1.0;  // time until the shaking has its full amplitude
 constexpr double kKnotStepS = 0.01;
 constexpr double kPathSpacingM = 0.01;
 
-// 0 to 1 with two smooth derivatives.
+// Rises from 0 to 1 with two continuous derivatives.
 double step(double u) {
   const double c = std::clamp(u, 0.0, 1.0);
   return c * c * c * (10.0 + c * (6.0 * c - 15.0));
 }
 
-// Points every so much along a way; what is left at its end goes to rest_m.
+// Points at equal spacing along the way; rest_m gets the length that remains at its end.
 Path spaced(const Trajectory& trajectory, double spacing_m, double& rest_m) {
   constexpr double kSampleS = 0.0005;
   Path path{spacing_m, {trajectory.at(0.0).T_world_body.translation().head<2>()}};
@@ -51,14 +51,14 @@ Path spaced(const Trajectory& trajectory, double spacing_m, double& rest_m) {
   return path;
 }
 
-// The way that the world's own drive takes, without its times. Its spacing divides its length, or a
-// second lap would begin with a jerk.
+// The path of the world's own drive, without its times. The spacing divides the length, because
+// otherwise a second lap would begin with a jerk.
 Path way_of(const Trajectory& trajectory) {
   double rest_m = 0.0;
   const Path rough = spaced(trajectory, kPathSpacingM, rest_m);
   const double length_m = rough.length_m() + rest_m;
   const double exact_m = length_m / std::round(length_m / kPathSpacingM);
-  // a hair less, that the last point is reached
+  // slightly less, so that rounding does not lose the last point
   return spaced(trajectory, exact_m * (1.0 - 1e-9), rest_m);
 }
 
@@ -66,7 +66,7 @@ bool closed(const Path& path) {
   return (path.points.back() - path.points.front()).norm() < 2.0 * path.spacing_m;
 }
 
-// The same path begun elsewhere; one that does not close loses what is before.
+// The same path with another start. An open path loses the part before it.
 Path begun_at(Path path, double share) {
   const auto first = static_cast<std::ptrdiff_t>(share * static_cast<double>(path.points.size()));
   if (closed(path)) {
@@ -105,7 +105,7 @@ double wave_sum(const DriveConfig& config, Axis axis, double time_s) {
   return sum;
 }
 
-// Part of its speed that the platform has while it brakes and stands.
+// The share of its usual speed that the platform has while it brakes, stands and accelerates.
 double pace(const DriveConfig& config, double time_s) {
   double rate = 1.0;
   for (const Stop& stop : config.stops) {
@@ -126,7 +126,7 @@ void add_bumps(const DriveConfig& config, double time_s, Knot& knot) {
   }
 }
 
-// The knot of a pose, its yaw next to the yaw before.
+// The knot of a pose, with the yaw unwrapped to be next to yaw_before.
 Knot knot_of(const Pose& pose, double yaw_before) {
   const Eigen::Matrix3d& R = pose.linear();
   const double yaw = std::atan2(R(1, 0), R(0, 0));
@@ -151,7 +151,7 @@ void shake(const DriveConfig& config, double time_s, Knot& knot) {
 
 Trajectory shaken(const Trajectory& smooth, const DriveConfig& config) {
   std::vector<Knot> knots;
-  double place_s = 0.0, yaw = 0.0;  // where along the smooth drive
+  double place_s = 0.0, yaw = 0.0;  // place_s: time within the smooth drive
   const double end_s = std::min(config.start_s + config.duration_s + 1.0, 600.0);
   for (double t = 0.0; t < end_s && place_s < smooth.duration_s(); t += kKnotStepS) {
     Knot knot = knot_of(smooth.at(place_s).T_world_body, yaw);
@@ -163,7 +163,7 @@ Trajectory shaken(const Trajectory& smooth, const DriveConfig& config) {
   return {std::move(knots), kKnotStepS};
 }
 
-// Leaves may be brushed.
+// Foliage does not count as an obstacle, because leaves may touch the lidar.
 bool is_foliage(const simulator::World& world, int surface) {
   const auto i = static_cast<std::size_t>(surface);
   return surface >= 0 && i < world.shapes().size() && world.shapes()[i].density_per_m > 0.0;

@@ -1,5 +1,5 @@
 #pragma once
-// A drive of the search: a world, how the platform goes through it, and the lidar it carries.
+// A drive of the search: a world, the platform's motion through it, and the lidar on the platform.
 
 #include <cstdint>
 #include <memory>
@@ -11,7 +11,7 @@
 
 namespace zloam::search {
 
-/// What the platform can be shaken along. Lengths are m in its own upright frame, turns rad.
+/// The axes along or about which the platform can be shaken, in its own upright frame: m or rad.
 enum class Axis : std::uint8_t { kAhead, kSide, kUp, kYaw, kPitch, kRoll };
 
 struct Wave {
@@ -21,14 +21,14 @@ struct Wave {
   double phase_rad = 0.0;
 };
 
-/// Brakes, stands and sets off again; ramp_s each way.
+/// The platform brakes within ramp_s, stands, and accelerates again within ramp_s.
 struct Stop {
   double at_s = 0.0;
   double stand_s = 0.0;
   double ramp_s = 1.0;
 };
 
-/// Something driven over: up and down again, nose first.
+/// A bump in the ground: the platform goes up and down again, and pitches up and then down.
 struct Bump {
   double at_s = 0.0;
   double width_s = 0.3;
@@ -37,33 +37,34 @@ struct Bump {
 };
 
 struct DriveConfig {
-  std::uint64_t seed = 1;  ///< of noise and of the speed's wandering
+  std::uint64_t seed = 1;  ///< of the noise and of the speed's variation
   std::string world = "city";
   simulator::SceneOptions scene;
-  double speed_mps = 0.0;  ///< greatest; 0: the world's own drive
+  double speed_mps = 0.0;  ///< maximum; 0: use the world's own drive
   double lateral_mps2 = 1.3;
   double acceleration_mps2 = 1.5;
   double height_m = 1.5;
-  double start_share = 0.0;  ///< of the path, where the drive begins
-  double start_s = 0.0;      ///< of the motion, when the first sweep begins; it stands for 1 s
+  double start_share = 0.0;  ///< where on the path the drive begins, as a share of its length
+  double start_s = 0.0;      ///< start of the first sweep; the platform rests for the first 1 s
   double duration_s = 20.0;
   std::vector<Wave> waves;
   std::vector<Stop> stops;
   std::vector<Bump> bumps;
   BeamConfig lidar;
-  std::vector<std::uint32_t> dropped;  ///< sweeps that do not arrive, ascending
+  std::vector<std::uint32_t> dropped;  ///< numbers of sweeps that do not arrive, ascending
 };
 
-/// The largest of each over a drive.
+/// The extreme values over a drive.
 struct Extremes {
   double speed_mps = 0.0;
   double acceleration_mps2 = 0.0;
   double rate_radps = 0.0;
   double angular_acceleration_radps2 = 0.0;
-  double nearest_m = 1e9;  ///< surface around the lidar, of 26 directions every 0.1 s
+  double nearest_m = 1e9;  ///< nearest surface, in 26 directions around the lidar every 0.1 s
 };
 
-/// What a platform, a person or a vehicle can do to a lidar that survives it.
+/// The most violent motion that a platform, person or vehicle can impose on a lidar without
+/// destroying it.
 struct Limits {
   double speed_mps = 31.0;
   double acceleration_mps2 = 40.0;
@@ -75,13 +76,13 @@ struct Limits {
 /// A world and the motion of its drive. Throws std::invalid_argument for an unknown world.
 simulator::Scene scene_of(const DriveConfig& config);
 
-/// From start_s to the end of the last sweep.
+/// The extremes from start_s to the end of the last sweep.
 Extremes extremes(const simulator::Scene& scene, const DriveConfig& config);
 
-/// Throws std::invalid_argument that says what is beyond the limits.
+/// Throws std::invalid_argument, naming the value that is beyond its limit.
 void require_possible(const Extremes& found, const Limits& limits);
 
-/// Sweeps that begin and end within the drive, dropped ones included.
+/// Number of sweeps that begin and end within the drive, including dropped ones.
 std::uint32_t sweep_count(const simulator::Scene& scene, const DriveConfig& config);
 
 }  // namespace zloam::search

@@ -8,8 +8,9 @@ namespace zloam::search {
 
 using std::numbers::pi;
 
-// All around: the first part turns the view, the second one swings it up and down. Ahead only: both
-// turn the other way round each other, as two prisms do, and their sum fills the view.
+// With a view of 360 degrees the first part rotates the beam about the vertical axis, and the
+// second one swings it up and down. With a narrower view the parts rotate in opposite directions,
+// as two prisms do, and the sum of their deflections fills the view.
 Eigen::Vector3d Rosette::direction(double time_s, std::size_t laser) const {
   const double share = static_cast<double>(laser) / static_cast<double>(lasers);
   const double first = 2.0 * pi * std::fmod(first_hz * time_s, 1.0);

@@ -1,5 +1,5 @@
 // zloam-bench-transport driver|registration|odometry [options of a stage]: a publisher of large
-// sweeps, or a reader of them. tests/bench/transport.py starts one publisher and some readers.
+// sweeps (driver), or a reader. tests/bench/transport.py starts one publisher and several readers.
 
 #include <cstdio>
 #include <memory>

@@ -1,6 +1,6 @@
 #pragma once
-// What is sent: a cloud whose points are a function of the sweep's number, so that a reader knows
-// every byte.
+// The payload: a cloud whose points are a function of the sweep's number, so that a reader can
+// check every byte.
 
 #include <cstddef>
 #include <cstdint>

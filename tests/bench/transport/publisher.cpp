@@ -52,13 +52,14 @@ runtime::Poll Publisher::poll() {
   return runtime::Poll::kAgain;
 }
 
-// Goes on after its last message, to answer those who ask for lost ones, until it is told to stop.
+// After its last message the publisher keeps running until it is stopped, to answer requests for
+// lost messages.
 void Publisher::tick() {
   if (next_ == static_cast<std::uint64_t>(config_.count) || !readers_are_there()) return;
   publish_next();
 }
 
-// A reader's token follows its subscriptions on the same link.
+// A reader declares its token after its subscriptions on the same link, so the token implies them.
 bool Publisher::readers_are_there() {
   if (!started_) {
     const std::string all = stage_.keys().alive("*", "*");
@@ -80,7 +81,7 @@ void Publisher::publish_next() {
   header.stamp_ns = stage_.now_ns();
   header.replay = window_.replay();
   header.end_of_run = next_ + 1 == static_cast<std::uint64_t>(config_.count);
-  // The time of publication in the trace is that before the message is built.
+  // The publication time in the trace was taken above, before the message is built.
   Buffer message = build(header, SweepFields{.points = points_, .rings = 16});
   const auto begin = Clock::now();
   out_.publish(header, std::move(message));

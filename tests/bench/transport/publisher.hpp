@@ -1,5 +1,5 @@
 #pragma once
-// Publishes sweeps of a chosen size: as fast as they are acknowledged, or at a rate.
+// Publishes sweeps of a chosen size, as fast as they are acknowledged or at a fixed rate.
 
 #include <chrono>
 #include <cstdint>
@@ -14,9 +14,9 @@ struct PublisherConfig {
   int count = 1000;
   /// points of one message; a point has 24 bytes
   int points = 436'907;
-  /// 0: a replay, paced by acknowledgements; else live, so many messages a second
+  /// 0: a replay, paced by acknowledgements; else live with this rate of messages
   double rate_hz = 0.0;
-  /// live: begins when so many readers are there
+  /// live: start when this number of readers is present
   int readers = 1;
   std::string report;
 };

@@ -14,7 +14,7 @@ bool as_sent(const msg::Sweep& sweep) {
   const PointSpan points = points_of(sweep.points());
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Point expected = point_of(sweep.header()->sweep(), i);
-    // The bytes are what is sent. NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+    // The comparison of bytes is intended. NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
     if (std::memcmp(&points[i], &expected, sizeof expected) != 0) return false;
   }
   return !points.empty();

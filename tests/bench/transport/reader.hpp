@@ -1,5 +1,5 @@
 #pragma once
-// Reads the publisher's sweeps, checks every byte, and may take its time.
+// Reads the publisher's sweeps and checks every byte; work_ms makes it a slow reader.
 
 #include <cstdint>
 #include <string>
@@ -10,7 +10,7 @@
 namespace zloam::bench {
 
 struct ReaderConfig {
-  /// what the reader needs for each message
+  /// time that the reader spends on each message
   int work_ms = 0;
   std::string report;
 };

@@ -1,5 +1,5 @@
 #pragma once
-// Milliseconds collected over a run, and what the benchmark's Python side reads of them.
+// Writes the times collected over a run as the report that the benchmark's Python side reads.
 
 #include <map>
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace zloam::bench {
 
-/// A JSON list, three digits behind the point.
+/// A JSON list with three decimals.
 std::string json_list(const std::vector<double>& samples_ms);
 
 /// Writes {"name": value-as-JSON, ...} under the path; throws runtime::IoError.
