@@ -1,5 +1,6 @@
-# zloam_ceres. Debian's Ceres::ceres is the static library. The shared one beside it, with what its
-# headers need: who ships these programs sees by ldd what comes along (THIRD_PARTY.md).
+# Target zloam_ceres: the shared library of Ceres with what its headers need. Debian's Ceres::ceres
+# is the static library; with the shared one, ldd shows everybody who ships these programs which
+# libraries come with them (THIRD_PARTY.md).
 include_guard(GLOBAL)
 find_package(Ceres REQUIRED)
 find_library(CERES_LIBRARY ceres REQUIRED)

@@ -1,5 +1,5 @@
-# C++ and Python code from schemas/*.fbs, made at build time by the distribution's own flatc, because
-# generated headers only work with the library version they were made for.
+# Generates C++ and Python code from schemas/*.fbs at build time with the distribution's own flatc,
+# because generated headers only work with the library version that they were generated for.
 find_program(ZLOAM_FLATC flatc REQUIRED)
 file(GLOB ZLOAM_SCHEMAS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/schemas/*.fbs)
 set(ZLOAM_SCHEMA_CPP_DIR ${CMAKE_BINARY_DIR}/generated/cpp)

@@ -1,4 +1,4 @@
-# Language, warnings and build options that hold for every target.
+# Language, warnings and build options of all targets.
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
@@ -19,8 +19,8 @@ if(ZLOAM_CCACHE)
   set(CMAKE_C_COMPILER_LAUNCHER ${ZLOAM_CCACHE})
 endif()
 
-# No fused multiply-add behind our back: the same source must give the same bytes on every build of
-# one compiler, and -O levels may otherwise contract differently (docs/protocol.md, section 8).
+# No implicit fused multiply-add: the same source must give the same bytes with every build by one
+# compiler, and -O levels may otherwise contract differently (docs/protocol.md, section 8).
 add_compile_options(-ffp-contract=off)
 add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-Wall> $<$<COMPILE_LANGUAGE:CXX>:-Wextra>
                     $<$<COMPILE_LANGUAGE:CXX>:-Wshadow> $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor>)
@@ -39,30 +39,30 @@ endif()
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
 set(CMAKE_LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/lib)
 
-# What the tests run with. The Rust half of the Zenoh layer is not instrumented: TSan does not see its
-# synchronisation, and would report whatever it hands from one thread to another.
+# Environment of the tests. The Rust half of the Zenoh layer is not instrumented: TSan does not see its
+# synchronisation and would report all data that it passes from one thread to another.
 set(ZLOAM_TEST_ENVIRONMENT UBSAN_OPTIONS=print_stacktrace=1)
 if(ZLOAM_SANITIZE MATCHES "thread")
   set(ZLOAM_TEST_ENVIRONMENT TSAN_OPTIONS=ignore_noninstrumented_modules=1:suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp)
 endif()
-# What a robot runs, without tests and benchmarks (make build).
+# The programs that a robot runs, without tests and benchmarks (make build).
 add_custom_target(programs)
-# All unit tests and what they need, without the programs (make sanitize).
+# All unit tests and their dependencies, without the programs (make sanitize).
 add_custom_target(unit_tests)
 
-# Into the packages.
+# Installs a program into the packages.
 function(zloam_packed name)
   install(TARGETS ${name} RUNTIME DESTINATION lib/zenoh-loam/zloam_monitor/bundled/bin COMPONENT programs)
 endfunction()
 
-# A program that runs on a robot, or beside one.
+# Adds a program that runs on a robot or beside one.
 function(zloam_program name)
   add_executable(${name} ${ARGN})
   add_dependencies(programs ${name})
   zloam_packed(${name})
 endfunction()
 
-# A unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)
+# Adds a unit test program: zloam_test(NAME name SOURCES a.cpp LIBS lib1 lib2)
 function(zloam_test)
   if(NOT ZLOAM_TESTS)
     return()

@@ -1,7 +1,6 @@
-# Debian packages by CPack (deploy/build/packages.sh): zenoh-loam has the programs, the command zloam with what
-# Python needs for it, and a systemd unit; libzenoh-loam-dev has the cores' headers, static libraries and CMake
-# files.
-# Packages are made of what `make build` made.
+# Debian packages by CPack (deploy/build/packages.sh): zenoh-loam contains the programs, the command zloam with
+# its Python packages, and a systemd unit; libzenoh-loam-dev contains the headers, static libraries and CMake
+# files of the algorithms. The packages contain what `make build` has built; nothing is built for them.
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
 set(ZLOAM_HOME lib/zenoh-loam)
 set(ZLOAM_PACKAGE ${ZLOAM_HOME}/zloam_monitor)
@@ -20,7 +19,7 @@ install(FILES ${CMAKE_SOURCE_DIR}/deploy/debian/zenoh-loam.service DESTINATION l
 install(FILES ${CMAKE_SOURCE_DIR}/LICENSE ${CMAKE_SOURCE_DIR}/THIRD_PARTY.md
   DESTINATION share/doc/zenoh-loam COMPONENT programs)
 
-# What can be used without Zenoh: the algorithms.
+# The libraries that can be used without Zenoh: the algorithms.
 foreach(core geometry plane_map registration odometry mapping integration)
   set_target_properties(zloam_${core} PROPERTIES EXPORT_NAME ${core})
   target_compile_features(zloam_${core} PUBLIC cxx_std_20)
@@ -53,7 +52,7 @@ set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME zenoh-loam)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_BINARY_DIR}/lib)
-# Compiled Python packages are of one version.
+# Compiled Python packages work with one version of Python only.
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS
   "python3 (>= 3.${Python3_VERSION_MINOR}), python3 (<< 3.${ZLOAM_NEXT_PYTHON})")
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libzenoh-loam-dev)

@@ -1,6 +1,6 @@
-# The Rust half of the Zenoh layer: target zloam_zenoh_bridge (imported shared library), made by
-# deploy/build/rust.sh, which keeps one library for all build directories. Its sources are not compiled
-# with the sanitizers of a preset.
+# The Rust half of the Zenoh layer: target zloam_zenoh_bridge (imported shared library), built by
+# deploy/build/rust.sh, which keeps one library for all build directories. It is compiled without the
+# sanitizers of a preset.
 set(ZLOAM_ZENOH_LIBRARY "" CACHE FILEPATH "A libzloam_zenoh.so built elsewhere, instead of building it")
 # Installed programs find the library beside them.
 set(CMAKE_INSTALL_RPATH "$ORIGIN/../lib")

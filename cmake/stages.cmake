@@ -1,12 +1,12 @@
-# The stages, from services/stages.json (docs/add-a-stage.md): ZLOAM_STAGES, and their table for C++.
-# As a script (cmake -DZLOAM_GENERATED=folder -P cmake/stages.cmake, from the root of the tree) it only writes that.
+# Sets ZLOAM_STAGES from services/stages.json (docs/add-a-stage.md) and writes the table of the stages for C++.
+# As a script (cmake -DZLOAM_GENERATED=folder -P cmake/stages.cmake, in the root of the tree) it only writes it.
 set(ZLOAM_STAGE_FILE ${CMAKE_SOURCE_DIR}/services/stages.json)
 if(NOT CMAKE_SCRIPT_MODE_FILE)
   set(ZLOAM_GENERATED ${CMAKE_BINARY_DIR}/generated)
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${ZLOAM_STAGE_FILE})
 endif()
 
-# A list of texts of the JSON, as C++ writes one.
+# Converts a JSON list of strings to a C++ initializer list.
 function(zloam_initializer out json)
   set(texts)
   string(JSON count LENGTH "${json}")
