@@ -3,7 +3,7 @@ SHELL := /bin/bash
 PRESET ?= release
 BUILD := build/$(PRESET)
 JOBS ?= $(shell nproc)
-# Integration tests at a time: most of each is waiting, for a sensor's pace or a stage's deadline.
+# Number of integration tests that run in parallel. They mostly wait, for a sensor's pace or a stage's deadline.
 TEST_JOBS ?= 2
 STEP := deploy/build/step.sh
 PY := .venv/bin/python
@@ -11,7 +11,7 @@ ZLOAM := bin/zloam
 export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
 export ZLOAM_BUILD := $(CURDIR)/$(BUILD)
 export ZLOAM_SHARED ?= $(abspath ../shared)
-# One compiler cache for all checkouts, wherever they lie.
+# All checkouts share one compiler cache, whatever their paths.
 export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 
@@ -20,11 +20,11 @@ export CCACHE_NOHASHDIR := 1
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-# Light by default: a command installs and builds what it needs itself, and nothing for the others.
+# Light by default: each command installs and builds only what it needs itself.
 deps: ## install what building and running needs from the distribution (prints the list first)
 	@$(STEP) "system packages" deploy/build/deps.sh
 
-test-deps: # deps, and what unit tests, benchmarks and fuzzing need
+test-deps: # deps, and the packages for unit tests, benchmarks and fuzzing
 	@$(STEP) "system packages, for tests too" deploy/build/deps.sh --tests
 
 tools: ## deps, and the tools for testing, formatting, linting and fuzzing
@@ -39,7 +39,7 @@ view-tools: deps ## Python packages for zloam view and zloam foxglove
 test-venv: test-deps
 	@$(STEP) "python packages, for tests too" deploy/build/venv.sh --tests
 
-# A build folder that once had the tests keeps them.
+# If the build folder has been configured with the tests before, they stay enabled.
 $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | deps
 	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF -DZLOAM_ALOAM=OFF -DZLOAM_GRAPH=OFF)
 
@@ -50,13 +50,13 @@ configure-tests: test-deps
 build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
 	@$(STEP) "build $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target programs
 
-aloam: build # A-LOAM's programs, and PCL and Ceres for them
+aloam: build # A-LOAM's programs; installs PCL and Ceres
 	@$(STEP) "system packages, for A-LOAM" deploy/build/deps.sh --aloam
 	@grep -qs '^ZLOAM_ALOAM:BOOL=ON' $(BUILD)/CMakeCache.txt || \
 	  $(STEP) "configure $(PRESET) with A-LOAM" cmake --preset $(PRESET) -DZLOAM_ALOAM=ON
 	@$(STEP) "build A-LOAM's programs" cmake --build $(BUILD) -j $(JOBS) --target aloam_programs
 
-graph: build # the graph of loops, and OpenCV and Ceres for it
+graph: build # the graph of loops; installs OpenCV and Ceres
 	@$(STEP) "system packages, for the graph of loops" deploy/build/deps.sh --graph
 	@grep -qs '^ZLOAM_GRAPH:BOOL=ON' $(BUILD)/CMakeCache.txt || \
 	  $(STEP) "configure $(PRESET) with the graph of loops" cmake --preset $(PRESET) -DZLOAM_GRAPH=ON
@@ -69,12 +69,14 @@ unit-tests: configure-tests # only the tests' programs
 	@$(STEP) "build unit tests, $(PRESET)" cmake --build $(BUILD) -j $(JOBS) --target unit_tests
 
 # PCAP=file, BAG=file, BIN=file, KITTI=dir or SCANS=dir replays a recording; TRUTH=files compares with a reference;
-# SESSION=file: of a Hokuyo scanner on a motor, with the angles in the .csv beside it; SENSOR=hokuyo simulates one;
-# IMU=file adds inertial readings of its time (without a recording: IMU=simulated);
+# SESSION=file: recording of a Hokuyo scanner on a motor, with the angles in the .csv beside it; SENSOR=hokuyo simulates one;
+# IMU=file adds the IMU readings of the same time (without a recording: IMU=simulated);
 # CONFIG=deploy/robots/...yaml, SET="key=value ..." and SET_AT="sweep:key=value ..." configure; RATE=max|realtime|factor;
 # METHOD=aloam replaces registration, odometry and mapping by A-LOAM's programs, METHOD=mapping=aloam mapping alone;
-# GRAPH=1 closes loops (trajectory_world.tum, map_world.pcd); MAP=folder keeps the map there, LOCALIZE=1 finds the robot in it, EXTEND=1 maps on there; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
-# Values go through the environment, so that no shell reads blanks, quotes or dollars in them.
+# GRAPH=1 closes loops (trajectory_world.tum, map_world.pcd); MAP=folder stores the map there; with it, LOCALIZE=1 localizes
+# the robot in that map and EXTEND=1 continues the map; VIEW=1 shows the run on a page; RECORD=file.mcap records all that is
+# published; LISTEN=0.0.0.0 lets other machines connect (demo and run).
+# The values are passed through the environment, so that no shell interprets blanks, quotes or dollars in them.
 PASSED := MAP PCAP SESSION BAG TOPIC BIN KITTI SCANS IMU TRUTH CONFIG METHOD RATE OUT RECORD LISTEN SET SET_AT
 $(foreach v,$(PASSED),$(eval export ZLOAM_ARG_$(v) = $$($(v))))
 passed = $(if $($(1)),$(2) "$$ZLOAM_ARG_$(1)")
@@ -84,7 +86,7 @@ DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TO
   $(if $(filter hokuyo,$(SENSOR)),--hokuyo) $(call passed,SESSION,--session) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(if $(VIEW),--view) $(CHAIN_ARGS)
 
-# A word that nobody knows is no default.
+# An unknown SENSOR is an error, not the default.
 $(if $(filter-out vlp16 hokuyo,$(SENSOR)),$(error SENSOR=$(SENSOR): vlp16 (the default) or hokuyo is simulated))
 
 demo: build $(if $(METHOD),aloam) $(if $(GRAPH),graph) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
@@ -106,7 +108,7 @@ test-full: ## everything: tests, lint, sanitizers, a longer fuzz, containers, ac
 	  $(STEP) "make $$part" $(MAKE) --no-print-directory $$part || failed="$$failed $$part"; \
 	done; echo "test-full: of $(FULL) failed:$${failed:- none}"; [ -z "$$failed" ]
 
-slow-tests: build-all test-venv # the integration tests that make test leaves out
+slow-tests: build-all test-venv # the integration tests that `make test` omits
 	@$(STEP) "slow integration tests" $(PY) -m pytest -q -m slow
 
 system: build-all test-venv ## the deployment in containers; skipped with the reason where Docker is not there
@@ -118,8 +120,8 @@ arm64: build-all test-venv ## the images for arm64, by cross compilers (minutes:
 accept: build-all test-venv ## every acceptance line a program can judge: out/accept.md (ONLY=pattern)
 	@$(PY) -m tests.acceptance --preset-dir $(BUILD) $(if $(ONLY),--only "$(ONLY)")
 
-# ONLY=pattern over names; DATA=city-7,sim-*, RUNS=n: data sets and rounds of versus-*;
-# DRIVES=n, SEED=n: random drives of search-*.
+# ONLY=pattern selects benchmarks by name; DATA=city-7,sim-* and RUNS=n: data sets and rounds of versus-*;
+# DRIVES=n and SEED=n: random drives of search-*.
 BENCH_ARGS = --preset-dir $(BUILD) $(if $(DATA),--data "$(DATA)") $(if $(RUNS),--runs $(RUNS)) \
   $(if $(DRIVES),--drives $(DRIVES)) $(if $(SEED),--seed $(SEED))
 
@@ -136,7 +138,7 @@ packages: graph ## wheel and Debian packages with the programs inside: out/packa
 reference: build ## deploy/robots: REFERENCE.md and schema.json from what the programs say
 	@bin/zloam robot-files
 
-# What has threads of its own.
+# The unit tests of code that uses threads, to be run under TSan.
 THREADED := zenoh_test runtime_unit_test runtime_stage_test runtime_program_test simulator_zenoh_test
 sanitize: ## the unit tests under AddressSanitizer and UBSan, those with threads under ThreadSanitizer
 	@$(MAKE) PRESET=asan-ubsan unit-tests

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # apt.sh [sudo] -- PACKAGE...: installs packages with one progress line (on a terminal; elsewhere with one line
-# at the end); what apt said is shown only if it fails.
+# at the end); the output of apt is shown only if it fails.
 set -euo pipefail
 as_root=()
 while [ "$1" != -- ]; do as_root+=("$1"); shift; done
@@ -8,8 +8,8 @@ shift
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 
-# apt tells of itself as kind:package:percent:text, in a pipe of its own: apt does not wait for its reader, and a
-# package whose script finds no room for a line would fail.
+# apt reports its progress as kind:package:percent:text. The pipe carries nothing else: apt writes to it without
+# blocking, and a package's script that shared it would fail whenever it is full.
 progress() {
   local kind percent text shown=""
   while IFS=: read -r kind _ percent text; do
@@ -35,7 +35,7 @@ fail() {
   exit 1
 }
 
-# Slim images have no folder for manuals, without which Java, which PCL's VTK brings along, can't be set up.
+# Slim images have no folder for manuals. Java, a dependency of PCL's VTK, cannot be set up without it.
 "${as_root[@]}" mkdir -p /usr/share/man/man1
 apt update -q || fail
 apt install -y -q --no-install-recommends "$@" || fail

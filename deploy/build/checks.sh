@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# The rules of the structure that a program can hold (CONTRIBUTING.md draws them):
+# Checks the rules of the structure that a program can check (CONTRIBUTING.md describes them):
 #  - an algorithm library includes no Zenoh, FlatBuffers, logger, clock or thread;
-#  - no stage includes anything of another;
+#  - no stage includes anything from another stage;
 #  - a program that connects to endpoints does not scout;
-#  - schemas carry explicit ids and conform to the released state;
-#  - each document that a file names is there;
+#  - schemas have explicit ids and conform to the last release;
+#  - each document that a file names exists;
 #  - the subject of a commit has at most 72 characters.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 fail=0
 complain() { printf 'checks: %s\n' "$1" >&2; fail=1; }
 
-# What a library of algorithms may not see. Shells (main.cpp, *_stage.*, *_parameters.*, io/) may.
+# Headers that an algorithm may not include. The shells around it (main.cpp, *_stage.*, *_parameters.*, io/) may.
 forbidden='(common/zenoh|common/runtime|common/messages|flatbuffers|_generated\.h|spdlog|<chrono>|<thread>|<mutex>|<atomic>|<condition_variable>|<future>|<ctime>|<sys/time\.h>)'
 stages=$(python3 -c 'import json; print(*(row["name"] for row in json.load(open("services/stages.json"))))')
 for stage in $stages aloam/core common/containers common/geometry common/plane_map; do
@@ -35,7 +35,7 @@ hits=$(grep -rnE "^\s*#\s*include\s+\"($(echo $stages | tr ' ' '|'))/" services/
 [ -z "$hits" ] || complain "services/common includes of a stage: $hits"
 hits=$(grep -rnE '^[^#]*(pcl_io|vtk)' --include=CMakeLists.txt services tests CMakeLists.txt || true)
 [ -z "$hits" ] || complain "pcl_io pulls VTK in: $hits"
-# With scouting on it links all robots that it hears on the network into one.
+# With scouting on, a program would connect all robots that it finds on the network.
 while IFS= read -r file; do
   grep -q 'multicast' "$file" || complain "$file connects to endpoints, and does not turn multicast scouting off"
 done < <(grep -rlE '["{ ]connect(/|: ?\{+ ?)endpoints' services examples tests --include='*.py' --include='*.cpp' --include='*.rs')
@@ -57,7 +57,7 @@ else
   complain "$released is missing"
 fi
 python3 deploy/build/documents.py || fail=1
-# The rule begins after this commit. A clone without it (shallow, exported) is judged by its tip alone.
+# The rule applies to commits after this one. In a clone without it (shallow, exported) only the tip is checked.
 rule_begins=a7b444ca52a48b2708a3c4b0d839604adc16f841
 longest_subject=72
 if git rev-parse -q --verify HEAD >/dev/null 2>&1; then

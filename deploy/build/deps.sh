@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Installs what is needed from the distribution (Debian 12 or 13), and nothing that is there already.
-# Prints the list before it asks for root. Python goes into ./.venv (see venv.sh).
+# Installs missing packages from the distribution (Debian 12 or 13). Prints the list before it asks for root.
+# Python packages go into ./.venv (see venv.sh).
 #   deps.sh            build and run the programs
 #   deps.sh --aloam    also A-LOAM's programs
 #   deps.sh --graph    also the graph of loops
-#   deps.sh --tests    also those, unit tests, benchmarks and fuzzing
+#   deps.sh --tests    also all of the above, unit tests, benchmarks and fuzzing
 #   deps.sh --tools    also formatting and linting
-# Where a Docker Engine answers, tests also need what makes base images without a registry.
+# If a Docker Engine answers, all but the first also install mmdebstrap, which makes base images without a registry.
 # The log of the installation is shown only if it fails.
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -25,7 +25,7 @@ case "${1:-}" in
 esac
 [ -z "${1:-}" ] || ! docker info >/dev/null 2>&1 || packages+=(mmdebstrap)
 
-# Zenoh's crates need a recent compiler; one that is in PATH (rustup) is used as it is.
+# Zenoh's crates need a recent compiler. One that is in PATH (rustup) is used if it is recent enough.
 rust_minimum=1.85
 have_rust() {
   command -v cargo >/dev/null && command -v rustc >/dev/null || return 1

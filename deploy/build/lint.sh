@@ -18,7 +18,7 @@ case "$1" in
   tidy)
     deploy/build/tidy.py "$2"
     ;;
-  sizes)  # sed, not head: who writes to a closed pipe fails
+  sizes)  # sed, not head: with head, the writer would fail at the closed pipe
     echo "ten largest files (lines):"
     git ls-files '*.cpp' '*.hpp' '*.rs' '*.py' | xargs wc -l | grep -v ' total$' | sort -rn | sed -n 1,10p
     echo "ten largest functions (code lines, complexity, place):"

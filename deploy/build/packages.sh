@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# packages.sh BUILD_DIR OUT_DIR: the wheel `zloam` with the programs inside, Debian packages for this machine's
-# distribution (CPack), and their sums.
-# The wheel runs on systems with the C library of this machine or a newer one, as its name says: made on Debian 12, on
-# Debian 12 and Ubuntu 22.04 and later ones. Shared libraries that systems need not have are put inside.
+# packages.sh BUILD_DIR OUT_DIR: makes the wheel `zloam` with the programs inside, Debian packages for this machine's
+# distribution (CPack), and their checksums.
+# The wheel runs on systems with the C library of this machine or a newer one, as its name says: one made on Debian 12
+# runs on Debian 12, Ubuntu 22.04 and later. It contains the shared libraries that not every system has.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 build=$(realpath "$1")
@@ -25,7 +25,7 @@ auditwheel show "$raw" | grep -A 3 'constrains\|consistent' || true
 auditwheel repair --plat auto --wheel-dir "$out" "$raw" > "$out/raw/log" 2>&1 || { cat "$out/raw/log" >&2; exit 1; }
 rm -rf "$out/raw"
 
-# What the distribution's Python needs, of the pinned versions, without tests.
+# The pinned Python packages for the distribution's Python, without their tests.
 python=$(command -v /usr/bin/python3 || command -v python3)
 rm -rf "$build/site"
 "$tools/bin/pip" --python "$python" install --quiet --disable-pip-version-check --no-compile --no-deps \

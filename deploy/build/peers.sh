@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes the virtual environment of the benchmark's peers and prints its Python; does nothing when it
-# is there. One for all checkouts, below ~/.cache/zenoh-loam/peers, named by what is in it.
-# mad-icp has no wheels and an old build system: where it can't be built the reason stays in
+# Creates the virtual environment of the benchmark's peers, unless it exists, and prints the path of
+# its Python. All checkouts share it; it is below ~/.cache/zenoh-loam/peers, named by a hash of its
+# contents. mad-icp has no wheels and an old build system: if it cannot be built, the reason is in
 # mad-icp.log there, and the benchmark skips it.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -20,7 +20,7 @@ if [ ! -f "$place/complete" ]; then
   python3 -m venv "$place"
   pip() { "$place/bin/pip" --quiet --disable-pip-version-check "$@"; }
   pip install -r "$requirements" >&2
-  # the versions of the tools that its build files still work with; Eigen 3.4 is a system package
+  # mad-icp's build files only work with these versions of the tools; Eigen 3.4 is a system package
   if ! { pip install 'scikit-build-core<0.10' pybind11 ninja 'cmake<4' &&
     PATH="$place/bin:$PATH" pip install --no-build-isolation --no-deps --no-binary mad-icp \
       --config-settings=cmake.define.pybind11_DIR="$("$place/bin/python" -m pybind11 --cmakedir)" \

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Makes ./.venv with the pinned Python packages; does nothing when it already has them.
-#   venv.sh            what the programs need to run
-#   venv.sh --view     also what shows a robot in Rerun and Foxglove
-#   venv.sh --tests    also that, and what tests and lint need
+# Creates ./.venv with the pinned Python packages; does nothing if it already has them.
+#   venv.sh            packages that the programs need to run
+#   venv.sh --view     also those to show a robot in Rerun and Foxglove
+#   venv.sh --tests    also all of these, and those for tests and lint
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 run=services/monitor/requirements.txt
@@ -27,7 +27,7 @@ case "${1:-}" in
 esac
 echo "venv: installing $(cat $run $([ "$wanted" = $run ] || echo $view) "$wanted" | grep -E '^[^#-].*==' | sort -u | wc -l) Python packages into .venv"
 [ -x .venv/bin/python ] || python3 -m venv .venv
-# Python compiles what is imported, a third of it, at its first start.
+# Without --no-compile pip would compile all modules; Python compiles the third that is imported at its first start.
 .venv/bin/pip install --quiet --disable-pip-version-check --no-compile -r "$wanted"
 if [ "$wanted" = $tests ]; then
   .venv/bin/pip install --quiet --disable-pip-version-check --no-compile \

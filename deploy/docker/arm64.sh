@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The three images for arm64 (tag :arm64), made on this machine by the distribution's cross compilers; before that
-# the decoder's tests and every program's --help run on an emulated processor, in what is to be the image.
-# `docker save zenoh-loam:arm64 | ssh robot docker load` takes one to a robot.
+# Builds the three images for arm64 (tag :arm64) on this machine with the distribution's cross compilers. Before
+# that, the decoder's tests and every program's --help run on an emulated processor, with the contents of the
+# image. `docker save zenoh-loam:arm64 | ssh robot docker load` copies an image to a robot.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 # shellcheck source=deploy/docker/base.sh

@@ -24,7 +24,8 @@ if [ ! -x "$plugins/docker-compose" ] || [ ! -x "$plugins/docker-buildx" ]; then
 fi
 if ! docker image inspect "$image" >/dev/null 2>&1; then
   echo "base-image: $image"
-  # As in the official slim images: no manuals and translations, and no fsync for each file.
+  # As in the official slim images: manuals and translations are left out, and dpkg does not sync
+  # each file.
   mmdebstrap --quiet --variant=minbase --include=ca-certificates \
     --dpkgopt=force-unsafe-io --dpkgopt='path-exclude=/usr/share/man/*' \
     --dpkgopt='path-exclude=/usr/share/locale/*' --dpkgopt='path-exclude=/usr/share/doc/*' \

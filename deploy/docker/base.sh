@@ -1,6 +1,6 @@
-# Sourced by the scripts that build images: names the base image ($base) and has it made where there is none,
-# Compose and buildx too; ends with 3 where that can't be. Takes the CA bundle of this machine's own pip and
-# OpenSSL, which the images' build needs too.
+# Sourced by the scripts that build images: sets the base image ($base). If the image, Compose or buildx is missing,
+# base-image.sh makes it; the exit code is 3 if that fails. Uses the CA bundle of this machine's pip or OpenSSL, which
+# the build of the images needs too.
 base=${ZLOAM_BASE:-debian:trixie-slim}
 bundle=${PIP_CERT:-${SSL_CERT_FILE:-}}
 if [ -z "${ZLOAM_CA_BUNDLE:-}" ] && [ -r "$bundle" ] && grep -qx 'ZLOAM_CA_BUNDLE=deploy/docker/no-ca.crt' .env; then

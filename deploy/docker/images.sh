@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Builds the three images, on machines without an image registry too (the base image is made from the
-# distribution's packages then).
-#   images.sh               Rust compiled in the image's build
-#   images.sh --prebuilt    Rust taken from this machine's cache (deploy/build/rust.sh), for machines that
+# Builds the three images. On machines without an image registry, the base image is made from the distribution's
+# packages.
+#   images.sh               Rust is compiled in the image's build
+#   images.sh --prebuilt    Rust is taken from this machine's cache (deploy/build/rust.sh), for machines that
 #                           have compiled it anyway; their C library must not be newer than the image's
-# Ends with 3 where there is neither a base image nor a way to make one.
-# Knobs: those of .env for building (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
+# The exit code is 3 if there is neither a base image nor a way to make one.
+# Settings: the build variables of .env (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 # shellcheck source=deploy/docker/base.sh

@@ -1,6 +1,7 @@
 #!/bin/sh
-# rootfs.sh ARCH FOLDER PACKAGE...: unpacks packages of another architecture, with what they depend on, into a
-# folder that an image begins with. Nothing of them is run: this machine may have no emulation.
+# rootfs.sh ARCH FOLDER PACKAGE...: unpacks packages of another architecture and their dependencies into a
+# folder that becomes the root of an image. No program of them is run, because this machine may have no
+# emulation.
 set -eu
 arch=$1 root=$2
 shift 2
