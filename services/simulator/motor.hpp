@@ -11,7 +11,7 @@ enum class MotorKind : std::uint8_t { kStill, kSwing, kTurn };
 struct MotorConfig {
   MotorKind kind = MotorKind::kSwing;
   double speed_deg_s = 180.0;
-  double amplitude_deg = 90.0;  ///< of a swing, to either side
+  double amplitude_deg = 90.0;  ///< largest angle of a swing, to either side
   double reversal_s = 0.06;     ///< time in which a swing reverses its direction
   double still_deg = 0.0;       ///< angle of a motor that stands still
   double encoder_hz = 500.0;    ///< readings per second
@@ -21,7 +21,7 @@ struct MotorConfig {
 
 /// One reading of the encoder.
 struct AngleReading {
-  std::int64_t time_ns = 0;  ///< as stamped, after the start
+  std::int64_t time_ns = 0;  ///< stamp of the reading, after the start
   double angle_rad = 0.0;
 };
 

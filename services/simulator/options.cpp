@@ -217,7 +217,7 @@ void convert(const Raw& raw, Options& o) {
   o.scanner.motor.kind = motors.at(raw.motor);
   o.scanner.T_motor_scanner = pose_from_xyz_rpy_deg(Eigen::Vector3d(raw.scanner_xyz.data()),
                                                     Eigen::Vector3d(raw.scanner_rpy_deg.data()));
-  constexpr double kBeamMrad = 3.0;  // of the VLP-16
+  constexpr double kBeamMrad = 3.0;  // divergence of the VLP-16's beam
   o.simulation.sensor.range_bias_sigma_m = raw.range_bias_mm * 1e-3;
   o.simulation.sensor.mode = modes.at(raw.mode);
   if (raw.mode == "dual" && o.simulation.sensor.divergence_mrad <= 0.0) {

@@ -38,7 +38,7 @@ struct Drive {
   double acceleration_m_s2 = 1.5;
   double speed_variation = 0.2;  ///< relative amplitude of the speed's slow variation
   double still_s = 2.0;          ///< time at rest at the start
-  double height_m = 1.9;         ///< of the sensor over the ground
+  double height_m = 1.9;         ///< height of the sensor over the ground
   double roll_deg = 0.6;         ///< amplitudes of the platform's sway: roll_deg, pitch_deg, bob_m
   double pitch_deg = 0.7;
   double bob_m = 0.03;

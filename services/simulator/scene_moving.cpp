@@ -89,7 +89,7 @@ void add_cars(std::vector<Mover>& movers, Random& random, const Way& way, const 
   const auto height = [&](double x, double y) { return ground.height(x, y); };
   movers.push_back(car(true, 60.0, escort(way, kAheadM, ground)));
   movers.push_back(car(true, 45.0, escort(way, kBehindM, ground)));
-  Polyline lane;  // of the oncoming cars: in the opposite direction, on the other side
+  Polyline lane;  // lane of the oncoming cars: in the opposite direction, on the other side
   for (int i = 0; i < way.length(); ++i) {
     const Place place = place_at(way, way.length() - i);
     lane.push_back(place.p + kLaneM * place.left());

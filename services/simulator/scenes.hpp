@@ -13,7 +13,7 @@
 namespace zloam::simulator {
 
 struct SceneOptions {
-  std::uint64_t seed = 1;    ///< of the random placement of objects, and of the motion
+  std::uint64_t seed = 1;    ///< for the random placement of objects, and for the motion
   double heading_deg = 0.0;  ///< yaw of the platform against its path, which rotates the walls
                              ///< against the axes of its first pose
   double speed_factor = 1.0;

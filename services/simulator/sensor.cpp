@@ -15,9 +15,9 @@ using std::numbers::pi;
 
 constexpr double kMotorPeriodS = 5.0;
 constexpr double kSecondReturnM = 1.0;  // hits closer to each other merge into one return
-constexpr double kCentreWeight = 0.4;   // of the five rays across the beam
+constexpr double kCentreWeight = 0.4;   // weights of the five rays across the beam
 constexpr double kRimWeight = 0.15;
-constexpr double kRimRadius = 0.35;  // of the full angle
+constexpr double kRimRadius = 0.35;  // share of the beam's full angle
 constexpr double kReferenceLatitudeDeg = 48.0;
 constexpr double kReferenceLongitudeDeg = 11.0;
 constexpr double kMetresPerDegree = 111'320.0;

@@ -28,7 +28,7 @@ struct SensorConfig {
   double start_azimuth_deg = 0.0;
   /// relative variation of the motor's speed, with a period of 5 s
   double speed_deviation = 1e-3;
-  double noise_sigma_m = 0.02;  ///< of the range
+  double noise_sigma_m = 0.02;  ///< noise of the range
   double noise_limit_sigmas = 4.0;
   double dropout = 0.01;  ///< share of the returns that are lost at random
   double min_range_m = 0.5;
@@ -55,8 +55,8 @@ struct SimulationConfig {
 
 /// One return, as it was encoded.
 struct Return {
-  std::int64_t time_ns;  ///< of the firing, after the start
-  double azimuth_deg;    ///< of the rotor at the firing, not rounded
+  std::int64_t time_ns;  ///< time of the firing, after the start
+  double azimuth_deg;    ///< azimuth of the rotor at the firing, not rounded
   double range_m;        ///< in whole units of 2 mm
   std::uint8_t block;
   std::uint8_t channel;
@@ -66,7 +66,7 @@ struct Return {
 };
 
 struct DataPacket {
-  std::int64_t time_ns = 0;  ///< of the first firing, after the start
+  std::int64_t time_ns = 0;  ///< time of the first firing, after the start
   vlp16::DataBytes bytes{};
 };
 

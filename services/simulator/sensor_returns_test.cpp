@@ -131,7 +131,7 @@ TEST(Sensor, DualModeFollowsTheRulesOfTheManual) {
   int second = 0;
   for (std::int64_t i = 0; i < 155; ++i) {
     const DataPacket packet = sensor.data_packet(i);
-    std::map<int, std::pair<double, double>> pairs;  // by firing: last, strongest
+    std::map<int, std::pair<double, double>> pairs;  // per firing: last, strongest
     for (int k = 0; k < 12; k += 2) {
       EXPECT_EQ(u16(packet.bytes.data() + 100 * k + 2), u16(packet.bytes.data() + 100 * k + 102));
     }

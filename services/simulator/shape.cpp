@@ -107,11 +107,11 @@ double unit(std::uint64_t bits, int shift) {
 // A grid with at most one leaf per cell; a leaf is a sphere with a radius of 0.4 cells.
 struct Leaves {
   double cell_m;
-  std::uint64_t threshold;  // of 2^16: a cell has a leaf where its bits are below
+  std::uint64_t threshold;  // a cell has a leaf if its lowest 16 bits are below this
   std::uint64_t key;
 };
 
-constexpr double kLeafRadius = 0.4;  // of the cell
+constexpr double kLeafRadius = 0.4;  // share of the cell's edge
 
 Leaves leaves_of(double density, std::uint64_t key) {
   // A ray that crosses a cell runs through 2/3 of its edge on average. If each cell had a leaf, the

@@ -25,7 +25,7 @@ MotionState Trajectory::at(double time_s) const {
   state.rate_body = {roll_rate - yaw_rate * sp, pitch_rate * cr + yaw_rate * cp * sr,
                      -pitch_rate * sr + yaw_rate * cp * cr};
   // Derivative of rate_body, term by term.
-  const Eigen::Vector3d second = sample.second.tail<3>();  // of yaw, pitch, roll
+  const Eigen::Vector3d second = sample.second.tail<3>();  // second derivatives: yaw, pitch, roll
   const double yaw_part = second[0] * cp - yaw_rate * pitch_rate * sp;
   state.angular_acceleration_body = {
       second[2] - second[0] * sp - yaw_rate * pitch_rate * cp,

@@ -15,7 +15,7 @@ namespace vlp16 {
 
 inline constexpr int kLasers = 16;
 inline constexpr int kBlocks = 12;
-inline constexpr int kChannels = 32;  ///< of a block: two firing sequences of 16 lasers
+inline constexpr int kChannels = 32;  ///< per block: two firing sequences of 16 lasers
 inline constexpr std::size_t kDataBytes = 1206;
 inline constexpr std::size_t kPositionBytes = 512;
 inline constexpr std::uint16_t kDataPort = 2368;

@@ -69,7 +69,7 @@ class World {
   std::vector<Node> nodes_;
   std::optional<Terrain> terrain_;
   std::vector<Mover> movers_;
-  std::vector<int> first_surface_;  // of each mover
+  std::vector<int> first_surface_;  // number of each mover's first surface
   std::vector<double> radii_;
 };
 

@@ -50,7 +50,7 @@ struct Options {
   std::vector<ImuReading> imu;
   std::string submaps;
   bool with_mapping = true;
-  // of every gap_every sweeps the last gap_sweeps do not reach mapping, as if it were down
+  // the last gap_sweeps of every gap_every sweeps do not reach mapping, as if it were down
   std::uint64_t gap_every = 0, gap_sweeps = 0;
   std::uint64_t thin = 1;
   Settings settings;

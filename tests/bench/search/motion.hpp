@@ -37,7 +37,7 @@ struct Bump {
 };
 
 struct DriveConfig {
-  std::uint64_t seed = 1;  ///< of the noise and of the speed's variation
+  std::uint64_t seed = 1;  ///< for the noise and the speed's variation
   std::string world = "city";
   simulator::SceneOptions scene;
   double speed_mps = 0.0;  ///< maximum; 0: use the world's own drive
