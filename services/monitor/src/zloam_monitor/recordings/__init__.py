@@ -1,16 +1,19 @@
-"""Bags of ROS 1 and 2, MCAP files and folders of clouds, as sweeps for the driver.
+"""Reads bags of ROS 1 and 2, MCAP files and folders of clouds as sweeps for the driver.
 
 The other end of the pipe is services/driver/io/recording.hpp.
 
-bags     messages of a file, by the library `rosbags`
-folders  a file a cloud: PCD, PLY, LAS, LAZ
-fields   a PointCloud2's bytes to columns of numbers
-times    which instant each point is of: unit and origin, settled from the data or refused
-rings    which laser each point is of
-sweeps   clouds to the driver's sweeps
-stream   frames into the pipe
+bags       messages of a bag, by the library `rosbags`
+folders    one cloud per file: PCD, PLY, LAS, LAZ
+robot_log  recordings of `zloam record`
+livox      Livox's own message as a cloud
+fields     bytes of a PointCloud2 to columns of numbers
+times      instant of each point: unit and origin are inferred from the data, or it is refused
+rings      ring (laser) of each point
+mounting   poses of lidar and IMU from static transforms
+sweeps     clouds to the driver's sweeps
+stream     frames into the pipe
 """
 
 
 class Refused(RuntimeError):
-    """The recording can't be used; the text names topic and field, and what would settle it."""
+    """The recording can't be used; the text names topic and field, and what would resolve it."""

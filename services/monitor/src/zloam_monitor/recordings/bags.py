@@ -1,4 +1,4 @@
-"""Messages of a bag (ROS 1, ROS 2 with SQLite or MCAP) or an MCAP file, by the library rosbags."""
+"""Reads bags (ROS 1, ROS 2 with SQLite or MCAP) and MCAP files by the library rosbags."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 TF_TOPIC = "/tf_static"
 VELODYNE = "velodyne_msgs/msg/VelodyneScan"
 NEBULA = "nebula_msgs/msg/NebulaPackets"
-#: one packet each, without a time of its own
+#: Messages with one packet, without a time stamp.
 OUSTER = ("ouster_sensor_msgs/msg/PacketMsg", "ouster_ros/msg/PacketMsg")
-#: what can be a driver's input
+#: Message types that the driver can use -> their content.
 KINDS = {
     CLOUD: "clouds",
     **dict.fromkeys(livox.KINDS, "clouds"),
     **dict.fromkeys((VELODYNE, NEBULA, *OUSTER), "packets"),
 }
-#: of messages that ROS 2 bags do not describe themselves
+#: Definitions of messages that ROS 2 bags do not describe themselves.
 FOREIGN = {
     "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data\n",
     VELODYNE: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
@@ -35,9 +35,9 @@ FOREIGN = {
     **dict.fromkeys(OUSTER, "uint8[] buf\n"),
     **livox.TYPES,
 }
-#: first bytes of what is a recording
+#: First bytes of the recordings that can be read.
 MAGICS = (b"#ROSBAG V", b"SQLite format 3", b"\x89MCAP")
-#: of each file as much of both ends makes its identity: a bag may have 100 GB
+#: Bytes at both ends of each file that its identity is computed from: a bag may have 100 GB.
 IDENTIFYING_BYTES = 1 << 20
 
 
@@ -50,13 +50,13 @@ class Packet:
 @dataclass(frozen=True)
 class Topic:
     name: str
-    #: one of KINDS
+    #: A key of KINDS.
     kind: str
     messages: int
 
     @property
     def content(self) -> str:
-        """clouds or packets"""
+        """Content of the messages: clouds or packets."""
         return KINDS.get(self.kind, "clouds")
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ def files_of(path: Path) -> list[Path]:
 
 
 def identity(path: Path) -> str:
-    """SHA-256 in hexadecimal, of both ends of each file and its size."""
+    """SHA-256, in hexadecimal, of name, size and both ends of each file."""
     known = hashlib.sha256()
     for each in files_of(path):
         size = each.stat().st_size
@@ -90,7 +90,7 @@ def identity(path: Path) -> str:
 
 
 class Bag:
-    """Open while its context is."""
+    """A bag, which is open within the context of opened()."""
 
     def __init__(self, path: Path, reader: Any) -> None:
         self.path = path
@@ -105,10 +105,10 @@ class Bag:
         )
 
     def choose(self, name: str) -> Topic:
-        """The topic of that name, or the only one; refused otherwise."""
+        """The topic of this name, or the only one; raises Refused otherwise."""
         meant = [t for t in self.topics if name in ("", t.name)]
         full = [t for t in meant if t.messages]
-        # What the lidar sent says more than what a driver made of it.
+        # Packets are preferred to clouds, which a driver has computed from them.
         packets = [t for t in full if t.content == "packets"]
         if len(packets or full) == 1:
             return (packets or full)[0]
@@ -120,7 +120,7 @@ class Bag:
         raise Refused(f"{named} ({', '.join(KINDS)}) in it; it has {listed or 'no topic'}")
 
     def choose_imu(self, name: str) -> str:
-        """The topic of inertial readings of that name, or the only one; refused otherwise."""
+        """The IMU topic of this name, or the only one; raises Refused otherwise."""
         there = sorted({str(c.topic) for c in self._reader.connections if c.msgtype == IMU})
         meant = [t for t in there if name in ("", t)]
         if len(meant) == 1:
@@ -137,7 +137,7 @@ class Bag:
         return []
 
     def static_transforms(self) -> Iterator[Any]:
-        """All of them; what can't be read ends them."""
+        """All messages with static transforms, in their order."""
         there = self._reader.connections
         wanted = [c for c in there if c.topic.endswith(TF_TOPIC) and c.msgtype in TRANSFORMS]
         if wanted:
@@ -145,7 +145,7 @@ class Bag:
                 yield self._reader.deserialize(raw, connection.msgtype)
 
     def frame_of(self, topic: str) -> str | None:
-        """Of its first message; None: its messages have no header."""
+        """Frame of the topic's first message; None: its messages have no header."""
         wanted = [c for c in self._reader.connections if c.topic == topic]
         for connection, _, raw in self._reader.messages(connections=wanted):
             header = getattr(self._reader.deserialize(raw, connection.msgtype), "header", None)
@@ -153,7 +153,7 @@ class Bag:
         return None
 
     def messages(self, topic: Topic, imu: str = "") -> Iterator[Any]:
-        """In the order in which they were recorded, those of a topic of readings among them.
+        """Messages of the topic, and of the IMU topic if named, in the order of recording.
 
         Packets come as lists of Packet.
         """
@@ -170,7 +170,7 @@ class Bag:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
-    """Raises Refused, with the library's words, or OSError."""
+    """Opens a bag; raises Refused with the library's message, or OSError."""
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -1,4 +1,4 @@
-"""A PointCloud2's bytes to columns of numbers (sensor_msgs/msg/PointCloud2, PointField)."""
+"""Converts a PointCloud2 to columns of numbers (sensor_msgs/msg/PointCloud2, PointField)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from zloam_monitor.recordings import Refused
 
 Column = NDArray[Any]
-#: PointField.datatype -> numpy
+#: PointField.datatype -> numpy.
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-#: names under which drivers publish them
+#: Names that drivers use for the fields, in lower case.
 TIMES = (
     "t",
     "time",
@@ -31,16 +31,16 @@ INTENSITIES = ("intensity", "i", "reflectivity", "intensities", "signal")
 
 @dataclass(frozen=True)
 class Cloud:
-    """Returns only. Columns have one row a return."""
+    """Returns of one cloud: columns with one row per return."""
 
     stamp_ns: int
-    #: m, in the sensor's axes
+    #: In m, along the sensor's axes.
     xyz: NDArray[np.float32]
     intensity: NDArray[np.float32]
-    #: as published
+    #: Values as published.
     ring: Column | None
     times: Column | None
-    #: row and column of an organised cloud
+    #: Row and column in an organised cloud.
     row: Column | None
     column: Column | None
 
@@ -50,7 +50,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Names:
-    """Which fields of a topic's clouds mean what."""
+    """Names of the fields for time, ring and intensity."""
 
     time: str | None
     ring: str | None
@@ -79,7 +79,7 @@ def _dtype(message: Any) -> np.dtype[Any]:
 
 
 def points_of(message: Any) -> NDArray[Any]:
-    """All points in their order, structured by the fields' names; rows may be padded."""
+    """All points in their order, structured by the names of the fields; rows may be padded."""
     dtype, width, height = _dtype(message), int(message.width), int(message.height)
     data = np.frombuffer(message.data, np.uint8)
     row_bytes = width * dtype.itemsize
@@ -100,7 +100,7 @@ def _one(known: tuple[str, ...], there: list[str]) -> list[str]:
 
 
 def names_of(there: list[str], time_field: str) -> Names:
-    """Of fields by their names; two that could be the time are refused."""
+    """Chooses the fields; refused if two fields could contain the time."""
     listed = ", ".join(there) or "none"
     for name in ("x", "y", "z"):
         if name not in there:
@@ -122,13 +122,13 @@ def names_of(there: list[str], time_field: str) -> Names:
 
 
 def cloud_of(message: Any, names: Names) -> Cloud:
-    """The returns of a message."""
+    """The returns in a message."""
     stamp = stamp_ns(message.header.stamp)
     return returns_of(points_of(message), names, stamp, message.width, message.height)
 
 
 def returns_of(points: NDArray[Any], names: Names, stamp_ns: int, width: int, height: int) -> Cloud:
-    """Of points that are structured by their fields' names."""
+    """The returns among points that are structured by the names of their fields."""
     xyz = np.stack([points[axis].astype(np.float32) for axis in ("x", "y", "z")], axis=-1)
     returned = np.isfinite(xyz).all(axis=1) & (xyz != 0.0).any(axis=1)
 
@@ -152,5 +152,5 @@ def returns_of(points: NDArray[Any], names: Names, stamp_ns: int, width: int, he
 
 
 def stamp_ns(stamp: Any) -> int:
-    """ROS 1 and 2."""
+    """Stamp of ROS 1 or 2 in ns."""
     return int(stamp.sec) * 1_000_000_000 + int(getattr(stamp, "nanosec", 0))

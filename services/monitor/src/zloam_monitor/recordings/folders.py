@@ -1,4 +1,4 @@
-"""Folders of clouds, a file a sweep: PCD, PLY, LAS and LAZ."""
+"""Folders of clouds, one sweep per file: PCD, PLY, LAS and LAZ."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from zloam_monitor.point_files import READERS
 from zloam_monitor.recordings import Refused, bags
 from zloam_monitor.recordings.bags import Bag, Topic
 
-#: of files that say nothing of when they were recorded
+#: Stamp of the first cloud if nothing says when the clouds were recorded.
 FIRST_NS = 1_000_000_000 * 10**9
-#: digits of a time since 1970 in its unit, and what the unit is
+#: Number of digits of a time since 1970 -> its unit in ns.
 EPOCH_NS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
-#: with a line a file, in the folder or above it
+#: Files with one time per cloud, in the folder or above it.
 STAMP_FILES = ("times.txt", "timestamps.txt", "stamps.txt")
-#: no lidar sees farther; coordinates beyond it are a map's
+#: Farther than any lidar's range; larger coordinates are those of a map.
 FARTHEST_M = 10_000.0
 
 
 @dataclass(frozen=True)
 class Table:
-    """One file's points, structured by the names of its fields; rows of an organised cloud."""
+    """Points of one file, structured by the names of its fields; size of an organised cloud."""
 
     stamp_ns: int
     points: NDArray[Any]
@@ -37,7 +37,7 @@ class Table:
 
 
 def clouds_in(path: Path) -> list[Path]:
-    """In the order of the numbers in their names; hidden files are none."""
+    """Clouds of a folder, sorted by the numbers in their names; hidden files are ignored."""
     if not path.is_dir():
         return []
     found = [p for p in path.iterdir() if p.suffix.lower() in READERS and p.name[0] != "."]
@@ -49,7 +49,8 @@ def is_recording(path: Path) -> bool:
 
 
 def time_ns(text: str) -> int | None:
-    """Of a time since 1970, by its digits: s, ms, us, ns, or s with a fraction; else None."""
+    """Time since 1970 in ns; the unit (s, ms, us, ns, s with a fraction) follows from the number of
+    digits. None: no time."""
     match = re.fullmatch(r"\D*?(\d{10,19})(?:[._-](\d{1,9}))?", text)
     if match is None or len(match[1]) not in EPOCH_NS:
         return None
@@ -79,7 +80,8 @@ def _times_in_file(folder: Path, count: int) -> tuple[Path, list[int]] | None:
 
 
 def _times_by_number(paths: list[Path], period_ns: int) -> list[int]:
-    """Files that are missing leave a gap; every n-th of a recording is as good as all of one."""
+    """Times from the numbers in the names: a missing file leaves a gap, but a regular step, as of
+    every n-th file of a recording, counts as one period."""
     numbers = [re.findall(r"\d+", p.stem) for p in paths]
     if not all(numbers):
         return [FIRST_NS + i * period_ns for i in range(len(paths))]
@@ -90,13 +92,13 @@ def _times_by_number(paths: list[Path], period_ns: int) -> list[int]:
 
 @dataclass
 class Folder:
-    """As a bag of one topic."""
+    """A folder with the interface of a bag that has one topic."""
 
     path: Path
     period_ns: int
-    #: what the stamps are taken from
+    #: Text that says what the stamps are taken from.
     said: str = ""
-    #: nothing tells when the clouds were recorded
+    #: The stamps are assumed, as nothing says when the clouds were recorded.
     assumed: bool = False
     unread: list[str] = field(default_factory=list)
 
@@ -135,14 +137,14 @@ class Folder:
         )
 
     def messages(self, topic: Topic, imu: str = "") -> Iterator[Any]:
-        """Files that can't be read are left out, and told by remarks()."""
+        """Clouds in their order; unreadable files are left out and reported by remarks()."""
         assert topic in self.topics
         assert not imu
         self.unread.clear()
         for path, stamp_ns in zip(self._paths, self._stamps, strict=True):
             try:
                 points, width, height = READERS[path.suffix.lower()](path)
-            except Exception as error:  # each library has errors of its own
+            except Exception as error:  # Each library has error types of its own.
                 self.unread.append(f"{path.name}: {_first_line(error)}")
                 continue
             yield Table(stamp_ns, _within_reach(points, path), width, height)
@@ -150,7 +152,7 @@ class Folder:
             raise Refused(f"none of its files can be read; {self.unread[0]}")
 
     def remarks(self) -> list[str]:
-        """What was not as it should be, at the end."""
+        """Texts about irregularities; complete after the last message."""
         said = [self.said] if self.assumed else []
         if not self.unread:
             return said
@@ -177,7 +179,7 @@ def _within_reach(points: NDArray[Any], path: Path) -> NDArray[Any]:
 
 @contextmanager
 def opened(path: Path, period_s: float) -> Iterator[Bag | Folder]:
-    """A folder of clouds, or a bag; raises Refused, or OSError."""
+    """Opens a folder of clouds, or a bag; raises Refused or OSError."""
     if clouds_in(path):
         yield Folder(path, round(1e9 * period_s))
         return

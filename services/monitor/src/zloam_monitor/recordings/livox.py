@@ -1,4 +1,4 @@
-"""Livox's own message (livox_ros_driver, livox_ros_driver2: CustomMsg) as a cloud."""
+"""Converts Livox's own message (livox_ros_driver, livox_ros_driver2: CustomMsg) to a cloud."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from zloam_monitor.recordings.fields import Cloud, Names, stamp_ns
 
 KINDS = tuple(f"{package}/msg/CustomMsg" for package in ("livox_ros_driver", "livox_ros_driver2"))
-#: message definitions by type, as the drivers have them
+#: Type -> message definition, as in the drivers.
 TYPES = {
     **{
         kind.replace("Msg", "Point"): "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
@@ -38,7 +38,7 @@ def is_custom(message: Any) -> bool:
 
 
 def cloud_of(message: Any) -> Cloud:
-    """The returns of a message; where nothing came back all three coordinates are 0."""
+    """The returns of a message; a point without a return has the coordinates 0, 0, 0."""
     column = {
         name: np.array([getattr(p, name) for p in message.points], kind)
         for name, kind in COLUMNS.items()

@@ -1,4 +1,4 @@
-"""Where lidar and IMU sit on the robot, by a recording's static transforms (tf_static, REP 105)."""
+"""Poses of lidar and IMU on the robot from a recording's static transforms (tf_static, REP 105)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.bags import TF_TOPIC, Bag, Topic
 
 BASE = "base_link"
-#: a rotation's quaternion may be off by rounding
+#: Deviation from unit length that is allowed for rounding.
 UNIT_TOLERANCE = 1e-3
 
 Matrix = NDArray[np.float64]
@@ -22,7 +22,7 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Mounting:
-    """Poses in base_link; None: not in the tree."""
+    """Poses in base_link; None: the frame is not in the tree."""
 
     base: str
     T_base_lidar: Matrix | None
@@ -42,7 +42,7 @@ def _matrix(transform: Any, frame: str) -> Matrix:
 
 
 class Tree:
-    """Static transforms by the child's name."""
+    """Static transforms: child frame -> parent frame and pose in it."""
 
     def __init__(self, messages: Iterable[Any]) -> None:
         self._parents: dict[str, tuple[str, Matrix]] = {}
@@ -56,7 +56,7 @@ class Tree:
         return len(self._parents)
 
     def _above(self, frame: str) -> dict[str, Matrix]:
-        """Each frame above, and the pose of this one in it."""
+        """The frame itself and each frame above it -> pose of the frame in it."""
         pose, found = np.eye(4), {frame: np.eye(4)}
         while frame in self._parents:
             frame, T_parent_child = self._parents[frame]
@@ -67,14 +67,14 @@ class Tree:
         return found
 
     def base_of(self, frame: str) -> str | None:
-        """The frame base_link, with or without a robot's prefix, in the same tree."""
+        """The frame base_link, with or without a robot's prefix, of the same tree."""
         top = list(self._above(frame))[-1]
         frames = {*self._parents, *(parent for parent, _ in self._parents.values())}
         bases = [f for f in frames if f.split("/")[-1] == BASE and list(self._above(f))[-1] == top]
         return bases[0] if len(bases) == 1 else None
 
     def pose(self, base: str, frame: str) -> Matrix | None:
-        """T_base_frame; None: nothing static leads from one to the other."""
+        """T_base_frame; None: no static transforms connect the two frames."""
         of_base, of_frame = self._above(base), self._above(frame)
         for common, pose in of_frame.items():
             if common in of_base:
@@ -83,7 +83,7 @@ class Tree:
 
 
 def found(tree: Tree, lidar_frame: str, imu_frame: str | None) -> Mounting | None:
-    """None: the tree has no base_link above or below the lidar."""
+    """Mounting of lidar and IMU; None: the lidar's tree has no base_link."""
     lidar = _plain(lidar_frame)
     base = tree.base_of(lidar)
     if base is None:
@@ -102,15 +102,15 @@ def _settings(prefix: str, pose: Matrix) -> list[str]:
 
 
 def settings(mounting: Mounting) -> list[str]:
-    """As --set of the stages."""
+    """The stages' options --set."""
     named = (("", mounting.T_base_lidar), ("imu_", mounting.T_base_imu))
     return [text for prefix, pose in named if pose is not None for text in _settings(prefix, pose)]
 
 
 def described(bag: Bag, topic: Topic, imu: str | None) -> tuple[list[str], str]:
-    """Settings, and a sentence; both empty where the recording has no static transforms.
+    """Settings, and a text about them; both are empty if the recording has no static transforms.
 
-    imu: the topic of the readings that are used.
+    imu: topic of the IMU readings in use.
     """
     tree = Tree(bag.static_transforms())
     lidar = bag.frame_of(topic.name)

@@ -1,4 +1,4 @@
-"""Which laser each point is of: the rank by ascending elevation."""
+"""Determines the ring of each point: the rank of its laser by ascending elevation."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from zloam_monitor.recordings.fields import Cloud
 
 Ranks = NDArray[np.uint16]
 MOST_RINGS = 128
-#: points of one laser lie on one cone: seen from a little beside the lens so far off it
+#: Scatter of the elevations of one laser, whose cone does not have its apex in the origin.
 CONE_DEG = 1.0
-#: lasers that are told by their elevation are farther apart than their points spread
+#: Gaps between the elevations of lasers are larger by this factor than gaps within one laser.
 APART = 3.0
-#: returns nearer than this see the lasers' own places in the head
+#: For nearer returns, the positions of the lasers in the head distort the elevation.
 NEAR_M = 2.0
 
 
 @dataclass
 class Lasers:
-    """Rank of each laser by what a cloud has of it. kind: field, row, column, elevation."""
+    """Ranks of the lasers, identified by a value of their points. kind: field, row, column,
+    elevation."""
 
     kind: str
-    #: the values that occurred, ascending, and the rank of each
+    #: The values that occurred, ascending, and the rank of each.
     values: NDArray[np.float64]
     ranks: NDArray[np.uint16]
-    #: values that came later, and count as the nearest known one
+    #: Values that first occurred later; each is treated as the nearest known one.
     unknown: set[float] = field(default_factory=set)
 
     @property
@@ -70,10 +71,11 @@ def _values(cloud: Cloud, kind: str) -> NDArray[np.float64]:
 
 
 def settle(clouds: Sequence[Cloud]) -> Lasers | None:
-    """By the field, else by the rows or columns of organised clouds, else by elevation.
+    """Identifies lasers by the field, else by rows or columns of organised clouds, else by
+    elevation.
 
-    None: the points lie on no lasers' cones, as those of solid-state sensors and of clouds that
-    were moved to another frame.
+    None: the points do not lie on cones, e.g. of solid-state sensors, or in clouds that were
+    transformed to another frame.
     """
     for kind in ("field", "row", "column"):
         lasers = _by_value(clouds, kind)
@@ -83,7 +85,7 @@ def settle(clouds: Sequence[Cloud]) -> Lasers | None:
 
 
 def _by_value(clouds: Sequence[Cloud], kind: str) -> Lasers | None:
-    """None: there is none, or its points lie on no cones."""
+    """Identifies lasers by a value; None: it is missing, or its points do not lie on cones."""
     sources = {"field": "ring", "row": "row", "column": "column"}
     if any(getattr(c, sources[kind]) is None for c in clouds):
         return None
@@ -104,7 +106,8 @@ def _by_value(clouds: Sequence[Cloud], kind: str) -> Lasers | None:
 
 
 def _ranks(known: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Numbers that go up, or down, with the elevation keep those that were not seen."""
+    """Ranks by elevation. Numbers that ascend or descend with the elevation keep their spacing, so
+    that lasers without returns are counted, too."""
     steps = np.diff(mean)
     if (steps > 0).all():
         ranks = known - known[0] if known[0] < 0 else known
@@ -116,7 +119,7 @@ def _ranks(known: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.
 
 
 def _by_elevation(clouds: Sequence[Cloud]) -> Lasers | None:
-    """Where they stand in groups with room between them."""
+    """Identifies lasers as separate groups of elevations; None: there are no such groups."""
     far = np.concatenate([elevation_deg(c)[np.linalg.norm(c.xyz, axis=1) > NEAR_M] for c in clouds])
     if len(far) < 2:
         return None
@@ -124,7 +127,7 @@ def _by_elevation(clouds: Sequence[Cloud]) -> Lasers | None:
     gaps = np.diff(ordered)
     widest = np.sort(gaps)[::-1]
     most = min(MOST_RINGS, len(widest))
-    # The place where the gaps between lasers end and those within one begin.
+    # Gaps sorted by size fall steeply from those between lasers to those within a laser.
     falls = widest[: most - 1] / np.maximum(widest[1:most], 1e-12)
     groups = int(np.argmax(falls)) + 2
     if falls[groups - 2] < APART:

@@ -1,7 +1,7 @@
-"""What `zloam record` wrote: a robot's own messages, in one MCAP file or several parts.
+"""Reads what `zloam record` wrote: a robot's own messages, in one MCAP file or several parts.
 
-For the driver it is a recording of sweeps, which are replayed as they were published, with the
-configuration that was in force; `zloam replay` publishes all of it again.
+The driver replays the recorded sweeps as they were published, with the configuration that was in
+force; `zloam replay` publishes all messages again.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from zloam_monitor.records import RevisionRecord
 SWEEP = "zloam.msg.Sweep"
 CONFIG = "zloam.msg.EffectiveConfig"
 REVISION = "zloam.msg.ConfigRevision"
-#: of the configuration in force, what a sweep's way through the stages depends on; sweeps are taken
-#: as the driver made them
+#: Recorded configuration that applies to a replay: all that affects the processing of sweeps. The
+#: driver's is left out, as its sweeps are replayed unchanged.
 STAGE_KEYS = ("sensor.model", "mounting.", "registration.", "odometry.", "mapping.", "integration.")
-#: of those, what is this run's own
+#: Keys among these that belong to the replaying run.
 PLACES = ("mapping.map_path", "mapping.spill_directory", "integration.output_dir")
 
 
 @dataclass(frozen=True)
 class Logged:
-    """One message."""
+    """One recorded message."""
 
     topic: str
-    #: name of its schema; empty: it has none
+    #: Name of its schema; empty: none.
     schema: str
     log_ns: int
     payload: bytes
@@ -39,7 +39,7 @@ class Logged:
 
 @dataclass(frozen=True)
 class Extent:
-    """Of the whole recording, ns since the Unix epoch."""
+    """Time span of the whole recording, ns since the Unix epoch, and number of messages."""
 
     begin_ns: int
     end_ns: int
@@ -51,7 +51,7 @@ class Extent:
 
 
 def is_mcap(path: Path) -> bool:
-    """By its first bytes."""
+    """True if the file has the first bytes of MCAP."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -59,20 +59,20 @@ def is_mcap(path: Path) -> bool:
 
 
 def is_one(path: Path) -> bool:
-    """Whether `zloam record` wrote it."""
+    """True if `zloam record` wrote the file."""
     return is_mcap(path) and RobotLog(path).about is not None
 
 
 @dataclass
 class RobotLog:
-    """All parts in their order."""
+    """All parts of a recording, in their order."""
 
     path: Path
     remarks: list[str] = field(default_factory=list)
 
     @property
     def parts(self) -> list[Path]:
-        """run.mcap, then run_2.mcap and so on, where they are there."""
+        """run.mcap, then run_2.mcap and so on, as far as they exist."""
         found = [self.path]
         while (further := self._part(len(found) + 1)).is_file():
             found.append(further)
@@ -83,7 +83,7 @@ class RobotLog:
 
     @property
     def about(self) -> dict[str, str] | None:
-        """What the recorder said of it; None: it wrote none of this."""
+        """The recorder's metadata; None: `zloam record` did not write the file."""
         from mcap.records import Message, Metadata
         from mcap.stream_reader import StreamReader
 
@@ -94,12 +94,12 @@ class RobotLog:
                         return dict(record.metadata)
                     if isinstance(record, Message):
                         return None
-            except Exception:  # the library has no one error for what is damaged
+            except Exception:  # The library raises various errors for damaged files.
                 return None
         return None
 
     def extent(self) -> Extent:
-        """By the parts' indexes; of one without, by all its messages."""
+        """Extent by the indexes of the parts; for a part without an index, by all its messages."""
         begins, ends, count = [], [], 0
         for part in self.parts:
             statistics = _statistics(part)
@@ -115,8 +115,8 @@ class RobotLog:
         return Extent(min(begins), max(ends), count)
 
     def messages(self, wanted: tuple[str, ...] = ()) -> Iterator[Logged]:
-        """In the order in which they came; `wanted`: of these schemas only. Of a part that was cut
-        off what is whole, which is remarked."""
+        """Messages in the order of their arrival; `wanted`: only these schemas. From a truncated
+        part come its complete messages, and a remark is added."""
         for part in self.parts:
             yield from (m for m in self._linear(part) if not wanted or m.schema in wanted)
 
@@ -136,7 +136,7 @@ class RobotLog:
                     elif isinstance(record, Message):
                         topic, schema = channels[record.channel_id]
                         yield Logged(topic, schema, record.log_time, record.data)
-            except Exception as error:  # the library has no one error for what is damaged
+            except Exception as error:  # The library raises various errors for damaged files.
                 self._damaged(part, error)
 
     def _damaged(self, part: Path, error: Exception) -> None:
@@ -146,7 +146,7 @@ class RobotLog:
         )
 
     def _indexed(self, part: Path, schema: str) -> Iterator[bytes]:
-        """Rare messages, without reading all others; of a part without an index, by all."""
+        """Payloads of rare messages, found by the index; without an index, by reading all."""
         from mcap.reader import make_reader
 
         if _statistics(part) is None:
@@ -161,11 +161,11 @@ class RobotLog:
                 found = reader.iter_messages(topics=topics, log_time_order=False)
                 try:
                     yield from (message.data for _, _, message in found)
-                except Exception as error:  # the library has no one error for what is damaged
+                except Exception as error:  # The library raises various errors for damaged files.
                     self._damaged(part, error)
 
     def sweeps(self) -> Iterator[Logged]:
-        """Of its first run, each once, in the order of their numbers."""
+        """Sweeps of the first run, each once, by ascending number."""
         run: int | None = None
         last = -1
         missing = 0
@@ -187,7 +187,7 @@ class RobotLog:
             self.remarks.append(f"{missing} sweeps are missing between others")
 
     def settings(self) -> list[str]:
-        """The stages' configuration as it was in force when the recording began, KEY=VALUE."""
+        """The stages' configuration in force at the beginning of the recording, KEY=VALUE."""
         found: dict[str, Any] = {}
         for logged in self.messages((CONFIG, SWEEP)):
             if logged.schema == SWEEP:
@@ -197,7 +197,7 @@ class RobotLog:
         return [f"{k}={_text(v)}" for k, v in sorted(found.items()) if k not in PLACES]
 
     def changes(self) -> list[str]:
-        """What was changed while it ran, SWEEP:KEY=VALUE, sweeps counted from the first one."""
+        """Changes during the run, SWEEP:KEY=VALUE; sweeps are counted from the first one."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
         for part in self.parts:
             for payload in self._indexed(part, REVISION):
@@ -216,7 +216,7 @@ class RobotLog:
 
 
 def imu_of(payload: bytes) -> Any:
-    """The readings that came with a sweep (messages.IMU_SAMPLE)."""
+    """The IMU readings in a sweep (messages.IMU_SAMPLE)."""
     sweep = messages.decode("Sweep", payload)
     return messages.struct_vector(sweep, "Imu", messages.IMU_SAMPLE)
 
@@ -233,13 +233,13 @@ def _text(value: Any) -> str:
 
 
 def _statistics(part: Path) -> tuple[int, int, int] | None:
-    """(first, last, count); None: it has no index."""
+    """(first, last, count) from the index; None: there is none."""
     from mcap.reader import make_reader
 
     with part.open("rb") as file:
         try:
             summary = make_reader(file).get_summary()
-        except Exception:  # the library has no one error for what is damaged
+        except Exception:  # The library raises various errors for damaged files.
             return None
     if summary is None or summary.statistics is None or not summary.statistics.message_count:
         return None

@@ -22,7 +22,7 @@ READING_DATA = struct.Struct("<q6d")
 
 
 class Frames:
-    """Written to a pipe."""
+    """Writes frames to a pipe."""
 
     def __init__(self, out: BinaryIO) -> None:
         self._out = out
@@ -51,9 +51,9 @@ class Frames:
 def write(
     path: Path, topic: str, timing: Timing, out: BinaryIO, imu_topic: str | None = None
 ) -> int:
-    """The whole recording; 0, or 1 when it is refused, which is in the frames.
+    """Writes the whole recording. Returns 1 if it is refused, which the frames state; else 0.
 
-    imu_topic: of the inertial readings to be written with it, "" the only one; None: they are not.
+    imu_topic: topic of the IMU readings to include; "": the only one; None: no readings.
     """
     frames = Frames(out)
     try:
@@ -78,7 +78,7 @@ def write(
 
 
 def _write_messages(log: RobotLog, frames: Frames, with_imu: bool) -> None:
-    """Sweeps as they were published, and before each what the IMU said that came with it."""
+    """Writes sweeps as they were published; before each one the IMU readings that it contains."""
     frames.text(IDENTITY, f"messages {bags.identity(log.path)}")
     last_ns = 0
     for sweep in log.sweeps():
@@ -104,16 +104,16 @@ def _write_sweeps(
 
 
 def whole(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str = "") -> Iterator[Any]:
-    """What can be read: of a recording that was cut off, what is whole.
+    """Messages of a topic; of a truncated recording those that are complete.
 
-    Inertial readings among the topic's messages are written at once.
+    IMU readings between them are written to the frames at once.
     """
     count = 0
     messages = bag.messages(topic, imu)
     while True:
         try:
             message = next(messages, None)
-        except Exception as error:  # the library has errors of its own for each format
+        except Exception as error:  # The library has error types of its own for each format.
             text = f"after {count} messages it cannot be read: {type(error).__name__}: {error}"
             if not count:
                 raise Refused(text) from error
@@ -137,7 +137,7 @@ def _write_packets(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str) ->
 
 
 def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
-    """What is in it, and how it would be read; raises Refused."""
+    """Texts about the contents of a recording and how it would be read; raises Refused."""
     if robot_log.is_one(path):
         yield from _robot_log_described(RobotLog(path))
         return

@@ -1,4 +1,4 @@
-"""Clouds to the driver's sweeps: points in time order, each with its ring."""
+"""Converts clouds to the driver's sweeps: points in time order, each with its ring."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from zloam_monitor.recordings.folders import Table
 from zloam_monitor.recordings.rings import Lasers
 from zloam_monitor.recordings.times import Clock
 
-#: by so many clouds unit, origin and rings are settled
+#: Number of clouds from which unit, origin and rings are inferred.
 JUDGED = 10
-#: a turn that differs by less from the usual one is measured; else a cloud is missing
+#: A step to the next sweep within this part of the usual one is taken as the period; with a longer
+#: one, a cloud is missing.
 USUAL = 0.1
 NO_RINGS = "no rings: the points lie on no lasers' cones"
 MODELS = ("none", "clockwise", "counter_clockwise", "deskewed")
@@ -27,12 +28,12 @@ MODELS = ("none", "clockwise", "counter_clockwise", "deskewed")
 
 @dataclass(frozen=True)
 class Timing:
-    """Of clouds without times: driver.time_model, scan_period_s, scan_seam_deg."""
+    """Times of clouds without a time field: driver.time_model, scan_period_s, scan_seam_deg."""
 
     model: str = "none"
     period_s: float = 0.1
     seam_deg: float = 180.0
-    #: driver.time_field
+    #: Value of driver.time_field.
     field: str = ""
 
     def __post_init__(self) -> None:
@@ -42,11 +43,11 @@ class Timing:
 
 @dataclass(frozen=True)
 class Sweep:
-    """points.time_ns counts from stamp_ns, the first point's instant."""
+    """A sweep; points.time_ns counts from stamp_ns, the first point's instant."""
 
     stamp_ns: int
     period_ns: int
-    #: 0: none
+    #: 0: no rings.
     rings: int
     deskewed: bool
     points: NDArray[Any]
@@ -54,7 +55,7 @@ class Sweep:
 
 @dataclass
 class Sweeper:
-    """Settles by the first clouds what the rest is read by; `said` tells what."""
+    """Infers from the first clouds how all are read; `said`: texts about that."""
 
     timing: Timing
     said: list[str] = field(default_factory=list)
@@ -64,8 +65,8 @@ class Sweeper:
     period_ns: int = 0
 
     def sweeps(self, messages: Iterable[Any], live: bool = False) -> Iterator[Sweep]:
-        """One a message, in the order of their instants. Live: at once, and none of those that it
-        is settled by, which are old by then."""
+        """One sweep per message, in their order. Live: each as soon as its cloud comes, without the
+        first clouds, which are old when the inference is done."""
         clouds = (self._cloud(m) for m in messages)
         first = list(islice(clouds, JUDGED))
         self._settle(first)
@@ -74,7 +75,7 @@ class Sweeper:
         return self._measured(self._sweep(c) for each in (first, clouds) for c in each)
 
     def remarks(self) -> list[str]:
-        """What was not as it should be, at the end."""
+        """Texts about irregularities; complete after the last sweep."""
         unknown = sorted(self.lasers.unknown) if self.lasers else []
         if not unknown:
             return []
@@ -153,13 +154,13 @@ class Sweeper:
         return Sweep(stamp_ns, self.period_ns, count, deskewed, points)
 
     def _period_ns(self, before: Sweep, sweep: Sweep) -> int:
-        """From one to the next, where that is one turn."""
+        """Time from one sweep to the next, if it is one period; else the usual period."""
         step_ns = sweep.stamp_ns - before.stamp_ns
         usual = abs(step_ns - self.period_ns) < USUAL * self.period_ns
         return step_ns if usual else self.period_ns
 
     def _measured(self, sweeps: Iterable[Sweep]) -> Iterator[Sweep]:
-        """Each with the time to the next one."""
+        """Sets each sweep's period to the time until the next one."""
         before: Sweep | None = None
         for sweep in sweeps:
             if before is not None:
@@ -169,7 +170,7 @@ class Sweeper:
             yield before
 
     def _measured_before(self, sweeps: Iterable[Sweep]) -> Iterator[Sweep]:
-        """Each with the time from the one before: the next one has not come."""
+        """Sets each sweep's period to the time since the one before, as the next has not come."""
         before: Sweep | None = None
         for sweep in sweeps:
             yield (

@@ -1,10 +1,10 @@
-"""Which instant each point of a cloud is of.
+"""Determines the instant of each point of a cloud.
 
 Drivers agree neither on the unit (s, ms, us, ns; float or integer) nor on the origin (the first
-point, the last one, the header's stamp, the Unix epoch, the sensor's start). Both follow from the
-data. The azimuth advances with the time, by one turn in 40 to 250 ms, and units differ by factors
-of 1000; clouds come once in a turn, or in several. A clock that runs goes on from cloud to cloud,
-an offset begins again with each. What does not follow is refused.
+point, the last one, the header's stamp, the Unix epoch, the sensor's start). Both are inferred from
+the data. The azimuth advances by one revolution in 40 to 260 ms, while units differ by factors of
+1000; there is one cloud per revolution, or per several. A running clock advances from cloud to
+cloud, while offsets restart with each cloud. If the data are ambiguous, the topic is refused.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.fields import Cloud, Column
 
 Times = NDArray[np.int64]
-#: ns
+#: Name of a unit -> its length in ns.
 UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-#: lidars turn so fast; less apart than two units
+#: Range of a lidar's period of revolution; its ratio is less than that of two units.
 FASTEST_NS, SLOWEST_NS = 40_000_000, 260_000_000
-#: clouds come once a turn, or once in several; so much of a turn are they off it
+#: The time between clouds is n whole revolutions, up to this part of a revolution times sqrt(n).
 TURN_TOLERANCE = 0.08
-#: more than so many usual steps from one return of a laser to its next are a gap
+#: A step between two returns of a laser that is longer than this many usual ones is a gap.
 GAP = 5.0
-#: the part of the time between two clouds that the points of one without rings span
+#: Without rings: time span of a cloud's points as part of the time between two clouds.
 LEAST_SPAN, MOST_SPAN = 0.2, 1.2
-#: less says nothing of the rate
+#: Smaller rotations within a cloud do not determine the rate.
 LEAST_TURN_RAD = 0.1
-#: a running clock advances by what the header's does, give or take
+#: A running clock advances like the headers' stamps, up to this part of the time.
 CLOCK_TOLERANCE = 0.3
-#: two clocks of one epoch are so near
+#: A clock within this time of the headers' stamps has the same epoch.
 SAME_CLOCK_NS = 3_600 * 10**9
 
 
 @dataclass(frozen=True)
 class Clock:
-    """How a topic's times become instants: value * unit_ns + (offset_ns or the header's stamp)."""
+    """Converts a topic's times to instants: value * unit_ns + (offset_ns or the header's stamp)."""
 
     unit: str
     turn_ns: int
-    #: of a clock that runs; None: the values count from each header's stamp
+    #: Offset of a running clock; None: the values count from each header's stamp.
     offset_ns: int | None
 
     def instants_ns(self, cloud: Cloud) -> Times:
@@ -57,27 +57,28 @@ class Clock:
 
 
 def in_ns(values: Column, unit: str) -> Times:
-    """Integers stay exact."""
+    """Values in ns; integers are converted exactly."""
     if np.issubdtype(values.dtype, np.integer):
         return values.astype(np.int64) * UNITS[unit]
     return np.rint(values.astype(np.float64) * UNITS[unit]).astype(np.int64)
 
 
 def middle_step_ns(clouds: Sequence[Cloud]) -> int | None:
-    """Usual one from cloud to cloud, also where some are missing; None: there is one only."""
+    """Usual time between two clouds, also if some are missing; None: there is only one cloud."""
     steps = np.diff([c.stamp_ns for c in clouds])
     return int(np.quantile(steps, 0.5, method="lower")) if len(steps) else None
 
 
 def _turn(cloud: Cloud, rings: NDArray[np.uint16]) -> float | None:
-    """A turn in the unit of the cloud's times, by the ring with the most returns."""
+    """Period of revolution in the unit of the cloud's times, by the ring with the most returns;
+    None: the rotation is too small."""
     assert cloud.times is not None
     of_ring = rings == np.bincount(rings).argmax()
     times = cloud.times[of_ring].astype(np.float64)
     order = np.argsort(times, kind="stable")
     azimuth = np.arctan2(cloud.xyz[of_ring, 1], cloud.xyz[of_ring, 0]).astype(np.float64)[order]
     steps, lasted = (np.diff(azimuth) + np.pi) % (2.0 * np.pi) - np.pi, np.diff(times[order])
-    # Over a gap without returns, as in a view that is cut, it may have turned either way.
+    # Across a gap without returns, e.g. of a masked view, the direction of rotation is ambiguous.
     usual = np.median(lasted[lasted > 0.0]) if (lasted > 0.0).any() else 0.0
     seen = (lasted > 0.0) & (lasted <= GAP * usual)
     turned = abs(steps[seen].sum())
@@ -87,7 +88,7 @@ def _turn(cloud: Cloud, rings: NDArray[np.uint16]) -> float | None:
 def settle(
     clouds: Sequence[Cloud], rings: Sequence[NDArray[np.uint16]] | None, field: str
 ) -> Clock:
-    """The clock of a topic, by its first clouds; refused when it can't be told."""
+    """Infers a topic's clock from its first clouds; refused if it is ambiguous."""
     columns = [c.times for c in clouds if c.times is not None and len(c) > 1]
     if not columns:
         raise Refused(f"field {field}: the first {len(clouds)} clouds have no point")
@@ -110,7 +111,8 @@ def settle(
 
 
 def _unit_by_span(span: float, step_ns: int | None, field: str) -> str:
-    """Of points without rings, which tell no turn: they come all the time."""
+    """Infers the unit for clouds without rings, in which no revolution can be measured: their
+    points come throughout the time between two clouds."""
     if step_ns is None:
         raise Refused(
             f"field {field}: its unit can't be told from a single cloud without rings; record two"
@@ -146,7 +148,7 @@ def _whole_turns(turn_ns: float, step_ns: int | None) -> bool:
 
 
 def _offset_ns(clouds: Sequence[Cloud], unit: str, field: str) -> int | None:
-    """None: the values restart with each cloud."""
+    """Infers the clock's offset; None: the values restart with each cloud."""
     starts = np.array([in_ns(c.times, unit).min() for c in clouds if c.times is not None])
     stamps = np.array([c.stamp_ns for c in clouds])
     own, header = starts[-1] - starts[0], stamps[-1] - stamps[0]
