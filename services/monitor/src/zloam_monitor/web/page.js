@@ -1,10 +1,10 @@
 "use strict";
-// Asks once a second for what is shown of the chosen robot, and for its map when that has changed.
+// Fetches once a second the state of the chosen robot, and its map if that has changed.
 
 const COLOURS = ["#2f7fd6", "#d6702f", "#2fa36b", "#a24fc4", "#c4a02f", "#c43f5f"];
 const GOOD = ["ok", "ready"];
 const OLD_S = 2;
-// a cell whose points lie within so much is ground, and drawn lighter
+// A cell whose points are within this height range is ground, and drawn lighter.
 const GROUND_DM = 5;
 const BAD = ["failed", "silent", "lost", "invalid"];
 const byId = (id) => document.getElementById(id);

@@ -1,4 +1,4 @@
-"""What the page shows of one robot."""
+"""Contents of the page for one robot."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
-#: how long doctor listens for its findings
+#: Time for which the doctor listens for its findings.
 LISTEN_SECONDS = 10.0
-#: a thin view asks for nothing: it looks at what has come that often
+#: Interval of a thin view's findings, which use received messages only.
 THIN_SECONDS = 1.0
-#: of latency and rate
+#: Time covered by the history of latency and rate.
 HISTORY_SECONDS = 120
-#: poses by which the rate is known
+#: The rate is computed from the poses of this time.
 RATE_SECONDS = 5.0
-#: the path is thinned to so many points, the map's top view to so many cells
+#: Limits on the points of the path and on the cells of the map; both are thinned to them.
 MOST_PATH = 600
 MOST_CELLS = 20_000
-#: edge of the map's cells, m: the first that gives few enough
+#: Possible edges of the map's cells, m; the first with few enough cells is used.
 CELLS_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 class RobotView:
-    """Follows one robot in a thread of its own; state() and map_view() are for any thread."""
+    """Follows one robot in a thread of its own; state() and map_view() may be called from any
+    thread."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -70,7 +71,7 @@ class RobotView:
             return self._map
 
     def silence(self) -> str | None:
-        """What to do where a thin view is told nothing."""
+        """Advice if a thin view gets no preview; else None."""
         return thin.silence(self._link)
 
     def _follow(self) -> None:
@@ -104,14 +105,14 @@ class RobotView:
             self._findings, self._judged = found, True
 
     def _draw_map(self) -> None:
-        """The one before stays where nobody answers."""
+        """Updates the map; keeps the previous one if nobody answers."""
         drawn = _top_view(_map_points(self._link))
         with self._lock:
             if drawn["cells"] and drawn["cells"] != self._map["cells"]:
                 self._map = {**drawn, "version": self._map["version"] + 1}
 
     def _look(self) -> bool:
-        """Several times a second; false ends the listening."""
+        """Updates the state; called several times a second. False ends the listening."""
         self._extend_path()
         now = time.monotonic()
         state = self._described(now)
@@ -156,7 +157,7 @@ class RobotView:
         }
 
     def _rate(self) -> float | None:
-        """Poses a second, by the instants of the newest."""
+        """Poses per second, by the instants of the newest."""
         poses = self._link.poses
         if not poses:
             return None
@@ -168,7 +169,7 @@ class RobotView:
         return round((len(within) - 1) / span_s, 2) if span_s > 0 else None
 
     def _latency(self) -> dict[str, float]:
-        """Of the newest pose: each stage's share, ms."""
+        """Time of each stage for the newest pose, ms."""
         poses = self._link.poses
         if not poses:
             return {}
@@ -211,7 +212,7 @@ def _stage(stage: str, status: StatusRecord | None, link: Link, now: float) -> d
 
 
 def _map_points(link: Link) -> NDArray[Any]:
-    """x, y, z in rows; of a thin link what has come so far."""
+    """Points as rows x, y, z; on a thin link those received so far."""
     if link.thin:
         return link.preview.spread_points()
     tiles = [t for t in link.query_tiles() if len(t.points)]
@@ -220,8 +221,8 @@ def _map_points(link: Link) -> NDArray[Any]:
 
 
 def _top_view(xyz: NDArray[Any]) -> dict[str, Any]:
-    """Cells of the map with points in them, seen from above: of each as int16 x and y, relative to
-    the middle one, and how high it reaches above the lowest point in it, dm."""
+    """Cells of the map that contain points, seen from above. Each is three int16: x and y relative
+    to the middle one of the cells, and the height range of its points, dm."""
     if len(xyz) == 0:
         return {"cells": "", "cell_m": CELLS_M[0], "origin": [0, 0]}
     for cell_m in CELLS_M:
@@ -236,7 +237,7 @@ def _top_view(xyz: NDArray[Any]) -> dict[str, Any]:
 
 
 def _cells(xyz: NDArray[Any], cell_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Indices along x and y of those with points, and the height of the points in each, m."""
+    """Indices along x and y of cells that contain points, and the height range of each, m."""
     index = np.floor(xyz[:, :2] / cell_m).astype(np.int64)
     cells, of_point = np.unique(index, axis=0, return_inverse=True)
     lowest = np.full(len(cells), np.inf)

@@ -1,4 +1,4 @@
-"""Hands the page and what it shows to browsers; `web`."""
+"""`web`: serves the page and its contents to browsers."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from zloam_monitor.ports import PortTaken
 from zloam_monitor.version import version
 from zloam_monitor.web.robot_view import RobotView
 
-#: robots that come later are looked for that often
+#: Interval at which further robots are searched.
 SEARCH_SECONDS = 10.0
-#: of each robot: what is needed of its past
+#: Number of newest poses that are kept of each robot.
 NEWEST_POSES = 3000
 FILES = {
     "/": ("page.html", "text/html"),
@@ -34,7 +34,7 @@ _ROBOT = re.compile(r"^/robots/([^/]+)/(state|map)\.json$")
 
 
 class Robots:
-    """All that are found, at least one; raises NothingAnswers."""
+    """All robots that were found; raises NothingAnswers if there are none."""
 
     def __init__(self, endpoints: Sequence[str], thin: bool = False) -> None:
         self._endpoints, self._thin = endpoints, thin
@@ -43,7 +43,7 @@ class Robots:
         self._add(discovery.present(endpoints))
 
     def search(self) -> None:
-        """Adds those that came since."""
+        """Searches again, and adds new robots."""
         self._add(discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]))
 
     def _add(self, found: Sequence[Found]) -> None:
@@ -55,7 +55,7 @@ class Robots:
                 self._views[each.robot] = view
 
     def silences(self) -> list[str]:
-        """Of thin views that are told nothing: what to do."""
+        """Advice for thin views that get no preview."""
         return [said for view in self._views.values() if (said := view.silence()) is not None]
 
     def names(self) -> list[str]:
@@ -104,7 +104,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(data)))
         self.send_header("Cache-Control", "no-store")
-        # nothing but this page may be loaded by it, or show it within itself
+        # The page may load only its own files, and no other page may embed it.
         self.send_header(
             "Content-Security-Policy", "default-src 'self'; img-src data:; frame-ancestors 'none'"
         )
@@ -115,13 +115,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: one a second."""
+        """Does nothing: there would be a line every second."""
 
 
 def serve(
     endpoints: Sequence[str], address: str, port: int, seconds: float | None, thin: bool = False
 ) -> int:
-    """Until so long has passed, or Ctrl-C."""
+    """Serves until `seconds` have passed, or Ctrl-C."""
     robots = Robots(endpoints, thin)
     handler = type("Handler", (_Handler,), {"robots": robots})
     try:
