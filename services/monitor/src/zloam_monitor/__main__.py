@@ -1,4 +1,4 @@
-"""`python -m zloam_monitor`."""
+"""Entry point of `python -m zloam_monitor`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Both identities of docs/protocol.md, section 2, checked from statuses and poses."""
+"""Checks both identities of docs/protocol.md, section 2, from statuses and poses."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.stages import POSE_PATH, STAGES
 
-#: second copies and strangers are no sweeps that went missing; a sweep whose only message was
-#: refused is counted as lost
+#: Drop reasons that do not mean that a sweep went missing: second copies, and messages of other
+#: runs or senders. A sweep whose only message was refused is counted as lost.
 NO_SWEEP_GIVEN_UP = ("duplicate", "fenced", "wrong_run", "garbage", "invalid")
 
 
 @dataclass(frozen=True)
 class StageSweeps:
-    """What one stage did with the sweeps of a run."""
+    """Counts of a run's sweeps at one stage."""
 
     came_in: int
     went_out: int
     dropped: dict[str, int]
     lost: int = 0
     recovered: int = 0
-    #: came, and was still there when the run was ended
+    #: Received, but still queued or in work when the run ended.
     unfinished: int = 0
 
 
 @dataclass(frozen=True)
 class Accounts:
-    """The run's books."""
+    """The message accounts of a run."""
 
     stages: dict[str, StageSweeps]
     sweeps: int
     poses: int
-    #: sweeps without a pose, by stage and reason
+    #: "stage.reason" -> number of sweeps without a pose.
     given_up: dict[str, int]
     unbalanced: list[str] = field(default_factory=list)
     without_status: list[str] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Accounts:
         return self.sweeps > 0 and self.sweeps == self.poses + sum(self.given_up.values())
 
     def complaints(self) -> list[str]:
-        """What does not add up, in words."""
+        """The identities that do not hold, as texts."""
         found = [f"no status of {stage}" for stage in self.without_status]
         found += [f"the account of {key} does not balance" for key in self.unbalanced]
         if self.sweeps == 0:
@@ -68,7 +68,7 @@ def _stage_sweeps(stage: str, status: StatusRecord, keys: Keys) -> StageSweeps:
     out = status.published.get(keys.main_output(stage), 0)
     name = keys.main_input(stage)
     account = status.input(name) if name else None
-    if account is None:  # the driver: what it cut out of packets
+    if account is None:  # The driver: its input is packets, from which it cuts sweeps.
         came_in = status.last_sweep + 1 if status.last_sweep is not None else 0
         drops: Counter[str] = Counter()
         for each in status.inputs:
@@ -90,7 +90,7 @@ def _nonzero(counts: Counter[str]) -> dict[str, int]:
 
 
 def _reasons(sweeps: StageSweeps) -> Counter[str]:
-    """Why a stage may have given sweeps up, and how often at most."""
+    """Reasons why a stage may have given up sweeps, each with the greatest possible count."""
     found = Counter({r: n for r, n in sweeps.dropped.items() if r not in NO_SWEEP_GIVEN_UP})
     found["lost"] = sweeps.lost
     found["unfinished"] = sweeps.unfinished
@@ -98,20 +98,21 @@ def _reasons(sweeps: StageSweeps) -> Counter[str]:
 
 
 def _vanished(stages: dict[str, StageSweeps], sweeps: int, poses: int) -> dict[str, int] | None:
-    """Each sweep without a pose at the stage that it did not come out of. One that registration
-    gave up comes out of it all the same, as an empty one, and may be lost further on: counters of
-    drops would count it twice. None where a stage counts from a later start than the others."""
+    """Counts each sweep without a pose at the stage that it did not come out of. A sweep that
+    registration gives up still leaves it, as an empty message, and may be lost further on, so that
+    the drop counters would count it twice. None if a stage has counted since a later start than
+    the others."""
     outs = [stages[stage].went_out for stage in POSE_PATH if stage in stages][:-1]
     steps = list(pairwise([sweeps, *outs, poses]))
     if len(outs) != len(POSE_PATH) - 1 or any(came < went for came, went in steps):
         return None
     found: dict[str, int] = {}
-    # sweeps that came out of registration as empty messages with the reason
+    # Sweeps that left registration as empty messages with the reason for the drop.
     told: Counter[tuple[str, str]] = Counter()
     for stage, (came, went) in zip(POSE_PATH, steps, strict=True):
         missing = came - went
         reasons = _reasons(stages[stage])
-        # after the last message that came nobody knows that one is missing
+        # A stage does not notice messages that are missing after the last one that it received.
         reasons["lost"] = max(reasons["lost"], came - stages[stage].came_in)
         own = Counter({(stage, reason): most for reason, most in reasons.items()})
         for (at, reason), most in [*own.most_common(), *told.most_common()]:
@@ -133,7 +134,7 @@ def _given_up(
     for stage in POSE_PATH:
         if stage in stages:
             found.update({f"{stage}.{r}": n for r, n in _reasons(stages[stage]).items()})
-    # a sweep that registration gave up still has a predicted pose, marked `dropped`
+    # A sweep that registration gave up still has a predicted pose, marked `dropped`.
     if predicted_for_dropped and found:
         largest = max(found, key=lambda name: found[name])
         found[largest] -= min(predicted_for_dropped, found[largest])
@@ -143,12 +144,12 @@ def _given_up(
 def account(
     statuses: dict[str, StatusRecord], keys: Keys, poses: int, predicted_for_dropped: int = 0
 ) -> Accounts:
-    """From the last status of each stage and the number of different sweeps of which a pose was
-    heard."""
+    """Accounts from the last status of each stage and the number of distinct sweeps for which a
+    pose was received."""
     stages = {s: _stage_sweeps(s, statuses[s], keys) for s in STAGES if s in statuses}
     sweeps = stages["driver"].came_in if "driver" in stages else 0
     published = stages["integration"].went_out if "integration" in stages else 0
-    # whoever only listens may miss some
+    # A subscriber may miss some poses.
     if poses < published <= sweeps:
         poses = published
     unbalanced = [

@@ -1,4 +1,4 @@
-"""What a command answers: lines for a person, or one line of JSON for a program."""
+"""The answer of a command: lines of text for a person, or one line of JSON for a program."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 
 
 def give(as_json: bool, data: object, lines: Iterable[str]) -> None:
-    """To standard output."""
+    """Prints the answer to standard output."""
     print(text(data) if as_json else "\n".join(lines), flush=True)
 
 
 def text(data: object) -> str:
-    """One line. JSON knows no infinity and no NaN: null stands for both."""
+    """One line of JSON. JSON has no infinity and no NaN: null stands for both."""
     return json.dumps(_plain(data), allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""What is shown and kept beside a demo: the page, and Rerun's file where rerun-sdk is there."""
+"""Views beside a demo: the page, and a recording for Rerun if rerun-sdk is installed."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from zloam_monitor import places
 from zloam_monitor.processes import Processes, free_port, is_free
 
 PAGE_PORT = 8080
-#: beside a run's other files
+#: Files in the run's output folder.
 MCAP, RERUN = "run.mcap", "run.rrd"
 
 
 @contextmanager
 def shown(endpoint: str, out: Path, wanted: bool) -> Iterator[None]:
-    """For the block: a page at the address that is printed."""
+    """While the block runs: serves the page at a printed address and records for Rerun."""
     if not wanted:
         yield
         return

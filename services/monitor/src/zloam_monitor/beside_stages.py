@@ -1,21 +1,21 @@
-"""What runs beside the chain, if somebody asks for it: the graph of loops, the tile store."""
+"""Optional stages beside the chain: the pose graph for loops, and the tile store."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-#: longer than a store on a slow disk takes to start
+#: Longer than a tile store on a slow disk takes to start.
 STORE_LINK_S = 10.0
 
 
 class BesideError(ValueError):
-    """The map can't be used so; the text says why."""
+    """The map folder cannot be used in this way; the text says why."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """As asked for."""
+    """The optional stages that the user asked for."""
 
     graph: bool
     map: Path | None
@@ -40,14 +40,14 @@ class Beside:
 
     @property
     def mode(self) -> str:
-        """Of mapping."""
+        """Value of mapping.mode."""
         return "localize" if self.localize else "extend" if self.extend else "map"
 
     def stages(self) -> tuple[str, ...]:
         return (*(("graph",) if self.graph else ()), *(("store",) if self.map else ()))
 
     def settings(self) -> list[str]:
-        """Those that somebody gives override them."""
+        """Settings for the stages; settings of the user override them."""
         if self.map is None:
             return []
         link = f"mapping.store_link_s={STORE_LINK_S}"

@@ -1,4 +1,4 @@
-"""The five stages on this machine: peer to peer, without a router."""
+"""The five stages on this machine, connected peer to peer without a router."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ from zloam_monitor.stages import STAGES
 if TYPE_CHECKING:
     from typing import Self
 
-#: stages of which a second instance stands by: what they know is in the stream
+#: Stages that can have a standby: it learns all that they know from the published messages.
 STOOD_BY = ("registration", "odometry", "mapping", "integration")
-#: consumers first, so that the first sweep finds its readers
+#: Consumers start first, so that the first sweep finds its subscribers.
 START_ORDER = STAGES[::-1]
 READY_SECONDS = 60.0
-#: the stages' last statuses are still on their way when the processes have ended
+#: Time for the stages' last statuses to arrive here after the processes have ended.
 LAST_WORDS_SECONDS = 0.3
 
 
 class ChainError(RuntimeError):
-    """The chain does not do what it should; the text says what is known."""
+    """The chain does not work as it should; the text says what is known."""
 
 
 class BinariesMissing(RuntimeError):
-    """The stages were not built."""
+    """The stages are not built."""
 
 
-#: of programs that not every robot needs: the beginning of their names -> what builds them
+#: Programs that not every robot needs: beginning of the name -> make target that builds them.
 TARGETS = {"graph": "graph", "aloam": "aloam", "calibrate": "graph", "sessions": "graph"}
 
 
 def binary(build: Path, name: str) -> Path:
-    """Path of one program of a build folder."""
+    """Path of a program in a build folder."""
     path = build / "bin" / f"zloam-{name}"
     if not path.is_file():
-        # what not every robot needs is built by itself
+        # Optional programs have make targets of their own.
         target = next((t for n, t in TARGETS.items() if name.startswith(n)), "build")
         raise BinariesMissing(f"{path} does not exist: build it first (make {target})")
     return path
 
 
 class Chain:
-    """Starts, watches and ends the stages; `link` sees them as any third party would."""
+    """Starts, watches and ends the stages; `link` receives what any third party would."""
 
     def __init__(
         self,
@@ -67,18 +67,18 @@ class Chain:
         programs: Mapping[str, str] | None = None,
         beside: Sequence[str] = (),
     ) -> None:
-        """Without `ports` the stages listen on free ones of this machine. `programs`: what stands
-        for a stage instead of its own program (methods.py). `beside`: further stages, which are
-        started first and have their part of the run's end."""
+        """Without `ports` the stages listen on free ports of this machine. `programs`: stage ->
+        program that replaces its own (methods.py). `beside`: optional stages, which are started
+        first and must also reach the end of the run."""
         chosen = programs or {}
         connects = robot_file.connects(config, list(settings))
         self.processes = Processes()
         self.ports = ports or Ports(free_base_port())
         self._own_port = free_port()
         self.exit_codes: dict[str, int] = {}
-        #: as stop() found it
+        #: Memory share of each stage in MiB, measured by stop() before it ends them.
         self.pss_mib: dict[str, float] = {}
-        #: stage -> variables of its environment, beside this process' own
+        #: stage -> environment variables in addition to those of this process.
         self.environments: dict[str, dict[str, str]] = {}
         self._commands = {
             stage: self._command(
@@ -95,7 +95,8 @@ class Chain:
         return self.ports.base
 
     def _own_endpoint(self) -> str:
-        """The stages find this process when they start, so that it misses none of a run."""
+        """The stages connect to this endpoint at their start, so that this process misses none of
+        a run's messages."""
         return f"tcp/127.0.0.1:{self._own_port}"
 
     def _command(
@@ -106,7 +107,7 @@ class Chain:
         set_at: Sequence[str],
         connects: Sequence[str],
     ) -> list[str]:
-        """connects: where the user wants the stages to connect to, beside this process."""
+        """connects: endpoints that the user wants the stages to connect to, beside this process."""
         command = [str(program), "--config", str(config)]
         endpoints = json.dumps([*connects, self._own_endpoint()])
         own = (*self.ports.settings(), f"zenoh.connect={endpoints}")
@@ -137,27 +138,27 @@ class Chain:
         self.close()
 
     def start(self, stage: str, log: str | None = None) -> None:
-        """Starts a stage, also one that was ended before; `log`: name of its file without .log."""
+        """Starts a stage, or starts it again; `log`: name of its log file without .log."""
         path = self._logs / f"{log or stage}.log"
         self.processes.start(stage, self._commands[stage], path, self.environments.get(stage))
 
     def start_standbys(self) -> None:
-        """A second instance of each stage whose place can be taken (recovery.standby). `start` of
-        its name starts it again."""
+        """Starts a standby of each stage that can have one (recovery.standby). To restart a
+        standby, call start() with its name."""
         for stage in STOOD_BY:
             name = f"{stage}-standby"
             self._commands[name] = self._command_as(stage, name)
             self.start(name)
 
     def _command_as(self, stage: str, instance: str) -> list[str]:
-        """Of a stage under another name, at a port of its own."""
+        """Command of a stage under another instance name, listening on a free port."""
         own = ["--instance", instance, "--set", "zenoh.listen=[tcp/127.0.0.1:0]"]
         return self._commands[stage] + own
 
     def start_replica(
         self, stage: str, instance: str, environment: dict[str, str] | None = None
     ) -> None:
-        """One more instance of a stage, under its own name, at a port of its own."""
+        """Starts another instance of a stage under its own name, listening on a free port."""
         log = self._logs / f"{instance}.log"
         self.processes.start(instance, self._command_as(stage, instance), log, environment)
 
@@ -171,7 +172,8 @@ class Chain:
             self.link.session = None
 
     def stop(self) -> dict[str, int]:
-        """SIGTERM; waits; exit code of each stage. The last statuses are still heard."""
+        """Sends SIGTERM, waits, and returns the exit code of each stage. Statuses that the stages
+        send while ending are still received."""
         self.pss_mib = self.processes.pss_mib()
         self.exit_codes = self.processes.stop()
         quiet = time.monotonic() + LAST_WORDS_SECONDS
@@ -180,17 +182,17 @@ class Chain:
         return self.exit_codes
 
     def check(self) -> None:
-        """Raises when a stage has died. The driver of a finite source ends when the sinks have told
-        it so, which the others' statuses may say a little later."""
+        """Raises if a stage has died. The driver may end: with a finite source it exits when the
+        sinks report the end of the run, perhaps before their statuses arrive here."""
         self.processes.check(may_end=("driver",))
 
     def wait_ready(self) -> None:
-        """Until every stage has said something over Zenoh; a start error is raised as it is."""
+        """Waits until every stage has sent a status; raises if one fails to start."""
         self._wait_for(STAGES)
 
     def wait_linked(self) -> None:
-        """Until every stage has its readers too: of what a sensor sends from now on, none misses
-        the first of it. A replay's driver waits for that by itself."""
+        """Waits until every stage also has its subscribers, so that none misses the beginning of
+        what a sensor sends from now on. A replay's driver waits for them by itself."""
         self._wait_for(STAGES, lambda status: status.health in ("ready", "degraded"))
 
     def _wait_for(
@@ -212,17 +214,17 @@ class Chain:
                 )
 
     def finished(self) -> bool:
-        """Those that read last have handled the last sweep of the run."""
+        """True if the last stages of the data flow have processed the last sweep of the run."""
         last = ("integration", "mapping", *self._beside)
         found = [self.link.stage(stage) for stage in last]
         return all(s is not None and s.end_of_run for s in found)
 
     def statuses(self) -> dict[str, StatusRecord]:
-        """The newest of each stage; after stop() their last words."""
+        """The newest status of each stage; after stop() its last one."""
         return self.link.newest_statuses()
 
     def progress(self) -> tuple[int, int]:
-        """(poses, mapped sweeps): what must grow while the chain is alive."""
+        """(poses, newest mapped sweep): at least one grows while the chain is working."""
         mapping = self.link.stage("mapping")
         mapped = mapping.last_sweep if mapping is not None else None
         return len(self.link.poses), -1 if mapped is None else mapped

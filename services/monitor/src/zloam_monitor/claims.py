@@ -1,7 +1,7 @@
-"""Which files of a folder are this program's to replace: those that an earlier run made there.
+"""Decides which files of a folder a run may replace: only those that an earlier run wrote there.
 
-A file in the folder, the marker, names them. What is not named, or was changed since, belongs to
-somebody else and is never touched; neither is what a run reads.
+A marker file in the folder lists them. A file that is not listed, or that was changed since, is
+never touched; neither is an input of the run.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from zloam_monitor.files import written_whole
 MARKER = ".zloam-files.json"
 LOCK = ".zloam-lock"
 
-#: size and time of its last change; None: a run was to write it and did not come to its end
+#: Size and modification time in ns. None: claimed by a run that did not reach its end.
 Stamp = tuple[int, int] | None
 
-#: folders that this process writes into
+#: Folders that this process writes into -> descriptor of the lock file.
 _held: dict[Path, int] = {}
 
 
 class NotOurs(RuntimeError):
-    """Something is in the way; the text says what, and what to do."""
+    """A file or another run is in the way; the text says which, and what to do."""
 
 
 def _stamp(path: Path) -> Stamp:
@@ -35,7 +35,7 @@ def _stamp(path: Path) -> Stamp:
 
 
 def _marked(folder: Path) -> dict[str, Stamp]:
-    """As the marker has it; one that can't be read marks nothing."""
+    """Contents of the marker; an unreadable marker counts as empty."""
     try:
         read = json.loads((folder / MARKER).read_text(encoding="utf-8"))
         return {str(n): None if s is None else (int(s[0]), int(s[1])) for n, s in read.items()}
@@ -56,7 +56,7 @@ def _is_ours(path: Path, marked: dict[str, Stamp], name: str) -> bool:
 
 
 def _hold(folder: Path) -> None:
-    """Only one program writes into a folder at a time; the lock ends with this process."""
+    """Locks the folder for this process: only one program at a time writes into a folder."""
     if folder in _held:
         return
     descriptor = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
@@ -69,22 +69,22 @@ def _hold(folder: Path) -> None:
 
 
 def let_go() -> None:
-    """As at the end of this process."""
+    """Releases all locks, as the end of this process would."""
     while _held:
         os.close(_held.popitem()[1])
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Names in a folder that belong to this run until it is recorded."""
+    """Names in a folder that are reserved for this run until record()."""
 
     folder: Path
     names: tuple[str, ...]
-    #: what was there that is not ours
+    #: Files that were in the folder when the names were claimed.
     others: frozenset[str]
 
     def record(self, patterns: Iterable[str] = ()) -> None:
-        """Marks what the run made: the claimed names, and what else is new and fits a pattern."""
+        """Marks the files of this run: those claimed, and new files that match a pattern."""
         found = {n for n in self.names if (self.folder / n).is_file()}
         for pattern in patterns:
             matching = self.folder.glob(pattern)
@@ -94,8 +94,8 @@ class Claim:
 
 
 def claim(folder: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Claim:
-    """Removes what an earlier run of ours left under these names; refuses where a file is another's
-    or an input of this run."""
+    """Removes files that an earlier run left under these names. Refuses if such a file was not
+    written by a run, or is an input of this run."""
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     _hold(folder)
@@ -125,7 +125,7 @@ def claim(folder: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Cl
 def _remove_numbered(
     folder: Path, marked: dict[str, Stamp], wanted: tuple[str, ...], read: set[Path]
 ) -> None:
-    """Files of further parts of an earlier run, trajectory_2.tum beside trajectory.tum."""
+    """Removes numbered files of an earlier run, e.g. trajectory_2.tum beside trajectory.tum."""
     stems = {(Path(n).stem, Path(n).suffix) for n in wanted}
     for name in marked:
         path = folder / name

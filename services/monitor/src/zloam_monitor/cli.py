@@ -47,7 +47,7 @@ cli_files.add(app)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The exit code; what goes wrong is said on the standard error, without a trace."""
+    """Returns the exit code; failures are reported on standard error without a stack trace."""
     try:
         app(args=sys.argv[1:] if arguments is None else arguments, prog_name="zloam")
     except SystemExit as ended:
@@ -56,5 +56,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def entry() -> None:
-    """The console script of the installed package."""
+    """Console script of the installed package."""
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""What all commands share: options, and how a failure is told."""
+"""Shared by all commands: options, and the reporting of failures."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import typer
 from zloam_monitor import ending, places
 from zloam_monitor.stages import PORT_ORDER, STAGES
 
-#: the headings under which `zloam --help` lists the commands
+#: Headings under which `zloam --help` lists the commands.
 RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Running robots", "Files", "Programs (each has a --help)"
 P = ParamSpec("P")
-#: a file could not be read or written, as with the stages
+#: Exit code if a file could not be read or written; the stages use the same one.
 FILE_MISSING = 3
-#: poses that a command keeps which may run for days: ten minutes at 10 Hz
+#: Number of poses that a command keeps which may run for days: ten minutes at 10 Hz.
 NEWEST = 6000
-#: in an endpoint: each stage's name
+#: Placeholder in an endpoint for the name of each stage.
 STAGE = "<stage>"
 
 
@@ -30,7 +30,7 @@ def said(error: object) -> None:
 
 
 def _failed(error: BaseException) -> int | None:
-    """The exit code of a failure that its text explains; None: a fault of this program."""
+    """Exit code of a failure that its text explains; None: an error in this program."""
     from zloam_monitor.beside_stages import BesideError
     from zloam_monitor.chain import BinariesMissing, ChainError
     from zloam_monitor.claims import NotOurs
@@ -74,7 +74,8 @@ def _failed(error: BaseException) -> int | None:
 
 
 def command(run: Callable[P, int]) -> Callable[P, None]:
-    """Ends with the command's exit code; what a user can mend is told without a trace."""
+    """Makes a function a command that ends with the returned exit code. Failures that a user can
+    mend are reported without a stack trace."""
 
     @functools.wraps(run)
     def ended(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -108,25 +109,25 @@ def _code(run: Callable[[], int]) -> int:
 
 
 def examples(*lines: str) -> str:
-    """For the end of a help text."""
+    """Text for the end of a help page."""
     return "Examples:\n\n" + "\n\n".join(f"  {line}" for line in lines)
 
 
 def split(values: list[str] | None) -> list[str]:
-    """Of an option that may be repeated, with commas too."""
+    """The values of an option that may be repeated, or given as a list with commas."""
     return [each for value in values or [] for each in value.replace(",", " ").split() or [value]]
 
 
 def endpoints(connect: list[str] | None) -> list[str]:
-    """Those that were named; `<stage>` in one stands for each stage of the chain at its port."""
-    from zloam_monitor.robot_file import RobotNames  # which takes time to load
+    """The named endpoints; `<stage>` in one stands for each stage of the chain at its port."""
+    from zloam_monitor.robot_file import RobotNames  # Here, because its import is slow.
 
     found = []
     for each in split(connect):
         if STAGE not in each:
             found.append(each)
             continue
-        # the source last: it may be a while before it is there
+        # The driver last, because it may start much later than the others.
         for stage in reversed(STAGES):
             port = RobotNames().base_port + PORT_ORDER.index(stage)
             found.append(f"{each.replace(STAGE, stage)}:{port}")
@@ -142,7 +143,7 @@ def stage_names() -> list[str]:
 
 
 def robot_path(text: str) -> Path:
-    """A path, or the name of one of the robots' files."""
+    """A path, or the name of a robot file."""
     return places.robot_file(text)
 
 
@@ -173,12 +174,12 @@ Settings = Annotated[
         "--set", metavar="KEY=VALUE", help="Override one value of the file; may be repeated."
     ),
 ]
-#: how the times of a cloud's points are known, by the driver's keys
+#: Options for the times of a cloud's points, named by the driver's keys.
 TimeField = Annotated[str, typer.Option(help="driver.time_field")]
 TimeModel = Annotated[str, typer.Option(help="driver.time_model")]
 PeriodS = Annotated[float, typer.Option(help="driver.scan_period_s")]
 SeamDeg = Annotated[float, typer.Option(help="driver.scan_seam_deg")]
-#: several of them in one text, as make has them
+#: Several values in one text, as the Makefile passes them.
 ManySettings = Annotated[str, typer.Option("--settings", hidden=True)]
 ManySettingsAt = Annotated[str, typer.Option("--settings-at", hidden=True)]
 ManyFiles = Annotated[str, typer.Option("--truths", hidden=True)]
@@ -191,7 +192,7 @@ Listen = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one line of JSON, for programs.")]
-#: of what serves others
+#: For commands that run a server.
 Address = Annotated[
     str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines connect.")
 ]
@@ -247,10 +248,10 @@ PresetDir = Annotated[
 
 
 def kept(value: Path | None) -> Path:
-    """The folder with the programs."""
+    """The build folder: the given one, or the default."""
     return value or places.build()
 
 
 def options(**more: Any) -> dict[str, Any]:
-    """Of a command that hands its words on."""
+    """Context settings of a command that passes its arguments on to another program."""
     return {"allow_extra_args": True, "ignore_unknown_options": True, **more}

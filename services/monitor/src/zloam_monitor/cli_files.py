@@ -1,4 +1,4 @@
-"""evaluate, config, robot-files, and the stages' own programs."""
+"""Commands evaluate, config, recording, metadata, robot-files, and the stages' own programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
 from zloam_monitor.stages import ROWS
 
-#: programs that take their own options
+#: Programs that parse their own options.
 PROGRAMS = (
     *((row.name, row.summary) for row in ROWS.values()),
     ("decode", "Points of a capture as text."),
@@ -199,7 +199,7 @@ def _program(app: typer.Typer, name: str, about: str) -> None:
 
 
 def add(app: typer.Typer) -> None:
-    """The commands under their headings."""
+    """Adds the commands under their headings."""
     app.command(
         rich_help_panel=common.FILES,
         epilog=examples(

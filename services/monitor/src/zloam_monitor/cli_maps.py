@@ -1,4 +1,4 @@
-"""map, trajectory, compare, support: what runs have left."""
+"""Commands map, trajectory, compare and support: they work on the results of runs."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def map_export(
 
     with sessions.opened(common.kept(preset_dir), folder) as found:
         print(f"{to}: {sessions.export(found, to, voxel)}")
-    # Its loops could not be fitted, which was said.
+    # A map whose loops could not be closed was reported by zloam-sessions.
     return 0 if found.joined else 1
 
 
@@ -256,7 +256,7 @@ def support(
 
 
 def add(app: typer.Typer) -> None:
-    """The commands under their heading."""
+    """Adds the commands under their heading."""
     map_app.command("info", epilog=examples("zloam map info out/demo/map.pcd"))(map_info)
     map_app.command(
         "save", epilog=examples("zloam map save town.laz", "zloam map save t.pcd --robot carol")

@@ -1,4 +1,5 @@
-"""robots, status, watch, get, set, save, reset, place, handover, doctor, metrics: of robots."""
+"""Commands for running robots: robots, status, watch, get, set, save, reset, place, handover,
+doctor, metrics."""
 
 from __future__ import annotations
 
@@ -77,7 +78,7 @@ def get(
 
 
 def _replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:
-    """What each stage said, as it comes; JSON once all have. 0 when all accepted."""
+    """Prints each stage's reply when it comes, JSON when all have come; 0 if all accepted."""
     from zloam_monitor import answers
 
     said = {}
@@ -229,7 +230,7 @@ def doctor(
 
 
 def add(app: typer.Typer) -> None:
-    """The commands under their heading."""
+    """Adds the commands under their heading."""
     listed = (
         (robots, "robots", ("zloam robots", "zloam robots --connect 192.168.1.5")),
         (status, "status", ("zloam status",)),

@@ -1,4 +1,4 @@
-"""demo, run, follow: what brings a robot to life, or sees one run through."""
+"""Commands demo, run, follow and ros-lidar: they start a robot, or accompany one run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from zloam_monitor.sources import Source
 
 SIMULATED_IMU = "simulated"
-#: options of demo that name a recording
+#: Options of demo that name a recording.
 RECORDED = ("pcap", "bin", "kitti", "scans", "bag", "session")
-#: simulated where nothing else is said
+#: Default worlds of the simulator, for the VLP-16 and for the Hokuyo.
 CITY, INDOOR = "city", "indoor"
 
 
 @dataclass(frozen=True)
 class _Recorded:
-    """What is replayed, at most one of them; none: the simulator's world."""
+    """The recording to replay, at most one; without one the simulator makes it."""
 
     pcap: Path | None
     bin: Path | None
@@ -199,7 +199,7 @@ def demo(
         beside=beside.stages(),
     )
     for path in options.truth:
-        trajectory.read(path)  # a wrong file is said before the run, not after
+        trajectory.read(path)  # Reports a bad file before the run instead of after it.
     return runner.finish(runner.run(options), out)
 
 
@@ -353,7 +353,7 @@ def ros_lidar(
 
 
 def add(app: typer.Typer) -> None:
-    """The commands under their heading."""
+    """Adds the commands under their heading."""
     app.command(
         rich_help_panel=common.RUNS,
         epilog=examples(

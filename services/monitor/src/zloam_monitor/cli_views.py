@@ -1,4 +1,4 @@
-"""record, replay, foxglove: what a robot does, kept and shown elsewhere."""
+"""Commands web, view, foxglove, record and replay: they show a robot, or record it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def web(
 
 
 def add(app: typer.Typer) -> None:
-    """The commands under their heading."""
+    """Adds the commands under their heading."""
     listed = (
         (web, "web", ("zloam web", "zloam web --address 0.0.0.0 --connect 192.168.1.5")),
         (view, "view", ("zloam view", "zloam view --web", "zloam view --save drive.rrd")),

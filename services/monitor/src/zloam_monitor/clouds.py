@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 
-#: layers of the map with points to look at
+#: Layers of the map that contain points for display.
 POINT_LAYERS = ("edge", "plane")
-#: of a map's file
+#: Record of a point in a map file.
 LAYERED_POINT = np.dtype([*MAP_POINT.descr, ("layer", "u1")])
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One cube of one layer, frame map."""
+    """One cube of one layer of the map, frame map."""
 
     layer: str
     index: tuple[int, int, int]
     version: int
     points: NDArray[Any]
-    #: of the map that it is a part of; a reset begins another
+    #: Identifies the map that the tile belongs to; a reset begins a new map.
     map_id: int = 0
 
 
 def merged(tiles: list[Tile]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
-    """All points in the order (tile, layer, insertion), and the layer of each: 0 edge, 1 plane."""
+    """All points in the order (tile, layer, insertion), and each point's layer: 0 edge, 1 plane."""
     ordered = sorted(tiles, key=lambda tile: (tile.index, tile.layer))
     if not ordered:
         return np.empty(0, MAP_POINT), np.empty(0, np.uint8)
@@ -41,7 +41,7 @@ def merged(tiles: list[Tile]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
 
 
 def layered(points: NDArray[Any], layers: NDArray[np.uint8]) -> NDArray[Any]:
-    """Records of LAYERED_POINT."""
+    """Points and layers as an array of LAYERED_POINT."""
     rows = np.empty(len(points), LAYERED_POINT)
     for name in MAP_POINT.names or ():
         rows[name] = points[name]
@@ -55,8 +55,8 @@ def write_pcd(
     layers: NDArray[np.uint8],
     notes: Sequence[str] = (),
 ) -> None:
-    """Binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane). notes:
-    lines of its header that readers skip."""
+    """Writes binary PCD 0.7 with x y z intensity (float32) and layer (uint8: 0 edge, 1 plane).
+    notes: comment lines for the header, which readers skip."""
     rows = layered(points, layers)
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\n"
@@ -71,7 +71,7 @@ def write_pcd(
 
 
 def read_pcd(path: Path) -> NDArray[Any]:
-    """A file written by write_pcd."""
+    """Reads a file written by write_pcd."""
     data = path.read_bytes()
     marker = b"DATA binary\n"
     start = data.index(marker) + len(marker)

@@ -1,4 +1,4 @@
-"""Two runs beside each other: how far their trajectories are apart, and their reports' figures."""
+"""Compares two runs: the distance between their trajectories, and the figures of their reports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from zloam_monitor import trajectory
 from zloam_monitor.report import number_text
 from zloam_monitor.trajectory import Trajectory, TrajectoryError, interpolate, longest_step_ns
 
-#: figures of report.json: name, where, digits
+#: Figures of report.json: name, path in the JSON, digits.
 FIGURES = (
     ("sweeps", ("identities", "sweeps"), 0),
     ("poses", ("identities", "poses"), 0),
@@ -30,7 +30,7 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class Finished:
-    """A folder that a run left."""
+    """Results of a run, from its folder."""
 
     folder: Path
     report: dict[str, Any]
@@ -38,7 +38,7 @@ class Finished:
 
 
 def read(folder: Path) -> Finished:
-    """Raises TrajectoryError, with the file and the reason."""
+    """Reads a run's results; raises TrajectoryError with the file and the reason."""
     path = folder / "report.json"
     try:
         report = json.loads(path.read_text())
@@ -54,7 +54,7 @@ def read(folder: Path) -> Finished:
 
 
 def apart_m(a: Trajectory, b: Trajectory) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Distances at the instants of b at which a is known; both as they are, unaligned."""
+    """Distances, without alignment, at the instants of b that lie within a."""
     if a.stamps_ns is None or b.stamps_ns is None:
         raise TrajectoryError("trajectories without time stamps cannot be compared")
     at, inside = interpolate(a, b.stamps_ns, longest_step_ns(a))
@@ -70,23 +70,23 @@ def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
 
 @dataclass(frozen=True)
 class Compared:
-    """Two runs beside each other."""
+    """Comparison of two runs."""
 
     first: Path
     second: Path
-    #: of all poses
+    #: All poses of both runs are equal.
     same_poses: bool
-    #: at which both have a pose, of the second's poses
+    #: Number of the second run's poses at whose instants the first has a pose, too; and of all.
     instants: int
     of_poses: int
     rms_m: float | None
     max_m: float | None
-    #: name -> (first, second), None where a run has no such figure
+    #: name -> (first, second); None if a run does not have the figure.
     figures: dict[str, tuple[float | None, float | None]]
 
 
 def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None, float | None]]:
-    """Those that one of them has; of the health only what differs."""
+    """The figures that at least one run has; those of the health only if they differ."""
     wheres = {name: where for name, where, _ in FIGURES}
     for stage in first.report.get("cpu_ms_per_sweep", {}):
         wheres[f"CPU of {stage}, ms"] = ("cpu_ms_per_sweep", stage)
@@ -104,7 +104,7 @@ def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None,
 
 
 def compared(first: Finished, second: Finished) -> Compared:
-    """Raises TrajectoryError where their trajectories cannot be compared."""
+    """Compares two runs; raises TrajectoryError if their trajectories cannot be compared."""
     far_m = apart_m(first.poses, second.poses)
     any_m = len(far_m) > 0
     return Compared(
@@ -131,7 +131,7 @@ def _apart(found: Compared) -> str:
 
 
 def lines(found: Compared) -> list[str]:
-    """For a person: what differs, the trajectories first."""
+    """Text for a person: the trajectories first, then the figures."""
     rows = [("", found.first.name, found.second.name)]
     known = {figure: digits for figure, _, digits in FIGURES}
     for name, (a, b) in found.figures.items():

@@ -1,4 +1,4 @@
-"""Builds messages from plain values: for stand-ins of stages, tests and tools."""
+"""Builds messages from plain values, for stand-ins of stages, tests and tools."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zloam_monitor.messages import module
 
 @dataclass(frozen=True)
 class HeaderValues:
-    """Field by field the Header of schemas/common.fbs."""
+    """The fields of Header in schemas/common.fbs."""
 
     run: int
     sweep: int
@@ -31,7 +31,7 @@ class HeaderValues:
     end_of_run: bool = False
     last_packet_ns: int = 0
     replay: bool = False
-    #: stage, received_ns, started_ns, published_ns
+    #: Each entry: stage, received_ns, started_ns, published_ns.
     trace: tuple[tuple[str, int, int, int], ...] = ()
 
 
@@ -57,7 +57,7 @@ def _table_vector(b: flatbuffers.Builder, offsets: list[int]) -> int:
 
 
 def header(b: flatbuffers.Builder, v: HeaderValues) -> int:
-    """Writes the header; returns its offset."""
+    """Writes the header; returns its offset in the buffer."""
     h = module("Header")
     trace = _trace(b, v)
     texts = {n: b.CreateString(getattr(v, n)) for n in ("robot", "sensor", "frame", "instance")}
@@ -91,7 +91,7 @@ def _pose_struct(b: flatbuffers.Builder, position: Any, quaternion: Any) -> int:
 def pose(
     table: str, v: HeaderValues, instant_ns: int, position: Any, quaternion: Any, health: int = 0
 ) -> bytes:
-    """MapPose or Odometry."""
+    """A MapPose or Odometry message; table: its name."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module(table)
     field_name = "PoseMapBase" if table == "MapPose" else "PoseOdomBase"
@@ -104,7 +104,7 @@ def pose(
 
 
 def path(v: HeaderValues, poses: NDArray[Any]) -> bytes:
-    """poses: STAMPED_POSE."""
+    """A Path message; poses: STAMPED_POSE."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module("Path")
     vector = messages.put_struct_vector(b, poses)
@@ -115,7 +115,7 @@ def path(v: HeaderValues, poses: NDArray[Any]) -> bytes:
 
 
 def tile(v: HeaderValues, layer: str, index: tuple[int, int, int], points: NDArray[Any]) -> bytes:
-    """points: MAP_POINT."""
+    """A MapTile message; points: MAP_POINT."""
     b = flatbuffers.Builder(0)
     head, name, m = header(b, v), b.CreateString(layer), module("MapTile")
     vector = messages.put_struct_vector(b, points)
@@ -134,7 +134,7 @@ def tile(v: HeaderValues, layer: str, index: tuple[int, int, int], points: NDArr
 def preview(
     v: HeaderValues, epoch: int, position: Any, block_m: float, blocks: NDArray[Any], octrees: bytes
 ) -> bytes:
-    """blocks: messages.PREVIEW_BLOCK; the robot does not turn."""
+    """A Preview message; blocks: messages.PREVIEW_BLOCK. The robot's rotation is identity."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module("Preview")
     vector = messages.put_struct_vector(b, blocks)
@@ -152,7 +152,7 @@ def preview(
 
 
 def config(stage: str, values: dict[str, Any]) -> bytes:
-    """EffectiveConfig."""
+    """An EffectiveConfig message."""
     b = flatbuffers.Builder(0)
     name, text, m = (
         b.CreateString(stage),
@@ -167,7 +167,7 @@ def config(stage: str, values: dict[str, Any]) -> bytes:
 
 @dataclass
 class Counts:
-    """One input in a status."""
+    """Account of one input in a status."""
 
     key: str
     received: int
@@ -205,7 +205,7 @@ def status(
     reason: str = "",
     published_bytes: dict[str, int] | None = None,
 ) -> bytes:
-    """Status with the fields that a monitor reads."""
+    """A Status message with the fields that a monitor reads."""
     b = flatbuffers.Builder(0)
     s, o = module("Status"), module("OutputAccount")
     ins = _table_vector(b, [_input(b, each) for each in inputs])
@@ -241,7 +241,7 @@ def status(
 def sweep(
     v: HeaderValues, points: NDArray[Any], period_ns: int = 100_000_000, rings: int = 16
 ) -> bytes:
-    """points: POINT, frame lidar."""
+    """A Sweep message; points: POINT, frame lidar."""
     b = flatbuffers.Builder(0)
     head, model, m = header(b, v), b.CreateString("VLP-16"), module("Sweep")
     vector = messages.put_struct_vector(b, points)
@@ -260,7 +260,7 @@ def sweep(
 
 
 def imu(v: HeaderValues, samples: NDArray[Any]) -> bytes:
-    """samples: messages.IMU_SAMPLE, of the lidar's clock."""
+    """An ImuBatch message; samples: messages.IMU_SAMPLE, stamped by the lidar's clock."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module("ImuBatch")
     vector = messages.put_struct_vector(b, samples)
@@ -270,12 +270,13 @@ def imu(v: HeaderValues, samples: NDArray[Any]) -> bytes:
     return _finish(b, "ImuBatch", m.ImuBatchEnd(b))
 
 
-#: the point clouds of a Features message
+#: The point clouds of a Features message.
 FEATURE_CLOUDS = ("Sharp", "LessSharp", "Flat", "LessFlat")
 
 
 def features(v: HeaderValues, clouds: dict[str, NDArray[Any]], rings: int = 16) -> bytes:
-    """clouds: name of FEATURE_CLOUDS -> POINT, frame lidar; what is not named is empty."""
+    """A Features message; clouds: name of FEATURE_CLOUDS -> POINT, frame lidar. Clouds that are not
+    named are empty."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module("Features")
     vectors = {name: messages.put_struct_vector(b, cloud) for name, cloud in clouds.items()}
@@ -292,7 +293,8 @@ def features(v: HeaderValues, clouds: dict[str, NDArray[Any]], rings: int = 16) 
 def odometry_features(
     v: HeaderValues, instant_ns: int, position: Any, edges: NDArray[Any], planes: NDArray[Any]
 ) -> bytes:
-    """edges, planes: POINT, frame base_link at the instant; base_link does not turn."""
+    """An OdometryFeatures message; edges, planes: POINT, frame base_link at the instant. The
+    rotation of base_link is identity."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module("OdometryFeatures")
     covariance = b.CreateNumpyVector(np.diag([1e-4] * 6).ravel())

@@ -1,4 +1,4 @@
-"""`config check`: a robot's file before it is used, judged by every stage."""
+"""`config check`: lets every stage check a robot's file before it is used."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from typing import Any
 from zloam_monitor.chain import binary
 from zloam_monitor.stages import STAGES
 
-#: what a line of a stage's log begins with
+#: Time, level and program at the beginning of a line in a stage's log.
 _LOG_HEAD = re.compile(r"^\S+Z \w+\s+\w+: ")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the stages say of a file."""
+    """The stages' verdict on a file."""
 
     refusals: list[str]
     values: dict[str, Any]
 
 
 def check(build: Path, config: Path, settings: Sequence[str]) -> Verdict:
-    """Each refusal once."""
+    """Runs the check of every stage; a refusal by several stages is listed once."""
     refusals: dict[str, None] = {}
     values: dict[str, Any] = {}
     for stage in STAGES:

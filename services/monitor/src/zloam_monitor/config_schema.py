@@ -1,5 +1,5 @@
-"""JSON Schema of a robot's file, from what the stages say of their keys: editors complete and check
-with it. The stages themselves stay the judges (`zloam config check`)."""
+"""JSON Schema of a robot's file, generated from the stages' descriptions of their keys. Editors
+use it for completion; only the stages decide what is valid (`zloam config check`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 _RANGE = r"(?P<low>\S+) to (?P<high>\S+)"
 _SCALAR = re.compile(rf"^{_RANGE}$")
 _LIST = re.compile(rf"^(?P<count>\d+) (?P<whole>whole )?numbers, each {_RANGE}$")
-#: a stage takes a value's text, so 01 and true are texts as well
+#: A stage reads a value as text, so 01 and true are valid texts, too.
 _TEXT: dict[str, Any] = {"type": ["string", "number", "boolean", "null"]}
 
 
@@ -23,7 +23,7 @@ def _number(text: re.Match[str], kind: str) -> dict[str, Any]:
 
 
 def leaf(said: dict[str, Any]) -> dict[str, Any]:
-    """Of one key."""
+    """Schema of one key."""
     allowed, kind = str(said["allowed"]), str(said["type"])
     found: dict[str, Any]
     if kind == "bool":
@@ -48,7 +48,7 @@ def leaf(said: dict[str, Any]) -> dict[str, Any]:
 
 
 def schema(said: dict[str, dict[str, Any]], about: dict[str, str]) -> dict[str, Any]:
-    """Of all keys; `about`: what each section is for."""
+    """Schema of all keys; `about`: section -> its purpose."""
     root: dict[str, Any] = {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "A robot's file of zenoh-loam",
@@ -64,7 +64,7 @@ def schema(said: dict[str, dict[str, Any]], about: dict[str, str]) -> dict[str, 
             place = place["properties"].setdefault(
                 section,
                 {
-                    # a section whose keys are all behind # is empty
+                    # YAML reads a section whose keys are all commented out as null.
                     "type": ["object", "null"],
                     "description": about.get(section, ""),
                     "additionalProperties": False,

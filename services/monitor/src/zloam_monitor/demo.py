@@ -1,4 +1,4 @@
-"""`demo`: one recording through the five stages, to files, a table and an error figure."""
+"""`demo`: replays one recording through the five stages; writes files, a table and the error."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
 
-#: between two looks at what has come. To wake for each message took a sixth of a core from the
-#: stages in a fast replay; this takes a tenth
+#: Interval at which received messages are read. In a fast replay, waking up for each message took
+#: a sixth of a core from the stages; this takes a tenth.
 LOOK_SECONDS = 0.1
-#: longer than the stages' own limit (recovery.replay_limit_s), which names sweep and stage
+#: Longer than the stages' own limit (recovery.replay_limit_s), whose message names sweep and stage.
 STALL_SECONDS = 150.0
 
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What a demo is asked to do."""
+    """Options of a demo."""
 
     build: Path
     out: Path
@@ -37,17 +37,17 @@ class DemoOptions:
     settings: list[str] = field(default_factory=list)
     truth: list[Path] = field(default_factory=list)
     picture: bool = True
-    #: SWEEP:KEY=VALUE, in force from that sweep on
+    #: SWEEP:KEY=VALUE: changes that take effect at a sweep.
     set_at: list[str] = field(default_factory=list)
-    #: None: any free ones
+    #: None: any free ports.
     ports: Ports | None = None
-    #: stage -> program that stands for it
+    #: stage -> program that replaces its own.
     programs: dict[str, str] = field(default_factory=dict)
-    #: MCAP file of all that is published
+    #: MCAP file for all published messages.
     record: Path | None = None
-    #: shown on a page while it runs, and kept for Rerun
+    #: Show the run on a page, and record it for Rerun.
     view: bool = False
-    #: stages beside the chain
+    #: Optional stages beside the chain.
     beside: tuple[str, ...] = ()
 
 
@@ -68,7 +68,7 @@ def _line(chain: Chain, source: Source, began: float) -> str:
 
 
 def _follow(chain: Chain, source: Source, line: ProgressLine, noted: Remarks, logs: Logs) -> float:
-    """Until the run's end; wall seconds."""
+    """Waits for the end of the run; returns the wall time in seconds."""
     began = time.monotonic()
     moved, seen = began, chain.progress()
     while not chain.finished():
@@ -97,7 +97,7 @@ def _stalled(chain: Chain) -> str:
 
 
 def run(options: DemoOptions) -> dict[str, Any]:
-    """Does it all; raises what went wrong, returns the report."""
+    """Runs the demo and returns the report; raises if something goes wrong."""
     files = outputs.Files(options.out)
     claim = outputs.claim(options.out, [*options.truth, *options.source.files])
     settings = [
@@ -118,7 +118,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         options.programs,
         options.beside,
     )
-    # the chain has a session from its making on
+    # The chain opens its session when it is constructed, so it must be closed even if not entered.
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
         if recording:
@@ -145,7 +145,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
 
 
 def finish(found: dict[str, Any], out: Path) -> int:
-    """Prints the table; 0 only if everything is accounted for."""
+    """Prints the table; returns 0 only if everything is accounted for."""
     print(report.table(found))
     print(f"files: {out}/")
     return report.exit_code(found)

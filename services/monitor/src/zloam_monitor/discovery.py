@@ -1,8 +1,8 @@
-"""Finds the robots that can be reached: on this machine without being told where, or at endpoints.
+"""Finds the robots that can be reached: on this machine without an address, or at endpoints.
 
-On this machine candidates are the default ports (integration's, and the containers' router's) and
-every port on which a zloam program of this machine listens. Each candidate is asked by a session of
-its own: one session linked to two robots would introduce their stages to each other.
+On this machine the candidates are the default ports (integration's, and the containers' router's)
+and every port on which a zloam program listens. Each candidate is asked over a session of its own:
+one session linked to two robots would introduce their stages to each other.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from zloam_monitor.link import Link, LinkError, open_client, open_session
 from zloam_monitor.stages import STAGES
 
 HOST = "127.0.0.1"
-#: of integration, and of the router in docker-compose.yml
+#: Port of integration, and of the router in docker-compose.yml.
 DEFAULT_PORTS = (7464, 7447)
-#: an answer of a program on this machine takes milliseconds; a connection over a network, which
-#: others may fill, some hundred
+#: A program on this machine answers within milliseconds; over a network, perhaps a busy one, a
+#: connection takes some hundred milliseconds.
 CONNECT_SECONDS = 2.0
 ANSWER_SECONDS = 2.0
-#: at an endpoint that was named: on a link with 200 ms of delay, to open a session takes a second,
-#: and several where other views fill it
+#: Limit for a named endpoint: over a link with 200 ms of delay, opening a session takes a second,
+#: and several seconds if other views use the link to capacity.
 FAR_SECONDS = 15.0
-#: siblings of the first stage that answers are heard within this
+#: After the first stage has answered, the others of its robot are heard within this time.
 SIBLING_SECONDS = 0.6
 _ENDPOINT = re.compile(
     r"^(?P<protocol>[a-z][a-z0-9_-]*)/(?P<address>.+):(?P<port>\d+)(?P<rest>[?#].*)?$"
@@ -42,17 +42,17 @@ _ALIVE_KEY = re.compile(r"^loam/(?P<robot>[^/]+)/service/(?P<stage>[^/]+)/(?P<in
 
 
 class NothingAnswers(RuntimeError):
-    """No robot is there, or not the one that was asked for; the text says what to check."""
+    """No robot, or not the requested one, answers; the text says what to check."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A robot, where it answers, and which of its stages were heard."""
+    """A robot, the endpoint at which it answers, and the stages that were heard."""
 
     robot: str
     endpoint: str
     instances: tuple[tuple[str, str], ...]
-    #: that answers for the stages
+    #: The endpoint is a router's, not a stage's.
     router: bool = False
 
     @property
@@ -66,7 +66,7 @@ class Found:
 
 
 def endpoint_of(text: str) -> str:
-    """tcp/HOST:PORT of what a user writes: that itself, HOST:PORT, or HOST."""
+    """PROTOCOL/HOST:PORT from a user's text, which is that itself, HOST:PORT, or HOST."""
     if match := _ENDPOINT.match(text):
         _checked_port(text, match["port"])
         return text
@@ -101,7 +101,7 @@ def _listening() -> dict[int, int]:
 
 
 def _sockets(process: Path) -> Iterator[int]:
-    """Inodes; none where the process belongs to somebody else."""
+    """Inodes of the sockets of a process; none if the process belongs to another user."""
     try:
         for descriptor in (process / "fd").iterdir():
             target = str(descriptor.readlink())
@@ -112,7 +112,7 @@ def _sockets(process: Path) -> Iterator[int]:
 
 
 def listeners() -> dict[int, tuple[int, str]]:
-    """Port -> (pid, name) of each zloam program that listens here."""
+    """Port -> (pid, name) of each zloam program that listens on this machine."""
     ports = _listening()
     found = {}
     for process in Path("/proc").glob("[0-9]*"):
@@ -128,14 +128,15 @@ def listeners() -> dict[int, tuple[int, str]]:
 
 
 def candidates() -> list[str]:
-    """Where a robot may answer; one whose ports are others' is found by its integration first."""
+    """Endpoints on this machine where a robot may answer: the default ports, then integration's,
+    so that a robot on other ports is found by its integration first."""
     own = sorted(listeners().items(), key=lambda each: not each[1][1].startswith("zloam-integ"))
     ports = dict.fromkeys([*DEFAULT_PORTS, *(port for port, _ in own)])
     return [f"tcp/{HOST}:{port}" for port in ports]
 
 
 def refusal(endpoint: str) -> str | None:
-    """Why nobody takes a TCP connection there; None: somebody does, or the protocol is another."""
+    """Why no TCP connection can be made; None: one can, or the endpoint uses another protocol."""
     match = _ENDPOINT.match(endpoint)
     if match is None or match["protocol"] != "tcp":
         return None
@@ -149,7 +150,7 @@ def refusal(endpoint: str) -> str | None:
         except OSError as error:
             outcome.append(error.strerror or str(error))
 
-    # the resolver of names has no time limit of its own
+    # Name resolution has no time limit, so it runs in a thread that can be left behind.
     attempt = threading.Thread(target=connect, daemon=True)
     attempt.start()
     attempt.join(2 * CONNECT_SECONDS)
@@ -157,7 +158,7 @@ def refusal(endpoint: str) -> str | None:
 
 
 def _answers(session: Any, seconds: float) -> set[tuple[str, str, str]]:
-    """(robot, stage, instance) of all that live: a router also keeps statuses of the dead."""
+    """(robot, stage, instance) by liveliness tokens: a router keeps statuses of ended stages."""
     found = set()
     for reply in session.liveliness().get("loam/*/service/*/*/alive", timeout=seconds):
         if reply.ok is not None and (match := _ALIVE_KEY.match(str(reply.ok.key_expr))):
@@ -166,7 +167,7 @@ def _answers(session: Any, seconds: float) -> set[tuple[str, str, str]]:
 
 
 def _heard(session: Any, seconds: float) -> set[tuple[str, str, str]]:
-    """All who answer: the first may take a while, the others follow it."""
+    """All instances that answer. The first may take a while; the others follow shortly after."""
     ends = time.monotonic() + seconds
     heard: set[tuple[str, str, str]] = set()
     while (now := time.monotonic()) < ends:
@@ -194,7 +195,7 @@ def _robots(endpoint: str, heard: Iterable[tuple[str, str, str]], router: bool) 
 
 
 def ask(endpoint: str, seconds: float = ANSWER_SECONDS) -> list[Found]:
-    """The robots that answer at an endpoint within so long after somebody took the connection."""
+    """The robots that answer at an endpoint within `seconds` after a connection was made."""
     if refusal(endpoint) is not None:
         return []
     try:
@@ -208,8 +209,9 @@ def ask(endpoint: str, seconds: float = ANSWER_SECONDS) -> list[Found]:
 
 
 def _opened(endpoint: str) -> tuple[Any, bool]:
-    """A session with what is there, and whether that is a router. A peer would hear the stages
-    behind a router only by links of its own to them, which from another network there are not."""
+    """A session at the endpoint, and whether a router answers there. Behind a router the session
+    is a client: a peer would need links of its own to the stages, which another network may not
+    allow."""
     session = open_client([endpoint])
     if list(session.info.routers_zid()):
         return session, True
@@ -218,7 +220,7 @@ def _opened(endpoint: str) -> tuple[Any, bool]:
 
 
 def robots(endpoints: Sequence[str] = ()) -> list[Found]:
-    """All that are found, each once: without endpoints on this machine."""
+    """All robots that are found, each once; without endpoints: on this machine."""
     found: list[Found] = []
     known: set[tuple[str, str]] = set()
     seconds = FAR_SECONDS if endpoints else ANSWER_SECONDS
@@ -231,7 +233,7 @@ def robots(endpoints: Sequence[str] = ()) -> list[Found]:
 
 
 def _is_known(endpoint: str, instances: set[tuple[str, str]]) -> bool:
-    """Whether the program that listens there has answered already: its instance names its pid."""
+    """True if the program at this port answered before: its instance name ends with its pid."""
     pid, _ = listeners().get(int(endpoint.rpartition(":")[2]), (0, ""))
     return any(instance.endswith(f"-{pid}") for _, instance in instances)
 
@@ -253,7 +255,7 @@ def _nobody(endpoints: Sequence[str]) -> str:
 
 
 def choose(robot: str | None, endpoints: Sequence[str] = ()) -> Found:
-    """The one robot that is meant; raises NothingAnswers."""
+    """The one robot that matches; raises NothingAnswers if there is none or more than one."""
     found = present(endpoints)
     meant = [each for each in found if robot in (None, each.robot)]
     if len(meant) == 1:
@@ -265,7 +267,7 @@ def choose(robot: str | None, endpoints: Sequence[str] = ()) -> Found:
 
 
 def present(endpoints: Sequence[str] = ()) -> list[Found]:
-    """All that are found; raises NothingAnswers."""
+    """All robots that are found; raises NothingAnswers if there are none."""
     wanted = [endpoint_of(each) for each in endpoints]
     found = robots(wanted)
     if not found:
@@ -280,8 +282,8 @@ def linked(
     newest: int | None = None,
     thin: bool = False,
 ) -> Iterator[Link]:
-    """A link to the robot that is meant; says which it is. Of its poses it keeps the newest, all
-    where no number is given."""
+    """A link to the one robot that matches, which is printed. The link keeps the `newest` poses,
+    by default all."""
     found = choose(robot, endpoints)
     print(f"connected to {found}", file=sys.stderr, flush=True)
     with linked_to(found, newest, thin) as link:
@@ -290,7 +292,7 @@ def linked(
 
 @contextmanager
 def linked_to(found: Found, newest: int | None = None, thin: bool = False) -> Iterator[Link]:
-    """A link to a robot that was found."""
+    """A link to a robot that discovery found."""
     session = (open_client if found.router else open_session)([found.endpoint])
     link = Link(session, Keys(found.robot), newest, thin)
     try:

@@ -1,5 +1,5 @@
-"""What is wrong with a robot, and what to do: from what any subscriber hears in some seconds.
-Of files: doctor_files.py."""
+"""Finds out what is wrong with a running robot, and what to do, from what any subscriber receives
+within seconds. For recordings see doctor_files.py."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
-#: revolutions a second that a spinning lidar makes
+#: Plausible revolutions per second of a spinning lidar.
 SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
-#: share of lost messages below which nothing is reported
+#: Share of lost messages below which nothing is reported.
 FEW = 0.001
-#: packets of another model than they say seem to miss about every other one
+#: If packets come from another model than configured or named in them, about every other one seems
+#: to be missing.
 MISNAMED = 0.4
-#: values that all stages of a robot share
+#: Configuration values that must be the same in all stages of a robot.
 SHARED = ("robot", "sensor.", "mounting.")
-#: of a message, on average: below it shared memory is not worth its while
+#: Mean size of a message below which shared memory is not worthwhile.
 LARGE_BYTES = 16384
-#: statuses come each second, and are read between questions that take seconds
+#: Delay of statuses that is reported. They come once a second, and are read between queries that
+#: take seconds.
 LATE_SECONDS = 3.0
-#: a stage that is younger than that beside the others, by so much, was started again
+#: A stage that is younger than YOUNG_S and started APART_S after the oldest one was restarted.
 YOUNG_S, APART_S = 60.0, 10.0
-#: of the time from sweep to sweep: a stage that takes longer falls behind
+#: A stage that works longer than this part of the sweep period falls behind.
 SLOW = 1.0
 SLOW_ONE = "it is the slow one: give it a processor of its own, or fewer points"
-#: what stages count, and what it means for a user
+#: Drop reason -> its meaning for a user.
 DROPS = {
     "queue_full": "the machine is too slow for this rate: fewer points (registration.*), or "
     "another machine for a stage",
@@ -44,7 +46,7 @@ DROPS = {
     "garbage": "what can't be read comes under this robot's keys: another version, or a stranger",
     "fenced": "an instance that was replaced still publishes",
 }
-#: the driver's counts: words of a finding, and advice
+#: Figure in the driver's status -> finding and advice.
 PACKETS = {
     "packets_unknown_model": (
         "packets name a model that is not known",
@@ -83,11 +85,11 @@ PACKETS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence, and what to do."""
+    """A finding, and what to do about it."""
 
     what: str
     do: str
-    #: false: it works all the same, and could be better
+    #: False: the robot works, but could work better.
     is_fault: bool = True
 
     def __str__(self) -> str:
@@ -96,29 +98,29 @@ class Finding:
 
 @dataclass(frozen=True)
 class Heard:
-    """Statuses at the begin and at the end of some seconds, and the poses between."""
+    """Statuses at the beginning and end of the listening time, and the poses in between."""
 
     robot: str
     seconds: float
     before: dict[tuple[str, str], StatusRecord]
     after: dict[tuple[str, str], StatusRecord]
-    #: (stage, instance) -> since the last status
+    #: (stage, instance) -> seconds since its last status.
     silent_s: dict[tuple[str, str], float]
-    #: whose token is there
+    #: Instances with a liveliness token.
     living: set[tuple[str, str]]
     poses: list[PoseRecord]
     configs: dict[str, dict[str, Any]]
     garbage: int = 0
-    #: of the map, as mapping publishes them
+    #: Mapped poses, as mapping publishes them.
     mapped: list[PoseRecord] = field(default_factory=list)
-    #: by how much longer than at first a status takes to arrive here, s
+    #: How much longer than at first a status takes to arrive here, s.
     late_s: float = 0.0
 
     def alive(self) -> list[StatusRecord]:
         return [s for who, s in self.after.items() if who in self.living]
 
     def more(self, who: tuple[str, str], name: str) -> float:
-        """By how much a figure grew."""
+        """Increase of a figure while listening."""
         before = self.before.get(who)
         return self.after[who].figures.get(name, 0.0) - (
             before.figures.get(name, 0.0) if before else 0.0
@@ -129,11 +131,11 @@ Rule = Callable[[Heard], Iterable[Finding]]
 
 
 def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> Heard:
-    """Some seconds of a robot; asks several times a second whether to go on."""
+    """Listens to a robot for some seconds; calls `goes_on` several times a second."""
     link.query_statuses()
     link.poll()
     before, begun = dict(link.statuses), time.monotonic()
-    # Each by its own: a stage that is behind still finishes sweeps of before.
+    # Separately for each key: a stage that is behind still publishes sweeps from before.
     posed, mapped = (max(kept, default=-1) for kept in (link.poses, link.mapped))
     while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
         link.poll(min(left, 0.2))
@@ -157,18 +159,18 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
 
 
 def findings_of_statuses(heard: Heard, health: Rule | None = None) -> list[Finding]:
-    """Those that need nothing else; `health`: what the stages say of themselves, as it is told."""
+    """Findings from statuses alone; `health`: rule that reports the stages' own reasons."""
     rules = (_stages, _late, _restarts, _instances, health or _health, _sensor, _drops)
     return [finding for rule in rules for finding in rule(heard)]
 
 
 def findings(heard: Heard) -> list[Finding]:
-    """Most urgent first."""
+    """All findings, the most urgent first."""
     return [*findings_of_statuses(heard), *findings_of_poses(heard)]
 
 
 def findings_of_poses(heard: Heard) -> list[Finding]:
-    """Those that need poses and configurations."""
+    """Findings from poses and configurations."""
     return [finding for rule in (_poses, _pace, _settings) for finding in rule(heard)]
 
 
@@ -254,7 +256,7 @@ def _sensor(heard: Heard) -> Iterator[Finding]:
         if status.stage != "driver" or who not in heard.living:
             continue
         received, lost = heard.more(who, "packets_received"), heard.more(who, "packets_lost")
-        # A socket's driver counts packets from the first one on.
+        # A driver with a socket has this figure from the first packet on; other sources lack it.
         counted = {"packets_received", "datagrams"} & status.figures.keys()
         if counted and received <= 0 and not status.end_of_run:
             yield Finding(
@@ -279,7 +281,7 @@ def _sensor(heard: Heard) -> Iterator[Finding]:
 
 
 def of_losses(received: float, lost: float, what: str, do: str) -> Iterator[Finding]:
-    """Of packets; of so many, they are none, and the model is another."""
+    """Findings from packet counts. If too many seem lost, the model is wrong instead."""
     if lost > MISNAMED * (received + lost):
         yield Finding(
             f"{lost:.0f} packets seem to be missing beside {received:.0f}: they come at another "
@@ -317,7 +319,7 @@ def _drops(heard: Heard) -> Iterator[Finding]:
 
 
 def is_stuck(before: Input, after: Input) -> bool:
-    """It was at work on one message all the time, while others came."""
+    """True if a stage worked on the same message all the time while others arrived."""
     at_one = before.in_work > 0 and after.in_work > 0 and before.processed == after.processed
     return at_one and after.received > before.received
 
@@ -362,10 +364,10 @@ def _pace(heard: Heard) -> Iterator[Finding]:
             f"the sensor turns {1.0 / period_s:.1f} times a second",
             "5 to 20 are expected: set its rotation rate on its own page",
         )
-    # What the sweeps themselves carry: a status has the times of the whole run.
+    # Times are taken from the traces of sweeps: the percentiles in a status are of the whole run.
     _, work = latency.by_stage(heard.poses, heard.mapped)
     for stage, times in work.items():
-        # Of half of the sweeps: a single one may wait for anything.
+        # The median, because a single sweep may be delayed by anything.
         if times and period_s > 0 and times["p50"] > 1000.0 * SLOW * period_s:
             yield Finding(
                 f"{stage} takes {times['p50']:.0f} ms for most sweeps, which come every "
@@ -399,7 +401,7 @@ def _settings(heard: Heard) -> Iterator[Finding]:
 
 
 def _large_by_socket(memory: dict[str, int]) -> bool:
-    """Small messages always go over sockets."""
+    """True if large messages came over sockets; small ones always do."""
     messages = memory.get("messages_net", 0)
     if memory.get("messages_shm") or not messages:
         return False

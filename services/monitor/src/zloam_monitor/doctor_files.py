@@ -1,5 +1,5 @@
-"""What is wrong with a recording: of a capture by what the decoder says of it, of what `zloam
-record` wrote by what the stages said then."""
+"""Finds out what is wrong with a recording: with a capture by the decoder's summary, with a file
+of `zloam record` by the stages' statuses in it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STATUS, POSE = "zloam.msg.Status", "zloam.msg.MapPose"
 
 
 def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -> list[Finding]:
-    """Of a capture or of what `zloam record` wrote; raises SourceError when it can't be read."""
+    """Findings for a capture or file of `zloam record`; raises SourceError if it can't be read."""
     if robot_log.is_one(file):
         return of_recording(file)
     if robot_log.is_mcap(file):
@@ -41,7 +41,7 @@ def of_file(build: Path, file: Path, model: str | None, metadata: Path | None) -
 
 
 class _Said:
-    """What a recording has of the stages' own words, in their order."""
+    """Statuses, poses and configurations of a recording, in their order."""
 
     def __init__(self, log: RobotLog) -> None:
         self.before: dict[tuple[str, str], StatusRecord] = {}
@@ -51,7 +51,7 @@ class _Said:
         self.mapped: list[PoseRecord] = []
         self.configs: dict[str, dict[str, Any]] = {}
         self.garbage = 0
-        #: what stages said is wrong
+        #: Troubles that stages reported.
         self.troubles = Remarks()
         for logged in log.messages((STATUS, POSE, CONFIG)):
             try:
@@ -77,7 +77,7 @@ class _Said:
         self.troubles.news(reasons([status]), 1e-9 * log_ns)
 
     def health(self, _heard: Heard) -> Iterator[Finding]:
-        """Of the whole time, not of its end alone. A status comes every second."""
+        """Findings over the whole recording, not only its end. One status stands for a second."""
         for text, times in self.troubles.counted():
             stage, _, reason = text.partition(": ")
             yield Finding(
@@ -86,7 +86,7 @@ class _Said:
 
 
 def of_recording(file: Path) -> list[Finding]:
-    """Of all that the robot's stages said while it was recorded."""
+    """Findings from all that the robot's stages published while it was recorded."""
     log = RobotLog(file)
     try:
         extent = log.extent()
@@ -94,7 +94,7 @@ def of_recording(file: Path) -> list[Finding]:
         raise SourceError(f"{file}: {refused}") from refused
     said = _Said(log)
     about = log.about or {}
-    # A stage that said that it ends has not got lost.
+    # A stage that reported that it is stopping does not count as silent.
     silent_s = {
         who: 0.0 if said.after[who].health == "stopping" else 1e-9 * (extent.end_ns - at_ns)
         for who, at_ns in said.last_ns.items()
@@ -135,7 +135,7 @@ def _of_capture(build: Path, file: Path, model: str | None, metadata: Path | Non
 
 
 def of_counts(counts: dict[str, float], remarks: list[str]) -> list[Finding]:
-    """Of the decoder's summary."""
+    """Findings from the decoder's summary."""
     found = [Finding(remark, "see services/driver/README.md") for remark in remarks]
     received, lost = counts.get("packets_received", 0), counts.get("packets_lost", 0)
     if not received:

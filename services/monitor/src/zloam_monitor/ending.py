@@ -1,4 +1,4 @@
-"""Signals that end a command: the stages are ended in order and files written."""
+"""Handles signals that end a command, so that the stages end in order and files are written."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-#: the exit code of a command that a signal ended, as a shell has it, is this and the number
+#: As in a shell, a command that a signal ended has this plus the signal's number as exit code.
 SIGNAL_CODE = 128
 
 
 class EndAsked(KeyboardInterrupt):
-    """As Ctrl-C: what is open is closed on the way out."""
+    """Raised like Ctrl-C, so that open files and sessions are closed on the way out."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -24,7 +24,7 @@ class EndAsked(KeyboardInterrupt):
 
 
 def _without_terminal() -> None:
-    """It is gone: what is still said must not fail."""
+    """Redirects output to /dev/null after the terminal has gone, so that printing cannot fail."""
     sink = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         if stream.isatty():
@@ -36,7 +36,7 @@ def _without_terminal() -> None:
 def handled(
     do: Callable[[int], None], numbers: tuple[int, ...] = (signal.SIGTERM, signal.SIGHUP)
 ) -> Iterator[None]:
-    """Does this at each of the signals; a SIGHUP that is ignored (nohup) stays so."""
+    """Calls `do` for each of the signals; an ignored SIGHUP (nohup) stays ignored."""
 
     def handler(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGHUP:
@@ -55,13 +55,13 @@ def handled(
             signal.signal(number, old)
 
 
-#: what ends a command that runs until it is told: Ctrl-C, a supervisor, the terminal's end
+#: Signals that end a command without an end of its own: Ctrl-C, a supervisor, a closed terminal.
 TOLD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def until_told(seconds: float | None = None) -> Iterator[Callable[[], bool]]:
-    """Gives whether to go on: none of those signals came, and not so long has passed."""
+    """Yields a function: true until one of these signals comes or `seconds` have passed."""
     told: list[int] = []
     began = time.monotonic()
     with handled(told.append, TOLD):
@@ -69,5 +69,5 @@ def until_told(seconds: float | None = None) -> Iterator[Callable[[], bool]]:
 
 
 def raised(number: int) -> None:
-    """For commands that end wherever they are."""
+    """Signal handler for commands that can end at any point."""
     raise EndAsked(number)

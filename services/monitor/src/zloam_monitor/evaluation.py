@@ -24,17 +24,18 @@ from zloam_monitor.trajectory import (
 )
 
 Array = NDArray[np.float64]
-#: every so many poses a sub-length starts, as the KITTI development kit does
+#: A sub-length starts at every tenth pose, as in the KITTI development kit.
 SUB_LENGTH_STEP = 10
 MIN_POSES = 3
-#: a reference without times (KITTI's form) holds for the middle of each sweep: KITTI stamps a scan
-#: when the sensor faces forward, and matching scans as they are finds about their middle
+#: A reference without times (KITTI's form) holds for the middle of each sweep: KITTI stamps a scan
+#: when the sensor faces forward, and matching scans without deskewing yields about the pose at
+#: their middle.
 SWEEP_PART_OF_REFERENCE = 0.5
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Errors of one trajectory; None where the data cannot say."""
+    """Errors of one trajectory; None if the data do not determine them."""
 
     poses: int
     matched: int
@@ -44,7 +45,7 @@ class Scores:
     drift_deg_per_m: float | None = None
     rpe_1m_m: float | None = None
     path_m: float | None = None
-    #: why there are no errors, or for how many poses there is no truth
+    #: Why there are no errors, or how many poses are without truth.
     remark: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -53,7 +54,7 @@ class Scores:
 
 @dataclass(frozen=True)
 class Compared:
-    """An estimate beside the truth at its instants; `aligned` lies on the truth."""
+    """Estimate and truth at the same instants; `aligned` is the estimate in the truth's frame."""
 
     truth: Array
     estimate: Array
@@ -67,7 +68,7 @@ class Compared:
 
 
 def sub_lengths_m(path_length_m: float) -> list[float]:
-    """Sub-lengths for a path: KITTI's own on a long one, shorter ones on a short one."""
+    """Sub-lengths for a path: KITTI's own if it is long, shorter ones otherwise."""
     if path_length_m > 800:
         return [100, 200, 300, 400, 500, 600, 700, 800]
     if path_length_m > 250:
@@ -78,7 +79,7 @@ def sub_lengths_m(path_length_m: float) -> list[float]:
 
 
 def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.int64]]:
-    """(truth, estimate, stamps) at the estimate's instants; by sweep if truth has no time."""
+    """(truth, estimate, stamps) at the estimate's instants; by sweep if truth has no times."""
     stamps = estimate.stamps_ns
     if stamps is None:
         stamps = estimate.sweeps
@@ -95,9 +96,10 @@ def associate(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, ND
 
 
 def at_part_of_sweep(estimate: Trajectory, part: float) -> tuple[Trajectory, NDArray[np.int64]]:
-    """Poses at the sweeps' ends, carried back to a part of each sweep; the first one is left out.
+    """Interpolates poses at the sweeps' ends to a part of each sweep.
 
-    Sweeps follow each other without a gap: sweep n began at the pose before it if that is n - 1's.
+    Sweeps follow each other without a gap: sweep n began at the pose of sweep n - 1. Sweeps without
+    the pose before them are left out.
     """
     ends = estimate.stamps_ns
     assert ends is not None
@@ -122,7 +124,7 @@ def drift(truth: Array, estimate: Array) -> tuple[float | None, float | None]:
 
 
 def _sub_length_pairs(along: Array) -> tuple[list[int], list[int], Array]:
-    """Start and end index and length of each sub-length that fits on the path."""
+    """Start index, end index and length of each sub-length that fits into the path."""
     found = [
         (i, int(j), length)
         for i in range(0, len(along), SUB_LENGTH_STEP)
@@ -133,7 +135,7 @@ def _sub_length_pairs(along: Array) -> tuple[list[int], list[int], Array]:
 
 
 def _step_ends(positions: Array, length_m: float) -> list[int]:
-    """Indices from one to the next of which at least this much of the path lies."""
+    """Indices of poses so that at least this much of the path lies between two successive ones."""
     ends, walked_m = [0], 0.0
     for i, step_m in enumerate(np.linalg.norm(np.diff(positions, axis=0), axis=1), start=1):
         walked_m += float(step_m)
@@ -144,7 +146,7 @@ def _step_ends(positions: Array, length_m: float) -> list[int]:
 
 
 def _rpe_over_1m(truth: Array, estimate: Array) -> float | None:
-    """rmse of the translation of relative errors over steps of 1 m of the true path."""
+    """RMSE of the translations of relative errors over steps of 1 m of the true path."""
     ends = _step_ends(truth[:, :3, 3], 1.0)
     first, last = ends[:-1], ends[1:]
     if not first:
@@ -155,12 +157,12 @@ def _rpe_over_1m(truth: Array, estimate: Array) -> float | None:
 
 
 def _rms(vectors: Array) -> float:
-    """Root mean square of the lengths."""
+    """Root mean square of the vectors' lengths."""
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
 def _alignment(positions: Array, onto: Array) -> Array | None:
-    """The rigid transform with the least squared distances; None: a rotation is open."""
+    """The rigid transform with least squared distances; None: its rotation is not determined."""
     middle, middle_onto = positions.mean(axis=0), onto.mean(axis=0)
     covariance = (onto - middle_onto).T @ (positions - middle) / len(positions)
     u, scales, vt = np.linalg.svd(covariance)
@@ -181,7 +183,7 @@ def compare(estimate: Trajectory, truth: Trajectory) -> Compared | None:
     moved = _alignment(of_estimate[:, :3, 3], of_truth[:, :3, 3])
     if moved is not None:
         return Compared(of_truth, of_estimate, moved @ of_estimate, stamps)
-    # all positions on one spot or line leave a rotation open: taken from the first pose
+    # If all positions lie on one point or line, the rotation is taken from the first pose.
     turned = of_truth[0] @ se3.inverse(of_estimate[0]) @ of_estimate
     turned[:, :3, 3] += (of_truth[:, :3, 3] - turned[:, :3, 3]).mean(axis=0)
     return Compared(of_truth, of_estimate, turned, stamps)

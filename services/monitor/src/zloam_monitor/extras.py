@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and that are too large for all who need them not."""
+"""Optional packages: only some commands need them, and they are too large for all others."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ class Missing(RuntimeError):
 
 
 class ViewerError(RuntimeError):
-    """The program of such a package did not start; the text says why."""
+    """The program of an optional package did not start; the text says why."""
 
 
 def needed(module: str, package: str) -> Any:
-    """The module."""
+    """Imports the module, or raises Missing with the package's name."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: written beside their name, then renamed."""
+"""Writes files that appear complete or not at all: to a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import IO, Any
 
 @contextmanager
 def written_whole(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
-    """Opens a temporary file that takes the name when the block ends without an exception."""
+    """Opens a temporary file, which gets its final name if the block ends without an exception."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
     try:

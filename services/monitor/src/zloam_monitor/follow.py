@@ -1,4 +1,4 @@
-"""`follow`: one run of stages that somebody else started (containers, other machines)."""
+"""`follow`: accompanies one run of stages that were started elsewhere (containers, machines)."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ from zloam_monitor.report import Run
 from zloam_monitor.stages import ACK, ROWS, STAGES
 from zloam_monitor.terminal import ProgressLine
 
-#: whose word is waited for before the source may start
+#: The source may start when all of these stages were heard.
 CONSUMERS = tuple(stage for stage in STAGES if ROWS[stage].reads)
 SINKS = tuple(stage for stage in STAGES if ACK in ROWS[stage].writes)
-#: files of a run are written at its end; they and the last statuses need a moment
+#: Stages write their files at the end of a run; the files and the last statuses need a moment.
 SETTLE_SECONDS = 2.0
-#: those that end with the run look once a second, and then end all at the same time
+#: Processes that end with the run look for its end once a second, and all end at the same time.
 NOTICE_SECONDS = 2.0
-#: a stage that ends takes 9 s at most
+#: A stage takes at most 9 s to end.
 END_SECONDS = 20.0
-#: beside the file of the end: each process that ends by it holds this one locked until then
+#: Suffix of a file beside the end file; each process that ends with the run locks it until then.
 RUNNING_SUFFIX = ".running"
-#: what they said last is still on its way through Docker
+#: Last messages of ended processes take a moment to come through Docker.
 SAID_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
 class FollowOptions:
-    """What is followed, and where the report goes."""
+    """Which run is followed, and where the report is written."""
 
     keys: Keys
     connect: list[str]
     out: Path
     title: str
     truth: list[Path] = field(default_factory=list)
-    #: is touched as soon as all consumers were heard
+    #: Touched as soon as all consumers were heard.
     ready_file: Path | None = None
-    #: is made at the end, for those that end with it; they are waited for
+    #: Written at the end, for processes that end with the run; follow waits for them.
     ended_file: Path | None = None
-    #: for the first pose after all consumers were heard; None: for ever
+    #: Limit from all consumers being heard to the first pose; None: no limit.
     patience_s: float | None = None
 
 
 def _all_heard(link: Link, ready_file: Path | None) -> bool:
-    """Whether all consumers were, and says so."""
+    """True if all consumers were heard; touches the ready file if so."""
     if not all(link.stage(stage) is not None for stage in CONSUMERS):
         return False
     if ready_file is not None:
@@ -65,7 +65,7 @@ def _finished(link: Link) -> bool:
 
 
 def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
-    """Until the run's end; wall seconds since its first pose."""
+    """Waits for the end of the run; returns the wall time since its first pose, s."""
     ready: float | None = None
     began: float | None = None
     while not _finished(link):
@@ -84,7 +84,7 @@ def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
 
 
 def _all_ended(running_file: Path) -> bool:
-    """Whether nobody holds the file any more (deploy/docker/with-run)."""
+    """True if no process holds the lock any more (deploy/docker/with-run)."""
     if not running_file.exists():
         return True
     with running_file.open() as held:
@@ -96,8 +96,8 @@ def _all_ended(running_file: Path) -> bool:
 
 
 def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
-    """Tells everybody that the run has ended, and waits until their processes have, so that what is
-    printed then comes last."""
+    """Announces the end of the run and waits until its processes have ended, so that the table is
+    printed after their output."""
     if options.ended_file is None:
         return
     with written_whole(options.ended_file) as out:
@@ -113,11 +113,11 @@ def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
 
 
 def follow(options: FollowOptions) -> dict[str, Any]:
-    """Waits for a run and its end; writes report and picture, and prints the table; returns the
+    """Waits for a run and its end, writes report and picture, prints the table, and returns the
     report."""
     try:
         found = _follow(options)
-    except Exception:  # nobody else would tell them
+    except Exception:  # The other processes wait for the end file in any case.
         _let_end(options)
         raise
     _let_end(options)

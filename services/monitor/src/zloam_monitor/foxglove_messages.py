@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 
 PACKAGE = "foxglove_schemas_flatbuffer"
 Numbers = Sequence[float] | NDArray[np.float64]
-#: of LogLevel
+#: Values of LogLevel.
 INFO, WARNING, ERROR = 2, 3, 4
-#: of NumericType: uint8, float32
+#: Values of NumericType.
 _UINT8, _FLOAT32 = 1, 7
 
 
 @dataclass(frozen=True)
 class Transform:
-    """T_parent_child."""
+    """A transform T_parent_child."""
 
     parent: str
     child: str
     stamp_ns: int
     translation: Numbers
-    #: x y z w
+    #: Order x y z w.
     quaternion: Numbers
 
 
 def schema(name: str) -> tuple[str, bytes]:
-    """Name of the root table and the binary schema."""
+    """Name and binary schema of a root table."""
     return f"foxglove.{name}", _binary_schema(name)
 
 
@@ -82,7 +82,7 @@ def _finished(b: Any, root: int) -> bytes:
 
 
 def frame_transforms(transforms: Sequence[Transform]) -> bytes:
-    """foxglove.FrameTransforms"""
+    """A message foxglove.FrameTransforms."""
     b = flatbuffers.Builder(256 * len(transforms) + 64)
     made = []
     of = _module("FrameTransform")
@@ -105,7 +105,7 @@ def frame_transforms(transforms: Sequence[Transform]) -> bytes:
 
 
 def pose_in_frame(frame: str, stamp_ns: int, translation: Numbers, quaternion: Numbers) -> bytes:
-    """foxglove.PoseInFrame"""
+    """A message foxglove.PoseInFrame."""
     b = flatbuffers.Builder(256)
     name = b.CreateString(frame)
     pose = _pose(b, translation, quaternion)
@@ -118,7 +118,7 @@ def pose_in_frame(frame: str, stamp_ns: int, translation: Numbers, quaternion: N
 
 
 def poses_in_frame(frame: str, stamp_ns: int, poses: Sequence[tuple[Numbers, Numbers]]) -> bytes:
-    """foxglove.PosesInFrame of (translation, quaternion)"""
+    """A message foxglove.PosesInFrame; poses: (translation, quaternion)."""
     b = flatbuffers.Builder(128 * len(poses) + 64)
     name = b.CreateString(frame)
     listed = _vector(b, [_pose(b, t, q) for t, q in poses])
@@ -131,7 +131,7 @@ def poses_in_frame(frame: str, stamp_ns: int, poses: Sequence[tuple[Numbers, Num
 
 
 def point_cloud(frame: str, stamp_ns: int, points: NDArray[Any]) -> bytes:
-    """foxglove.PointCloud of records whose fields are float32 or uint8."""
+    """A message foxglove.PointCloud; the fields of the points are float32 or uint8."""
     b = flatbuffers.Builder(points.nbytes + 1024)
     data = b.CreateByteVector(points.tobytes())
     name = b.CreateString(frame)
@@ -158,7 +158,7 @@ def point_cloud(frame: str, stamp_ns: int, points: NDArray[Any]) -> bytes:
 
 
 def log(stamp_ns: int, level: int, name: str, message: str) -> bytes:
-    """foxglove.Log"""
+    """A message foxglove.Log."""
     b = flatbuffers.Builder(len(message) + 256)
     who, what = b.CreateString(name), b.CreateString(message)
     of = _module("Log")
@@ -171,8 +171,8 @@ def log(stamp_ns: int, level: int, name: str, message: str) -> bytes:
 
 
 def arrow(frame: str, stamp_ns: int, name: str, quaternion: Numbers, length_m: float) -> bytes:
-    """foxglove.SceneUpdate with an arrow along x turned by the quaternion; none where it has no
-    length, so that one that was shown goes."""
+    """A message foxglove.SceneUpdate with an arrow along the x axis rotated by the quaternion. With
+    length 0 there is no arrow, which removes one shown before."""
     b = flatbuffers.Builder(512)
     arrows = [_arrow(b, quaternion, length_m)] if length_m > 0.0 else []
     listed = _vector(b, arrows)

@@ -1,7 +1,7 @@
-"""What Foxglove is shown of a robot, from the messages that anybody can subscribe to.
+"""Makes Foxglove's messages for a robot from the messages that anybody can subscribe to.
 
 Frames as in ROS (REP 105): map -> odom moves with the map's corrections, odom -> base_link is
-smooth, base_link -> the lidar stands.
+smooth, base_link -> lidar is constant.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.map_frame import MapFrame, Matrix
 from zloam_monitor.records import PoseRecord
 
-#: topic -> schema
+#: Topic -> schema.
 TOPICS = {
     "/tf": "FrameTransforms",
     "/pose": "PoseInFrame",
@@ -34,9 +34,9 @@ TOPICS = {
     "/log": "Log",
     "/weak_direction": "SceneUpdate",
 }
-#: of the map that is shown at once
+#: Points of the map in one message; a larger map is thinned.
 MOST_MAP_POINTS = 400_000
-#: of the path, evenly chosen
+#: Poses of the path in one message, evenly spaced.
 MOST_PATH_POSES = 1000
 _LEVELS = {"failed": foxglove.ERROR, "degraded": foxglove.WARNING}
 
@@ -55,7 +55,7 @@ class Shown:
 
 
 def expressions(keys: Keys) -> list[str]:
-    """What a scene has to hear."""
+    """Keys that a scene needs."""
     return [
         keys.pose,
         keys.odometry,
@@ -66,8 +66,8 @@ def expressions(keys: Keys) -> list[str]:
 
 
 class Scene:
-    """Of one robot; take() gives what a message changes in it. Map and path are shown again after
-    `every_s` seconds in which they grew."""
+    """State of one robot; take() returns the messages that a sample leads to. Map and path are
+    repeated at most every `every_s` seconds, if they grew."""
 
     def __init__(self, keys: Keys, every_s: float, T_base_lidar: NDArray[np.float64]):
         self._keys, self._every_s = keys, every_s
@@ -84,7 +84,7 @@ class Scene:
         self._shown_s = {"/map": 0.0, "/path": 0.0}
 
     def take(self, sample: Sample) -> list[Shown]:
-        """Nothing where the message is none of a scene's; raises DECODE_ERRORS."""
+        """Messages for one sample, if it is part of the scene; raises DECODE_ERRORS."""
         keys = self._keys
         if sample.key == keys.pose:
             return list(self._pose(records.map_pose(sample.payload)))
@@ -123,13 +123,13 @@ class Scene:
             self._path, self._every_nth = self._path[::2], 2 * self._every_nth
 
     def keep_path(self, run: int, poses: NDArray[Any]) -> None:
-        """Of the run so far (messages.STAMPED_POSE)."""
+        """Sets the path of the run so far (messages.STAMPED_POSE)."""
         self._begin(run)
         for pose in poses["pose"]:
             self._extend(pose["translation"].tolist(), pose["rotation"].tolist())
 
     def _begin(self, run: int) -> None:
-        """A new run: nothing of the one before is shown any more."""
+        """Begins a new run: forgets everything of the one before."""
         self._run = run
         self._frame.clear()
         self._path.clear()
@@ -160,7 +160,7 @@ class Scene:
         yield Shown("/odometry", stamp_ns, made)
 
     def _weak_direction(self, pose: PoseRecord) -> Iterator[Shown]:
-        """An arrow while a direction is weak; it goes when none is."""
+        """An arrow while a direction is degenerate, and its removal afterwards."""
         weak = pose.degenerate and any(pose.weak_translation)
         if not weak and not self._weak:
             return
@@ -175,7 +175,7 @@ class Scene:
         yield Shown("/weak_direction", pose.instant_ns, made)
 
     def keep(self, tile: Tile) -> None:
-        """One that is there already."""
+        """Adds a tile without a message, e.g. one from before this program's start."""
         if tile.layer in POINT_LAYERS:
             self._tiles[(tile.layer, tile.index)] = tile
             self._map_grew = True
@@ -186,7 +186,7 @@ class Scene:
             yield self.map(received_ns)
 
     def map(self, stamp_ns: int) -> Shown:
-        """All tiles that came, thinned where they are too many."""
+        """The tiles received so far as one cloud, thinned if it is too large."""
         self._map_grew = False
         of_tiles = [tile.points for tile in self._tiles.values()]
         points = np.concatenate(of_tiles) if of_tiles else np.empty(0, messages.MAP_POINT)
@@ -194,16 +194,16 @@ class Scene:
         return Shown("/map", stamp_ns, foxglove.point_cloud("map", stamp_ns, points[::every]))
 
     def last(self, stamp_ns: int) -> list[Shown]:
-        """What grew since it was shown."""
+        """The map, if it grew since the last message."""
         return [self.map(stamp_ns)] if self._map_grew else []
 
     def whole(self, stamp_ns: int) -> list[Shown]:
-        """What somebody who comes later has missed: the map, and what stages said last."""
+        """For viewers that connect later: the map, and the last statement of each stage."""
         said = [self._log(stage, stamp_ns, *says) for (stage, _), says in self._said.items()]
         return [*said, self.map(stamp_ns)] if self._tiles else said
 
     def _status(self, status: records.StatusRecord) -> Iterator[Shown]:
-        """What a stage says, when it says something else than before."""
+        """A log message if a stage's health or reason changed."""
         who, says = (status.stage, status.instance), (status.health, status.reason)
         if self._said.get(who) == says:
             return
@@ -235,7 +235,7 @@ def _cloud(payload: bytes) -> Shown:
 
 
 def _from_x(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The quaternion (x y z w) that turns the x axis there."""
+    """The quaternion (x y z w) that rotates the x axis into the direction."""
     unit = direction / np.linalg.norm(direction)
     if unit[0] < -1.0 + 1e-9:
         return np.array([0.0, 0.0, 1.0, 0.0])

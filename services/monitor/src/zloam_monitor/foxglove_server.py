@@ -1,4 +1,4 @@
-"""`foxglove`: a robot, live, for Foxglove and Lichtblick, by their WebSocket protocol."""
+"""`foxglove`: shows a robot live in Foxglove and Lichtblick, over their WebSocket protocol."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from zloam_monitor.link import Link
 from zloam_monitor.terminal import ProgressLine
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
-#: what waits to be shown; of more the oldest goes
+#: Limit on messages waiting to be shown; beyond it the oldest are dropped.
 MOST_WAITING_BYTES = 32 * MIB
-#: the map and the path are shown again after so many seconds in which they grew
+#: Map and path are sent at most this often, if they grew.
 SCENE_SECONDS = 1.0
-#: somebody who connects is shown the whole map, path and statuses that often
+#: Interval at which map and statuses are repeated for viewers that connect later.
 AGAIN_SECONDS = 10.0
 
 
 class Server:
-    """Channels for all topics; what is logged goes to whoever listens."""
+    """Channels for all topics; logged messages go to all connected viewers."""
 
     def __init__(self, link: Link, address: str, port: int) -> None:
         sdk = needed("foxglove", "foxglove-sdk")
@@ -53,7 +53,7 @@ class Server:
         self.shown = 0
 
     def poll(self) -> None:
-        """Shows what has come."""
+        """Shows all messages received since the last call."""
         for sample in self._intake.taken():
             with contextlib.suppress(*messages.DECODE_ERRORS):
                 self._show(self._scene.take(sample))
@@ -77,7 +77,7 @@ class Server:
 
 
 def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
-    """Until so long has passed, or Ctrl-C."""
+    """Serves until `seconds` have passed, or Ctrl-C."""
     server = Server(link, address, port)
     line = ProgressLine()
     try:

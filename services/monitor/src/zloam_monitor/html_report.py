@@ -1,4 +1,4 @@
-"""report.html: a run's report as one page, with its picture inside, to be sent or kept."""
+"""report.html: a run's report as one self-contained page with its picture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ th:first-child, td:first-child { text-align: left; }
 img, svg { max-width: 100%; height: auto; }
 .good { color: #1b7f4b; } .bad { color: #c0392b; }
 """
-#: of the chart, in its own units
+#: Sizes of the chart in its own units.
 WIDTH, HEIGHT, LEFT, BOTTOM = 1000, 220, 60, 30
 
 
@@ -34,7 +34,7 @@ class NoRun(RuntimeError):
 
 
 def write(folder: Path, title: str) -> Path:
-    """Of a folder in which a run has left its files; raises NoRun."""
+    """Writes the page into the folder of a finished run; raises NoRun."""
     try:
         found: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -46,7 +46,7 @@ def write(folder: Path, title: str) -> Path:
 
 
 def page(found: dict[str, Any], title: str, picture: Path, poses: Path) -> str:
-    """The whole document."""
+    """The whole HTML document."""
     parts = [
         f"<h1>{escape(title)}</h1>",
         _verdict(found),
@@ -121,7 +121,7 @@ def _listed(title: str, items: Sequence[str]) -> str:
 
 
 def _sigma_chart(path: Path) -> str:
-    """The largest of the three, of each pose; in red where the pose is not ok."""
+    """Largest position sigma of the three axes for each pose; poses that are not ok in red."""
     if not path.is_file():
         return ""
     with path.open(encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""Everything that is published below some keys, as it comes, in a bounded queue."""
+"""Receives everything that is published on some keys, in a bounded queue."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Sample:
-    """One message."""
+    """One received message."""
 
     key: str
     payload: bytes
-    #: this host's clock, ns since the Unix epoch
+    #: This host's clock, ns since the Unix epoch.
     received_ns: int
 
 
 class Intake:
-    """Holds at most so many bytes; of more the oldest or the newest messages are left out, and
-    counted. Zenoh's threads are never held up by who takes them out."""
+    """A queue of at most `most_bytes`; beyond it the oldest or the newest messages are dropped and
+    counted. A slow reader never blocks Zenoh's threads."""
 
     def __init__(
         self,
@@ -40,15 +40,15 @@ class Intake:
         self._most_bytes, self._leave_out = most_bytes, leave_out
         self._waiting: deque[Sample] = deque()
         self._bytes = 0
-        #: key -> messages left out
+        #: Key -> number of dropped messages.
         self.dropped: dict[str, int] = {}
         self._changed = threading.Condition()
         self._subscribers = [session.declare_subscriber(each, self._put) for each in expressions]
 
     def close(self) -> None:
-        """Nothing more comes; what waits can still be taken."""
+        """Ends the subscriptions; waiting messages can still be taken."""
         for subscriber in self._subscribers:
-            with contextlib.suppress(zenoh.ZError):  # its session may have been closed before it
+            with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
                 subscriber.undeclare()
         self._subscribers.clear()
 
@@ -56,7 +56,7 @@ class Intake:
         self.add(Sample(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
 
     def add(self, sample: Sample) -> None:
-        """As if it had come."""
+        """Adds a message as if it had been received."""
         with self._changed:
             if self._leave_out == "newest" and self._is_full(sample):
                 self._drop(sample)
@@ -76,7 +76,7 @@ class Intake:
         self.dropped[sample.key] = self.dropped.get(sample.key, 0) + 1
 
     def take(self, seconds: float = 0.0) -> Sample:
-        """The oldest; raises queue.Empty when none comes within so long."""
+        """Takes out the oldest message; raises queue.Empty if none comes within `seconds`."""
         with self._changed:
             if not self._changed.wait_for(lambda: bool(self._waiting), seconds):
                 raise queue.Empty
@@ -85,7 +85,7 @@ class Intake:
             return sample
 
     def taken(self) -> Iterator[Sample]:
-        """All that wait now."""
+        """Removes and yields all messages that are waiting."""
         while True:
             try:
                 yield self.take()

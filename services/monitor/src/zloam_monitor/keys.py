@@ -58,7 +58,7 @@ class Keys:
         return self.below("map/tile/**")
 
     def tiles_of(self, layer: str) -> str:
-        """`*`: of every layer."""
+        """Tiles of one layer; `*`: of every layer."""
         return self.below(f"map/tile/{layer}/**")
 
     @property
@@ -111,15 +111,15 @@ class Keys:
         return self.below(f"flow/{sink}/ack")
 
     def of(self, pattern: str) -> str:
-        """Of a pattern of the list of stages."""
+        """The key for a pattern of services/stages.json."""
         return self.below(pattern.replace("<sensor>", self.sensor))
 
     def main_input(self, stage: str) -> str | None:
-        """The key whose messages are the sweeps that come into a stage; None: packets."""
+        """The key that brings a stage its sweeps; None: its input is packets."""
         row = ROWS.get(stage)
         return self.of(row.reads[0]) if row and row.reads else None
 
     def main_output(self, stage: str) -> str:
-        """The key with one message for each sweep that leaves a stage; empty: it only reads."""
+        """The key with one message for each sweep that leaves a stage; empty: it has no output."""
         writes = ROWS[stage].writes
         return self.of(writes[0]) if writes else ""

@@ -1,4 +1,4 @@
-"""Latencies out of the trace that each message carries (ms, percentiles over the run)."""
+"""Latencies from the trace in each message (ms, percentiles over the run)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def percentiles(samples_ms: list[float]) -> Percentiles:
 def by_stage(
     poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]
 ) -> tuple[dict[str, Percentiles], dict[str, Percentiles]]:
-    """(received to published, started to published) of each stage."""
+    """(received to published, started to published) of each stage. The times of mapping are taken
+    from mapped poses, those of the other stages from fused poses."""
     whole: dict[str, list[float]] = defaultdict(list)
     work: dict[str, list[float]] = defaultdict(list)
     steps = [(step, False) for pose in poses for step in pose.trace]
@@ -43,7 +44,7 @@ def by_stage(
 
 
 def from_last_packet(poses: Iterable[PoseRecord], stage: str) -> Percentiles:
-    """From a sweep's last packet to its publication by a stage; None in fast replay."""
+    """Time from a sweep's last packet to its publication by a stage; None in a fast replay."""
     samples = [
         (step.published_ns - pose.last_packet_ns) * 1e-6
         for pose in poses

@@ -1,6 +1,6 @@
-"""A third party's link to one robot: subscribes to public keys, asks queries, keeps what comes.
+"""A third party's link to one robot: subscribes to public keys, sends queries, keeps the results.
 
-Zenoh's callbacks only hand a sample over; everything is read in poll(), on the caller's thread.
+Zenoh's callbacks only queue a sample; poll() reads it on the caller's thread.
 """
 
 from __future__ import annotations
@@ -29,16 +29,17 @@ from zloam_monitor.traffic import Lateness, Published, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
-#: a link takes a moment to come up; then an instance that is there answers at once ...
+#: Time that a new link needs to come up; after that, an instance answers at once ...
 PATIENCE_SECONDS = 2.0
-#: ... unless its host is busy: one whose token is there is asked again that long
+#: ... unless its host is busy: an instance with a liveliness token is asked again for this long.
 BUSY_SECONDS = 15.0
-#: what an instance says of itself that takes over when the other one has gone (recovery.standby)
+#: Reason in the status of a standby, which takes over when the working instance ends
+#: (recovery.standby).
 STANDING_BY = "standing by"
 
 
 class LinkError(RuntimeError):
-    """Zenoh did not start."""
+    """Zenoh could not open the session."""
 
 
 @contextmanager
@@ -50,7 +51,8 @@ def _said() -> Iterator[None]:
 
 
 def _opened(config: Any) -> Any:
-    """Without shared memory where there is no room for it: all messages come by socket then."""
+    """Opens a session, without shared memory if there is no room for it: all messages then come
+    over sockets."""
     try:
         return zenoh.open(config)
     except zenoh.ZError:
@@ -59,15 +61,16 @@ def _opened(config: Any) -> Any:
 
 
 def _identifier(initiative: int) -> str:
-    """Of two peers the one with the greater identifier connects to the other, so that never both
-    do; Zenoh compares from the last two digits on (services/common/runtime/session_config.hpp)."""
+    """A random Zenoh identifier ending with `initiative`. Of two peers the one with the greater
+    identifier connects, so that never both do; Zenoh compares identifiers from their last two
+    digits on (services/common/runtime/session_config.hpp)."""
     return f"{secrets.randbits(112) | 1 << 112:x}{initiative:02x}"
 
 
 @_said()
 def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
-    """A peer that connects to these endpoints and goes on trying, and to all that they tell it of;
-    without endpoints it waits for others to connect. No multicast."""
+    """Opens a peer that connects to these endpoints, retrying without end, and to the peers that
+    they announce. Without endpoints it waits for others to connect. No multicast."""
     config = zenoh.Config()
     config.insert_json5("id", json.dumps(_identifier(255 if endpoints else 0)))
     config.insert_json5("mode", '"peer"')
@@ -86,7 +89,7 @@ def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
 
 @_said()
 def open_client(endpoints: list[str]) -> Any:
-    """A client of a router: what is outside the robot."""
+    """Opens a client of a router, for programs outside the robot."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps(endpoints))
@@ -95,39 +98,39 @@ def open_client(endpoints: list[str]) -> Any:
 
 
 class Link:
-    """Keeps poses and statuses of one robot."""
+    """Keeps the poses and statuses of one robot."""
 
     def __init__(
         self, session: Any, keys: Keys, newest: int | None = None, thin: bool = False
     ) -> None:
-        """Keeps that many of the newest poses of each kind; None: all of a run; 0: it only asks.
-        `thin`: of all that a robot publishes it takes the preview and statuses alone."""
+        """Keeps the `newest` poses of each kind; None: all of a run; 0: subscribes to nothing and
+        only sends queries. `thin`: subscribes to the preview and statuses alone."""
         self.session = session
         self.keys = keys
         self.thin = thin
-        #: of a thin link
+        #: Map from the previews, on a thin link.
         self.preview = PreviewMap()
-        #: when its newest one came, by the monotonic clock; before the first: when this began
+        #: Monotonic time at which the newest preview came; before the first, of the construction.
         self.preview_s = time.monotonic()
-        #: what subscribers of a key cost the robot, and what this link takes
+        #: Traffic: what one subscriber of each key costs the robot, and what this link receives.
         self.published = Published()
         self.taken = Taken()
-        #: how much later than at first statuses arrive here
+        #: How much later than at first statuses arrive here.
         self.late = Lateness()
         self._newest = newest
         self.poses: dict[int, PoseRecord] = {}
         self.odometry: dict[int, PoseRecord] = {}
         self.mapped: dict[int, PoseRecord] = {}
         self.statuses: dict[tuple[str, str], StatusRecord] = {}
-        #: (stage, instance) -> when its newest status came here, by this host's monotonic clock:
-        #: the robot's may be set otherwise
+        #: (stage, instance) -> when its newest status came, by this host's monotonic clock,
+        #: because the robot's clock may be set differently.
         self.heard: dict[tuple[str, str], float] = {}
-        #: messages that could not be read
+        #: Number of messages that could not be read.
         self.garbage = 0
         self.run: int | None = None
-        #: of a run that has no pose yet
+        #: Odometry and mapped poses of a run of which no fused pose has come yet.
         self._ahead: deque[tuple[dict[int, PoseRecord], PoseRecord]] = deque(maxlen=64)
-        #: as last asked for
+        #: Result of the last query_revisions().
         self.revisions: list[RevisionRecord] = []
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
             queue.SimpleQueue()
@@ -160,7 +163,7 @@ class Link:
         return self.session.declare_subscriber(key, hand_over)
 
     def poll(self, seconds: float = 0.0) -> None:
-        """Reads what has come, waiting up to `seconds` for the first message."""
+        """Reads all received messages, waiting up to `seconds` for the first."""
         deadline = time.monotonic() + seconds
         while True:
             wait = deadline - time.monotonic()
@@ -178,7 +181,7 @@ class Link:
                 self.garbage += 1
 
     def _new_run(self, run: int) -> None:
-        """A new run begins: what was kept belongs to the one before."""
+        """On the first pose of another run: forgets the poses of the run before."""
         if run != self.run:
             self.run = run
             for kept in (self.poses, self.odometry, self.mapped):
@@ -194,7 +197,7 @@ class Link:
             kept.pop(next(iter(kept)))
 
     def _keep(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
-        """Which run it is the poses say: a stage refuses what is of another one."""
+        """Only fused poses begin a new run, because stages refuse messages of other runs."""
         if self.run is None:
             self._new_run(pose.run)
         if pose.run == self.run:
@@ -234,22 +237,22 @@ class Link:
             self.published.take(status)
 
     def stage(self, stage: str) -> StatusRecord | None:
-        """The newest status of a stage; of one that stands by only where no other was heard."""
+        """The newest status of a stage; that of a standby only if no other instance was heard."""
         found = [s for (name, _), s in self.statuses.items() if name == stage]
         return max(found, key=lambda s: (s.reason != STANDING_BY, s.stamp_ns), default=None)
 
     def silent_s(self, status: StatusRecord, now: float) -> float:
-        """How long ago it came; now is the monotonic clock's."""
+        """Seconds since the status came; now: monotonic clock."""
         return max(0.0, now - self.heard[(status.stage, status.instance)])
 
     def newest_statuses(self) -> dict[str, StatusRecord]:
-        """The newest of each stage of the chain that was heard."""
+        """The newest status of each stage of the chain that was heard."""
         return {s: status for s in STAGES if (status := self.stage(s)) is not None}
 
     def get(
         self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
     ) -> Iterator[bytes]:
-        """Payloads of all good answers to a query."""
+        """Payloads of all answers to a query that are not errors."""
         for reply in self.replies(selector, seconds, payload):
             if reply.ok is not None:
                 answer = reply.ok.payload.to_bytes()
@@ -259,7 +262,7 @@ class Link:
     def replies(
         self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
     ) -> Any:
-        """All answers to a query."""
+        """All answers to a query, errors included."""
         return self.session.get(
             selector,
             payload=payload,
@@ -274,18 +277,18 @@ class Link:
             self._on_status(payload)
 
     def living_instances(self) -> set[tuple[str, str]]:
-        """(stage, instance) of those whose token is there."""
+        """(stage, instance) of all liveliness tokens."""
         replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
         parts = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
         return {(part[-3], part[-2]) for part in parts}
 
     def living(self) -> set[str]:
-        """Stages whose token is there."""
+        """Stages with a liveliness token."""
         return {stage for stage, _ in self.living_instances()}
 
     def query_configs(self) -> dict[str, dict[str, Any]]:
-        """Stage -> effective configuration, of all that live: a stage's token may come over a new
-        link before its answers do."""
+        """Stage -> effective configuration. Asks until all living stages have answered: over a new
+        link a stage's token may come before its answers."""
         deadline = time.monotonic() + BUSY_SECONDS
         found: dict[str, dict[str, Any]] = {}
         while True:
@@ -295,19 +298,19 @@ class Link:
             time.sleep(0.1)
 
     def query_revisions(self) -> list[RevisionRecord]:
-        """All changes while running that anybody knows of, each once, by stage and number."""
+        """All live configuration changes that any stage knows, each once, by stage and number."""
         found = [records.config_revision(p) for p in self.get(self.keys.every_revision)]
         self.revisions = [r for _, r in sorted({(r.stage, r.rev): r for r in found}.items())]
         return self.revisions
 
     def command(self, stage: str, verb: str, arguments: dict[str, Any]) -> ReplyRecord | None:
-        """Asks a stage to do something; None: nobody answered."""
+        """Sends a command to a stage; None: nobody answered."""
         payload = json.dumps(arguments).encode()
         replies = self.get(self.keys.command(stage, verb), payload=payload)
         return next((records.command_reply(each) for each in replies), None)
 
     def query_tiles(self, layers: Sequence[str] = POINT_LAYERS) -> list[Tile]:
-        """All cubes of the map's layers; of one cube the greatest version."""
+        """All tiles of these layers of the map; each in its greatest version."""
         newest: dict[tuple[str, tuple[int, int, int]], Tile] = {}
         for layer in layers:
             for payload in self.get(self.keys.tiles_of(layer), seconds=60.0):
@@ -318,15 +321,15 @@ class Link:
         return list(newest.values())
 
     def trajectory(self) -> Trajectory:
-        """map -> base_link, fused: the poses that came here."""
+        """Fused poses T_map_base that were received."""
         return _heard(self.poses)
 
     def odometry_trajectory(self) -> Trajectory:
-        """odom -> base_link, likewise."""
+        """Odometry poses T_odom_base that were received."""
         return _heard(self.odometry)
 
     def query_path(self) -> tuple[int, NDArray[Any]]:
-        """(run, messages.STAMPED_POSE) of the mapped sweeps, as mapping itself answers it."""
+        """(run, messages.STAMPED_POSE) of all mapped sweeps, by a query to mapping."""
         for payload in self.get(self.keys.path_map, seconds=20.0):
             return records.path(payload)
         return 0, np.empty(0, STAMPED_POSE)

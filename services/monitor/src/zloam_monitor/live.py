@@ -1,4 +1,4 @@
-"""`run`: the five stages on a live sensor, what they lack in words, files at Ctrl-C."""
+"""`run`: the five stages on a live sensor; reports what is missing, writes files at Ctrl-C."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from zloam_monitor.supervision import Supervisor
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.watch import state_line
 
-#: so long without a sweep is said
+#: Time without a sweep after which this is reported.
 QUIET_SECONDS = 3.0
-#: what to look at when no packet comes
+#: Advice if no packets come.
 NO_PACKETS_HELP = (
     "check that the sensor has power and spins, that its web page names this host as destination, "
     "that the port is the same, and that no firewall drops UDP"
@@ -29,7 +29,7 @@ NO_PACKETS_HELP = (
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What a live run is asked to do."""
+    """Options of a live run."""
 
     build: Path
     out: Path
@@ -37,22 +37,22 @@ class LiveOptions:
     robot: str
     sensor: str = "lidar"
     settings: list[str] = field(default_factory=list)
-    #: stage -> program that stands for it
+    #: stage -> program that replaces its own.
     programs: dict[str, str] = field(default_factory=dict)
-    #: ends by itself after so long; None: at Ctrl-C
+    #: Duration of the run; None: until Ctrl-C.
     seconds: float | None = None
-    #: None: any free ones
+    #: None: any free ports.
     ports: Ports | None = None
-    #: MCAP file of all that is published
+    #: MCAP file for all published messages.
     record: Path | None = None
-    #: with a second instance of each stage that takes over when the first one dies
+    #: Start a second instance of each stage, which takes over when the first one dies.
     standby: bool = False
-    #: stages beside the chain
+    #: Optional stages beside the chain.
     beside: tuple[str, ...] = ()
 
 
 class Diagnosis:
-    """Says in words what is missing; fed with what the link sees."""
+    """Finds what is missing from what the link receives, and describes it as texts."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -60,7 +60,7 @@ class Diagnosis:
         self._moved = self._began = time.monotonic()
 
     def words(self, link: Link, now: float) -> list[str]:
-        """Nothing when all is well."""
+        """Descriptions of what is missing; empty if all is well."""
         driver = link.stage("driver")
         sweeps = driver.published.get(link.keys.sweep, 0) if driver is not None else 0
         if sweeps != self._sweeps:
@@ -77,7 +77,7 @@ class Diagnosis:
 
 
 class _Interrupt:
-    """A signal asks for the end; the loop ends at its next turn."""
+    """Notes that a signal asked for the end; the loop then ends after its current step."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -117,7 +117,7 @@ def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Rem
 
 
 def run(options: LiveOptions) -> dict[str, Any]:
-    """Until Ctrl-C; raises when a stage dies; returns the report."""
+    """Runs until Ctrl-C and returns the report; raises if a stage dies."""
     claim = outputs.claim(options.out, [options.config])
     settings = [*outputs.stage_settings(options.out), *options.settings]
     if options.standby:
@@ -133,7 +133,7 @@ def run(options: LiveOptions) -> dict[str, Any]:
         programs=options.programs,
         beside=options.beside,
     )
-    # the chain has a session from its making on
+    # The chain opens its session when it is constructed, so it must be closed even if not entered.
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
         if options.standby:

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from zloam_monitor.files import written_whole
 from zloam_monitor.maps import MapError, PointMap, write
 
-#: what map_server takes for occupied, free and unknown with the thresholds below
+#: Pixel values that map_server reads as occupied, free and unknown with the thresholds below.
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205
 THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}
-#: the ground is the lowest of what lies in such squares, and around them
+#: Edge of the squares whose lowest points determine the height of the ground.
 GROUND_M = 1.0
-#: a map has a point of a plane in each voxel of this edge
+#: A map has at most one plane point per voxel of this edge.
 PLANE_LEAF_M = 0.4
 MOST_CELLS = 100_000_000
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells by row (y) and column (x), from the lower left corner on."""
+    """Occupancy grid: cells by row (y) and column (x), from the lower left corner."""
 
     cells: NDArray[np.uint8]
     cell_m: float
@@ -42,8 +42,8 @@ class Grid:
 
 
 def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Grid:
-    """Occupied where something stands within these heights above the ground around it; free where
-    only ground was seen; else unknown."""
+    """Occupied: a point lies within these heights above the ground around it; free: only ground
+    was seen; unknown otherwise."""
     low_m, high_m = height
     if not cell_m > 0.0:
         raise MapError(f"--cell: {cell_m:g} m is no edge of a cell")
@@ -59,7 +59,7 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     if rows * columns > MOST_CELLS:
         raise MapError(f"{columns} x {rows} cells: a larger --cell is needed")
     obstacle = (above_m >= low_m) & (above_m <= high_m)
-    # Between two points of a wall there is wall: wider by half of that, and narrower again.
+    # Closing (dilation, then erosion) by half a voxel fills the gaps between the points of a wall.
     steps = math.ceil(0.5 * PLANE_LEAF_M / cell_m)
     wide = _widened(_marked(at[obstacle], (rows, columns)), steps)
     occupied = ~_widened(~wide, steps)
@@ -77,7 +77,7 @@ def _marked(at: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 
 def _widened(cells: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-    """By so many cells to each side."""
+    """Dilates the marked cells by `steps` in each direction."""
     out = cells.copy()
     for axis in (0, 1):
         once = out.copy()
@@ -91,8 +91,8 @@ def _widened(cells: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
 
 
 def _ground(xyz: Array) -> Array:
-    """Height of the ground below each point: the median of the lowest points in the square around
-    it and beside it, so that neither a wall nor a stray point below the ground is one."""
+    """Height of the ground below each point: the median of the lowest points in its square and the
+    eight around it, so that neither a wall nor a stray point below the ground counts as ground."""
     at = np.floor(xyz[:, :2] / GROUND_M).astype(np.int64)
     at -= at.min(axis=0)
     columns, rows = at.max(axis=0) + 3
@@ -108,7 +108,7 @@ def _ground(xyz: Array) -> Array:
 
 
 def write_grid(path: Path, grid: Grid) -> Path:
-    """`path` ends with .yaml; the image is beside it. Its path is returned."""
+    """Writes YAML to `path`, which ends with .yaml, and the image beside it; returns the image."""
     if path.suffix.lower() not in {".yaml", ".yml"}:
         raise MapError(f"{path}: .yaml is expected; the image is written beside it")
     image = path.with_suffix(".pgm")
@@ -130,7 +130,8 @@ def write_grid(path: Path, grid: Grid) -> Path:
 
 
 def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
-    """Tiles, what they cover, and that the map has no place on earth. How many tiles."""
+    """Writes the tiles, their metadata, and a local projector, as the map is not georeferenced.
+    Returns the number of tiles."""
     if not tile_m > 0.0:
         raise MapError(f"--tile: {tile_m:g} m is no edge of a tile")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -148,7 +149,7 @@ def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
         described[name] = [float(i * tile_m), float(j * tile_m)]
     with written_whole(folder / "map_projector_info.yaml") as text:
         yaml.safe_dump({"projector_type": "Local"}, text)
-    # Last: without it nobody takes the folder for a map.
+    # The metadata last: without this file no program takes the folder for a map.
     with written_whole(folder / "pointcloud_map_metadata.yaml") as text:
         yaml.safe_dump(described, text, sort_keys=False)
     return len(tiles)

@@ -1,4 +1,4 @@
-"""map -> odom: by a sweep's pose in the map and its pose of odometry, whichever comes first."""
+"""T_map_odom from a sweep's pose in the map and its odometry pose, in whichever order they come."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from zloam_monitor import se3
 from zloam_monitor.records import PoseRecord
 
 Matrix = NDArray[np.float64]
-#: sweeps of which one of the two has not come
+#: Limit on sweeps of which one of the two poses is missing.
 MOST_WAITING = 100
 
 
@@ -19,19 +19,19 @@ def matrix(pose: PoseRecord) -> Matrix:
 
 
 class MapFrame:
-    """Of one run."""
+    """Joins the poses of one run."""
 
     def __init__(self) -> None:
         self._odometry: dict[int, PoseRecord] = {}
         self._poses: dict[int, PoseRecord] = {}
 
     def clear(self) -> None:
-        """For a new run."""
+        """Forgets all poses, for a new run."""
         self._odometry.clear()
         self._poses.clear()
 
     def of_pose(self, pose: PoseRecord) -> Matrix | None:
-        """T_map_odom, once both are there."""
+        """T_map_odom if the sweep's odometry pose has come, too."""
         odometry = self._odometry.pop(pose.sweep, None)
         if odometry is None:
             _keep(self._poses, pose)
@@ -39,7 +39,7 @@ class MapFrame:
         return np.asarray(matrix(pose) @ se3.inverse(matrix(odometry)))
 
     def of_odometry(self, odometry: PoseRecord) -> Matrix | None:
-        """Likewise."""
+        """T_map_odom if the sweep's pose in the map has come, too."""
         pose = self._poses.pop(odometry.sweep, None)
         if pose is None:
             _keep(self._odometry, odometry)

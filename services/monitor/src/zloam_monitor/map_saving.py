@@ -1,4 +1,4 @@
-"""The map of a robot that runs, asked for over Zenoh and written on this machine; `map save`."""
+"""`map save`: queries the map of a running robot over Zenoh and writes it on this machine."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.maps import MapError, PointMap
 from zloam_monitor.settings import in_force
 
-#: the links to the stages come up one after the other, and an answer may be lost where the robot is
-#: busy
+#: Pause between queries: links to the stages come up one after the other, and a busy robot may fail
+#: to answer.
 PAUSE_S = 0.2
-#: of mapping's configuration: what the points are made with
+#: Keys of mapping's configuration that determine the points of the map.
 PARAMETERS = ("mapping.tile_edge_m", "mapping.leaf_edge_m", "mapping.leaf_plane_m")
 
 
 @dataclass(frozen=True)
 class Saved:
-    """What was written."""
+    """Description of the file that was written."""
 
     file: Path
     robot: str
@@ -28,18 +28,18 @@ class Saved:
     tiles: int
     seconds: float
     map_id: int
-    #: newest sweep of mapping before it was asked
+    #: Newest sweep in the map when it was queried.
     sweep: int | None
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Text for a person."""
         until = "" if self.sweep is None else f", up to sweep {self.sweep} or later"
         what = f"{self.points} points of {self.tiles} tiles"
         return [f"{self.file}: {what} in {self.seconds:.1f} s{until}"]
 
 
 def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
-    """Raises where there is no map, or not all of it came: nothing is written then."""
+    """Saves the map; raises, and writes nothing, if there is no map or a part of it is missing."""
     began = time.monotonic()
     deadline = began + BUSY_SECONDS
     sweep, least = _told(link, began + PATIENCE_SECONDS)
@@ -57,7 +57,8 @@ def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
 
 
 def _told(link: Link, deadline: float) -> tuple[int | None, int]:
-    """(newest sweep, points) as mapping says; the map does not get smaller."""
+    """(newest sweep, number of points) by mapping's status: the least that the map must have, as
+    it does not shrink."""
     while True:
         link.query_statuses()
         status = link.stage("mapping")
@@ -65,7 +66,7 @@ def _told(link: Link, deadline: float) -> tuple[int | None, int]:
             unknown = 0 if status.last_sweep is None else 1
             return status.last_sweep, int(status.figures.get("map_points", unknown))
         if time.monotonic() > deadline:
-            # The store answers for a mapping that is gone, and does not say how much there was.
+            # The tile store may still answer; it does not report how many points the map had.
             return None, 1
         time.sleep(PAUSE_S)
 

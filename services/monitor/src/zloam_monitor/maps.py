@@ -1,8 +1,7 @@
-"""Maps as files: PCD, PLY, LAS and LAZ, read and written; cropped, thinned, described.
+"""Map files: reads and writes PCD, PLY, LAS and LAZ; crops, thins and describes maps.
 
 A map's points have x, y, z in m (frame map), an intensity and the layer (0 edge, 1 plane). Formats:
-PCD 0.7 (Point Cloud Library), PLY (Turk 1994), LAS 1.4 (ASPRS), in which the layer is the user's
-byte.
+PCD 0.7 (Point Cloud Library), PLY (Turk 1994), LAS 1.4 (ASPRS), which holds the layer as user data.
 """
 
 from __future__ import annotations
@@ -20,19 +19,19 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.point_files import READERS
 
-#: of coordinates in LAS: what 32 bits of it hold reaches 214 km
+#: Resolution of coordinates in LAS, whose 32 bits then reach 214 km.
 LAS_STEP_M = 1e-4
-#: the record of a LAS file that holds the notes
+#: User and number of the record in a LAS file that holds the notes.
 LAS_USER, LAS_NOTES = "zenoh-loam", 1
 
 
 class MapError(ValueError):
-    """A map that cannot be read, written or cut so, with the reason."""
+    """A map cannot be read, written or cut as requested; the text says why."""
 
 
 @dataclass(frozen=True)
 class PointMap:
-    """Points, and the layer of each."""
+    """Points, and the layer of each point."""
 
     points: NDArray[Any]
     layers: NDArray[np.uint8]
@@ -45,19 +44,19 @@ class PointMap:
         return np.column_stack([self.points[axis].astype(np.float64) for axis in "xyz"])
 
     def kept(self, which: NDArray[Any]) -> PointMap:
-        """Some of the points, by a mask or by numbers."""
+        """Selects points by a mask or by indices."""
         return PointMap(self.points[which], self.layers[which])
 
 
 def read(path: Path) -> PointMap:
-    """A map, or any other file of points."""
+    """Reads a map, or another file of points."""
     if path.suffix.lower() not in READERS:
         raise MapError(f"{path}: {_endings()} is expected")
     if not path.is_file():
         raise MapError(f"{path}: No such file")
     try:
         found, _, _ = READERS[path.suffix.lower()](path)
-    except Exception as error:  # each library has errors of its own
+    except Exception as error:  # Each library has error types of its own.
         raise MapError(f"{path}: cannot be read: {error}") from error
     return _map_of(found, path)
 
@@ -109,7 +108,7 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
     las.x, las.y, las.z = xyz.T
     las.intensity = np.clip(np.rint(found.points["intensity"]), 0, 65535).astype(np.uint16)
     las.user_data = found.layers
-    # laspy chooses between LAS and LAZ by the name of a file, and here by this.
+    # laspy chooses between LAS and LAZ by the file's name, but for a stream by do_compress.
     with written_whole(path, "wb") as out:
         las.write(out, do_compress=path.suffix.lower() == ".laz")
 
@@ -123,13 +122,13 @@ WRITERS: dict[str, Callable[[Path, PointMap, Sequence[str]], None]] = {
 
 
 def writable(path: Path) -> None:
-    """Raises where a file of this name can't be written, for whoever asks before the work."""
+    """Raises if the extension has no writer, so that a command can refuse before its work."""
     if path.suffix.lower() not in WRITERS:
         raise MapError(f"{path}: {_endings()} is expected")
 
 
 def write(path: Path, found: PointMap, notes: Sequence[str] = ()) -> None:
-    """In the format of its ending; whole or not at all. notes: lines about it, for the header."""
+    """Writes the format of the extension, completely or not at all. notes: lines for the header."""
     writable(path)
     WRITERS[path.suffix.lower()](path, found, notes)
 
@@ -140,7 +139,7 @@ def _endings() -> str:
 
 
 def cropped(found: PointMap, limits: dict[str, tuple[float, float]]) -> PointMap:
-    """Points within all limits, both ends included."""
+    """The points within all limits, both ends included."""
     keep = np.ones(len(found), bool)
     for axis, (low, high) in limits.items():
         if not low <= high:
@@ -156,7 +155,7 @@ def of_layer(found: PointMap, layer: str) -> PointMap:
 
 
 def thinned(found: PointMap, voxel_m: float) -> PointMap:
-    """Of each cube of this edge the point that is nearest to its points' mean."""
+    """For each cube with this edge, the point nearest to the mean of its points."""
     if not voxel_m > 0.0:
         raise MapError(f"--voxel: {voxel_m:g} m is no edge of a cube")
     if not len(found):
@@ -174,7 +173,7 @@ def thinned(found: PointMap, voxel_m: float) -> PointMap:
 
 
 def described(path: Path, found: PointMap) -> dict[str, Any]:
-    """What a file of a map holds; without points there are no limits."""
+    """Describes the contents of a map file; limits are left out if there are no points."""
     out: dict[str, Any] = {"file": path, "points": len(found), "bytes": path.stat().st_size}
     if not len(found):
         return out
@@ -188,7 +187,7 @@ def described(path: Path, found: PointMap) -> dict[str, Any]:
 
 
 def lines(described: dict[str, Any]) -> list[str]:
-    """For a person."""
+    """Text for a person."""
     said = [f"{described['file']}: {described['points']} points, {described['bytes'] / 1e6:.1f} MB"]
     said += [f"{name}: {count} points" for name, count in described.get("layers", {}).items()]
     for name, (low, high) in described.get("limits", {}).items():

@@ -1,8 +1,8 @@
 """An MCAP file that can be opened at any time, also after its writer was killed.
 
-MCAP ends with an index, without which most readers refuse a file. Here it is written again with
-each second's messages over the one before. A process of its own does that, so that no kill of this
-one comes in the midst of it (replaced_end.py).
+MCAP ends with an index, without which most readers refuse a file. Here each write replaces the
+previous index by new messages and a new index. A separate process writes, so that killing this
+process cannot interrupt a write (replaced_end.py).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from typing import Any
 from zloam_monitor import replaced_end
 
 CHUNK_BYTES = 4 << 20
-#: how much a killed writer loses
+#: Time between writes: the most that is lost when the writer is killed.
 SYNC_SECONDS = 0.5
 
 
 class RecordingError(RuntimeError):
-    """It could not be written; the text says why, and what is in the files."""
+    """The file could not be written; the text says why, and what it contains."""
 
 
 class _Waiting:
-    """What the library has written and the file does not have yet."""
+    """Output of the MCAP library that is not in the file yet."""
 
     def __init__(self, at: int = 0) -> None:
         self.at = at
@@ -41,14 +41,14 @@ class _Waiting:
         return self.at + len(self.data)
 
     def flush(self) -> None:
-        """Nothing: whole() does it."""
+        """Does nothing, because whole() writes the file."""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> _Waiting:
         return _Waiting(self.tell())
 
 
 class Disk:
-    """The process that writes. Ctrl-C on the terminal does not reach it."""
+    """The process that writes the file. Ctrl-C on the terminal does not reach it."""
 
     def __init__(self, path: Path) -> None:
         self._process = subprocess.Popen(
@@ -59,7 +59,7 @@ class Disk:
         )
 
     def replace_end(self, data: bytes, ending: bytes) -> None:
-        """Data in the place of the ending before, and then the new ending; raises OSError."""
+        """Writes data in place of the previous ending, then the new ending; raises OSError."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -77,12 +77,12 @@ class Disk:
             raise OSError(number, os.strerror(number))
 
     def close(self) -> None:
-        """Waits for its end."""
+        """Closes the pipe to the process and waits for its end."""
         self._process.communicate()
 
 
 class McapFile:
-    """Schemas and channels are registered as they are first used."""
+    """Writes messages; schemas and channels are registered at their first use."""
 
     def __init__(self, path: Path, metadata: dict[str, str]) -> None:
         from mcap.writer import CompressionType, Writer
@@ -112,26 +112,26 @@ class McapFile:
     def put(
         self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes
     ) -> None:
-        """One message; `schema` is name and binary schema of a FlatBuffer, None: there is none.
+        """Adds a message; `schema`: name and binary schema of a FlatBuffer, or None.
 
-        Raises OSError where the disk has no room: the file stays as it was at the last sync.
+        Raises OSError if the disk is full: the file then stays as it was at the last sync.
         """
         self._writer.add_message(self._channel(topic, schema), log_ns, data, sent_ns, self.messages)
         self.messages += 1
         self.sync()
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Metadata that is known later."""
+        """Adds metadata that are not known when the file is created."""
         self._writer.add_metadata(name, values)
 
     def sync(self) -> None:
-        """At least twice a second; cheap where it was done a moment ago."""
+        """Writes if a write is due; to be called at least twice a second."""
         due = len(self._waiting.data) > CHUNK_BYTES
         if due or time.monotonic() - self._synced > SYNC_SECONDS:
             self.whole()
 
     def whole(self) -> None:
-        """What was put is in the file, and the file is one that can be opened."""
+        """Writes all messages added so far, with an index, so that the file can be opened."""
         memo: dict[int, Any] = {}
         twin = copy.deepcopy(self._writer, memo)
         twin.finish()
@@ -155,7 +155,7 @@ class McapFile:
         return self._channels[topic]
 
     def close(self) -> None:
-        """Raises OSError as put() does; the file is closed in any case."""
+        """Writes and closes the file, which is closed even if this raises OSError as put() does."""
         try:
             self.whole()
         finally:

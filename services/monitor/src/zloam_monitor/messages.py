@@ -54,7 +54,7 @@ PREVIEW_BLOCK = np.dtype(
         ("reserved", "u1"),
     ]
 )
-#: every struct of the schemas by its name
+#: Name in the schemas -> dtype, for every struct.
 STRUCTS = {
     "Vec3": VEC3,
     "Quat": QUAT,
@@ -71,13 +71,13 @@ STRUCTS = {
 
 
 class Kind(NamedTuple):
-    """What tells one kind of message from another."""
+    """Identifies a kind of message."""
 
     schema: str  # file name without .fbs; the name in the Zenoh encoding
     identifier: bytes
 
 
-#: root table -> kind; a command and its reply share file and identifier
+#: Root table -> kind; a command and its reply share schema file and identifier.
 KINDS = {
     "Cloud": Kind("cloud", b"ZLCL"),
     "Command": Kind("command", b"ZLCM"),
@@ -109,7 +109,7 @@ KINDS = {
 
 
 class MessageError(ValueError):
-    """The bytes are not the message they should be."""
+    """The bytes are not a message of the expected kind."""
 
 
 class SchemasMissing(RuntimeError):
@@ -117,7 +117,7 @@ class SchemasMissing(RuntimeError):
 
 
 def _candidates() -> Iterator[Path]:
-    """Where generated code may be: named by hand, of the build in use, of the usual presets."""
+    """Possible folders of the generated code: named by a variable, of the build, of the presets."""
     if named := os.environ.get("ZLOAM_PYTHON_SCHEMAS"):
         yield Path(named)
     if build := os.environ.get("ZLOAM_BUILD"):
@@ -170,7 +170,7 @@ def decode(table: str, payload: bytes) -> Any:
         raise MessageError(f"not a {table}: {error}") from error
 
 
-#: what reading a damaged FlatBuffer, or JSON nested too deeply inside one, can raise in Python
+#: Exceptions that a damaged FlatBuffer, or JSON nested too deeply inside one, can raise in Python.
 DECODE_ERRORS: tuple[type[Exception], ...] = (
     MessageError,
     ValueError,
@@ -203,7 +203,7 @@ def text(value: bytes | None) -> str:
 
 
 def put_struct_vector(builder: flatbuffers.Builder, array: NDArray[Any]) -> int:
-    """Writes an array of structs; returns its offset."""
+    """Writes an array of structs; returns its offset in the buffer."""
     widest = 4 if array.dtype in (POINT, MAP_POINT, PREVIEW_BLOCK) else 8
     builder.StartVector(array.dtype.itemsize, len(array), widest)
     data = array.tobytes()

@@ -1,19 +1,20 @@
-"""Which program stands for a stage: other methods come as programs that speak the same keys."""
+"""Other methods: programs that replace stages and use the same keys."""
 
 from __future__ import annotations
 
-#: what a method may replace, in the order of the data
+#: Stages that a method may replace, in the order of the data flow.
 REPLACEABLE = ("registration", "odometry", "mapping")
-#: name of a method -> what is built of it
+#: Method -> stages that it replaces.
 METHODS = {"aloam": REPLACEABLE}
 
 
 class MethodError(ValueError):
-    """No such method, or not for this stage; the text says what there is."""
+    """No such method, or not for this stage; the text lists the possible ones."""
 
 
 def programs(text: str) -> dict[str, str]:
-    """Stage -> program. `aloam`: all stages that it has; `mapping=aloam,odometry=aloam`: these."""
+    """Stage -> program. `aloam`: all stages of the method; `mapping=aloam,odometry=aloam`: these
+    stages alone."""
     chosen: dict[str, str] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
         stage, _, name = part.rpartition("=")

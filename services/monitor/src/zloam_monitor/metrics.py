@@ -1,5 +1,5 @@
-"""A robot's figures for Prometheus (OpenMetrics), out of the status messages that any subscriber
-has. Labels are names of the configuration (stage, input, reason, figure): their number is bounded.
+"""A robot's figures for Prometheus (OpenMetrics), from the statuses that any subscriber receives.
+Labels are names (stage, instance, key, reason, figure), so that their number is bounded.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord, StatusReco
 from zloam_monitor.stages import STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
-#: of one stage: more at once are a stranger's
+#: Limit on instances of one stage; messages of more come from a stranger.
 MOST_INSTANCES = 16
-#: poses that are kept, for a rate over the last of them
+#: Number of newest poses that are kept.
 KEPT_POSES = 600
-#: by which a latency is told, of the names of its quantiles in statuses
+#: Name of a quantile in statuses -> value of the label.
 QUANTILES = {"p50": "0.5", "p95": "0.95", "p99": "0.99"}
 BYTES_PER_MIB = float(1 << 20)
 
 
 class Seen:
-    """What was heard last, for scrapes from other threads."""
+    """The newest statuses and pose, for scrapes from other threads."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
@@ -41,7 +41,7 @@ class Seen:
         self._pose_heard = 0.0
 
     def take(self, link: Link) -> None:
-        """Keeps what a link has, and lets it forget poses that nobody asks for any more."""
+        """Copies the link's state, and removes old poses from the link."""
         now = time.monotonic()
         with self._lock:
             self._statuses = [(s, link.silent_s(s, now)) for s in _newest(link)]
@@ -61,7 +61,7 @@ class Seen:
             self._pose, self._pose_heard = link.poses[self._last_sweep], now
 
     def collect(self) -> Iterator[Metric]:
-        """As prometheus_client asks a collector."""
+        """Called by prometheus_client for each scrape."""
         with self._lock:
             statuses = list(self._statuses)
             pose, heard, total = self._pose, self._pose_heard, self._poses_total
@@ -99,7 +99,7 @@ def _of_stages(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterat
     figure = GaugeMetricFamily(
         "zloam_figure", "A stage's own figures, by name.", labels=[*who, "name"]
     )
-    # Stages of which nothing was heard are as good as down.
+    # A stage that was never heard is reported as down.
     heard = {status.stage for status, _ in statuses}
     for stage in STAGES:
         if stage not in heard:
@@ -181,7 +181,7 @@ def _of_pose(robot: str, pose: PoseRecord | None, age: float, total: int) -> Ite
 
 
 def serve(link: Link, address: str, port: int, seconds: float | None = None) -> int:
-    """Answers scrapes at /metrics until it is interrupted; port 0: a free one."""
+    """Serves /metrics until Ctrl-C or `seconds` have passed; port 0: a free port."""
     seen = Seen(link.keys.robot)
     registry = CollectorRegistry()
     registry.register(seen)

@@ -30,7 +30,7 @@ from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 @dataclass(frozen=True)
 class Files:
-    """Where everything goes."""
+    """Paths of a run's files."""
 
     folder: Path
 
@@ -56,12 +56,12 @@ class Files:
 def truths_of_base(
     paths: list[Path], T_base_lidar: np.ndarray[Any, np.dtype[np.float64]]
 ) -> dict[str, Trajectory]:
-    """References are of the sensor; carried to base_link, as all poses are."""
+    """References, which are poses of the sensor, carried to base_link."""
     return {path.name: trajectory.read(path).carried(se3.inverse(T_base_lidar)) for path in paths}
 
 
 def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
-    """Truth as a stamped trajectory; where it is known by sweep, at the middle of each."""
+    """Truth with stamps. If it is known by sweep only, each pose gets the middle of its sweep."""
     if truth.stamps_ns is not None or poses.stamps_ns is None:
         return truth
     middle, stamps_ns = evaluation.at_part_of_sweep(poses, evaluation.SWEEP_PART_OF_REFERENCE)
@@ -72,7 +72,7 @@ def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
 
 
 def stage_settings(folder: Path) -> list[str]:
-    """Tells the stages to leave their files here: they write at the end of a run."""
+    """Settings that make the stages write their files into this folder at the end of a run."""
     files = Files(folder.resolve())
     return [
         f"integration.output_dir={files.folder}",
@@ -81,7 +81,7 @@ def stage_settings(folder: Path) -> list[str]:
     ]
 
 
-#: what the stages write, and this program after them
+#: Files written by the stages, and by this program after them.
 MADE_BY_STAGES = (
     "trajectory.tum",
     "trajectory.kitti",
@@ -96,7 +96,7 @@ MADE_HERE = (
     *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
     *(beside_run.MCAP, beside_run.RERUN, "logs/web.log", "logs/view.log"),
 )
-#: of the further runs that the stages saw, and of further instances
+#: Files of further runs that the stages saw, and of further instances.
 FURTHER = (
     "trajectory_[0-9]*.tum",
     "trajectory_world_[0-9]*.tum",
@@ -109,17 +109,17 @@ FURTHER = (
 
 
 def claim(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
-    """For a run: removes what an earlier one left, so that nothing old is taken for new."""
+    """Claims all files of a run, so that none of an earlier run is taken for a new one."""
     return claims.claim(folder, (*MADE_BY_STAGES, *MADE_HERE), inputs)
 
 
 def claim_own(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
-    """Where the stages write for themselves: only what is written here."""
+    """Claims only the files written here, for stages that write elsewhere."""
     return claims.claim(folder, MADE_HERE, inputs)
 
 
 def numbered(path: Path, heard: Trajectory) -> Trajectory:
-    """A file that a stage wrote, its sweeps known by the instants of the poses that were heard."""
+    """A stage's file, with the sweep of each pose found by the instants of the received poses."""
     written = trajectory.read(path)
     if heard.stamps_ns is None or written.stamps_ns is None:
         return written
@@ -129,7 +129,7 @@ def numbered(path: Path, heard: Trajectory) -> Trajectory:
 
 
 def of_run(plain: Path, heard: Trajectory) -> Path:
-    """Of a stage's files the one with most of the poses that were heard: each run has its own."""
+    """The one of a stage's files, one for each run, that contains most of the received poses."""
 
     def common(path: Path) -> int:
         try:
@@ -143,10 +143,10 @@ def of_run(plain: Path, heard: Trajectory) -> Path:
 
 
 def collected(folder: Path, run: Run) -> Run:
-    """The run with the trajectories that the stages wrote; without them, what was heard."""
+    """The run with the trajectories that the stages wrote, or else the received poses."""
     files = Files(folder)
     if not len(run.trajectory):
-        return run  # an empty file would stand for a drive
+        return run  # An empty file would look like a drive.
     written = of_run(files.trajectory_tum, run.trajectory)
     if written.exists():
         run = replace(run, trajectory=numbered(written, run.trajectory))
@@ -165,7 +165,7 @@ def collected(folder: Path, run: Run) -> Run:
 
 
 def earlier_runs(folder: Path, run: Run) -> list[str]:
-    """Files with the poses of runs before the one that is reported."""
+    """Files with poses of runs before the reported one."""
     plain = Files(folder).trajectory_tum
     own = of_run(plain, run.trajectory)
     named = [plain, *sorted(plain.parent.glob(f"{plain.stem}_[0-9]*{plain.suffix}"))]
@@ -173,13 +173,14 @@ def earlier_runs(folder: Path, run: Run) -> list[str]:
 
 
 def map_points(folder: Path) -> np.ndarray[Any, Any]:
-    """What mapping wrote, for the picture; nothing when there is none, which the report names."""
+    """The map that mapping wrote, for the picture; empty if the file is missing, which the report
+    states."""
     path = Files(folder).map
     return clouds.read_pcd(path) if path.exists() else np.empty(0, MAP_POINT)
 
 
 def write_picture(folder: Path, title: str, run: Run) -> None:
-    """The map, the path, and the error against the first reference."""
+    """Draws map, path, and the error against the first reference."""
     stamps = run.trajectory.stamps_ns
     first = int(stamps[0]) if stamps is not None and len(stamps) else 0
     compared = None
@@ -196,7 +197,7 @@ def write_picture(folder: Path, title: str, run: Run) -> None:
 
 
 def write_poses(path: Path, run: Run) -> None:
-    """What each fused pose says of itself: health, weak direction, covariance."""
+    """Writes health, degenerate direction and covariance of each fused pose."""
     cells = [f"c{i}{j}" for i in range(6) for j in range(6)]
     with written_whole(path) as out:
         columns = ["sweep", "instant_ns", "health", "degenerate", "weak_x", "weak_y", "weak_z"]
@@ -209,7 +210,7 @@ def write_poses(path: Path, run: Run) -> None:
 
 
 def missing_files(folder: Path, run: Run) -> list[str]:
-    """Which of the stages' files are not there though there was something to write."""
+    """The stages' files that are missing although there was something to write."""
     files = Files(folder)
     missing = []
     if len(run.trajectory) and not files.trajectory_tum.exists():
@@ -224,7 +225,7 @@ def missing_files(folder: Path, run: Run) -> list[str]:
 def write_all(
     folder: Path, title: str, run: Run, *, stages_write_here: bool = True
 ) -> dict[str, Any]:
-    """What the stages do not write themselves; returns the report."""
+    """Writes all files that the stages do not write themselves; returns the report."""
     files = Files(folder)
     missing = missing_files(folder, run) if stages_write_here else []
     run = collected(folder, run)

@@ -1,4 +1,4 @@
-"""One picture of a run: map and trajectory from above, error over time, a close look."""
+"""One picture of a run: map and trajectory from above, error over time, and a close-up."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 Array = NDArray[np.float64]
-#: more points than this are thinned evenly: the picture has fewer pixels
+#: More points than this are thinned evenly, as the picture has fewer pixels.
 MOST_POINTS = 600_000
-#: a map wider than this lies above the other panels
+#: A map with a greater width-to-height ratio is placed above the other panels.
 WIDE_RATIO = 1.9
 ESTIMATE_COLOUR = "#d62728"
 TRUTH_COLOUR = "#111111"
@@ -30,7 +30,7 @@ TRUTH_COLOUR = "#111111"
 
 @dataclass(frozen=True)
 class Scene:
-    """What the picture shows; positions in m, frame map."""
+    """Contents of the picture; positions in m, frame map."""
 
     title: str
     points: NDArray[Any]  # structured: x y z intensity
@@ -91,7 +91,7 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def _map_ratio(scene: Scene) -> float:
-    """Width over height of what the map shows."""
+    """Width-to-height ratio of map and path."""
     xy = np.r_[
         np.c_[scene.points["x"], scene.points["y"]].reshape(-1, 2)[:: _step(scene.points)],
         scene.positions[:, :2],
@@ -103,7 +103,7 @@ def _map_ratio(scene: Scene) -> float:
 
 
 def _panels(map_ratio: float) -> tuple[Figure, Axes, Axes, Axes]:
-    """Map, close view, curve: beside each other, or below a map that is wide."""
+    """Map, close-up and curve: side by side, or below the map if it is wide."""
     if map_ratio > WIDE_RATIO:
         figure = plt.figure(figsize=(16, 16 / map_ratio + 6.5), dpi=110, layout="constrained")
         grid = figure.add_gridspec(
@@ -128,7 +128,7 @@ def _thinned(points: NDArray[Any]) -> NDArray[Any]:
 
 
 def _truth_in_map(scene: Scene) -> Array | None:
-    """Truth moved into the map frame, where the estimate lies unaligned."""
+    """Truth transformed to the map frame, in which the estimate is not aligned."""
     if scene.compared is None:
         return None
     aligned, raw = scene.compared.aligned[0], scene.compared.estimate[0]
@@ -142,7 +142,7 @@ def _draw_paths(axes: Axes, scene: Scene, width: float) -> None:
     axes.plot(p[:, 0], p[:, 1], "-", color=ESTIMATE_COLOUR, lw=width + 2.0, label="trajectory")
     truth = _truth_in_map(scene)
     if truth is not None:
-        # thin and broken over the wide estimate: both are seen where they agree
+        # A thin dashed line over the wide one, so that both are visible where they agree.
         axes.plot(truth[:, 0], truth[:, 1], "--", color=TRUTH_COLOUR, lw=width, label="truth")
     if len(p):
         axes.plot(*p[0, :2], "o", color="#2ca02c", ms=7, label="start")
@@ -174,7 +174,7 @@ def _draw_map(figure: Figure, axes: Axes, scene: Scene) -> None:
 
 
 def _close_window(positions: Array) -> tuple[float, float, float, float]:
-    """A square around the end of the path, where a loop closes: x0, x1, y0, y1."""
+    """A square around the end of the path, where a loop may close: x0, x1, y0, y1."""
     if len(positions) == 0:
         return (-10.0, 10.0, -10.0, 10.0)
     extent = float(np.ptp(positions[:, :2], axis=0).max())
@@ -188,7 +188,7 @@ def _draw_close(axes: Axes, scene: Scene, window: tuple[float, float, float, flo
     p = scene.points
     inside = (p["x"] > x0) & (p["x"] < x1) & (p["y"] > y0) & (p["y"] < y1)
     near = _thinned(p[inside])
-    # without the ground walls show as lines, and a doubled wall as two
+    # Without the ground, walls appear as lines, and a doubled wall as two lines.
     if len(near) > 50:
         near = near[near["z"] > np.percentile(near["z"], 2) + 0.5]
     axes.scatter(near["x"], near["y"], s=1.5, c="#555555", linewidths=0, rasterized=True)
@@ -200,15 +200,15 @@ def _draw_close(axes: Axes, scene: Scene, window: tuple[float, float, float, flo
 
 
 def _along(compared: Compared) -> tuple[Array, str]:
-    """What errors are drawn over, and its name."""
+    """Values and label of the horizontal axis for errors."""
     seconds: Array = (compared.stamps_ns - compared.stamps_ns[0]) * 1e-9
-    if seconds[-1] < 1e-3:  # truth known by sweep number only
+    if seconds[-1] < 1e-3:  # The truth is known by sweep number only.
         return np.arange(len(seconds), dtype=float), "pose"
     return seconds, "time (s)"
 
 
 def _draw_rotation_error(axes: Axes, compared: Compared) -> None:
-    """From the first pose on: its own rotation belongs to the frames, not to the errors."""
+    """Draws rotation errors relative to the first pose's, which depends on the frames."""
     apart = se3.inverse(compared.truth) @ compared.aligned
     error = np.degrees(se3.rotation_angle_rad(apart @ se3.inverse(apart[0])))
     seconds, label = _along(compared)

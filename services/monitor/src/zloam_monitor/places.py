@@ -1,4 +1,4 @@
-"""Where programs, robot files and generated code are: in a checkout, or beside this package."""
+"""Locations of programs, robot files and generated code: in a checkout, or in this package."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import sys
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
-#: of an installed package: bin, lib, robots, python
+#: Folder of an installed package that contains bin, lib, robots and python.
 BUNDLED = PACKAGE / "bundled"
-#: names the build folder of a checkout
+#: Environment variable that names the build folder of a checkout.
 BUILD_VARIABLE = "ZLOAM_BUILD"
 
 
 def checkout() -> Path | None:
-    """The root of the source tree that this file lies in."""
+    """The root of the source tree that contains this file; None: an installed package."""
     above = PACKAGE.parents
     if len(above) > 3 and (above[3] / "CMakePresets.json").is_file():
         return above[3]
@@ -22,7 +22,7 @@ def checkout() -> Path | None:
 
 
 def build() -> Path:
-    """The folder whose bin/ has the programs."""
+    """The folder with the programs in its bin/."""
     if named := os.environ.get(BUILD_VARIABLE):
         return Path(named)
     root = checkout()
@@ -30,18 +30,18 @@ def build() -> Path:
 
 
 def command() -> Path:
-    """The command `zloam` itself, for stages that call it."""
+    """The command `zloam`, for programs that call it."""
     root = checkout()
     return Path(sys.argv[0]).resolve() if root is None else root / "bin" / "zloam"
 
 
 def robots() -> Path:
-    """The folder of the robots' files."""
+    """The folder of the robot files."""
     root = checkout()
     return BUNDLED / "robots" if root is None else root / "deploy" / "robots"
 
 
 def robot_file(text: str | Path) -> Path:
-    """A path, or the bare name of one of the robots' files."""
+    """A path, or the bare name of a robot file."""
     named = robots() / f"{text}.yaml"
     return named if Path(text).name == str(text) and named.is_file() else Path(text)

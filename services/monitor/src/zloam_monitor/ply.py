@@ -1,6 +1,7 @@
-"""Vertices of a PLY file (Turk, "The PLY Polygon File Format", 1994): ascii and both binary forms.
+"""Reads vertices of PLY files (Turk, "The PLY Polygon File Format", 1994): ascii and both binary
+forms.
 
-Our own, as the libraries at hand are under the GPL (plyfile) or know no 16-bit numbers (meshio).
+A reader of our own, as plyfile is under the GPL and meshio does not support 16-bit numbers.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-#: names of numbers, old and new
+#: Old and new names of number types -> numpy.
 TYPES = {
     "char": "i1",
     "uchar": "u1",
@@ -31,12 +32,12 @@ TYPES = {
     "float64": "f8",
 }
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: a header is not longer
+#: Limit on the lines of a header.
 MOST_LINES = 1000
 
 
 def vertices(path: Path) -> NDArray[Any]:
-    """Structured by the properties' names; ValueError with the reason."""
+    """Array structured by the names of the properties; raises ValueError with the reason."""
     with path.open("rb") as file:
         form, count, properties = _header(file)
         dtype = np.dtype([(name, FORMATS[form] + TYPES[kind]) for kind, name in properties])

@@ -1,4 +1,4 @@
-"""Files of points: PCD, PLY, LAS and LAZ, as structured arrays by the names of their fields."""
+"""Reads PCD, PLY, LAS and LAZ files as structured arrays with the names of their fields."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ def _las(path: Path) -> tuple[NDArray[Any], int, int]:
     return points, len(points), 1
 
 
-#: by suffix: the points, and width and height of an organised cloud
+#: Suffix -> reader that returns the points, and width and height of an organised cloud.
 READERS = {".pcd": _pcd, ".ply": _ply, ".las": _las, ".laz": _las}

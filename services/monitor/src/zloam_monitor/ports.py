@@ -1,4 +1,4 @@
-"""Where the stages of a run listen: where their configuration says, if that is free."""
+"""Ports of a run's stages: those of the configuration, if they are free."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from zloam_monitor.robot_file import RobotNames
 from zloam_monitor.stages import PORT_ORDER
 
 ANY_HOST = "0.0.0.0"
-#: for tests: several runs on one machine, each on any free ports
+#: Environment variable for tests: each of several runs on a machine takes any free ports.
 FREE_PORTS_VARIABLE = "ZLOAM_FREE_PORTS"
 LOOPBACK = "127."
 
 
 class PortTaken(RuntimeError):
-    """A stage could not listen; the text says where, and who does."""
+    """A stage cannot listen; the text says where, and which program does."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """The stages' ports lie in a row."""
+    """The ports of the stages, which are consecutive."""
 
     base: int
     host: str = discovery.HOST
 
     def settings(self) -> tuple[str, str]:
-        """As --set of the stages."""
+        """The stages' options --set."""
         return f"zenoh.base_port={self.base}", f"zenoh.host={self.host}"
 
     @property
     def endpoint(self) -> str:
-        """Integration's, as somebody who connects writes it."""
+        """Integration's endpoint, in the form that other programs connect to."""
         host = socket.gethostname() if self.host == ANY_HOST else self.host
         return f"tcp/{host}:{self.base + PORT_ORDER.index('integration')}"
 
     def announcement(self, robot: str) -> str:
-        """Where a robot is found, and what that opens."""
+        """Text that says where the robot listens, and what that permits if it is not loopback."""
         text = f"robot {robot} listens on {self.endpoint}"
         if self.host.startswith(LOOPBACK):
             return text
@@ -51,12 +51,12 @@ class Ports:
 
 
 def is_default(robot: RobotNames) -> bool:
-    """Whether nobody chose the ports."""
+    """True if the ports are the default ones."""
     return robot.base_port == RobotNames().base_port
 
 
 def configured(robot: RobotNames, listen: str | None = None) -> Ports:
-    """Those of the robot's file, all of them free; `listen`: another address. Raises PortTaken."""
+    """Ports of the robot's file, if all are free; `listen`: another address. Raises PortTaken."""
     host = listen or robot.host
     if not robot.base_port or (FREE_PORTS_VARIABLE in os.environ and is_default(robot)):
         return Ports(free_base_port(), host)

@@ -1,4 +1,4 @@
-"""What the poses of a run say of themselves: for the table, the report and `watch`."""
+"""Counts the health of a run's poses, for the table, the report and `watch`."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy as np
 from zloam_monitor.records import HEALTH, PoseRecord
 
 OK = "ok"
-#: always said, so that a 0 is seen to have been counted
+#: Always listed, so that a 0 shows that it was counted.
 ALWAYS = ("degenerate", "predicted", "lost")
 AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class PoseHealth:
-    """Counts over poses; a pose without a covariance is left out of the least sure one."""
+    """Counts over poses; poses without a covariance are ignored in least_sure_*."""
 
     poses: int
-    #: name of a health -> poses that say it; only those that occur
+    #: Health -> number of poses; only those that occur.
     counts: dict[str, int]
     jumps: int
-    #: of base_link, in which most degenerate poses are weak; empty: none is
+    #: Axis of base_link along which most degenerate poses are unconstrained; empty: no such pose.
     weak_axis: str
-    #: the largest sigma of a position, m, and its sweep; None: no pose says one
+    #: Largest sigma of a position, m, and its sweep; None: no pose has a covariance.
     least_sure_m: float | None
     least_sure_sweep: int | None
 
@@ -61,7 +61,7 @@ def _weak_axis(poses: Iterable[PoseRecord]) -> str:
 
 
 def judge(poses: Iterable[PoseRecord]) -> PoseHealth:
-    """Of a run's poses, in any order."""
+    """Counts the health of a run's poses, in any order."""
     every = sorted(poses, key=lambda pose: pose.sweep)
     counts = Counter(
         HEALTH[pose.health] if pose.health < len(HEALTH) else str(pose.health) for pose in every
@@ -79,7 +79,7 @@ def judge(poses: Iterable[PoseRecord]) -> PoseHealth:
 
 
 def line(health: dict[str, Any]) -> str:
-    """For a person: how many poses say what, from PoseHealth.as_dict()."""
+    """Text for a person from PoseHealth.as_dict()."""
     counts = health["counts"]
     names = [*ALWAYS, *(name for name in counts if name not in (OK, *ALWAYS))]
     words = [f"{counts.get(OK, 0)} of {health['poses']} poses ok"]

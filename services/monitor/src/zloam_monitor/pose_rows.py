@@ -1,7 +1,7 @@
-"""Rows of numbers of a file of poses, as other programs write them; what is no pose is refused.
+"""Reads rows of numbers from pose files of other programs, and refuses what is not a pose.
 
-Blanks, tabs, commas or semicolons part the columns; `#` begins a comment; a byte order mark, other
-encodings in comments and one line of column names are passed over.
+Columns are separated by blanks, tabs, commas or semicolons; `#` begins a comment. A byte order
+mark, other encodings in comments and one line of column names are ignored.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: what 64 bits hold
+#: Largest stamp in 64 bits.
 LATEST_NS = int(np.iinfo(np.int64).max)
 NS_PER_S = 1_000_000_000
-#: seconds since 1970 stay below this until the year 5138, so a greater number has another unit
+#: Seconds since 1970 stay below this until the year 5138, so a greater number has another unit.
 LARGEST_SECONDS = 1e11
-#: a quaternion or rotation written with two digits is this far from unit length
+#: Deviation from unit length of a quaternion or rotation written with two digits.
 UNIT_TOLERANCE = 0.01
 
 
@@ -31,14 +31,14 @@ class TrajectoryError(ValueError):
 
 @dataclass(frozen=True)
 class Row:
-    """Cells of one line, and where it stands."""
+    """Cells of one line, and its location for messages."""
 
     where: str
     cells: list[str]
 
 
 def read_rows(path: Path) -> tuple[list[Row], Array]:
-    """All rows, with as many columns each, and their numbers; finite all of them."""
+    """All rows, which have the same number of columns, and their numbers, which are finite."""
     try:
         text = _text(path.read_bytes())
     except OSError as error:
@@ -49,7 +49,7 @@ def read_rows(path: Path) -> tuple[list[Row], Array]:
         if (cells := _cells(line, f"{path}, line {number}"))
     ]
     if rows and not any(_is_number(cell) for cell in rows[0].cells):
-        rows = rows[1:]  # names of columns
+        rows = rows[1:]  # The first row has names of columns.
     if not rows:
         raise TrajectoryError(f"{path}: no poses")
     for row in rows:
@@ -91,7 +91,7 @@ def _numbers(row: Row) -> list[float]:
 
 
 def unit_quaternions(rows: list[Row], quaternions: Array) -> None:
-    """Refuses what is no rotation."""
+    """Refuses quaternions that are not of unit length."""
     lengths = np.linalg.norm(quaternions, axis=1)
     for i in np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)[:1]:
         raise TrajectoryError(
@@ -100,7 +100,7 @@ def unit_quaternions(rows: list[Row], quaternions: Array) -> None:
 
 
 def unit_rotations(rows: list[Row], rotations: Array) -> None:
-    """Refuses what is no rotation, a mirror included."""
+    """Refuses matrices that are not rotations, e.g. reflections."""
     off = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2))
     wrong = (off > UNIT_TOLERANCE) | (np.linalg.det(rotations) < 0)
     for i in np.flatnonzero(wrong)[:1]:
@@ -125,7 +125,7 @@ def _times(rows: list[Row], unit_ns: int) -> NDArray[np.int64]:
 
 
 def stamps_ns(rows: list[Row], values: Array) -> NDArray[np.int64]:
-    """Stamps of a whole file, in s, or in ms, us or ns since 1970: no time in s is that large."""
+    """Stamps of a whole file in s, or in ms, us or ns since 1970, which are too large for s."""
     largest = float(np.abs(values).max())
     if largest < LARGEST_SECONDS:
         return _times(rows, NS_PER_S)

@@ -1,4 +1,4 @@
-"""The map as key `preview` tells it: blocks that are put together again (schemas/preview.fbs)."""
+"""The map as received on key `preview`: blocks that are assembled again (schemas/preview.fbs)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from zloam_monitor.messages import MessageError
 from zloam_monitor.records import PreviewRecord
 
 Index = tuple[int, int, int]
-#: of the three bits of a half of a cube: which one is of which axis
+#: Octant of a cube -> its position along x, y, z: bit 0 is of x, bit 1 of y, bit 2 of z.
 _HALVES = np.array([[bit & 1, bit >> 1 & 1, bit >> 2] for bit in range(8)], np.int64)
-#: a block has no more cells along an edge than 2 to this
+#: Limit on the halvings of a block's edge: at most 2^8 cells along it.
 MOST_DEPTH = 8
-#: points along an edge of a cell that is drawn from above
+#: Limit on the points along an edge of a cell in the view from above.
 MOST_ACROSS = 2
 
 
@@ -36,20 +36,20 @@ def cells_of(octree: NDArray[np.uint8], index: Index, depth: int) -> NDArray[np.
 
 
 class PreviewMap:
-    """What has come of one map."""
+    """The blocks of one map that were received."""
 
     def __init__(self) -> None:
         self._source: tuple[str, int, int] | None = None
         self.block_m = 0.0
-        #: blocks of the whole map, as the robot counts them
+        #: Number of blocks of the whole map, as the robot counts them.
         self.map_blocks = 0
-        #: block -> (halvings of its edge, its cells)
+        #: Block -> (halvings of its edge, its cells).
         self.blocks: dict[Index, tuple[int, NDArray[np.int64]]] = {}
-        #: grows with each change
+        #: Incremented with each change.
         self.version = 0
 
     def take(self, said: PreviewRecord) -> list[Index]:
-        """The blocks that are others now; raises MessageError."""
+        """Adds a preview; returns the blocks that changed; raises MessageError."""
         changed: list[Index] = []
         if (said.source, said.block_m) != (self._source, self.block_m):
             changed += self.blocks
@@ -75,17 +75,17 @@ class PreviewMap:
             self.blocks.pop(index, None)
 
     def cell_m(self, index: Index) -> float:
-        """Edge of a block's cells."""
+        """Edge of a block's cells, m."""
         return float(np.ldexp(self.block_m, -self.blocks[index][0]))
 
     def centres(self, index: Index) -> NDArray[np.float64]:
-        """Of a block's cells, m."""
+        """Centres of a block's cells, m."""
         if index not in self.blocks:
             return np.empty((0, 3))
         return (self.blocks[index][1].astype(np.float64) + 0.5) * self.cell_m(index)
 
     def spread_points(self) -> NDArray[np.float64]:
-        """All cells as points that cover them, seen from above: of larger cells several."""
+        """Points that cover all cells in a view from above: several for each larger cell."""
         deepest = max((depth for depth, _ in self.blocks.values()), default=0)
         found = [np.empty((0, 3))]
         for index, (depth, cells) in self.blocks.items():

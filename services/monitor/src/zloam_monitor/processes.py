@@ -1,4 +1,4 @@
-"""The stages as processes: started, watched, ended; each with a log file."""
+"""The stages as processes: starts, watches and ends them; each has a log file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from typing import IO
 from zloam_monitor.stages import PORT_ORDER
 
 LOG_LINES = 12
-#: tells a stage which descriptor ends with this program
+#: Environment variable with the descriptor of a pipe that closes when this program ends.
 PARENT_PIPE = "ZLOAM_PARENT_PIPE"
 _PSS_LINE = re.compile(r"^Pss:\s+(\d+) kB$", re.MULTILINE)
-#: what a stage's exit code means
+#: Meaning of a stage's exit code.
 EXIT_CODES = {0: "ended well", 1: "failed", 2: "configuration refused", 3: "file or port"}
 
 
@@ -33,14 +33,14 @@ class StageDied(RuntimeError):
 
 
 def describe_code(code: int) -> str:
-    """An exit code in words."""
+    """Text for an exit code."""
     if code < 0:
         return f"signal {signal.Signals(-code).name}"
     return f"exit code {code} ({EXIT_CODES.get(code, 'unknown')})"
 
 
 def free_base_port(count: int = len(PORT_ORDER)) -> int:
-    """A port from which `count` ports in a row are free on the loopback interface."""
+    """First of `count` consecutive ports that are free on the loopback interface."""
     start = 20_000 + (os.getpid() * 61) % 9_000
     base: int
     for base in itertools.chain(range(start, 32_000, count), range(20_000, start, count)):
@@ -50,16 +50,16 @@ def free_base_port(count: int = len(PORT_ORDER)) -> int:
 
 
 def free_port() -> int:
-    """One port that is free on the loopback interface."""
+    """A port that is free on the loopback interface."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def is_free(port: int, host: str = "127.0.0.1") -> bool:
-    """Whether a program could listen there."""
+    """True if a program could listen on this port."""
     with socket.socket() as probe:
-        # as a listener would: a port in TIME_WAIT is usable
+        # Like a listener's socket, which may use a port in TIME_WAIT.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
@@ -69,7 +69,7 @@ def is_free(port: int, host: str = "127.0.0.1") -> bool:
 
 
 def endpoints(base_port: int) -> list[str]:
-    """Where the stages listen."""
+    """Endpoints on which the stages listen."""
     return [f"tcp/127.0.0.1:{base_port + i}" for i in range(len(PORT_ORDER))]
 
 
@@ -83,12 +83,12 @@ def _pss_mib(pid: int) -> float | None:
 
 @dataclass
 class Process:
-    """One stage; log holds its standard output and error."""
+    """One stage; its standard output and error go to the log."""
 
     stage: str
     command: list[str]
     log_path: Path
-    #: added to this process' environment
+    #: Added to the environment of this process.
     environment: dict[str, str] = field(default_factory=dict)
     _process: subprocess.Popen[bytes] = field(init=False)
     _log: IO[bytes] = field(init=False)
@@ -96,11 +96,11 @@ class Process:
 
     def __post_init__(self) -> None:
         self.log_path.parent.mkdir(parents=True, exist_ok=True)
-        # one that is started again goes on in its log
+        # A stage that is started again appends to its log.
         self._log = self.log_path.open("ab")
-        # The other end closes with this program, whatever it dies of: then the stage ends too.
+        # The other end closes when this program ends for whatever reason, and the stage then ends.
         inherited, self._alive = os.pipe()
-        # a session of its own: Ctrl-C reaches this program, which then ends the stages in order
+        # A new session: Ctrl-C reaches only this program, which then ends the stages in order.
         self._process = subprocess.Popen(
             self.command,
             stdout=self._log,
@@ -116,7 +116,7 @@ class Process:
         return self._process.pid
 
     def code(self) -> int | None:
-        """Exit code, None while it runs, -signal when killed."""
+        """Exit code; None while the stage runs; -signal if a signal killed it."""
         return self._process.poll()
 
     def last_lines(self, count: int = LOG_LINES) -> str:
@@ -156,20 +156,20 @@ class Processes:
         return process
 
     def check(self, may_end: tuple[str, ...] = ()) -> None:
-        """Raises StageDied when a stage has ended that should not have."""
+        """Raises StageDied if a stage has ended unexpectedly."""
         for stage, process in self.running.items():
             code = process.code()
             if code is not None and not (code == 0 and stage in may_end):
                 raise StageDied(stage, code, process.last_lines())
 
     def pss_mib(self) -> dict[str, float]:
-        """Memory of those that still run: what is their own, and their share of what several have
-        mapped. Without those of which the kernel does not tell it."""
+        """Memory (proportional set size) of the stages that still run: pages that several processes
+        map count proportionally. Stages for which the kernel does not report it are left out."""
         found = {stage: _pss_mib(process.pid) for stage, process in self.running.items()}
         return {stage: mib for stage, mib in found.items() if mib is not None}
 
     def stop(self, seconds: float = 20.0) -> dict[str, int]:
-        """SIGTERM to all, SIGKILL to what is left after `seconds`; exit code of each."""
+        """Sends SIGTERM to all, after `seconds` SIGKILL to the rest; returns the exit codes."""
         for process in self.running.values():
             process.send(signal.SIGTERM)
         deadline = time.monotonic() + seconds

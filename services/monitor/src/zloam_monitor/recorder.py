@@ -1,7 +1,7 @@
-"""`record`: everything that a robot publishes, into MCAP files.
+"""`record`: records everything that a robot publishes in MCAP files.
 
-Each file has the robot's messages as they were sent, with their schemas, the configuration in
-force, and beside them what Foxglove shows (foxglove_scene.py).
+Each file has the robot's messages as they were sent, their schemas, the configuration in force,
+and the topics that Foxglove shows (foxglove_scene.py).
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.version import version
 
-#: what waits to be written
+#: Limit on messages waiting to be written.
 MOST_WAITING_BYTES = 256 * MIB
 TOO_FAST = "they came faster than they could be written (a slower rate, or a faster disk)"
-#: the map and the path are written again after so many seconds in which they grew
+#: Map and path are written at most this often, if they grew.
 SCENE_SECONDS = 5.0
-#: below a robot: what stages make for each other and can make again from the sweeps, and views of
-#: what other keys have
+#: Keys below the robot's with messages that the stages can compute again from the sweeps, or that
+#: show the contents of other keys in another form.
 DERIVED = (
     "lidar/*/features",
     "lidar/*/rejected",
@@ -41,27 +41,27 @@ DERIVED = (
     "sweep/registered",
     "odometry/sweep",
 )
-#: identifier of a message -> its table
+#: Identifier of a message -> its root table.
 TABLES = {kind.identifier: table for table, kind in messages.KINDS.items() if table != "Command"}
 TILES = "map/tile"
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a recording has."""
+    """Options of a recording."""
 
     path: Path
-    #: also what can be made again
+    #: Also record what can be computed again.
     everything: bool = False
-    #: what Foxglove shows, beside the robot's own messages
+    #: Also record the topics that Foxglove shows.
     scene: bool = True
-    #: a further file begins after so many
+    #: Size after which another file begins.
     split_bytes: int = 2048 * MIB
 
 
 @cache
 def schema_of(identifier: bytes) -> tuple[str, bytes] | None:
-    """Name and binary schema of the message with that identifier; None: it is none of ours."""
+    """Name and binary schema of the message with this identifier; None: not a zloam message."""
     table = TABLES.get(identifier)
     if table is None:
         return None
@@ -70,15 +70,15 @@ def schema_of(identifier: bytes) -> tuple[str, bytes] | None:
 
 
 def topic_of(key: str) -> str:
-    """Keys are topics, but for those of tiles, which say themselves which they are of."""
+    """The topic of a key: the key itself, but one topic for all tiles, as they have an index."""
     head, found, _ = key.partition(f"/{TILES}/")
     return f"{head}/{TILES}" if found else key
 
 
 def expressions(keys: Keys, scene: bool) -> list[str]:
-    """All that is published; Zenoh's `**` leaves out what begins with @, which stages use among
-    themselves. A subscription to everything would make stages publish what is only made while
-    somebody listens: what is not recorded is not asked for."""
+    """Keys to record. A subscription to all keys would make the stages publish messages that they
+    make only for subscribers. The list has no keys that begin with @, which the stages use among
+    themselves."""
     wanted = [
         keys.below("lidar/*/packets"),
         keys.below("lidar/*/sweep"),
@@ -97,18 +97,18 @@ def expressions(keys: Keys, scene: bool) -> list[str]:
 
 @dataclass
 class Recorder:
-    """Takes a robot's messages and writes them; used by one thread."""
+    """Receives and writes a robot's messages; used by one thread."""
 
     link: Link
     options: Options
     parts: list[Path] = field(default_factory=list)
     written: int = 0
-    #: bytes of the files before the one that is open
+    #: Bytes of the files before the open one.
     before: int = 0
 
     def __post_init__(self) -> None:
         keys, options = self.link.keys, self.options
-        # the file first: where it can't be made, nothing is heard
+        # The file before the subscriptions, as it may be impossible to create.
         self._file = self._opened()
         wanted = expressions(keys, options.scene)
         if options.everything:
@@ -116,11 +116,11 @@ class Recorder:
         self._raw_clouds = options.everything
         self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
         self._scene: Scene | None = None
-        #: what each file needs to be understood by itself
+        #: Messages that are repeated in each file, so that it can be understood without the others.
         self._standing: dict[str, Sample] = {}
 
     def settle(self) -> None:
-        """Asks for what was said before: configuration and its changes."""
+        """Queries what was published before: the configuration and its changes."""
         configs = self.link.query_configs()
         keys = self.link.keys
         now = time.time_ns()
@@ -165,7 +165,7 @@ class Recorder:
         return self.before + self._file.bytes
 
     def poll(self, seconds: float = 0.0) -> None:
-        """Writes what has come, waiting up to `seconds` for the first; raises RecordingError."""
+        """Writes received messages, waiting up to `seconds` for one; raises RecordingError."""
         try:
             sample = self._intake.take(seconds)
         except queue.Empty:
@@ -225,7 +225,7 @@ class Recorder:
             self._put(sample)
 
     def close(self) -> None:
-        """Writes what waits, and what was left out."""
+        """Writes the waiting messages and the counts of those dropped, and closes the file."""
         self._intake.close()
         try:
             self.poll()
@@ -242,7 +242,7 @@ class Recorder:
                 raise self._lost(error) from error
 
     def summary(self) -> str:
-        """How much it is, and what is not in it."""
+        """Text with the recording's files, its size, and the missing messages."""
         listed = ", ".join(str(part) for part in self.parts)
         line = f"{listed}: {self.written} messages, {self.size / MIB:.1f} MiB"
         if self.dropped:
@@ -253,7 +253,7 @@ class Recorder:
 
 
 class Beside:
-    """A recorder with a thread of its own, for a run of the same process."""
+    """A recorder with a thread of its own, for a run in the same process."""
 
     def __init__(self, link: Link, path: Path) -> None:
         self._recorder = Recorder(link, Options(path))
@@ -262,7 +262,7 @@ class Beside:
         self._thread = threading.Thread(target=self._run)
 
     def begin(self) -> None:
-        """Asks for the configuration, and writes from now on; what came before waits."""
+        """Queries the configuration and starts writing; messages received before are buffered."""
         self._recorder.settle()
         self._thread.start()
 
@@ -274,7 +274,7 @@ class Beside:
             self._error = error
 
     def end(self) -> list[str]:
-        """What it lacks; nothing where it is whole."""
+        """Ends the recording; returns texts about what is missing, none if it is complete."""
         self._ends.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -290,7 +290,7 @@ class Beside:
 
 @contextlib.contextmanager
 def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
-    """Ends with the block, however that ends."""
+    """Yields a recorder, which ends if the block raises; otherwise the block calls its end()."""
     if path is None:
         yield None
         return
@@ -303,7 +303,7 @@ def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
 
 
 def record(link: Link, options: Options, seconds: float | None) -> int:
-    """Until so long has passed, or Ctrl-C; 1 where something is missing."""
+    """Records until `seconds` have passed, or Ctrl-C; returns 1 if messages are missing."""
     recorder = Recorder(link, options)
     line = ProgressLine()
     try:

@@ -1,4 +1,4 @@
-"""What messages say, as plain values."""
+"""Decodes messages to plain values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from zloam_monitor import messages
 from zloam_monitor.clouds import Tile
 from zloam_monitor.messages import text
 
-#: names of Health and ServiceHealth by number, as in the schemas
+#: Names of the values of Health and ServiceHealth in the schemas.
 HEALTH = (
     "ok",
     "empty",
@@ -32,7 +32,7 @@ SERVICE_HEALTH = ("starting", "ready", "degraded", "failed", "stopping")
 
 @dataclass(frozen=True)
 class TraceStep:
-    """One stage on the way of a sweep; its host's clock in ns."""
+    """A stage's entry in the trace of a sweep; times of its host's clock in ns."""
 
     stage: str
     received_ns: int
@@ -42,13 +42,13 @@ class TraceStep:
 
 @dataclass(frozen=True)
 class RevisionRecord:
-    """One change of a stage's configuration while it runs."""
+    """A change of a stage's configuration during a run."""
 
     stage: str
     rev: int
     run: int
     from_sweep: int
-    #: full key -> value, of all that was changed since the start
+    #: Full key -> value, for all keys changed since the stage's start.
     values: dict[str, Any]
     by: str
     at_ns: int
@@ -56,7 +56,7 @@ class RevisionRecord:
 
 @dataclass(frozen=True)
 class ReplyRecord:
-    """What a command said."""
+    """Reply to a command."""
 
     ok: bool
     message: str
@@ -77,34 +77,34 @@ class PoseRecord:
     end_of_run: bool
     trace: tuple[TraceStep, ...]
     degenerate: bool = False
-    #: a correction moved it by more than the configured step
+    #: A correction moved the pose by more than integration.jump_*.
     jump: bool = False
-    #: the weakest translation in base_link, zero when none is weak
+    #: Least constrained translation in base_link; zero if none is degenerate.
     weak_translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: 6x6 row by row, translation before rotation, tangent at base_link; empty when not said
+    #: 6x6 row by row, translation before rotation, tangent at base_link; empty if unknown.
     covariance: tuple[float, ...] = ()
-    #: revision of the publisher's configuration
+    #: Revision of the publisher's configuration.
     config_rev: int = 0
 
 
 @dataclass(frozen=True)
 class PreviewRecord:
-    """One message for a thin link."""
+    """One preview message, for thin links."""
 
-    #: what comes of another one is of another map
+    #: Instance, map and epoch: previews of different sources are of different maps.
     source: tuple[str, int, int]
     pose: PoseRecord | None
     block_m: float
-    #: blocks of the whole map in which something is
+    #: Number of blocks of the whole map that are not empty.
     map_blocks: int
-    #: messages.PREVIEW_BLOCK, and their octrees one after another
+    #: Blocks as messages.PREVIEW_BLOCK, and their octrees one after another.
     blocks: NDArray[Any]
     octrees: NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class Input:
-    """One input's account (docs/protocol.md, section 2)."""
+    """Account of one input (docs/protocol.md, section 2)."""
 
     key: str
     received: int
@@ -140,11 +140,11 @@ class StatusRecord:
     cpu_ms: float
     rss_mib: dict[str, float]
     version: str = ""
-    #: by its host's clock, as stamp_ns
+    #: By its host's clock, like stamp_ns.
     started_ns: int = 0
     memory: dict[str, int] = field(default_factory=dict)
     config_rev: int = 0
-    #: key -> bytes that went out since the start, as one subscriber takes them
+    #: Key -> bytes published since the start, counted once for any number of subscribers.
     published_bytes: dict[str, int] = field(default_factory=dict)
 
     def input(self, key: str) -> Input | None:
@@ -186,13 +186,13 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
 
 
 def map_pose(payload: bytes) -> PoseRecord:
-    """Of keys pose and map/odometry."""
+    """Decodes a message of key pose or map/odometry."""
     table = messages.decode("MapPose", payload)
     return _pose(table, table.PoseMapBase())
 
 
 def odometry(payload: bytes) -> PoseRecord:
-    """Of key odometry."""
+    """Decodes a message of key odometry."""
     table = messages.decode("Odometry", payload)
     return _pose(table, table.PoseOdomBase())
 
@@ -213,7 +213,7 @@ def _input(account: Any) -> Input:
 
 
 def status(payload: bytes) -> StatusRecord:
-    """Of key service/<stage>/<instance>/status."""
+    """Decodes a message of key service/<stage>/<instance>/status."""
     s = messages.decode("Status", payload)
     outputs = [s.Outputs(i) for i in range(s.OutputsLength())]
     latencies = (s.Latencies(i) for i in range(s.LatenciesLength()))
@@ -251,7 +251,7 @@ def status(payload: bytes) -> StatusRecord:
 
 
 def preview(payload: bytes) -> PreviewRecord:
-    """Of key preview."""
+    """Decodes a message of key preview."""
     m = messages.decode("Preview", payload)
     header, pose = m.Header(), m.PoseMapBase()
     if header is None:
@@ -283,7 +283,7 @@ def preview(payload: bytes) -> PreviewRecord:
 
 
 def tile(payload: bytes) -> Tile:
-    """Of key map/tile/<layer>/<i>/<j>/<k>."""
+    """Decodes a message of key map/tile/<layer>/<i>/<j>/<k>."""
     t = messages.decode("MapTile", payload)
     points = messages.struct_vector(t, "Points", messages.MAP_POINT)
     header = t.Header()
@@ -292,7 +292,7 @@ def tile(payload: bytes) -> Tile:
 
 
 def path(payload: bytes) -> tuple[int, NDArray[Any]]:
-    """(run, array of STAMPED_POSE) of keys path/odometry and path/map."""
+    """Decodes (run, array of STAMPED_POSE) of keys path/odometry and path/map."""
     table = messages.decode("Path", payload)
     header = table.Header()
     poses = messages.struct_vector(table, "Poses", messages.STAMPED_POSE)
@@ -300,13 +300,13 @@ def path(payload: bytes) -> tuple[int, NDArray[Any]]:
 
 
 def effective_config(payload: bytes) -> tuple[str, dict[str, Any]]:
-    """(stage, full key -> value)."""
+    """Decodes (stage, full key -> value) of key service/<stage>/<instance>/config."""
     table = messages.decode("EffectiveConfig", payload)
     return text(table.Stage()), dict(json.loads(text(table.ValuesJson())))
 
 
 def config_revision(payload: bytes) -> RevisionRecord:
-    """Of key config/<stage>."""
+    """Decodes a message of key config/<stage>."""
     r = messages.decode("ConfigRevision", payload)
     return RevisionRecord(
         stage=text(r.Stage()),
@@ -320,6 +320,6 @@ def config_revision(payload: bytes) -> RevisionRecord:
 
 
 def command_reply(payload: bytes) -> ReplyRecord:
-    """Of key command/<stage>/<verb>."""
+    """Decodes a reply of key command/<stage>/<verb>."""
     r = messages.decode("CommandReply", payload)
     return ReplyRecord(bool(r.Ok()), text(r.Message()), dict(json.loads(text(r.ResultsJson()))))

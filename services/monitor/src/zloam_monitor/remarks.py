@@ -1,6 +1,6 @@
-"""What stages say of themselves while they run, shown once: reasons in their statuses, and warnings
-and errors in their logs. What differs by numbers only is one remark; what several stages say is one
-line."""
+"""Reports what stages say about themselves during a run, each remark once: reasons in their
+statuses, and warnings and errors in their logs. Texts that differ only in numbers are one remark;
+the same remark of several stages is one line."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 from zloam_monitor.records import StatusRecord
 
-#: one that was away for so long is news again
+#: A remark that has been absent for this long is reported again.
 AWAY_SECONDS = 10.0
-#: health words of a stage whose reason matters
+#: Health of a stage at which its reason is reported.
 TROUBLED = ("degraded", "failed")
 _WARNING = re.compile(r"^\S+Z (?:warning|error)\s+(?P<text>\S+: .*)$")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -27,7 +27,7 @@ class _Remark:
 
 
 class Logs:
-    """New warnings in the files of a folder; what was there before this began is left out."""
+    """New warnings and errors in the log files of a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -47,13 +47,13 @@ class Logs:
 
 
 class Remarks:
-    """Keeps what was said, and what of it is news."""
+    """Remembers remarks, to report each one once."""
 
     def __init__(self) -> None:
         self._known: dict[str, _Remark] = {}
 
     def news(self, texts: Iterable[str], now: float) -> list[str]:
-        """Those that were not said before, or not for a while."""
+        """The texts that are new, or have been absent for a while."""
         found = []
         for text in texts:
             kind = _NUMBER.sub("#", text)
@@ -67,19 +67,19 @@ class Remarks:
         return [text for text, _ in _joined((text, 1) for text in found)]
 
     def summary(self) -> list[str]:
-        """Each cause with its first text, and how often it was said."""
+        """The first text of each remark, and how often it occurred."""
         return [
             text + (f" (said {times} times)" if times > 1 else "")
             for text, times in _joined(self.counted())
         ]
 
     def counted(self) -> list[tuple[str, int]]:
-        """The first text of each kind, and how often it was said."""
+        """The first text of each remark and stage, and how often it occurred."""
         return [(remark.text, remark.times) for remark in self._known.values()]
 
 
 def _joined(said: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
-    """`stage: words` of several as `stage, stage: words`, with the most often it was said."""
+    """Joins `stage: words` of several stages to `stage, stage: words`, with the largest count."""
     stages: dict[str, list[str]] = {}
     words: dict[str, tuple[str, int]] = {}
     for text, times in said:
@@ -95,7 +95,7 @@ def _joined(said: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
 
 
 def reasons(statuses: Iterable[StatusRecord], healths: tuple[str, ...] = TROUBLED) -> list[str]:
-    """`stage: reason`, one for each reason of a stage."""
+    """`stage: reason` for each reason of a stage with one of these healths."""
     return [
         f"{status.stage}: {reason}"
         for status in statuses

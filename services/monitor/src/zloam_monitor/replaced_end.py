@@ -1,8 +1,8 @@
-"""A program of its own: keeps a file whole whose end is written again with each piece.
+"""A program that keeps a file complete while each write replaces the file's ending.
 
-replaced_end.py FILE: reads from standard input HEAD, then data and ending; writes data in the place
-of the ending before, and the ending after it; answers with an errno, 0: done. A piece that does not
-come whole is not written. Where the disk has no room the file is what it was before.
+replaced_end.py FILE reads from standard input HEAD, data and ending; writes data in place of the
+previous ending, followed by the new one; answers with an errno, or 0. An incomplete input is not
+written. If the disk is full, the file is restored.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import struct
 import sys
 from typing import BinaryIO
 
-#: bytes of data and of the ending
+#: Sizes of data and ending in bytes.
 HEAD = struct.Struct("<QQ")
 REPLY = struct.Struct("<i")
 
@@ -25,7 +25,7 @@ def _write(file: int, data: bytes, at: int) -> None:
 
 
 def serve(file: int, pieces: BinaryIO, replies: BinaryIO) -> None:
-    """Until there are no more."""
+    """Writes pieces until the input ends."""
     at, before = 0, b""
     while len(head := pieces.read(HEAD.size)) == HEAD.size:
         data_bytes, ending_bytes = HEAD.unpack(head)
@@ -38,7 +38,7 @@ def serve(file: int, pieces: BinaryIO, replies: BinaryIO) -> None:
             os.ftruncate(file, at + len(piece))
             at, before = at + data_bytes, piece[data_bytes:]
         except OSError as error:
-            # The bytes of the ending before are this file's still.
+            # Restoring needs no space on the disk, as the file had these bytes before.
             number = error.errno or 1
             _write(file, before, at)
             os.ftruncate(file, at + len(before))

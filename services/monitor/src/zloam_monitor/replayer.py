@@ -1,6 +1,6 @@
-"""`replay`: what a robot published is published again, for `watch`, `foxglove` and anybody else.
+"""`replay`: publishes a recording again, for `watch`, `foxglove` and other subscribers.
 
-It stands for the robot: it has its stages' tokens, and answers what they answered.
+It replaces the robot: it has its stages' liveliness tokens, and answers queries as they did.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.robot_log import Logged, RobotLog
 from zloam_monitor.terminal import ProgressLine
 
-#: of those the newest is published at once where the replay begins later
+#: When the replay begins later, the newest of these messages before its begin come first.
 STANDING = ("zloam.msg.ConfigRevision", "zloam.msg.EffectiveConfig", "zloam.msg.MapTile")
-#: a reader that is there is linked by then
+#: Time in which links come up, to the robot if it is present and to programs that wait.
 LINK_SECONDS = 1.0
 LOOK_SECONDS = 0.2
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is published, how fast and as whom."""
+    """Options of a replay."""
 
     path: Path
-    #: 1: as it was
+    #: 1: as recorded.
     rate: float = 1.0
-    #: seconds from its begin
+    #: Part of the recording, in seconds since its begin.
     begin_s: float = 0.0
     end_s: float | None = None
-    #: name of the robot; empty: its own
+    #: Name for the robot; empty: the recorded one.
     robot: str = ""
     connect: tuple[str, ...] = ()
     listen: str = ""
 
 
 class Stand:
-    """The session that speaks for the robot."""
+    """The session that publishes and answers in place of the robot."""
 
     def __init__(self, log: RobotLog, options: Options) -> None:
         about = log.about
@@ -63,7 +63,7 @@ class Stand:
         self.published = 0
 
     def _alone(self) -> None:
-        """The robot itself must not be there: nobody could tell the two apart."""
+        """Refuses if the robot itself is present, as messages of the two would be mixed."""
         deadline = time.monotonic() + LINK_SECONDS
         while time.monotonic() < deadline:
             replies = self.session.liveliness().get(self.keys.every_alive, timeout=LINK_SECONDS)
@@ -79,19 +79,19 @@ class Stand:
         self.session.close()
 
     def put(self, logged: Logged) -> None:
-        """On its key, below the robot's name."""
+        """Publishes a message on its key below the robot's name."""
         key = self._key(logged)
         if key is None:
             return
         if logged.schema in ("zloam.msg.Status", *STANDING[:2]):
             self._newest[key] = logged.payload
             self._declare(key)
-        if logged.schema != "zloam.msg.EffectiveConfig":  # which is asked for only
+        if logged.schema != "zloam.msg.EffectiveConfig":  # Stages only answer queries with it.
             self.session.put(key, logged.payload, encoding=self._encodings.get(logged.schema, ""))
         self.published += 1
 
     def _key(self, logged: Logged) -> str | None:
-        """None: it is no message of the robot, but a view of one."""
+        """The key of a message; None: a topic of the scene, not a message of the robot."""
         begin = f"loam/{self._recorded}/"
         if not logged.topic.startswith(begin):
             return None
@@ -102,7 +102,7 @@ class Stand:
         return self.keys.below(rest)
 
     def _declare(self, key: str) -> None:
-        """The token of a stage's instance, by the key of its status or configuration."""
+        """Declares an instance's token, for the key of its status or configuration."""
         parts = key.split("/")
         who = (parts[-3], parts[-2])
         if "service" in parts and who not in self._tokens:
@@ -122,7 +122,7 @@ def _expression(key: str) -> Any:
 
 
 def _from(log: RobotLog, begin_ns: int, end_ns: int) -> Iterator[Logged]:
-    """What stands at the begin, then what came until the end."""
+    """The newest standing messages before begin_ns, then all messages until end_ns."""
     standing: dict[str, Logged] = {}
     began = False
     for logged in log.messages():
@@ -147,7 +147,7 @@ def _identity(logged: Logged) -> str:
 
 
 def replay(options: Options) -> int:
-    """Until its end or Ctrl-C."""
+    """Replays a recording until its end or Ctrl-C; returns 1 if a part was unreadable."""
     log = RobotLog(options.path)
     extent = log.extent()
     begin_ns = extent.begin_ns + round(1e9 * options.begin_s)
@@ -181,7 +181,8 @@ def _publish(
     begins_ns: tuple[int, int],
     goes_on: Callable[[], bool],
 ) -> None:
-    """In the recording's time, begun at the second of the two instants; told from the first."""
+    """Publishes at the recording's times. begins_ns: begin of the recording, which the shown time
+    counts from, and begin of the replay."""
     line = ProgressLine()
     whole_ns, begin_ns = begins_ns
     began = time.monotonic()

@@ -1,4 +1,4 @@
-"""report.json and the table at the end of a run."""
+"""Builds report.json, and the table at the end of a run."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from zloam_monitor.settings import as_set_at
 from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
 
-#: a file that could not be written
+#: Exit code if a file could not be written.
 FILE_CODE = 3
-#: kind of trajectory in the report -> what it is called
+#: Kind of trajectory in the report -> its name in the table.
 KINDS = {"pose": "pose", "odometry": "odometry", "world": "pose with loops closed"}
-#: name in the report -> name in Scores
+#: Names of errors, both in the report and in Scores.
 SCORE_NAMES = ("ate_rmse_m", "drift_percent", "rpe_1m_m")
 
 
 @dataclass(frozen=True)
 class Run:
-    """All that was seen of one run."""
+    """All that was received of one run."""
 
     keys: Keys
     statuses: dict[str, StatusRecord]
@@ -39,20 +39,20 @@ class Run:
     trajectory: Trajectory
     odometry: Trajectory
     wall_s: float
-    #: name of the reference -> truth of base_link
+    #: Name of the reference -> truth of base_link.
     truths: dict[str, Trajectory] = field(default_factory=dict)
     exit_codes: dict[str, int] = field(default_factory=dict)
-    #: what was changed while it ran, as texts for --set-at
+    #: Changes during the run, as texts for --set-at.
     set_at: list[str] = field(default_factory=list)
-    #: what stages said of themselves, each cause once
+    #: Remarks of the stages, each cause once.
     remarks: list[str] = field(default_factory=list)
-    #: of the stages that still ran at the end
+    #: MiB of each stage that still ran at the end.
     pss_mib: dict[str, float] = field(default_factory=dict)
-    #: what a recording of it lacks
+    #: Texts about what its recording lacks.
     not_recorded: list[str] = field(default_factory=list)
-    #: with loops closed, where a graph did so
+    #: Trajectory after pose-graph optimization, if there was a graph.
     world: Trajectory | None = None
-    #: last words of the graph, where there is one
+    #: Last status of the graph, if there was one.
     graph: StatusRecord | None = None
 
     @classmethod
@@ -64,7 +64,7 @@ class Run:
         truths: dict[str, Trajectory] | None = None,
         pss_mib: dict[str, float] | None = None,
     ) -> Run:
-        """What came over a link until now."""
+        """The run as a link has received it until now."""
         return cls(
             keys=link.keys,
             statuses=link.newest_statuses(),
@@ -82,7 +82,7 @@ class Run:
 
 
 def _worst(scores: list[Scores], name: str) -> float | None:
-    """Against several references the largest error counts."""
+    """The largest error against any of several references."""
     values = [getattr(s, name) for s in scores]
     known = [float(v) for v in values if v is not None]
     return max(known) if known else None
@@ -92,12 +92,12 @@ def _data_seconds(poses: Trajectory) -> float:
     stamps = poses.stamps_ns
     if stamps is None or len(stamps) < 2:
         return 0.0
-    # the first sweep lasted about as long as the others
+    # The first sweep is taken to be as long as the mean of the others.
     return float(stamps[-1] - stamps[0]) * 1e-9 * len(stamps) / (len(stamps) - 1)
 
 
 def _went_back(poses: dict[int, PoseRecord]) -> list[int]:
-    """Sweeps whose instant is not after those of all before."""
+    """Sweeps whose instant is not later than those of all sweeps before."""
     latest, found = None, []
     for sweep, pose in sorted(poses.items()):
         if latest is not None and pose.instant_ns <= latest:
@@ -108,7 +108,7 @@ def _went_back(poses: dict[int, PoseRecord]) -> list[int]:
 
 
 def _without(trajectory: Trajectory, sweeps: list[int]) -> Trajectory:
-    """What times and lengths are taken of."""
+    """The trajectory without these sweeps."""
     kept = ~np.isin(trajectory.sweeps, sweeps)
     stamps = trajectory.stamps_ns
     return Trajectory(
@@ -125,20 +125,20 @@ def _of_stamps(went_back: list[int]) -> list[str]:
 
 
 def accounts_of(run: Run) -> Accounts:
-    """The run's books."""
+    """The message accounts of the run."""
     dropped = sum(1 for pose in run.poses.values() if pose.health == DROPPED)
     return account(run.statuses, run.keys, len(run.trajectory), dropped)
 
 
 def _loops(run: Run) -> dict[str, int] | None:
-    """What the graph made of the run; None without one."""
+    """Results of the pose graph; None without one."""
     if run.graph is None:
         return None
     return {name: int(run.graph.figures.get(name, 0)) for name in ("submaps", "loops", "revision")}
 
 
 def build(run: Run) -> dict[str, Any]:
-    """The report as issue and README define it; null where nothing is known."""
+    """The report as described in the README; null for unknown figures."""
     accounts = accounts_of(run)
     scores = {
         "pose": {name: evaluation.evaluate(run.trajectory, t) for name, t in run.truths.items()},
@@ -206,14 +206,14 @@ def build(run: Run) -> dict[str, Any]:
 
 
 def exit_code(report: dict[str, Any]) -> int:
-    """3 when a file is missing, as with the stages; 1 when anything else is wrong."""
+    """3 if a file is missing, as the stages do; 1 if anything else is wrong."""
     if report.get("not_written") or FILE_CODE in report["exit_codes"].values():
         return FILE_CODE
     return 0 if accounted(report) else 1
 
 
 def accounted(report: dict[str, Any]) -> bool:
-    """Whether everything is accounted for and every process ended well."""
+    """True if all accounts balance and every process ended with 0."""
     identities = report["identities"]
     return (
         identities["inputs_balanced"]
@@ -244,7 +244,7 @@ def _grid(rows: list[list[str]]) -> list[str]:
 
 
 def stage_rows(report: dict[str, Any]) -> list[list[str]]:
-    """A head, and a row a stage."""
+    """Rows of a table: a head, and one row per stage."""
     rows = [["stage", "in", "out", "dropped", "p50 ms", "p99 ms", "CPU ms/sweep", "RSS MiB (peak)"]]
     for stage, sweeps in report["sweeps"].items():
         took = report["work_ms"].get(stage) or {}
@@ -266,7 +266,7 @@ def stage_rows(report: dict[str, Any]) -> list[list[str]]:
 
 
 def latency_line(report: dict[str, Any]) -> str:
-    """A sentence."""
+    """A sentence about the latency."""
     parts = []
     for name, words in (("end_to_end", "fused pose"), ("mapped_pose", "mapped pose")):
         found = report["latency_ms"][name]
@@ -276,7 +276,7 @@ def latency_line(report: dict[str, Any]) -> str:
 
 
 def table(report: dict[str, Any]) -> str:
-    """For the end of a run, to be read by a person."""
+    """Text for a person at the end of a run."""
     lines = _grid(stage_rows(report))
     lines.append("")
     for name, each in report["references"].items():
@@ -306,7 +306,7 @@ def table(report: dict[str, Any]) -> str:
 
 
 def summary_line(report: dict[str, Any]) -> str:
-    """How much it was, and how fast."""
+    """A line about amount and speed."""
     factor = report["realtime_factor"]
     return (
         f"{report['identities']['sweeps']} sweeps, {report['identities']['poses']} poses, "
@@ -316,7 +316,7 @@ def summary_line(report: dict[str, Any]) -> str:
 
 
 def complaints(report: dict[str, Any]) -> list[str]:
-    """What is not as it should be; nothing where all is accounted for."""
+    """Texts about all that is wrong; empty if everything is accounted for."""
     return [
         *report["identities"]["complaints"],
         *(f"not written: {each}" for each in report.get("not_written", [])),

@@ -1,5 +1,5 @@
-"""What Rerun is shown of a robot: in space and over time, from the messages that anybody can
-subscribe to."""
+"""Draws a robot in Rerun, in space and over time, from the messages that anybody can subscribe
+to."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zloam_monitor.map_frame import MapFrame, Matrix, matrix
 from zloam_monitor.preview_map import Index, PreviewMap
 from zloam_monitor.records import PoseRecord, PreviewRecord, StatusRecord
 
-#: of features, by class: colour
+#: Class of features -> colour.
 FEATURES = {
     "LessFlat": (90, 120, 160),
     "Flat": (60, 140, 230),
@@ -29,23 +29,23 @@ REJECTED = (150, 60, 150)
 LAYERS = {"edge": (230, 150, 60), "plane": (120, 130, 140)}
 POSE_COLOUR, ODOMETRY_COLOUR = (40, 170, 90), (160, 160, 60)
 WEAK_COLOUR = (214, 39, 40)
-#: of the path, drawn as pieces of so many poses, so that each is sent a few times only
+#: Poses in a piece of the path. Only the last piece is sent again with each new pose.
 PIECE = 50
-#: blocks of a preview along an edge of what is drawn as one
+#: Blocks of a preview along an edge of the cube that is drawn as one entity.
 DRAWN_BLOCKS = 4
-#: an ellipsoid of three sigma is smaller than can be seen: it is drawn as much larger
+#: The three-sigma ellipsoid is enlarged by this factor, as it would be too small to see.
 ELLIPSOID_SCALE = 10.0
 
 
 def expressions(keys: Keys, everything: bool) -> list[str]:
-    """What a scene has to hear; `everything`: also what is published only while somebody looks."""
+    """Keys that a scene needs; `everything`: also those published only for subscribers."""
     wanted = [keys.pose, keys.odometry, keys.tiles, keys.every_status]
     looked_at = [keys.odometry_sweep, keys.features, keys.below("lidar/*/rejected")]
     return wanted + looked_at if everything else wanted
 
 
 class Scene:
-    """Draws into a recording of rerun's."""
+    """Draws into a recording stream of Rerun."""
 
     def __init__(self, keys: Keys, recording: Any, T_base_lidar: NDArray[np.float64]) -> None:
         self._rr = needed("rerun", "rerun-sdk")
@@ -73,7 +73,7 @@ class Scene:
             self._recording.set_time("sweep", sequence=sweep)
 
     def take(self, sample: Sample) -> None:
-        """Draws what a message changes; nothing where it is none of a scene's."""
+        """Draws the change that a message makes, if it is part of the scene."""
         try:
             self._take(sample)
         except messages.DECODE_ERRORS:
@@ -115,7 +115,7 @@ class Scene:
         if pose is not None and (pose.run, pose.sweep) != self._last_preview:
             self._last_preview = (pose.run, pose.sweep)
             self._pose(pose)
-            # there is no odometry beside it
+            # A preview has no odometry: odom is shown at the map's origin.
             self._log("map/odom", self._transform(np.eye(4)))
             self._log("map/odom/base_link", self._transform(matrix(pose)))
         changed = self._preview.take(said)
@@ -196,7 +196,7 @@ class Scene:
         self._map_to_odom(self._frame.of_odometry(pose))
         T_odom_base = matrix(pose)
         self._log("map/odom/base_link", self._transform(T_odom_base))
-        # in map, so that it is seen how far odometry alone is off
+        # The path in odom is drawn in map, to show the drift of odometry alone.
         self._extend("odom/path", T_odom_base[:3, 3], ODOMETRY_COLOUR)
 
     def _features(self, payload: bytes) -> None:
@@ -224,7 +224,7 @@ class Scene:
         self._points("map/odom/base_link/lidar/rejected", points[finite], REJECTED, 0.03)
 
     def keep_path(self, run: int, poses: NDArray[Any]) -> None:
-        """Of the run so far (messages.STAMPED_POSE)."""
+        """Draws the path of the run so far (messages.STAMPED_POSE)."""
         self._run = run
         for each in poses:
             self._at(int(each["instant_ns"]), int(each["sweep"]))
@@ -232,7 +232,7 @@ class Scene:
             self._extend("map/path", at, POSE_COLOUR)
 
     def keep(self, tile: Tile) -> None:
-        """A cube of the map; each replaces the one before it."""
+        """Draws a tile of the map in place of its previous version."""
         if tile.layer in POINT_LAYERS:
             entity = f"map/tiles/{tile.layer}/{'_'.join(map(str, tile.index))}"
             self._points(entity, tile.points, LAYERS[tile.layer], 0.05)
@@ -262,7 +262,7 @@ class Scene:
 
 
 def _steps_ms(pose: PoseRecord) -> Iterator[tuple[str, float]]:
-    """Each stage's own share, and the whole from the sweep's last packet on."""
+    """Time of each stage, and the whole time since the sweep's last packet."""
     for step in pose.trace:
         yield step.stage, 1e-6 * (step.published_ns - step.received_ns)
     if pose.trace and pose.last_packet_ns:
@@ -270,7 +270,7 @@ def _steps_ms(pose: PoseRecord) -> Iterator[tuple[str, float]]:
 
 
 def blueprint(rr: Any) -> Any:
-    """What is seen at once: the scene, health and latency beside it, the log below."""
+    """Initial layout: the scene; health, latency and log beside it."""
     import rerun.blueprint as rrb
 
     return rrb.Blueprint(

@@ -1,4 +1,4 @@
-"""`view`: a robot, live, in Rerun: its own window, the browser, or a file."""
+"""`view`: shows a robot live in Rerun: in a window, in the browser, or into a file."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from zloam_monitor.processes import is_free
 from zloam_monitor.rerun_scene import Scene, blueprint, expressions
 from zloam_monitor.terminal import ProgressLine
 
-#: what waits to be drawn; of more the oldest goes
+#: Limit on messages waiting to be drawn; beyond it the oldest are dropped.
 MOST_WAITING_BYTES = 64 * MIB
-#: the server for the browser keeps so much, for those who come later
+#: Memory in which the server for browsers keeps data for those who open the page later.
 KEPT = "512MiB"
 APPLICATION = "zloam"
 HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
@@ -35,25 +35,25 @@ START_SECONDS = 20.0
 
 @dataclass(frozen=True)
 class Options:
-    """Where it is shown; none of web and save: in a window of its own."""
+    """Where the robot is shown; without web and save in a window."""
 
     web: bool = False
-    #: of the page, and one above it the data
+    #: Port of the page; the data use the next one.
     port: int = 9090
-    #: that it listens on
+    #: Address that the servers listen on.
     address: str = HERE
     save: Path | None = None
-    #: also sweeps, features and rejected points
+    #: Also show sweeps, features and rejected points.
     points: bool = True
 
     @property
     def host(self) -> str:
-        """By which this machine reaches it."""
+        """Host by which this machine reaches the servers."""
         return HERE if self.address == EVERYWHERE else self.address
 
     @property
     def page(self) -> str:
-        """Its address for browsers, which names where its data is."""
+        """Address of the page for browsers, with the address of its data."""
         data = f"rerun%2Bhttp%3A%2F%2F{self.host}%3A{self.port + 1}%2Fproxy"
         page = f"http://{self.host}:{self.port}/?url={data}"
         if self.address != EVERYWHERE:
@@ -62,7 +62,7 @@ class Options:
 
 
 class Viewer:
-    """Rerun's own program: a window, or a server for browsers. It ends with this."""
+    """Rerun's own program: a window, or a server for browsers. close() ends it."""
 
     def __init__(self, options: Options) -> None:
         self._settings = tempfile.TemporaryDirectory(prefix="zloam-rerun-")
@@ -74,8 +74,8 @@ class Viewer:
             command += ["--serve-web", "--web-viewer-port", str(options.port)]
             command += ["--server-memory-limit", KEPT]
         if options.web and options.address != HERE:
-            # The page has its data from another port, where Rerun serves pages of its own machine
-            # alone: who opened it from elsewhere saw nothing.
+            # The page gets its data from another port, where Rerun by default accepts only pages
+            # from its own machine; opened from elsewhere, the page would stay empty.
             command += ["--cors-allow-origin", f"http://*:{options.port}"]
         environment = {**os.environ, "XDG_CONFIG_HOME": self._settings.name}
         for port in (options.port, options.port + 1):
@@ -86,14 +86,14 @@ class Viewer:
             self._process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)
 
     def _quiet(self) -> None:
-        """It tells nobody that it runs."""
+        """Turns off Rerun's analytics."""
         file = Path(self._settings.name) / "rerun" / "analytics.json"
         file.parent.mkdir()
         said = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
         file.write_text(json.dumps(said))
 
     def wait_for(self, host: str, port: int) -> None:
-        """Until it takes what is sent; raises ViewerError with its words where it does not."""
+        """Waits until Rerun accepts connections; raises ViewerError with its message otherwise."""
         deadline = time.monotonic() + START_SECONDS
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
@@ -116,7 +116,7 @@ class Viewer:
 
 @contextlib.contextmanager
 def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
-    """Shows it for the block; gives where."""
+    """Shows the recording during the block; yields a text that says where."""
     if options.save is not None:
         options.save.parent.mkdir(parents=True, exist_ok=True)
         recording.save(options.save, default_blueprint=plan)
@@ -133,7 +133,7 @@ def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
 
 
 def view(link: Link, options: Options, seconds: float | None) -> int:
-    """Until so long has passed, or Ctrl-C."""
+    """Shows a robot until `seconds` have passed, or Ctrl-C."""
     rr = needed("rerun", "rerun-sdk")
     recording = rr.RecordingStream(APPLICATION, recording_id=f"{link.keys.robot}-{time.time_ns()}")
     mounting = se3.mounting_shown({} if link.thin else link.query_configs())
@@ -162,7 +162,7 @@ def _draw(link: Link, intake: Intake, scene: Scene, seconds: float | None, where
     line = ProgressLine()
     drawn = 0
     said: str | None = None
-    # it is heard from here on
+    # The preview's silence counts from here, as messages are received from now on.
     link.preview_s = time.monotonic()
     with ending.until_told(seconds) as goes_on:
         print(f"{where}; Ctrl-C ends", flush=True)

@@ -1,4 +1,4 @@
-"""The few values of a robot's file that a third party needs to find the robot."""
+"""Reads the values of a robot's file that a third party needs to find the robot."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import yaml
 
 
 class RobotFileError(RuntimeError):
-    """The file can't be read; the stages themselves check what stands in it."""
+    """The file cannot be read. Its contents are checked by the stages themselves."""
 
 
 @dataclass(frozen=True)
 class RobotNames:
-    """Names below which the keys lie, and where the stages listen."""
+    """Names in the robot's keys, and addresses on which the stages listen."""
 
     robot: str = "robot"
     sensor: str = "lidar"
@@ -24,7 +24,7 @@ class RobotNames:
 
 
 def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
-    """A --set beats the file, the file the default."""
+    """The value of a key: that of --set, else of the file, else the default."""
     for setting in reversed(settings):
         name, _, value = setting.partition("=")
         if name == key:
@@ -37,7 +37,7 @@ def _value(tree: Any, settings: list[str], key: str, default: Any) -> Any:
 
 
 def connects(path: Path, settings: list[str]) -> list[str]:
-    """zenoh.connect; what is no list of endpoints is left to the stages to refuse."""
+    """Endpoints of zenoh.connect; values of other forms are kept for the stages to refuse."""
     found = _value(_tree(path), settings, "zenoh.connect", [])
     try:
         listed = yaml.load(found, Loader=yaml.BaseLoader) if isinstance(found, str) else found
@@ -48,7 +48,7 @@ def connects(path: Path, settings: list[str]) -> list[str]:
 
 def _tree(path: Path) -> Any:
     try:
-        # the stages take a value's text, so `01` is a name and no number
+        # The stages read values as texts, so `01` is a name and not a number.
         return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
     except OSError as error:
         raise RobotFileError(f"{path}: {error.strerror}") from error
@@ -59,7 +59,7 @@ def _tree(path: Path) -> Any:
 
 
 def names(path: Path, settings: list[str]) -> RobotNames:
-    """Reads the names; what is wrong elsewhere in the file is the stages' to refuse."""
+    """Reads the names; other errors in the file are reported by the stages."""
     tree = _tree(path)
     plain = RobotNames()
     port = _value(tree, settings, "zenoh.base_port", plain.base_port)

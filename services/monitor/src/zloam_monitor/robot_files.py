@@ -1,7 +1,8 @@
-"""REFERENCE.md and schema.json beside the robots' files, from what the stages say of their keys.
+"""Generates REFERENCE.md and schema.json of the robot files from the stages' descriptions of their
+keys.
 
-A robot's file states what it sets; everything else has its default, so that a better default
-reaches every robot.
+A robot file contains only the values that it sets; all others are the defaults, so that a better
+default reaches every robot.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from zloam_monitor import config_schema
 from zloam_monitor.chain import binary
 from zloam_monitor.stages import ROWS, STAGES
 
-#: beside the robots' files
+#: File in the folder of the robot files.
 SCHEMA = "schema.json"
-#: by which editors find it
+#: Comment in a robot file by which editors find the schema.
 MODELINE = f"# yaml-language-server: $schema={SCHEMA}\n"
-#: what a user of a robot or a recording may have to set; the rest is for experts
+#: Keys that a user may have to set for a robot or a recording; the others are for experts.
 COMMON = (
     "robot",
     "sensor.model",
@@ -51,7 +52,7 @@ COMMON = (
     "zenoh.host",
     "log.level",
 )
-#: order of the sections, and what each is about
+#: Section -> its purpose, in the order of the reference.
 SECTIONS = {
     "": "",
     "sensor": "The lidar.",
@@ -67,7 +68,7 @@ SECTIONS = {
 
 
 def described(build: Path) -> dict[str, dict[str, Any]]:
-    """Key -> what the stages say about it, in their order."""
+    """Key -> the stages' description of it, in their order."""
     found: dict[str, dict[str, Any]] = {}
     for stage in STAGES:
         done = subprocess.run(
@@ -125,12 +126,12 @@ def reference(said: dict[str, dict[str, Any]]) -> str:
 
 
 def schema_text(said: dict[str, dict[str, Any]]) -> str:
-    """JSON Schema of the files, as text."""
+    """JSON Schema of the robot files, as text."""
     return json.dumps(config_schema.schema(said, SECTIONS), indent=1, ensure_ascii=False) + "\n"
 
 
 def refresh(build: Path, folder: Path, check: bool) -> list[Path]:
-    """Rewrites what is out of date (or only names it); the files concerned."""
+    """Updates the files that are out of date, or with `check` only returns them."""
     said = described(build)
     wanted = {folder / "REFERENCE.md": reference(said), folder / SCHEMA: schema_text(said)}
     stale = [p for p, text in wanted.items() if not p.exists() or p.read_text() != text]

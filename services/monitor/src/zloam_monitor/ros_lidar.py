@@ -1,7 +1,7 @@
-"""A PointCloud2 topic of a ROS 2 system (rmw_zenoh) as the robot's lidar, without ROS.
+"""Makes a PointCloud2 topic of a ROS 2 system (rmw_zenoh) the robot's lidar, without ROS.
 
-What its fields mean is settled as in recordings (recordings/); its sweeps are published as those of
-any other source (docs/your-own-sensor.md). Names on ROS's side: services/ros/graph.hpp.
+The fields are interpreted as in recordings (recordings/); sweeps are published like those of any
+other source (docs/your-own-sensor.md). ROS's names of keys and tokens: services/ros/graph.hpp.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
 CLOUD = "sensor_msgs/msg/PointCloud2"
 DDS_CLOUD = "sensor_msgs::msg::dds_::PointCloud2_"
 DISTROS = ("humble", "jazzy", "kilted", "rolling")
-#: of ROS 2's default quality of service for sensors: best effort, the last five
+#: ROS 2's default quality of service for sensors in a token: best effort, the last five.
 QOS = "2::,5:,:,:,,"
 TOKENS = "@ros2_lv"
-#: clouds that wait; one more, and the oldest is dropped
+#: Limit on waiting clouds; beyond it the oldest are dropped.
 NEWEST = 4
-#: sweeps that can be asked for again: two seconds of them
+#: Number of sweeps that can be queried again: those of two seconds.
 KEPT = 20
 SILENCE_S = 5.0
 SAY_EVERY_S = 10.0
@@ -38,10 +38,10 @@ LOOK_S = 0.2
 
 @dataclass(frozen=True)
 class Options:
-    """Where from and where to."""
+    """Source and destination."""
 
     topic: str
-    #: endpoints of the ROS nodes' router, and of the robot's stages
+    #: Endpoints of the ROS nodes' router; `connect`: of the robot's stages.
     ros: list[str]
     connect: list[str]
     keys: Keys
@@ -57,14 +57,14 @@ def _types() -> Any:
 
 
 class Topic:
-    """A subscription that ROS nodes list; holds the newest clouds."""
+    """A subscription that ROS nodes list; buffers the newest clouds."""
 
     def __init__(self, session: Any, options: Options) -> None:
         self._session, self._options = session, options
         self._clouds: queue.Queue[bytes] = queue.Queue(NEWEST)
         self._types = _types()
         self.dropped, self.unread = 0, 0
-        # whichever hash: what the fields are is in each message
+        # Any type hash, as each message describes its own fields.
         key = f"{options.domain}{options.topic}/{DDS_CLOUD}/*"
         self._subscriber = session.declare_subscriber(key, self._take)
         node = f"{TOKENS}/{options.domain}/{session.info.zid()}/0"
@@ -83,7 +83,7 @@ class Topic:
         self._clouds.put(sample.payload.to_bytes())
 
     def forget(self, count: int = NEWEST) -> int:
-        """So many of the oldest that wait."""
+        """Drops up to `count` of the oldest waiting clouds; returns the number dropped."""
         forgotten = 0
         with contextlib.suppress(queue.Empty):
             while forgotten < count:
@@ -92,7 +92,7 @@ class Topic:
         return forgotten
 
     def clouds(self) -> Iterator[Any]:
-        """As they come, for ever; what can't be read is counted. Says it when none come."""
+        """Clouds without end; unreadable ones are counted. Prints a message if none come."""
         heard, quiet = time.monotonic(), False
         while True:
             try:
@@ -105,7 +105,7 @@ class Topic:
             heard, quiet = time.monotonic(), False
             try:
                 yield self._types.deserialize_cdr(payload, CLOUD)
-            except Exception:  # the library has no one error
+            except Exception:  # The library has no common error type.
                 self.unread += 1
 
     def _silence(self) -> str:
@@ -120,7 +120,7 @@ class Topic:
 
 
 def message(keys: Keys, run: int, number: int, sweep: Sweep) -> bytes:
-    """schemas/sweep.fbs"""
+    """A Sweep message (schemas/sweep.fbs)."""
     import flatbuffers
 
     header_of, sweep_of = messages.module("Header"), messages.module("Sweep")
@@ -152,8 +152,8 @@ def message(keys: Keys, run: int, number: int, sweep: Sweep) -> bytes:
 
 
 class Kept:
-    """The last sweeps, for stages that ask for one by its number (docs/protocol.md, section 3): the
-    first message over a link that has just come up may not arrive."""
+    """The last sweeps, for stages that query one by its number (docs/protocol.md, section 3): the
+    first messages over a link that has just come up may be lost."""
 
     def __init__(self, session: Any, key: str, encoding: str) -> None:
         self._key, self._encoding = key, encoding
@@ -174,13 +174,13 @@ class Kept:
 
 
 def asked_for(parameters: str) -> tuple[int, int, int] | None:
-    """Run and numbers of `run=R;sweep=A..B`, both ends included; None: another question."""
+    """Run, first and last sweep of `run=R;sweep=A..B`, both included; None: another query."""
     match = re.fullmatch(r"run=(\d+);sweep=(\d+)\.\.(\d+)", parameters)
     return (int(match[1]), int(match[2]), int(match[3])) if match else None
 
 
 def run(options: Options) -> int:
-    """Until it is ended; raises Refused when what comes can't be understood."""
+    """Publishes sweeps until interrupted; raises Refused if the clouds cannot be interpreted."""
     with open_session(options.ros) as ros, open_session(options.connect) as robot:
         topic = Topic(ros, options)
         encoding = messages.encoding("Sweep")
@@ -194,7 +194,7 @@ def run(options: Options) -> int:
 
 
 class Lidar:
-    """What comes of a topic's clouds."""
+    """Publishes a topic's clouds as sweeps."""
 
     def __init__(self, options: Options, topic: Topic, publisher: Any, kept: Kept) -> None:
         self._options, self._topic, self._publisher = options, topic, publisher
@@ -202,8 +202,9 @@ class Lidar:
         self._run, self._count, self._untaken = time.time_ns(), 0, 0
 
     def publish(self) -> None:
-        """For ever. What came while it was settled how clouds are read is old, and what nobody
-        takes is left out, so that a run begins with its first sweep."""
+        """Publishes without end. Clouds that came while their interpretation was inferred are
+        dropped as old; sweeps before the first subscriber are not numbered, so that a run begins
+        with sweep 0."""
         sweeper = Sweeper(self._options.timing)
         said, last_ns = 0.0, None
         for sweep in sweeper.sweeps(self._topic.clouds(), live=True):
@@ -232,7 +233,7 @@ class Lidar:
                 self.say()
 
     def say(self) -> None:
-        """How far it is, and what was left out."""
+        """Prints the number of sweeps, and what was left out."""
         topic, line = self._topic, f"{self._count} sweeps"
         if self._untaken:
             line += f", {self._untaken} before a registration took them"

@@ -1,6 +1,6 @@
-"""Arrays of rigid transforms: (n, 4, 4) matrices and (n, 4) quaternions x y z w.
+"""Rigid transforms as arrays: (n, 4, 4) matrices and (n, 4) quaternions x y z w.
 
-numpy alone, so that a run needs no scipy; tests compare with scipy's rotations.
+Uses numpy alone, so that a run needs no scipy; tests compare with scipy's rotations.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def matrices(positions: Array, quaternions: Array) -> Array:
-    """(n, 3) and (n, 4) x y z w to (n, 4, 4)."""
+    """Converts (n, 3) positions and (n, 4) quaternions x y z w to (n, 4, 4) transforms."""
     out = np.tile(np.eye(4), (len(positions), 1, 1))
     if len(positions):
         out[:, :3, :3] = _rotations(quaternions)
@@ -24,7 +24,7 @@ def matrices(positions: Array, quaternions: Array) -> Array:
 
 
 def _rotations(quaternions: Array) -> Array:
-    """(n, 4) x y z w of any length but 0 to (n, 3, 3)."""
+    """Converts (n, 4) quaternions x y z w of any length but 0 to (n, 3, 3) rotations."""
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1)[:, None]).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -35,7 +35,7 @@ def _rotations(quaternions: Array) -> Array:
 
 
 def quaternions(transforms: Array) -> Array:
-    """(n, 4, 4) to (n, 4) x y z w with w >= 0.
+    """Converts (n, 4, 4) transforms to (n, 4) quaternions x y z w with w >= 0.
 
     Each column of 4 q q^T is the quaternion up to a factor; the one with the largest diagonal
     element loses no digits (Shepperd 1978).
@@ -55,7 +55,7 @@ def quaternions(transforms: Array) -> Array:
 
 
 def slerp(first: Array, second: Array, part: Array) -> Array:
-    """Rotations (n, 3, 3) on the way from one to another: at a constant rate, the shorter way."""
+    """Interpolates rotations (n, 3, 3) at a constant rate, the shorter way round."""
     step = quaternions(inverse(first) @ second)
     sine, cosine = np.linalg.norm(step[:, :3], axis=1), step[:, 3]
     half = np.arctan2(sine, cosine) * part
@@ -90,7 +90,7 @@ def from_xyz_rpy_deg(xyz: Any, rpy_deg: Any) -> Array:
 
 
 def to_xyz_rpy_deg(pose: Array) -> tuple[Array, Array]:
-    """The inverse of from_xyz_rpy_deg; pitch within 90 degrees, roll 0 where yaw says all."""
+    """Inverse of from_xyz_rpy_deg; pitch is within 90 degrees, and roll 0 in gimbal lock."""
     r = pose[:3, :3]
     pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
     if np.hypot(r[0, 0], r[1, 0]) < 1e-9:
@@ -101,14 +101,14 @@ def to_xyz_rpy_deg(pose: Array) -> tuple[Array, Array]:
 
 
 def rotation_angle_rad(transforms: Array) -> Array:
-    """Angle of each rotation, exact for small angles too."""
+    """Angle of each rotation, accurate for small angles, too."""
     q = quaternions(transforms)
     angles: Array = 2 * np.arctan2(np.linalg.norm(q[:, :3], axis=1), q[:, 3])
     return angles
 
 
 def mounting(configs: Mapping[str, Mapping[str, Any]]) -> Array:
-    """T_base_lidar out of the stages' own configuration; raises ValueError where none says it."""
+    """T_base_lidar from the stages' own configuration; raises ValueError if it is in none."""
     for values in configs.values():
         if "mounting.xyz_m" in values:
             return from_xyz_rpy_deg(values["mounting.xyz_m"], values["mounting.rpy_deg"])
@@ -116,5 +116,5 @@ def mounting(configs: Mapping[str, Mapping[str, Any]]) -> Array:
 
 
 def mounting_shown(configs: Mapping[str, Mapping[str, Any]]) -> Array:
-    """Likewise, to look at: without an answer the lidar is drawn in base_link."""
+    """T_base_lidar for display: if no stage answered, the identity."""
     return mounting(configs) if configs else np.eye(4)

@@ -1,7 +1,7 @@
-"""A sensor's description of itself, from its HTTP API to the file of driver.metadata.
+"""Fetches a sensor's description of itself over its HTTP API, for the file of driver.metadata.
 
-Ouster's: one document since firmware 2.4 (/api/v1/sensor/metadata), its parts before (the same path
-with their names, and the configuration). Which sensor it is, the driver finds out by itself.
+For Ouster: one document since firmware 2.4 (/api/v1/sensor/metadata); before, its parts (paths
+below the same one) and the configuration. The driver determines the model by itself.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ PARTS = (
 )
 CONFIGURATION = "/api/v1/sensor/cmd/get_config_param?args=active"
 PATIENCE_S = 10.0
-#: no sensor says more
+#: Larger than the description of any sensor.
 MOST_BYTES = 1 << 20
-#: what a description needs
+#: Parts without which the driver cannot use a description.
 NEEDED = ("beam_intrinsics", "lidar_data_format")
 
 
 def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, Any]:
-    """The description that the sensor gives; `host`: name or address, with its port if not 80."""
+    """The sensor's description; `host`: name or address, with the port if it is not 80."""
     ask = get or _get
     base = host if "://" in host else f"http://{host}"
     try:

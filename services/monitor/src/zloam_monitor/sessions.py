@@ -1,5 +1,5 @@
-"""Maps that runs have left in folders (--map), by zloam-sessions: several laid upon each other by
-the places that they share, or one with its loops closed."""
+"""Maps that runs have stored in folders (--map), processed by zloam-sessions: merges several maps
+by the places that they share, or closes the loops of one."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from zloam_monitor import maps
 from zloam_monitor.chain import binary
 
 POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
-#: exit code of a map that shares too little with the others
+#: Exit code if a map shares too little with the others.
 NOT_JOINED = 1
 
 
 class SessionsError(RuntimeError):
-    """A map cannot be read, merged or written so; the text says why."""
+    """A map cannot be read, merged or written; the text says why."""
 
 
 @dataclass(frozen=True)
 class Merged:
-    """What zloam-sessions found and wrote."""
+    """Results of zloam-sessions."""
 
     folder: Path
     report: dict[str, Any]
@@ -35,7 +35,7 @@ class Merged:
 
 
 def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merged:
-    """Its messages go to this program's standard error."""
+    """Merges maps; messages of zloam-sessions go to this program's standard error."""
     command = [str(binary(build, "sessions")), *map(str, folders), "--out", str(out)]
     done = subprocess.run([*command, *(["--quiet"] if quiet else [])], check=False)
     if done.returncode not in (0, NOT_JOINED):
@@ -46,13 +46,13 @@ def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merge
 
 @contextmanager
 def opened(build: Path, folder: Path) -> Iterator[Merged]:
-    """One map, its loops closed; the files go at the end."""
+    """One map with its loops closed; the files are removed after the block."""
     with tempfile.TemporaryDirectory() as scratch:
         yield merge(build, [folder], Path(scratch), quiet=True)
 
 
 def lines(merged: Merged) -> list[str]:
-    """For a person."""
+    """Text for a person."""
     said = []
     for session in merged.report["sessions"]:
         seconds = 1e-9 * (session["to_ns"] - session["from_ns"])
@@ -72,7 +72,7 @@ def lines(merged: Merged) -> list[str]:
 
 
 def export(merged: Merged, to: Path, voxel_m: float) -> str:
-    """In the format of its ending; what it holds, in words."""
+    """Writes the format of the extension; returns a text about the contents."""
     suffix = to.suffix.lower()
     if suffix == ".g2o":
         shutil.copyfile(merged.folder / GRAPH, to)

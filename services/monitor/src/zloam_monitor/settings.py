@@ -1,5 +1,5 @@
-"""Commands to running stages: `set` changes a configuration (docs/protocol.md, section 13), `save`
-writes files, `reset` empties the map, `place` says where in it the robot is."""
+"""Commands to running stages: `set` changes the configuration (docs/protocol.md, section 13),
+`save` writes files, `reset` empties the map, `place` tells where the robot is in the map."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord
 from zloam_monitor.stages import ROWS
 
-#: of each stage that was asked, as they come
+#: (stage, reply) for each stage that was asked, in the order of the replies.
 Replies = Iterator[tuple[str, ReplyRecord]]
-#: where a setting begins, or one that holds from a sweep on
+#: Blanks before a setting, KEY=VALUE or SWEEP:KEY=VALUE.
 _BEGIN = re.compile(r"\s+(?=(?:[0-9]+:)?(?:robot|[a-z_]+(?:\.[a-z0-9_]+)+)=)")
 
 
 def several(text: str) -> list[str]:
-    """`key=value key=value` as single settings; a value may hold blanks, but for ` key=`."""
+    """Splits `key=value key=value`; a value may contain blanks, unless ` key=` follows them."""
     return [each.strip() for each in _BEGIN.split(text.strip()) if each.strip()]
 
 
 def existing_files(text: str) -> list[Path]:
-    """Names of files with blanks between them, and perhaps in them: the longest that exist."""
+    """Splits names of files at blanks. A name may contain blanks: the longest one that exists is
+    taken."""
     words = text.split(" ")
     found = []
     while words:
@@ -39,7 +40,7 @@ def existing_files(text: str) -> list[Path]:
 
 
 def pairs(texts: Iterable[str]) -> dict[str, str]:
-    """key=value texts; the stage judges the values."""
+    """Splits key=value texts; the stage checks the values."""
     found = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -50,7 +51,7 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
 
 
 def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -> ReplyRecord:
-    """The stage's answer; raises when there is none."""
+    """Sends a command and returns the stage's reply; raises if there is none."""
     asked = time.monotonic()
     while (reply := link.command(stage, verb, dict(arguments))) is None:
         patience = BUSY_SECONDS if stage in link.living() else PATIENCE_SECONDS
@@ -61,25 +62,26 @@ def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -
 
 
 def change(link: Link, stage: str, values: dict[str, str]) -> ReplyRecord:
-    """The stage's answer to `set`; raises when there is none."""
+    """Sends `set` and returns the stage's reply; raises if there is none."""
     return commanded(link, stage, "set", values)
 
 
 def save(link: Link, folder: Path | None) -> Replies:
-    """Map and trajectories, into a folder or where the stages' configuration says."""
+    """Makes the stages write map and trajectories, into the folder or where they are configured
+    to."""
     for stage, name in (("mapping", "map.pcd"), ("integration", "")):
         path = {} if folder is None else {"path": str(folder / name)}
         yield stage, commanded(link, stage, "save", path)
 
 
 def reset(link: Link, stages: Iterable[str]) -> Replies:
-    """Empties what the stages have gathered."""
+    """Makes the stages discard what they have accumulated."""
     for stage in stages:
         yield stage, commanded(link, stage, "reset", {})
 
 
 def hand_over(link: Link, stage: str, to: str | None) -> ReplyRecord:
-    """Lets an instance that stands by go on with a stage's work."""
+    """Makes a standby instance take over a stage's work."""
     able = [row.name for row in ROWS.values() if row.in_chain and row.reads and not row.replicas]
     if stage not in able:
         raise ChainError(f"handover: {stage}: one of {', '.join(able)} is expected")
@@ -92,7 +94,7 @@ def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> ReplyRecord:
 
 
 def in_force(link: Link, stage: str | None, key: str | None) -> dict[str, dict[str, Any]]:
-    """Stage -> key -> value, of one stage or all, one key or all."""
+    """Stage -> key -> value; of one stage or all, of one key, of a section, or of all keys."""
     configs = link.query_configs()
     if stage is not None and stage not in configs:
         raise ChainError(f"get: {stage} does not answer; {', '.join(sorted(configs))} do")
@@ -111,7 +113,7 @@ def in_force(link: Link, stage: str | None, key: str | None) -> dict[str, dict[s
 
 
 def lines(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """For a person."""
+    """Text for a person."""
     return [
         f"{stage} {key}={_text(value)}"
         for stage, of_stage in values.items()
@@ -126,8 +128,8 @@ def _text(value: object) -> str:
 
 
 def as_set_at(revisions: Iterable[RevisionRecord], run: int | None) -> list[str]:
-    """The changes in force in a run, for a replay of it: texts for the stages' --set-at. Each
-    revision carries all that was changed so far; those of earlier runs hold from the start on."""
+    """The changes in force in a run as texts for the stages' --set-at, to replay the run. Each
+    revision contains all changes so far; those of earlier runs hold from sweep 0."""
     return [
         f"{revision.from_sweep if revision.run in (0, run) else 0}:{key}={_text(value)}"
         for revision in revisions

@@ -1,4 +1,4 @@
-"""What is replayed: from the command line to the driver's settings, truth and configuration."""
+"""Turns the command line of a replay into driver settings, truth and configuration."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
 
 ROBOTS = places.robots()
-#: of a robot's own recording: where none of the first sweeps has readings, it has no IMU
+#: If none of the first sweeps of a robot's own recording has IMU readings, it has no IMU.
 IMU_JUDGED_SWEEPS = 20
-#: of the simulated path: half a metre a second at most, as suits a scanner with a turn a second
+#: Speed on the simulated path: at most 0.5 m/s, as suits a scanner with one revolution a second.
 HOKUYO_SPEED_FACTOR = 0.35
-#: in place of a file of inertial readings: the simulator's own
+#: Given instead of a file with IMU readings: use those of the simulator.
 SIMULATED_IMU = "simulated"
 
 
 class SourceError(RuntimeError):
-    """The source can't be used; the text says why and what would do."""
+    """The source cannot be used; the text says why, and what would help."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One recording."""
+    """One recording, and how to replay it."""
 
     title: str
-    kind: str  # pcap, bin, kitti, scans, recording, scip_log
+    kind: str  # Value of driver.source: pcap, bin, kitti, scans, recording, scip_log.
     path: Path
-    #: configuration when none was named
+    #: Configuration if the user names none.
     config: Path
     truth: list[Path] = field(default_factory=list)
-    #: sweeps in it, where that is known beforehand
+    #: Number of sweeps, if it is known beforehand.
     sweeps: int | None = None
     settings: list[str] = field(default_factory=list)
-    #: further files that it is read from
+    #: Further files that the driver reads.
     readings: list[Path] = field(default_factory=list)
-    #: SWEEP:KEY=VALUE, as it was changed while it was recorded
+    #: Recorded changes, SWEEP:KEY=VALUE.
     changes: list[str] = field(default_factory=list)
 
     @property
     def files(self) -> list[Path]:
-        """What is read."""
+        """All files that the replay reads."""
         return [self.path, self.config, *self.truth, *self.readings]
 
     def driver_settings(self, rate: str) -> list[str]:
-        """As --set of the driver."""
+        """The driver's options --set."""
         return [
             f"driver.source={self.kind}",
             f"driver.path={self.path.resolve()}",
@@ -72,9 +72,9 @@ def _refuse_bag(path: Path) -> None:
 
 
 def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> Source:
-    """A bag or MCAP file; says what is in it and how it is read, or refuses it.
+    """A bag or MCAP file; prints its contents and how it is read, or refuses it.
 
-    own_config: the user named a robot's file, whose mounting stands.
+    own_config: the user named a robot's file, whose mounting applies.
     """
     _existing(path, "the recording")
     if not folders.is_recording(path):
@@ -96,7 +96,7 @@ def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> S
 
 
 def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
-    """As the robot was configured, unless the user names another file."""
+    """A robot's recording, with its recorded configuration unless the user names a file."""
     log = robot_log.RobotLog(path)
     first = list(islice(log.sweeps(), IMU_JUDGED_SWEEPS))
     if not first:
@@ -115,7 +115,7 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
 
 
 def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]:
-    """As the recording's static transforms have it, unless the user says where things sit."""
+    """Mounting by the recording's static transforms, unless the user gives one."""
     if not bags.is_recording(path):
         return []
     given = own_config or any(key.startswith("mounting.") for key in values)
@@ -134,7 +134,7 @@ def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]
 
 
 def asked(values: dict[str, str]) -> tuple[str, Timing]:
-    """Topic and timing by the driver's keys."""
+    """Topic and timing from the driver's keys."""
     of = {key.removeprefix("driver."): value for key, value in values.items()}
     timing = Timing(
         model=of.get("time_model", "none"),
@@ -146,13 +146,13 @@ def asked(values: dict[str, str]) -> tuple[str, Timing]:
 
 
 def from_pcap(path: Path) -> Source:
-    """A pcap or pcapng capture; a file that can't be read is the driver's to refuse."""
+    """A pcap or pcapng capture; an unreadable file is refused by the driver."""
     _refuse_bag(path)
     return Source(path.name, "pcap", path, ROBOTS / "vlp16-outdoor.yaml")
 
 
 def from_bin(path: Path) -> Source:
-    """Bare 1206-byte payloads end to end."""
+    """Bare payloads of 1206 bytes, one after another."""
     _refuse_bag(path)
     return Source(path.name, "bin", path, ROBOTS / "vlp16-outdoor.yaml")
 
@@ -193,15 +193,15 @@ def from_scans(folder: Path) -> Source:
 
 
 def from_session(path: Path) -> Source:
-    """A Hokuyo scanner's replies as they were received, and the angles of its motor beside them."""
+    """Replies of a Hokuyo scanner as received, and the angles of its motor in the .csv beside."""
     _existing(path, "the session")
-    # without them the driver refuses the session
+    # If the angles are missing, the driver refuses the session.
     angles = [path.with_suffix(".csv")] if path.with_suffix(".csv").is_file() else []
     return Source(path.name, "scip_log", path, ROBOTS / "hokuyo.yaml", readings=angles)
 
 
 def with_imu(source: Source, readings: Path) -> Source:
-    """The same with inertial readings; a file that can't be read is the driver's to refuse."""
+    """The source with IMU readings from a file; an unreadable file is refused by the driver."""
     settings = ["driver.imu=file", f"driver.imu_path={readings.resolve()}"]
     return replace(
         source,
@@ -220,9 +220,9 @@ def simulated(
     inputs: Iterable[Path] = (),
     hokuyo: bool = False,
 ) -> Source:
-    """A capture made by the simulator, its truth, and its inertial readings where wanted.
+    """A capture made by the simulator, its truth, and its IMU readings if wanted.
 
-    hokuyo: a session of a scanner on a motor, with the motor's angles, in place of the capture.
+    hokuyo: a session of a scanner on a motor, with the motor's angles, instead of the capture.
     """
     recorded = ("session.logr", "session.csv") if hokuyo else ("capture.pcap",)
     made = (*recorded, "simulated_truth.tum", *(("imu.csv",) if imu else ()))

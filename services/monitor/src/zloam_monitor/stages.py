@@ -8,28 +8,28 @@ from pathlib import Path
 from typing import Any
 
 NAME = "stages.json"
-#: written by the stages whose progress paces a replay
+#: Key written by the stages whose progress paces a replay.
 ACK = "flow/<sink>/ack"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One stage."""
+    """Description of one stage."""
 
     name: str
     summary: str
-    #: from the sensor to the pose or the map: started, waited for and shown
+    #: Part of the chain from the sensor to pose and map: started, waited for and shown.
     in_chain: bool
-    #: whether any number of instances may work at once
+    #: Any number of instances may work at the same time.
     replicas: bool
-    #: key patterns; what it has no sweep without, first
+    #: Key patterns; the first is the main input, which the stage has no sweep without.
     reads: tuple[str, ...]
-    #: key patterns; what it has one of for each sweep, first
+    #: Key patterns; the first is the main output, with one message per sweep.
     writes: tuple[str, ...]
 
 
 def _file() -> Path:
-    """Beside this module where it was installed, else in the checkout."""
+    """The copy beside this module if installed, else the file of the checkout."""
     here = Path(__file__).resolve()
     installed = here.with_name(NAME)
     return installed if installed.is_file() else here.parents[3] / NAME
@@ -43,7 +43,7 @@ def _rows() -> dict[str, Row]:
 
 
 def _pose_path() -> tuple[str, ...]:
-    """From the source to who gives out the pose, along what each has no sweep without."""
+    """The stages from the source to the publisher of poses, along their main inputs."""
     writers = {pattern: row for row in ROWS.values() for pattern in row.writes}
     path = [writers["pose"]]
     while path[-1].reads:
@@ -51,11 +51,11 @@ def _pose_path() -> tuple[str, ...]:
     return tuple(row.name for row in reversed(path))
 
 
-#: name -> row, in the order of the data
+#: Name -> row, in the order of the data flow.
 ROWS = _rows()
-#: order of the ports: stage i listens on base port + i
+#: Order of the ports: stage i listens on base port + i.
 PORT_ORDER = tuple(ROWS)
-#: the chain from the sensor to pose and map
+#: The chain from the sensor to pose and map.
 STAGES = tuple(name for name, row in ROWS.items() if row.in_chain)
-#: stages on the way of a pose; what mapping skips costs no pose
+#: Stages that each pose passes. Mapping is not among them: sweeps that it skips have poses, too.
 POSE_PATH = _pose_path()

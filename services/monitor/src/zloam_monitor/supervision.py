@@ -1,4 +1,4 @@
-"""A stage of a live run that ends by itself is started again, later each time."""
+"""Restarts a stage of a live run that ended by itself, with growing pauses."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Protocol
 
 from zloam_monitor.processes import Processes, describe_code
 
-#: until the first start again, and the longest; doubled each time
+#: First and longest pause before a restart; it doubles each time.
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
-#: who has run so long begins with the first pause
+#: After a stage has run for this long, the first pause applies again.
 STEADY_S = 60.0
 
 
 class Startable(Protocol):
-    """What is supervised."""
+    """The part of a chain that supervision needs."""
 
     processes: Processes
 
@@ -23,23 +23,23 @@ class Startable(Protocol):
 
 @dataclass
 class _Fallen:
-    """A stage that ended."""
+    """A stage that has ended at least once."""
 
     began: float
     pause_s: float = FIRST_PAUSE_S
-    #: when it is started again; None while it runs
+    #: Time of the next restart; None while the stage runs.
     again_at: float | None = None
 
 
 class Supervisor:
-    """Looks after all stages of a chain."""
+    """Supervises all stages of a chain."""
 
     def __init__(self, chain: Startable) -> None:
         self._chain = chain
         self._fallen: dict[str, _Fallen] = {}
 
     def look(self, now: float) -> list[str]:
-        """What there is to say; starts what is due."""
+        """Restarts stages that are due; returns texts about stages that ended."""
         said = []
         for stage, process in list(self._chain.processes.running.items()):
             code = process.code()

@@ -1,5 +1,5 @@
-"""What helps others to understand a fault, in one file, without the geometry of a place: report,
-logs, configuration, versions and the machine; no poses, maps or pictures."""
+"""Collects in one file what is needed to analyse a fault: report, logs, configuration, versions and
+the machine. Poses, maps and pictures are left out, as they show the geometry of a place."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from typing import Any
 from zloam_monitor.files import written_whole
 from zloam_monitor.version import version
 
-#: of a run's folder
+#: Files of a run's folder that are included.
 TOLD = ("report.json", "logs/*.log")
-#: of the report: where a robot was, or how far it went
+#: Keys of the report that say where a robot was, or how far it went; they are removed.
 GEOMETRY = ("path_m",)
-#: of a log, its end
+#: Of a longer log, only the end is included.
 MOST_LOG_BYTES = 5_000_000
 
 
 class SupportError(ValueError):
-    """A folder of which there is nothing to tell."""
+    """There is nothing to collect; the text says why."""
 
 
 def _machine() -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _entries(
 def write(
     out: Path, run: Path, config: Path | None = None, robots: list[dict[str, Any]] | None = None
 ) -> list[str]:
-    """The names of what is inside."""
+    """Writes the file; returns the names of its contents."""
     if not run.is_dir():
         raise SupportError(f"{run}: no such folder; the one that a run has left is expected")
     found = list(_entries(run, config, robots or []))
@@ -104,7 +104,7 @@ def write(
 
 
 def live(endpoints: list[str]) -> list[dict[str, Any]]:
-    """What the robots that answer say of themselves."""
+    """Statuses and configurations of the robots that answer."""
     from zloam_monitor import discovery
 
     told = []

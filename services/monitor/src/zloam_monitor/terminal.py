@@ -1,4 +1,4 @@
-"""One line that is overwritten on a terminal, and whole lines elsewhere, not too many of them."""
+"""A progress line: overwritten on a terminal, elsewhere printed again at longer intervals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 
 
 class ProgressLine:
-    """Shows where a run is."""
+    """Shows the progress of a run."""
 
     def __init__(self, every_s: float = 0.5, elsewhere_s: float = 10.0) -> None:
         self._terminal = sys.stdout.isatty()
@@ -16,7 +16,7 @@ class ProgressLine:
         self._shown = False
 
     def show(self, text: str) -> None:
-        """At most one line per pause."""
+        """Shows a text, at most once per interval."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -29,7 +29,7 @@ class ProgressLine:
         sys.stdout.flush()
 
     def end(self) -> None:
-        """Leaves the line, so that what follows starts a new one."""
+        """Ends the line, so that further output starts on a new one."""
         if self._shown:
             sys.stdout.write("\n")
             sys.stdout.flush()

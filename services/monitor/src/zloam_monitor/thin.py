@@ -1,4 +1,4 @@
-"""Views over a thin link: what they take, and what is to be done where nothing comes."""
+"""Views over a thin link: the keys they use, and advice if no preview comes."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.watch import STALE_SECONDS
 
-#: four come each second
+#: Time without a preview that is reported; four previews come each second.
 SILENT_SECONDS = 2.0
 
 
 def expressions(keys: Keys) -> list[str]:
-    """All that a thin view takes."""
+    """All keys that a thin view subscribes to."""
     return [keys.preview, keys.every_status]
 
 
 def finding(link: Link) -> doctor.Finding | None:
-    """What is to be started; None: the preview comes, or the view is not thin."""
+    """Advice on what to start; None: previews come, or the view is not thin."""
     if not link.thin or time.monotonic() - link.preview_s < SILENT_SECONDS:
         return None
     return doctor.Finding(
@@ -31,13 +31,13 @@ def finding(link: Link) -> doctor.Finding | None:
 
 
 def silence(link: Link) -> str | None:
-    """The same in a line."""
+    """The same as one line."""
     found = finding(link)
     return f"{found.what}: {found.do}" if found is not None else None
 
 
 def heard(link: Link, before: dict[tuple[str, str], StatusRecord], seconds: float) -> doctor.Heard:
-    """Of statuses alone, where nothing is asked over a thin link."""
+    """The doctor's input from statuses alone, as a thin view sends no queries."""
     now = time.monotonic()
     silent_s = {who: link.silent_s(status, now) for who, status in link.statuses.items()}
     living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}

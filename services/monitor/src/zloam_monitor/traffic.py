@@ -1,5 +1,5 @@
-"""Bytes a second: what a subscriber of a key costs the robot, and what a link takes; and whether
-messages arrive later than they did."""
+"""Measures data rates: what a subscriber of each key costs the robot, and what a link receives;
+and whether messages arrive later than at first."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections.abc import Container
 
 from zloam_monitor.records import StatusRecord
 
-#: rates are means over the last of them
+#: Rates are means over this time.
 OVER_SECONDS = 5.0
-#: two statuses that are less apart tell no rate: one comes each second, and when it is asked for
+#: Two statuses closer together give no useful rate. They come each second, and when queried.
 LEAST_SECONDS = 0.5
 
 
 class Published:
-    """kB/s by key, from the counts in the statuses of all stages."""
+    """kB/s of each key, from the counts in the statuses of all stages."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str], deque[StatusRecord]] = {}
@@ -30,7 +30,7 @@ class Published:
             seen.popleft()
 
     def kb_s(self) -> dict[str, float]:
-        """The greatest first, without those of which nothing goes out: nobody reads them, or they
+        """The greatest rate first. Keys without traffic are left out: they have no subscriber, or
         are not published now."""
         found: dict[str, float] = {}
         newest_ns = max((seen[-1].stamp_ns for seen in self._seen.values()), default=0)
@@ -48,7 +48,7 @@ class Published:
 
 
 class Taken:
-    """kB/s of what comes here."""
+    """kB/s that this link receives."""
 
     def __init__(self) -> None:
         self._came: deque[tuple[float, int]] = deque()
@@ -56,7 +56,7 @@ class Taken:
         self.bytes = 0
 
     def take(self, count: int, now_s: float) -> None:
-        """now_s: of the monotonic clock."""
+        """Counts received bytes; now_s: monotonic clock."""
         if self._began_s is None:
             self._began_s = now_s
         self._came.append((now_s, count))
@@ -68,7 +68,7 @@ class Taken:
             self._came.popleft()
 
     def kb_s(self, now_s: float) -> float | None:
-        """None: it has not been long enough."""
+        """The rate; None if the time is too short."""
         if self._began_s is None or now_s - self._began_s < LEAST_SECONDS:
             return None
         self._forget(now_s)
@@ -77,22 +77,22 @@ class Taken:
 
 
 class Lateness:
-    """By how much more than the fastest one the newest status of each instance took to arrive. The
-    clocks of the two hosts may differ: only the change counts."""
+    """How much longer the newest status of each instance took to arrive than its fastest one. Only
+    the difference counts, as the clocks of the two hosts may differ."""
 
     def __init__(self) -> None:
         self._least_ns: dict[tuple[str, str], int] = {}
         self._newest_ns: dict[tuple[str, str], int] = {}
 
     def take(self, status: StatusRecord, came_ns: int) -> None:
-        """came_ns: of this host's monotonic clock."""
+        """came_ns: monotonic clock of this host."""
         who = (status.stage, status.instance)
         took_ns = came_ns - status.stamp_ns
         self._newest_ns[who] = took_ns
         self._least_ns[who] = min(took_ns, self._least_ns.get(who, took_ns))
 
     def seconds(self, living: Container[tuple[str, str]]) -> float:
-        """Of most of those instances."""
+        """Median over these instances, s."""
         late_ns = [
             newest_ns - self._least_ns[who]
             for who, newest_ns in self._newest_ns.items()

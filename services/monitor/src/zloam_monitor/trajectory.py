@@ -1,4 +1,4 @@
-"""A trajectory: instants in integer nanoseconds, poses, the sweep of each; TUM and KITTI files."""
+"""Trajectories: poses with instants in integer ns and sweep numbers; TUM and KITTI files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["Trajectory", "TrajectoryError", "parse_stamp", "read"]
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-#: poses further apart than so many usual steps have a hole between them, which nobody measured
+#: A step longer than this many usual ones is a hole, in which the poses are unknown.
 HOLE_STEPS = 3
 
 
@@ -50,7 +50,7 @@ class Trajectory:
         return found
 
     def path_length_m(self) -> float:
-        """Sum of the steps between poses."""
+        """Sum of the distances between successive poses."""
         return float(path_m(self.transforms)[-1]) if len(self) else 0.0
 
     def times_s(self, origin_ns: int = 0) -> Array:
@@ -60,11 +60,11 @@ class Trajectory:
         return np.asarray((self.stamps_ns - origin_ns) * 1e-9, np.float64)
 
     def carried(self, T_child_grandchild: Array) -> Trajectory:
-        """The same motion for another frame fixed to the child."""
+        """The motion of another frame that is fixed to the child."""
         return Trajectory(self.transforms @ T_child_grandchild, self.stamps_ns, self.sweeps)
 
     def relative_to_first(self) -> Trajectory:
-        """In the frame of the first pose."""
+        """The trajectory in the frame of its first pose."""
         if len(self) == 0:
             return self
         first = se3.inverse(self.transforms[:1])
@@ -78,7 +78,7 @@ def path_m(transforms: Array) -> Array:
 
 
 def longest_step_ns(truth: Trajectory) -> int:
-    """The longest time between two poses that is no hole."""
+    """The longest time between two poses that does not count as a hole."""
     if truth.stamps_ns is None or len(truth) < 2:
         return 0
     return round(HOLE_STEPS * float(np.median(np.diff(truth.stamps_ns))))
@@ -87,7 +87,7 @@ def longest_step_ns(truth: Trajectory) -> int:
 def interpolate(
     truth: Trajectory, stamps_ns: Int64, longest_ns: int | None = None
 ) -> tuple[Trajectory, NDArray[np.bool_]]:
-    """Truth at the given instants (linear, slerp), and which instants lie within it.
+    """Truth at the given instants (linear, slerp), and a mask of the instants that it covers.
 
     Between poses further apart than longest_ns there is no truth.
     """
@@ -104,7 +104,7 @@ def interpolate(
     if len(known) == 1:
         out[:] = truth.transforms[0]
     elif len(wanted):
-        # differences of integers first: a double holds Unix nanoseconds only to a quarter of a us
+        # Integers are subtracted first: a double resolves Unix nanoseconds only to 0.25 us.
         t_known, t = (known - known[0]) * 1e-9, (wanted - known[0]) * 1e-9
         at = np.clip(np.searchsorted(known, wanted, side="right"), 1, len(known) - 1)
         part = (t - t_known[at - 1]) / (t_known[at] - t_known[at - 1])
@@ -115,14 +115,14 @@ def interpolate(
 
 
 def stamp_text(stamp_ns: int) -> str:
-    """Seconds with nine digits, exact."""
+    """Seconds with nine digits, without rounding."""
     sign = "-" if stamp_ns < 0 else ""
     seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
     return f"{sign}{seconds}.{nanoseconds:09d}"
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """`stamp x y z qx qy qz qw`, one pose a line."""
+    """Writes `stamp x y z qx qy qz qw`, one pose per line."""
     if trajectory.stamps_ns is None:
         raise TrajectoryError("TUM needs time stamps")
     quats = se3.quaternions(trajectory.transforms)
@@ -132,14 +132,14 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
-    """The upper three rows of each transform, row by row, one pose a line."""
+    """Writes the upper three rows of each transform, row by row, one pose per line."""
     with written_whole(path) as out:
         for transform in trajectory.transforms:
             out.write(" ".join(f"{v:.9f}" for v in transform[:3].ravel()) + "\n")
 
 
 def write_csv(path: Path, trajectory: Trajectory) -> None:
-    """A table with a header: sweep or line, time, position in m, quaternion."""
+    """Writes a table with a header: sweep or line number, time, position in m, quaternion."""
     quats = se3.quaternions(trajectory.transforms)
     numbers = trajectory.sweeps if len(trajectory.sweeps) else np.arange(len(trajectory))
     times = [""] * len(trajectory)
@@ -152,7 +152,7 @@ def write_csv(path: Path, trajectory: Trajectory) -> None:
 
 
 def read(path: Path) -> Trajectory:
-    """A TUM (8 columns) or KITTI (12 columns) file; a line that is no pose is refused."""
+    """Reads a TUM (8 columns) or KITTI (12 columns) file; refuses lines that are not poses."""
     rows, values = read_rows(path)
     columns = len(rows[0].cells)
     if columns == 8:
@@ -182,7 +182,7 @@ def _from_kitti(rows: list[Row], values: Array) -> Trajectory:
 
 
 def from_records(records: dict[int, tuple[int, Any, Any]]) -> Trajectory:
-    """From sweep -> (instant_ns, translation, quaternion), in the order of the sweeps."""
+    """Trajectory from sweep -> (instant_ns, translation, quaternion), by ascending sweep."""
     sweeps = np.array(sorted(records), np.int64)
     stamps = np.array([records[int(s)][0] for s in sweeps], np.int64)
     positions = np.array([records[int(s)][1] for s in sweeps], float).reshape(-1, 3)

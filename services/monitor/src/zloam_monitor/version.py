@@ -1,4 +1,4 @@
-"""The version of the whole, as CMakeLists.txt has it."""
+"""The version of the whole project, as in CMakeLists.txt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from zloam_monitor import places
 
 
 def version() -> str:
-    """Of the checkout, or of the installed package."""
+    """The version of the checkout, or of the installed package."""
     root = places.checkout()
     if root is not None:
         found = re.search(

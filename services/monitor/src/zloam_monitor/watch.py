@@ -1,4 +1,4 @@
-"""`watch`: a text view of one robot for any host that can reach it."""
+"""`watch`: shows one robot as text, on any host that can reach it."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.stages import STAGES
 
-#: stages say how they are once a second: more than a few of these lost is no chance
+#: Age at which a status is stale: they come once a second, and several in a row are rarely lost.
 STALE_SECONDS = 5.0
-#: listened to at least, to say how many poses come
+#: Shortest time from which a rate of poses is computed.
 RATE_SECONDS = 0.5
-#: links to the stages behind the one that answered come up one after another
+#: Links to further stages come up one after another after the first one answers.
 ALL_SECONDS = 1.5
 
 
 def state_line(link: Link, began: float, now: float) -> str:
-    """Where the robot is, and how the chain keeps up."""
+    """One line: position of the robot, and rate of poses."""
     if not link.poses:
         return "no pose yet"
     newest = link.poses[max(link.poses)]
     x, y, z = newest.translation
-    # Of a moment only it would be any number.
+    # A rate over a moment would be arbitrary.
     listened_s = now - began
     rate = f"{len(link.poses) / listened_s:.1f} poses/s, " if listened_s >= RATE_SECONDS else ""
     marks = ", degenerate" if newest.degenerate else ""
@@ -53,8 +53,8 @@ def _stage_line(status: StatusRecord, silent_s: float) -> str:
 
 
 def traffic_lines(link: Link, now: float) -> Iterator[str]:
-    """What a subscriber of each key costs the robot; payloads, to which Zenoh and TCP add some
-    percent."""
+    """Lines about the data rate of each key for one subscriber; payloads, to which Zenoh and TCP
+    add some percent."""
     prefix = link.keys.below("")
     rates = link.published.kb_s()
     if rates:
@@ -70,7 +70,7 @@ def _kb(rate: float) -> str:
 
 
 def view(link: Link, began: float, now: float) -> Iterator[str]:
-    """The lines of one look."""
+    """Lines of one update."""
     yield f"robot {link.keys.robot}: {state_line(link, began, now)}"
     for stage in STAGES:
         status = link.stage(stage)
@@ -86,7 +86,7 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
 
 
 def looked(link: Link, began: float, now: float) -> dict[str, Any]:
-    """One look, for a program."""
+    """One update as plain values, for JSON."""
     newest = link.poses[max(link.poses)] if link.poses else None
     stages = link.newest_statuses()
     return {
@@ -111,13 +111,13 @@ def _show(link: Link, began: float, now: float, as_json: bool) -> None:
 
 
 def look(link: Link, as_json: bool = False) -> int:
-    """One look; exit code 1 when a stage has failed or says nothing for a while."""
+    """Prints one update; returns 1 if a stage has failed or is silent."""
     deadline = time.monotonic() + ALL_SECONDS
     while True:
         link.query_statuses()
         link.poll()
         now = time.monotonic()
-        # A pose that is published comes within some sweeps; what has ended publishes none.
+        # A pose comes within some sweeps if any are published; after the end of a run none come.
         whole = len(link.newest_statuses()) == len(STAGES) and len(link.poses) > 0
         if whole or now > deadline:
             break
@@ -132,7 +132,7 @@ def look(link: Link, as_json: bool = False) -> int:
 
 
 def watch(link: Link, seconds: float | None, every_s: float, as_json: bool = False) -> int:
-    """Prints a look at once and then every so often; exit code 1 when nothing at all was heard."""
+    """Prints an update at once and then every `every_s`; returns 1 if nothing was heard."""
     link.query_statuses()
     link.poll()
     began = time.monotonic()
