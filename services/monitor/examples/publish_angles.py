@@ -1,5 +1,5 @@
-"""Publishes the angle of the motor that turns a scanner, read as lines "t_ns,angle_rad" from the
-standard input: put your encoder in their place. The stamps are of this host's clock.
+"""Publishes angles of the motor that turns a scanner, read as lines "t_ns,angle_rad" from standard
+input; replace that by your encoder. The stamps are of this host's clock.
 PYTHONPATH=build/release/generated/python python publish_angles.py ENDPOINT ROBOT SENSOR"""
 
 import sys
@@ -11,7 +11,7 @@ import zenoh
 from zloam.msg import AngleReading, Header, MotorAngles
 
 KIND = "application/x-flatbuffers;schema=angle;major=1"
-#: readings go out in batches, so often
+#: Readings are published in batches of this duration.
 BATCH_NS = 20_000_000
 
 
@@ -33,7 +33,7 @@ def message(robot: str, sensor: str, seq: int, readings: list[tuple[int, float]]
 
 
 endpoint, robot, sensor = sys.argv[1:4]
-# Without scouting: a program that scouts links all robots which it hears on the network into one.
+# No scouting: a program that scouts would link all robots that it hears on the network.
 links = f'{{connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 with zenoh.open(zenoh.Config.from_json5(links)) as session:
     publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/angle", encoding=KIND)
@@ -46,4 +46,4 @@ with zenoh.open(zenoh.Config.from_json5(links)) as session:
             continue
         publisher.put(message(robot, sensor, seq, waiting))
         waiting, seq = [], seq + 1
-    time.sleep(0.5)  # for what is on its way
+    time.sleep(0.5)  # Lets the last messages leave.

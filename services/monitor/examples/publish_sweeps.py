@@ -1,4 +1,4 @@
-"""Publishes sweeps of a lidar that the driver does not know: put yours in place of revolution().
+"""Publishes sweeps of a lidar that the driver does not support; replace revolution() by yours.
 PYTHONPATH=build/release/generated/python python publish_sweeps.py ENDPOINT ROBOT SENSOR COUNT"""
 
 import sys
@@ -12,12 +12,12 @@ from zloam.msg import Header, Sweep
 
 RINGS, COLUMNS, PERIOD_NS = 16, 900, 100_000_000
 KIND = "application/x-flatbuffers;schema=sweep;major=1"
-#: metres, ns after the sweep's stamp, rings from the lowest up (the return's type is byte 22)
+#: In m, and ns after the sweep's stamp; ring 0 is the lowest (byte 22 is the return type).
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("time_ns", "<u4"), ("ring", "<u4")])
 
 
 def revolution(number: int) -> Any:
-    """Points in time order, of a sensor that drives at 0.3 m/s through a room of 12 x 9 x 4 m."""
+    """Points in time order, from a sensor that drives at 0.3 m/s through a room of 12 x 9 x 4 m."""
     points = np.zeros(RINGS * COLUMNS, POINT)
     turned, points["ring"] = np.divmod(np.arange(len(points)), RINGS) / np.array([[COLUMNS], [1]])
     points["time_ns"] = turned * PERIOD_NS
@@ -48,14 +48,14 @@ def message(robot: str, sensor: str, run: int, number: int, points: Any) -> byte
 
 
 endpoint, robot, sensor, count = sys.argv[1:5]
-# Without scouting: a program that scouts links all robots which it hears on the network into one.
+# No scouting: a program that scouts would link all robots that it hears on the network.
 links = f'{{connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 with zenoh.open(zenoh.Config.from_json5(links)) as session:
     publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/sweep", encoding=KIND)
     while not publisher.matching_status.matching:
-        time.sleep(0.1)  # until registration listens
-    run = time.time_ns()  # the name of this start, and here its first stamp as well
+        time.sleep(0.1)  # Until registration subscribes.
+    run = time.time_ns()  # Identifies this start, and is the stamp of its first sweep.
     for number in range(int(count)):
         time.sleep(max(0.0, (run + (number + 1) * PERIOD_NS - time.time_ns()) * 1e-9))
         publisher.put(message(robot, sensor, run, number, revolution(number)))
-    time.sleep(1.0)  # for what is on its way
+    time.sleep(1.0)  # Lets the last messages leave.

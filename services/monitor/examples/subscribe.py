@@ -9,11 +9,11 @@ from zloam.msg.MapPose import MapPose
 from zloam.msg.Vec3 import Vec3
 
 given = dict(enumerate(sys.argv))
-# on this machine: the stages themselves (make run, make demo), or the containers' router
+# Default endpoints on this machine: the stages (make run, make demo), or the containers' router.
 here = ["tcp/127.0.0.1:7464", "tcp/127.0.0.1:7447"]
 config = zenoh.Config()
 config.insert_json5("connect/endpoints", json.dumps([given[1]] if 1 in given else here))
-# A program that scouts links all robots which it hears on the network into one.
+# No scouting: a program that scouts would link all robots that it hears on the network.
 config.insert_json5("scouting/multicast/enabled", "false")
 with zenoh.open(config) as session:
     poses = session.declare_subscriber(f"loam/{given.get(2, 'robot')}/pose")

@@ -1,4 +1,4 @@
-"""A sensor's HTTP API, for tests."""
+"""A stand-in for a sensor's HTTP API."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 @contextmanager
 def sensor(pages: dict[str, Any]) -> Iterator[str]:
-    """Answers as a sensor does; what is no page is not found. Gives its address."""
+    """Serves path -> content, and 404 for other paths; yields HOST:PORT."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -23,7 +23,7 @@ def sensor(pages: dict[str, Any]) -> Iterator[str]:
             self.wfile.write(data)
 
         def log_message(self, *_: Any) -> None:
-            """Nothing."""
+            """Does nothing."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     thread = threading.Thread(target=server.serve_forever)

@@ -1,6 +1,7 @@
-"""A stand-in for one stage: speaks the public keys, computes nothing.
+"""A stand-in for one stage: uses the public keys, but computes nothing.
 
-fake_stage.py STAGE --config FILE --set KEY=VALUE ... ; behaviour by environment FAKE_<WHAT>=STAGE.
+fake_stage.py STAGE --config FILE --set KEY=VALUE ...; environment variables FAKE_<WHAT>=STAGE
+change its behaviour.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def loop() -> NDArray[np.float64]:
-    """Where the robot drives: positions of base_link, m."""
+    """The robot's path: positions of base_link, m."""
     angle = np.linspace(0, 2 * np.pi, SWEEPS)
     return np.c_[55 * np.cos(angle), 40 * np.sin(angle), 0.1 * np.sin(angle)]
 
 
 def wall() -> NDArray[Any]:
-    """A map to be asked for."""
+    """Points of a map for queries."""
     points = np.zeros(2000, MAP_POINT)
     points["x"] = np.linspace(-60, 60, 2000)
     points["y"], points["z"] = 45.0, np.arange(2000) % 7
@@ -66,7 +67,7 @@ class Fake:
         self.stage, self.keys = stage, Keys("robot")
         self.session = open_session(stage, base_port)
         self.sent = 0
-        # the driver waits for its readers, the others for the driver
+        # The driver waits a second for its subscribers; the other stages wait for its sweeps.
         self.may_send = 0
         self.first_ns = time.time_ns() + 1_000_000_000
         self.listener = self.session.declare_subscriber(self.keys.sweep, self.heard)
@@ -177,8 +178,8 @@ def main() -> int:
         if wants("DIES", stage) and fake.sent == 10:
             print("something broke", file=sys.stderr, flush=True)
             os._exit(1)
-    # As a real stage it finishes what it was given before it goes: the sinks may have ended the run
-    # while this one is a turn behind.
+    # Like a real stage, it processes what it has received before it ends: the sinks may have ended
+    # the run while this stage is a step behind.
     for _ in range(min(SWEEPS, fake.may_send) - fake.sent):
         fake.turn()
     fake.session.close()  # type: ignore[no-untyped-call]

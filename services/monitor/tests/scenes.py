@@ -1,4 +1,4 @@
-"""A made-up city block for looking at pictures: walls, ground, a closed path."""
+"""A scene for pictures: a city block with walls and ground, and a closed path."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ SWEEPS = 131
 def status(
     stage: str, out: int, lost: int = 0, queued: int = 0, silent: int = 0, **dropped: int
 ) -> StatusRecord:
-    """A stage that has done with all that came, but for what is queued. silent: sweeps of which it
-    made nothing and said nothing."""
+    """Status of a stage that has processed all sweeps except the queued ones. silent: number of
+    sweeps for which it published nothing and counted no drop."""
     name = KEYS.main_input(stage)
     done = out + silent
     received = done + queued + sum(dropped.values())
@@ -46,9 +46,9 @@ def books(*found: StatusRecord, poses: int) -> Accounts:
 def test_a_sweep_that_is_given_up_twice_is_counted_once() -> None:
     found = books(
         status("driver", SWEEPS),
-        # 50 were dropped, and said so by empty messages
+        # 50 sweeps were dropped; empty messages with the reason stand for them.
         status("registration", SWEEPS, queue_full=50),
-        # 48 of the messages never came, 7 of them after they were asked for; some came too late
+        # 48 messages were given up as lost; 7 of them arrived after that, too late.
         status("odometry", 83, lost=48, late=7),
         status("mapping", 60, queue_full=23),
         status("integration", 83),
@@ -59,7 +59,7 @@ def test_a_sweep_that_is_given_up_twice_is_counted_once() -> None:
 
 
 def test_a_sweep_that_registration_gave_up_is_counted_there() -> None:
-    """Odometry has its empty message, or drops that one too."""
+    """Odometry receives the empty message of each given-up sweep, or drops that, too."""
     found = books(
         status("driver", 121),
         status("registration", 121, queue_full=23),
@@ -99,7 +99,7 @@ def test_what_has_no_reason_is_not_accounted_for() -> None:
 
 
 def test_what_was_on_its_way_at_the_end_is_named() -> None:
-    """Lost where nothing came after it, or still queued."""
+    """A sweep is unfinished if it is still queued, and lost if no later sweep revealed its loss."""
     found = books(
         status("driver", SWEEPS),
         status("registration", SWEEPS - 4),

@@ -1,4 +1,4 @@
-"""Answers as JSON: one line on standard output, with what the text for a person says."""
+"""Answers as JSON are one line on standard output, with the contents of the text for a person."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zloam_monitor.messages import MAP_POINT
 def asked(
     capsys: pytest.CaptureFixture[str], *words: str | Path
 ) -> tuple[int, dict[str, Any], str]:
-    """(exit code, answer, standard error); the answer is one line, and nothing is beside it."""
+    """(exit code, answer, standard error) of a command that prints exactly one line of JSON."""
     code = cli.main([*map(str, words), "--json"])
     said = capsys.readouterr()
     (line,) = said.out.splitlines()
@@ -98,7 +98,7 @@ def test_a_mistake_is_told_beside_it(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def with_json(group: Any, before: str = "") -> set[str]:
-    """Commands of the whole tree that have the option."""
+    """Commands with the option --json, from the whole tree."""
     found = set()
     for name, each in group.commands.items():
         if hasattr(each, "commands"):

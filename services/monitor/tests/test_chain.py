@@ -1,4 +1,4 @@
-"""Orchestration with stand-ins for the stages: what goes well, and how each failure is told."""
+"""Tests the orchestration with stand-ins for the stages: good runs, and reports of failures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 
 @pytest.fixture
 def build(tmp_path: Path) -> Path:
-    """A build folder whose binaries are the stand-ins."""
+    """A build folder with the stand-ins as programs."""
     try:
         schemas = messages.schemas_path()
     except messages.SchemasMissing as missing:
@@ -66,7 +66,7 @@ def demo(build: Path, *more: str) -> int:
 
 
 def write_truth(path: Path) -> None:
-    """Truth of a sensor 1.5 m above base_link, at 20 Hz around the stand-ins' instants."""
+    """Truth of a sensor 1.5 m above base_link, at the stand-ins' instants."""
     stamps = 1_700_000_000_000_000_000 + (np.arange(SWEEPS) + 1) * 100_000_000
     transforms = np.tile(np.eye(4), (SWEEPS, 1, 1))
     transforms[:, :3, 3] = loop() + np.array([5, 6, 7 + 1.5])
@@ -153,7 +153,7 @@ def test_a_file_that_a_stage_did_not_write_fails_the_run(
     said = capsys.readouterr().out
     assert "accounted for: NO: not written:" in said
     assert f"/{name}." in said
-    # nothing empty is put in its place
+    # No empty file takes the place of the missing one.
     assert not (build / "out" / "map.pcd").exists() or stage != "mapping"
 
 
@@ -183,12 +183,12 @@ def test_live_run_says_what_is_missing_and_writes_at_the_end(
             "1",
         ]
     )
-    assert code == 1  # nothing came: not accounted for
+    assert code == 1  # No sweep came, so nothing is accounted for.
     said = capsys.readouterr().out
     assert "no packets on UDP 2368 for 3 s" in said
     assert "accounted for: NO: no sweep came: there is nothing to account for" in said
     assert (build / "out" / "report.json").exists()
-    # nothing empty stands for a drive
+    # No empty file may look like a drive.
     assert not list((build / "out").glob("*.tum"))
 
 
@@ -225,7 +225,7 @@ def listens(port: int) -> bool:
 
 @pytest.fixture
 def integration(build: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A stand-in of the last stage, and where it listens."""
+    """A stand-in for the last stage; yields its endpoint."""
     base = free_base_port()
     program = str(build / "bin" / "zloam-integration")
     monkeypatch.setenv("FAKE_ALONE", "integration")

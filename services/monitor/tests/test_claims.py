@@ -1,4 +1,4 @@
-"""Only what an earlier run made is replaced; what a run reads never is."""
+"""A run replaces only files of an earlier run, and never its own inputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _let_go() -> None:
 
 
 def a_run(folder: Path, further: tuple[str, ...] = ()) -> None:
-    """Claims, writes, records; as another process would."""
+    """Claims, writes and records files, as another process would."""
     run = claim(folder, NAMES)
     (folder / "logs").mkdir(exist_ok=True)
     for name in (*NAMES, *further):

@@ -1,4 +1,4 @@
-"""The command line: help with examples, completion, and mistakes told without a trace."""
+"""Tests the command line: help with examples, completion, and errors without a stack trace."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COMMANDS = (*OWN, "trajectory", "compare", "support", "evaluate", "recording", "
 
 
 def zloam(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """As from a shell, in any folder."""
+    """Runs the command as from a shell."""
     return subprocess.run(
         [sys.executable, "-m", "zloam_monitor", *arguments],
         env={**os.environ, "PYTHONPATH": str(ROOT / "services/monitor/src"), **environment},
@@ -64,7 +64,7 @@ def test_the_version_is_that_of_the_programs(capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion(shell: str, tmp_path: Path) -> None:
-    # the shell is found out by the parent process, which is none here
+    # Typer detects the shell by the parent process, which is not a shell here.
     script = zloam("--show-completion", shell, _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
     assert script.returncode == 0, script.stderr
     assert "_ZLOAM_COMPLETE=complete_" + shell in script.stdout

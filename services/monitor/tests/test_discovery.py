@@ -1,4 +1,4 @@
-"""Robots are found without being told where, and nothing is answered by what to check."""
+"""Robots are found without an address; if none answers, the message says what to check."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_what_is_no_endpoint_is_said_without_a_trace(
 
 @pytest.fixture
 def deaf() -> Iterator[int]:
-    """A port that takes connections and says nothing."""
+    """A port that accepts connections, but never answers."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server.getsockname()[1]
 

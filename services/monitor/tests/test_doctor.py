@@ -1,4 +1,4 @@
-"""The doctor names what is wrong, and says nothing where all is well."""
+"""The doctor names each fault, and finds nothing in a healthy robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from zloam_monitor.stages import STAGES
 
 
 def status(stage: str, later: bool = False, **more: Any) -> StatusRecord:
-    """Of a healthy stage; later: some seconds after."""
+    """Status of a healthy stage; later: at the end of the listening time."""
     count = 150 if later else 100
     given = {
         "health": "ready", "reason": "", "stamp_ns": 10 if later else 5, "run": 1,
@@ -25,7 +25,7 @@ def status(stage: str, later: bool = False, **more: Any) -> StatusRecord:
         "figures": {"packets_received": 754.0 * count, "packets_lost": 3.0, "clock_steps": 1.0},
         "latencies": {"work": {"p50": 5.0, "p95": 8.0, "p99": 9.0}}, "cpu_ms": 1.0,
         "rss_mib": {"start": 1.0, "end": 1.0, "peak": 1.0}, "version": "0.1.0",
-        # small ones, as integration's
+        # Small messages, like those of integration.
         "memory": {"messages_shm": 0, "messages_net": count, "bytes_copied": 900 * count},
         "inputs": (Input("loam/r/sweep", count, count, 0, 0, 0, {"queue_full": 4}, 2, 1),),
     }  # fmt: skip
@@ -72,7 +72,7 @@ def dropped(reason: str) -> tuple[Input, ...]:
 
 
 def at_one_sweep(heard: Heard, stage: str) -> Heard:
-    """It works on the same sweep at the begin and at the end."""
+    """A stage that works on the same sweep at the beginning and at the end."""
     who = (stage, f"{stage}-1")
     before = heard.before[who]
     (given,) = before.inputs
@@ -193,7 +193,7 @@ def test_packets_to_another_port_are_told_beside_their_absence() -> None:
         "no packets came to the driver within 5 s",
         "3770 datagrams came to UDP ports on which no program listens",
     ]
-    # Beside packets that come they are somebody else's.
+    # While packets come, the datagrams on closed ports are not the sensor's.
     noisy = figures(datagrams_to_closed_ports=3770.0)
     assert findings(changed(well(), "driver", figures=noisy)) == []
 

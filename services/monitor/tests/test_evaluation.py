@@ -1,4 +1,4 @@
-"""Scores against closed forms, and against evo's own programs."""
+"""Compares scores with closed forms, and with evo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ START_NS = 1_600_000_000_000_000_000
 
 
 def loop(n: int = 2001, radius_m: float = 50.0, turns: float = 1.0) -> Trajectory:
-    """A circle with a little height, heading along the path; about 314 m a turn."""
+    """A circle with small changes of height, heading along the path; about 314 m per turn."""
     angle = np.linspace(0, 2 * np.pi * turns, n)
     positions = np.c_[radius_m * np.cos(angle), radius_m * np.sin(angle), 0.5 * np.sin(3 * angle)]
     quats = Rotation.from_rotvec(np.outer(angle + np.pi / 2, [0, 0, 1])).as_quat()
@@ -47,23 +47,23 @@ def test_scale_is_not_forgiven() -> None:
     stretched = truth.transforms.copy()
     stretched[:, :3, 3] *= 1.01
     scores = evaluation.evaluate(Trajectory(stretched, truth.stamps_ns, truth.sweeps), truth)
-    # 1 % along a line of length L leaves, once centred, an error with rms 0.01 L / sqrt(12)
+    # A scale error of 1 % on a line of length L leaves, once centred, an rms of 0.01 L / sqrt(12).
     assert scores.ate_rmse_m == pytest.approx(0.01 * 300.3 / np.sqrt(12), rel=0.01)
     assert scores.drift_percent == pytest.approx(1.0, rel=0.01)
-    # steps of 1 m are four poses of 0.3 m
+    # A step of at least 1 m has four poses with 0.3 m between them.
     assert scores.rpe_1m_m == pytest.approx(0.012, rel=1e-6)
 
 
 def test_heading_drift_in_closed_form() -> None:
-    truth = straight(401, 0.5)  # 200 m: sub-lengths 5 to 80 m
-    rate = np.radians(0.02)  # per m
+    truth = straight(401, 0.5)  # 200 m, for which the sub-lengths are 5 to 80 m.
+    rate = np.radians(0.02)  # Per m.
     along = np.arange(401) * 0.5
     quats = Rotation.from_rotvec(np.outer(rate * along, [0, 0, 1])).as_quat()
     positions = np.c_[np.sin(rate * along) / rate, (1 - np.cos(rate * along)) / rate, 0 * along]
     estimate = Trajectory(se3.matrices(positions, quats), truth.stamps_ns, truth.sweeps)
     scores = evaluation.evaluate(estimate, truth)
     assert scores.drift_deg_per_m == pytest.approx(0.02, rel=1e-6)
-    # chord against straight line, for each start that still fits, as KITTI averages them
+    # Distance between the ends of arc and straight line, averaged over all starts as by KITTI.
     expected = []
     for start in range(0, 401, 10):
         for length in (5, 10, 20, 40, 60, 80):
@@ -88,7 +88,7 @@ def test_truth_is_taken_at_the_instant_of_the_pose() -> None:
     between, _ = interpolate(truth, truth.stamps_ns[:-1] + 9_000_000)
     scores = evaluation.evaluate(between, truth)
     assert scores.ate_rmse_m < 1e-6
-    # half a stamp off would be 7.5 mm on each pose: the score must see it
+    # Stamps that are 1 s late still give a figure.
     late = Trajectory(between.transforms, between.stamps_ns + 1_000_000_000, between.sweeps)
     assert evaluation.evaluate(late, truth).drift_percent is not None
 
@@ -108,7 +108,7 @@ def test_truth_of_the_sensor_is_carried_to_base_link() -> None:
     sensor = base.carried(T_base_lidar)
     carried = sensor.carried(se3.inverse(T_base_lidar))
     assert evaluation.evaluate(base, carried).ate_rmse_m == pytest.approx(0, abs=1e-9)
-    # uncarried, the lever arm and the mounting's rotation show
+    # Without carrying, the lever arm and the rotation of the mounting are visible.
     assert evaluation.evaluate(base, sensor).rpe_1m_m > 1e-3
 
 
@@ -122,9 +122,9 @@ def test_kitti_truth_is_joined_by_sweep_number_at_the_middle_of_each_sweep() -> 
         fine.transforms[ends][missing], fine.stamps_ns[ends][missing], number[missing]
     )
     scores = evaluation.evaluate(estimate, by_number)
-    # the first pose, and the one after the gap, have no pose at their sweep's begin
+    # The first pose and the one after the gap lack the pose at the beginning of their sweep.
     assert scores.matched == 989
-    # a chord of 6 cm on a circle of 50 m
+    # Interpolation uses chords of 6 cm on a circle of 50 m.
     assert scores.ate_rmse_m == pytest.approx(0, abs=1e-4)
     assert scores.rpe_1m_m == pytest.approx(0, abs=1e-4)
 
@@ -156,7 +156,7 @@ def as_evo(t: Trajectory) -> Any:
 
 
 def drifting(truth: Trajectory) -> Trajectory:
-    """Every fifth pose, with a random walk in position and heading."""
+    """Every fifth pose, with a random walk added to position and heading."""
     rng = np.random.default_rng(5)
     off = np.cumsum(rng.normal(0, 0.002, (len(truth), 6)), axis=0)
     bent = truth.transforms.copy()
@@ -186,7 +186,7 @@ def test_errors_equal_those_of_evo_by_its_own_association() -> None:
 
 
 def test_steps_of_the_relative_error_are_those_of_evo_on_a_regular_grid() -> None:
-    # 0.1 m a pose: whether ten of them make a metre is a matter of rounding
+    # With exactly 0.1 m per step, rounding decides whether ten steps make a metre.
     truth = straight(1001, 0.1)
     estimate = drifting(truth)
     reference, path = sync.associate_trajectories(as_evo(truth), as_evo(estimate), max_diff=0.001)

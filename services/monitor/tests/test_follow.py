@@ -1,4 +1,4 @@
-"""Who follows a run in containers lets the others end, and speaks last."""
+"""The follower of a run in containers lets the other processes end, and prints last."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ time.sleep(60)
 
 
 class Stage:
-    """A process that ends with the run, some time after it is told to, as a stage that saves."""
+    """A process that ends with the run, after a delay like that of a stage that saves."""
 
     def __init__(self, ended_file: Path, saves_s: float) -> None:
         self.process = subprocess.Popen(
@@ -59,7 +59,8 @@ def start() -> Iterator[Callable[[Path, float], Stage]]:
     yield start_one
     for stage in started:
         stage.process.kill()
-        # Not until its output ends: who watches holds that, too, until the process is waited for.
+        # wait() before the output ends: with-run's watcher holds the output until the process is
+        # waited for.
         stage.process.wait()
         assert stage.process.stdout is not None
         stage.process.stdout.close()
@@ -76,7 +77,7 @@ def test_the_table_comes_after_the_end_of_the_others(
     start: Callable[[Path, float], Stage],
 ) -> None:
     ended_file = tmp_path / "ended"
-    # The last one ends seconds after the one before, longer than what is added for Docker.
+    # The second ends seconds after the first, later than the pause added for Docker.
     stages = [start(ended_file, saves_s) for saves_s in (0.0, 3.0)]
     ended_before_table = []
 
@@ -101,7 +102,7 @@ def test_they_end_also_where_the_run_can_not_be_followed(
     monkeypatch.setattr(follow, "_follow", refuse)
     with pytest.raises(RuntimeError, match="the folder is taken"):
         follow.follow(options(tmp_path, tmp_path / "ended"))
-    # The same time for all, which the last has read by then.
+    # One time of ending for all, NOTICE_SECONDS after the file was written.
     assert int((tmp_path / "ended").read_text()) >= time.time() - follow.SAID_SECONDS
 
 
@@ -116,7 +117,7 @@ def test_an_interrupt_ends_nobody_else(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 class Silent:
-    """A link on which all stages are heard, and no pose."""
+    """A link that hears all stages, but no pose."""
 
     poses: ClassVar[dict[int, object]] = {}
 

@@ -1,5 +1,5 @@
-"""Grids and tiles as their readers see them: map_server's formula over an image read by Pillow,
-YAML and PCD read by libraries of their own."""
+"""Checks grids and tiles like their readers: map_server's formula on an image read by Pillow; YAML
+and PCD read by other libraries."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def hill(x: Array, y: Array) -> Array:
 
 @pytest.fixture
 def yard() -> PointMap:
-    """A slope from (-20, 100) to (20, 140) with a wall along x = 4, and a roof 3 m above a part."""
+    """A slope from (-20, 100) to (20, 140), a wall along x = 4, and a roof 3 m above a corner."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-20, 20, 0.4), np.arange(100, 140, 0.4)))
     ground = np.column_stack([x, y, hill(x, y)])
     wy, wz = (a.ravel() for a in np.meshgrid(np.arange(105, 135, 0.2), np.arange(0.1, 2.5, 0.2)))
@@ -41,7 +41,7 @@ def yard() -> PointMap:
 
 
 def seen_at(path: Path, x: float, y: float) -> int:
-    """100 occupied, 0 free, -1 unknown: what map_server makes of that cell in mode trinary."""
+    """Value of the cell in map_server's mode trinary: 100 occupied, 0 free, -1 unknown."""
     described = yaml.safe_load(path.read_text())
     image = np.asarray(Image.open(path.parent / described["image"]).convert("L"), float)
     left, low, turn = described["origin"]
@@ -62,7 +62,7 @@ def test_a_grid_is_what_map_server_reads(yard: PointMap, tmp_path: Path) -> None
         assert seen_at(grid, 4.05, y) == 100, y
         assert seen_at(grid, 6.0, y) == 0, y
         assert seen_at(grid, 2.0, y) == 0, y
-    # Under a roof one may drive.
+    # The robot can drive under a roof.
     assert seen_at(grid, -15.0, 105.0) == 0
 
 

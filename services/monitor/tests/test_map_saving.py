@@ -1,4 +1,4 @@
-"""A map of which not all has come is not written."""
+"""An incomplete map is not written."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def tile(index: int, points: int, map_id: int = 7) -> Tile:
 
 @dataclass
 class Robot:
-    """As much of a link as is asked, to a robot with these answers."""
+    """A stand-in for the link to a robot with these answers."""
 
     answers: list[list[Tile]]
     map_points: int
     lives: bool = True
-    #: looks at who lives, until mapping is among them
+    #: Number of queries for tokens before mapping is among them.
     lives_after: int = 0
     keys: Keys = field(default_factory=lambda: Keys("carol"))
 

@@ -1,5 +1,5 @@
-"""Maps in each format hold the same points, read back by this package and by the formats' own
-libraries; cutting and thinning by their definitions."""
+"""Maps in each format contain the same points, read by this package and by other libraries;
+cropping and thinning follow their definitions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMATS = (".pcd", ".ply", ".las", ".laz")
 
 @pytest.fixture
 def made() -> PointMap:
-    """Off the origin, as maps of a long drive are."""
+    """A map far from the origin, as after a long drive."""
     random = np.random.default_rng(3)
     points = np.zeros(5000, MAP_POINT)
     for axis, centre in zip("xyz", (900.0, -1300.0, 4.0), strict=True):
@@ -33,7 +33,7 @@ def test_each_format_holds_the_same_points(made: PointMap, tmp_path: Path, suffi
     path = tmp_path / f"map{suffix}"
     maps.write(path, made)
     again = maps.read(path)
-    # LAS counts in tenths of a millimetre
+    # LAS has a resolution of 0.1 mm.
     assert np.abs(again.xyz - made.xyz).max() <= (1e-4 if suffix in (".las", ".laz") else 0.0)
     assert (again.points["intensity"] == made.points["intensity"]).all()
     assert (again.layers == made.layers).all()
@@ -70,7 +70,7 @@ def test_thinning_leaves_one_point_a_cube(made: PointMap) -> None:
     cubes = {tuple(c) for c in np.floor(made.xyz / 10.0).astype(int)}
     left = [tuple(c) for c in np.floor(thin.xyz / 10.0).astype(int)]
     assert len(left) == len(set(left)) == len(cubes)
-    # Each is one of the map's own points, and the nearest of its cube to the mean.
+    # Each point is one of the map's own, and of its cube's points the nearest to their mean.
     for point, cube in zip(thin.xyz[:50], left[:50], strict=True):
         inside = made.xyz[(np.floor(made.xyz / 10.0).astype(int) == cube).all(axis=1)]
         off = np.linalg.norm(inside - inside.mean(axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""A recording's file can be opened at any time, by the readers that others use."""
+"""A recording can be opened at any time by the usual readers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from zloam_monitor.mcap_file import SYNC_SECONDS, McapFile, RecordingError
 
 ROOT = Path(__file__).resolve().parents[3]
-#: writes as fast as a robot with a large lidar sends, and says how far it is
+#: Program that writes as fast as a robot with a large lidar, and prints when it has begun.
 WRITER = """
 import os, sys, time
 from pathlib import Path
@@ -33,7 +33,7 @@ for n in range(10**9):
 
 
 def commands() -> list[str]:
-    """Of all processes."""
+    """Command lines of all processes."""
     found = []
     for each in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
@@ -49,7 +49,7 @@ def wait_until(holds: Callable[[], bool]) -> None:
 
 
 def read(path: Path) -> list[tuple[str, int, bytes]]:
-    """By the library's own readers, with and without the index; both agree."""
+    """Reads a file by the library's readers, with and without the index, which must agree."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
@@ -108,17 +108,17 @@ def test_a_killed_writer_leaves_a_file_that_opens(tmp_path: Path, seed: int) -> 
     ended_ns = time.time_ns()
     writer.wait()
     writer.stdout.close()
-    # what had come whole is written
+    # The separate process still writes the pieces that it has received completely.
     wait_until(lambda: not any(str(path) in command for command in commands()))
     found = read(path)
-    # a busy machine may have held the writer up: its last word is then older
+    # On a busy machine the writer may have been held up, so that its last message is older.
     missing_s = 1e-9 * (ended_ns - max((m[1] for m in found), default=ended_ns))
     assert missing_s < 1.0 + SYNC_SECONDS
     assert all(len(data) == 200_000 for _, _, data in found)
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
-    """The limit on a file's size stands for the end of the disk: it refuses within a write."""
+    """A limit on the file's size simulates a full disk: it makes a write fail half-way."""
     path = tmp_path / "a.mcap"
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     put = []

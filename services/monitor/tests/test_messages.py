@@ -1,4 +1,4 @@
-"""The numpy dtypes are the structs of the schemas, and what is written is read again."""
+"""The numpy dtypes agree with the structs of the schemas, and written messages can be read."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def _needs_generated_code() -> None:
         pytest.skip(str(missing))
 
 
-#: fields of structs that hold a Pose
+#: Fields of structs that contain a Pose.
 POSES = ("pose", "map", "world")
 
 
 def generated_value(struct: Any, path: tuple[str, ...]) -> Any:
-    """Reads x or translation.x by the generated accessors."""
+    """Reads a path such as x or translation.x with the generated accessors."""
     for name in path[:-1]:
         accessor = "".join(part.capitalize() for part in name.split("_"))
         inner = messages.STRUCTS["Pose"] if name in POSES else None
@@ -51,7 +51,7 @@ def test_dtype_equals_the_struct_of_the_schema(name: str) -> None:
     dtype = messages.STRUCTS[name]
     generated = getattr(messages.module(name), name)
     assert dtype.itemsize == generated.SizeOf()
-    # bytes that differ everywhere: a field at a wrong offset or of a wrong type reads another value
+    # Each byte differs from those near it: a wrong offset or type of a field gives another value.
     raw = bytes((i * 37 + 11) % 120 + 1 for i in range(dtype.itemsize))
     struct = generated()
     struct.Init(bytearray(raw), 0)
@@ -98,7 +98,7 @@ def test_a_foreign_or_short_message_is_refused() -> None:
         messages.decode("MapPose", b"")
 
 
-# found by tests/fuzz/readers.py
+# Found by tests/fuzz/readers.py.
 def test_json_nested_deeper_than_the_stack_is_refused() -> None:
     b = flatbuffers.Builder(256)
     stage, nested = b.CreateString("mapping"), b.CreateString("[" * 100_000)

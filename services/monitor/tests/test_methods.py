@@ -1,4 +1,4 @@
-"""Names of methods to programs: what is taken, and how a wrong one is refused."""
+"""Texts for --method become programs; wrong ones are refused."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What `zloam metrics` serves parses, says what the statuses said, and has all that alerts and
-dashboard ask for."""
+"""Metrics can be parsed, agree with the statuses, and include all that alerts and dashboard use."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ from zloam_monitor.records import Input, PoseRecord, StatusRecord
 
 ROOT = Path(__file__).resolve().parents[3]
 OBSERVABILITY = ROOT / "deploy/observability"
-#: of the language, and labels' names
+#: Words of PromQL, and names of labels.
 WORDS = {
     *("max", "sum", "count", "rate", "by", "on", "unless", "or", "and", "count_over_time"),
     *("predict_linear", "robot", "stage", "instance", "state", "reason", "name", "quantile"),
@@ -48,7 +47,7 @@ def pose(sweep: int, health: int = 0) -> PoseRecord:
 
 
 class Heard:
-    """What a link has."""
+    """A stand-in for a link."""
 
     def __init__(self, statuses: list[StatusRecord], poses: list[PoseRecord]) -> None:
         self.keys = Keys("robot")
@@ -64,7 +63,7 @@ class Heard:
 
 
 def samples(heard: Heard, seen: Seen | None = None) -> dict[tuple[str, str], float]:
-    """(name, labels) -> value, by the format's own parser."""
+    """(name, labels) -> value, parsed by the format's own parser."""
     seen = seen or Seen("robot")
     link: Any = heard
     seen.take(link)
@@ -82,7 +81,7 @@ def samples(heard: Heard, seen: Seen | None = None) -> dict[tuple[str, str], flo
 def test_it_says_what_the_statuses_say() -> None:
     found = samples(Heard([status("mapping")], [pose(4), pose(5)]))
     assert found[("zloam_up", "a,mapping")] == 1.0
-    # of those that were not heard
+    # Stages that were never heard are down.
     assert found[("zloam_up", ",odometry")] == 0.0
     assert found[("zloam_health", "a,mapping,ready")] == 1.0
     assert found[("zloam_health", "a,mapping,failed")] == 0.0

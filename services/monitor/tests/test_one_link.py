@@ -1,4 +1,4 @@
-"""Peers that hear of each other through a third one get one link between each two of them."""
+"""Peers that hear of each other through a third one get exactly one link between each pair."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from zloam_monitor.processes import free_port
 
 PEERS = 6
 PATIENCE_S = 20.0
-#: a second link comes with the first or not at all
+#: A second link would come together with the first.
 SETTLED_S = 0.5
 
 
 def links_of(session: Any) -> Counter[str]:
-    """By the other's identifier."""
+    """Number of links by the other session's identifier."""
     return Counter(str(link.zid) for link in session.info.links())
 
 

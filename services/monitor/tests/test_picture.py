@@ -1,4 +1,4 @@
-"""The picture is drawn from anything a run can give, also from nothing."""
+"""The picture can be drawn for any run, also for one without data."""
 
 from __future__ import annotations
 

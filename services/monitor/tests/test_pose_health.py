@@ -1,4 +1,4 @@
-"""What the poses of a run say of themselves, counted."""
+"""The health of a run's poses is counted."""
 
 from __future__ import annotations
 

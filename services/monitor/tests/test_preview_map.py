@@ -1,4 +1,4 @@
-"""A map put together from what key `preview` says of it."""
+"""A map is assembled from the messages of key `preview`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BLOCK_M = 8.0
 
 
 def octree_of(cells: NDArray[np.int64], depth: int) -> bytes:
-    """By the words of the schema, one cube after another."""
+    """Encodes cells cube by cube, as the schema describes it."""
     nodes = [((0, 0, 0), cells)]
     found = bytearray()
     for level in range(depth):
@@ -80,7 +80,7 @@ def test_blocks_replace_one_another_and_have_places() -> None:
     assert shown.centres((-1, 0, 0)).tolist() == [[-2.0, 6.0, 6.0]]
     assert shown.take(said({(0, 0, 0): (2, lower)})) == [(0, 0, 0)]
     assert shown.centres((0, 0, 0)).tolist() == [[1.0, 1.0, 1.0], [7.0, 1.0, 1.0]]
-    # from above: the large cell of the other one as four points, the small ones as one
+    # Seen from above: the large cell of the other block as four points, two small ones as one each.
     assert len(shown.spread_points()) == 4 + 2
     shown.take(said({(0, 0, 0): (1, b"")}))
     assert list(shown.blocks) == [(-1, 0, 0)]

@@ -1,4 +1,4 @@
-"""What stages say is shown once, numbers aside, and summed up by cause."""
+"""Each remark of the stages is shown once, regardless of numbers, and summarized by cause."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_what_several_stages_say_is_one_line() -> None:
     room = "no room for shared memory: 64 MiB"
     said = [f"driver: {room}", "no packets", f"mapping: {room}", "mapping: slow"]
     assert remarks.news(said, 0.0) == [f"driver, mapping: {room}", "no packets", "mapping: slow"]
-    # one more stage is news, and none that said it before
+    # Only the stage that joins in is news.
     assert remarks.news([*said, f"odometry: {room}"], 1.0) == [f"odometry: {room}"]
     assert remarks.summary() == [
         f"driver, mapping, odometry: {room} (said 2 times)",
@@ -47,7 +47,7 @@ def test_warnings_of_logs_line_by_line(tmp_path: Path) -> None:
     assert logs.new_warnings() == []
     stamp = "2026-11-25T10:00:00.123456Z"
     log.write_text(f"{stamp} info    driver: ready\n{stamp} warning driver: the product byte lies")
-    assert logs.new_warnings() == []  # not a whole line yet
+    assert logs.new_warnings() == []  # The line is not complete yet.
     with log.open("a") as more:
         more.write(f' model="VLP-16"\nnot a line of ours\n{stamp} error   driver: gone\n')
     assert logs.new_warnings() == [

@@ -1,4 +1,4 @@
-"""Figures of the report come from stamps that ascend; those that do not are said."""
+"""Figures of the report use sweeps with ascending stamps; the others are reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEP_NS = 100_000_000
 
 
 def run_with(instants_ns: list[int]) -> Run:
-    """A robot that goes 1 m a sweep; where its stamps go back it is drawn 1000 m away."""
+    """A robot that moves 1 m per sweep; a sweep whose stamp goes back is 1000 m away."""
     latest = -1
     poses = {}
     for sweep, instant in enumerate(instants_ns):
@@ -41,7 +41,7 @@ def run_with(instants_ns: list[int]) -> Run:
 
 
 class Reader(HTMLParser):
-    """What a page says, and what it asks others for."""
+    """Text of a page, and the addresses that it loads."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -56,7 +56,7 @@ class Reader(HTMLParser):
         self.asks += [v or "" for name, v in attrs if name in ("src", "href")]
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Nothing is open after it."""
+        """Does nothing, as such a tag leaves no element open."""
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -74,7 +74,7 @@ def test_the_page_says_what_the_report_says(tmp_path: Path) -> None:
     assert "A <b>drive</b>" in read.text
     assert "<script>alert(1)</script> & more" in read.text
     assert report.summary_line(found) in read.text
-    # nothing was written by stages here
+    # The stages' files are missing here.
     assert len(report.complaints(found)) >= 1
     assert all(each in read.text for each in report.complaints(found))
     assert [each[:22] for each in read.asks] == ["data:image/png;base64,"]

@@ -1,4 +1,4 @@
-"""Names are the text that stands in the file, as the stages read them."""
+"""Names are the texts in the file, as the stages read them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_endpoints_are_a_list_in_the_file_or_in_a_setting(tmp_path: Path) -> Non
     assert connects(path, ["zenoh.connect=[tcp/c:2]"]) == ["tcp/c:2"]
     path.write_text("robot: a\n")
     assert connects(path, []) == []
-    # Not lost on the way: the stages refuse it.
+    # An invalid value is kept, so that the stages refuse it.
     assert connects(path, ["zenoh.connect=router"]) == ["router"]
 
 
@@ -37,7 +37,7 @@ def test_endpoints_are_a_list_in_the_file_or_in_a_setting(tmp_path: Path) -> Non
         b"robot: [",
         b"robot: \xdf\n",
         b"zenoh: {base_port: x}",
-        # found by tests/fuzz/readers.py
+        # Found by tests/fuzz/readers.py.
         b"zenoh: {base_port: [7460]}",
         b"robot: " + b"[" * 100_000,
     ],

@@ -1,4 +1,4 @@
-"""Rotations against scipy's: all angles, those next to nothing and to half a turn too."""
+"""Compares rotations with scipy's, including angles near 0 and near half a turn."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ANGLES = [0.0, 1e-12, 1e-7, 0.3, np.pi / 2, 3.0, np.pi - 1e-7, np.pi]
 
 
 def rotations(angle: float) -> Rotation:
-    """By one angle about many axes, the main ones among them."""
+    """Rotations by one angle about many axes, including the coordinate axes."""
     axes = np.r_[np.eye(3), -np.eye(3), np.random.default_rng(1).normal(size=(50, 3))]
     return Rotation.from_rotvec(angle * axes / np.linalg.norm(axes, axis=1)[:, None])
 
@@ -29,7 +29,7 @@ def test_quaternions_and_matrices(angle: float) -> None:
     turned = rotations(angle)
     quats = se3.quaternions(transforms(turned))
     assert (quats[:, 3] >= 0).all()
-    # q and -q are one rotation
+    # q and -q are the same rotation.
     along = np.abs((quats * turned.as_quat()).sum(axis=1))
     np.testing.assert_allclose(along, 1.0, atol=1e-15)
     back = se3.matrices(np.zeros((len(quats), 3)), 1.003 * quats)

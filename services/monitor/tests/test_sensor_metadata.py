@@ -1,4 +1,4 @@
-"""A description fetched from a simulated sensor, of newer and of older firmware."""
+"""Fetches a description from simulated sensors with newer and older firmware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person types becomes a command, and what was changed becomes options of a replay."""
+"""A user's texts become commands, and changes during a run become options of its replay."""
 
 from __future__ import annotations
 

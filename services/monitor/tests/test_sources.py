@@ -1,4 +1,4 @@
-"""From the command line to the driver's settings."""
+"""The command line of a replay becomes settings of the driver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who ends is started again with growing pauses; who dies takes the stages with it."""
+"""A stage that ends is restarted with growing pauses; stages end with their parent process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zloam_monitor import cli, ending
 from zloam_monitor.processes import Process, Processes
 from zloam_monitor.supervision import Supervisor
 
-#: a stage's program that dies at once, and one that ends with its parent as stages do
+#: Programs in place of a stage: one dies at once, one ends with its parent as stages do.
 DIES = [sys.executable, "-c", "print('something broke'); raise SystemExit(5)"]
 ENDS_WITH_PARENT = (
     "import os; os.read(int(os.environ['ZLOAM_PARENT_PIPE']), 1); open({path!r}, 'w').write('x')"
@@ -24,7 +24,7 @@ PATIENCE_S = 20.0
 
 
 class FakeChain:
-    """One stage."""
+    """A chain with one stage."""
 
     def __init__(self, folder: Path) -> None:
         self.processes, self.folder, self.starts = Processes(), folder, 0
@@ -57,10 +57,10 @@ def test_a_stage_that_dies_is_started_again_with_growing_pauses(tmp_path: Path) 
         now += pause_s
         assert supervisor.look(now) == []
         assert chain.starts == starts + 1
-    # its log goes on
+    # The restarted stage appends to its log.
     chain.until_dead()
     assert (tmp_path / "mapping.log").read_text().count("something broke") == chain.starts
-    # long steady: the first pause again
+    # After a long steady time the first pause applies again.
     assert "started again in 1 s" in supervisor.look(now + 61.0)[0]
     chain.processes.stop()
 

@@ -1,4 +1,4 @@
-"""Two runs compared, and the file for those who help."""
+"""Tests the comparison of two runs, and the file for support."""
 
 from __future__ import annotations
 

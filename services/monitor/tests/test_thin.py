@@ -1,4 +1,4 @@
-"""What a thin view takes of a robot, and what it shows."""
+"""Tests which keys a thin view uses, and what it shows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE_S = 20.0
 
 
 class Session:
-    """Of Zenoh; whoever asks something over it fails."""
+    """A stand-in for a Zenoh session that cannot send queries."""
 
     def __init__(self) -> None:
         self.readers: dict[str, Callable[[Any], None]] = {}
@@ -43,7 +43,7 @@ def link() -> Link:
 
 
 def a_preview(sweep: int) -> bytes:
-    """With a block whose cells are all there: of 8 m at 2^1 cells along an edge."""
+    """A preview with one full block of 8 m that has 2^1 cells along an edge."""
     block = np.array([(0, 0, 0, 1, 1, 0)], messages.PREVIEW_BLOCK)
     head = HeaderValues(5, sweep, sweep, map_id=5, stamp_ns=sweep * 10**8)
     return compose.preview(head, 1, (float(sweep), 2.0, 0.0), 8.0, block, b"\xff")
@@ -57,7 +57,7 @@ def until(holds: Callable[[], Any]) -> None:
 
 
 def test_it_takes_the_preview_and_statuses_alone(link: Link) -> None:
-    """And asks nothing: the session here has no such function."""
+    """It sends no queries: this session has no function for them."""
     session: Any = link.session
     assert set(session.readers) == set(thin.expressions(link.keys))
     view = RobotView(link)

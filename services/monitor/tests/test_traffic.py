@@ -1,4 +1,4 @@
-"""Bytes a second and lateness, against rates and delays that are given."""
+"""Compares data rates and lateness with given rates and delays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def a_status(stage: str, seconds: float, counts: dict[str, int]) -> StatusRecord
 
 
 def test_rates_are_differences_over_the_robot_s_own_time() -> None:
-    """Whenever they come here: a status that was held up counts as it was meant."""
+    """A status that arrives late counts for its own time."""
     published = Published()
     for second in range(4):
         published.take(a_status("a", 100.0 + second, {"x": 2000 * second, "y": 10**6, "z": second}))
@@ -86,7 +86,7 @@ def test_lateness_is_the_backlog_of_most_whatever_the_clocks() -> None:
     names = ("a", "b", "c")
     for second in range(30):
         for stage in names:
-            # a link that carries half of what is published
+            # Two of three stages are on a link that carries half of the published data.
             came_s = second + ahead_s + (0.5 * second if stage != "c" else 0.1)
             late.take(a_status(stage, second, {}), round(1e9 * came_s))
     living = {(stage, a_status(stage, 0.0, {}).instance) for stage in names}

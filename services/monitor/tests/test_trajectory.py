@@ -1,4 +1,4 @@
-"""Files keep every nanosecond; interpolation is exact on a constant motion."""
+"""Files keep every nanosecond; interpolation is exact for a constant motion."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def a_pose() -> PoseRecord:
 
 
 class Linking:
-    """A link that hears one stage more with each question."""
+    """A stand-in for a link that hears one more stage with each query."""
 
     keys = Keys("robot")
     garbage = 0
@@ -33,7 +33,7 @@ class Linking:
     def query_statuses(self) -> None:
         self._heard = min(self._heard + 1, self._reachable)
         self._looks += 1
-        if self._looks > len(STAGES) + 1:  # later than the last stage
+        if self._looks > len(STAGES) + 1:  # The pose comes after the last stage.
             self.poses[7] = a_pose()
 
     def poll(self, _seconds: float = 0.0) -> None: ...
@@ -58,7 +58,7 @@ def test_stages_behind_slow_links_are_waited_for(capsys: pytest.CaptureFixture[s
     assert watch.look(link) == 0
     said = capsys.readouterr().out
     assert "nothing heard" not in said
-    # and for a pose, whose rate is not known from a moment
+    # It also waited for a pose. The time is too short for a rate.
     assert "sweep 7, at 1.00 2.00 3.00 m" in said
 
 
