@@ -1,6 +1,6 @@
-"""All views of a robot at once, as a process of its own, so that it can run on another host:
-`python -m tests.integration.all_views ENDPOINT FOLDER`. Writes what each has shown so far into
-FOLDER/shown.json, until it is ended."""
+"""Runs all views of a robot at once, in a process of its own so that it can run on another host:
+`python -m tests.integration.all_views ENDPOINT FOLDER`. Until it is ended, it writes how much each
+view has shown so far into FOLDER/shown.json."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tests.integration.conftest import ROOT
 from tests.integration.views import FoxgloveClient, fetched, until
 from zloam_monitor.processes import Processes, free_port
 
-#: every so often it looks
+#: interval at which FOLDER/shown.json is written
 EVERY_S = 2.0
 START_S = 120.0
-#: name -> the command, after `zloam`
+#: view -> its command line, after `zloam`
 COMMANDS = {
     "watch": ("watch", "--json", "--every", "1"),
     "web": ("web", "--port", "0"),
@@ -33,7 +33,7 @@ COMMANDS = {
 
 
 class AllViews:
-    """They run; each has its log in the folder."""
+    """Starts the views and keeps them running; each view has its log in the folder."""
 
     def __init__(self, endpoint: str, folder: Path) -> None:
         self._folder = folder
@@ -69,7 +69,8 @@ class AllViews:
         return (self._folder / f"{name}.log").read_text().splitlines()
 
     def _foxglove_messages(self) -> int:
-        """Of a client that asks for everything, as Foxglove does where all its panels are open."""
+        """Number of messages that a client has received which subscribes to every topic, as
+        Foxglove does with all its panels open."""
         url = self._said("foxglove", r"(ws://127\.0\.0\.1:\d+)")
         if url is None:
             return 0
@@ -84,7 +85,7 @@ class AllViews:
         return 0
 
     def shown(self) -> dict[str, int]:
-        """A number for each that grows while it shows something new."""
+        """For each view, a number that grows as long as the view shows new data."""
         self._processes.check()
         looks: dict[str, Callable[[], int]] = {
             "watch": self._sweep_of_watch,

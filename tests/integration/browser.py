@@ -1,4 +1,4 @@
-"""A headless Chromium, driven by its debugging protocol."""
+"""A headless Chromium, controlled by the Chrome DevTools protocol."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 
 from zloam_monitor.processes import free_port
 
-#: nothing but this machine is asked for anything
+#: Options that keep Chromium from contacting any other machine
 ALONE = (
     "--disable-background-networking",
     "--disable-component-update",
@@ -25,7 +25,7 @@ ALONE = (
 
 
 class Browser:
-    """One page, in a window of that size."""
+    """One page, in a window of the given size."""
 
     def __init__(self, url: str, profile: Path, width: int, height: int) -> None:
         program = shutil.which("chromium")
@@ -43,7 +43,7 @@ class Browser:
             stderr=subprocess.DEVNULL,
         )
         self._count = 0
-        #: what the page complained of
+        #: errors that the page reported
         self.errors: list[str] = []
         self._socket = connect(self._page(url), max_size=None, legacy=True)
         for domain in ("Runtime", "Log", "Page"):
@@ -83,7 +83,7 @@ class Browser:
                 return said.get("result", said)
 
     def value(self, expression: str) -> Any:
-        """Of a JavaScript expression."""
+        """The value of a JavaScript expression, evaluated in the page."""
         return self.call("Runtime.evaluate", expression=expression)["result"].get("value")
 
     def wait_for(self, expression: str, seconds: float = 60.0) -> None:

@@ -1,4 +1,5 @@
-"""Real processes: where their binaries are, recordings, and short captures from the simulator."""
+"""Fixtures and helpers for tests with real processes: programs, recordings, short captures from the
+simulator."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from zloam_monitor.chain import Chain
 from zloam_monitor.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
-#: seconds of the short simulated capture: 10 sweeps each
+#: length of the short simulated capture in s; the sensor makes 10 sweeps a second
 CAPTURE_SECONDS = 6
 
 
@@ -31,7 +32,8 @@ class Capture:
 
 @pytest.fixture(autouse=True)
 def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a stage writes by default (out/) stays with its test: the next would go on with it."""
+    """Runs each test in a folder of its own, so that a stage's default output folder (out/) does
+    not hold the map of an earlier test, which the stage would resume."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -47,7 +49,7 @@ def build() -> Path:
 
 @pytest.fixture(scope="session")
 def decode() -> Path:
-    """The decoding tool, which needs no stage."""
+    """The decoding tool zloam-decode, which runs without any stage."""
     folder = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
     tool = folder / "bin" / "zloam-decode"
     if not tool.is_file():
@@ -57,7 +59,7 @@ def decode() -> Path:
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of real recordings, which is no part of the repository."""
+    """The folder of real recordings, which is not in the repository."""
     folder = Path(os.environ.get("ZLOAM_SHARED", ROOT.parent / "shared")).resolve()
     if not (folder / "data").is_dir():
         pytest.skip(f"no recordings in {folder} (set ZLOAM_SHARED)")
@@ -65,7 +67,7 @@ def shared() -> Path:
 
 
 def simulate(build: Path, folder: Path, *options: str) -> Capture:
-    """A capture with the given options of the simulator."""
+    """Simulates a capture with these options of zloam-simulator."""
     made = Capture(folder / "capture.pcap", folder / "lidar.tum", folder / "base.tum")
     subprocess.run(
         [
@@ -86,7 +88,7 @@ def simulate(build: Path, folder: Path, *options: str) -> Capture:
 
 @pytest.fixture(scope="session")
 def capture(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """A few seconds of the city."""
+    """A few seconds of driving in the simulated city."""
     folder = tmp_path_factory.mktemp("capture")
     seconds = str(CAPTURE_SECONDS)
     return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", seconds)
@@ -102,7 +104,7 @@ def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
 
 
 def kill(chain: Chain, *stages: str) -> None:
-    """With -9, all at once."""
+    """Sends SIGKILL to all of these stages, then waits for their ends."""
     killed = [chain.processes.running.pop(stage) for stage in stages]
     for process in killed:
         process.send(signal.SIGKILL)
@@ -111,7 +113,7 @@ def kill(chain: Chain, *stages: str) -> None:
 
 
 class WithoutDriver(Chain):
-    """The chain for a sensor of somebody else."""
+    """The chain without our driver, for sweeps that another program publishes."""
 
     def start(self, stage: str, log: str | None = None) -> None:
         if stage != "driver":
@@ -120,14 +122,14 @@ class WithoutDriver(Chain):
 
 @dataclass(frozen=True)
 class Done:
-    """An ended program."""
+    """Exit code and output of a program that has ended."""
 
     code: int
     said: str
 
 
 def monitor(*arguments: object) -> Done:
-    """`python -m zloam_monitor ...` from the root of the tree."""
+    """Runs `python -m zloam_monitor ...` from the root of the repository."""
     paths = [str(ROOT / "services/monitor/src"), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
         [sys.executable, "-m", "zloam_monitor", *map(str, arguments)],

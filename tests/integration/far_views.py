@@ -1,5 +1,5 @@
-"""A robot that drives round a block, first alone, then with every view of the monitor open on
-another host behind a thin link (issue 41): what each time of the same length was like for it."""
+"""A robot that drives round a block: first nobody watches, then every view of the monitor is open
+on another host behind a thin link (issue 41). Both phases last equally long and are compared."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from zloam_monitor.processes import Processes, free_port
 
 BIT_PER_S, DELAY_S = 1_000_000, 0.2
 ROUTER_PORT = 7447
-#: the block is mapped by then, and goes on being driven round
+#: time until the whole block is mapped; the robot keeps driving round it after that
 LAP_S = 130.0
-#: of the simulator: laps enough for half an hour
+#: laps that the simulator drives: enough for half an hour
 LAPS = 20
 OPEN_S = 150.0
 
 
 @dataclass
 class Found:
-    """The two times, and what was seen over there."""
+    """The two phases, and what the other host received in the second."""
 
     alone: Phase
     watched: Phase
-    #: view -> how much more it showed at the end than at the beginning
+    #: view -> growth of its counter (all_views.AllViews.shown) during the second phase
     shown: dict[str, int]
-    #: what came over the link
+    #: mean rate of the data received over the link
     bit_per_s: float
 
     def summary(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Found:
 
 
 def start_beside(run: LiveRun, far: Far) -> None:
-    """A router that the other host reaches, and the preview."""
+    """Starts a router that the other host can reach, and the preview."""
     processes = run.chain.processes
     endpoint = f"tcp/{far.near_address}:{ROUTER_PORT}"
     processes.start("router", router(endpoint), run.out / "router.log")
@@ -68,13 +68,14 @@ def start_beside(run: LiveRun, far: Far) -> None:
 
 @contextlib.contextmanager
 def all_open(run: LiveRun, far: Far) -> Iterator[Path]:
-    """Gives where they leave what they show."""
+    """Opens all views on the other host and yields the folder of their results."""
     folder = run.out / "views"
     folder.mkdir()
     behind = f"127.0.0.1:{free_port()}"
     over_there = Processes()
     here = relay(behind, f"{far.near_address}:{ROUTER_PORT}", DELAY_S)
-    # the robot gives them the time that it leaves over: another machine has its own
+    # The views get only idle CPU time, as on a real second machine they would use a CPU of their
+    # own.
     views = [
         "nice",
         "-n",
@@ -101,14 +102,14 @@ def all_open(run: LiveRun, far: Far) -> Iterator[Path]:
 
 
 def drive_for(build: Path, folder: Path, seconds: float) -> Capture:
-    """Round one block for the whole of a measurement."""
+    """A drive round one block, long enough for the whole measurement."""
     whole_s = LAP_S + OPEN_S + 2.0 * seconds + 60.0
     options = ("--world", "city", "--seed", "6", "--laps", str(LAPS))
     return simulate(build, folder, *options, "--duration", str(round(whole_s)))
 
 
 def measure(build: Path, robot_file: Path, out: Path, far: Far, seconds: float) -> Found:
-    """Each of the two times lasts so long."""
+    """Measures both phases; each lasts `seconds`."""
     drive = drive_for(build, out, seconds)
     more = (f"zenoh.connect=[tcp/{far.near_address}:{ROUTER_PORT}]",)
     run = LiveRun(build, robot_file, drive, out, slower=1.0, seconds=float("inf"), more=more)

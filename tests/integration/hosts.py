@@ -1,4 +1,5 @@
-"""A second host on this machine, as a network namespace; what stands between it and a robot."""
+"""A second host on this machine, as a network namespace, and routers and relays between it and a
+robot."""
 
 from __future__ import annotations
 
@@ -27,24 +28,25 @@ while True:
 
 
 def router(endpoint: str) -> list[str]:
-    """The command of one that listens there."""
+    """Command line of a Zenoh router that listens at the endpoint."""
     return [sys.executable, "-c", ROUTER, endpoint]
 
 
 def relay(listen: str, target: str, delay_s: float) -> list[str]:
-    """The command of one that hands on from HOST:PORT to HOST:PORT, both ways so much later. (The
-    kernels of containers and of test machines often lack the module that delays packets.)"""
+    """Command line of a relay from HOST:PORT to HOST:PORT that delays both directions by `delay_s`.
+    (The kernels of containers and of test machines often lack netem, which delays packets.)"""
     return [sys.executable, str(ROOT / "tests/relay.py"), listen, target, str(delay_s)]
 
 
 @dataclass(frozen=True)
 class Far:
-    """The other host; the stages of this one listen where it reaches them."""
+    """The second host. The stages of this host have to listen at `near_address`, which it can
+    reach."""
 
     name: str
     near_address: str
     address: str
-    #: this host's end of the link
+    #: network interface at this host's end of the link
     card: str
 
     def link(self, state: str) -> None:
@@ -54,13 +56,13 @@ class Far:
         return ["ip", "netns", "exec", self.name, *command]
 
     def slow_down(self, bit_per_s: int) -> None:
-        """Both directions carry no more than that."""
+        """Limits each direction of the link to this rate."""
         shape = ("root", "tbf", "rate", f"{bit_per_s}bit", "burst", "32kbit", "latency", "400ms")
         for where, card in (((), self.card), (("-n", self.name), "far")):
             _run("tc", *where, "qdisc", "add", "dev", card, *shape)
 
     def received_bytes(self) -> int:
-        """Since it is there."""
+        """Bytes received by the second host since it was created."""
         counter = "/sys/class/net/far/statistics/rx_bytes"
         return int(_run(*self.command(["cat", counter])))
 
@@ -75,7 +77,7 @@ def ip(*words: str) -> None:
 
 @contextlib.contextmanager
 def far_host() -> Iterator[Far]:
-    """Skips where this machine can't have one."""
+    """Creates the second host; skips the test where network namespaces are not available."""
     if shutil.which("ip") is None:
         pytest.skip("no ip (Debian package iproute2): no network namespace can be made")
     subnet = f"10.77.{os.getpid() % 250}"

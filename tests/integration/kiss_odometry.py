@@ -1,7 +1,8 @@
-"""Odometry as a stranger would write it: KISS-ICP behind the keys of services/README.md.
+"""An odometry stage as a third party would write it: KISS-ICP behind the keys of
+services/README.md.
 
 usage: python -m tests.integration.kiss_odometry LISTEN CONNECT[,CONNECT...] ROBOT SENSOR
-Assumes that the lidar is base_link. Ends with SIGTERM.
+Assumes that the lidar is base_link. Ends on SIGTERM.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ KEPT, ASK_AFTER_SECONDS, DROPPED = 64, 0.2, 6
 
 
 def finish(b: Any, table: str, **fields: Any) -> int:
-    """A table of the given fields; a tuple of (struct, numbers) is written in place."""
+    """Builds a table from the given fields; a tuple (struct, numbers) becomes a struct within the
+    table."""
     code = module(table)
     code.Start(b)
     for name, value in fields.items():
@@ -50,7 +52,8 @@ def message(b: Any, table: str, **fields: Any) -> bytes:
 
 
 def header(b: Any, cause: Any, frame: str, seq: int) -> int:
-    """That of the cause, with this publisher's number, name and trace point."""
+    """The header of the message that caused this one, with this publisher's number, name and trace
+    point."""
     texts = {"Robot": cause.Robot(), "Sensor": cause.Sensor(), "Frame": frame, "Instance": INSTANCE}
     texts = {name: b.CreateString(value) for name, value in texts.items()}
     points = [cause.Trace(i) for i in range(cause.TraceLength())]
@@ -73,7 +76,8 @@ def header(b: Any, cause: Any, frame: str, seq: int) -> int:
 
 
 class Output:
-    """One key: numbered, kept, to be had by number."""
+    """Publisher of one key: numbers its messages, keeps the newest ones and answers queries for
+    them."""
 
     def __init__(self, session: Any, key: str, table: str) -> None:
         self.table, self.key, self.seq = table, key, 0
@@ -113,7 +117,8 @@ class Odometry:
         self.subscriber = session.declare_subscriber(self.key, self.come.put)
 
     def turn(self) -> None:
-        """Takes what has come, in order of the sweeps; asks for what is missing."""
+        """Processes the messages that have arrived, in order of their sweeps; queries missing
+        ones."""
         try:
             sample = self.come.get(timeout=ASK_AFTER_SECONDS)
         except queue.Empty:
@@ -181,7 +186,7 @@ class Odometry:
         return *pose[:3, 3], *se3.quaternions(pose[None])[0]
 
     def at_end(self, features: Any, field: str) -> NDArray[Any]:
-        """The points moved to the sweep's end by the last twist, in 32 steps of its time."""
+        """Moves the points to the end of the sweep by the last twist; 32 time steps per sweep."""
         points = messages.struct_vector(features, field, messages.POINT).copy()
         period = features.PeriodNs()
         v, w = self.twist[:3], self.twist[3:]

@@ -1,4 +1,4 @@
-"""The chain live on a sensor's packets, for tests that do something to it meanwhile."""
+"""The chain live on a sensor's packets, for tests that disturb it during the run."""
 
 from __future__ import annotations
 
@@ -22,39 +22,42 @@ from zloam_monitor.robot_file import names
 from zloam_monitor.trajectory import Trajectory, from_records, interpolate, read
 
 SECONDS = 9.0
-#: the live capture is sent slower than it was recorded, so that a busy machine is no fault
+#: The live capture is sent this many times slower than recorded, so that a busy machine drops
+#: nothing.
 SLOWER = 1.5
-#: killed when so many poses have come
+#: number of received poses at which stages are killed
 KILL_AT = 45
 VOXELS_EVERY = 20
 BRIDGING, LOST = HEALTH.index("bridging"), HEALTH.index("lost")
 PATIENCE_S = 60.0
-#: of each log, where a run did not get where it should
+#: lines of each log that are shown when a run fails
 LAST_LINES = 8
-#: what a killed publisher has sent is read within; less than a process takes to start
+#: Readers have read what a killed publisher had sent after this time, which is shorter than the
+#: start of a process.
 IN_FLIGHT_S = 0.1
 STAGES = ("registration", "odometry", "mapping", "integration")
-#: those of which one instance works and others stand by
+#: stages of which one instance works and the others stand by
 REPLACED = ("odometry", "mapping", "integration")
-#: mapping founds no map before the store is there; more than its link ever takes
+#: How long mapping waits for the store before it creates a new map; more than its link ever needs.
 STORE_LINK_S = 10
 
 
 def written_in(folder: Path) -> Trajectory:
-    """What integration wrote; sweep n is its n-th pose."""
+    """The trajectory that integration wrote; sweep n is its n-th pose."""
     written = read(folder / "trajectory.tum")
     return Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
 
 
 def one_quick(stages: tuple[str, ...], quick: str) -> list[object]:
-    """One of them in each run of the tests, all in `make test-full`."""
+    """Parameters for one stage in each run of the tests, and for all of them in `make
+    test-full`."""
     slow = pytest.mark.slow
     return [stage if stage == quick else pytest.param(stage, marks=slow) for stage in stages]
 
 
 def rmse_m(found: Trajectory, drive: Capture, from_ns: int = 0) -> float:
-    """Of the positions from an instant on, in the frame of the map: nothing is aligned, so that a
-    frame that has moved is an error."""
+    """RMSE of the positions from an instant on, in the frame of the map. Nothing is aligned, so a
+    frame that has moved counts as an error."""
     assert found.stamps_ns is not None
     truth, inside = interpolate(read(drive.truth_base), found.stamps_ns)
     estimate = found.transforms[inside]
@@ -74,7 +77,7 @@ def store_command(build: Path, robot_file: Path, chain: Chain, path: Path) -> li
 
 
 def link_time(chain: Chain, times_s: dict[tuple[int, int], float]) -> Any:
-    """A subscriber that notes when each pose came."""
+    """A subscriber that records the arrival time of each pose."""
 
     def note(sample: Any) -> None:
         header = messages.decode("MapPose", sample.payload.to_bytes()).Header()
@@ -122,19 +125,19 @@ class LiveRun:
             args=(drive.pcap, self.port, seconds, slower),
             kwargs={"change": self._noting_the_first(change), "enough": self._ended},
         )
-        #: when the first packet was sent, by this host's clock
+        #: time at which the first packet was sent, by this host's clock
         self._begun: queue.SimpleQueue[float] = queue.SimpleQueue()
-        #: (run, sweep) -> pose, in the order of their coming
+        #: (run, sweep) -> pose, in order of arrival
         self.poses: dict[tuple[int, int], PoseRecord] = {}
         self.mapped: dict[tuple[int, int], PoseRecord] = {}
-        #: instance -> its sweeps, in the order of their coming
+        #: instance -> its sweeps, in order of arrival
         self.odometry_poses: dict[str, list[int]] = {}
         self.odometry_commits: dict[str, list[int]] = {}
-        #: when each first came here, by the monotonic clock
+        #: arrival time of each pose (run, sweep), by the monotonic clock
         self.pose_times_s: dict[tuple[int, int], float] = {}
-        #: the newest of the odometry's commits that its readers kept when a stage was killed
+        #: newest sweep of the odometry's commits that its readers had kept when it was killed
         self.kept_commit = -1
-        #: before the stages were ended
+        #: description of what had arrived, taken before the stages were ended
         self._heard_last = ""
 
     def __enter__(self) -> LiveRun:
@@ -166,11 +169,12 @@ class LiveRun:
         return noted
 
     def began_s(self) -> float:
-        """When the capture's first packet was sent, by this host's clock; asked once."""
+        """Time at which the capture's first packet was sent, by this host's clock; may be called
+        only once."""
         return self._begun.get(timeout=PATIENCE_S)
 
     def reasons(self) -> list[str]:
-        """What the stages say is wrong, each newest status."""
+        """Reason of each stage's newest status."""
         return [status.reason for status in self.chain.link.newest_statuses().values()]
 
     def _note(self, key: str, table: str, sweeps: dict[str, list[int]]) -> None:
@@ -189,7 +193,8 @@ class LiveRun:
         self.chain.processes.check()
 
     def longest_pause_s(self, from_s: float) -> float:
-        """Between two poses, the later one after that, as they came here."""
+        """Longest time between the arrivals of two consecutive poses, the later of which came after
+        `from_s`."""
         times = np.array(sorted(self.pose_times_s.values()))
         return float(np.diff(times)[times[1:] > from_s].max(initial=0.0))
 
@@ -199,7 +204,8 @@ class LiveRun:
             self._poll()
 
     def assert_one_trajectory(self, last_sweep: int | None, bridged: int = 0) -> Trajectory:
-        """Each sweep has its pose, in one map and one frame; what integration wrote."""
+        """Checks that each sweep has its pose, all in one map and one frame; returns the trajectory
+        that integration wrote."""
         assert last_sweep is not None
         assert len({run_id for run_id, _ in self.poses}) == 1
         written = read(self.out / "trajectory.tum")
@@ -207,7 +213,7 @@ class LiveRun:
         said = [pose.health for pose in self.poses.values()]
         assert said.count(LOST) == 0
         assert said.count(BRIDGING) <= bridged
-        # nobody began a map or a frame of its own: at 10 Hz a car goes less than that in a sweep
+        # No stage began a new map or frame: at 10 Hz a car drives less than 2 m per sweep.
         assert np.linalg.norm(np.diff(written.positions, axis=0), axis=1).max() < 2.0
         return written
 
@@ -222,7 +228,7 @@ class LiveRun:
             assert time.monotonic() < deadline, f"it never happened; {self._heard()}"
 
     def _heard(self) -> str:
-        """What came here, for whoever looks why something did not."""
+        """Describes what arrived here, for the message of a failed assertion."""
         link = self.chain.link
         peers = len(link.session.info.peers_zid())
         lines = [
@@ -249,12 +255,14 @@ class LiveRun:
         return "; ".join([said, *inputs, f"published {status.published}", str(packets)])
 
     def until_poses(self, count: int) -> None:
-        """And until mapping is past the sweep at which it last gave its voxels to the store."""
+        """Waits for this many poses, and until mapping is past the sweep at which it last sent its
+        voxels to the store."""
         newest = VOXELS_EVERY * (count // VOXELS_EVERY)
         self._until(lambda: len(self.poses) >= count and len(self.mapped) > newest)
 
     def restart(self, *stages: str, away: int = 0) -> PoseRecord:
-        """Kills and starts again, so many sweeps later; the last pose before."""
+        """Kills the stages, starts them again `away` sweeps later, and returns the last pose
+        before."""
         last = list(self.poses.values())[-1]
         kill(self.chain, *stages)
         if "odometry" in stages and "mapping" not in stages:
@@ -266,8 +274,9 @@ class LiveRun:
         return last
 
     def _newest_kept_commit(self) -> int:
-        """Of a dead odometry. Not what came here: each reader has its own connection, and what is
-        on one when the publisher dies need not be on another."""
+        """Newest commit of a dead odometry, as its readers kept it. What arrived here does not
+        tell: each reader has its own connection, and when the publisher dies, one may lack what
+        another has received."""
         time.sleep(IN_FLIGHT_S)
         link = self.chain.link
         kept = link.get(f"{link.keys.odometry_features}?kept=1")
@@ -279,14 +288,16 @@ class LiveRun:
         return -1 if status is None or status.last_sweep is None else status.last_sweep
 
     def killed(self, *stages: str, away: int = 0) -> tuple[PoseRecord, dict[str, StatusRecord]]:
-        """Once in a whole run: the last pose before, and what the stages say at the end."""
+        """A whole run in which the stages are killed once; returns the last pose before the kill
+        and the final statuses."""
         with self:
             self.until_poses(KILL_AT)
             last = self.restart(*stages, away=away)
             return last, self.end()
 
     def end(self) -> dict[str, StatusRecord]:
-        """After the last packet: statuses, and exit codes that are all 0."""
+        """Waits for the last packet, ends the stages, checks that all exit codes are 0, and returns
+        the final statuses."""
         while self._sender.is_alive():
             self._poll()
         ends = time.monotonic() + live.AFTER_SECONDS
@@ -299,8 +310,8 @@ class LiveRun:
         return {**statuses, **self.chain.statuses()}
 
     def trajectory(self, undisturbed: Path) -> tuple[Trajectory, NDArray[np.int64]]:
-        """Of the poses, at the instants that the capture gives the sweeps. Without those that say
-        of themselves that they only bridge a gap (`bridging`; docs/protocol.md, section 7)."""
+        """The poses that were received, at the instants that the capture gives their sweeps,
+        without those that only bridge a gap (`bridging`; docs/protocol.md, section 7)."""
         whole = read(undisturbed / "trajectory.tum")
         stamps = whole.stamps_ns
         assert stamps is not None
@@ -315,9 +326,9 @@ class LiveRun:
         return from_records(rows), stamps
 
     def _skipped(self, run: int, whole: Trajectory) -> int:
-        """How many of the capture's sweeps came before a later run's first. Sweeps of all runs end
-        at the same turn of the sensor, but a run's clock is set as its first packet comes, which
-        may be late by more than a sweep: the number at which the poses lie best."""
+        """Number of the capture's sweeps before a later run's first one. The sweeps of all runs end
+        at the same azimuth, but a run's clock is set when its first packet arrives, which may be
+        late by more than a sweep: the number with which the poses fit best is taken."""
         assert whole.stamps_ns is not None
         begin = next(iter(self.poses.values())).instant_ns
         poses = [p for p in self.poses.values() if p.run == run]

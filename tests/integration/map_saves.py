@@ -1,4 +1,4 @@
-"""A robot that drives, first alone, then while its map is saved elsewhere all the time."""
+"""A robot that drives: first undisturbed, then while another process keeps saving its map."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ SUFFIXES = (".pcd", ".laz")
 
 @dataclass
 class Found:
-    """The two times."""
+    """The two phases and the saved maps."""
 
     alone: Phase
     saving: Phase
     saves: int
-    #: of the last one
+    #: points of the last map that was saved
     points: int
 
 
 class Saves:
-    """One after the other, each by a process of its own, in the time that the robot leaves over."""
+    """Saves the map again and again, each time in a new process at the lowest priority."""
 
     def __init__(self, run: LiveRun) -> None:
         self.points: list[int] = []
@@ -54,7 +54,7 @@ class Saves:
         try:
             while not self._over.is_set():
                 self._save()
-        except Exception as error:  # of another thread, raised at the end
+        except Exception as error:  # raised again by the main thread at the end
             self._error = error
 
     def _save(self) -> None:
@@ -71,7 +71,7 @@ class Saves:
 
 
 def measure(build: Path, robot_file: Path, out: Path, seconds: float) -> Found:
-    """Each of the two times lasts so long."""
+    """Measures both phases; each lasts `seconds`."""
     whole_s = str(round(BEFORE_S + 2.0 * seconds + 10.0))
     drive = simulate(build, out, "--world", "city", "--seed", "6", "--duration", whole_s)
     run = LiveRun(build, robot_file, drive, out, slower=1.0, seconds=float("inf"))

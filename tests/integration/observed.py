@@ -1,4 +1,4 @@
-"""What some time of a robot's run was like: its poses, their latency, what it lost, its memory."""
+"""Observes a robot during a part of its run: poses, their latency, dropped sweeps, memory."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ import numpy as np
 from tests.integration.live_run import LiveRun
 from zloam_monitor import messages
 
-#: memory is looked at so often
+#: interval at which memory is measured
 LOOK_S = 5.0
-#: those whose memory counts; others of the chain's processes are the test's
+#: stages whose memory counts; the chain's other processes belong to the test
 STAGES = ("driver", "registration", "odometry", "mapping", "integration", "store", "preview")
 POSE_WAY = ("registration", "odometry", "integration")
 
 
 @dataclass
 class Phase:
-    """Some time of the drive."""
+    """What was observed during one part of the drive."""
 
-    #: from the last packet of a sweep to its pose here
+    #: from the last packet of a sweep to the arrival of its pose here
     latencies_ms: list[float] = field(default_factory=list)
     sweeps: list[int] = field(default_factory=list)
-    #: stage -> at each look
+    #: stage -> its memory at each measurement
     memory_mib: dict[str, list[float]] = field(default_factory=dict)
-    #: what the stages on the way of the pose left out, at its end
+    #: sweeps that the stages between driver and pose dropped, by stage, at the end of the phase
     dropped: dict[str, int] = field(default_factory=dict)
 
     def missing(self) -> int:
-        """Sweeps without a pose."""
+        """Number of sweeps without a pose."""
         return self.sweeps[-1] - self.sweeps[0] + 1 - len(set(self.sweeps))
 
     def latency_ms(self, percent: float) -> float:
         return float(np.percentile(self.latencies_ms, percent))
 
     def growth_mib(self) -> dict[str, float]:
-        """Of each stage, from the first quarter to the last one."""
+        """Growth of each stage's memory from the median of the first quarter to that of the last
+        one."""
         found = {}
         for stage, looks in self.memory_mib.items():
             quarter = max(1, len(looks) // 4)
@@ -47,7 +48,7 @@ class Phase:
 
 
 class Observed:
-    """A robot that runs."""
+    """Observes a running robot."""
 
     def __init__(self, run: LiveRun) -> None:
         self._run = run
@@ -72,7 +73,7 @@ class Observed:
         }
 
     def during(self, seconds: float) -> Phase:
-        """What it is like from now on, so long."""
+        """Observes the robot for `seconds` from now on."""
         before = self._dropped()
         phase = self._phase = Phase()
         ends = time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""A replay in which a stage is killed with -9, for tests of what that leaves behind."""
+"""A replay in which a stage is killed with SIGKILL, for tests of what it leaves behind."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def chain_of(
     rate: str = "max",
     beside: tuple[str, ...] = (),
 ) -> Chain:
-    """One that replays a capture, as `zloam demo` does, with these settings beside its own."""
+    """A chain that replays a capture as `zloam demo` does, with these settings in addition."""
     robot = names(robot_file, [])
     settings = [
         *outputs.stage_settings(out),
@@ -54,7 +54,8 @@ def replayed(
     stage: str | None,
     tiles: Path | None = None,
 ) -> dict[str, StatusRecord]:
-    """The statuses of a replay in which the stage is killed once; with a store where tiles are."""
+    """Final statuses of a replay in which the stage, if given, is killed once; with a store if
+    `tiles` is given."""
     robot = names(robot_file, [])
     settings = [
         *source.driver_settings("realtime"),

@@ -1,4 +1,4 @@
-"""Faults that are made on purpose on a robot that runs, and words of what the doctor says."""
+"""Faults that are injected into a running robot, and words that the doctor must say about each."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ from tests.integration.live_run import LiveRun
 from zloam_monitor import compose, messages
 from zloam_monitor.processes import free_port
 
-#: of the drive before the fault
+#: poses of the drive before the fault
 HEALTHY_POSES = 25
-#: of packets of the VLP-16: of data the product byte, the HDL-32E's, and the stamp; of the position
+#: VLP-16: byte of a data packet that names the product, and the HDL-32E's value; stamp of a data
+#: packet; size of a position packet, its byte on the pulse per second, and the value for none
 PRODUCT_BYTE, HDL32E = 1205, 0x21
 STAMP_BYTES = slice(1200, 1204)
 POSITION_BYTES, PPS_BYTE, PPS_ABSENT = 512, 202, 0
 HOUR_US = 3_600_000_000
-#: a sweep comes every 100 ms; the stage is let work for a short while and stopped for a longer one
+#: The stage runs for 4 ms and is stopped for 120 ms in turn, while sweeps come every 100 ms.
 WORKS_S, STOPPED_S = 0.004, 0.12
 LATE_S = 0.06
 STRETCH = 1.25
@@ -41,18 +42,18 @@ DEG = 180.0 / np.pi
 
 @dataclass
 class Stand:
-    """What a fault is made on, beside the robot itself."""
+    """The robot on which a fault is injected, with what the faults need besides."""
 
     run: LiveRun
     drive: Capture
-    #: the UDP ports that a fault may choose the sensor's packets to go to
+    #: free UDP port to which a fault may direct the sensor's packets
     other_port: int
     router_port: int
     _threads: list[threading.Thread] = field(default_factory=list)
     _over: threading.Event = field(default_factory=threading.Event)
 
     def beside(self, work: Callable[[threading.Event], None]) -> None:
-        """Until the robot ends."""
+        """Runs `work` in a thread until the robot ends."""
         thread = threading.Thread(target=work, args=(self._over,))
         self._threads.append(thread)
         thread.start()
@@ -70,22 +71,22 @@ def nothing(_stand: Stand) -> None: ...
 
 @dataclass(frozen=True)
 class Fault:
-    """What is done, and words of what the doctor says of it."""
+    """What is done to the robot, and words that the doctor must say about it."""
 
     words: str
     do: Callable[[Stand], None] = nothing
     change: Callable[[Capture], live.Change] = lambda _drive: live.as_recorded
-    #: `{other}`, `{router}`: ports of its own
+    #: additional settings; `{other}` and `{router}` stand for the ports of the Stand
     settings: tuple[str, ...] = ()
-    #: that the doctor listens
+    #: how long the doctor listens
     seconds: float = 3.0
-    #: poses before it listens; 0: none will come
+    #: poses before the doctor listens; 0 if none will come
     after_poses: int = HEALTHY_POSES
-    #: than the drive was recorded
+    #: factor by which the capture is sent slower than it was recorded
     slower: float = 1.0
-    #: the simulator's, instead of the city
+    #: options of the simulator instead of the city
     drive: tuple[str, ...] = ("--world", "city")
-    #: what it needs of the machine
+    #: program that the fault needs
     tool: str = ""
 
 
@@ -103,7 +104,8 @@ def second_mapping(stand: Stand) -> None:
 
 
 def second_driver(stand: Stand) -> None:
-    """Of a second robot of this name: it hears a sensor of its own."""
+    """Starts the driver of a second robot under the same name, which receives another sensor's
+    packets."""
     chain = stand.run.chain
     command = chain._command_as("driver", "another")
     command += ["--set", f"driver.port={stand.other_port}"]
@@ -112,7 +114,7 @@ def second_driver(stand: Stand) -> None:
 
 
 def again(stand: Stand, stage: str, wait_s: float = 3.0) -> None:
-    """Killed and started, as its command is by now."""
+    """Kills the stage if it runs, and starts it again with its present command line."""
     chain = stand.run.chain
     if stage in chain.processes.running:
         kill(chain, stage)
@@ -135,7 +137,7 @@ def clock_ahead(stand: Stand) -> None:
 
 
 def full_disk(stand: Stand) -> None:
-    """A file system of a page, where integration writes its files."""
+    """Lets integration write its files into a file system of one page (4 KiB)."""
     out = stand.run.out / "full"
     out.mkdir()
     mounted = f'mount -t tmpfs -o size=4k tmpfs {out} && exec "$@"'
@@ -154,7 +156,8 @@ def full_disk(stand: Stand) -> None:
 
 
 def little_locked_memory(stand: Stand) -> None:
-    """Odometry may not lock a pool, so that what it reads comes by socket."""
+    """Restarts odometry without the right to lock a pool, so that its inputs come through
+    sockets."""
     chain = stand.run.chain
     limited = ["setpriv", "--bounding-set=-ipc_lock", "--inh-caps=-ipc_lock", "prlimit"]
     limited += ["--memlock=1048576:1048576"]
@@ -177,7 +180,7 @@ def slow_mapping(stand: Stand) -> None:
 
 
 def router_gone(stand: Stand) -> None:
-    """It was there, and the stages were linked to it."""
+    """Starts a router, waits until the stages are linked to it, and ends it."""
     processes = stand.run.chain.processes
     endpoint = f"tcp/127.0.0.1:{stand.router_port}"
     processes.start("router", router(endpoint), stand.run.out / "router.log")
@@ -213,7 +216,7 @@ def other_product(_drive: Capture) -> live.Change:
 
 
 def stretched(drive: Capture) -> live.Change:
-    """A sensor that turns more slowly than it may: its stamps are as far apart as it is slow."""
+    """A sensor that rotates too slowly: the stamps of its packets are stretched accordingly."""
     payloads = (payload for _, payload in udp_payloads(drive.pcap))
     (first,) = struct.unpack("<I", next(payloads)[STAMP_BYTES])
 
@@ -226,7 +229,7 @@ def stretched(drive: Capture) -> live.Change:
 
 
 def clock_set(_drive: Capture) -> live.Change:
-    """The sensor's clock is set forward by seven seconds on the way."""
+    """The sensor's clock is set forward by seven seconds during the drive."""
 
     def change(seconds: float, payload: bytes) -> bytes:
         (stamp,) = struct.unpack("<I", payload[STAMP_BYTES])
@@ -241,7 +244,7 @@ def silence_after(seconds: float) -> Callable[[Capture], live.Change]:
 
 
 def without_pps(stand: Stand) -> None:
-    """Position packets of a sensor whose pulse per second is not there."""
+    """Sends position packets of a sensor without a pulse per second."""
     payloads = (payload for _, payload in udp_payloads(stand.drive.pcap))
     position = bytearray(next(p for p in payloads if len(p) == POSITION_BYTES))
     position[PPS_BYTE] = PPS_ABSENT
@@ -259,7 +262,8 @@ Readings = NDArray[np.float64]
 
 
 def inertia(do: Callable[[Readings], Readings], late_s: float = 0.0) -> Callable[[Stand], None]:
-    """The simulated IMU's readings (7 columns, of ImuSample), changed, at the pace of the drive."""
+    """Publishes the simulated IMU readings (7 columns, as in ImuSample) at the pace of the drive,
+    changed by `do` and with stamps late by `late_s`."""
 
     def begin(stand: Stand) -> None:
         rows = np.loadtxt(stand.drive.pcap.with_name("imu.csv"), delimiter=",", skiprows=1)
@@ -274,13 +278,14 @@ def inertia(do: Callable[[Readings], Readings], late_s: float = 0.0) -> Callable
 def publish(
     stand: Stand, over: threading.Event, times_s: Readings, values: Readings, late_s: float
 ) -> None:
-    """Columns of values: rates, then forces; late_s: of the stamps."""
+    """Publishes IMU readings; columns of `values`: angular rates, then specific forces. The stamps
+    are late by `late_s`."""
     link, encoding = stand.run.chain.link, messages.encoding("ImuBatch")
     begun_s = stand.run.began_s()
     seq = 0
     for at_s, row in zip(times_s, values, strict=True):
         wait = begun_s + at_s - time.time()
-        # What was before the first one is past.
+        # Readings from before the first one that can still be sent in time are skipped.
         if seq == 0 and wait < 0.0:
             continue
         if over.wait(max(0.0, wait)):
@@ -297,7 +302,7 @@ def publish(
 
 
 def turned(rows: Readings) -> Readings:
-    """By a quarter about z: another mounting than the one that is configured."""
+    """Rotated by 90 degrees about z: the mounting differs from the configured one."""
     found = rows.copy()
     found[:, [0, 1, 3, 4]] = np.column_stack([-rows[:, 1], rows[:, 0], -rows[:, 4], rows[:, 3]])
     return found
@@ -321,7 +326,7 @@ def imu(words: str, do: Callable[[Stand], None], wait_s: float = 10.0) -> Fault:
 
 FAULTS = {
     "a stage is missing": Fault("odometry is not there", without_odometry),
-    # Its token goes with its link, after the lease.
+    # A stopped stage's liveliness token disappears with its link, when the lease ends.
     "a stage hangs": Fault("mapping is not there", hanging_mapping, seconds=7.0),
     "a stage was started again": Fault("mapping was started again", mapping_again, after_poses=115),
     "which is slow": Fault("mapping takes", slow_mapping),
@@ -375,7 +380,7 @@ FAULTS = {
     "its stamps are late": imu("stamps are", inertia(scaled(1.0, 1.0), LATE_S)),
 }
 QUICK = ("a stage is missing", "packets lost", "another version", "healthy, with an IMU")
-#: a robot of which nothing is to be said
+#: robots about which the doctor must report nothing
 HEALTHY = {
     "healthy": Fault("", some_seconds),
     "healthy, with an IMU": imu("", inertia(scaled(1.0, 1.0))),
@@ -383,7 +388,7 @@ HEALTHY = {
 
 
 def needs(fault: Fault) -> None:
-    """Skips the test where the machine has not what the fault is made with."""
+    """Skips the test where this machine lacks the means to inject the fault."""
     if not fault.tool:
         return
     if shutil.which(fault.tool) is None:
@@ -396,13 +401,13 @@ def needs(fault: Fault) -> None:
 
 
 def drive_for(build: Path, folder: Path, fault: Fault) -> Capture:
-    """Sixteen seconds, with an IMU's readings beside it."""
+    """A drive of 16 seconds with IMU readings."""
     readings = ("--imu", str(folder / "imu.csv"))
     return simulate(build, folder, *fault.drive, "--seed", "5", "--duration", "16", *readings)
 
 
 def made(build: Path, robot_file: Path, drive: Capture, out: Path, fault: Fault) -> Stand:
-    """The robot that has it, or is to get it; not begun."""
+    """The robot for the fault, not started yet; faults in settings or packets are already in it."""
     other, router = live.free_udp_port(), free_port()
     run = LiveRun(
         build,

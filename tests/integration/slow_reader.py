@@ -1,4 +1,5 @@
-"""A stranger who dawdles: python slow_reader.py SECONDS KEY ENDPOINT... A line for each message.
+"""A slow subscriber of a third party: python slow_reader.py SECONDS KEY ENDPOINT... It prints one
+line per message.
 
 A program of its own, since all sessions of a process share Zenoh's threads.
 """

@@ -1,5 +1,5 @@
-"""docs/add-a-stage.md: its example is put into a copy of the checkout as the page says, built, and
-runs beside the other stages."""
+"""docs/add-a-stage.md: the example stage is put into a copy of the checkout as the page describes,
+built, and run beside the other stages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from tests.integration.conftest import ROOT, Capture
 from zloam_monitor.trajectory import read
 
-#: what a build without tests reads
+#: files that a build without tests needs
 PARTS = ("CMakeLists.txt", "CMakePresets.json", "LICENSE", "THIRD_PARTY.md")
 FOLDERS = ("cmake", "services", "schemas", "deploy")
 STAGE = "odometer"
@@ -32,7 +32,7 @@ def entry() -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def checkout(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With one folder and one entry more."""
+    """A copy of the checkout with the example's folder and its entry in the list of stages."""
     copy = tmp_path_factory.mktemp("checkout")
     for name in PARTS:
         shutil.copy(ROOT / name, copy)
@@ -49,7 +49,7 @@ def checkout(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "-DZLOAM_GRAPH=OFF",
         f"-DZLOAM_ZENOH_LIBRARY={library}",
     ]
-    # the compiler's cache has what is the same: all but the list
+    # Lets ccache reuse the objects of the original build: only the list of stages differs.
     environment = {**os.environ, "CCACHE_BASEDIR": str(copy), "CCACHE_NOHASHDIR": "1"}
     for words in (
         ["cmake", "--preset", "release", *options],
@@ -63,7 +63,7 @@ def checkout(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_stage_runs_beside_the_others(checkout: Path, capture: Capture, tmp_path: Path) -> None:
-    """By the copy's own monitor, which knows it from the list."""
+    """Uses the copy's own monitor, which has the stage in its list."""
     words = ["demo", "--preset-dir", "build/release", "--pcap", capture.pcap, "--out", tmp_path]
     done = subprocess.run(
         [sys.executable, "-m", "zloam_monitor", *map(str, words)],
@@ -85,7 +85,7 @@ def test_the_stage_runs_beside_the_others(checkout: Path, capture: Capture, tmp_
 
 
 def test_its_section_is_its_own(checkout: Path) -> None:
-    """It is checked by the stage, and passed over by the others."""
+    """The stage checks its own section of a robot's file; the other stages ignore it."""
     robot = checkout / "deploy/robots/vlp16-outdoor.yaml"
 
     def checked(stage: str, setting: str) -> subprocess.CompletedProcess[str]:

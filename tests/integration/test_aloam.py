@@ -1,4 +1,5 @@
-"""A-LOAM's programs in the place of registration, odometry and mapping: all, or any one of them."""
+"""A-LOAM's programs instead of registration, odometry and mapping: all of them, or any single
+one."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from zloam_monitor.robot_file import names
 from zloam_monitor.stages import STAGES
 
 ALOAM = programs("aloam")
-#: of six seconds in the city: A-LOAM's 0.1 m in a minute and what a wrong frame would be far above
+#: Limit for six seconds in the city: A-LOAM's error in a minute is 0.1 m; a wrong frame would give
+#: far more.
 ATE_M = 0.15
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 

@@ -1,4 +1,5 @@
-"""The driver runs on a host whose clock is ahead: it is told, and latencies are right even so."""
+"""The driver's host has a clock that is ahead: the stages report it, and latencies are
+corrected."""
 
 from __future__ import annotations
 
@@ -11,9 +12,10 @@ from tests.integration.live_run import SECONDS, STAGES, LiveRun
 from zloam_monitor.records import StatusRecord
 
 AHEAD_MS = 400
-#: hosts are asked once a second
+#: Each stage asks the other hosts for their clocks once a second, so the offset is known by then.
 KNOWN_AFTER_POSES = 60
-#: of a latency: what a sweep takes on a busy machine, far less than the clocks are apart
+#: Limit of a latency: above the time of a sweep on a busy machine, far below the offset of the
+#: clocks.
 WITHIN_MS = 200.0
 
 

@@ -15,7 +15,7 @@ from tests.acceptance.point_files import DECODED_POINT
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKET_BYTES = 1206
-#: the other decoder's return types: 1 strongest, 2 last, 3 both
+#: return types of the other decoder (1 strongest, 2 last, 3 both) -> ours
 RETURN_TYPES = {1: 0, 2: 1, 3: 2}
 
 
@@ -28,7 +28,7 @@ def decoded(tool: Path, tmp_path: Path, *arguments: object) -> tuple[np.ndarray,
 
 
 def pcap_payloads(path: Path) -> bytes:
-    """Payloads of an untagged Ethernet capture, read here so that two readers meet."""
+    """Payloads of an Ethernet capture without VLAN tags, read independently of our reader."""
     data, at, payloads = path.read_bytes(), 24, []
     while at + 16 <= len(data):
         size = int.from_bytes(data[at + 8 : at + 12], "little")
@@ -62,21 +62,22 @@ def peer_points(raw: bytes, model: str) -> dict[str, np.ndarray]:
 
 
 def bytes_set(raw: bytes, offset: int, value: int) -> bytes:
-    """The same packets with one byte changed in each."""
+    """The same packets with this byte replaced in each."""
     changed = bytearray(raw)
     changed[offset::PACKET_BYTES] = bytes([value]) * (len(raw) // PACKET_BYTES)
     return bytes(changed)
 
 
 def compare(own: np.ndarray, peer: dict[str, np.ndarray], raw: bytes) -> None:
-    """Same points: number, ring, return, intensity, time to 1 us, place to 2 mm and rounding."""
+    """Checks that the points agree: number, ring, return type, intensity, time to 1 us, position to
+    2 mm plus the azimuth's rounding."""
     assert len(own) == len(peer["x"])
     start_ns = int.from_bytes(raw[1200:1204], "little") * 1e3
     own_ns, peer_ns = own["time_ns"] - start_ns, peer["time_ns"] - start_ns
     peer_type = np.vectorize(RETURN_TYPES.get)(peer["return_type"].astype(int))
     if raw[1204] == 0x39:
-        # The other decoder gives one block after the other, so all last returns first. Points of
-        # one instant and ring are told apart by the return.
+        # The other decoder gives one block after the other, so all last returns come first. Points
+        # of the same instant and ring are distinguished by the return type.
         order = np.lexsort((own["return_type"], own["ring"], np.round(own_ns / 1000)))
         own, own_ns = own[order], own_ns[order]
         order = np.lexsort((peer_type, peer["ring"], np.round(peer_ns / 1000)))
@@ -92,33 +93,34 @@ def compare(own: np.ndarray, peer: dict[str, np.ndarray], raw: bytes) -> None:
     # The other decoder rounds the azimuth to 0.01 degrees.
     allowed = 0.002 + 8.73e-5 * np.linalg.norm(theirs, axis=1)
     beyond = distance > allowed
-    # Its azimuth rate is wrong in a packet with the gap of a restricted view in it.
+    # A restricted field of view leaves a gap in the azimuths, and in a packet that contains the gap
+    # the other decoder's azimuth rate is wrong.
     assert not beyond[~in_packets_with_gap(peer_ns, raw, start_ns)].any()
 
 
 def packets_with_gap(raw: bytes) -> np.ndarray:
-    """Numbers of packets whose azimuth jumps by more than 10 degrees inside."""
+    """Numbers of the packets within which the azimuth jumps by more than 10 degrees."""
     blocks = np.frombuffer(raw, np.uint8).reshape(-1, PACKET_BYTES)[:, :1200].reshape(-1, 12, 100)
     azimuth = blocks[:, :, 2].astype(int) + 256 * blocks[:, :, 3].astype(int)
     return np.nonzero(((np.diff(azimuth, axis=1) % 36000) > 1000).any(axis=1))[0]
 
 
 def stamps_ns(raw: bytes, start_ns: float) -> np.ndarray:
-    """Stamps of all packets after the first one."""
+    """Stamps of all packets relative to the first one."""
     tails = np.frombuffer(raw, np.uint8).reshape(-1, PACKET_BYTES)[:, 1200:1204]
     return np.ascontiguousarray(tails).view("<u4")[:, 0] * 1e3 - start_ns
 
 
 def in_packets_with_gap(times_ns: np.ndarray, raw: bytes, start_ns: float) -> np.ndarray:
-    """Points whose packet has the gap of a restricted view in it."""
+    """Mask of the points whose packet contains the gap of a restricted field of view."""
     packet = np.searchsorted(stamps_ns(raw, start_ns), times_ns + 500, side="right") - 1
     return np.isin(packet, packets_with_gap(raw))
 
 
 def expect_times(own_ns: np.ndarray, peer_ns: np.ndarray, raw: bytes, start_ns: float) -> None:
-    """Equal to 1 us. Behind the gap of a restricted view the other decoder counts on as if there
-    were none; that the sensor turned on meanwhile is proved by the stamp of the next packet. How
-    long that took is known to a firing or two."""
+    """Times agree to 1 us, except behind the gap of a restricted field of view: the other decoder
+    ignores the time in which the sensor rotated through the gap, though the stamp of the next
+    packet proves it. That time is known to a firing or two."""
     difference = np.abs(own_ns - peer_ns)
     in_gap = in_packets_with_gap(peer_ns, raw, start_ns)
     after_gap = in_packets_with_gap(peer_ns - 0.7e6, raw, start_ns) & ~in_gap
@@ -149,28 +151,28 @@ def test_bare_packets(
     compare(own, peer_points(raw, model), raw)
 
 
-#: VLS-128: three sequences of twenty slots in a packet; the first firing comes before the stamp.
-#: The other decoder takes one firmware's length of a slot in the first packet, and another one's
-#: after it.
+#: VLS-128: a packet has three sequences of twenty slots; its first firing precedes the stamp. The
+#: other decoder takes one firmware's slot length in the first packet and another firmware's in all
+#: later ones.
 VLS128_SLOTS, VLS128_FIRST_NS = 20, -7000.0
 VLS128_PEER_SLOT_NS = (2890.0, 8000.0 / 3)
 
 
 def by_ring_and_time(ring: np.ndarray, time_ns: np.ndarray, xyz: list[np.ndarray]) -> np.ndarray:
-    """x, y, z and the time in an order that both decoders share."""
+    """x, y, z and time, in an order that is the same for both decoders."""
     order = np.lexsort((time_ns, ring))
     return np.stack([*xyz, time_ns], axis=1).astype(float)[order]
 
 
 def azimuth_deg(points: np.ndarray) -> np.ndarray:
-    """Clockwise from the front."""
+    """Azimuth, clockwise from the front."""
     return np.degrees(np.arctan2(-points[:, 1], points[:, 0]))
 
 
 def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
-    """Two differences from the other decoder are expected, and are asserted for what they are. It
-    takes published lengths of a slot where the recording's stamps show another. In the first packet
-    it leaves the azimuths of a sequence as they are at its begin."""
+    """Asserts the two known differences of the other decoder. It takes published slot lengths,
+    where the recording's stamps show another one. In the first packet it gives all points of a
+    sequence the azimuth at the sequence's beginning."""
     file = shared / "data" / "vls128" / "packets.bin"
     raw = file.read_bytes()
     own, _ = decoded(decode, tmp_path, "--bin", file)
@@ -183,7 +185,7 @@ def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
 
     stamps = stamps_ns(raw, start_ns)
     slot_ns = np.diff(stamps).mean() / (3 * VLS128_SLOTS)
-    # the last firing of a packet comes 7 us before the first one of the next
+    # The first firing of a packet precedes its stamp by 7 us.
     packet = np.searchsorted(stamps + VLS128_FIRST_NS + 250, theirs[:, 3], side="right") - 1
     packet = np.maximum(packet, 0)
     first = packet == 0
@@ -197,7 +199,7 @@ def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
     distance = np.linalg.norm(ours[:, :3] - theirs[:, :3], axis=1)
     allowed = 0.002 + 8.73e-5 * np.linalg.norm(theirs[:, :3], axis=1)
     assert (distance[~first] <= allowed[~first]).all()
-    # of 0.2 degrees from one sequence to the next, as the blocks' azimuths say
+    # The blocks' azimuths advance by 0.2 degrees from one sequence to the next.
     turned_deg = 0.2 * (slot[first] % VLS128_SLOTS) / VLS128_SLOTS
     ahead_deg = azimuth_deg(ours[first]) - azimuth_deg(theirs[first])
     assert np.abs((ahead_deg + 180) % 360 - 180 - turned_deg).max() < 0.0055
@@ -206,7 +208,7 @@ def test_vls128(decode: Path, shared: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "own_model", "peer_model", "product"),
     [
-        # timing is a VLP-16's, the product byte an HDL-32E's; the other decoder refuses that
+        # A VLP-16's timing with an HDL-32E's product byte, which the other decoder refuses.
         ("vlp16_mislabelled/capture.pcap", "vlp16", "VLP16", 0x22),
         ("hdl32e_gnss/capture.pcap", "hdl32e", "HDL32E", 0x21),
     ],
@@ -224,7 +226,7 @@ def test_captures(
     raw = bytes_set(pcap_payloads(capture), 1205, product)
     _, summary = decoded(decode, tmp_path, "--pcap", capture, "--model", own_model)
     assert summary["packets_decoded"] == len(raw) // PACKET_BYTES
-    # As bare packets, whose times are the sensor's own.
+    # The same packets as bare payloads, whose times come from the sensor alone.
     bare = tmp_path / "bare.bin"
     bare.write_bytes(raw)
     own, _ = decoded(decode, tmp_path, "--bin", bare, "--model", own_model)
@@ -238,11 +240,11 @@ def test_a_mislabelled_capture_is_named(decode: Path, shared: Path, tmp_path: Pa
     assert "HDL-32E" in done.stderr
     summary = json.loads(done.stdout)
     assert summary["packets_lost"] == 0
-    assert summary["complete"] == summary["sweeps"] - 2  # all but the first and the last
+    assert summary["complete"] == summary["sweeps"] - 2  # the first and the last are partial
 
 
 def test_rings_of_a_real_drive(decode: Path, shared: Path, tmp_path: Path) -> None:
-    """Rings are not in the files; they come from the order of the points."""
+    """KITTI's files have no rings; they are found from the order of the points."""
     with tarfile.open(shared / "data" / "hdl64e_drive" / "velodyne.tar.xz") as tar:
         names = sorted(n for n in tar.getnames() if n.endswith(".bin"))[:10]
         tar.extractall(tmp_path, members=[tar.getmember(n) for n in names], filter="data")
@@ -257,13 +259,13 @@ def test_rings_of_a_real_drive(decode: Path, shared: Path, tmp_path: Path) -> No
         assert (np.diff(mean) > 0).all()
         assert (np.diff(scan["time_ns"]) >= 0).all()
         assert scan["time_ns"][-1] - scan["time_ns"][0] < 100_000_000
-        # clockwise from the rear: the left side comes before the right one
+        # The sensor rotates clockwise from the rear, so the left side comes before the right one.
         early = scan["time_ns"] < scan["time_ns"][0] + 45_000_000
         assert (y[early] > 0).mean() > 0.95
 
 
 def hdl64e_calibration(seed: int) -> str:
-    """As a unit's would be: each laser its own."""
+    """A calibration file in which each laser has values of its own, as in a real unit's."""
     random = np.random.default_rng(seed)
     lines = ["num_lasers: 64", "distance_resolution: 0.002", "lasers:"]
     for laser in range(64):
@@ -288,7 +290,7 @@ def hdl64e_calibration(seed: int) -> str:
 
 
 def hdl64e_packets(seed: int, dual: bool, count: int = 400) -> bytes:
-    """Random returns of a sensor that turns; with two returns, two of each firing."""
+    """Random returns of a rotating sensor; `dual`: two returns per firing."""
     random = np.random.default_rng(seed)
     blocks = 4 if dual else 2
     out = bytearray()
@@ -312,8 +314,8 @@ def hdl64e_packets(seed: int, dual: bool, count: int = 400) -> bytes:
 def test_an_hdl64e_with_its_calibration(
     decode: Path, tmp_path: Path, ours: str, theirs: str, dual: bool
 ) -> None:
-    """Its stamps mean another event there, so times agree but for a constant; and it takes the mean
-    of both corrections for the height, where the manual has that of y."""
+    """The other decoder's stamps refer to another event, so times agree up to a constant. For the
+    height it uses the mean of the corrections of x and y, where the manual prescribes that of y."""
     vd = pytest.importorskip("velodyne_decoder")
     text, raw = hdl64e_calibration(5), hdl64e_packets(6, dual)
     (tmp_path / "unit.yaml").write_text(text)
@@ -333,7 +335,7 @@ def test_an_hdl64e_with_its_calibration(
     scans.append(stream.finish())
     peer = np.concatenate([table for _, table in (s for s in scans if s is not None)])
     assert len(peer) == len(points) > 100_000
-    # Of each laser in the order of time, with two returns in that of their distance.
+    # Order: by laser, then time, then (for two returns of a firing) distance.
     xyz = points["xyz"].astype(float)
     away = np.linalg.norm(xyz, axis=1)
     order = np.lexsort((away, np.round(points["time_ns"] / 1000), points["ring"]))
@@ -345,12 +347,13 @@ def test_an_hdl64e_with_its_calibration(
     peer, time_s, away = peer[order], time_s[order], away[order]
     assert (mine["ring"] == peer[:, 6]).all()
     assert (np.abs(xyz[:, :2] - peer[:, :2]).max(axis=1) < 9e-5 * away + 5e-4).all()
-    # Half of what the corrections of x and y differ by, along the steepest laser; none far away.
+    # The heights differ by half the difference of the corrections of x and y, at most along the
+    # steepest laser; far away, the two corrections are equal.
     above = np.abs(xyz[:, 2] - peer[:, 2])
     assert above.max() < 0.5 * 0.06 * np.sin(0.46)
     assert above[away > 30.0].max() < 1e-4
-    # Two returns of one firing at nearly one distance may have changed places; those at one
-    # distance are one return, of which we give the last one's intensity.
+    # Two returns of a firing at nearly the same distance may be swapped. Two at exactly the same
+    # distance are one return, for which we give the intensity of the last one.
     near = np.abs(np.diff(away)) < 0.002
     alone = ~(np.append(near, False) | np.insert(near, 0, False))
     alone &= mine["return_type"] != 2

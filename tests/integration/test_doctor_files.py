@@ -1,5 +1,5 @@
-"""What the doctor says of captures that were damaged on purpose, and of what `zloam record` wrote
-(issue 41)."""
+"""The doctor's reports on deliberately damaged captures and on recordings by `zloam record` (issue
+41)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.integration.conftest import Capture, monitor
 from tests.integration.robot_faults import HDL32E, HOUR_US, PRODUCT_BYTE, STAMP_BYTES
 
 Frame = tuple[float, bytes]
-#: of a frame of data: Ethernet, IP and UDP before the payload
+#: bytes before the payload of a data packet's frame: Ethernet, IP and UDP headers
 HEAD = 42
 DATA_FRAME = HEAD + 1206
 SNAP = 512
 
 
 def with_payload(frame: bytes, change: Callable[[bytearray], None]) -> bytes:
-    """A data packet changed; all others as they are."""
+    """Changes the payload of a data packet's frame; other frames stay as they are."""
     if len(frame) != DATA_FRAME:
         return frame
     payload = bytearray(frame[HEAD:])
@@ -99,7 +99,7 @@ def none_of_a_lidar(frames: list[Frame]) -> Iterable[Frame]:
 
 
 def overwritten(frames: list[Frame]) -> Iterable[Frame]:
-    """The blocks' flags are gone, as where a file was overwritten."""
+    """Zeros all data blocks with their flags, as if the file had been overwritten."""
 
     def change(payload: bytearray, _since: float) -> None:
         payload[:1200] = bytes(1200)
@@ -113,11 +113,11 @@ def as_it_is(frames: list[Frame]) -> Iterable[Frame]:
 
 @dataclass(frozen=True)
 class Damage:
-    """What is done to the frames, and words that the doctor has for it."""
+    """What is done to the frames, and words that the doctor must say about it."""
 
     do: Callable[[list[Frame]], Iterable[Frame]]
     words: str
-    #: of the file's end
+    #: bytes cut off at the end of the file
     cut_bytes: int = 0
     code: int = 1
 
@@ -179,7 +179,7 @@ def test_of_a_healthy_recording_all_is_well(build: Path, recording: Path) -> Non
 def test_what_a_stage_said_while_it_was_recorded_is_told(
     build: Path, capture: Capture, tmp_path: Path
 ) -> None:
-    """Every tenth packet is missing on the way to the driver."""
+    """Every tenth packet is missing before the driver reads the capture."""
     path = tmp_path / "lossy.pcap"
     damaged(capture.pcap, path, DAMAGES["every tenth packet missing"])
     files = ("--out", tmp_path / "out", "--record", tmp_path / "run.mcap")

@@ -1,5 +1,5 @@
-"""The doctor names each fault of a robot that runs (issue 41), and says nothing of a healthy one.
-`make accept ONLY='doctor-*'` tries each twenty times."""
+"""The doctor names each fault of a running robot (issue 41) and reports nothing about a healthy
+one. `make accept ONLY='doctor-*'` tries each fault twenty times."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ALL = {**FAULTS, **HEALTHY}
 
 
 def said_of(build: Path, robot_file: Path, out: Path, fault: Fault) -> list[doctor.Finding]:
-    """What the doctor finds once it is done."""
+    """The doctor's findings after the fault was injected."""
     drive = robot_faults.drive_for(build, out, fault)
     stand = robot_faults.made(build, robot_file, drive, out, fault)
     with stand.run as run:

@@ -1,4 +1,4 @@
-"""Packets in, poses and a map out, against the simulator's exact truth."""
+"""From packets to poses and a map, checked against the simulator's exact truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.integration.conftest import CAPTURE_SECONDS, Capture, monitor, simula
 from zloam_monitor import clouds, evaluation, trajectory
 from zloam_monitor.stages import STAGES
 
-POINT_BYTES = 24  # of a point in a message
+POINT_BYTES = 24  # size of a point in a message
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_every_sweep_gets_a_pose_and_both_identities_hold(
     demo: tuple[Path, dict[str, Any]],
 ) -> None:
     _, report = demo
-    # a turn takes 0.1 s; the first and the last may be incomplete but count
+    # A revolution takes 0.1 s; the first and the last sweep may be partial but count.
     sweeps = report["identities"]["sweeps"]
     assert CAPTURE_SECONDS * 10 <= sweeps <= CAPTURE_SECONDS * 10 + 2
     for stage in STAGES:
@@ -68,7 +68,7 @@ def test_files_agree_with_the_report(demo: tuple[Path, dict[str, Any]]) -> None:
     truth = trajectory.read(out / "ground_truth.tum")
     again = evaluation.evaluate(poses, truth)
     assert again.ate_rmse_m == pytest.approx(report["ate_rmse_m"]["pose"], abs=1e-6)
-    # the sensor turns at 10 Hz: pose instants are a sweep apart
+    # The sensor rotates at 10 Hz: consecutive poses are one sweep apart.
     steps = np.diff(poses.stamps_ns) * 1e-9
     np.testing.assert_allclose(steps[1:-1], 0.1, atol=0.002)
     assert len(clouds.read_pcd(out / "map.pcd")) > 3000
@@ -84,7 +84,7 @@ def test_report_has_every_figure(demo: tuple[Path, dict[str, Any]]) -> None:
         assert 0 < mib <= report["rss_mib"][stage]["peak"]
     assert {"odometry", "mapping", "integration"} <= set(report["pss_mib"])
     moved = {s: report["bytes_per_sweep"][s] for s in ("driver", "registration", "odometry")}
-    # all points of a sweep go from stage to stage, 24 bytes each
+    # All points of a sweep are passed on from stage to stage, 24 bytes each.
     for giver, taker in (("driver", "registration"), ("registration", "odometry")):
         assert moved[giver]["published"] > 15_000 * POINT_BYTES
         taken = moved[taker]["in_place"] + moved[taker]["copied"]
@@ -101,7 +101,8 @@ def test_report_has_every_figure(demo: tuple[Path, dict[str, Any]]) -> None:
     ids=["tilted", "upside down"],
 )
 def test_mounting(build: Path, tmp_path: Path, xyz: list[float], rpy_deg: list[float]) -> None:
-    """Poses are of base_link, however the sensor is fixed to it, by the simulator's own truth."""
+    """Poses are those of base_link, however the sensor is mounted on it; the reference is the
+    simulator's truth of base_link."""
     made = simulate(
         build,
         tmp_path,
@@ -136,7 +137,7 @@ def test_mounting(build: Path, tmp_path: Path, xyz: list[float], rpy_deg: list[f
     truth = trajectory.read(made.truth_base)
     scores = evaluation.evaluate(poses, truth)
     assert scores.ate_rmse_m < 0.05
-    # the axes too: relative rotations must be those of base_link, not of the sensor
+    # Relative rotations check the axes too: they must be those of base_link, not of the sensor.
     compared = evaluation.compare(poses, truth)
     turned = np.linalg.inv(compared.truth[0, :3, :3]) @ compared.truth[-1, :3, :3]
     found = np.linalg.inv(compared.estimate[0, :3, :3]) @ compared.estimate[-1, :3, :3]

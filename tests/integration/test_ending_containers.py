@@ -1,4 +1,5 @@
-"""Containers end with a replay and never in a live run: the script that does it, and the layers."""
+"""Containers end after a replay and never during a live run: the script that ends them, and the
+Compose layers."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 WITH_RUN = ROOT / "deploy/docker/with-run"
 LIVE_LAYERS = ("deploy/compose/live.yml", "tests/system/live.yml")
-#: it looks once a second
+#: generous limit: the script checks once a second
 SOON_S = 5.0
 
 
@@ -59,7 +60,8 @@ def test_nothing_ends_a_command_that_stays(tmp_path: Path) -> None:
 
 
 def test_the_code_is_the_commands_and_nobody_is_left_to_watch(tmp_path: Path) -> None:
-    # Its output is open for as long as the watching process lives.
+    # The output stays open as long as the watching process lives, so reading it to its end proves
+    # that the process has ended.
     with start("end", tmp_path / "ended", "sh", "-c", "exit 7") as process:
         assert process.wait(SOON_S) == 7
         process.communicate(timeout=SOON_S)
@@ -73,7 +75,7 @@ def test_another_word_is_refused(tmp_path: Path) -> None:
 
 
 class _Compose(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """Compose's own tags (!override) are not asked here."""
+    """Loads Compose's own tags (!override) without their meaning, which does not matter here."""
 
 
 _Compose.add_multi_constructor("!", lambda loader, _, node: loader.construct_mapping(node))
@@ -85,7 +87,7 @@ def services(path: str) -> dict[str, dict[str, Any]]:
 
 
 def lasting(base: dict[str, dict[str, Any]]) -> set[str]:
-    """Services that run until they are told to end."""
+    """Names of the services that run until they are stopped."""
     return {name for name, service in base.items() if "restart" in service}
 
 
@@ -94,7 +96,7 @@ def test_in_a_replay_each_lasting_service_ends() -> None:
     assert lasting(base) > {"router", "store", "mapping"}
     for name in lasting(base):
         assert base[name]["environment"]["ZLOAM_AFTER"] == "${ZLOAM_AFTER:-end}", name
-        # Where it ended with success it is not started again.
+        # With on-failure, a service that ended with success is not started again.
         assert base[name]["restart"].startswith("on-failure"), name
 
 

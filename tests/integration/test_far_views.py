@@ -1,5 +1,5 @@
-"""Every view of the monitor at once, behind a thin link, and the robot goes on as without them.
-`make accept ONLY=views-thin-link` does it for ten minutes, and judges the latency too."""
+"""With every view of the monitor open behind a thin link, the robot runs as without them. `make
+accept ONLY=views-thin-link` does this for ten minutes and judges the latency too."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_the_robot_goes_on_as_without_them(build: Path, robot_file: Path, tmp_pa
         found = far_views.measure(build, robot_file, tmp_path, far, SECONDS)
     said = json.dumps(found.summary(), indent=1)
     assert all(more > 0 for more in found.shown.values()), said
-    # The link was what held the views back.
+    # The views used most of the link: its rate was what limited them.
     assert found.bit_per_s > 0.5 * far_views.BIT_PER_S, said
     for phase in (found.alone, found.watched):
         assert phase.missing() == 0, said

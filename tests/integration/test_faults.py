@@ -1,4 +1,4 @@
-"""Messages thrown away, another pace, a reader that is too slow: what came out stays the same."""
+"""Dropped messages, another pace of replay, a slow subscriber: the results stay the same."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ from zloam_monitor.robot_file import names
 from zloam_monitor.stages import STAGES
 
 FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
-#: between driver and pose: none may lose a sweep
+#: stages between driver and pose, none of which may lose a sweep
 POSE_PATH = ("registration", "odometry", "integration")
 LIVE_SECONDS = 4.0
-#: the live capture is sent slower than it was recorded, so that a busy machine is no fault
+#: The live capture is sent this many times slower than recorded, so that a busy machine drops
+#: nothing.
 LIVE_SLOWER = 2.0
-#: a slow reader needs so long for each message; a sweep causes a dozen of them
+#: time that the slow subscriber takes for each message; a sweep causes a dozen messages
 SLOW_SECONDS = 0.1
 
 
 def replay(
     build: Path, capture: Capture, out: Path, *options: object
 ) -> tuple[dict[str, str], dict[str, Any]]:
-    """Digests of the files, and the report."""
+    """Digests of the result files, and the report."""
     done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", out, *options)
     assert done.code == 0, done.said
     return digests(out, FILES), json.loads((out / "report.json").read_text())
@@ -52,7 +53,7 @@ def assert_books(report: dict[str, Any]) -> None:
 def untroubled(
     build: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
-    """The files of a replay in which nothing is done to anybody."""
+    """Digests of the files of an undisturbed replay."""
     return replay(build, capture, tmp_path_factory.mktemp("untroubled"))[0]
 
 
@@ -65,7 +66,7 @@ def test_dropped_messages_are_recovered(
     monkeypatch: pytest.MonkeyPatch,
     every: int,
 ) -> None:
-    """Each stage throws every seventh message of each of its inputs away."""
+    """Each stage drops every n-th message of each of its inputs (n = `every`)."""
     monkeypatch.setenv("ZLOAM_FAULT_DROP_EVERY", str(every))
     files, report = replay(build, capture, tmp_path, "--set", "recovery.gap_replay_ms=50")
     assert files == untroubled
@@ -86,7 +87,7 @@ def test_the_pace_is_in_no_file(
 
 
 class SlowReader:
-    """A stranger on every key of the robot who dawdles over each message."""
+    """A third party's subscriber of all keys of the robot that takes long for each message."""
 
     def __init__(self, base_port: int, key: str, folder: Path) -> None:
         self._said = folder / "slow_reader.txt"
@@ -100,7 +101,7 @@ class SlowReader:
             )
 
     def seen(self) -> int:
-        """Messages read so far."""
+        """Number of messages read so far."""
         return max(0, len(self._said.read_text().splitlines()) - 1)
 
     def close(self) -> None:
@@ -111,7 +112,8 @@ class SlowReader:
 def run_live(
     build: Path, robot_file: Path, capture: Capture, logs: Path, slow: bool
 ) -> tuple[dict[str, Any], dict[str, int], int, int]:
-    """(last statuses, greatest queue seen of each stage, poses, messages the stranger has read)."""
+    """(final statuses, longest queue of each stage, poses, messages that the slow subscriber
+    read)."""
     port, robot = live.free_udp_port(), names(robot_file, [])
     settings = [
         "driver.source=udp",
@@ -125,7 +127,7 @@ def run_live(
         chain.wait_linked()
         link = chain.link
         reader = SlowReader(chain.base_port, link.keys.below("**"), logs) if slow else None
-        while reader and reader.seen() == 0:  # statuses come all the time
+        while reader and reader.seen() == 0:  # statuses are published all the time
             link.poll(0.1)
         sender = threading.Thread(
             target=live.send, args=(capture.pcap, port, LIVE_SECONDS, LIVE_SLOWER)
@@ -145,7 +147,8 @@ def run_live(
             reader.close()
         chain.stop()
         statuses = chain.statuses()
-        # what was given out: what came here too is the monitor's own matter
+        # Published poses count, not those that arrived here: the monitor's own link does not
+        # matter.
         poses = statuses["integration"].published[link.keys.pose]
         return statuses, queued, poses, seen
 
@@ -160,13 +163,13 @@ def test_a_slow_reader_is_nobody_elses_trouble(
     assert poses == sweeps, {s: statuses[s].inputs for s in POSE_PATH}
     for stage in POSE_PATH:
         for account in statuses[stage].inputs:
-            # live, mapping keeps the newest: what it skips costs no pose
+            # Live mapping takes only the newest input: sweeps that it skips lose no pose.
             wanted = account.received if account.key.endswith("map/correction") else sweeps
             assert account.processed == account.received == wanted, (stage, account)
             assert account.lost == 0, (stage, account)
         assert queued[stage] <= 2, stage
     published = sum(sum(s.published.values()) for s in statuses.values())
-    # the stranger was overloaded, or the test shows nothing
+    # Unless the subscriber was too slow for all messages, the test proves nothing.
     assert not slow or 0 < seen < published
 
 
@@ -186,7 +189,7 @@ def until_poses(chain: Chain) -> None:
 
 
 def orphans() -> set[Path]:
-    """Segments that no living process has mapped."""
+    """Shared-memory segments that no living process has mapped."""
     mapped = ""
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):
@@ -197,7 +200,7 @@ def orphans() -> set[Path]:
 def test_shared_memory_of_the_killed_is_reclaimed(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:
-    """kill -9 leaves segments behind; they go when a stage is started the next time."""
+    """A SIGKILL leaves segments behind; they are removed when a stage is started the next time."""
     with replaying(build, robot_file, capture, tmp_path / "a") as chain:
         until_poses(chain)
         kill(chain, *chain.processes.running)
@@ -211,7 +214,8 @@ def test_shared_memory_of_the_killed_is_reclaimed(
 def test_registration_is_killed_and_started_again(
     build: Path, robot_file: Path, capture: Capture, untroubled: dict[str, str], tmp_path: Path
 ) -> None:
-    """It has no state: what was under way is published again, and computed by the new one."""
+    """Registration has no state: sweeps that were under way are published again, and the new
+    process computes them."""
     with replaying(build, robot_file, capture, tmp_path) as chain:
         until_poses(chain)
         kill(chain, "registration")

@@ -1,4 +1,4 @@
-"""Garbage on every data key: counted by reason, never a crash, and the poses go on."""
+"""Garbage on every data key is counted by reason, never crashes a stage, and poses keep coming."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from zloam_monitor.link import open_session
 from zloam_monitor.processes import endpoints
 from zloam_monitor.robot_file import names
 
-#: messages of each kind and key
+#: messages of each kind, on each key
 ROUNDS = 40
 
 
 def bad_payloads(table: str, rng: random.Random) -> list[tuple[Any, str]]:
-    """Bytes that are no message of this kind, each in another way."""
+    """Bytes that are no message of this kind, each invalid in another way, with the encoding they
+    are sent with."""
     identifier = messages.KINDS[table].identifier
     noise = rng.randbytes(rng.randrange(9, 4000))
     return [
         (b"", messages.encoding(table)),
         (b"\x00", messages.encoding(table)),
         (noise, messages.encoding(table)),
-        # the right identifier before noise
+        # valid identifier, followed by noise
         (noise[:4] + identifier + noise, messages.encoding(table)),
         (b"\x08\x00\x00\x00" + identifier + noise, messages.encoding(table)),
-        # another kind of message, and no encoding at all
+        # unknown kind of message; no encoding
         (b"\x08\x00\x00\x00ZLXX" + noise, messages.encoding(table)),
         (noise, "text/plain"),
     ]
@@ -71,7 +72,7 @@ def test_garbage_on_every_key(
         for _ in range(ROUNDS):
             for key, table in inputs.items():
                 bad = bad_payloads(table, rng)
-                if key in genuine:  # a real message, cut short
+                if key in genuine:  # a genuine message, truncated
                     whole = genuine[key]
                     bad.append((whole[: rng.randrange(8, len(whole))], messages.encoding(table)))
                 for payload, encoding in bad:

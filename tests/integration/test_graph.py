@@ -1,5 +1,5 @@
-"""The graph of loops beside a replay: what it makes of a drive in which mapping drifts, and that
-nobody else notices it."""
+"""The graph of loops beside a replay: what it makes of a drive on which mapping drifts, and that no
+other stage is affected by it."""
 
 from __future__ import annotations
 
@@ -15,30 +15,32 @@ from zloam_monitor import clouds, messages
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import ReplyRecord
 
-#: a poor sensor, and a map that is dropped behind it: the second round begins with none
+#: A poor sensor, with a map that forgets what is behind: the second round meets no old map, so
+#: drift shows.
 SENSOR = ("--noise", "0.06", "--dropout", "0.3", "--range-bias-mm", "30")
 FORGETS = "mapping.voxel_planes.keep_radius_m=25"
 POSES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
-#: sweeps that go by while the graph is dead
+#: sweeps that pass while the graph is dead
 MISSED = 40
-#: of LoopVerdict
+#: value in LoopVerdict
 ACCEPTED = 0
 WORLD = ("trajectory_world.tum", "map_world.pcd")
 ONE_ROUND = ("--world", "city", "--seed", "5", "--speed-factor", "1.6")
-#: in which a wall is a plane, and from how many points its thickness is told
+#: size of the cells in which a wall is a plane, and the fewest points from which its thickness is
+#: measured
 CELL_M, FEWEST_POINTS = 1.0, 30
 
 
 @pytest.fixture(scope="module")
 def rounds(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """Twice round the block."""
+    """Two rounds of the block."""
     folder = tmp_path_factory.mktemp("rounds")
     return simulate(build, folder, *ONE_ROUND, "--laps", "2", *SENSOR)
 
 
 @pytest.fixture(scope="module")
 def undisturbed(build: Path, rounds: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a demo with the graph leaves."""
+    """Output folder of a demo with the graph."""
     out = tmp_path_factory.mktemp("with_graph")
     given = ("--pcap", rounds.pcap, "--truth", rounds.truth_lidar, "--set", FORGETS)
     done = monitor("demo", "--preset-dir", build, *given, "--graph", "--out", out)
@@ -57,8 +59,7 @@ def test_closed_loops_are_nearer_to_the_truth(undisturbed: Path) -> None:
 
 
 def thickness_m(points: Path) -> float:
-    """Of the surfaces, as the smallest spread of the points in a cell; half of the cells have
-    less."""
+    """Thickness of the surfaces: the median over cells of the points' smallest spread."""
     cloud = clouds.read_pcd(points)
     positions = np.stack([cloud[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     cells = np.floor(positions / CELL_M).astype(np.int64)
@@ -76,7 +77,7 @@ def thickness_m(points: Path) -> float:
 def test_walls_are_single_where_loops_are_closed(
     build: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
-    """Seen on two rounds, they are as thin as seen on one."""
+    """Surfaces seen on two rounds are as thin as those seen on one."""
     once = simulate(build, tmp_path, *ONE_ROUND, *SENSOR)
     out = tmp_path / "out"
     given = ("--pcap", once.pcap, "--set", FORGETS, "--graph", "--out", out)
@@ -106,19 +107,19 @@ def test_a_graph_that_is_killed_is_missed_by_nobody_and_answers_strangers(
             chain.link.poll(0.2)
             chain.check()
         assert digests(tmp_path, POSES) == digests(undisturbed, POSES)
-        # It took up what it had missed: the same graph as if it had never been away.
+        # The restarted graph has caught up on the missed sweeps: same graph as without the restart.
         assert digests(tmp_path, WORLD) == digests(undisturbed, WORLD)
         heard.undeclare()
         takes_a_loop_out(chain, newest[-1])
         assert all(code == 0 for code in chain.stop().values())
     assert digests(tmp_path, WORLD) != digests(undisturbed, WORLD)
-    # Without loops the second round's walls stand beside the first one's.
+    # Without loops, the second round's walls stand beside those of the first.
     open_m, closed_m = (thickness_m(f / "map_world.pcd") for f in (tmp_path, undisturbed))
     assert open_m > 1.2 * closed_m
 
 
 def takes_a_loop_out(chain: Chain, payload: bytes) -> None:
-    """As anybody can who speaks the messages."""
+    """Removes a loop by a message, as any program on the network can."""
     poses = messages.decode("GraphPoses", payload)
     submaps = messages.struct_vector(poses, "Poses", messages.SUBMAP_POSE)
     assert len(submaps) > 60

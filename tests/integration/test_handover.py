@@ -1,5 +1,5 @@
-"""One instance of a stage goes on in another's place, on command and when the one that works hangs
-(docs/protocol.md, section 6). Truth is the run in which nothing happened, and the sweeps' count."""
+"""One instance of a stage takes over from another, on command and when the working one hangs
+(docs/protocol.md, section 6). The reference is an undisturbed run, and the count of sweeps."""
 
 from __future__ import annotations
 
@@ -28,22 +28,24 @@ from zloam_monitor.robot_file import names
 from zloam_monitor.trajectory import read
 
 SECONDS = 26.0
-#: of those in which one thing happens
+#: length in s of the runs with a single disturbance
 SHORT_S = 17.0
-#: poses between two of them; the first when there is a map
+#: poses before the first hand-over (by then there is a map), and between two
 FIRST, APART = 40, 30
-#: stopped for longer than a link lives without a sign of life (zenoh.lease_ms), and more
+#: A process is stopped for this long: more than the time after which a silent link ends
+#: (zenoh.lease_ms).
 STOPPED_S = 5.0
 PATIENCE_S = 60.0
-#: of the undisturbed run's error, and metres on top: a mapping that goes on with another's map has
-#: it whole, but not what that one had learnt of its own errors (six in 27 s: 0.019 to 0.028 m in
-#: place of 0.016; with the store's map alone 0.05)
+#: Limit of the error: a factor on the undisturbed run's, plus metres. A mapping that takes over has
+#: the whole map of its predecessor, but not its calibration of its own errors (with six hand-overs
+#: in 27 s 0.019 to 0.028 m instead of 0.016; with only the store's map 0.05).
 WORSE, FLOOR_M = 1.1, 0.025
-#: the worker's endless loop begins here
+#: sweep at which the worker enters an endless loop
 HANG_AT_SWEEP = 60
-#: sweeps that wait at a stage at most (recovery.queue_sweeps)
+#: longest queue of a stage, in sweeps (recovery.queue_sweeps)
 QUEUED = 4
-#: poses that may be predicted until the place is found again after seconds without a mapping
+#: poses that may be predicted after seconds without mapping, until the robot is found in the map
+#: again
 BRIDGED_SWEEPS = 15
 
 
@@ -54,7 +56,7 @@ def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 
 def waiting(link: Link, stage: str) -> set[str]:
-    """Instances of it that said lately that they stand by."""
+    """Instances of the stage whose recent status says that they stand by."""
     now = time.monotonic()
     return {
         status.instance
@@ -73,7 +75,7 @@ def until_waiting(run: LiveRun, stage: str, instance: str) -> None:
 
 
 def instance_of(run: LiveRun, name: str) -> str:
-    """As the process calls itself."""
+    """The instance name under which the process publishes."""
     pid = run.chain.processes.running[name].pid
     return (
         name
@@ -109,8 +111,8 @@ def test_on_command_nothing_is_missing(
         statuses = run.end()
     run.assert_one_trajectory(statuses["driver"].last_sweep)
     assert len(run.odometry_poses) == 2
-    # of each identity one pose was published, but for the newest commits, which are given again:
-    # mapping tells of those that it has taken from its queue
+    # Each sweep has one odometry pose, except that the newest commits are published again at a
+    # hand-over: mapping confirms only those that it has taken from its queue.
     counts = np.bincount(list(itertools.chain(*run.odometry_poses.values())))
     assert counts.max() <= 2
     assert (counts > 1).sum() <= 2 * (1 + QUEUED)
@@ -136,7 +138,8 @@ def test_one_that_stands_still_is_overtaken_and_stands_by(
         run.until_poses(len(run.poses) + APART)
         statuses = run.end()
     run.assert_one_trajectory(statuses["driver"].last_sweep)
-    # whoever stands still for longer than a link lives has lost it: what it had to say died there
+    # A process that stands still for longer than the lease loses its links, and its unsent messages
+    # with them.
     assert statuses[stage].figures["term"] >= 2.0
     assert "beginning again" in (tmp_path / f"{stage}.log").read_text()
 
@@ -145,7 +148,7 @@ def test_one_that_stands_still_is_overtaken_and_stands_by(
 def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
 ) -> None:
-    """Its token, its status and its links stay."""
+    """The hanging process keeps its liveliness token, its statuses and its links."""
     run = live(build, robot_file, drive, tmp_path)
     run.chain.environments[stage] = {"ZLOAM_FAULT_HANG_AT_SWEEP": str(HANG_AT_SWEEP)}
     with run:
@@ -155,7 +158,8 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
         run.until_poses(HANG_AT_SWEEP + APART)
         until_waiting(run, stage, own)
         statuses = run.end()
-    # a look for the place may take mapping seconds: it hangs for longer before it is taken for hung
+    # A search for the place may take mapping seconds, so mapping counts as hanging only after a
+    # longer time; meanwhile poses are predicted.
     bridged = BRIDGED_SWEEPS if stage == "mapping" else 0
     run.assert_one_trajectory(statuses["driver"].last_sweep, bridged)
     assert statuses[stage].figures["term"] >= 2.0
@@ -165,7 +169,8 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
 
 
 def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: int) -> int:
-    """A replay with a hand-over of each stage in turn, so many poses apart; how many there were."""
+    """Replays the drive with a hand-over of each stage in turn, `every` poses apart; returns the
+    number of hand-overs."""
     robot = names(robot_file, [])
     own = [
         *sources.from_pcap(drive.pcap).driver_settings("realtime"),
@@ -189,7 +194,8 @@ def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: in
             if len(chain.link.poses) < poses or not waiting(chain.link, stage):
                 continue
             reply = chain.link.command(stage, "handover", {})
-            # none stands by yet for the one that has just begun again, or the run has ended
+            # The command is refused if the restarted instance does not stand by yet, or if the run
+            # has ended.
             if reply is not None and reply.ok:
                 done, poses = done + 1, len(chain.link.poses) + every
         codes = chain.stop()
@@ -200,7 +206,8 @@ def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: in
 def test_a_replay_with_hand_overs(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
-    """The odometry has the same bytes: its whole state is in the stream. The pose is near."""
+    """The odometry is byte-identical, as its whole state is in the stream; the pose has a
+    tolerance."""
     calm, out = tmp_path / "calm", tmp_path / "out"
     done = monitor("demo", "--preset-dir", build, "--pcap", drive.pcap, "--out", calm)
     assert done.code == 0, done.said

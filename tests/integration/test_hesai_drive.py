@@ -1,6 +1,6 @@
-"""A Hesai sensor's capture through the real processes. The simulator's VLP-16 has the beams of a
-PandarXT-16: its firings are written as that sensor's packets here, by the manual's tables, apart
-from the decoder."""
+"""A Hesai capture through the real processes. The simulator's VLP-16 has the beams of a
+PandarXT-16; its firings are written as packets of that sensor here, by the tables of the manual and
+independently of the decoder."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ from tests.integration.conftest import Capture, monitor, simulate
 DATA_BYTES = 1206
 SEQUENCE_US = 55.296
 BLOCKS, LASERS = 8, 16
-#: VLP-16: the laser of each elevation, from the uppermost down; firing after its sequence's begin
+#: VLP-16: elevation of each laser; lasers from the uppermost down; time of each firing after the
+#: beginning of its sequence
 ELEVATION_DEG = np.array([-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15])
 LASER_OF_CHANNEL = np.argsort(-ELEVATION_DEG)
 VLP_FIRING_US = 2.304 * LASER_OF_CHANNEL
-#: PandarXT-16: firing of each channel after the first one's
+#: PandarXT-16: time of each channel's firing after the first one
 XT_FIRING_US = 2 * 1.512 * np.arange(LASERS)
 RATE_DEG_PER_US = 360.0 * 10.0 / 1e6
 HESAI_EPOCH = 1900
 
 
 def firings(pcap: Path) -> Iterator[tuple[float, float, NDArray[Any]]]:
-    """Unix time (s) and azimuth (degrees) of each firing sequence, and its distances (2 mm) and
-    reflectivities by channel."""
+    """For each firing sequence: Unix time (s), azimuth (degrees), and by channel the distances (2
+    mm) and reflectivities."""
     with pcap.open("rb") as file:
         for sent_s, frame in dpkt.pcap.Reader(file):
             data = bytes(dpkt.ethernet.Ethernet(frame).data.data.data)
@@ -56,17 +57,18 @@ def firings(pcap: Path) -> Iterator[tuple[float, float, NDArray[Any]]]:
 
 
 def packet(group: list[tuple[float, float, NDArray[Any]]], number: int) -> bytes:
-    """Eight firings as a PandarXT-16 sends them."""
+    """A PandarXT-16 data packet with eight firings."""
     body = b"".join(
         struct.pack("<H", round(100 * azimuth) % 36000)
         + b"".join(
-            # units of 4 mm for units of 2 mm
+            # from units of 2 mm to units of 4 mm
             struct.pack("<HBx", (int(cell["raw"]) + 1) // 2, cell["reflectivity"])
             for cell in returns
         )
         for _, azimuth, returns in group
     )
-    # The stamp is that of the command before the last block's first firing.
+    # The packet's stamp is the instant of the firing command of the last block, which precedes its
+    # first firing by 6 us.
     stamp_s = group[-1][0] - 6.0e-6
     at = datetime.datetime.fromtimestamp(stamp_s, datetime.UTC)
     date = bytes((at.year - HESAI_EPOCH, at.month, at.day, at.hour, at.minute, at.second))
@@ -77,7 +79,7 @@ def packet(group: list[tuple[float, float, NDArray[Any]]], number: int) -> bytes
 
 @pytest.fixture(scope="module")
 def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """The simulated one, with a motor that keeps its speed: angles are made of times here."""
+    """A simulated drive at constant motor speed, since angles are computed from times here."""
     folder = tmp_path_factory.mktemp("hesai")
     options = ("--world", "city", "--seed", "3", "--duration", "6", "--speed-deviation", "0")
     made = simulate(build, folder, *options)
@@ -97,8 +99,8 @@ def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
             ip.len = len(ip)
             writer.writepkt(bytes(dpkt.ethernet.Ethernet(data=ip)), group[-1][0] + 1e-4)
             group, number = [], number + 1
-    # Where each channel looks to, against a sensor that fires in this one's order: the decoder
-    # turns a channel by what the motor moves on, at the speed that blocks 50 us apart would mean.
+    # Azimuth offset of each channel: the lasers fired in the VLP-16's order, but the decoder
+    # corrects for the PandarXT's firing times, at the rotation rate that blocks 50 us apart imply.
     decoder_rate = RATE_DEG_PER_US * SEQUENCE_US / 50.0
     offsets = RATE_DEG_PER_US * VLP_FIRING_US - decoder_rate * XT_FIRING_US
     rows = [f"{i + 1},{15 - 2 * i},{offset:.4f}" for i, offset in enumerate(offsets)]
@@ -125,7 +127,7 @@ def test_the_trajectory_is_as_good_as_the_other_sensors(
         build, tmp_path / "hesai", folder / "hesai.pcap", drive.truth_lidar,
         f"driver.metadata={folder / 'angles.csv'}",
     )  # fmt: skip
-    # Distances are rounded to 4 mm, and lasers leave from one point.
+    # The tolerance: distances are rounded to 4 mm, and all lasers are taken to fire from one point.
     assert hesai < 1.5 * velodyne + 0.005, (hesai, velodyne)
     assert report["sweeps"]["driver"]["lost"] == 0
     assert 60 <= report["identities"]["poses"] <= 62

@@ -1,5 +1,5 @@
-"""A Hokuyo scanner on a motor: real sessions, a simulated drive in a replay, and live over TCP and
-a serial line with what may go wrong there."""
+"""A Hokuyo scanner on a motor: real sessions, a simulated drive as replay, and live over TCP and
+over a serial line with the faults that may occur there."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from zloam_monitor.trajectory import from_records
 ROBOT = ROOT / "deploy" / "robots" / "hokuyo.yaml"
 SESSIONS = ("utm_30lx", "uxm_30lx_e", "urg_04lx")
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("rest", "V16")])
-#: the platform stands for the first two seconds
+#: length of the simulated drive; the platform stands for its first two seconds
 SECONDS = 40
-#: live, of the same drive
+#: part of the same drive that is sent live
 LIVE_SECONDS = 12.0
 PATIENCE_S = 60.0
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
@@ -88,7 +88,7 @@ def replay(build: Path, drive: Session, out: Path, *more: object) -> None:
     assert done.code == 0, done.said
 
 
-#: live, with nothing done to anybody
+#: limit of the error of an undisturbed live run
 AS_UNDISTURBED_M = 0.15
 
 
@@ -105,7 +105,7 @@ def test_a_replayed_drive(
     report = json.loads((tmp_path / "report.json").read_text())
     assert error_m(drive, tmp_path) <= most_m
     poses = (tmp_path / "trajectory.tum").read_text().splitlines()
-    # ten a second, from a scanner that shows everything once a second
+    # ten poses a second, though the scanner covers its whole view only once a second
     assert len(poses) >= 10 * SECONDS - 1
     assert report["health"]["counts"] == {"ok": report["health"]["poses"]}
 
@@ -141,7 +141,7 @@ def test_a_motor_that_tells_nothing_is_described(
     alone, mount = tmp_path / "alone.logr", tmp_path / "mount.yaml"
     shutil.copy(drive.log, alone)
     first_ns = np.loadtxt(drive.angles, delimiter=",", skiprows=1, max_rows=1)[0]
-    # as the simulator's motor goes
+    # the motion profile of the simulator's motor
     profile = {
         "from_s": 1e-9 * float(first_ns),
         "speed_deg_s": 180,
@@ -172,7 +172,7 @@ def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Session, tmp_pa
 
 
 def calibrated(build: Path, session: Path) -> tuple[int, dict[str, dict[str, Any]], str]:
-    """Exit code, what was found, and what was said."""
+    """Exit code, the calibration found, and the messages."""
     command = [str(build / "bin" / "zloam-calibrate"), str(session)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.returncode, yaml.safe_load(done.stdout) or {}, done.stderr
@@ -206,7 +206,7 @@ class Live:
         self._motor: subprocess.Popen[str] | None = None
         self._feeder = threading.Thread(target=self._feed)
         self._stop = threading.Event()
-        #: commands until all was sent
+        #: commands that the device received until all scans were sent
         self.asked: list[bytes] = []
 
     def __enter__(self) -> Live:
@@ -226,8 +226,9 @@ class Live:
         return self
 
     def _until_angles_come(self) -> None:
-        """The motor's program is linked some time after it was started. Its first readings, long
-        before all lines, tell nothing of any of them."""
+        """Publishes angles until the driver receives them, since the motor's program is linked only
+        some time after its start. The stamps lie 60 s before all scan lines and so affect none of
+        them."""
         first_rad = float(np.loadtxt(self.drive.angles, delimiter=",", skiprows=1, max_rows=1)[1])
         stamp_ns = time.time_ns() - int(60e9)
         ends = time.monotonic() + PATIENCE_S
@@ -244,7 +245,8 @@ class Live:
         self._motor.stdin.flush()
 
     def _feed(self) -> None:
-        """The angles at their pace, stamped by this host's clock as the device's lines are."""
+        """Publishes the angles at their pace, stamped by this host's clock like the device's
+        lines."""
         rows = np.loadtxt(self.drive.angles, delimiter=",", skiprows=1)
         at_s = 1e-9 * rows[:, 0] - self.device.first_s
         shift_ns = time.time_ns() - int(1e9 * (time.monotonic() - self.device.began))
@@ -259,7 +261,7 @@ class Live:
         while not self.device.finished:
             self.chain.link.poll(0.1)
             self.chain.processes.check()
-        # what follows is the silence of a device that has nothing more to send
+        # After this, the driver hears a device that has nothing more to send.
         self.asked = list(self.device.commands)
         ends = time.monotonic() + 2.0
         while time.monotonic() < ends:
@@ -276,7 +278,7 @@ class Live:
         self.device.close()
 
     def error_m(self) -> float:
-        """Of the poses that say they are well, against the truth at the device's time."""
+        """ATE of the poses with health `ok` against the truth, shifted to this host's clock."""
         truth = trajectory.read(self.drive.truth)
         poses = [p for p in self.chain.link.poses.values() if p.health == HEALTH.index("ok")]
         shift_ns = time.time_ns() - int(1e9 * (time.monotonic() - self.device.began))
@@ -296,7 +298,7 @@ def test_live_with_a_killed_odometry(build: Path, drive: Session, tmp_path: Path
         kill(live.chain, "odometry")
         live.chain.start("odometry", "odometry-again")
         live.until_sent()
-        # what the device ended with may be less than a slice
+        # The device's last lines may be less than a slice, which gives no pose.
         ended = max(p.sweep for p in link.poses.values())
         after = {p.sweep: HEALTH[p.health] for p in link.poses.values() if last < p.sweep < ended}
         assert len(after) > 60

@@ -1,5 +1,5 @@
-"""Inertial readings through the real processes: of a file in a replay, as messages live. Truth is
-the simulator's."""
+"""IMU readings through the real processes: from a file in a replay, and as live messages. The
+reference is the simulator's truth."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
 
 SECONDS = 9
-#: the platform stands for the first 1.5 s
+#: poses before the kill; the platform stands for its first 1.5 s
 KILL_AT = 45
 FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
 PATIENCE_S = 60.0
-#: T_base_imu: turned over and beside the lidar
+#: T_base_imu: turned upside down, beside the lidar
 XYZ_M, RPY_DEG = (0.2, -0.1, 0.3), (180.0, 0.0, 90.0)
 MOUNTING = [
     "mounting.imu_xyz_m=[0.2, -0.1, 0.3]",
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def swing(build: Path, folder: Path) -> Capture:
-    """A lidar in the hand, with an IMU."""
+    """A hand-held lidar with an IMU."""
     options = ["--world", "handheld", "--seed", "2", "--duration", str(SECONDS)]
     mounting = ["--imu-xyz", *map(str, XYZ_M), "--imu-rpy-deg", *map(str, RPY_DEG)]
     return simulate(build, folder, *options, "--imu", str(folder / "imu.csv"), *mounting)
@@ -97,7 +97,7 @@ def test_a_killed_stage_goes_on_to_the_byte(
     tmp_path: Path,
     killed: str,
 ) -> None:
-    """Biases and gravity come back with the commits; the sweeps bring their readings again."""
+    """Biases and gravity are restored from the commits; the sweeps carry their readings again."""
     robot = names(robot_file, [])
     settings = [
         *sources.from_pcap(swing.pcap).driver_settings("realtime"),
@@ -150,7 +150,7 @@ def test_live_readings_go_with_their_sweeps(build: Path, robot_file: Path, tmp_p
     assert driver.figures["imu_readings"] > 500
     assert odometry.figures["imu_used"] == 1.0
     assert odometry.figures["imu_contradictions"] == 0.0
-    # One at the start may come before the first readings.
+    # The first sweeps may begin before the first readings.
     assert driver.figures["imu_sweeps_incomplete"] <= 2
 
 

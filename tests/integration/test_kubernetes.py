@@ -1,4 +1,5 @@
-"""The Kubernetes variant: against the published schemas, and the compose file it mirrors."""
+"""The Kubernetes variant, against the published schemas and against the Compose file that it
+mirrors."""
 
 from __future__ import annotations
 
@@ -17,14 +18,14 @@ from zloam_monitor.stages import PORT_ORDER, STAGES
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "deploy" / "kubernetes"
 OVERLAYS = ("simulated", "live")
-#: of Kubernetes, whose published schemas are held against
+#: version of Kubernetes whose published schemas the files are validated against
 VERSION = "1.29"
 WORKLOADS = ("Deployment", "Job")
 Resource = dict[str, Any]
 
 
 def _resources(overlay: str) -> list[Resource]:
-    """The overlay's files and its base's, as they stand in the folder."""
+    """The resources of the overlay and of its base, as written in the folder."""
     found = []
     for folder in (FOLDER / "base", FOLDER / overlay):
         listed = yaml.safe_load((folder / "kustomization.yaml").read_text())["resources"]
@@ -43,7 +44,8 @@ def _environment(resource: Resource) -> dict[str, str]:
 
 
 class _Compose(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """Compose's own tags (!override) say how layers merge, which is not asked here."""
+    """Loads Compose's own tags (!override) without their meaning (how layers merge), which does not
+    matter here."""
 
 
 def _untagged(loader: _Compose, _suffix: str, node: yaml.Node) -> object:
@@ -98,7 +100,7 @@ def test_rendered_by_kubectl_it_still_fits(overlay: str) -> None:
 
 
 def _shared() -> dict[str, str]:
-    """What all stages are told: the ConfigMap that the base generates."""
+    """The environment common to all stages: the ConfigMap that the base generates."""
     listed = yaml.safe_load((FOLDER / "base/kustomization.yaml").read_text())
     (generator,) = listed["configMapGenerator"]
     return dict(literal.split("=", 1) for literal in generator["literals"])
@@ -130,7 +132,7 @@ def test_the_same_stages_stand_by_as_in_compose() -> None:
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
 def test_every_peer_is_a_service_of_its_port(overlay: str) -> None:
-    """Who is reached at <stage>, and whoever is named beside them."""
+    """Each endpoint in the configuration names a service of the base and a port of that service."""
     ports = {
         r["metadata"]["name"]: [p["port"] for p in r["spec"]["ports"]]
         for r in _resources(overlay)

@@ -1,4 +1,4 @@
-"""The installed library, used by a stranger outside of the checkout as docs/library.md says."""
+"""The installed library, used from outside the checkout as docs/library.md describes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from tests.recordings import variants
 from zloam_monitor import se3
 from zloam_monitor.trajectory import interpolate, read
 
-#: of some seconds in the city, unaligned; rings are not told, and points' times by their azimuth
+#: Limit for some seconds in the city, without alignment; rings are unknown and times derive from
+#: azimuths.
 RMSE_M = 0.05
 PERIOD_NS = 100_000_000
 
@@ -53,8 +54,8 @@ def built(installed: Path, folder: Path) -> Path:
 def test_the_example_follows_the_simulator(
     build: Path, capture: Capture, installed: Path, tmp_path: Path
 ) -> None:
-    """In KITTI's scans the sensor is cut at its rear; the simulator's, which is cut in front, is
-    turned round."""
+    """KITTI's scans are cut at the sensor's rear, the simulator's in front, so the latter are
+    rotated by 180 degrees."""
     scans = tmp_path / "velodyne"
     scans.mkdir()
     whole = variants.decoded(build, capture.pcap, tmp_path)[1:]
@@ -68,7 +69,7 @@ def test_the_example_follows_the_simulator(
     assert done.stdout == f"{len(whole)} poses\n"
     found, truth = read(out), read(capture.truth_lidar)
     assert found.stamps_ns is not None
-    # The example takes a scan to come every 0.1 s; the simulator's motor wanders a little.
+    # The example assumes a scan every 0.1 s; the simulator's motor speed varies a little.
     begins_ns = np.array([scan.stamp_ns for scan in whole])
     after_ns = found.stamps_ns - np.arange(len(whole)) * PERIOD_NS
     wanted, inside = interpolate(truth, begins_ns + after_ns)

@@ -1,5 +1,5 @@
-"""A parameter changes while the stages run: in force from one sweep on, in every instance, and the
-same again in a replay that is given the change (docs/protocol.md, section 13)."""
+"""A parameter is changed during a run: the change takes effect from one sweep on in every instance,
+and likewise in a replay that is given the change (docs/protocol.md, section 13)."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from zloam_monitor.settings import as_set_at, change
 
 WINDOW = 8
 DRIVE_SECONDS = "15"
-#: times realtime: time to command something in the middle of a run
+#: pace of the replay relative to real time: slow enough for commands during the run
 SLOW = "0.5"
-#: stage -> what is changed, to a value that changes its output
+#: stage -> parameter and value, chosen so that the stage's output changes
 CHANGES = {
     "registration": {"registration.edge_chi2": "100"},
     "odometry": {"odometry.kernel_m": "0.05"},
     "mapping": {"mapping.voxel_planes.correlation": "4", "mapping.publish_every": "3"},
 }
-#: sweeps for which a replica does not hear of a change that is in force
+#: ZLOAM_FAULT_DEAF_SWEEPS: a replica ignores a change for this many sweeps after it is in force
 DEAF_SWEEPS = "3"
 LATER = {"odometry.kernel_m": "0.2"}
 
 
 class Watching(SharedChain):
-    """Notes with which revision each sweep left each instance."""
+    """Records the configuration revision with which each instance processed each sweep."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
@@ -67,22 +67,23 @@ class Watching(SharedChain):
         self.until(lambda: len(self.link.poses) >= count)
 
     def shared(self) -> bool:
-        """The replicas of registration know of each other: who does not does every sweep itself,
-        and answers every command."""
+        """Whether the replicas of registration know of each other. One that knows of no other
+        processes every sweep itself and answers every command."""
         done = [set(sweeps) for sweeps in list(self.features.values())]
         if len(done) < len(self.replicas):
             return False
         newest = max(map(max, done))
         late = range(newest - 6, newest - 1)
         once = all(sum(n in one for one in done) == 1 for n in late)
-        # Else one of them may do all, and not know of the other, whose turn has not come.
+        # Each replica must have done some of them: if one does all, it may not know of the other,
+        # to which it did not happen to leave a sweep.
         return once and all(any(n in one for n in late) for one in done)
 
     def command(self, stage: str, values: dict[str, str]) -> ReplyRecord:
         return change(self.link, stage, values)
 
     def command_all(self) -> dict[str, RevisionRecord]:
-        """All of CHANGES; what each stage then publishes of it."""
+        """Commands all of CHANGES; returns the revision that each stage then publishes."""
         if len(self.replicas) > 1:
             self.until(self.shared)
         replies = {stage: self.command(stage, values) for stage, values in CHANGES.items()}
@@ -97,25 +98,26 @@ class Watching(SharedChain):
 
 
 def assert_in_force(chain: Watching, stage: str, from_sweep: int, sweeps: int) -> None:
-    """Revision 0 below, 1 from there on, in every output of the stage."""
+    """Checks that all outputs of the stage have revision 0 before the sweep, and 1 from it on."""
     wanted = {n: {1 if n >= from_sweep else 0} for n in range(sweeps)}
     assert {n: set(revs) for n, revs in chain.revs[stage].items()} == wanted, stage
 
 
 def ended(chain: Watching) -> int:
-    """To the end of the run; nothing was lost or dropped. The number of its sweeps."""
+    """Follows the run to its end, checks that nothing was lost or dropped, and returns the number
+    of sweeps."""
     return books(chain, chain.follow())["sweeps"]
 
 
 @pytest.fixture(scope="module")
 def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """Long enough that a change commanded at full speed still comes in time."""
+    """A drive long enough that a change commanded at full speed still takes effect during it."""
     folder = tmp_path_factory.mktemp("drive")
     return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", DRIVE_SECONDS)
 
 
 def unchanged(build: Path, robot_file: Path, capture: Capture, logs: Path) -> dict[str, str]:
-    """What comes out when nothing is commanded."""
+    """Digests of a run without any command."""
     with SharedChain(build, robot_file, capture, logs) as chain:
         chain.follow()
     return digests(logs, FILES)
@@ -124,7 +126,8 @@ def unchanged(build: Path, robot_file: Path, capture: Capture, logs: Path) -> di
 def test_in_force_at_its_sweep_everywhere_and_the_same_in_a_replay(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
-    """Commanded at full speed with two replicas; then the recorded changes with one."""
+    """The changes are commanded at full speed with two replicas; then their record is replayed with
+    one."""
     chain = Watching(build, robot_file, drive, tmp_path / "live")
     chain.replicas = {instance: {} for instance in REPLICAS[:2]}
     with chain:
@@ -157,8 +160,8 @@ def test_in_force_at_its_sweep_everywhere_and_the_same_in_a_replay(
 def test_replicas_that_disagree_for_a_while_cost_work_only(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:
-    """Who did not issue the change hears of it after it is in force: what it makes until then is
-    dropped and done again, by another or by itself."""
+    """The replica that did not issue the change hears of it only after it is in force. Its outputs
+    until then are dropped, and the sweeps are processed again, by either replica."""
     chain = Watching(build, robot_file, capture, tmp_path / "live", SLOW)
     chain.replicas = {i: {"ZLOAM_FAULT_DEAF_SWEEPS": DEAF_SWEEPS} for i in REPLICAS[:2]}
     with chain:
@@ -214,7 +217,7 @@ def test_a_second_change_keeps_the_first(
 def test_a_stage_that_was_killed_goes_on_with_the_revision(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path, stage: str
 ) -> None:
-    """Killed when the change is still to come, and in another run when it is in force."""
+    """The stage is killed before the change is in force, and in a second run after that."""
     for after in (False, True):
         chain = Watching(build, robot_file, capture, tmp_path / f"after-{after}", SLOW)
         with chain:
@@ -269,7 +272,7 @@ def test_what_is_refused_says_key_value_and_what_is_allowed(
         reply = chain.command("integration", {"integration.jump_m": "1"})
         assert not reply.ok
         assert "allowed: nothing" in reply.message
-        # one wrong value refuses all
+        # One invalid value refuses the whole command.
         both = {"odometry.kernel_m": "0.05", "odometry.correlation": "none"}
         assert not chain.command("odometry", both).ok
         assert chain.link.query_revisions() == []

@@ -1,5 +1,5 @@
-"""What a live run leaves: files of each run, accounts that add up, and saves that stay in their
-folder (issue 37, 12, 14 and 21)."""
+"""Results of a live run: files of each run, counters that add up, saves confined to their folder
+(issue 37, 12, 14 and 21)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zloam_monitor.trajectory import read
 
 SECONDS = 12.0
 BEGINS_AT = 25
-#: longer than a map is searched again for after it
+#: longer than the gap (3 s) after which mapping still searches the old map
 AWAY_S = 4.5
 HANG_S, HANGS = 1.2, 3
 TRAJECTORIES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
@@ -31,14 +31,14 @@ THEIRS = "notes of somebody"
 
 @dataclass(frozen=True)
 class Left:
-    """What there is after a live drive in which the driver was away for a while."""
+    """Results of a live drive during which the driver was away for a while."""
 
     out: Path
-    #: of each run, in the order of their coming
+    #: of each run, in order of arrival
     poses: list[list[PoseRecord]]
-    #: path -> answer of a `save` with it
+    #: path -> reply to the command `save` with this path
     saves: dict[str, Any]
-    #: files beside the output folder after all saves
+    #: names beside the output folder after all saves
     outside: set[str]
 
 
@@ -55,7 +55,8 @@ def save(run: LiveRun, stage: str, path: str) -> Any:
 
 
 def try_saves(run: LiveRun, out: Path) -> dict[str, Any]:
-    """Below the folder, out of it by each way there is, and over a file of somebody else."""
+    """Saves below the folder, outside of it in every possible way, and over another owner's
+    files."""
     (out / "theirs").mkdir()
     for name in ("map.pcd", "trajectory.tum"):
         (out / "theirs" / name).write_text(THEIRS)
@@ -90,7 +91,8 @@ def left(
 
 
 def test_each_run_has_its_own_files(left: Left) -> None:
-    """And no pose of the first is gone."""
+    """Each run's trajectory is complete; the second run overwrites none of the first one's
+    poses."""
     first, second = left.poses
     assert len(first) >= BEGINS_AT
     for suffix, poses in (("", first), ("_2", second)):
@@ -123,7 +125,7 @@ def test_a_save_leaves_what_is_others_alone(left: Left) -> None:
 def test_accounts_add_up_under_overload(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
 ) -> None:
-    """A stage that gets no time again and again: sweeps are given up, each once."""
+    """A stage that is repeatedly stopped: sweeps are dropped, and each is counted once."""
     run = LiveRun(build, robot_file, drive, tmp_path, store=False, slower=1.0, seconds=SECONDS)
     with run:
         run.until_poses(BEGINS_AT)
@@ -139,7 +141,7 @@ def test_accounts_add_up_under_overload(
     assert identities["complaints"] == []
     assert report.accounted(found)
     assert sum(i.dropped.get("queue_full", 0) + i.lost for i in statuses[stage].inputs) > 0
-    # odometry asks for what it missed, and what mapping passes over costs no pose
+    # Odometry queries what it missed, and sweeps that mapping skips lose no pose.
     assert identities["given_up"] or stage != "registration"
 
 

@@ -1,4 +1,4 @@
-"""A robot in a map of an earlier run: found in it, and the map stays as it is."""
+"""A robot in the map of an earlier run is localized, and the map stays unchanged."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tests.integration.conftest import Capture, digests, monitor, simulate
 from zloam_monitor import clouds, se3, trajectory
 
 CITY = ("--world", "city", "--seed", "5", "--speed-factor", "1.6")
-#: of the same streets: slower, and another half of the round
+#: the same streets at a lower speed, and about half of the round
 AGAIN = ("--world", "city", "--seed", "5", "--speed-factor", "0.9", "--duration", "40")
 
 
 @pytest.fixture(scope="module")
 def first(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """Once round the block, to where it began."""
+    """One round of the block, back to its start."""
     return simulate(build, tmp_path_factory.mktemp("first"), *CITY)
 
 
@@ -28,7 +28,7 @@ def again(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 @pytest.fixture(scope="module")
 def mapped(build: Path, first: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first run's folder: its results, and `map` at rest."""
+    """Output folder of the first run, with the stored map in `map`."""
     out = tmp_path_factory.mktemp("mapped")
     where = ("--map", out / "map", "--out", out)
     done = monitor("demo", "--preset-dir", build, "--pcap", first.pcap, *where)
@@ -37,7 +37,8 @@ def mapped(build: Path, first: Capture, tmp_path_factory: pytest.TempPathFactory
 
 
 def errors_m(written: Path, driven: Capture, mapped: Capture) -> np.ndarray:
-    """Without any alignment: the map's origin is the first pose of the run that made it."""
+    """Position errors without any alignment: the map's origin is the first pose of the run that
+    created it."""
     poses = trajectory.read(written)
     assert poses.stamps_ns is not None
     truth, inside = trajectory.interpolate(trajectory.read(driven.truth_base), poses.stamps_ns)
@@ -66,7 +67,8 @@ def test_it_is_found_where_the_map_was_left_and_the_map_stays(
     assert np.sqrt((off[5:] ** 2).mean()) < 0.03, said
     assert off[5:].max() < 0.15, said
     before, after = map_points(mapped), map_points(tmp_path)
-    # A mean that lies on the edge of its voxel may come back into the one beside it.
+    # A mean on the edge of its voxel may be stored in the neighbouring voxel when it is loaded
+    # again.
     assert len(before ^ after) < 0.001 * len(before)
 
 
@@ -82,14 +84,14 @@ def test_a_second_time_gives_the_same_bytes(
 def test_it_is_found_without_a_hint(
     build: Path, first: Capture, mapped: Path, tmp_path: Path
 ) -> None:
-    """Put down with another heading than the one that the map was left with."""
+    """The robot starts with another heading than that with which the map was left."""
     seconds = ("--speed-factor", "0.9", "--duration", "30", "--heading-deg", "130")
     turned = simulate(build, tmp_path, *CITY[:4], *seconds)
     said = localized(build, turned, mapped, tmp_path / "out")
     off = errors_m(tmp_path / "out" / "trajectory.tum", turned, first)
     rows = (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]
     ok = np.array([row.split(",")[2] == "0" for row in rows])
-    # The last pose may lie after the truth's end.
+    # The last pose may lie after the end of the truth.
     assert 0 <= len(ok) - len(off) <= 1
     ok = ok[: len(off)]
     assert not ok[0]
@@ -133,13 +135,14 @@ def test_without_a_store_every_pose_is_lost(build: Path, first: Capture, tmp_pat
 def test_a_map_is_extended_from_where_the_robot_is_found(
     build: Path, first: Capture, mapped: Path, tmp_path: Path
 ) -> None:
-    """Half of the round, then all of it: the second run maps what the first one has not seen."""
+    """The first run drives half of the round, the second all of it and maps what is missing."""
     half = simulate(build, tmp_path, *CITY, "--duration", "25")
     where = ("--map", tmp_path / "map")
     begun = ("demo", "--preset-dir", build, "--pcap", half.pcap, *where, "--out", tmp_path / "a")
     assert monitor(*begun).code == 0
     on = ("demo", "--preset-dir", build, "--pcap", first.pcap, *where, "--out", tmp_path / "b")
-    # The robot is where the drive began, not where the map was left: it is searched for.
+    # The robot starts where the first drive began, not where it ended, so it has to be searched
+    # for.
     extended = monitor(*on, "--extend")
     assert extended.code == 0, extended.said
     off = errors_m(tmp_path / "b" / "trajectory.tum", first, first)
@@ -148,7 +151,7 @@ def test_a_map_is_extended_from_where_the_robot_is_found(
     before, whole = map_points(tmp_path / "a"), map_points(mapped)
     assert len(points) > 1.3 * len(before)
     assert len(points) > 0.9 * len(whole)
-    # What it has added is at rest, too.
+    # The extension was stored, too.
     again = monitor(*on, "--localize")
     assert again.code == 0, again.said
     kept = clouds.read_pcd(tmp_path / "b" / "map.pcd")

@@ -1,7 +1,7 @@
-"""Zenoh locks shared memory: a stage that may lock little must not lose what goes through it.
+"""Zenoh locks shared memory: a stage with a low limit on locked memory must not lose messages.
 
-A reader that can't lock a publisher's pool never sees the messages in it, the first copies nor the
-second ones, and is told nothing.
+A reader that cannot lock a publisher's pool never sees the messages in it, neither first nor
+repeated ones, and gets no error.
 """
 
 import os
@@ -22,20 +22,22 @@ FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 RUN_SECONDS = 120.0
 LOCKABLE_MIB = 8
 ATTEMPTS = 3
-#: without the capability that lifts the limit, which only root has to give away
+#: Runs a program with a low limit on locked memory, without the capability CAP_IPC_LOCK that lifts
+#: the limit; only root has it to drop.
 SMALL = [
     *(["setpriv", "--bounding-set=-ipc_lock", "--inh-caps=-ipc_lock"] if os.getuid() == 0 else []),
     "prlimit",
     f"--memlock={LOCKABLE_MIB << 20}:{LOCKABLE_MIB << 20}",
 ]
 
-#: all pools of a chain, with room to spare
+#: more than all pools of a chain
 ENOUGH_BYTES = 512 << 20
 CAP_IPC_LOCK = 14
 
 
 def may_lock_enough() -> bool:
-    """Without which nobody shares memory and nothing can be lost in it: containers as they are."""
+    """Whether this process may lock all pools. Otherwise (default containers) no stage shares
+    memory, and no message can be lost in it."""
     status = Path("/proc/self/status").read_text()
     capabilities = int(status.split("CapEff:")[1].split()[0], 16)
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
@@ -55,7 +57,8 @@ pytestmark = [
 
 
 class SmallChain(Chain):
-    """A chain in which some stages may lock little; sweeps without progress go again soon."""
+    """A chain in which some stages may lock little memory; a sweep without progress is soon sent
+    again."""
 
     def __init__(
         self,
@@ -80,7 +83,7 @@ class SmallChain(Chain):
             self._commands[stage] = [*SMALL, *self._commands[stage], *sets]
 
     def follow(self) -> dict[str, StatusRecord]:
-        """To the end of the run; the last statuses."""
+        """Follows the run to its end; returns the final statuses."""
         ends = time.monotonic() + RUN_SECONDS
         with self:
             while not self.finished():
@@ -96,7 +99,7 @@ class SmallChain(Chain):
 def unlimited(
     build: Path, robot_file: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
-    """The files of a run in which everybody may lock what it wants."""
+    """Digests of a run without limits on locked memory."""
     logs = tmp_path_factory.mktemp("unlimited")
     statuses = SmallChain(build, robot_file, capture, logs, ()).follow()
     assert statuses["mapping"].inputs[0].recovered == 0
@@ -106,8 +109,9 @@ def unlimited(
 def test_a_pool_that_the_reader_cannot_lock(
     build: Path, robot_file: Path, capture: Capture, unlimited: dict[str, str], tmp_path: Path
 ) -> None:
-    """Mapping has room for pools as small as its own; odometry's is larger. Whether a link shares
-    memory is settled as it comes up, and beside other work it may not: then nothing can be lost."""
+    """Mapping can lock pools as small as its own, but not odometry's larger one. Whether a link
+    shares memory is negotiated at its start and may fail on a busy machine; then nothing can be
+    lost, hence several attempts."""
     recovered = 0
     for attempt in range(ATTEMPTS):
         out = tmp_path / str(attempt)

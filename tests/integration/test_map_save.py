@@ -1,4 +1,5 @@
-"""The map of a running robot, written by a monitor: what mapping itself writes, in every format."""
+"""The monitor writes the map of a running robot: the same map as mapping itself writes, in every
+format."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from zloam_monitor import maps
 def driven(
     build: Path, robot_file: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[tuple[str, Path]]:
-    """Where a robot answers whose drive is at its end, and the folder of its own files."""
+    """Endpoint of a robot at the end of its drive, and the folder of its own files."""
     out = tmp_path_factory.mktemp("driven")
     with chain_of(build, robot_file, capture.pcap, out) as chain:
         while not (chain.finished() and (out / "map.pcd").exists()):

@@ -1,6 +1,6 @@
-"""Empty, NaN, single-point, one-ring, all-equal clouds into every stage, between good ones.
+"""Empty, NaN, single-point, one-ring and all-equal clouds into every stage, between good ones.
 
-Each stage runs alone; its input is written by hand, and for each message in there is one out.
+Each stage runs alone; the test writes its input and expects one output per message.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from zloam_monitor.records import Input
 PERIOD_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
 GOOD_BEFORE = 3
-#: live, an output may be lost on a machine with much to do; who reads it asks for it again
+#: On a busy machine a live output may be lost; as any reader would, the test queries it after this
+#: time.
 ASK_AFTER_SECONDS = 2.0
 
 
@@ -107,7 +108,8 @@ STAGES = {
 
 
 def settled(link: Link, stage: str, deadline: float) -> Input:
-    """The input's account when nothing is in work: what comes out does so before its work ends."""
+    """The input's counters once no message is being processed: outputs are published before
+    that."""
     while True:
         link.query_statuses()
         account = link.stage(stage).input(KEYS.main_input(stage))
@@ -117,7 +119,7 @@ def settled(link: Link, stage: str, deadline: float) -> Input:
 
 
 def nothing_came_out(link: Link, stage: str, n: int) -> str:
-    """Whether it was the message that did not come through, or what came of it."""
+    """Message of a failed wait; the status tells whether the input or its output was lost."""
     link.query_statuses()
     return f"nothing came out for message {n}; {link.stage(stage)}"
 
@@ -125,7 +127,7 @@ def nothing_came_out(link: Link, stage: str, n: int) -> str:
 def wait_for_output(
     link: Link, process: Process, n: int, out: list[bytes], deadline: float
 ) -> None:
-    """Until message n's output is there; asks for it again as the next stage would."""
+    """Waits for message n's output; queries it after a while as the next stage would."""
     key = KEYS.main_output(process.stage)
     ask_at = time.monotonic() + ASK_AFTER_SECONDS
     while len(out) <= n:
@@ -158,7 +160,7 @@ def test_one_out_for_each_in(build: Path, tmp_path: Path, stage: str) -> None:
     listener = session.declare_subscriber(
         KEYS.main_output(stage), lambda sample: out.append(sample.payload.to_bytes())
     )
-    # declared after the listener: once a status comes, the stage knows of both
+    # Declared after the subscriber: once a status arrives, the stage knows of both.
     link = Link(session, KEYS)
     try:
         publisher = session.declare_publisher(

@@ -1,5 +1,5 @@
-"""An Ouster sensor through the driver: a capture with its own IMU, and live by UDP with a
-description fetched from the sensor's HTTP API."""
+"""An Ouster sensor through the driver: a capture with the sensor's own IMU, and live over UDP with
+metadata fetched from the sensor's HTTP API."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from zloam_monitor.processes import Processes, free_port
 CAPTURE = "data/ouster/OS-1-128_v2.3.0_1024x10_lb_n3.pcap"
 ROBOT = ROOT / "deploy" / "robots" / "ouster.yaml"
 KEYS = Keys("robot")
-#: the capture again and again, at 10 Hz
+#: frames of the capture, number of repetitions, and the period of a frame (10 Hz)
 FRAMES, TIMES, FRAME_NS = 3, 7, 100_000_000
 PATIENCE_S = 60.0
 
@@ -37,7 +37,7 @@ def capture(shared: Path) -> Path:
 
 
 class Driver:
-    """The driver alone, and what it publishes."""
+    """The driver alone, and the messages that it publishes."""
 
     def __init__(self, build: Path, logs: Path, *settings: str) -> None:
         own = f"tcp/127.0.0.1:{free_port()}"
@@ -104,13 +104,13 @@ def test_live_with_a_description_from_the_sensor(
         assert sweep.PeriodNs() == pytest.approx(FRAME_NS, rel=1e-3)
         assert sweep.PointsLength() > 100_000
         stamps = readings_of(sweep)["stamp_ns"]
-        # ten readings in a revolution, and more on either side of it
+        # Ten readings per revolution, and some more before and after it.
         assert len(stamps) >= 10
         assert (np.diff(stamps) > 0).all()
 
 
 def send(recording: ouster_peer.Recorded, ports: list[int], stop: threading.Event) -> None:
-    """Packets and readings at the sensor's pace."""
+    """Sends data packets and IMU packets at the sensor's pace."""
     stream = ouster_peer.repeated(recording, TIMES)
     packet_ns = FRAMES * FRAME_NS // len(recording.packets)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
@@ -125,7 +125,7 @@ def send(recording: ouster_peer.Recorded, ports: list[int], stop: threading.Even
 
 
 def reading(recording: ouster_peer.Recorded, packet: np.ndarray) -> bytes:
-    """An IMU packet of the data packet's time."""
+    """An IMU packet with the time of the data packet."""
     made = bytearray(bytes(recording.imu[0].buf))
     column = recording.layout.packet_header_size
     for at in (8, 16):
@@ -161,7 +161,7 @@ def test_a_replay_carries_the_readings_of_its_sweeps(
             chain.link.poll(0.2)
             chain.check()
         subscriber.undeclare()
-    # what is late is asked for, and comes twice
+    # Late sweeps are queried and may arrive twice.
     once = {sweep.Header().Sweep(): sweep for sweep in sweeps}
     assert sorted(once) == list(range(FRAMES))
     for sweep in once.values():

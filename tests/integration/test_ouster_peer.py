@@ -1,5 +1,5 @@
-"""Ouster's packets against the maker's own SDK (PyPI's ouster-sdk), point by point on captures of
-five sensors and profiles."""
+"""Ouster's packets against the manufacturer's own SDK (PyPI's ouster-sdk), point by point on
+captures of five sensors and profiles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CAPTURES = (
     "OS-2-128-U1_v2.3.0_1024x10",  # one return, 19 bits
     "windowed_frame1",  # azimuth window
 )
-#: FIVE_WORD_PIXEL apart, of which the SDK's frames have no ranges
+#: all profiles but FIVE_WORD_PIXEL, for which the SDK's frames have no ranges
 PROFILES = (
     *("LEGACY", "RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"),
     *("RNG19_RFL8_SIG16_NIR16_ZONE16", "RNG19_RFL8_SIG16_ZONE16_DUAL"),
@@ -29,9 +29,9 @@ PROFILES = (
     *("RNG15_RFL8_NIR8", "RNG15_RFL8_WIN8", "RNG15_RFL8_NIR8_ZONE16", "RNG15_RFL8_NIR8_DUAL"),
     "FUSA_RNG15_RFL8_NIR8_DUAL",
 )
-#: ours are single precision: at 260 m the numbers are 0.03 mm apart
+#: Our points have single precision: at 260 m neighbouring numbers are 0.03 mm apart.
 TOLERANCE_M = 1e-4
-#: where the frames begin
+#: azimuth at which frames begin
 SEAM_DEG = 180
 
 
@@ -57,12 +57,12 @@ def test_point_by_point(decode: Path, shared: Path, tmp_path: Path, name: str) -
     bare = tmp_path / "bare.bin"
     bare.write_bytes(recording.payloads.tobytes())
     described = ("--metadata", ouster_peer.metadata_of(capture))
-    # as bare packets, whose times are the sensor's own
+    # The packets as bare payloads, whose times come from the sensor alone.
     own, summary = decoded(decode, tmp_path, "--bin", bare, *described)
     assert summary["packets_decoded"] == len(recording.packets)
     assert summary["packets_lost"] == summary["blocks_bad"] == 0
     compare(own, ouster_peer.points(recording))
-    # the capture itself gives the same points, at the capture's times
+    # The capture itself gives the same points, at the capture's times.
     captured, _ = decoded(decode, tmp_path, "--pcap", capture)
     assert np.array_equal(captured["xyz"], own["xyz"])
     later = captured["time_ns"] - own["time_ns"]
@@ -86,7 +86,8 @@ def test_every_profile_as_the_sdk_writes_it(
 
 
 def test_every_frame_is_a_sweep(decode: Path, shared: Path, tmp_path: Path) -> None:
-    """A frame begins behind the seam at the rear, whatever part of it the window shows."""
+    """A frame begins behind the seam at the rear, whatever part of the revolution the azimuth
+    window covers."""
     for name, times in (("OS-1-128_v2.3.0_1024x10_lb_n3", 4), ("windowed_frame1", 12)):
         capture = shared / "data" / "ouster" / f"{name}.pcap"
         recording = ouster_peer.recorded(capture)
@@ -95,7 +96,7 @@ def test_every_frame_is_a_sweep(decode: Path, shared: Path, tmp_path: Path) -> N
         described = ("--metadata", ouster_peer.metadata_of(capture))
         own, summary = decoded(decode, tmp_path, "--bin", bare, *described)
         assert summary["sweeps"] == 12
-        assert summary["complete"] == 10  # all but the first and the last
+        assert summary["complete"] == 10  # the first and the last are partial
         assert summary["packets_lost"] == 0
         assert own["column"].max() < recording.info.format.columns_per_frame
 
@@ -113,13 +114,13 @@ def test_a_lost_packet_is_counted(decode: Path, shared: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", CAPTURES)
 def test_imu_readings(decode: Path, shared: Path, tmp_path: Path, name: str) -> None:
-    """As the SDK gives them (m/s², rad/s); their times are of the points' clock."""
+    """IMU readings agree with the SDK's (m/s², rad/s); their times are on the points' clock."""
     capture = shared / "data" / "ouster" / f"{name}.pcap"
     recording = ouster_peer.recorded(capture)
     table = tmp_path / "imu.csv"
     own, _ = decoded(decode, tmp_path, "--pcap", capture, "--imu-out", table)
     readings = np.loadtxt(table, delimiter=",", skiprows=1, ndmin=2)
-    # readings from before the first packet have no time yet
+    # Readings before the first data packet are dropped: their time is not known yet.
     theirs = recording.imu[-len(readings) :]
     assert len(readings) >= len(recording.imu) - 2
     middle_ns = [(p.accel_ts() + p.gyro_ts()) // 2 for p in theirs]

@@ -1,5 +1,5 @@
-"""Two hosts, as network namespaces, whose link is cut and comes back: an instance that works on one
-side, one that stands by on the other, both ways round (docs/protocol.md, section 6)."""
+"""Two hosts, as network namespaces, whose link is cut and restored. The working instance is on one
+side and its standby on the other, in both arrangements (docs/protocol.md, section 6)."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from zloam_monitor.ports import Ports
 
 SECONDS = 26.0
 FIRST, APART = 40, 30
-#: longer than a link lives without a sign of life (zenoh.lease_ms), and more
+#: longer than the time after which a silent link ends (zenoh.lease_ms)
 CUT_S = 6.0
 
 
 @pytest.fixture
 def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
     with far_host() as other:
-        # All of this host listen there, this process too.
+        # All processes of this host, including this one, listen at the address that the other host
+        # reaches.
         monkeypatch.setattr(chains, "Ports", lambda base: Ports(base, other.near_address))
         monkeypatch.setattr(
             Chain, "_own_endpoint", lambda self: f"tcp/{other.near_address}:{self._own_port}"
@@ -43,7 +44,7 @@ def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 
 def start_far(run: LiveRun, other: Far, stage: str) -> str:
-    """An instance that stands by on the other host."""
+    """Starts an instance on the other host, which stands by."""
     name = f"{stage}-far"
     command = [*run.chain._commands[stage], "--instance", name]
     command += ["--set", f"zenoh.listen=[tcp/{other.address}:0]"]
@@ -54,7 +55,7 @@ def start_far(run: LiveRun, other: Far, stage: str) -> str:
 
 
 def cut(run: LiveRun, other: Far) -> None:
-    """Poses come all the same."""
+    """Cuts the link for CUT_S and checks that poses keep coming."""
     other.link("down")
     before = len(run.poses)
     run.wait(CUT_S)
@@ -86,11 +87,11 @@ def test_a_cut_link_costs_no_pose(
             until_waiting(run, stage, own)
         run.until_poses(len(run.poses) + APART)
         cut(run, far)
-        # without a mapping for as long as a look for a place may take, poses come all the same
+        # Mapping may be missing for as long as a search for the place takes; poses keep coming.
         enough = len(run.poses) + APART
         run._until(lambda: len(run.poses) >= enough)
         statuses = run.end()
     run.assert_one_trajectory(statuses["driver"].last_sweep)
-    # each sweep has one odometry, but for the newest at a take-over, which is given again
+    # Each sweep has one odometry pose, except that the newest is published again at a take-over.
     counts = np.bincount(list(itertools.chain(*run.odometry_poses.values())))
     assert (counts > 1).sum() <= 3

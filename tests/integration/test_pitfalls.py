@@ -1,4 +1,4 @@
-"""The driver's table of known decoder bugs: complete, and true to the sources."""
+"""The driver's table of known decoder bugs is complete, and the tests that it names exist."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ COUNT = 80
 
 
 def rows() -> dict[int, str]:
-    """Number -> test or reason."""
+    """Number of the bug -> its test, or the reason why it has none."""
     found: dict[int, str] = {}
     for line in TABLE.read_text().splitlines():
         match = re.match(r"\| (\d+) \| .+ \| (.+) \|$", line)

@@ -1,4 +1,4 @@
-"""The preview beside a replay: a subscriber of that key alone has the pose and the whole map,
+"""The preview beside a replay: a subscriber of its key alone gets the pose and the whole map,
 within the rate of a thin link."""
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from zloam_monitor.chain import Chain
 from zloam_monitor.preview_map import Index, PreviewMap
 from zloam_monitor.stages import PORT_ORDER
 
-#: what a second may bring, with headers (services/preview/config.hpp)
+#: largest rate, message headers included (services/preview/config.hpp)
 MOST_BYTES_PER_S = 50_000
-#: within which a reader that comes late has the whole of a map that goes round within ten seconds
+#: time within which a late reader has the whole map; all blocks are sent within ten seconds
 WHOLE_SECONDS = 15.0
 PATIENCE_S = 60.0
-#: sweeps after which the preview is killed, and a new map is begun
+#: numbers of mapped sweeps at which the preview is killed, and at which a new map is begun
 KILLED_AT, RESET_AT = 15, 35
 
 
 class Reader:
-    """Of key preview, and of nothing else."""
+    """A subscriber of the key `preview` and of no other key."""
 
     def __init__(self, chain: Chain) -> None:
         self._came: list[bytes] = []
         self._read = 0
-        #: when by the robot's clock, and how much
+        #: (time of publication by the robot's clock, bytes) of each message
         self._sent: list[tuple[int, int]] = []
         self.map = PreviewMap()
         self.sweeps: list[int] = []
@@ -66,7 +66,7 @@ class Reader:
         return 0 < self.map.map_blocks == len(self.map.blocks)
 
     def most_bytes_in_a_second(self) -> int:
-        """As they were sent: here they may come late, and two at once."""
+        """By the time of publication: messages may arrive here late, and two at once."""
         self.read()
         times_ns = np.array([at_ns for at_ns, _ in self._sent])
         sums = np.concatenate([[0], np.cumsum([count for _, count in self._sent])])
@@ -78,7 +78,7 @@ class Reader:
 
 
 def published_ns(payload: bytes) -> int:
-    """By the clock of the preview itself, which is the last of the trace."""
+    """Time of publication by the preview's own clock: the last trace point."""
     header = messages.decode("Preview", payload).Header()
     return int(header.Trace(header.TraceLength() - 1).PublishedNs())
 
@@ -98,7 +98,7 @@ def published_points(chain: Chain) -> NDArray[np.float64]:
 
 
 def cells_by_block(shown: PreviewMap, points: NDArray[np.float64]) -> dict[Index, set[Any]]:
-    """The points' cells, of the size that each block is shown with."""
+    """Block -> cells of the points, in the cell size with which the block is shown."""
     block_of = np.floor(points / shown.block_m).astype(int)
     blocks, of_point = np.unique(block_of, axis=0, return_inverse=True)
     found: dict[Index, set[Any]] = {}
@@ -112,7 +112,7 @@ def cells_by_block(shown: PreviewMap, points: NDArray[np.float64]) -> dict[Index
 
 
 def assert_shows(shown: PreviewMap, points: NDArray[np.float64]) -> None:
-    """Each cell in which a published point lies, and no other."""
+    """Checks that exactly the cells with at least one published point are shown."""
     wanted = cells_by_block(shown, points)
     assert wanted.keys() == shown.blocks.keys()
     for index, cells in wanted.items():
@@ -143,7 +143,7 @@ def test_it_keeps_up_with_a_drive_and_a_new_map(
         assert reply.ok
         until(chain, chain.finished)
         points = published_points(chain)
-        # of the map at its end, which goes out once it has changed for the last time
+        # The map at the end of the run, which is sent after its last change.
         until(chain, lambda: reader.is_whole() and shows(reader.map, points), WHOLE_SECONDS)
         assert_shows(reader.map, points)
         assert before_reset - set(reader.map.blocks), "the first map is not another one"
@@ -156,11 +156,11 @@ def test_it_keeps_up_with_a_drive_and_a_new_map(
         for each in (reader, late):
             each.close()
         assert all(code == 0 for code in chain.stop().values())
-    # the first map, that one as the second preview tells it, and the one after the reset
-    # (0: nobody has said yet which one it is)
+    # Map ids: one for the first map, which the second preview announces with the same id, and one
+    # for the map after the reset (0: id not known yet).
     assert len({map_id for _, map_id, _ in reader.sources} - {0}) == 2
     assert len({instance for instance, _, _ in reader.sources}) == 2
-    # poses come while it drives, some times a second
+    # Poses come several times a second during the drive.
     assert len(set(reader.sweeps)) > 10
     assert reader.sweeps == sorted(reader.sweeps)
 
@@ -176,7 +176,7 @@ def test_nothing_is_done_before_somebody_reads_it(
         assert mapping is not None
         assert preview.published[chain.link.keys.preview] == 0
         assert mapping.published[chain.link.keys.tiles] == 0
-        # Then what there is already is asked of mapping.
+        # The preview now queries mapping for the existing map.
         reader = Reader(chain)
         until(chain, reader.is_whole, WHOLE_SECONDS)
         time.sleep(WHOLE_SECONDS)
@@ -189,7 +189,7 @@ def test_nothing_is_done_before_somebody_reads_it(
 
 def shows_in_rerun(endpoint: str, folder: Path) -> None:
     file = folder / "thin.rrd"
-    # of a map at rest the blocks come once in ten seconds
+    # The blocks of an unchanging map are sent once in ten seconds.
     done = monitor("view", "--thin", "--connect", endpoint, "--save", file, "--seconds", 12)
     assert done.code == 0, done.said
     assert re.search(r"this view took \d+\.\d kB/s", done.said), done.said
@@ -225,7 +225,7 @@ def test_a_thin_page_shows_it_and_says_what_to_start(
         assert found["thin"]
         assert found["pose"]["sweep"] == max(chain.link.poses)
         assert 0.0 < found["kb_s"] <= 1e-3 * MOST_BYTES_PER_S
-        # the driver of a recording has ended by then
+        # The driver of a replay has ended by then.
         health = {stage["name"]: stage["health"] for stage in found["stages"]}
         assert [health[name] for name in ("odometry", "mapping", "integration")] == ["ready"] * 3
         shows_in_rerun(endpoint, tmp_path)
@@ -239,7 +239,7 @@ def test_a_thin_page_shows_it_and_says_what_to_start(
         chain.start("preview", "preview-again")
         until(chain, lambda: not is_said("nothing comes on"))
         assert is_said("preview was started again")
-        # its terminal says both, a moment after the page
+        # The terminal shows both messages shortly after the page.
         page.find("nothing comes on .*(start on the robot)")
         page.find("^(the preview comes)$")
         code, said = page.end()

@@ -1,4 +1,5 @@
-"""What README.md says of a run is what a run leaves and lets others see."""
+"""README.md's statements about a run hold: the files that it leaves, and what it shows to
+others."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ README = (ROOT / "README.md").read_text()
 
 
 def listed_files() -> set[str]:
-    """Names in the table of what a demo leaves."""
+    """File names in README.md's table of what a demo leaves."""
     table = README.split("leaves in")[1].split("| file | what |")[1].split("\n\n")[0]
     cells = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
     return {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
@@ -49,7 +50,7 @@ def test_no_listing_is_longer_than_ten_lines() -> None:
 
 @dataclass(frozen=True)
 class Live:
-    """A demo that goes on at the sensor's pace."""
+    """A demo that runs at the sensor's pace."""
 
     robot: str
     base_port: int
@@ -115,7 +116,7 @@ def test_looking(live: Live, words: tuple[str, ...]) -> None:
 
 
 def as_json(live: Live, *words: str) -> list[dict[str, Any]]:
-    """The lines of an answer, of which each is whole."""
+    """The JSON lines of a command's output; each line is one whole document."""
     done = subprocess.run(
         [ROOT / "bin/zloam", *words, "--connect", live.endpoint, "--json"],
         capture_output=True,
@@ -141,7 +142,7 @@ def test_programs_get_json(live: Live) -> None:
 
 def test_the_doctor_finds_no_fault_that_is_not_there(live: Live) -> None:
     done = monitor("doctor", "--seconds", "3", "--connect", live.endpoint)
-    # A busy machine may be slow, and is then said to be.
+    # On a busy machine the doctor may rightly report that stages are slow.
     assert (done.code, "all well: 5 stages" in done.said) in ((0, True), (1, False)), done.said
     for word in ("is not there", "instances of", "versions", "differs", "could not be", "no p"):
         assert word not in done.said, done.said
@@ -167,7 +168,7 @@ def test_figures_for_prometheus(live: Live) -> None:
 
 
 def has_all(page: str, robot: str) -> bool:
-    """All stages are up, the driver counts packets, and poses come."""
+    """Whether the page shows all stages up, packets counted by the driver, and poses."""
     who = f'robot="{robot}"'
     stages = ("driver", "registration", "odometry", "mapping", "integration")
     wanted = [rf'zloam_up{{.*{who},stage="{stage}"}} 1\.0' for stage in stages]
@@ -179,7 +180,7 @@ def has_all(page: str, robot: str) -> bool:
 def test_changing_and_saving(live: Live) -> None:
     changed = monitor("set", "odometry", "odometry.kernel_m=0.2", "--connect", live.endpoint)
     assert changed.code == 0, changed.said
-    # It is in force from the sweep on that the answer names.
+    # The change is in force from the sweep that the reply names.
     for _ in range(20):
         shown = monitor("get", "odometry", "odometry.kernel_m", "--connect", live.endpoint)
         if "odometry odometry.kernel_m=0.2" in shown.said:

@@ -1,4 +1,4 @@
-"""A recording: whole, read by the libraries of others, and replayed to the same bytes."""
+"""A recording is complete, readable by other libraries, and replayed to the same bytes."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ SAME = ("trajectory.tum", "odometry.tum", "map.pcd")
 ROBOT = "taped"
 RUST = ROOT / "deploy/build/rust.sh"
 READER = ROOT / "tests/mcap_reader/Cargo.toml"
-#: what a recorder that is to be killed has written by then, and how long it may take
+#: bytes that a recorder has written before it is killed, and how long that may take
 WRITTEN_BYTES, PATIENCE_S = 500_000, 60.0
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run, and what was recorded of it."""
+    """A run and its recording."""
 
     out: Path
     mcap: Path
@@ -54,7 +54,7 @@ def demo(build: Path, out: Path, *options: object) -> Done:
 
 @pytest.fixture(scope="module")
 def recorded(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """With an IMU, another configuration than the default, and a change while it runs."""
+    """A run with an IMU, non-default configuration, and a parameter changed during the run."""
     folder = tmp_path_factory.mktemp("recorded")
     done = demo(
         *(build, folder / "out", "--world", "indoor", "--seed", 5, "--imu", "simulated"),
@@ -66,7 +66,7 @@ def recorded(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 def opened(path: Path) -> Iterator[tuple[str, Any, Any]]:
-    """(topic, schema, message) by the reader of the format's own library."""
+    """(topic, schema, message), read by the library of the file format (mcap)."""
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             yield channel.topic, schema, message
@@ -84,7 +84,8 @@ def test_it_has_every_message_once(recorded: Recorded) -> None:
 
 
 def test_its_schemas_are_those_of_the_messages(recorded: Recorded) -> None:
-    """A reader that has only the file finds the fields: by FlatBuffers' own reflection."""
+    """A reader that has only the file can interpret the messages, by FlatBuffers' own
+    reflection."""
     schemas = {schema.name: schema for _, schema, _ in opened(recorded.mcap) if schema}
     assert {"zloam.msg.Sweep", "zloam.msg.MapPose", "foxglove.PointCloud"} <= schemas.keys()
     for name, schema in schemas.items():
@@ -109,7 +110,8 @@ def test_by_another_configuration_it_gives_others(
 
 
 def test_foxglove_is_shown_what_the_stages_said(recorded: Recorded) -> None:
-    """Read by the code that Foxglove publishes with its schemas."""
+    """Foxglove messages agree with the stages' own; they are read by the code that Foxglove
+    publishes with its schemas."""
     shown: dict[str, list[Any]] = {}
     clouds, poses = [], {}
     for topic, schema, message in opened(recorded.mcap):
@@ -139,7 +141,7 @@ def test_foxglove_is_shown_what_the_stages_said(recorded: Recorded) -> None:
 
 
 def chained(messages_of_tf: list[Any]) -> dict[int, np.ndarray]:
-    """Instant -> map -> odom -> base_link, where both are there of one instant."""
+    """Instant -> map -> odom -> base_link, for instants at which both transforms exist."""
     found: dict[str, dict[int, np.ndarray]] = {"odom": {}, "base_link": {}, "lidar": {}}
     for message in messages_of_tf:
         for i in range(message.TransformsLength()):
@@ -157,7 +159,7 @@ def chained(messages_of_tf: list[Any]) -> dict[int, np.ndarray]:
 
 
 def started(*words: object) -> subprocess.Popen[str]:
-    """`zloam ...`, which goes on."""
+    """Starts `zloam ...` and returns the running process."""
     return subprocess.Popen(
         [sys.executable, "-m", "zloam_monitor", *map(str, words)],
         cwd=ROOT,
@@ -189,7 +191,7 @@ class Replaying:
 
 
 def heard(replaying: Replaying, robot: str) -> tuple[Link, Done]:
-    """By a subscriber that is there before the first message."""
+    """Follows a replay with a subscriber that connects before the first message."""
     session = open_session([f"tcp/127.0.0.1:{replaying.port}"])
     link = Link(session, Keys(robot))
     while replaying.process.poll() is None:
@@ -206,7 +208,7 @@ def test_published_again_it_is_the_robot(recorded: Recorded) -> None:
         link, done = heard(replaying, ROBOT)
     assert done.code == 0, done.said
     written = trajectory.read(recorded.out / "trajectory.tum")
-    # the link takes a moment to come up
+    # The link needs a moment to come up, so the first poses may be missed.
     assert len(link.poses) > 0.8 * len(written)
     np.testing.assert_allclose(link.trajectory().positions[-1], written.positions[-1], atol=1e-6)
     assert set(link.newest_statuses()) >= {"odometry", "mapping", "integration"}
@@ -263,7 +265,7 @@ def test_what_is_no_recording_is_said(recorded: Recorded, tmp_path: Path) -> Non
 
 
 def cut_off(recorded: Recorded, folder: Path) -> Path:
-    """Three quarters of it."""
+    """A copy of the recording, truncated to three quarters."""
     cut = folder / "cut.mcap"
     whole = recorded.mcap.read_bytes()
     cut.write_bytes(whole[: len(whole) * 3 // 4])
@@ -294,8 +296,8 @@ def test_another_recording_is_not_replaced(build: Path, recorded: Recorded, tmp_
 
 @pytest.fixture(scope="module")
 def rust_reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built once for its sources, as the programs' Rust part is. Skipped where its crates cannot be
-    had; what had them and does not compile is a fault."""
+    """Built as the programs' Rust part is, and rebuilt when its sources change. Skips where its
+    crates cannot be obtained; fails if they are there and it does not compile."""
     if shutil.which("cargo") is None:
         pytest.skip("no cargo: the crate mcap reads nothing here")
     program = tmp_path_factory.mktemp("rust") / "zloam-mcap-reader"
@@ -312,7 +314,8 @@ def rust_reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def by_rust(reader: Path, path: Path) -> dict[str, Any]:
-    """What the crate mcap finds: `topics`, what its index counts, and why it stopped."""
+    """Result of the crate mcap: `topics`, the number of messages in its index, and why it
+    stopped."""
     done = subprocess.run([reader, path], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
@@ -320,7 +323,7 @@ def by_rust(reader: Path, path: Path) -> dict[str, Any]:
 
 
 def in_order(path: Path) -> Iterator[tuple[str, bytes]]:
-    """(topic, data) as the file has them, by Python's reader, up to where the file is cut off."""
+    """(topic, data) in file order, by the Python reader, up to where the file is truncated."""
     with path.open("rb") as file:
         messages_of = NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)
         try:
@@ -331,7 +334,7 @@ def in_order(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def counted(messages_of: Iterable[tuple[str, bytes]]) -> dict[str, dict[str, int]]:
-    """As the Rust program says it."""
+    """Counts by topic, in the form of the Rust program's output."""
     found: dict[str, dict[str, int]] = {}
     for topic, data in messages_of:
         of = found.setdefault(topic, {"messages": 0, "bytes": 0, "crc32": 0})
@@ -365,8 +368,8 @@ def test_rust_reads_a_part_as_far_as_it_goes(
 
 
 def writes(path: Path) -> bool:
-    """A process that has this file among its words: a killed recorder's file is written by one of
-    its own, which ends after what had come whole."""
+    """Whether a process has this file among its arguments. A separate process writes a recording;
+    when the recorder is killed, it writes what has completely arrived and ends."""
     for each in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
             if str(path).encode() in each.read_bytes():

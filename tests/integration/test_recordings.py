@@ -1,4 +1,4 @@
-"""Real recordings of real sensors through the real processes."""
+"""Recordings of real sensors through the real processes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ def test_standing_still(
     report = json.loads((tmp_path / "report.json").read_text())
     assert sweeps[0] <= report["identities"]["sweeps"] <= sweeps[1]
     assert report["identities"]["poses"] == report["identities"]["sweeps"]
-    # the sensor stood still, so a path is error
+    # The sensor stood still, so the length of the path is error.
     assert report["path_m"] < 0.5
 
 
 def test_a_capture_with_the_wrong_product_byte(build: Path, shared: Path, tmp_path: Path) -> None:
-    """Timing is a VLP-16's at 20 Hz, the product byte says HDL-32E: the declared model counts."""
+    """The timing is a VLP-16's at 20 Hz, the product byte an HDL-32E's: the declared model is
+    used."""
     done = monitor(
         "demo",
         "--preset-dir",

@@ -1,4 +1,4 @@
-"""What a person gets wrong: a clear text, the right exit code, no crash."""
+"""Users' mistakes: a clear message, the right exit code, no crash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A release is refused, with the reason, before anything is built."""
+"""An invalid release is refused with the reason before anything is built."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def change(path: Path, pattern: str, to: str) -> None:
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """What the script reads, committed; packing is not there, and would end with 127."""
+    """A repository with the files that the script reads. The packing script is missing in it:
+    reaching that step would end with 127."""
     for name in VERSIONED:
         place = tmp_path / name
         place.parent.mkdir(parents=True, exist_ok=True)

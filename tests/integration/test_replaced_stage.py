@@ -1,4 +1,5 @@
-"""A stage is replaced by a stranger that speaks its keys and schemas: the rest does not notice."""
+"""A stage is replaced by a third party's program with the same keys and schemas; the other stages
+do not notice."""
 
 import os
 import sys
@@ -16,12 +17,12 @@ from zloam_monitor.robot_file import names
 from zloam_monitor.stages import PORT_ORDER
 
 RUN_SECONDS = 240.0
-#: the drive is 60 m; what a wrong frame, order or time would give is metres
+#: The drive is 60 m long; a wrong frame, order or time would give errors of metres.
 ATE_M = 0.5
 
 
 class Replaced(Chain):
-    """The chain with odometry in Python."""
+    """The chain with an odometry in Python."""
 
     def __init__(self, build: Path, robot_file: Path, capture: Capture, logs: Path) -> None:
         self.robot = names(robot_file, [])
@@ -60,7 +61,7 @@ def test_odometry_in_python(
         for account in statuses[stage].inputs:
             assert account.balanced(), (stage, account)
             assert account.lost == 0, (stage, account)
-    # KISS-ICP's odometry, and mapping's corrections over it
+    # The trajectory: KISS-ICP's odometry with mapping's corrections.
     estimate = trajectory.read(tmp_path / "trajectory.tum")
     compared = evaluation.compare(estimate, trajectory.read(capture.truth_base))
     assert compared is not None

@@ -1,4 +1,5 @@
-"""Several instances of registration share the sweeps: what comes out is what one alone gives."""
+"""Several instances of registration share the sweeps; the results equal those of a single
+instance."""
 
 import signal
 import time
@@ -20,12 +21,12 @@ Statuses = dict[tuple[str, str], StatusRecord]
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 REPLICAS = ("registration-a", "registration-b", "registration-c")
 PATIENCE_SECONDS = 60.0
-#: times realtime: long enough for others to come and go
+#: pace of the replay relative to real time: slow enough for replicas to join and leave
 SLOW = "0.4"
 
 
 class SharedChain(Chain):
-    """The chain with replicas of registration in place of the one, there before the driver."""
+    """The chain with several replicas of registration, all started before the driver."""
 
     def __init__(
         self,
@@ -43,7 +44,7 @@ class SharedChain(Chain):
             f"mapping.map_path={logs / 'map.pcd'}",
         ]
         super().__init__(build, robot_file, robot.robot, settings, logs, robot.sensor, set_at)
-        #: instance -> environment
+        #: instance -> its environment
         self.replicas: dict[str, dict[str, str]] = {REPLICAS[0]: {}}
         self.logs = logs
 
@@ -63,12 +64,12 @@ class SharedChain(Chain):
             self.check()
 
     def ready(self) -> set[str]:
-        """Instances of registration that say they are."""
+        """Instances of registration whose status says ready."""
         found = self.link.statuses.items()
         return {i for (stage, i), s in found if stage == "registration" and s.health == "ready"}
 
     def follow(self) -> Statuses:
-        """To the end of the run; the last statuses of all instances."""
+        """Follows the run to its end; returns the final statuses of all instances."""
         began = time.monotonic()
         while not self.finished():
             self.link.poll(0.2)
@@ -81,14 +82,15 @@ class SharedChain(Chain):
 
 
 class Mourning(SharedChain):
-    """The chain goes on without replicas that were killed."""
+    """The chain keeps running without replicas that were killed."""
 
     def __init__(self, build: Path, robot_file: Path, capture: Capture, logs: Path) -> None:
         super().__init__(build, robot_file, capture, logs)
         self.dead: set[str] = set()
 
     def check(self) -> None:
-        """By what was found, not by a second look: one may die between two."""
+        """Decides by the process that the check found dead: checking again might find another one,
+        as a process may die in between."""
         try:
             super().check()
         except StageDied as died:
@@ -100,7 +102,8 @@ class Mourning(SharedChain):
 
 
 def books(chain: SharedChain, statuses: Statuses) -> Counter[str]:
-    """Both identities of docs/protocol.md, section 2, and each number once; the figures of all."""
+    """Checks both identities of docs/protocol.md, section 2, and that each sweep came once; returns
+    the sum of all figures."""
     for (stage, instance), status in statuses.items():
         for account in status.inputs:
             assert account.balanced(), (stage, instance, account)
@@ -120,7 +123,8 @@ def books(chain: SharedChain, statuses: Statuses) -> Counter[str]:
 
 
 def shares(statuses: Statuses) -> tuple[dict[str, int], dict[str, int]]:
-    """Sweeps that each instance of registration has computed, and left to others."""
+    """By instance of registration: sweeps that it has processed, and those that it left to
+    others."""
     of = {i: s.inputs[0] for (stage, i), s in statuses.items() if stage == "registration"}
     return {i: a.processed for i, a in of.items()}, {i: a.not_mine for i, a in of.items()}
 
@@ -129,7 +133,7 @@ def shares(statuses: Statuses) -> tuple[dict[str, int], dict[str, int]]:
 def alone(
     build: Path, robot_file: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactory
 ) -> Files:
-    """The files of a run with one instance, which does everything and leaves nothing."""
+    """Digests of a run with one instance, which processes every sweep."""
     logs = tmp_path_factory.mktemp("alone")
     with SharedChain(build, robot_file, capture, logs) as chain:
         statuses = chain.follow()
@@ -177,7 +181,8 @@ def test_one_three_one_during_a_run(
 def test_a_replica_is_killed_between_receipt_and_output(
     build: Path, robot_file: Path, capture: Capture, alone: Files, tmp_path: Path
 ) -> None:
-    """It kills itself at the first sweep from 20 on that it has begun; the others do it again."""
+    """The replica kills itself at the first sweep from 20 on that it begins; the others process the
+    sweep again."""
     chain = Mourning(build, robot_file, capture, tmp_path)
     chain.replicas = {instance: {} for instance in REPLICAS}
     chain.replicas[REPLICAS[1]] = {"ZLOAM_FAULT_KILL_AT": "20"}
@@ -194,7 +199,8 @@ def test_a_replica_is_killed_between_receipt_and_output(
 def test_a_wrong_list_of_members_costs_work_only(
     build: Path, robot_file: Path, capture: Capture, alone: Files, tmp_path: Path
 ) -> None:
-    """One sees nobody else and does everything; one believes in a member that is not there."""
+    """One replica knows of no other and processes every sweep; the other counts a member that does
+    not exist."""
     chain = SharedChain(build, robot_file, capture, tmp_path)
     chain.replicas = {
         REPLICAS[0]: {"ZLOAM_FAULT_MEMBERS": REPLICAS[0]},
@@ -212,7 +218,8 @@ def test_a_wrong_list_of_members_costs_work_only(
 def test_a_member_that_is_not_there_is_done_without(
     build: Path, robot_file: Path, capture: Capture, alone: Files, tmp_path: Path
 ) -> None:
-    """Both believe in a third, whose sweeps are then missing until the next in rank does them."""
+    """Both count a third, non-existent member, whose sweeps are missing until the next in rank
+    processes them."""
     chain = SharedChain(build, robot_file, capture, tmp_path)
     chain.replicas = {
         i: {"ZLOAM_FAULT_MEMBERS": ",".join([*REPLICAS[:2], "nobody"])} for i in REPLICAS[:2]

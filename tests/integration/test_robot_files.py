@@ -1,4 +1,4 @@
-"""The robots' files are accepted by every stage; reference and schema are what the stages say."""
+"""Every stage accepts the robots' files; reference and schema agree with what the stages report."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from zloam_monitor.stages import STAGES
 
 ROBOTS = ROOT / "deploy" / "robots"
 MOST_KEYS, MOST_COMMON_KEYS = 120, 30
-#: says with driver.time_model when each point was measured
+#: Set together with driver.time_model even at its default: both say when a scan's points were
+#: measured.
 FOR_SCANS = {"driver.scan_seam_deg"}
 
 
 @pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_stage_accepts_it(build: Path, path: Path) -> None:
-    # scans have no network to come from, so the file of a replay needs a path
+    # Scans do not come over the network, so the configuration of such a replay needs a path.
     own = yaml.safe_load(path.read_text()).get("driver", {})
     path_set = [] if "path" in own else ["--set", "driver.path=somewhere"]
     for stage in STAGES:
@@ -53,7 +54,7 @@ def test_a_robots_file_states_what_it_sets(build: Path, path: Path) -> None:
     for section, keys in yaml.safe_load(path.read_text()).items():
         for name, value in keys.items() if isinstance(keys, dict) else ():
             default = said[f"{section}.{name}"]["default"]
-            # what each robot measures stands there to be changed
+            # Keys whose value each robot has to set may stand there with their default.
             assert section == "mounting" or f"{section}.{name}" in FOR_SCANS or value != default
 
 

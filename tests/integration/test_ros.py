@@ -1,5 +1,5 @@
 """zloam-ros beside a replay, read as ROS 2 nodes read: topics listed by PyPI's zenoh-ros2-sdk, CDR
-by rosbags, what is kept for late readers by Zenoh's own advanced subscriber."""
+decoded by rosbags, messages kept for late readers through Zenoh's own advanced subscriber."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
 attachments = pytest.importorskip("zenoh_ros2_sdk.attachment")
 qualities = pytest.importorskip("zenoh_ros2_sdk.qos")
 
-#: no other ROS node of this machine is meant
+#: a ROS domain that no other node of this machine uses
 DOMAIN = 77
 PATIENCE_S = 30.0
 TOPICS = {
@@ -51,7 +51,7 @@ PLACE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 @dataclass
 class Heard:
-    """All that came of each topic, and what the graph said."""
+    """All messages of each topic, and what the ROS graph listed."""
 
     out: Path
     samples: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
@@ -59,10 +59,10 @@ class Heard:
     listed: dict[str, list[str]] = field(default_factory=dict)
     info: dict[str, Any] = field(default_factory=dict)
     imu: list[Any] = field(default_factory=list)
-    #: what mapping was asked, and what the node said of the pose before
+    #: payloads of the `place` commands to mapping, and the node's reason before the last one
     places: list[dict[str, float]] = field(default_factory=list)
     reason: str = ""
-    #: of mapping's own tiles, at the end
+    #: number of points in mapping's own tiles at the end
     map_points: int = 0
 
     def decoded(self, topic: str) -> list[Any]:
@@ -113,7 +113,7 @@ def imu_message(stamp_ns: int, little: bool) -> bytes:
 
 
 def place_message(frame: str, x_m: float, y_m: float, yaw_rad: float) -> bytes:
-    """As RViz's "2D Pose Estimate" sends it."""
+    """A message as sent by RViz's "2D Pose Estimate"."""
     make = TYPES.types
     pose = make["geometry_msgs/msg/Pose"](
         position=make["geometry_msgs/msg/Point"](x=x_m, y=y_m, z=0.0),
@@ -130,7 +130,8 @@ def place_message(frame: str, x_m: float, y_m: float, yaw_rad: float) -> bytes:
 
 
 def say_places(chain: Chain, reader: zenoh.Session, heard: Heard) -> None:
-    """One in a frame that is none of the map's, then one that is; asked for as mapping is."""
+    """Publishes a pose in a frame that is not the map's, then one that is; answers the command
+    `place` instead of mapping."""
     key = chain.link.keys.command("mapping", "place")
 
     def answer(query: zenoh.Query) -> None:
@@ -149,7 +150,7 @@ def say_places(chain: Chain, reader: zenoh.Session, heard: Heard) -> None:
 
 
 def graph(heard: Heard, port: int) -> None:
-    """What a ROS node lists; until the publisher's tokens are there."""
+    """Lists topics as a ROS node does, until the publisher's tokens are there."""
     where = {"domain_id": DOMAIN, "router_ip": "127.0.0.1", "router_port": port}
     ends = time.monotonic() + PATIENCE_S
     while set(TOPICS) - set(heard.listed) and time.monotonic() < ends:
@@ -159,7 +160,7 @@ def graph(heard: Heard, port: int) -> None:
 
 
 def imu_samples(heard: Heard) -> list[Any]:
-    """What became of the readings that were sent."""
+    """All IMU readings that the bridge published on the robot's side."""
     samples = []
     for sample in heard.imu:
         batch = messages.decode("ImuBatch", sample.payload.to_bytes())
@@ -168,7 +169,7 @@ def imu_samples(heard: Heard) -> list[Any]:
 
 
 def is_complete(heard: Heard) -> bool:
-    """The run has ended, and what comes once a second or less often has come of its end."""
+    """Whether the run has ended, and the messages sent at most once a second show its end."""
     if not (heard.out / "trajectory.tum").is_file() or not all(heard.late.values()):
         return False
     poses = len(read(heard.out / "trajectory.tum"))
@@ -197,7 +198,7 @@ def heard(
     chain = WithoutDriver(build, robot_file, robot.robot, settings, out / "logs", robot.sensor)
     with chain:
         ros = command(build, robot_file, chain, port, "ros.imu_topic=/imu")
-        # a listener first: Zenoh's clients do not wait for one
+        # The router comes first: Zenoh's clients do not wait for one.
         chain.processes.start("ros", ros, out / "logs/ros.log")
         while chain.link.stage("ros") is None:
             chain.link.poll(0.1)
@@ -210,7 +211,8 @@ def heard(
                 chain.link.keys.below(f"imu/{robot.sensor}"), found.imu.append
             )
             graph(found, port)
-            # the reader first: the replay waits for ros, and not for who reads it
+            # The reader is connected before the driver starts: the replay waits for zloam-ros, but
+            # not for its readers.
             Chain.start(chain, "driver")
             while not chain.finished():
                 chain.link.poll(0.2)
@@ -251,7 +253,7 @@ def matrix(translation: Any, rotation: Any) -> NDArray[np.float64]:
 
 def at(trajectory: Trajectory, instant_ns: int) -> NDArray[np.float64]:
     assert trajectory.stamps_ns is not None
-    # TUM's stamps have microseconds
+    # Stamps in TUM files have microseconds.
     nearest = int(np.argmin(np.abs(trajectory.stamps_ns - instant_ns)))
     assert abs(int(trajectory.stamps_ns[nearest]) - instant_ns) < 2_000
     return np.asarray(trajectory.transforms[nearest])
@@ -272,7 +274,7 @@ def test_every_topic_is_listed_with_type_hash_and_qos(heard: Heard) -> None:
 
 
 def test_each_message_has_an_attachment_that_ros_can_read(heard: Heard) -> None:
-    """A ROS process that can't aborts."""
+    """A ROS process that cannot read the attachment aborts."""
     for topic in TOPICS:
         came = [*heard.samples[topic], *heard.late[topic]]
         assert came, topic
@@ -336,11 +338,11 @@ def test_clouds_lie_in_the_map(heard: Heard) -> None:
         ranges = np.linalg.norm(points[:, :3] - here, axis=1)
         assert ranges.min() > 0.4
         assert ranges.max() < 135.0
-    # the last sweep is cut where the capture ends
+    # The last sweep ends where the capture ends.
     assert np.median([len(cloud(message)) for message in clouds]) > 1000
     whole = cloud(heard.decoded("/map")[-1])
     assert len(whole) == heard.map_points > 1000
-    # the sweeps' points are where the map has some
+    # The points of the sweeps lie where the map has points.
     tiles = {tuple(v) for v in np.floor(whole[:, :3] / 2.0).astype(int).tolist()}
     last = {tuple(v) for v in np.floor(cloud(clouds[-2])[:, :3] / 2.0).astype(int).tolist()}
     assert len(last & tiles) > 0.6 * len(last)

@@ -1,5 +1,5 @@
 """`zloam ros-lidar`: clouds as ROS 2 drivers publish them over rmw_zenoh become the robot's sweeps.
-Truth is the simulator's; the clouds are written by the library rosbags."""
+The reference is the simulator's truth; the library rosbags writes the clouds."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 DOMAIN = 78
 TOPIC = "/sensors/points"
 SECONDS = 6
-#: sent slower than it was recorded, so that a busy machine is no fault
+#: The clouds are sent this many times slower than recorded, so that a busy machine drops nothing.
 SLOWER = 2.0
 RMSE_M = 0.05
 LAYOUTS = {
@@ -50,7 +50,7 @@ def scans(build: Path, capture: Capture, tmp_path_factory: pytest.TempPathFactor
 
 
 class Ros:
-    """A node of the other side: listens as a router does, publishes with what rmw_zenoh adds."""
+    """The ROS side: listens as a router does, publishes messages with rmw_zenoh's attachments."""
 
     def __init__(self, port: int) -> None:
         config = zenoh.Config()
@@ -142,24 +142,25 @@ def test_a_topic_is_the_robots_lidar(
     found = read(tmp_path / "trajectory.tum")
     assert found.stamps_ns is not None
     (told,) = re.findall(r"^(\d+) sweeps.*no registration", said.read_text(), re.M)
-    # the first ones are what unit, origin and rings are told by
+    # The first clouds serve to determine unit and origin of the times, and the rings.
     assert len(scans) / 2 < len(found) <= len(scans) - JUDGED
     given_up = sum(i.lost + sum(i.dropped.values()) for i in inputs)
     assert 0 <= int(told) - len(found) <= given_up, said.read_text()
-    # a machine that is too busy for a sensor leaves sweeps out; over the gap poses say so
+    # A machine that is too slow for the sensor drops sweeps; poses that bridge such a gap are
+    # flagged and do not count.
     sure = [p for p in chain.link.poses.values() if HEALTH[p.health] not in ("bridging", "lost")]
     stamps_ns = np.array([p.instant_ns for p in sure])
     truth, inside = interpolate(read(capture.truth_base), stamps_ns)
     first = np.linalg.inv(truth.transforms[0]) @ truth.transforms
     seen = np.array([p.translation for p in sure])[inside]
-    # the run's map begins where its first sweep does
+    # The run's map begins at its first sweep.
     turned = first[:, :3, 3] - first[0, :3, 3]
     error = np.linalg.norm(turned - (seen - seen[0]), axis=1)
     assert np.sqrt(np.mean(error**2)) < RMSE_M
 
 
 def test_a_sweep_that_was_missed_can_be_asked_for(scans: list[Scan], tmp_path: Path) -> None:
-    """By a reader that comes late, as a stage asks."""
+    """A late reader queries the sweep, as a stage does."""
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
     robot_port = free_port()
@@ -195,7 +196,7 @@ def test_a_sweep_that_was_missed_can_be_asked_for(scans: list[Scan], tmp_path: P
 
 
 def test_what_can_not_be_told_is_refused(scans: list[Scan], tmp_path: Path) -> None:
-    """Two fields that could be the time."""
+    """Two fields of the cloud could be the time."""
     layout, said = Layout(more=(("timestamp", "f8"),)), tmp_path / "said.txt"
     ros = Ros(port := free_port())
     with ros_lidar(port, "tcp/127.0.0.1:1", said) as process:

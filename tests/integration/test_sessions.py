@@ -1,4 +1,5 @@
-"""Maps of several runs: laid upon each other by the places they share, and written for others."""
+"""Maps of several runs are joined by the places that they share, and exported for other
+programs."""
 
 from __future__ import annotations
 
@@ -15,13 +16,13 @@ from tests.integration.conftest import Capture, Done, monitor, simulate
 from zloam_monitor import clouds, se3, trajectory
 
 CITY = ("--world", "city", "--seed", "5")
-#: of the same streets: another way round to look, another speed, and not all of them
+#: the same streets with another heading and speed, and only a part of them
 AGAIN = (*CITY, "--speed-factor", "1.2", "--heading-deg", "130", "--duration", "25")
 ELSEWHERE = ("--world", "indoor", "--seed", "2", "--duration", "25")
 
 
 def mapped(build: Path, capture: Capture, folder: Path) -> Path:
-    """Map of a run."""
+    """Runs a drive and returns the folder of its map."""
     where = ("--map", folder / "map", "--out", folder / "out")
     done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, *where)
     assert done.code == 0, done.said
@@ -55,7 +56,7 @@ def map_command(build: Path, *arguments: object) -> Done:
 
 
 def in_first_map(capture: Capture, first: Capture, stamps_ns: np.ndarray) -> np.ndarray:
-    """Truth: a map's origin is the first pose of its run."""
+    """Truth in the first map's frame: a map's origin is the first pose of its run."""
     truth, inside = trajectory.interpolate(trajectory.read(capture.truth_base), stamps_ns)
     assert inside.all()
     origin = trajectory.read(first.truth_base).transforms[0]
@@ -80,7 +81,7 @@ def test_two_maps_of_the_same_streets_are_joined(
         assert off.max() < 0.05, (number, off.max())
     single = monitor("map", "export", "--preset-dir", build, folders[0], tmp_path / "one.pcd")
     assert single.code == 0, single.said
-    # Both see the same walls: far fewer new places than points.
+    # Both runs saw the same walls: the joined map has few new voxels.
     both, one = (clouds.read_pcd(p) for p in (out / "map.pcd", tmp_path / "one.pcd"))
     assert len(both) > len(one) > 1000
 
@@ -111,7 +112,7 @@ def test_what_is_exported_others_can_read(
     poses = trajectory.read(tmp_path / "town.tum")
     assert len(graph._vertices) == len(poses)
     assert len(graph._edges) >= len(poses) - 1
-    # The poses fit the factors, also as somebody else reckons it.
+    # The poses fit the factors, also by another library's computation.
     assert graph.calc_chi2() < 6.0 * len(graph._edges)
 
 

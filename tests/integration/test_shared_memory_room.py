@@ -1,5 +1,5 @@
-"""A /dev/shm without room for the stages' pools, or that may not be written: the replay goes
-through sockets, with the same bytes, and says so in one line."""
+"""/dev/shm without room for the stages' pools, or read-only: the replay uses sockets, gives the
+same bytes, and reports this in one line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 
 
 def demo(build: Path, capture: Capture, out: Path, mount: str) -> str:
-    """Under a mount of its own at /dev/shm."""
+    """Output of a demo with its own file system mounted at /dev/shm."""
     program = f"{sys.executable} -m zloam_monitor demo --preset-dir {build} --pcap {capture.pcap}"
     done = subprocess.run(
         ["unshare", "-m", "sh", "-c", f"{mount} && exec {program} --out {out}"],

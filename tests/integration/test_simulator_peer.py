@@ -1,6 +1,7 @@
-"""The simulator's packets through another decoder, PyPI velodyne-decoder.
+"""The simulator's packets, decoded by PyPI's velodyne-decoder.
 
-Expected values come from the simulator's own list of returns, which is written before encoding.
+The reference is the simulator's own list of returns, which is written before the packets are
+encoded.
 """
 
 import os
@@ -30,7 +31,7 @@ def simulate(folder: Path, *options: str) -> tuple[Path, dict[str, np.ndarray]]:
     pcap, returns = folder / "capture.pcap", folder / "returns.csv"
     command = [program(), "--quiet", "--out", pcap, "--returns", returns, *options]
     subprocess.run([str(part) for part in command], check=True, timeout=300)
-    # Times of today need 61 bits, so each column keeps its own type.
+    # Present-day Unix times in ns need 61 bits, so each column keeps its own type.
     kinds = {"t_ns": "i8", "azimuth_deg": "f8", "range_m": "f8"}
     header = returns.open().readline().strip().split(",")
     table = np.loadtxt(
@@ -61,11 +62,12 @@ def test_single_return(tmp_path: Path, world: str, epoch: str) -> None:
     order = np.argsort(times, kind="stable")
     points, times = points[order], times[order]
     want = np.argsort(expected["t_ns"], kind="stable")
-    # Stamps are whole microseconds, times within a scan float32, sums doubles of 240 ns.
+    # Tolerance: stamps are whole microseconds, times within a scan float32, their sums doubles in
+    # steps of 240 ns.
     assert np.abs(times - expected["t_ns"][want] * 1e-9).max() < 1.6e-6
     assert (points["ring"] == [RINGS[laser] for laser in expected["laser"][want]]).all()
     assert (points["intensity"] == expected["reflectivity"][want]).all()
-    # That decoder adds the vertical offset of the laser, so take it out by its own formula.
+    # That decoder adds the vertical offset of the laser; subtract it by its own formula.
     elevation = np.radians(-15.0 + 2.0 * points["ring"])
     z = points["z"] - 0.04191 * np.tan(-elevation)
     measured = np.sqrt(points["x"] ** 2 + points["y"] ** 2 + z**2)
@@ -81,7 +83,7 @@ def test_dual_return(tmp_path: Path) -> None:
     firings: dict[tuple[int, int], list[float]] = {}
     for t, block, r in zip(expected["t_ns"], expected["block"], expected["range_m"], strict=True):
         firings.setdefault(t, [0.0, 0.0])[block % 2] = r
-    # Equal returns are emitted once, others both.
+    # Two equal returns of a firing are emitted once, different ones both.
     want = sorted((t, r) for t, pair in firings.items() for r in set(pair) if r > 0.0)
     doubles = sum(
         1 for last, strongest in firings.values() if last and strongest and last != strongest

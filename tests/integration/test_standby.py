@@ -1,4 +1,4 @@
-"""Stages are killed with -9 while second instances stand by: every sweep has its pose."""
+"""Stages are killed with SIGKILL while second instances stand by: every sweep has its pose."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from zloam_monitor import doctor
 from zloam_monitor.link import STANDING_BY
 
 SECONDS = 26.0
-#: poses between two kills; the first when there is a map
+#: poses before the first kill (by then there is a map), and between two
 FIRST, APART = 40, 25
-#: each of them, twice those that poses pass through
+#: order of the kills; stages on the pose's path come more often
 VICTIMS = ("odometry", "mapping", "integration", "registration", "odometry", "integration")
-#: of one drive; the store has no standby, and no pose needs it
+#: kills during one drive; the store has no standby, and no pose needs it
 KILLS = int(os.environ.get("ZLOAM_KILLS", "100"))
 KILLED = ("odometry", "mapping", "integration", "registration", "store")
 BETWEEN_S = 2.5
 SEED = 1
-#: of the undisturbed run's error, and metres on top
+#: Limit of the error: a factor on the undisturbed run's, plus metres.
 WORSE, FLOOR_M = 1.1, 0.002
 
 
@@ -59,7 +59,7 @@ def test_no_kill_costs_a_pose(
             run.until_poses(FIRST + APART * count)
             victim = working[stage]
             kill(chain, victim)
-            # the other one works from now on, and this one stands by for it
+            # The standby works from now on, and the restarted instance stands by for it.
             other = f"{stage}-standby" if victim == stage else stage
             working[stage] = other
             chain.start(victim, f"{victim}-again-{count}")
@@ -70,7 +70,7 @@ def test_no_kill_costs_a_pose(
 
 @pytest.mark.slow
 def test_a_hundred_kills_cost_no_pose(build: Path, robot_file: Path, tmp_path: Path) -> None:
-    """At the sensor's own pace. What is worse by them is the error alone, and not by much."""
+    """At the sensor's own pace. The kills may only increase the error, and only a little."""
     seconds = BETWEEN_S * KILLS + 12.0
     options = ("--world", "city", "--seed", "4", "--laps", "20", "--duration", str(seconds + 1))
     drive = simulate(build, tmp_path, *options)
@@ -103,6 +103,6 @@ def test_a_hundred_kills_cost_no_pose(build: Path, robot_file: Path, tmp_path: P
     assert_one_long_trajectory(run, statuses["driver"].last_sweep)
     for stage, found in pauses.items():
         print(f"{stage}: {len(found)} kills, pauses {np.round(sorted(found), 2)}")
-    # by the sweeps' numbers: the host's time is not the capture's
+    # The poses are compared by sweep number: the host's clock is not the capture's.
     found_poses, _ = run.trajectory(calm)
     assert rmse_m(found_poses, drive) <= WORSE * rmse_m(written_in(calm), drive) + FLOOR_M

@@ -1,5 +1,5 @@
-"""A recording that begins in the middle of a street and in the middle of a turn, as one does that
-is begun on the way."""
+"""A recording that begins in mid-street and within a revolution, as one started while moving
+does."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from zloam_monitor import se3
 from zloam_monitor.trajectory import interpolate, read
 
 SECONDS = 8
-#: the platform drives at 4.5 to 6 m/s then; parts of the last turn
+#: starts of the recording, at different azimuths; the platform drives at 4.5 to 6 m/s then
 BEGINNINGS_S = (5.0, 5.05, 5.08)
-#: of all motions since the first whole turn
+#: limits of the error of all motions since the first whole revolution
 ODOMETRY_M, FUSED_M = 0.15, 0.10
 
 
@@ -31,7 +31,7 @@ def test_a_recording_begins_on_the_way(build: Path, tmp_path: Path, begin_s: flo
         found = read(out / name)
         assert found.stamps_ns is not None
         truth, inside = interpolate(read(whole.truth_base), found.stamps_ns)
-        # The last sweep is a piece too: its pose is at the end of the turn.
+        # The last sweep is partial too, but its pose is at the end of the revolution.
         estimate, wanted = found.transforms[inside][1:-1], truth.transforms[1:-1]
         moved = se3.inverse(estimate[0]) @ estimate
         truly = se3.inverse(wanted[0]) @ wanted

@@ -1,7 +1,7 @@
-"""Every command of README.md and deploy/README.md, copied out of the text, ends as the text says.
+"""Every command of README.md and deploy/README.md, copied from the text, ends as the text says.
 
-They run in a folder that looks like a checkout whose programs are built, with a network of its own:
-ports are those of the text, and no other robot of this machine is found.
+The commands run in a folder that looks like a checkout with built programs, in a network namespace
+of its own: ports are those of the text, and no other robot of this machine is found.
 """
 
 from __future__ import annotations
@@ -28,22 +28,23 @@ from tests.recordings import variants
 from tests.recordings.test_folders import written
 
 PATIENCE_S = 280.0
-#: Make's own part: what is to be built is built
+#: a `make` that treats the target build as up to date
 MAKE = '#!/bin/sh\nexec /usr/bin/make -o build "$@"\n'
 OUSTER = "data/ouster/OS-1-128_v2.3.0_1024x10_lb_n3"
 KITTI = "data/hdl64e_drive/velodyne.tar.xz"
 KITTI_SCANS = 20
-#: sweeps of the sensor that begins late, and what they need after the last packet
+#: how long the sensor that begins late sends, and the time its last sweeps need after the last
+#: packet
 SENSOR_S, AFTER_S = 4.0, 2.0
 SHOWN = {text: texts.commands((ROOT / text).read_text()) for text in texts.TEXTS}
 
 
 @dataclass(frozen=True)
 class Checkout:
-    """A folder as after `git clone` and `make build`, and a network that nobody else is in."""
+    """A folder as after `git clone` and `make build`, and a network namespace of its own."""
 
     folder: Path
-    #: keeps the network
+    #: process id that keeps the network namespace alive
     keeper: int
 
     def inside(self, *command: str) -> list[str]:
@@ -51,7 +52,8 @@ class Checkout:
         return ["nsenter", *target, *command]
 
     def start(self, command: str) -> subprocess.Popen[str]:
-        """Of a group of its own, as a shell does, so that it can be interrupted alone."""
+        """Starts the command in a process group of its own, as a shell does, so that it can be
+        interrupted alone."""
         return subprocess.Popen(
             self.inside("bash", "-c", command),
             cwd=self.folder,
@@ -63,7 +65,7 @@ class Checkout:
         )
 
     def environment(self) -> dict[str, str]:
-        """A user's: nothing of the tests' own settings."""
+        """The environment of a user, without the settings of the tests."""
         path = f"{self.folder}/.made:{self.folder}/bin:{os.environ['PATH']}"
         kept = {n: v for n, v in os.environ.items() if not n.startswith(("ZLOAM_", "MAKE"))}
         kept.pop("PYTHONPATH", None)
@@ -73,7 +75,7 @@ class Checkout:
 
 @contextlib.contextmanager
 def own_network() -> Iterator[int]:
-    """A process in a network of its own."""
+    """Process id of a process in a new network namespace."""
     if shutil.which("unshare") is None or shutil.which("ip") is None:
         pytest.skip("no unshare or ip: the commands need a network of their own")
     script = "ip link set lo up && echo up && exec sleep infinity"
@@ -111,12 +113,12 @@ def checkout(tmp_path: Path, build: Path) -> Iterator[Checkout]:
 
 @dataclass(frozen=True)
 class Given:
-    """What a command may need before it runs; each is made in the folder of the command."""
+    """Prepares what a command needs before it runs, in the command's folder."""
 
     folder: Path
     build: Path
     capture: Capture
-    #: of the real recordings
+    #: folder of the real recordings
     shared: Callable[[], Path]
 
     def put(self, name: str) -> None:
@@ -171,7 +173,7 @@ def given(
 
 
 def judged(kind: type[Runs]) -> list[object]:
-    """The commands of exactly this kind, each with its own mark."""
+    """The commands of exactly this kind as test parameters, slow ones marked."""
     return [
         pytest.param(command, each, id=command, marks=[pytest.mark.slow] if each.slow else [])
         for command, each in texts.COMMANDS.items()
@@ -180,7 +182,7 @@ def judged(kind: type[Runs]) -> list[object]:
 
 
 def meant(command: str, expected: Runs) -> str:
-    """With what stands in the place of placeholders."""
+    """The command with its placeholders replaced."""
     for name, value in expected.meaning:
         command = re.sub(rf"\b{name}\b", value, command)
     return command
@@ -227,7 +229,7 @@ def test_it_runs_as_shown(command: str, expected: Runs, checkout: Checkout, give
 
 @dataclass
 class Robot:
-    """A run in the checkout's network, and what it printed."""
+    """A run in the checkout's network, and its output."""
 
     process: subprocess.Popen[str]
     said: str = ""
@@ -240,7 +242,7 @@ class Robot:
         raise AssertionError(f"it never said {pattern}:\n{self.said}")
 
     def interrupt(self) -> None:
-        """Ctrl-C: for all of the group."""
+        """Interrupts the whole process group, as Ctrl-C does."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGINT)
         self.said += self.process.communicate(timeout=60.0)[0]
@@ -248,7 +250,7 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def beside(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checkout]:
-    """A drive at the sensor's pace goes on there."""
+    """A checkout in which a drive runs at the sensor's pace."""
     with own_network() as keeper:
         checkout = furnish(tmp_path_factory.mktemp("beside"), build, keeper)
         length = "--simulate=--duration --simulate=60"

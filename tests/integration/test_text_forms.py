@@ -1,5 +1,5 @@
-"""Commands of README.md and deploy/README.md that are not run here: their programs know their words
-and options, and the files that they name are there. Those excluded say why."""
+"""Commands of README.md and deploy/README.md that are not run: their programs have the subcommands
+and options, and the files that they name exist. Excluded commands have a reason."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from tests.integration.conftest import ROOT
 from tests.integration.text_commands import Excluded, Form
 
 FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind, Form)]
-#: variables of a layer without which it is refused
+#: environment variables without which a Compose layer is refused
 LAYER_VARIABLES = {"ZLOAM_PCAP": "/drive.pcap", "ZLOAM_IMU": "/imu.csv"}
-#: options with a value of their own
+#: options that take a value
 VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw", "--from", "--connect")
-#: commands that have commands
+#: commands with subcommands
 GROUPS = ("map", "config")
 
 
 def run(*command: str | Path, env: dict[str, str] | None = None) -> str:
-    """What it says; it must end well."""
+    """Output of a command that must succeed."""
     done = subprocess.run(
         command,
         cwd=ROOT,
@@ -49,7 +49,7 @@ def assert_known(options: list[str], help_text: str) -> None:
 
 
 def split(words: list[str]) -> tuple[list[str], list[str]]:
-    """(what are no options, options); values of VALUED belong to neither."""
+    """(words that are no options, options); the values of the options in VALUED are in neither."""
     plain, options, value = [], [], False
     for word in words:
         if value:
@@ -72,7 +72,7 @@ def zloam(words: list[str]) -> None:
 
 
 def program(words: list[str]) -> None:
-    """One of the stages."""
+    """Checks a command line of one of the stages."""
     build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build/release"))
     path = build / "bin" / words[0]
     if not path.is_file():
@@ -101,9 +101,9 @@ def docker(words: list[str]) -> None:
         return
     plain, options = split(words[1:])
     help_text = run("docker", plain[0], "--help")
-    # Docker helps with any word.
+    # `docker` prints its general help for unknown words.
     assert re.search(rf"Usage:\s+docker {plain[0]}\b", help_text), help_text
-    own = options[: 1 if words[1] == "run" else None]  # the others are the container's program's
+    own = options[: 1 if words[1] == "run" else None]  # others: the container's program
     assert_known(own, help_text)
 
 
@@ -123,7 +123,7 @@ def compose(words: list[str]) -> None:
     plain, options = split(words)
     named = {"up": plain[1:], "logs": plain[1:], "exec": plain[1:2], "run": plain[1:2]}
     services = named.get(plain[0], [])
-    if plain[0] in ("exec", "run"):  # what comes after is the container's program's
+    if plain[0] in ("exec", "run"):  # later options belong to the container's program
         options = split(words[: words.index(services[0])])[1]
     known = run("docker", "compose", plain[0], "--help")
     assert_known([o for o in options if o != "-f"], known)
@@ -132,7 +132,7 @@ def compose(words: list[str]) -> None:
 
 
 def resources(folder: Path) -> list[dict[str, Any]]:
-    """Of a kustomization and those that it stands on."""
+    """The resources of a kustomization and of those that it builds on."""
     found: list[dict[str, Any]] = []
     for name in yaml.safe_load((folder / "kustomization.yaml").read_text()).get("resources", []):
         path = folder / name

@@ -1,4 +1,5 @@
-"""A stranger's view: PyPI's eclipse-zenoh, the generated code, and nothing else of the project."""
+"""A third party's view: PyPI's eclipse-zenoh, the generated code, and nothing else of the
+project."""
 
 from __future__ import annotations
 
@@ -91,6 +92,6 @@ def test_sweeps_from_a_program_of_your_own(
         poses = list(chain.link.poses.values())
     assert [pose.sweep for pose in poses] == list(range(SWEEPS))
     driven_m = np.array([pose.translation[0] for pose in poses])
-    # a pose is of its sweep's end
+    # A pose refers to the end of its sweep.
     expected_m = SPEED_MPS * PERIOD_S * (np.arange(SWEEPS) + 1)
     assert np.abs(driven_m - driven_m[0] - (expected_m - expected_m[0])).max() < 0.03

@@ -1,4 +1,4 @@
-"""Two robots in one network, at once on one machine: neither notices the other."""
+"""Two robots at once on one machine and in one network: neither affects the other."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ WORLDS = {"first": "city", "second": "indoor"}
 
 
 class Robot(Chain):
-    """A chain under a robot's name; with the endpoint of another one's it is in that one's
-    network."""
+    """A chain under a robot's name; with `neighbour`, connected to that robot's network."""
 
     def __init__(
         self,
@@ -82,7 +81,7 @@ def alone(
     captures: dict[str, Capture],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> dict[str, dict[str, str]]:
-    """The files of each robot's run by itself."""
+    """Digests of each robot's run without the other."""
     files = {}
     for name, capture in captures.items():
         with Robot(build, robot_file, name, capture, tmp_path_factory.mktemp(name)) as robot:
@@ -104,7 +103,7 @@ def test_each_gives_the_bytes_of_its_run_alone(
         second = Robot(build, robot_file, "second", captures["second"], tmp_path / "second", first)
         with second:
             until(lambda: all([first.step(), second.step()]))
-            # they were in one network: each robot's link could hear the other
+            # Both were in one network: each robot's link could hear the other.
             tokens = second.link.session.liveliness().get("loam/**")
             robots = {str(reply.ok.key_expr).split("/")[1] for reply in tokens}
             assert robots == set(WORLDS)

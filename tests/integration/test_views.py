@@ -1,4 +1,4 @@
-"""A robot that runs, seen from elsewhere: Foxglove, Rerun, the page."""
+"""A running robot, seen from elsewhere: Foxglove, Rerun, the web page."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from zloam_monitor.processes import free_port
 
 #: longer than all tests of this file take
 DRIVE_SECONDS = 240
-#: in which a program says what it is waited for, on a machine with much beside it
+#: limit for an expected line of output, on a busy machine
 SAID_WITHIN_S = 120.0
 
 
 class Program:
-    """`zloam ...` that runs until it is ended."""
+    """A running `zloam ...`, until it is ended."""
 
     def __init__(self, *arguments: object, **environment: str) -> None:
         self.process = subprocess.Popen(
@@ -47,7 +47,8 @@ class Program:
         self.said = ""
 
     def find(self, pattern: str) -> str:
-        """The first group of a line that it says; it is ended if none comes."""
+        """First group of the pattern in a line of the output; kills the program if no line matches
+        in time."""
         assert self.process.stdout is not None
         too_long = threading.Timer(SAID_WITHIN_S, self.process.kill)
         too_long.start()
@@ -68,7 +69,7 @@ class Program:
 
 @pytest.fixture(scope="module")
 def robot(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Where one answers that drives round a block."""
+    """Endpoint of a robot that drives round a block."""
     out = tmp_path_factory.mktemp("drive")
     driving = Program(
         *("demo", "--preset-dir", build, "--out", out / "out", "--rate", "realtime"),
@@ -81,7 +82,7 @@ def robot(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str
 
 
 def test_foxglove_shows_it_live(robot: str, page: str) -> None:
-    """By the protocol that Foxglove speaks, read by the code it publishes with its schemas."""
+    """Over Foxglove's protocol, decoded by the code that Foxglove publishes with its schemas."""
     until(lambda: has_driven(page))
     server = Program("foxglove", "--connect", robot, "--port", 0)
     assert_foxglove_shows_the_drive(server.find(r"(ws://127\.0\.0\.1:\d+)"))
@@ -115,7 +116,7 @@ def test_rerun_s_file_has_everything(robot: str, tmp_path: Path) -> None:
 
 
 def test_rerun_serves_a_browser_on_this_machine_only(robot: str, tmp_path: Path) -> None:
-    """And writes nothing into the user's own settings."""
+    """Nor does it write into the user's own settings."""
     port = free_port()
     viewer = Program(
         *("view", "--connect", robot, "--web", "--port", port), XDG_CONFIG_HOME=str(tmp_path)
@@ -134,7 +135,8 @@ def test_rerun_serves_a_browser_on_this_machine_only(robot: str, tmp_path: Path)
 
 
 def test_rerun_s_page_is_shown_elsewhere_too(robot: str) -> None:
-    """Where it listens on another address than the loopback's: by that one, or by a name."""
+    """If Rerun listens on another address than the loopback's, pages are allowed from that address,
+    or by any host name."""
     for address, host in (("0.0.0.0", "127.0.0.1"), ("127.0.0.2", "127.0.0.2")):
         port = free_port()
         viewer = Program(
@@ -165,7 +167,7 @@ def test_the_page_s_figures_are_the_robot_s(page: str) -> None:
     ]
     assert {s["health"] for s in state["stages"]} == {"ready"}
     assert state["path"][-1] == pytest.approx(state["pose"]["xyz"][:2], abs=3.0)
-    # a machine that does other things too may be told to be slow
+    # On a busy machine the robot may rightly be reported as slow.
     assert [f for f in state["findings"] if "slow" not in f["do"]] == []
     drawn = until(lambda: (m := fetched(f"{page}/robots/robot/map.json"))["cells"] and m)
     assert drawn["cell_m"] > 0
@@ -186,7 +188,7 @@ def test_the_page_in_a_browser(page: str, tmp_path: Path, width: int, height: in
         browser.wait_for("document.querySelectorAll('#stages tr').length === 5")
         browser.wait_for("map.cells.length > 300")
         assert browser.value("document.documentElement.scrollWidth") <= width
-        # by the keyboard alone: to the map, nearer, and away from the robot
+        # With the keyboard alone: focus the map, zoom in, pan away from the robot.
         for _ in range(10):
             browser.press("Tab")
             if browser.value("document.activeElement.id") == "map":
@@ -197,7 +199,7 @@ def test_the_page_in_a_browser(page: str, tmp_path: Path, width: int, height: in
         assert browser.value("view.scale") > scale
         browser.press("f")
         assert browser.value("view.follow") is False
-        # something is drawn
+        # The canvas is not empty.
         drawn = "(c => new Set(c.getContext('2d').getImageData(0, 0, c.width, c.height).data).size)"
         assert browser.value(f"{drawn}(document.getElementById('map'))") > 3
         assert browser.errors == []

@@ -1,7 +1,7 @@
-"""The commands that README.md and deploy/README.md show, and what a test makes of each.
+"""The commands that README.md and deploy/README.md show, and how a test treats each.
 
-A command of a text that is not listed here fails the test, and so does one listed here that no text
-shows.
+A command of a text that is missing here fails the test, and so does a command listed here that no
+text shows.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from tests.integration.conftest import ROOT
 
 TEXTS = ("README.md", "deploy/README.md")
-#: languages of listings; only those of the shell hold commands ("": drawings)
+#: languages of listings; only shell listings contain commands ("": drawings)
 SHELL, OTHERS = "sh", {"", "json5"}
 _LISTING = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _INLINE = re.compile(r"`([^`]+)`")
 _COMMENT = re.compile(r"(^|\s)#.*$")
-#: what a command within a sentence begins with; a script of the repository does too
+#: beginnings of a command within a sentence: a program, or a script of the repository
 _PROGRAM = re.compile(
     r"(make|docker|kubectl|pip|apt|pytest|promtool|ip|tcpdump|nft|sysctl|ulimit|"
     r"(bin/)?zloam|zloam-\w+) "
@@ -29,32 +29,33 @@ _ASSIGNMENT = re.compile(r"[A-Z_]+=")
 
 @dataclass(frozen=True)
 class Runs:
-    """Copied out of the text and run in a folder that looks like a checkout."""
+    """Copied from the text and run in a folder that looks like a checkout."""
 
-    #: pattern of what it prints
+    #: pattern of the output
     says: str
-    #: files that it leaves
+    #: files that the command creates
     leaves: tuple[str, ...] = ()
-    #: what is put into the folder before (test_text_commands.py)
+    #: what is prepared in the folder beforehand (test_text_commands.py)
     needs: tuple[str, ...] = ()
-    #: what a placeholder of the text stands for
+    #: placeholders of the text and their replacements
     meaning: tuple[tuple[str, str], ...] = ()
     slow: bool = False
 
 
 @dataclass(frozen=True)
 class BesideRun(Runs):
-    """The same, while a robot runs on this machine."""
+    """Run likewise, while a robot runs on this machine."""
 
 
 @dataclass(frozen=True)
 class LiveRun(Runs):
-    """A run on a sensor that begins to send after a while, to Ctrl-C."""
+    """A live run, ended by Ctrl-C, on a sensor that begins to send after a while."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """Not run here: its program knows its words and options, its files are there."""
+    """Not run: only checked that the program has the words and options, and that the files
+    exist."""
 
     tried_by: str
 
@@ -80,7 +81,7 @@ PACKAGES = "tests/system/test_packages.py, in a bare container"
 NETWORK_CARD = "changes or shows the network of the host, which has no sensor's card"
 
 COMMANDS: dict[str, Kind] = {
-    # Runs of README.md.
+    # Runs in README.md.
     "make demo": Runs(ALL_WELL, DEMO, slow=True),
     "make test": Excluded("this test is a part of it"),
     f"make {REPLAY}": Runs(ALL_WELL, DEMO, ("drive.pcap",)),
@@ -149,7 +150,7 @@ COMMANDS: dict[str, Kind] = {
     "zloam run --standby": Form("tests/integration/test_standby.py"),
     "make run LISTEN=0.0.0.0": LiveRun(r"open to the network: ", LIVE, slow=True),
     "make build": Form("every test that needs the programs"),
-    # The command beside a run.
+    # Commands beside a running robot.
     "bin/zloam robots": BesideRun(r"robot .*tcp/127\.0\.0\.1:7464"),
     "bin/zloam status": BesideRun(r"connected to robot robot at tcp/127\.0\.0\.1:746"),
     "bin/zloam set odometry odometry.kernel_m=0.2": BesideRun(r"from sweep \d+"),
@@ -208,14 +209,14 @@ COMMANDS: dict[str, Kind] = {
     ),
     "zloam-mapping --health": Form("the health checks"),
     "ulimit -l": Runs(r"^(\d+|unlimited)\n$"),
-    # A sensor's network.
+    # The sensor's network.
     "ip addr add 192.168.1.100/24 dev eth1; ip link set eth1 up": Excluded(NETWORK_CARD),
     "tcpdump -ni eth1 udp port 2368": Excluded(NETWORK_CARD),
     "nft list ruleset": Excluded(NETWORK_CARD),
     "sysctl net.ipv4.conf.eth1.rp_filter=0": Excluded(NETWORK_CARD),
     "sysctl -w net.core.rmem_max=8388608": Excluded(NETWORK_CARD),
     "zloam metadata HOST FILE": Form("tests/integration/test_ouster_live.py, from a stand-in"),
-    # A cluster.
+    # Kubernetes.
     "kubectl apply -k deploy/kubernetes/simulated": Form("tests/integration/test_kubernetes.py"),
     "kubectl label node NODE zenoh-loam/sensor=robot": Form("nobody: needs a cluster"),
     "kubectl apply -k deploy/kubernetes/live": Form("tests/integration/test_kubernetes.py"),
@@ -231,14 +232,14 @@ def listings(text: str) -> list[tuple[str, str]]:
 
 
 def commands_of_listing(lines: str) -> list[str]:
-    """Without comments; what goes on in the next line is one command."""
+    """The commands of a listing, without comments; continuation lines are joined."""
     joined = lines.replace("\\\n", " ")
     bare = (_COMMENT.sub("", line).strip() for line in joined.splitlines())
     return [" ".join(line.split()) for line in bare if line]
 
 
 def commands_of_sentences(text: str) -> list[str]:
-    """What stands between backticks and begins with a program and has more words, or a script."""
+    """Inline code that begins with a program and has further words, or that names a script."""
     spans = (" ".join(span.split()) for span in _INLINE.findall(_LISTING.sub("", text)))
     return [span for span in spans if _is_command(span)]
 
@@ -247,7 +248,7 @@ def _is_command(span: str) -> bool:
     words = span.split()
     while words and _ASSIGNMENT.match(words[0]):
         words.pop(0)
-    if not words or "…" in span or span == "bin/zloam":  # that one is a name
+    if not words or "…" in span or span == "bin/zloam":  # `bin/zloam` alone is a name
         return False
     if _PROGRAM.match(" ".join(words)):
         return True
@@ -262,7 +263,7 @@ def commands(text: str) -> list[str]:
 
 
 def words(command: str) -> list[str]:
-    """Without leading assignments."""
+    """The words of a command, without leading assignments."""
     split = shlex.split(command)
     while _ASSIGNMENT.match(split[0]):
         split.pop(0)

@@ -1,4 +1,4 @@
-"""What the views of a robot show, read as their users' programs do."""
+"""What the views of a robot show, read as by the users' programs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 from zloam_monitor.foxglove_scene import TOPICS
 
 FRAMES = {(b"map", b"odom"), (b"odom", b"base_link"), (b"base_link", b"lidar")}
-#: of a robot that drives, Foxglove is shown each of them
+#: topics that Foxglove is shown of a driving robot
 SHOWN = {"/tf", "/points", "/pose", "/map", "/path", "/log"}
 
 
@@ -33,7 +33,7 @@ def fetched(url: str) -> Any:
 
 
 def answers(page: str) -> bool:
-    """Whether a robot is on the page already."""
+    """Whether the page lists a robot yet."""
     try:
         return bool(fetched(f"{page}/robots.json")["robots"])
     except OSError:
@@ -41,13 +41,13 @@ def answers(page: str) -> bool:
 
 
 def has_driven(page: str) -> bool:
-    """By the page of `zloam web`, ten metres ahead."""
+    """Whether the robot is ten metres ahead, by the page of `zloam web`."""
     path = fetched(f"{page}/robots/robot/state.json").get("path")
     return (path or [[0]])[-1][0] > 10.0
 
 
 def rerun_lets_in(data: str, origin: str) -> bool:
-    """Whether a browser gives a page of this origin what Rerun's server has."""
+    """Whether Rerun's server allows a page of this origin to read its data in a browser (CORS)."""
     question = urllib.request.Request(
         f"{data}/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages",
         headers={"Origin": origin, "Access-Control-Request-Method": "POST"},
@@ -58,7 +58,7 @@ def rerun_lets_in(data: str, origin: str) -> bool:
 
 
 class FoxgloveClient:
-    """Speaks the protocol that Foxglove speaks, and asks for every topic."""
+    """A client of Foxglove's protocol that subscribes to every topic."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -67,7 +67,7 @@ class FoxgloveClient:
         self.shown: dict[str, list[bytes]] = {}
 
     def listen(self, enough: Callable[[], bool], patience_s: float = 30.0) -> None:
-        """Something new comes within the patience."""
+        """Receives messages until `enough`; fails if nothing arrives for `patience_s`."""
         protocol: Any = ["foxglove.sdk.v1"]
         with connect(self._url, subprotocols=protocol, max_size=None) as socket:
             while not enough():
@@ -79,7 +79,7 @@ class FoxgloveClient:
                     self.shown.setdefault(self._topics[number], []).append(message[13:])
 
     def whole(self) -> bool:
-        """Whether all has come that is shown of a robot that drives."""
+        """Whether everything has arrived that is shown of a driving robot."""
         return self.shown.keys() >= SHOWN and transforms(self.shown["/tf"]) >= FRAMES
 
     def _ask(self, socket: Any, channels: list[dict[str, Any]]) -> None:
@@ -93,7 +93,7 @@ class FoxgloveClient:
 
 
 def assert_foxglove_shows_the_drive(url: str) -> None:
-    """Read by the code that Foxglove publishes with its schemas."""
+    """Decodes the messages by the code that Foxglove publishes with its schemas."""
     client = FoxgloveClient(url)
     ends = time.monotonic() + 60.0
     client.listen(lambda: client.whole() or time.monotonic() > ends)
@@ -105,7 +105,7 @@ def assert_foxglove_shows_the_drive(url: str) -> None:
     assert len(data) > 1000
     assert 2.0 < np.linalg.norm(data[:, :3], axis=1).max() < 150.0
     assert transforms(shown["/tf"]) == FRAMES
-    # the whole drive, though it began before
+    # The whole path, though the drive began before this client connected.
     path = read("/path", shown)
     ahead = [path.Poses(i).Position().X() for i in range(path.PosesLength())]
     assert abs(ahead[0]) < 0.5
@@ -113,7 +113,7 @@ def assert_foxglove_shows_the_drive(url: str) -> None:
 
 
 def transforms(messages: list[bytes]) -> set[tuple[bytes, bytes]]:
-    """(parent, child) of all that were shown."""
+    """(parent, child) of all transforms."""
     read_all = [module("FrameTransforms").GetRootAs(each) for each in messages]
     each_of = [of.Transforms(i) for of in read_all for i in range(of.TransformsLength())]
     return {(each.ParentFrameId(), each.ChildFrameId()) for each in each_of}
