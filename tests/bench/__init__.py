@@ -1,1 +1,1 @@
-"""Benchmarks: `make bench`. Speed is stated as a ratio within one run, wherever there is a peer."""
+"""Benchmarks: `make bench`. Where there is a peer, speed is a ratio to it within the same run."""

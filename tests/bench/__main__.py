@@ -1,6 +1,7 @@
-"""`python -m tests.bench`: all benchmarks; out/bench/report.md and report.json.
+"""`python -m tests.bench`: runs all benchmarks; out/bench/report.md and report.json.
 
-Exit code 0: every limit is held (or what it needs is not here); 1: one is not; 2: nothing matches.
+Exit code 0: no limit is exceeded (benchmarks whose prerequisites are missing do not count); 1: a
+limit is exceeded; 2: no benchmark matches.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from tests.bench.versus.rows import Options
 def all_benchmarks(
     setting: BenchSetting, options: Options, drives: search.Options
 ) -> list[framework.Benchmark]:
-    """In the order of the report."""
+    """All benchmarks, in the order of the report."""
     modules = (
         transport,
         live,
@@ -53,7 +54,7 @@ def all_benchmarks(
 
 
 def options_of(args: argparse.Namespace) -> Options:
-    """Of the benchmarks versus-*."""
+    """The options for the benchmarks versus-*."""
     systems = tuple(args.systems.split(",")) if args.systems else Options.systems
     return Options(args.data, args.runs, args.add, args.kept_peers, systems)
 

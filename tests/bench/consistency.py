@@ -1,13 +1,14 @@
-"""How well a path agrees with the very scans it was made from, over metres of way; no truth needed.
+"""Consistency of a path with the scans that it was made from, over metres of way; needs no truth.
 
-The points of one sweep are moved into the world by the path and laid on planes that the path built
-of sweeps 1.5 to 2.5 s earlier, most of which were seen from another side by then. If the path is
-right between the two they fit. Else a rigid correction makes them fit, and is the path's error over
-that way: a path that is too short by 3 % needs 0.24 m ahead after 8 m. Point-to-plane ICP with
-Geman-McClure weights; planes of 12 nearest points, by the eigenvalues of their scatter.
+The path moves the points of one sweep into the world, where they are compared with planes built in
+the same way from the sweeps 1.5 to 2.5 s earlier, most of which saw the surfaces from elsewhere. If
+the path is right in between, the points fit. Otherwise a rigid correction makes them fit: the
+path's error over this way. A path that is too short by 3 % needs 0.24 m ahead after 8 m. Method:
+point-to-plane ICP with Geman-McClure weights; planes from the 12 nearest points, accepted by the
+eigenvalues of their scatter.
 
-A path that was made without deskewing may be consistent only with points that are not deskewed:
-both ways can be asked for.
+A path made without deskewing may be consistent only with points that are not deskewed; both
+variants can be computed.
 """
 
 from __future__ import annotations
@@ -22,21 +23,23 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, RotationSpline
 
 Array = NDArray[np.float64]
-#: (points in the sensor's frame at their own times, those times in s) of a sweep
+#: sweep number -> (points in the sensor's frame at their own times, those times in s)
 ScanOf = Callable[[int], tuple[Array, Array]]
 
-#: sweeps between the youngest of the map and the one that is laid on it, and sweeps in the map
+#: sweeps between the map's last one and the one compared with it, and sweeps in the map
 GAP_SWEEPS, MAP_SWEEPS = 15, 10
-#: m; points nearer or farther than this say little of the path
+#: m; nearer or farther points tell little about the path
 LEAST_RANGE_M, MOST_RANGE_M = 3.0, 50.0
-#: m; one point is kept in each cell, of a sweep in the map, of the map, and of what is laid on it
+#: m; cells of the thinning, one point each: of a sweep of the map, of the whole map, of the
+#: compared sweep
 SWEEP_CELL_M, MAP_CELL_M, LAID_CELL_M = 0.15, 0.07, 0.4
 NEIGHBOURS, REACH_M = 12, 0.8
-#: a plane's thickness (1 sigma), and how many times as far it spreads (in squares) at least
+#: largest thickness of a plane (1 sigma), and least ratio of its extent's variance to that of its
+#: thickness
 PLANE_SIGMA_M, PLANE_SPREAD = 0.03, 4.0
-#: m; the kernel's widths, first wide so that an error of decimetres is found
+#: m; widths of the kernel; the first steps are wide to find errors of decimetres
 WIDE_M, NARROW_M, WIDE_STEPS, STEPS = 0.3, 0.1, 4, 12
-#: s; points are moved in groups of this time: less than 1 mm at 20 m/s
+#: s; the points of each such interval are moved together: error below 1 mm at 20 m/s
 TIME_STEP_S = 0.00005
 
 
@@ -49,13 +52,14 @@ class Path:
         self._rotation = RotationSpline(times_s, Rotation.from_matrix(transforms[:, :3, :3]))
 
     def at(self, times_s: Array) -> tuple[Array, Array]:
-        """(positions, rotation matrices); beyond its ends the path goes straight on."""
+        """(positions, rotation matrices); beyond its ends the path continues with constant
+        velocity."""
         within = np.clip(times_s, self._begin_s, self._end_s)
         beyond = (times_s - within)[:, None] * self._position(within, 1)
         return self._position(within) + beyond, self._rotation(within).as_matrix()
 
     def moved(self, points: Array, times_s: Array) -> Array:
-        """Points of the sensor at their own times, in the world."""
+        """Moves points, each in the sensor's frame at its own time, into the world."""
         steps, of_point = np.unique(np.rint(times_s / TIME_STEP_S), return_inverse=True)
         positions, rotations = self.at(steps * TIME_STEP_S)
         of_point = of_point.reshape(-1)
@@ -64,14 +68,14 @@ class Path:
 
 @dataclass(frozen=True)
 class Misfit:
-    """The correction that the planes ask for at one sweep."""
+    """The rigid correction that fits one sweep to the planes."""
 
     sweep: int
-    #: m, in the direction of travel, to its left, up
+    #: m; ahead: in the direction of travel
     ahead_m: float
     left_m: float
     up_m: float
-    #: m of way between the map's middle sweep and this one
+    #: m; way from the map's middle sweep to this one
     travelled_m: float
     #: m; median distance from the planes before and after the correction
     before_m: float
@@ -79,7 +83,7 @@ class Misfit:
 
     @property
     def distance_m(self) -> float:
-        """Of the correction."""
+        """Length of the correction."""
         return float(np.linalg.norm([self.ahead_m, self.left_m, self.up_m]))
 
 
@@ -91,13 +95,13 @@ def thinned(points: Array, cell_m: float) -> Array:
 
 
 class Planes:
-    """What an earlier part of the path built."""
+    """Planes through the points of an earlier part of the path."""
 
     def __init__(self, points: Array) -> None:
         self._points, self._tree = points, cKDTree(points)
 
     def under(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """(which points lie near a plane, its normal, their distance from it)."""
+        """(indices of the points near a plane, the plane's normal, the distance from it)."""
         far, near = self._tree.query(points, NEIGHBOURS, distance_upper_bound=REACH_M, workers=-1)
         found = np.flatnonzero(np.isfinite(far).all(axis=1))
         around = self._points[near[found]]
@@ -110,7 +114,7 @@ class Planes:
 
 
 def correction(planes: Planes, points: Array, about: Array) -> tuple[Array, float, float]:
-    """(translation, median distance before, after) of points laid on the planes."""
+    """Fits points to the planes: (translation, median distance before, median distance after)."""
     R, shift = np.eye(3), np.zeros(3)
     before_m, distance = 0.0, np.zeros(0)
     for step in range(STEPS):
@@ -135,7 +139,8 @@ def _telling(points: Array, times_s: Array) -> tuple[Array, Array]:
 
 
 def misfit(scan: ScanOf, path: Path, sweep: int, sweep_s: float) -> Misfit:
-    """At one sweep that has GAP_SWEEPS + MAP_SWEEPS before it; it takes its way from `path`."""
+    """The correction at one sweep, which needs GAP_SWEEPS + MAP_SWEEPS sweeps before it; the
+    direction of travel is the path's."""
     of_map = range(sweep - GAP_SWEEPS - MAP_SWEEPS, sweep - GAP_SWEEPS)
     built = [thinned(path.moved(*_telling(*scan(number))), SWEEP_CELL_M) for number in of_map]
     planes = Planes(thinned(np.concatenate(built), MAP_CELL_M))
@@ -159,5 +164,5 @@ def misfit(scan: ScanOf, path: Path, sweep: int, sweep_s: float) -> Misfit:
 
 
 def rms_m(found: Sequence[Misfit]) -> float:
-    """Of the corrections."""
+    """Root mean square of the corrections."""
     return float(np.sqrt(np.mean([m.distance_m**2 for m in found])))

@@ -1,9 +1,10 @@
-"""Packets to points: our decoder beside velodyne-decoder of PyPI, same packets, one thread each.
+"""Packets to points: our decoder beside PyPI's velodyne-decoder, on the same packets, one thread
+each.
 
-CPU time on both sides. Bare payloads are in memory before either clock starts: ours cuts them into
-sweeps, the other one gets a turn of ready packet objects at a time, the fastest of the ways that it
-offers (packet by packet, pieces of other sizes, arrays instead of structs are slower).
-From pcap both read the file, the other one with dpkt as it does for its users.
+CPU time on both sides. Bare payloads are in memory before either clock starts. Ours cuts them into
+sweeps; velodyne-decoder gets ready packet objects of one revolution at a time, the fastest of its
+interfaces (packet by packet, pieces of other sizes, and arrays instead of structs are slower). With
+pcap both read the file, velodyne-decoder through dpkt as it does for its users.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from zloam_monitor.chain import binary
 Measure = Callable[[], float]
 
 PACKET_BYTES = 1206
-#: a turn at 600 rpm
+#: packets of a revolution at 600 rpm
 PACKETS_PER_SCAN = 76
-#: points to decode at a time, so that starting the program does not count
+#: points to decode in one run, so that the program's start does not matter
 ENOUGH_POINTS = 40_000_000
-#: what the product promises
+#: ratio that the product promises
 LEAST_RATIO = 4.0
-#: the two take turns; the best of each counts, since load only ever slows down
+#: The decoders alternate; the best round of each counts, since other load only slows them down.
 ROUNDS = 3
 
 

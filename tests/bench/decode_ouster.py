@@ -1,11 +1,11 @@
-"""Ouster's packets to points: our decoder beside the maker's SDK (PyPI's ouster-sdk), same packets,
-one thread each.
+"""Ouster's packets to points: our decoder beside the manufacturer's SDK (PyPI's ouster-sdk), on the
+same packets, one thread each.
 
-CPU time on both sides. 24 frames of a recording's packets (times and frame numbers go on) are in
-memory before either clock starts, and are decoded again and again. Ours checks, orders, decodes to
-points with time, ring and type, and cuts. The SDK batches packets into frames and multiplies by its
-table of directions in single precision, the fastest of its ways; its points are x, y, z of all
-pixels, with returns or not.
+CPU time on both sides. The packets of 24 frames, made of a recording with continued times and frame
+numbers, are in memory before either clock starts and are decoded repeatedly. Ours checks and orders
+packets, decodes them to points with time, ring and return type, and cuts sweeps. The SDK batches
+packets into frames and multiplies them by its table of directions in single precision, the fastest
+of its ways; its points are x, y, z of all pixels, with returns or not.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tests.bench.setting import BenchSetting, cost_of, json_of
 from zloam_monitor.chain import binary
 
 FRAMES = 24
-#: to decode at a time
+#: pixels to decode in one run
 ENOUGH_PIXELS = 60_000_000
-#: what the product promises
+#: ratio that the product promises
 LEAST_RATIO = 2.0
 ROUNDS = 3
 RECORDINGS = {
@@ -32,7 +32,7 @@ RECORDINGS = {
 
 
 def _ours(setting: BenchSetting, packets: Path, metadata: Path, repeat: int) -> float:
-    """Seconds of CPU for a repetition."""
+    """CPU seconds per repetition."""
     decoder = [binary(setting.build, "decode"), "--bin", packets, "--metadata", metadata]
     said = json_of(cost_of([*decoder, "--in-memory", "--repeat", repeat]).said)
     return float(said["cpu_seconds"]) / repeat
@@ -84,7 +84,7 @@ def _compared(setting: BenchSetting, name: str) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One and two returns, narrow and wide pixels."""
+    """Profiles with one and two returns, with narrow and wide pixels."""
     return [
         Benchmark(
             f"decode-ouster-{kind}",

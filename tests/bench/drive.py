@@ -1,12 +1,12 @@
-"""The recorded drive, which has no truth, and two references that were made without deskewing.
+"""The recorded drive, which has no truth but two references that were made without deskewing.
 
 `consistency-drive`: does each path agree with the drive's own scans (consistency.py)? References,
-ours and peers are judged alike; a path whose maker does not deskew is judged by scans as they are
-and by deskewed ones, and the kinder figure counts.
+our path and the peers' are judged alike. A path that may be made without deskewing is compared with
+the raw and with the deskewed scans, and the better figure counts.
 
-`deskewed-drive`: where do the peers go when they get scans deskewed by their own velocities? A peer
-runs over the scans as they are, the scans are deskewed by its path, it runs again, and so on.
-Nothing of ours is in it.
+`deskewed-drive`: where do the peers end up with scans deskewed by their own velocities? A peer runs
+over the raw scans, the scans are deskewed by its path, the peer runs again, and so on. Nothing of
+ours is involved.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ from zloam_monitor import evaluation, trajectory
 from zloam_monitor.trajectory import Trajectory
 
 CONSISTENCY, DESKEWED = "consistency-drive", "deskewed-drive"
-#: every fifth sweep from the first one with a map long enough before it
+#: every fifth sweep, from the first one that has a whole map before it
 FIRST, EVERY = consistency.GAP_SWEEPS + consistency.MAP_SWEEPS, 5
-#: of any other path's
+#: limit of our figure, as a share of the best other path's
 CONSISTENCY_LIMIT = 0.5
-#: m; what issue 7 asks for against the references
+#: m; limit of issue 7 against the references
 DESKEWED_ATE_M = 0.08
-#: times that a peer's scans are deskewed by the path it found before; a third changes 1 mm
+#: Number of times that a peer's scans are deskewed by its previous path; a third pass changes 1 mm.
 PASSES = 2
-#: part of the sweep that poses of scans without times are taken for: when the sensor looks ahead
+#: Part of the sweep that a pose refers to if the scans have no times: when the sensor looks ahead.
 MIDDLE = evaluation.SWEEP_PART_OF_REFERENCE
 PERIOD_S = data.PERIOD_S
 
 
 class DriveScans:
-    """KITTI's layout; times as the drive's sensor turns: clockwise, from the rear (hdl64e.yaml)."""
+    """Scans in KITTI's layout; times as the drive's sensor rotates: clockwise from the rear
+    (hdl64e.yaml)."""
 
     def __init__(self, scans: Scans, deskewed: bool) -> None:
         self._files = peer.Data.at(scans.folder).files
@@ -64,7 +65,7 @@ class DriveScans:
 
 
 def misfits(scans: Scans, transforms: Array, part: float, deskewed: bool) -> list[Misfit]:
-    """Of poses that hold at a part of their sweep."""
+    """The corrections of a path whose poses refer to this part of their sweeps."""
     times_s = (np.arange(len(transforms), dtype=np.float64) + part) * PERIOD_S
     path, scan = consistency.Path(transforms, times_s), DriveScans(scans, deskewed)
     return [
@@ -74,7 +75,8 @@ def misfits(scans: Scans, transforms: Array, part: float, deskewed: bool) -> lis
 
 
 def _kinder(scans: Scans, transforms: Array) -> list[Misfit]:
-    """Of a path that does not say whether it deskews."""
+    """The smaller corrections of those with raw and with deskewed scans, for a path of which it is
+    not known whether it was deskewed."""
     both = [misfits(scans, transforms, MIDDLE, deskewed) for deskewed in (False, True)]
     return min(both, key=consistency.rms_m)
 
@@ -86,7 +88,7 @@ def _references(setting: BenchSetting) -> Iterator[tuple[str, Array]]:
 
 
 class _Drive:
-    """The scans as they are, and what every system made of them; each is run once."""
+    """The raw scans and the poses of each system, which runs once."""
 
     def __init__(self, setting: BenchSetting) -> None:
         self.setting, self.out = setting, setting.out / "drive"
@@ -143,7 +145,8 @@ def _judged(found: dict[str, list[Misfit]]) -> Outcome:
 
 
 def write_deskewed(scans: Scans, transforms: Array, out: Path) -> Scans:
-    """The drive as seen at the middle of each sweep, after a path through poses that hold there."""
+    """Writes each scan as seen at the middle of its sweep, by a path through poses that refer to
+    the middles."""
     scan = DriveScans(scans, deskewed=True)
     middles = (np.arange(len(scan), dtype=np.float64) + MIDDLE) * PERIOD_S
     path = consistency.Path(transforms, middles)
@@ -175,7 +178,7 @@ def _ate_m(transforms: Array, truth: Array) -> float:
 
 
 def at_middles(transforms: Array) -> Array:
-    """Poses at the sweeps' ends, carried back to their middles."""
+    """Moves poses from the sweeps' ends back to their middles."""
     ends = np.arange(1, len(transforms) + 1, dtype=np.float64) * PERIOD_S
     out = np.array(transforms)
     out[:, :3, 3], out[:, :3, :3] = consistency.Path(transforms, ends).at(ends - MIDDLE * PERIOD_S)
@@ -199,7 +202,6 @@ def _deskewed(drive: _Drive) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """Two rows."""
     drive = _Drive(setting)
     return [
         Benchmark(

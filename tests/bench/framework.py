@@ -1,4 +1,4 @@
-"""A benchmark measures something, says it in words and figures, and may have a limit."""
+"""A benchmark measures something, reports it in words and figures, and may have a limit."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ HELD, NOT_HELD, REPORTED, SKIPPED, FAILED = "held", "not held", "reported", "ski
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was measured; `held` only where a limit can be judged by it."""
+    """What was measured; `held` is set only where a limit can be judged by it."""
 
     figure: str
     values: dict[str, Any]
     held: bool | None = None
-    #: goes to the top of report.json, merged with that of other benchmarks
+    #: goes to the top level of report.json, merged with that of the other benchmarks
     report: dict[str, Any] = field(default_factory=dict)
 
 
@@ -41,7 +41,7 @@ class Benchmark:
 
 @dataclass
 class Result:
-    """A benchmark after its run."""
+    """The outcome of a benchmark."""
 
     name: str
     what: str
@@ -60,7 +60,7 @@ def _verdict(benchmark: Benchmark, outcome: Outcome) -> str:
 
 
 def run(benchmark: Benchmark) -> Result:
-    """Runs it; what it throws is its verdict."""
+    """Runs the benchmark; an exception becomes its verdict."""
     began = time.monotonic()
     figure, values, report = "–", {}, {}
     try:
@@ -84,8 +84,8 @@ def run(benchmark: Benchmark) -> Result:
 
 
 def chosen(benchmarks: list[Benchmark], pattern: str | None) -> list[Benchmark]:
-    """All, or those that one of the comma-separated parts names: the one of just that name, or all
-    whose name contains or matches it."""
+    """All benchmarks, or those that a comma-separated part of the pattern selects: the one with
+    exactly that name, or else all whose name contains or matches it."""
     if not pattern:
         return benchmarks
     names = {b.name for b in benchmarks}
@@ -97,7 +97,7 @@ def chosen(benchmarks: list[Benchmark], pattern: str | None) -> list[Benchmark]:
 
 
 def machine() -> dict[str, Any]:
-    """Where the figures come from; the load says whether absolute ones mean anything."""
+    """The machine of the figures; its load tells whether absolute figures mean anything."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return {
@@ -109,7 +109,7 @@ def machine() -> dict[str, Any]:
 
 
 def merge(into: dict[str, Any], more: dict[str, Any]) -> None:
-    """Adds what is new, level by level."""
+    """Adds new keys recursively."""
     for key, value in more.items():
         if isinstance(value, dict) and isinstance(into.get(key), dict):
             merge(into[key], value)
@@ -118,7 +118,7 @@ def merge(into: dict[str, Any], more: dict[str, Any]) -> None:
 
 
 def write(folder: Path, results: list[Result], where: dict[str, Any]) -> None:
-    """report.json and report.md."""
+    """Writes report.json and report.md."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = [asdict(r) for r in results]
     report: dict[str, Any] = {"machine": where, "benchmarks": rows}
@@ -135,7 +135,7 @@ def write(folder: Path, results: list[Result], where: dict[str, Any]) -> None:
 
 
 def table(results: list[Result]) -> str:
-    """For the terminal."""
+    """The results as a table for the terminal."""
     width = max(len(r.name) for r in results)
     lines = []
     for r in results:

@@ -1,12 +1,12 @@
-"""Loops: how many of the revisits are found, whether any is false, and what they do to the path.
+"""Loops: share of the revisits that are found, false loops, and the effect on the trajectory.
 
-Registration, odometry, mapping and the graph in one process each, without messages (`offline/`). A
-revisit is a submap from which an earlier one, 40 m or more of way before, is nearer than 5 m by the
-simulator's truth; it is found if a loop is in force within 20 m of way. A loop is false if it is
-off by more than 0.5 m.
+Registration, odometry, mapping and the graph run in one process each, without messages
+(`offline/`). By the simulator's truth, a submap is a revisit if it is less than 5 m from an earlier
+one, 40 m or more of way before. The revisit is found if a loop within 20 m of way is in force. A
+loop is false if it is off by more than 0.5 m.
 
-What moved is told from what stands by the same drive without traffic: there nothing, or something,
-lies where a voxel of a submap lies.
+Moving objects are told from static ones by the same drive without traffic: whether it has points
+where a voxel of a submap lies.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ from zloam_monitor.chain import binary
 WORLDS = Path("services/simulator/worlds")
 SEEDS = (1, 2, 3)
 ALIASED_SEEDS = range(1, 21)
-#: a sensor with which mapping drifts
+#: a poor sensor, with which mapping drifts
 POOR = ("--noise", "0.06", "--dropout", "0.3", "--range-bias-mm", "30")
 LOOP_WAY_M, NEAR_M, FOUND_WAY_M, FALSE_M = 40.0, 5.0, 20.0, 0.5
-#: nothing within the one of a voxel that moved, something within the other of one that stands
+#: A voxel moved if the drive without traffic has no point within FREE_M, and is static with one
+#: within STANDS_M.
 FREE_M, STANDS_M = 0.4, 0.3
 LEAST_MOVED, LEAST_KEPT = 0.9, 0.99
 MOST_WORSE, MOST_LEFT, LEAST_FOUND, MOST_CPU_MS = 1.02, 0.5, 0.95, 20.0
@@ -44,7 +45,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Seen:
-    """What the graph made of one drive."""
+    """Results of the graph on one drive."""
 
     without_m: float
     with_m: float
@@ -66,7 +67,7 @@ class Seen:
 
 
 def _graph(setting: BenchSetting, out: Path, simulated: Sequence[object], *more: object) -> str:
-    """The graph over a simulated drive; what it said. The truth is in truth.tum."""
+    """Runs the graph over a simulated drive and returns its output; the truth is in truth.tum."""
     out.mkdir(parents=True, exist_ok=True)
     capture, submaps = out / "capture.pcap", out / "submaps"
     made = ("--quiet", "--out", capture, "--truth-base", out / "truth.tum")
@@ -169,7 +170,7 @@ def _aliased(setting: BenchSetting, world: str) -> Outcome:
 
 
 def _points(setting: BenchSetting, world: str, seed: int) -> NDArray[np.float32]:
-    """x y z of all submaps' points, and 1 for what moved."""
+    """x, y, z of all submaps' points; the fourth column is positive for points that moved."""
     out = setting.out / "graph" / f"{world}-{seed}"
     points = out / "points.bin"
     _graph(setting, out, ("--world", world, "--seed", seed), "--points", points)

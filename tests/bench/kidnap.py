@@ -1,9 +1,9 @@
-"""A robot that is carried about in a map of an earlier drive: whether it is found, and where.
+"""Kidnapped robot: whether a robot put down in the map of an earlier drive is found, and where.
 
-`zloam-kidnap` (`offline/`) maps one drive, and puts the robot down a hundred times with any
-heading: somewhere on another drive through the same world, one time in ten in another world. It is
-told nothing, and looks around for six seconds. Poses are judged by the simulator's truth. A place
-counts as mapped where the robot stays within 5 m of the mapping drive; only there it can be found.
+`zloam-kidnap` (`offline/`) maps one drive and puts the robot down a hundred times with any heading:
+somewhere on another drive through the same world, one time in ten in another world. The robot gets
+no hint and looks around for six seconds. Poses are judged by the simulator's truth. A place counts
+as mapped if the robot stays within 5 m of the mapping drive; only there it can be found.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class World:
-    """What is mapped, and what is driven then."""
+    """The drive that is mapped, and the drive on which the robot is put down."""
 
     name: str
     mapped: tuple[object, ...]
@@ -45,7 +45,7 @@ class World:
 
 
 def _same(name: str, mapped: float, driven: float, outside: object) -> World:
-    """Mapped and driven at a share of the world's own speed."""
+    """Both drives in the same world, at these multiples of its own speed."""
     return World(
         name,
         ("--world", name, "--speed-factor", mapped),
@@ -67,7 +67,8 @@ WORLDS = (
         ("--world", "city", "--duration", 60),
         LEAST_FOUND_LATER,
     ),
-    # Nobody can be found in every place of these: what counts is that no place is wrong.
+    # In these worlds many places look alike, so the robot cannot always be found: only false poses
+    # count.
     World(
         "equal-corridors",
         ("--world", YAMLS / "equal_corridors.yaml"),
@@ -87,15 +88,16 @@ WORLDS = (
 
 @dataclass
 class Kidnaps:
-    """What became of a hundred of them."""
+    """Results of a hundred kidnappings."""
 
     mapped: int = 0
     found: int = 0
-    #: with a wrong place among those that were said to be right, and where nothing was to be found
+    #: kidnappings in which a wrong pose was reported as right; kidnappings to another world, and
+    #: those of them in which any pose was reported as right
     false: int = 0
     outside: int = 0
     outside_found: int = 0
-    #: sweeps until the first right place, and errors from the third sweep after it on, m
+    #: sweeps until the first right pose; position errors from the third sweep after it on, m
     sweeps: list[float] = field(default_factory=list)
     off_m: list[float] = field(default_factory=list)
     cpu_ms: float = 0.0

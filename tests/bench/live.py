@@ -1,4 +1,5 @@
-"""A simulated drive, sent over UDP in real time, through the five stages on two cores or one."""
+"""A simulated drive, sent over UDP in real time, through the five stages on two cores and on
+one."""
 
 from __future__ import annotations
 
@@ -9,10 +10,10 @@ from tests.acceptance import live
 from tests.bench.framework import Benchmark, Outcome
 from tests.bench.setting import BenchSetting, on_cores
 
-#: of the stages before the pose: none may lose a sweep
+#: stages on the pose's path, none of which may lose a sweep
 POSE_PATH = ("driver", "registration", "odometry", "integration")
 KB = 1000.0
-#: last packet to fused pose, to mapped pose, ms
+#: limits in ms: last packet to fused pose (P50, P99), and to mapped pose
 FUSED_P50_MS, FUSED_P99_MS, MAPPED_P99_MS = 8.0, 20.0, 60.0
 
 
@@ -75,7 +76,7 @@ def _bytes(report: dict[str, Any]) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One run on two cores, four rows; one on a single core."""
+    """Four rows from one run on two cores; one row from a run on a single core."""
 
     @functools.cache
     def report() -> dict[str, Any]:

@@ -15,7 +15,8 @@ def _measure(setting: BenchSetting) -> Outcome:
     if demo.code != 0:
         raise RuntimeError(demo.last_words())
     report = demo.report
-    # Of one that has ended only what it held alone and with others is known.
+    # Of a stage that ended before PSS was measured only the RSS is known, which includes shared
+    # memory.
     rest = {stage: report["rss_mib"][stage]["end"] for stage in STAGES}
     held = {stage: MB_PER_MIB * mib for stage, mib in {**rest, **report["pss_mib"]}.items()}
     words = ", ".join(f"{stage} {mb:.0f}" for stage, mb in held.items())
@@ -28,7 +29,6 @@ def _measure(setting: BenchSetting) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One row."""
     return [
         Benchmark(
             "memory-city",

@@ -1,4 +1,5 @@
-"""CPU per sweep of registration, odometry and mapping beside KISS-ICP's, same scans, same run."""
+"""CPU per sweep of registration, odometry and mapping beside KISS-ICP's, same scans, same
+session."""
 
 from __future__ import annotations
 
@@ -23,7 +24,6 @@ def _measure(setting: BenchSetting) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One row."""
     return [
         Benchmark(
             "peer-kiss-icp",

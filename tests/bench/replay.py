@@ -1,4 +1,4 @@
-"""How fast recordings go through the five stages on two cores: multiples of the sensor's pace."""
+"""Speed of replays through the five stages on two cores, as a multiple of the sensor's pace."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _hdl64e(setting: BenchSetting) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """A sensor of 16 lasers and one of 64."""
+    """A sensor with 16 lasers and one with 64."""
     return [
         Benchmark(
             "replay-city",

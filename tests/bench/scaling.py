@@ -1,7 +1,7 @@
-"""What a sweep costs against its points, the size of the map and the length of the run.
+"""CPU time per sweep against the number of points, the size of the map and the length of the run.
 
-The three algorithms in one process without messages (`offline/`), CPU time of each sweep. One
-picture: out/bench/scaling.png.
+The three algorithms run in one process without messages (`offline/`). Picture:
+out/bench/scaling.png.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ from zloam_monitor.chain import binary
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-#: keep the returns of every n-th part of the turn
+#: keep the returns of every n-th part of the revolution
 THIN = (8, 4, 2, 1)
 LAPS = laps.LAPS
-#: parts of the way over which a cost is averaged
+#: number of parts of the way; costs are averaged over each part
 PLACES = 10
 STEPS = ("registration", "odometry", "mapping")
 COLOURS = dict(zip((*STEPS, "all"), ("#2ca02c", "#ff7f0e", "#1f77b4", "#111111"), strict=True))
-#: cost may grow with the points no faster than they do; with the map and the run not at all
+#: Limits: the cost grows at most in proportion to the points, and not at all with the map and the
+#: run.
 MOST_EXPONENT = 1.0
 MOST_GROWTH = laps.GROWTH
 
@@ -42,7 +43,7 @@ Costs = dict[str, Array]
 
 @dataclass(frozen=True)
 class Law:
-    """Means against what they are drawn over; `all` is the sum of the steps."""
+    """Mean costs against a quantity x; `all` is the sum of the steps."""
 
     name: str
     x_label: str
@@ -51,7 +52,7 @@ class Law:
 
 
 def _costs(setting: BenchSetting, source: Path, name: str, *options: object) -> Costs:
-    """Columns of what `zloam-offline` says of each sweep."""
+    """Columns of the table that `zloam-offline` writes about each sweep."""
     out = setting.out / "scaling" / name
     cost_of([binary(setting.build, "offline"), source, out, *options])
     table = np.genfromtxt(out / "cost.csv", delimiter=",", names=True)
@@ -70,26 +71,27 @@ def _law(name: str, x_label: str, over: str, means: list[dict[str, float]]) -> L
 
 
 def _by_points(setting: BenchSetting, name: str, source: Path, *options: object) -> Law:
-    """One drive, its sweeps thinned out."""
+    """Costs of one drive at several degrees of thinning."""
     runs = [_costs(setting, source, f"{name}-{thin}", "--thin", thin, *options) for thin in THIN]
-    # the first ones found the map
+    # The first quarter is left out: there the map is still being initialized.
     means = [_means(costs, slice(len(costs["all"]) // 4, None)) for costs in runs]
     return _law(name, "points a sweep", "points", means)
 
 
 def _exponent(law: Law) -> float:
-    """Of cost ~ points^exponent, over all steps."""
+    """Exponent of cost ~ points^exponent, over all steps."""
     return float(np.polyfit(np.log(law.x), np.log(law.ms["all"]), 1)[0])
 
 
 @dataclass(frozen=True)
 class Laws:
-    """All that is drawn."""
+    """All measured dependencies."""
 
     points: list[Law]
     map_size: Law
     length: Law
-    #: cost of the second lap over the first's at the same places, and the map's points there
+    #: ratio of the second lap's cost to the first's at the same places, and that of the map's
+    #: points there
     same_places: tuple[float, float]
 
 
@@ -191,7 +193,7 @@ _ROWS: tuple[tuple[str, str, Callable[[Laws], Outcome], str], ...] = (
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One set of runs, three rows."""
+    """Three rows from one set of runs."""
 
     @functools.cache
     def measured() -> Laws:

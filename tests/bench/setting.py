@@ -1,4 +1,4 @@
-"""Where things are, and what several benchmarks share: the simulated capture, CPU time, cores."""
+"""Folders, and what several benchmarks share: the simulated capture, CPU time, cores."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ import numpy as np
 from tests.acceptance.runs import Setting
 from zloam_monitor.chain import binary
 
-#: the live benchmark sends 40 s of it
+#: length of the capture; the live benchmark sends 40 s of it
 CAPTURE_SECONDS = 42.0
 
 
 class BenchSetting(Setting):
-    """The places of the acceptance runs, with a capture of our own."""
+    """The folders of the acceptance runs, with a capture of the benchmarks' own."""
 
     @classmethod
     def at(cls, build: Path, out: Path) -> BenchSetting:
@@ -30,7 +30,7 @@ class BenchSetting(Setting):
         return cls(here.build, here.out, here.shared)
 
     def capture(self) -> Path:
-        """The first part of the simulated city loop, and its payloads beside it; made once."""
+        """The first part of the simulated city loop, with its payloads beside it; created once."""
         capture = self.out / "capture.pcap"
         if not capture.exists():
             self.out.mkdir(parents=True, exist_ok=True)
@@ -38,13 +38,13 @@ class BenchSetting(Setting):
         return capture
 
     def payloads(self) -> Path:
-        """The capture's data packets, end to end."""
+        """The data packets of the capture, concatenated."""
         return self.out / "capture.bin"
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a program took."""
+    """Wall time, CPU time and output of a program."""
 
     wall_s: float
     cpu_s: float
@@ -52,7 +52,7 @@ class Cost:
 
 
 def cost_of(command: list[Any]) -> Cost:
-    """Runs a program; its CPU time is measured even while others use the machine."""
+    """Runs a program and measures its CPU time, which other load affects little."""
     before = os.times()
     began = time.monotonic()
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
@@ -65,7 +65,7 @@ def cost_of(command: list[Any]) -> Cost:
 
 
 def simulate(build: Path, seconds: float, *options: object) -> Cost:
-    """The simulated city, from its start."""
+    """Simulates the city loop from its start."""
     return cost_of(
         [
             *(binary(build, "simulator"), "--world", "city", "--seed", 1, "--quiet"),
@@ -76,19 +76,19 @@ def simulate(build: Path, seconds: float, *options: object) -> Cost:
 
 
 def json_of(said: str) -> dict[str, Any]:
-    """The last line of a program's output."""
+    """The last line of a program's output, parsed as JSON."""
     found: dict[str, Any] = json.loads(said.strip().splitlines()[-1])
     return found
 
 
 def percentile(samples: list[float], percent: float) -> float:
-    """NaN without samples."""
+    """The percentile; NaN without samples."""
     return float(np.percentile(samples, percent)) if samples else float("nan")
 
 
 @contextlib.contextmanager
 def on_cores(count: int) -> Iterator[None]:
-    """This process and those it starts run on so many cores at most."""
+    """Restricts this process and those that it starts to `count` cores."""
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, set(sorted(before)[:count]))
     try:

@@ -1,4 +1,4 @@
-"""How fast the simulator is: seconds of the sensor's time for each second of its own."""
+"""Speed of the simulator: simulated seconds per second of wall time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ def _measure(setting: BenchSetting) -> Outcome:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """One row."""
     return [
         Benchmark(
             "simulator",

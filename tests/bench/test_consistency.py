@@ -1,4 +1,4 @@
-"""consistency.py against a street whose walls, path and the path's errors are known beforehand."""
+"""Tests consistency.py on a street with known walls, a known path, and known errors of the path."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tests.bench.consistency import Array, Path
 
 SWEEP_S, SWEEPS, RAYS, NOISE_M = 0.1, 31, 12_000, 0.01
 SWEEP = SWEEPS - 1
-#: (axis of the normal, its place, least and greatest coordinate of the other two), m
+#: (axis of the normal, coordinate on that axis, ranges of the other two coordinates), m
 Wall = tuple[int, float, tuple[float, float], tuple[float, float]]
 
 
 def street() -> list[Wall]:
-    """Ground, a straight wall on the right, bays on the left whose faces look along the street."""
+    """Ground, a straight wall on the right, and bays on the left with faces along the street."""
     walls: list[Wall] = [(2, -1.7, (-90, 90), (-90, 90)), (1, -6.0, (-90, 90), (-2, 5))]
     for x in range(-40, 60, 8):
         walls.append((0, float(x), (5.0, 9.0), (-2, 5)))
@@ -25,7 +25,7 @@ def street() -> list[Wall]:
 
 
 def pose_at(times_s: Array) -> Array:
-    """A car that gets faster, swings from left to right and nods."""
+    """A car that accelerates, swings from left to right, and pitches."""
     out = np.tile(np.eye(4), (len(times_s), 1, 1))
     out[:, 0, 3] = 4.0 * times_s + 0.4 * times_s**2
     out[:, 1, 3] = 1.2 * np.sin(1.3 * times_s)
@@ -35,7 +35,7 @@ def pose_at(times_s: Array) -> Array:
 
 
 def cast(origins: Array, directions: Array) -> Array:
-    """Range to the nearest wall, infinite where there is none."""
+    """Range to the nearest wall; infinite where there is none."""
     nearest = np.full(len(origins), np.inf)
     for axis, place, *spans in street():
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -50,7 +50,8 @@ def cast(origins: Array, directions: Array) -> Array:
 
 
 def scanned() -> list[tuple[Array, Array]]:
-    """Points in the sensor's frame at their own times, those times: a turn begins at the rear."""
+    """For each sweep, points in the sensor's frame at their own times, and these times; revolutions
+    begin at the rear."""
     rng, found = np.random.default_rng(3), []
     for sweep in range(SWEEPS):
         part = np.sort(rng.random(RAYS))
@@ -92,7 +93,8 @@ def test_a_path_of_a_wrong_length_is_corrected_by_its_error(
     poses[:, :3, 3] *= scale
     found = consistency.misfit(scans.__getitem__, Path(poses, ends), SWEEP, SWEEP_S)
     missing_m = found.travelled_m * (1 / scale - 1)
-    # the map is smeared by the same error within its own second, and built nearer to its end
+    # The tolerance: the map's own second is distorted by the same error, and more of the map is
+    # built near its end.
     assert found.ahead_m == pytest.approx(missing_m, rel=0.15)
     assert abs(found.left_m) < 0.3 * abs(missing_m)
     assert found.after_m < found.before_m

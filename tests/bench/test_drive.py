@@ -1,4 +1,4 @@
-"""drive.py's own geometry: scans of a car whose motion is known beforehand."""
+"""Tests the geometry of drive.py on scans of a car with a known motion."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ def pose_at(times_s: Array) -> Array:
 
 
 def seen_at(sweep: int) -> tuple[Array, Array]:
-    """(landmarks in the frame they are hit in, the same ones at the middle of the sweep)."""
+    """(landmarks as seen at the instants they are hit, the same landmarks as seen at the middle of
+    the sweep)."""
     azimuth = np.radians([179.0, 90.0, 1.0, -90.0, -179.0])
     hit = np.stack([10 * np.cos(azimuth), 10 * np.sin(azimuth), np.full(5, -1.0)], axis=1)
-    # from the rear over the left, ahead and the right
+    # The sensor rotates from the rear over the left side, the front and the right side.
     times_s = (sweep + (np.pi - azimuth) / (2 * np.pi)) * drive.PERIOD_S
     poses, middle = pose_at(times_s), pose_at(np.array([(sweep + 0.5) * drive.PERIOD_S]))[0]
     world = np.einsum("nij,nj->ni", poses[:, :3, :3], hit) + poses[:, :3, 3]
@@ -44,7 +45,7 @@ def scans(tmp_path: Path) -> Scans:
     for sweep in range(SWEEPS):
         hit, _ = seen_at(sweep)
         rows = np.zeros((len(hit) + 1, 4), "<f4")
-        # the last record of a scan can be all zeros: no return
+        # The last record of a scan may be all zeros: no return.
         rows[:-1, :3] = hit
         rows.tofile(folder / "velodyne" / f"{sweep:06d}.bin")
     meta = {"rings": 64, "period": 0.1, "timestamps": False, "scans_in": "velodyne"}

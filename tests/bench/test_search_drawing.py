@@ -1,4 +1,5 @@
-"""Random drives: the same for ever, of everything that issue 36 names, and possible."""
+"""Random drives are reproducible, cover everything that issue 36 names, and are physically
+possible."""
 
 from __future__ import annotations
 
@@ -58,7 +59,7 @@ def test_sweeps_that_arrive_are_two_to_twenty_a_second(drives: list[drawing.Desc
         lost = set(d["dropped"])
         assert d["dropped"] == sorted(lost)
         assert 0 not in lost
-        # between bursts at least every half second
+        # Outside of bursts, sweeps arrive at least every half second.
         arrived = [t for t in range(turns) if t not in lost]
         every = min(b - a for a, b in itertools.pairwise(arrived))
         assert d["lidar"]["hz"] / every >= drawing.LOWEST_HZ - 1e-9
@@ -101,7 +102,7 @@ def test_the_worst_misled_most(tmp_path: Path) -> None:
         Row("drive-5-1", verdict(poses=10, fused_m=0.5), "", 1.0),
         Row("drive-5-2", verdict(poses=10, silent=3, worst_silent_m=2.0), "", 1.0),
         Row("drive-5-3", verdict(poses=10, fused_m=float("nan")), "", 1.0),
-        # lost by metres, and says so
+        # off by metres, but flagged as lost
         Row("drive-5-4", verdict(odometry_m=9.0, map_m=9.0, fused_m=9.0, lost=10), "", 1.0),
         Row("drive-5-5", None, "no possible drive", 1.0),
     ]

@@ -1,4 +1,4 @@
-"""What the search says of a run, on runs written here whose errors are known."""
+"""The search's judgement of runs that are written here with known errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ POSES = 60
 
 
 def line_along_x(offsets_m: dict[int, float]) -> Trajectory:
-    """0.5 m a pose; from the given poses on it is off by so much to the side."""
+    """A straight line with 0.5 m per pose; from each given pose on it is shifted sideways by the
+    offset."""
     transforms = np.tile(np.eye(4), (POSES, 1, 1))
     transforms[:, 0, 3] = STEP_M * np.arange(POSES)
     transforms[:, 2, 3] = 0.1 * np.sin(
@@ -75,7 +76,7 @@ def test_lost_hides_an_error_only_while_it_is_said(tmp_path: Path) -> None:
 def test_a_flag_is_false_where_the_last_ten_metres_are_right(tmp_path: Path) -> None:
     flags = {5: DEGENERATE, 21: LOST, 39: DEGENERATE, 41: LOST}
     found = judge.verdict(write_run(tmp_path, {20: 0.2}, flags, 0.01), line_along_x({}))
-    # the step aside at pose 20 is in the last ten metres (twenty poses) of 20 to 39
+    # The step at pose 20 is within the last ten metres (twenty poses) of the poses 20 to 39.
     assert (found.false_flags, found.right) == (2, POSES - 20)
     open_way = judge.verdict(tmp_path, line_along_x({}), open_direction=True)
     assert open_way.false_flags == 1

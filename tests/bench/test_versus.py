@@ -1,4 +1,4 @@
-"""The scoring of tests/bench/versus against trajectories whose errors are known beforehand."""
+"""Tests the scoring of tests/bench/versus on trajectories with known errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCANS = 300
 
 
 def pose_at(seconds: np.ndarray) -> np.ndarray:
-    """A closed curve of about 60 m with turns, in a formula."""
+    """A closed curve of about 60 m with turns."""
     out = np.tile(np.eye(4), (len(seconds), 1, 1))
     phase = 2 * np.pi * seconds / 30.0
     out[:, 0, 3], out[:, 1, 3] = 10.0 * np.sin(phase), 6.0 * np.sin(2 * phase)
@@ -53,7 +53,7 @@ def poses_at_part(part: float) -> np.ndarray:
 def test_the_instant_that_poses_mean_is_found(
     truth: Trajectory, starts_ns: np.ndarray, part: float
 ) -> None:
-    """Else a system would pay for a convention, 5 cm at 1 m/s."""
+    """A different convention must cost a system nothing; unnoticed it would cost 5 cm at 1 m/s."""
     found = score.by_scan(poses_at_part(part), starts_ns, PERIOD_NS, truth)
     assert found.instant == part
     assert found.scores.matched == SCANS
@@ -75,14 +75,14 @@ def test_the_instant_is_found_under_drift_and_in_another_frame(
 def test_stamped_poses_are_held_to_their_own_instants(
     truth: Trajectory, starts_ns: np.ndarray
 ) -> None:
-    """Ours says when its poses hold: a wrong stamp is an error, not a convention."""
+    """Our poses have stamps: a wrong stamp is an error, not a convention."""
     right = Trajectory(poses_at_part(1.0), starts_ns + PERIOD_NS, np.arange(SCANS))
     wrong = Trajectory(poses_at_part(0.5), starts_ns + PERIOD_NS, np.arange(SCANS))
     assert score.stamped(right, starts_ns, truth).scores.ate_rmse_m == pytest.approx(0, abs=2e-4)
     assert score.stamped(right, starts_ns, truth).instant == 1.0
     a_firing_late = Trajectory(right.transforms, right.stamps_ns + 55_000, right.sweeps)
     assert score.stamped(a_firing_late, starts_ns, truth).instant == pytest.approx(1.0, abs=1e-3)
-    # half a period late: the rms of speed times 50 ms, whatever the alignment can take off it
+    # Half a period late: about the rms of speed times 50 ms; the alignment removes little of it.
     speed = np.linalg.norm(np.diff(poses_at_part(0.0)[:, :3, 3], axis=0), axis=1) / 0.1
     error = score.stamped(wrong, starts_ns, truth).scores.ate_rmse_m
     assert error is not None
@@ -98,7 +98,7 @@ def test_noise_of_a_known_size_is_the_error(truth: Trajectory, starts_ns: np.nda
 
 
 def test_a_scale_error_is_drift_of_its_size(starts_ns: np.ndarray) -> None:
-    """No scale is taken out by the alignment; straight, so that chords are path lengths."""
+    """The alignment removes no scale error; the path is straight, so chords equal path lengths."""
     seconds = np.arange(0.0, SCANS * 0.1 + 0.3, 0.005)
     straight = np.tile(np.eye(4), (len(seconds), 1, 1))
     straight[:, 0, 3] = seconds * 2.0
@@ -130,7 +130,7 @@ def entry(ate: float, cpu: float, **more: float) -> summary.Entry:
 
 
 def test_cpu_ratios_are_of_one_round_and_then_medians() -> None:
-    """A round on a busy machine shows in neither ratio: 10/20, 30/50, 10/25."""
+    """A round on a busy machine spoils neither ratio: 10/20, 30/50, 10/25."""
     rounds: list[summary.Round] = [
         {"zloam": entry(0.01, ours), "kiss-icp": entry(0.1, theirs)}
         for ours, theirs in ((10.0, 20.0), (30.0, 50.0), (10.0, 25.0))
@@ -146,7 +146,8 @@ def test_cpu_ratios_are_of_one_round_and_then_medians() -> None:
 
 
 def test_a_loam_is_measured_in_the_same_rounds() -> None:
-    """Its stages run like ours: 30/90, 40/100, 50/200, and never a figure from elsewhere."""
+    """A-LOAM's stages run like ours in each round: 30/90, 40/100, 50/200, never a figure of another
+    session."""
     rounds: list[summary.Round] = [
         {"zloam": entry(0.01, ours), "a-loam": entry(0.2, theirs)}
         for ours, theirs in ((30.0, 90.0), (40.0, 100.0), (50.0, 200.0))
@@ -220,7 +221,8 @@ def test_the_peers_program_starts_in_its_own_environment(tmp_path: Path) -> None
 
 
 def test_written_scans_are_read_back_by_the_peers(tmp_path: Path) -> None:
-    """Decoded points of four turns, the outer two partial: positions and times survive."""
+    """Decoded points of four revolutions, the outer two partial: positions and times are
+    preserved."""
     points = np.zeros(40, DECODED_POINT)
     points["xyz"] = np.arange(120).reshape(40, 3)
     points["sweep"] = np.repeat([0, 1, 2, 3], 10)
@@ -277,7 +279,8 @@ def test_known_data_sets_only(tmp_path: Path) -> None:
 
 
 def test_rounds_of_some_systems_only_give_ratios_of_their_own() -> None:
-    """A long data set is measured in parts: a peer meets ours of its own part."""
+    """A long data set is measured in parts: a peer is compared with our figures of its own
+    rounds."""
     rounds: list[summary.Round] = [
         {"zloam": entry(0.01, 10.0), "kiss-icp": entry(0.1, 20.0)},
         {"zloam": entry(0.01, 30.0), "genz-icp": entry(0.1, 60.0)},
@@ -321,7 +324,7 @@ def test_only_names_benchmarks_by_parts() -> None:
 
 
 def test_a_turned_set_shows_the_same_world(tmp_path: Path) -> None:
-    """Where a point lies in the world does not depend on how the sensor is mounted."""
+    """The position of a point in the world does not depend on the sensor's mounting."""
     straight, out = tmp_path / "straight", tmp_path / "turned"
     (straight / "scans").mkdir(parents=True)
     out.mkdir()

@@ -1,4 +1,5 @@
-"""10 MB messages between processes on the stages' runtime; what a slow reader does to others."""
+"""10 MB messages between processes on the stages' runtime, and the effect of a slow reader on
+others."""
 
 from __future__ import annotations
 
@@ -19,21 +20,21 @@ from zloam_monitor.processes import free_base_port
 POINT_BYTES = 24
 MESSAGE_BYTES = 10_000_000
 COUNT = 1000
-#: every so many messages one is thrown away on arrival, so that there is something to recover
+#: every n-th message is dropped on arrival, so that there is something to recover
 FAULT_EVERY = 50
-#: the slow reader: at this rate it falls behind at once
+#: the slow reader's time per message and the rate of messages, at which it falls behind at once
 SLOW_MS, RATE_HZ, SLOW_COUNT, ROUNDS = 100, 20.0, 150, 2
 SLOW_MESSAGE_BYTES = {True: MESSAGE_BYTES, False: 1_000_000}
-#: with the slow reader / with a quick one in its place
+#: limit of the ratio of latencies with a slow second reader to those with a quick one
 RATIO_LIMIT = 2.0
-#: times below this are the scheduler's, not the reader's
+#: Shorter times are due to the scheduler, not to the reader.
 FLOOR_MS = 5.0
 PATIENCE_S = 600.0
 
 
 @dataclass(frozen=True)
 class Link:
-    """How publisher and readers are set up."""
+    """Configuration of publisher and readers."""
 
     shared_memory: bool
     message_bytes: int
@@ -43,7 +44,7 @@ class Link:
 
 
 class Run:
-    """One publisher (driver) and some readers, each a process."""
+    """One publisher (the driver) and some readers, each in its own process."""
 
     def __init__(self, setting: BenchSetting, name: str, link: Link) -> None:
         self._program = binary(setting.build, "bench-transport")
@@ -82,7 +83,7 @@ class Run:
             raise RuntimeError(f"{role} ended with {code}: {log[-300:]}")
 
     def result(self, work_ms: dict[str, int]) -> dict[str, dict[str, Any]]:
-        """Role -> its report; `work_ms` names the readers."""
+        """Role -> its report; `work_ms` has each reader's time per message."""
         link, readers = self._link, list(work_ms)
         publisher = {
             "count": link.count,
@@ -96,7 +97,7 @@ class Run:
             self._start("driver", publisher, readers)
             for role in readers:
                 self._wait(role)
-            # a live publisher stays for those who ask for lost messages
+            # A live publisher keeps running to answer queries for lost messages.
             if link.rate_hz > 0:
                 self._started["driver"].send_signal(signal.SIGTERM)
             self._wait("driver")
@@ -137,7 +138,8 @@ def _crossing(setting: BenchSetting, shared_memory: bool, fault_every: int) -> O
 
 
 def _with_second_reader(setting: BenchSetting, shared_memory: bool) -> Outcome:
-    """Rounds with a quick and a slow second reader take turns, so that load meets both alike."""
+    """Rounds with a quick and a slow second reader alternate, so that other load affects both
+    alike."""
     link = Link(shared_memory, SLOW_MESSAGE_BYTES[shared_memory], SLOW_COUNT, RATE_HZ)
     latency: dict[str, list[float]] = {"quick": [], "slow": []}
     puts: dict[str, list[float]] = {"quick": [], "slow": []}
@@ -193,7 +195,7 @@ def _crossings(setting: BenchSetting, shared_memory: bool) -> list[Benchmark]:
 
 
 def benchmarks(setting: BenchSetting) -> list[Benchmark]:
-    """By shared memory and by TCP."""
+    """Through shared memory and over TCP."""
     found = []
     for shared_memory in (True, False):
         found += _crossings(setting, shared_memory)

@@ -99,7 +99,7 @@ def evaluate(
     times, estimate = np.minimum(times[inside], truth_times[-1]), estimate[inside]
     truth = interpolated(truth_times, truth_poses, times)
     if base_from_lidar is not None:
-        # the truth is the sensor's: carry it to base_link
+        # The truth is the sensor's: move it to base_link.
         truth = truth @ np.linalg.inv(base_from_lidar)
     reference, aligned = evo_trajectory(times, truth), evo_trajectory(times, estimate)
     aligned.align(reference, correct_scale=False)

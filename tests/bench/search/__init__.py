@@ -1,2 +1,2 @@
-"""Motions, rates and sensors that nobody tuned for: each drive through the algorithms in one
-process (zloam-offline), judged against its exact truth."""
+"""Motions, rates and sensors for which nothing was tuned: each drive runs through the algorithms in
+one process (zloam-offline) and is judged against its exact truth."""

@@ -1,6 +1,6 @@
-"""python -m tests.bench.search [SETS] [--binary PATH] [--set key=value ...]: one row a drive.
+"""python -m tests.bench.search [SETS] [--binary PATH] [--set key=value ...]: one row per drive.
 
-SETS: comma-separated names, patterns over them (swung-*), the groups table, normal, worlds, or
+SETS: comma-separated names, patterns of names (swung-*), the groups table, normal, worlds, or
 random drives: drive-SEED-NUMBER.
 """
 
@@ -19,7 +19,8 @@ from tests.bench.search.sets import DataSet, Places
 
 
 def chosen(known: list[DataSet], wanted: str) -> list[DataSet]:
-    """In the known order; ends the program when a part matches nothing."""
+    """The selected sets in the given order; ends the program if a part of `wanted` matches
+    nothing."""
     found: set[str] = set()
     random: list[DataSet] = []
     for part in (p.strip() for p in wanted.split(",")):

@@ -1,8 +1,8 @@
-"""Random drives: a platform of some kind in some world with some lidar, drawn from a seed.
+"""Random drives: some platform in some world with some lidar, drawn from a seed.
 
-What is drawn is what platforms do (speeds, corners, gaits, swings, bumps) and what lidars are sold
-as; motion.hpp refuses what nothing can do, and no drive is left out for being hard. zloam-offline
-reads the description and casts the scans (drive_file.hpp).
+Drives have the speeds, corners, gaits, swings and bumps of real platforms, and the properties of
+lidars on the market. motion.hpp refuses only what is physically impossible; no drive is left out
+for being hard. zloam-offline reads the description and casts the scans (drive_file.hpp).
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ import numpy as np
 Rng = np.random.Generator
 Description = dict[str, Any]
 
-#: rays of a whole drive: bounds the time of a search
+#: rays of a whole drive; bounds the duration of a search
 RAYS = 5_000_000
 FEWEST_SWEEPS, MOST_SWEEPS, LONGEST_S = 80, 250, 80.0
 LOWEST_HZ = 2.0
 OPEN_WORLDS = ("city", "flat", "field", "park", "tunnel_weak")
-#: driven too fast for its corners or its traffic, a world's own drive is taken
+#: World whose own drive is taken if the drawn one is too fast for its corners or its traffic.
 OWN_DRIVE = "moving"
-#: nothing faces along it
+#: worlds without any surface that faces along them
 OPEN_DIRECTION = ("tunnel",)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A platform: its worlds, speeds, and how it is shaken."""
+    """A kind of platform: its worlds and speeds, and how it shakes."""
 
     name: str
     worlds: tuple[str, ...]
@@ -39,7 +39,7 @@ class Kind:
     acceleration_mps2: tuple[float, float]
     height_m: tuple[float, float]
     shake: Callable[[Rng], list[Description]]
-    #: a person or an animal's gait: the preset for it is taken
+    #: carried by a person, or walking: takes the preset for that
     carried: bool
 
 
@@ -52,14 +52,15 @@ def _even_in_ratio(rng: Rng, low: float, high: float) -> float:
 
 
 def wave(rng: Rng, axis: str, amplitude: float, hz: float) -> Description:
-    """Degrees for turns, metres for the rest."""
+    """A sine wave; the amplitude is in degrees for rotations, in metres for translations."""
     unit = "deg" if axis in ("roll", "pitch", "yaw") else "m"
     phase = _between(rng, 0.0, 2.0 * math.pi)
     return {"axis": axis, f"amplitude_{unit}": round(amplitude, 5), "hz": hz, "phase_rad": phase}
 
 
 def bounded_wave(rng: Rng, axis: str, most: float, rate: float, acceleration: float) -> Description:
-    """Any frequency; an amplitude up to `most` that keeps its derivatives (deg or m, per s)."""
+    """A wave of any frequency with an amplitude of at most `most` that respects the limits of both
+    derivatives (deg or m, per s and s²)."""
     hz = _even_in_ratio(rng, 0.2, 5.0)
     turn = 2.0 * math.pi * hz
     largest = min(most, rate / turn, acceleration / turn**2)
@@ -67,7 +68,7 @@ def bounded_wave(rng: Rng, axis: str, most: float, rate: float, acceleration: fl
 
 
 def _mixture(rng: Rng, turns: dict[str, float], lengths: dict[str, float], rate_deg: float) -> Any:
-    """Each axis by chance, at least one; several waves of one axis share what it may do."""
+    """Waves on randomly chosen axes, at least one; several waves of one axis share its limits."""
     axes = [*turns, *lengths]
     picked = [axis for axis in axes if rng.random() < 0.55] or [axes[int(rng.integers(len(axes)))]]
     waves = []
@@ -107,7 +108,7 @@ def _shake_head(rng: Rng) -> list[Description]:
 
 
 def _gait(rng: Rng, hz: float, bounce_m: float, tilt_deg: float, yaw_deg: float) -> Any:
-    """Up and down and nodding with each step, to the side and back with each pair."""
+    """A gait: up, down and pitch with each step, sideways with each pair of steps."""
     return [
         wave(rng, "up", bounce_m, hz),
         wave(rng, "up", 0.2 * bounce_m, round(2.0 * hz, 4)),
@@ -206,7 +207,7 @@ KINDS = (
     ),
 )
 
-#: lowest and highest beam of lidars that are sold, by beams
+#: lowest and highest beam of lidars on the market, by number of beams
 FANS = {
     16: ((-15.0, 15.0),),
     32: ((-25.0, 15.0), (-22.5, 22.5), (-45.0, 45.0)),
@@ -235,7 +236,7 @@ def _lidar(rng: Rng) -> Description:
 
 
 def _dropped(rng: Rng, turns: int, every: int) -> list[int]:
-    """Turns that do not arrive: all but every so many-th, some singly, some in bursts."""
+    """Revolutions that do not arrive: all but every n-th, some single ones, some in bursts."""
     lost = {t for t in range(turns) if t % every}
     if rng.random() < 0.4:
         lost |= set(np.flatnonzero(rng.random(turns) < rng.uniform(0.02, 0.2)).tolist())
@@ -247,7 +248,8 @@ def _dropped(rng: Rng, turns: int, every: int) -> list[int]:
 
 
 def _stops(rng: Rng, duration_s: float, speed_mps: float, brake_mps2: float) -> list[Description]:
-    """As hard as the platform brakes: a smooth ramp's steepest part is 1.875 times its mean."""
+    """Stops, as hard as the platform can brake: the steepest part of a smooth ramp has 1.875 times
+    its mean slope."""
     ramp_s = round(max(0.5, 1.875 * speed_mps / brake_mps2), 3)
     stops: list[Description] = []
     at_s = _between(rng, 3.0, 8.0)
@@ -272,7 +274,7 @@ def _bumps(rng: Rng, duration_s: float) -> list[Description]:
 
 
 def draw(seed: int, number: int) -> tuple[Description, Kind]:
-    """Drive so many of a search; the same for ever."""
+    """The n-th drive of a search; always the same for the same seed."""
     rng = np.random.default_rng([seed, number])
     kind = KINDS[int(rng.choice(len(KINDS), p=(0.35, 0.2, 0.12, 0.13, 0.1, 0.1)))]
     world = str(rng.choice(kind.worlds))
@@ -304,7 +306,7 @@ def draw(seed: int, number: int) -> tuple[Description, Kind]:
     if kind.name == "vehicle" and rng.random() < 0.5:
         drive["bumps"] = _bumps(rng, drive["start_s"] + duration_s)
     if world == OWN_DRIVE:
-        # its traffic keeps its distance from that drive alone
+        # The world's traffic keeps its distance only to the world's own drive.
         drive["speed_mps"] = 0.0
         drive["heading_deg"] = drive["start_share"] = 0.0
         drive.pop("stops", None)
@@ -313,7 +315,7 @@ def draw(seed: int, number: int) -> tuple[Description, Kind]:
 
 
 def in_words(drive: Description, kind: Kind) -> str:
-    """One line for a report."""
+    """The drive in one line, for a report."""
     lidar = drive["lidar"]
     turns = int(drive["duration_s"] * lidar["hz"])
     arrived = 1.0 - len(drive["dropped"]) / max(1, turns)

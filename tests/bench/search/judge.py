@@ -1,11 +1,11 @@
-"""What a run is worth beside its truth: errors of the three paths, and whether the poses' own word
-about themselves is right.
+"""Judges a run against its truth: errors of the three trajectories, and whether the health and the
+covariance of the poses are right.
 
-A pose is silently wrong when it says Ok while the motion since the last pose that said Ok is off by
-more than three of its own sigmas and 2 cm. It is vague when it says Ok with a sigma above what a
-user asks for: that cannot be called wrong, and helps nobody. A flag is false when Degenerate,
-Predicted, Bridging or Lost is reported for a pose whose motion over the last 10 m of way is right
-to 1 %, or 2 cm.
+A pose is silently wrong if it is reported as Ok although the motion since the previous Ok pose is
+off by more than three of its own sigmas plus 2 cm. It is vague if it is reported as Ok with a sigma
+above a user's requirement: not wrong, but of no use. A flag is false if Degenerate, Predicted,
+Bridging or Lost is reported for a pose whose motion over the last 10 m of way is right to 1 %, or 2
+cm.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from zloam_monitor import evaluation, se3, trajectory
 from zloam_monitor.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-#: common/geometry/health.hpp
+#: values of common/geometry/health.hpp
 OK, DEGENERATE, PREDICTED, BRIDGING, LOST = 0, 4, 5, 8, 9
 SIGMAS, SLACK_M = 3.0, 0.02
-#: what a user asks for: part of the way, over so much of it
+#: a user's requirement: error as a share of the way, over this length of way
 WAY_M, WAY_SHARE = 10.0, 0.01
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one drive."""
+    """The judgement of one drive."""
 
     poses: int
     path_m: float
@@ -45,13 +45,13 @@ class Verdict:
     other: int
     jumps: int
     silent: int
-    #: number of the first pose that is silently wrong; -1: none
+    #: number of the first silently wrong pose; -1: none
     first_silent: int
-    #: m, the largest excess over three sigmas of a pose that says Ok
+    #: m; largest excess over three sigmas among the poses with health Ok
     worst_silent_m: float
     vague: int
     false_flags: int
-    #: poses whose motion is right, of which `false_flags` are a part
+    #: poses whose motion is right; `false_flags` counts some of them
     right: int
     registration_ms: float
     odometry_ms: float
@@ -59,7 +59,7 @@ class Verdict:
 
     @property
     def bound_m(self) -> float:
-        """What issue 36 allows the fused pose."""
+        """Limit of issue 36 for the fused pose."""
         return 1.2 * min(self.odometry_m, self.map_m) + 0.005
 
     @property
@@ -76,7 +76,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Said:
-    """The fused poses beside the truth, with what each says of itself."""
+    """The fused poses with the truth, and the health and sigma reported with each."""
 
     truth: Array
     estimate: Array
@@ -91,7 +91,7 @@ def _table(path: Path) -> Array:
 
 
 def said_of(run: Path, truth: Trajectory) -> Said:
-    """Of a run of zloam-offline."""
+    """Reads the results of a run of zloam-offline."""
     fused = trajectory.read(run / "fused.tum")
     flags = np.genfromtxt(run / "fused.csv", delimiter=",", skip_header=1, ndmin=2)
     covariances = _table(run / "fused_covariance.csv")[:, 1:].reshape(-1, 6, 6)
@@ -111,7 +111,7 @@ def said_of(run: Path, truth: Trajectory) -> Said:
 
 
 def relative_error_m(said: Said, first: Any, last: Any) -> Array:
-    """How far the motion between poses is off."""
+    """Position error of the motion between the poses."""
     truth = se3.inverse(said.truth[first]) @ said.truth[last]
     estimate = se3.inverse(said.estimate[first]) @ said.estimate[last]
     error: Array = np.linalg.norm((se3.inverse(truth) @ estimate)[:, :3, 3], axis=1)
@@ -119,7 +119,7 @@ def relative_error_m(said: Said, first: Any, last: Any) -> Array:
 
 
 def excess_m(said: Said) -> tuple[NDArray[np.int64], Array]:
-    """Poses that say Ok (but the first), and by how much each is more wrong than it says."""
+    """Poses with health Ok (but the first), and by how much each error exceeds its own bound."""
     ok = np.flatnonzero(said.health == OK)
     if len(ok) < 2:
         return np.empty(0, np.int64), np.empty(0)
@@ -128,7 +128,8 @@ def excess_m(said: Said) -> tuple[NDArray[np.int64], Array]:
 
 
 def right_poses(said: Said) -> NDArray[np.bool_]:
-    """Whose motion over the last ten metres, or since the start, is what a user asks for."""
+    """Poses whose motion over the last ten metres, or since the start, meets a user's
+    requirement."""
     along = trajectory.path_m(said.truth)
     last = np.arange(len(along))
     first = np.searchsorted(along, along - WAY_M, side="right").clip(1) - 1
@@ -146,7 +147,8 @@ def _ate_m(path: Path, truth: Trajectory) -> tuple[float, float]:
 
 
 def verdict(run: Path, truth: Trajectory, open_direction: bool = False) -> Verdict:
-    """Of a run of zloam-offline; where a direction is open, Degenerate is never a false flag."""
+    """Judges a run of zloam-offline; if the scene leaves a direction open, Degenerate is never a
+    false flag."""
     said = said_of(run, truth)
     poses, excess = excess_m(said)
     silent = poses[excess > 0]

@@ -1,4 +1,5 @@
-"""own_box.py TOOLS BASE OUT: a capture whose sensor has a plate of its own robot behind it."""
+"""own_box.py TOOLS BASE OUT: a capture in which a plate on the robot itself is in view behind the
+sensor."""
 
 from __future__ import annotations
 

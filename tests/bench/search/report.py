@@ -1,4 +1,4 @@
-"""What a search found: the figures that issue 36 asks for, the worst ten, kinds and worlds."""
+"""Results of a search: the figures of issue 36, the ten worst drives, kinds and worlds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SKIPPED = "skipped"
 
 @dataclass(frozen=True)
 class Found:
-    """Of all drives of a search."""
+    """Sums over all drives of a search."""
 
     drives: int
     failed: tuple[str, ...]
@@ -38,12 +38,12 @@ class Found:
 
     @property
     def whole(self) -> bool:
-        """Every drive has a verdict."""
+        """Whether every drive has a verdict."""
         return self.drives > 0 and not self.failed
 
 
 def found_in(rows: list[Row]) -> Found:
-    """A drive that failed counts as nothing else."""
+    """Sums up the verdicts; a drive that failed counts only as failed."""
     judged = [r.verdict for r in rows if r.verdict is not None]
     return Found(
         drives=len(judged),
@@ -59,21 +59,22 @@ def found_in(rows: list[Row]) -> Found:
 
 
 def badness_m(verdict: Verdict) -> float:
-    """Metres that a user was misled by: wrong while Ok, or worse than the better opinion."""
-    # no figure is as bad as it gets
+    """Metres by which a user was misled: error beyond the reported one, plus fused error above the
+    bound."""
+    # A missing error counts as arbitrarily bad.
     above = float(np.nan_to_num(verdict.fused_m - verdict.bound_m, nan=1e9))
     return verdict.worst_silent_m + max(0.0, above)
 
 
 def worst(rows: list[Row], count: int = WORST) -> list[tuple[Row, Verdict]]:
-    """The largest `badness_m` first, only those with any."""
+    """The drives with the largest `badness_m`, worst first; none with zero."""
     judged = [(r, r.verdict) for r in rows if r.verdict is not None]
     ranked = sorted(judged, key=lambda pair: badness_m(pair[1]), reverse=True)
     return [pair for pair in ranked[:count] if badness_m(pair[1]) > 0]
 
 
 def command_of(name: str) -> str:
-    """How to run a single drive again."""
+    """Command line that runs a single drive again."""
     return f"PYTHONPATH=services/monitor/src:. .venv/bin/python -m tests.bench.search {name}"
 
 
@@ -97,7 +98,7 @@ def _worst_lines(rows: list[Row]) -> list[str]:
 
 
 def _grouped(rows: list[Row], title: str, key: Callable[[str], str]) -> list[str]:
-    """Medians and counts by what `key` makes of a drive's name."""
+    """Medians and counts of the drives, grouped by `key` of their names."""
     groups: dict[str, list[Verdict]] = defaultdict(list)
     for row in rows:
         if row.verdict is not None:
@@ -131,7 +132,7 @@ def _rate(name: str) -> str:
 
 
 def summary(found: Found) -> str:
-    """One line."""
+    """The results in one line."""
     return (
         f"{found.drives} drives, {found.poses} poses: fused above 1.2 x the better of odometry and "
         f"map + 5 mm in {found.above_bound} drives; silently wrong {found.silent} poses in "
@@ -141,7 +142,7 @@ def summary(found: Found) -> str:
 
 
 def write(path: Path, rows: list[Row]) -> None:
-    """Markdown."""
+    """Writes the report as Markdown."""
     found = found_in(rows)
     lines = ["# Search for the worst", "", summary(found), ""]
     lines += [f"- {failure}" for failure in found.failed]

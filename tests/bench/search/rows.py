@@ -1,4 +1,5 @@
-"""`make bench ONLY='search-*'`: random drives through the algorithms; one run, judged three ways.
+"""`make bench ONLY='search-*'`: random drives through the algorithms, in one run with three
+judgements.
 
 300 drives take about 25 minutes on two idle cores.
 """
@@ -19,14 +20,14 @@ DRIVES, SEED = 300, 1
 
 @dataclass(frozen=True)
 class Options:
-    """Of the command line."""
+    """Options of the command line."""
 
     drives: int = DRIVES
     seed: int = SEED
 
 
 class _Search:
-    """All drives, run once."""
+    """All drives, which run once."""
 
     def __init__(self, setting: BenchSetting, options: Options) -> None:
         self.setting, self.options = setting, options
@@ -70,7 +71,7 @@ class _Search:
 
 
 def benchmarks(setting: BenchSetting, options: Options) -> list[Benchmark]:
-    """The worst ten, with their commands, are in OUT/search/report.md."""
+    """Three rows; the ten worst drives, with their commands, are in OUT/search/report.md."""
     search, many = _Search(setting, options), f"{options.drives} random drives, seed {options.seed}"
     return [
         Benchmark(

@@ -1,4 +1,4 @@
-"""zloam-offline over drives, two at a time, each judged."""
+"""Runs zloam-offline over drives, two at a time, and judges each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ JOBS = 2
 
 @dataclass(frozen=True)
 class Row:
-    """One drive after its run; `failure` says why there is no verdict."""
+    """The result of one drive; `failure` is the reason if there is no verdict."""
 
     name: str
     verdict: Verdict | None
@@ -29,12 +29,12 @@ class Row:
 
 
 def folder_of(name: str) -> str:
-    """Where a drive's files lie."""
+    """Name of the folder for a drive's files."""
     return name.replace("/", "-every")
 
 
 def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str, ...] = ()) -> Row:
-    """What it throws is the row's failure."""
+    """Runs and judges one drive; an exception becomes the row's failure."""
     began = time.monotonic()
     found, failure = None, ""
     try:
@@ -51,7 +51,7 @@ def run(data: DataSet, places: Places, binary: Path, out: Path, more: tuple[str,
 
 
 def _options(arguments: tuple[str, ...]) -> Iterator[str]:
-    """--set=KEY=VALUE as the program takes it."""
+    """Splits --set=KEY=VALUE into the two arguments that the program takes."""
     for argument in arguments:
         option, equals, value = argument.partition("=")
         yield option
@@ -60,7 +60,7 @@ def _options(arguments: tuple[str, ...]) -> Iterator[str]:
 
 
 def run_all(sets: list[DataSet], each: Callable[[DataSet], Row], jobs: int = JOBS) -> Iterator[Row]:
-    """In the given order, as they come."""
+    """The rows in the given order, each as soon as it is there."""
     with concurrent.futures.ThreadPoolExecutor(min(jobs, JOBS)) as pool:
         yield from pool.map(each, sets)
 
@@ -73,7 +73,7 @@ HEAD = (
 
 
 def line(row: Row) -> str:
-    """For the terminal; * where the fused pose is above what issue 36 allows."""
+    """The row for the terminal; * marks a fused pose above the limit of issue 36."""
     v = row.verdict
     if v is None:
         return f"{row.name:<18} {row.failure}"
@@ -87,7 +87,7 @@ def line(row: Row) -> str:
 
 
 def write_json(path: Path, rows: list[Row], binary: Path, more: tuple[str, ...]) -> None:
-    """All figures."""
+    """Writes all figures."""
     drives = [
         {"drive": r.name, "failure": r.failure, **(r.verdict.as_dict() if r.verdict else {})}
         for r in rows

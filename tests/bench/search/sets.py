@@ -1,7 +1,7 @@
-"""Named drives with a truth, made once and kept outside the repository.
+"""Named drives with a truth, created once and kept outside the repository.
 
-The name says all: `hand5hz-911` is a world and a rate of our simulator and a seed, `city/5-307` a
-scene and seed of the reference generator of which only every fifth scan is left.
+The name describes the drive: `hand5hz-911` has a world and rate of our simulator and a seed,
+`city/5-307` a scene and seed of the reference generator with only every fifth scan.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.bench.search import drawing
 from zloam_monitor import trajectory
 
 CACHE = Path(os.environ.get("ZLOAM_SEARCH_CACHE", Path.home() / ".cache" / "zloam-search"))
-#: as deploy/robots/vlp16-handheld.yaml has it for what is carried or walks
+#: settings of deploy/robots/vlp16-handheld.yaml for platforms that are carried or walk
 CARRIED = (
     "--set=odometry.acceleration_sigma_mps2=6",
     "--set=odometry.angular_acceleration_sigma_radps2=8",
@@ -39,10 +39,10 @@ TABLE, NORMAL, WORLDS, RINGLESS, SEARCH = "table", "normal", "worlds", "ringless
 
 @dataclass(frozen=True)
 class Drive:
-    """What zloam-offline reads, and the lidar's true path."""
+    """Input of zloam-offline, and the true trajectory of the lidar."""
 
     input: Path
-    #: None: the run writes it, truth.tum
+    #: None: the run itself writes it as truth.tum
     truth: Path | None
     #: further arguments of zloam-offline
     arguments: tuple[str, ...] = ()
@@ -50,18 +50,18 @@ class Drive:
 
 @dataclass(frozen=True)
 class DataSet:
-    """A drive that is made when it is asked for."""
+    """A drive that is created on demand."""
 
     name: str
     group: str
     make: Callable[[Places], Drive] = field(compare=False)
-    #: the scene really leaves a direction open: Degenerate is right there
+    #: The scene leaves a direction open, so Degenerate is right there.
     open_direction: bool = False
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where programs and shared files are."""
+    """Folders of the programs and the shared files."""
 
     build: Path
     shared: Path
@@ -80,7 +80,7 @@ class Places:
 
 
 def ran(*command: object) -> str:
-    """Runs a program; what it says on stdout."""
+    """Runs a program and returns its standard output."""
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{command[0]} ended with {done.returncode}: {done.stderr[-300:]}")
@@ -88,7 +88,7 @@ def ran(*command: object) -> str:
 
 
 def kept(name: str, make: Callable[[Path], None]) -> Path:
-    """A folder of the cache: what stands under its name is complete."""
+    """A folder of the cache, filled by `make` and moved to its name only when complete."""
     folder = CACHE / name
     if folder.exists():
         return folder
@@ -110,7 +110,8 @@ def simulated(
     arguments: tuple[str, ...] = (),
     imu: bool = False,
 ) -> Callable[[Places], Drive]:
-    """A world of the simulator; one that ends in .yaml is looked for among the shared cases."""
+    """A drive in a world of the simulator; a world that ends in .yaml is one of the shared
+    cases."""
 
     def make(places: Places) -> Drive:
         def fill(out: Path) -> None:
@@ -136,7 +137,7 @@ def simulated(
 
 
 def synthetic(scene: str, seed: int, every: int = 1) -> Callable[[Places], Drive]:
-    """The reference generator's scans; of them only every so many-th."""
+    """Every n-th scan of the reference generator."""
 
     def make(places: Places) -> Drive:
         def fill(out: Path) -> None:
@@ -163,7 +164,7 @@ def _every(whole: Path, every: int, out: Path) -> None:
 
 
 def changed(stem: str, case: str, base: Callable[[Places], Drive]) -> Callable[[Places], Drive]:
-    """A capture changed by captures.py of the shared cases."""
+    """A capture modified by captures.py of the shared cases."""
 
     def make(places: Places) -> Drive:
         drive = base(places)
@@ -179,7 +180,8 @@ def changed(stem: str, case: str, base: Callable[[Places], Drive]) -> Callable[[
 
 
 def own_box(stem: str, base: Callable[[Places], Drive]) -> Callable[[Places], Drive]:
-    """A flat plate of the robot itself, 1.3 m behind the sensor, hides 120 degrees of the view."""
+    """A capture in which a flat plate of the robot, 1.3 m behind the sensor, hides 120 degrees of
+    the view."""
 
     def make(places: Places) -> Drive:
         drive = base(places)
@@ -196,21 +198,21 @@ def own_box(stem: str, base: Callable[[Places], Drive]) -> Callable[[Places], Dr
     return make
 
 
-#: a record of ouster_hand's clouds, in 4 mm
+#: record of ouster_hand's clouds; coordinates in units of 4 mm
 CLOUD_POINT = np.dtype([("xyz", "<i2", 3), ("intensity", "u1"), ("ring", "u1")])
 CLOUD_UNIT_M = 0.004
 TURN_NS = 100_000_000
 
 
 def ouster_hand(places: Places) -> Drive:
-    """A real walk at 2 Hz, the clouds deskewed: every point holds for its cloud's stamp."""
+    """A real walk at 2 Hz with deskewed clouds: all points refer to their cloud's stamp."""
     recording = places.needed("data/ouster_hand")
 
     def fill(out: Path) -> None:
         (out / "scans").mkdir()
         stamps = trajectory.read(recording / "poses.tum").stamps_ns
         with lzma.open(recording / "clouds.tar.xz") as file, tarfile.open(fileobj=file) as archive:
-            # in the archive's order: going back would unpack it again from its start
+            # In the archive's order: going back would decompress it again from its start.
             for member in archive:
                 if member.isfile():
                     cloud = np.frombuffer(archive.extractfile(member).read(), CLOUD_POINT)
@@ -219,7 +221,7 @@ def ouster_hand(places: Places) -> Drive:
                     scan["intensity"], scan["ring"] = cloud["intensity"], cloud["ring"]
                     scan.tofile(out / "scans" / Path(member.name).name)
         assert len(list((out / "scans").glob("*.bin"))) == len(stamps)
-        # the poses of a sweep hold at its end
+        # A pose refers to the end of its sweep.
         spans = [(int(s) - TURN_NS, int(s)) for s in stamps]
         texts = [" ".join(trajectory.stamp_text(s) for s in span) for span in spans]
         (out / "stamps.txt").write_text("\n".join(texts) + "\n")
@@ -230,7 +232,7 @@ def ouster_hand(places: Places) -> Drive:
 
 
 def drawn(seed: int, number: int) -> DataSet:
-    """A random drive of the search, simulated as it is run."""
+    """A random drive of the search, simulated when it runs."""
     description, kind = drawing.draw(seed, number)
 
     def make(_: Places) -> Drive:
@@ -238,7 +240,8 @@ def drawn(seed: int, number: int) -> DataSet:
             text = yaml.safe_dump(description, sort_keys=False)
             (out / "drive.yaml").write_text(f"# {drawing.in_words(description, kind)}\n{text}")
 
-        # by what it is: another version may draw another drive from the same seed
+        # The name includes a hash of the description: another version may draw another drive from
+        # the same seed.
         mark = hashlib.sha256(repr(description).encode()).hexdigest()[:8]
         folder = kept(f"drive-{seed}-{number}-{mark}", fill)
         return Drive(folder / "drive.yaml", None, CARRIED if kind.carried else ())
@@ -248,13 +251,13 @@ def drawn(seed: int, number: int) -> DataSet:
 
 
 def by_name(name: str) -> DataSet | None:
-    """A random drive by its name."""
+    """A random drive by its name; None if the name is none of a random drive."""
     found = re.fullmatch(r"drive-(\d+)-(\d+)", name)
     return drawn(int(found[1]), int(found[2])) if found else None
 
 
 def _table() -> Iterable[DataSet]:
-    """What issue 36 lists, and neighbours of it."""
+    """The drives listed in issue 36, and similar ones."""
     for seed in (911, 912, 913, 1, 2):
         slow = ("--rpm", 300)
         yield DataSet(
@@ -281,7 +284,7 @@ def _table() -> Iterable[DataSet]:
 
 
 def _normal() -> Iterable[DataSet]:
-    """What it was built on: nothing may become worse here."""
+    """The drives that the algorithms were built on: none of them may become worse."""
     for scene in ("city", "indoor", "fastrot", "tunnel"):
         for seed in (307, 308):
             yield DataSet(
@@ -298,19 +301,19 @@ def _worlds() -> Iterable[DataSet]:
     yield DataSet("sim-handheld-1", WORLDS, simulated("sim-handheld", "handheld", 1, (), CARRIED))
 
 
-#: lidars with and without rings, for the same drives
+#: lidars with and without rings; each drives the same drives
 LIDARS: dict[str, dict[str, object]] = {
     "vlp16": {},
     "no-rings": {"has_rings": False},
     "mid360": {"pattern": "mid360"},
     "hap": {"pattern": "hap"},
-    # beside the rosette that only looks ahead
+    # like the rosettes, a view of 120 degrees ahead only, but with rings
     "ahead": {"view_deg": 120.0},
 }
 
 
 def described(name: str, description: dict[str, object]) -> Callable[[Places], Drive]:
-    """A drive by its description, cast as it is run."""
+    """A drive given by its description, cast when it runs."""
 
     def make(_: Places) -> Drive:
         def fill(out: Path) -> None:
@@ -323,7 +326,7 @@ def described(name: str, description: dict[str, object]) -> Callable[[Places], D
 
 
 def _ringless() -> Iterable[DataSet]:
-    """Sweeps without rings beside a VLP-16's in the same worlds."""
+    """Sweeps without rings, and a VLP-16's in the same worlds."""
     for world in ("indoor", "city"):
         for seed in (1, 2, 3):
             for lidar, settings in LIDARS.items():
@@ -334,5 +337,5 @@ def _ringless() -> Iterable[DataSet]:
 
 
 def all_sets() -> list[DataSet]:
-    """In the order of the report."""
+    """All named drives, in the order of the report."""
     return [*_table(), *_normal(), *_worlds(), *_ringless()]

@@ -1,4 +1,5 @@
-"""Ours beside the peers of PyPI on the same scans: accuracy, CPU time, memory (README.md here)."""
+"""Our stages beside peers from PyPI on the same scans: accuracy, CPU time, memory (README.md
+here)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The data sets: scans that every system gets, and the truth. Made once, kept in the cache.
+"""The data sets: scans that every system gets, and the truth. Created once, kept in the cache.
 
 `city-7`: scene and seed of the reference generator, range noise 20 mm; `city-7-s8`: 8 mm;
 `city-7-turned`: see turned.py. `drive`: the recorded HDL-64E. `sim-park-1`: world and seed of our
@@ -30,12 +30,12 @@ from zloam_monitor.trajectory import Trajectory
 SCENES = ("city", "indoor", "fastrot", "tunnel")
 SEEDS = (7, 11, 23)
 QUIET_SIGMA_M = 0.008
-#: sweeps of the quiet sequences: 17 s
+#: sweeps of the sequences with low noise: 17 s
 QUIET_SCANS = 170
 QUIET, TURNED = "-s8", "-turned"
 WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
 WORLD_SEED = 1
-#: nothing but this much is measured by `make bench`
+#: the only data sets that `make bench` measures by default
 SMALL = ("fastrot-7",)
 PERIOD_S = 0.1
 
@@ -45,26 +45,26 @@ class Scans:
     """A data set on disk."""
 
     folder: Path
-    #: how `zloam_monitor demo` is told of it
+    #: arguments of `zloam_monitor demo` that select the data set
     demo: tuple[str, ...]
     truth: Trajectory
-    #: start of each scan; None where truth is known by the scan's number
+    #: start of each scan; None if the truth is given by scan number
     starts_ns: NDArray[np.int64] | None
     period_ns: int = round(PERIOD_S * 1e9)
-    #: systems whose own poses the truth comes from
+    #: systems from whose own poses the truth was made
     truth_of: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """A name and how to get it."""
+    """The name of a data set and the function that provides it."""
 
     name: str
     get: Callable[[], Scans] = field(compare=False)
 
 
 def scene_of(name: str) -> str:
-    """What medians over seeds are taken over; nothing for the other data sets."""
+    """The scene over whose seeds medians are taken; empty for the other data sets."""
     scene, *rest = name.removesuffix(TURNED).split("-")
     if scene not in SCENES or len(rest) != 1:
         return ""
@@ -72,7 +72,7 @@ def scene_of(name: str) -> str:
 
 
 def all_sets(setting: BenchSetting) -> list[DataSet]:
-    """In the order of the tables."""
+    """All data sets, in the order of the tables."""
     synth = [(scene, seed, "") for scene in SCENES for seed in SEEDS]
     synth += [(scene, SEEDS[0], QUIET) for scene in SCENES]
     found = [
@@ -92,7 +92,8 @@ def all_sets(setting: BenchSetting) -> list[DataSet]:
 
 
 def chosen(sets: list[DataSet], wanted: str) -> list[DataSet]:
-    """By comma-separated names or patterns; `small` and `all` are names for many."""
+    """Selects by comma-separated names or patterns; `small` and `all` stand for several data
+    sets."""
     if wanted == "all":
         return sets
     patterns = SMALL if wanted == "small" else [part.strip() for part in wanted.split(",")]
@@ -105,7 +106,8 @@ def chosen(sets: list[DataSet], wanted: str) -> list[DataSet]:
 
 
 def _appears_whole(folder: Path, make: Callable[[Path], None]) -> None:
-    """Made beside its place and renamed: what is there is complete."""
+    """Creates the folder in a temporary place and renames it, so that an existing folder is
+    complete."""
     if (folder / "meta.json").exists():
         return
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -177,9 +179,9 @@ def _ran(*command: object) -> None:
 
 
 def write_scans(out: Path, points: NDArray[np.void]) -> None:
-    """Decoded points as the folder of scans that the reference generator would write.
+    """Writes decoded points as the folder of scans that the reference generator would write.
 
-    The first and last sweep are parts of a turn and stay out.
+    The first and the last sweep are partial and left out.
     """
     (out / "scans").mkdir()
     stamps, sweeps = [], np.unique(points["sweep"])[1:-1]
@@ -210,7 +212,7 @@ def _drive(setting: BenchSetting) -> Scans:
         (out / "meta.json").write_text(json.dumps({**meta, **scans}) + "\n")
 
     _appears_whole(folder, make)
-    # the other reference is KISS-ICP's: each is no truth for the system that it comes from
+    # The other reference is KISS-ICP's; neither is a truth for the system that it was made with.
     truth = trajectory.read(recording / "reference_small_gicp.kitti.txt")
     demo = ("--kitti", str(recording))
     return Scans(folder, demo, truth, None, truth_of=("small-gicp",))

@@ -1,4 +1,4 @@
-"""The benchmarks of this folder: one a data set, and what is asked of all together."""
+"""The benchmarks of this folder: one for each data set, and the limits over all of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.bench.versus.summary import Entry, Round
 from tests.bench.versus.systems import ALOAM, OURS, Taken
 from tests.bench.versus.table import number
 
-#: of issue 7
+#: limits of issue 7
 ATE_TO_BEST, DRIFT_TO_BEST, ROUGH_ATE_TO_BEST = 0.33, 0.5, 0.7
 ROUGH = ("sim-field-1", "sim-park-1")
 CPU_TO_ALOAM, CPU_TO_KISS = 1 / 3, 1.0
@@ -28,20 +28,20 @@ WHOLE_RATIO, WHOLE_MORE_MS = 1.3, 4.0
 
 @dataclass(frozen=True)
 class Options:
-    """What of it all is asked for."""
+    """Options of the benchmarks versus-*."""
 
     data: str = "small"
     runs: int = 3
-    #: keep the rounds of an earlier call, if they are of the same programs
+    #: keep the rounds of an earlier call if they were measured with the same programs
     add: bool = False
-    #: peers' errors from the cache, without running them
+    #: take the peers' errors from the cache instead of running them
     kept_peers: bool = False
     systems: tuple[str, ...] = systems.SYSTEMS
 
 
 @dataclass
 class Session:
-    """All data sets of one call."""
+    """Results of all data sets of one call."""
 
     setting: BenchSetting
     options: Options
@@ -64,7 +64,7 @@ class Session:
 
 
 def benchmarks(setting: BenchSetting, options: Options) -> list[Benchmark]:
-    """The data sets, then the lines over all of them."""
+    """The data sets, then the rows over all of them."""
     session = Session(setting, options)
     rows = [
         Benchmark(
@@ -89,7 +89,7 @@ def _measure(session: Session, chosen: DataSet) -> Outcome:
     for _ in range(session.options.runs):
         rounds.append({})
         for _ in _round(session, chosen.name, scans, rounds[-1]):
-            # after each system: a long round that is cut short keeps what it has
+            # Written after each system, so that an interrupted round keeps its results.
             text = json.dumps({"programs": programs, "rounds": rounds}, indent=1)
             (out / "rounds.json").write_text(text + "\n")
     if not rounds:
@@ -116,7 +116,7 @@ def _earlier(out: Path, programs: str) -> list[Round]:
 
 
 def _round(session: Session, name: str, scans: Scans, done: Round) -> Iterator[None]:
-    """Every system once, one after the other."""
+    """Runs every system once, one after the other."""
     for system in session.options.systems:
         try:
             taken = _run(session, system, scans, session.out / name)
@@ -199,7 +199,7 @@ def _accuracy(session: Session) -> Outcome:
         raise Skip("no data set with a limit on its error was measured")
     held: bool | None = all(good)
     if held and _never_tried(session):
-        # the best peer may be among them
+        # The best peer may be among the missing ones.
         held = None
     return Outcome("; ".join(words), over, held, report={"ratio": {"over_sets": over}})
 
@@ -209,7 +209,8 @@ def _within(value: float | None, limit: float) -> bool:
 
 
 def _never_tried(session: Session) -> bool:
-    """Whether a peer was left out; one that can't be installed has its reason in the report."""
+    """Whether a peer was never run; a peer that cannot be installed has its reason in the report
+    instead."""
     return any(p not in of for of in session.found.values() for p in systems.PEERS)
 
 
@@ -228,7 +229,7 @@ def _cpu(session: Session) -> Outcome:
     words += f", worst {number(other[worst])} × a-loam ({worst})" if worst else ""
     held: bool | None = mean <= CPU_TO_KISS and all(r <= CPU_TO_ALOAM for r in other.values())
     if not set(data.SCENES) <= set(over["scene"]):
-        # the mean is one over all scenes
+        # The mean is defined over all scenes.
         held, words = None, f"{words}; not judged: {', '.join(over['scene']) or 'no scene'} only"
     return Outcome(words, {"to_kiss_icp": mean, "to_a_loam": other}, held)
 

@@ -1,4 +1,4 @@
-"""What a run is worth: errors at the instant that a system's poses mean, medians, ratios."""
+"""Scores of a run: errors at the instant to which a system's poses refer, medians, ratios."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from zloam_monitor.trajectory import Trajectory, interpolate
 
 Array = NDArray[np.float64]
 
-#: parts of the sweep that a pose may stand for
+#: parts of the sweep to which a pose may refer
 INSTANTS = tuple(i / 8 for i in range(9))
-#: poses between the ends of the motions by which the instant is found: 1 s
+#: length in poses (1 s) of the motions by which the instant is found
 MOTION_POSES = 10
-#: m per degree, to add errors of position and of direction
+#: m per degree; weight of direction errors against position errors
 METRES_PER_DEGREE = 0.02
-#: a run that is wrong by as much of its way, or by this part of it at any place, has lost its way
+#: A run is lost if its drift, or its largest position error as a share of the path, is above this.
 LOST_PERCENT = 20.0
 
 
 @dataclass(frozen=True)
 class Scored:
-    """Errors of one run."""
+    """Scores of one run."""
 
     scores: Scores
-    #: part of the sweep; None where truth is known by the scan's number
+    #: part of the sweep to which the poses refer; None if the truth is given by scan number
     instant: float | None
     trajectory: Trajectory
 
     @property
     def lost(self) -> bool:
-        """Too far off for the error to be a measure of anything."""
+        """Whether the run is so far off that its error is no measure of accuracy."""
         drift, worst, path = self.scores.drift_percent, self.scores.ate_max_m, self.scores.path_m
         if worst is None or path is None:
             return True
@@ -45,7 +45,7 @@ class Scored:
 
 
 def motion_error(truth: Array, estimate: Array) -> float:
-    """rms error of the motion over a second, position in m and direction taken together."""
+    """rms error of the motion over a second; weighted sum of position (m) and direction."""
     n = min(MOTION_POSES, len(truth) - 1)
     of_truth = se3.inverse(truth[:-n]) @ truth[n:]
     of_estimate = se3.inverse(estimate[:-n]) @ estimate[n:]
@@ -58,7 +58,7 @@ def motion_error(truth: Array, estimate: Array) -> float:
 def best_instant(
     poses: Array, starts_ns: NDArray[np.int64], period_ns: int, truth: Trajectory
 ) -> float:
-    """The part of the sweep at which the poses fit the truth best: the kindest to the system."""
+    """The part of the sweep at which the poses fit the truth best, in favour of the system."""
     errors = []
     for part in INSTANTS:
         at, inside = interpolate(truth, starts_ns + round(part * period_ns))
@@ -69,7 +69,7 @@ def best_instant(
 def by_scan(
     poses: Array, starts_ns: NDArray[np.int64] | None, period_ns: int, truth: Trajectory
 ) -> Scored:
-    """Scores of a system that gives one pose a scan and says no instant."""
+    """Scores of a system that gives one pose per scan without a stamp."""
     numbers = np.arange(len(poses), dtype=np.int64)
     if starts_ns is None:
         found = Trajectory(poses, None, numbers)
@@ -81,12 +81,12 @@ def by_scan(
 
 
 def stamped(found: Trajectory, starts_ns: NDArray[np.int64] | None, truth: Trajectory) -> Scored:
-    """Scores of a system whose poses say their instants: those count, not the kindest."""
+    """Scores of a system whose poses have stamps: these count, not the best instant."""
     if starts_ns is None or found.stamps_ns is None:
         by_number = Trajectory(found.transforms, None, np.arange(len(found), dtype=np.int64))
         return Scored(evaluation.evaluate(by_number, truth), None, by_number)
     period_ns = float(np.median(np.diff(starts_ns)))
-    # the end of a sweep is the start of the next; a firing more or less is still the end
+    # A sweep's end is the next one's start; a stamp off by about a firing still counts as the end.
     within = found.stamps_ns - round(period_ns / 100)
     before = np.maximum(np.searchsorted(starts_ns, within, side="right") - 1, 0)
     part = np.median((found.stamps_ns - starts_ns[before]) / period_ns)
@@ -94,16 +94,16 @@ def stamped(found: Trajectory, starts_ns: NDArray[np.int64] | None, truth: Traje
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """Of those that are known."""
+    """Median of the known values."""
     known = [v for v in values if v is not None]
     return statistics.median(known) if known else None
 
 
 def ratio(ours: float | None, theirs: float | None) -> float | None:
-    """None where either is unknown."""
+    """Ratio of ours to theirs; None if either is unknown."""
     return None if ours is None or not theirs else ours / theirs
 
 
 def geometric_mean(values: list[float]) -> float | None:
-    """Of positive ratios."""
+    """Geometric mean of positive ratios."""
     return math.exp(statistics.fmean(math.log(v) for v in values)) if values else None

@@ -1,4 +1,4 @@
-"""Rounds to figures: medians, spread, and ratios of what was measured in the same round."""
+"""From rounds to figures: medians, spread, and ratios of figures measured in the same round."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 from tests.bench.versus.score import geometric_mean, median, ratio
 from tests.bench.versus.systems import ALOAM, OURS, PEERS
 
-#: what one system did in one round, or {"skipped": why}, {"failed": why}
+#: results of one system in one round, or {"skipped": reason}, {"failed": reason}
 Entry = dict[str, Any]
-#: name of the system -> what it did
+#: name of the system -> its results
 Round = dict[str, Entry]
 
 MEDIANS = (
@@ -18,7 +18,7 @@ MEDIANS = (
     *("cpu_ms_per_sweep", "rss_mib", "cpu_all_processes_ms_per_sweep", "rss_all_processes_mib"),
     *("realtime_factor", "instant", "sweeps"),
 )
-#: the one whose CPU time all others are stated by
+#: the peer to which all CPU times are related
 KISS = "kiss-icp"
 SPREAD = ("ate_rmse_m", "cpu_ms_per_sweep")
 
@@ -58,7 +58,7 @@ def _of_system(rounds: list[Round], system: str) -> Entry:
 
 
 def ratios_of(systems: dict[str, Entry], rounds: list[Round]) -> dict[str, Any]:
-    """Ours over the peers'. CPU: the median of the rounds' own ratios."""
+    """Ratios of ours to the peers'. CPU: the median of the ratios within each round."""
     ours = systems.get(OURS, {})
     out: dict[str, Any] = {}
     for name in ("ate_rmse_m", "drift_percent"):
@@ -86,13 +86,13 @@ def _cpu_ratio(one: Round, peer: str) -> float | None:
 
 
 def best_peer(systems: dict[str, Entry], name: str) -> str | None:
-    """Whose error is the least."""
+    """The peer with the smallest error."""
     known = {s: e[name] for s, e in systems.items() if s != OURS and e.get(name) is not None}
     return min(known, key=lambda s: known[s]) if known else None
 
 
 def _beats(theirs: Entry, ours: Entry) -> bool:
-    """In error and in CPU time both."""
+    """Whether a peer is better than ours in both error and CPU time."""
     pairs = [(theirs.get(n), ours.get(n)) for n in ("ate_rmse_m", "cpu_ms_per_sweep")]
     return all(t is not None and o is not None and t < o for t, o in pairs)
 
@@ -102,7 +102,7 @@ def over_sets(
     ratios: dict[str, dict[str, Any]],
     scene_of: Callable[[str], str],
 ) -> dict[str, Any]:
-    """What is stated over several data sets: scenes over their seeds, CPU over all."""
+    """Figures over several data sets: per scene over its seeds, CPU time over all."""
     scenes: dict[str, list[str]] = {}
     for data in found:
         if scene_of(data):

@@ -1,4 +1,4 @@
-"""Runs a system over a data set once: what it gave and what it took."""
+"""Runs one system over a data set: its trajectory and its cost."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
 
 OURS = "zloam"
-#: its stages (services/aloam) in the place of ours
+#: the stages of services/aloam instead of ours
 ALOAM = "a-loam"
 PEERS = tuple(peer_program.PEERS)
 SYSTEMS = (OURS, ALOAM, *PEERS)
-#: what a chain of processes adds to the demo's command line. A-LOAM's result is the mapped pose,
-#: and without the delay the fused pose is that
+#: Additional arguments of the demo for each chain of processes. A-LOAM's result is the mapped pose,
+#: which the fused pose equals if the correction has no delay.
 CHAINS: dict[str, tuple[str, ...]] = {
     OURS: (),
     ALOAM: ("--method", "aloam", "--set", "integration.correction_delay=0"),
 }
-#: configurations that the demo takes: for scans with times, and for KITTI's
+#: the robot files for scans with times, and for KITTI's
 ROBOTS = ("vlp16-outdoor", "hdl64e")
 KEPT = CACHE / "peers" / "results"
 PEER = ROOT / "tests/bench/versus/peer.py"
@@ -51,7 +51,7 @@ class Taken:
     scored: Scored
     version: str
     sweeps: int
-    #: None when the run was kept from another day: a cost counts within its own session only
+    #: None for a cached run: costs are comparable only within one session
     cpu_ms_per_sweep: float | None
     rss_mib: float | None
     more: dict[str, Any] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Taken:
 
 @functools.cache
 def peers_python() -> Path:
-    """The interpreter that has the peers; installs them the first time."""
+    """The interpreter of the peers' virtual environment, which is installed on first use."""
     done = subprocess.run(
         [str(ROOT / "deploy/build/peers.sh")], capture_output=True, text=True, check=False
     )
@@ -70,7 +70,7 @@ def peers_python() -> Path:
 
 @functools.cache
 def version_of(name: str) -> str:
-    """Of the installed peer; without one there is nothing to run."""
+    """Version of the installed peer; skips if it cannot be installed."""
     package = peer_program.PEERS[name].package  # type: ignore[attr-defined]
     said = f"import importlib.metadata as m; print(m.version('{package}'))"
     done = subprocess.run(
@@ -84,12 +84,13 @@ def version_of(name: str) -> str:
 
 
 def peers_environment() -> dict[str, str]:
-    """Theirs is another Python: of ours it finds this tree, without what is installed beside it."""
+    """The environment for the peers' own Python: it finds this tree, but not the packages of our
+    environment."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "OMP_WAIT_POLICY": "passive"}
 
 
 def run_peer(name: str, scans: Scans, out: Path) -> Taken:
-    """In a process of its own; its result is kept for days on which only errors are wanted."""
+    """Runs a peer in a process of its own; its result is cached for runs that need only errors."""
     version = version_of(name)
     result = out / f"{name}.npz"
     with (out / f"{name}.log").open("w") as log:
@@ -120,7 +121,7 @@ def kept_peer(name: str, scans: Scans) -> Taken:
 
 
 def kept_file(name: str, version: str, scans: Scans) -> Path:
-    """Named by all that decides a peer's trajectory."""
+    """Cached result of a peer; the name is a hash of everything that determines its trajectory."""
     digest = hashlib.sha256(PEER.read_bytes())
     digest.update(version.encode())
     meta = json.loads((scans.folder / "meta.json").read_text())
@@ -141,12 +142,12 @@ def _of_file(path: Path, scans: Scans) -> Taken:
 
 
 def run_ours(setting: BenchSetting, scans: Scans, out: Path) -> Taken:
-    """Our own stages."""
+    """Runs our own stages."""
     return run_chain(OURS, setting, scans, out)
 
 
 def run_chain(system: str, setting: BenchSetting, scans: Scans, out: Path) -> Taken:
-    """The chain of processes on the same scans, with the configuration that fits the sensor."""
+    """Runs a chain of processes on the same scans, with the robot file that fits the sensor."""
     place = out / system
     place.mkdir(parents=True, exist_ok=True)
     arguments = ("--preset-dir", setting.build, "--out", place, *scans.demo, *CHAINS[system])
@@ -184,7 +185,7 @@ def _of_chain(place: Path, scans: Scans) -> Scored:
 
 
 def last_trajectories(scans: Scans, out: Path) -> dict[str, Trajectory]:
-    """What every system left in this folder, for the picture."""
+    """The trajectories that the systems left in this folder, for the picture."""
     found = {}
     for system in CHAINS:
         if (out / system / "trajectory.tum").exists():
@@ -196,7 +197,7 @@ def last_trajectories(scans: Scans, out: Path) -> dict[str, Trajectory]:
 
 
 def T_base_lidar(scans: Scans) -> Any:
-    """Of the configuration that the demo takes for the scans: truth is the sensor's."""
+    """The mounting in the robot file for these scans; needed as the truth is the sensor's."""
     robot = ROBOTS[scans.demo[0] == "--kitti"]
     text = (ROOT / "deploy/robots" / f"{robot}.yaml").read_text()
     mounting = yaml.safe_load(text)["mounting"]
@@ -205,7 +206,7 @@ def T_base_lidar(scans: Scans) -> Any:
 
 @functools.cache
 def programs(build: Path) -> str:
-    """What of ours is measured: the bytes of the programs and their configuration."""
+    """Hash of our measured programs and their configuration."""
     digest = hashlib.sha256()
     for program in (*STAGES, *methods.programs("aloam").values()):
         digest.update(binary(build, program).read_bytes())
@@ -216,7 +217,7 @@ def programs(build: Path) -> str:
 
 @functools.cache
 def commit() -> str:
-    """For the reader; with a mark when the tree differs from it."""
+    """Commit for the report, marked if the tree differs from it."""
     done = subprocess.run(
         ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=9"],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""The figures as Markdown tables, and one picture for each data set."""
+"""The figures as Markdown tables, and one picture per data set."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ import matplotlib.pyplot as plt
 
 COLUMNS = (OURS, *PEERS, ALOAM)
 COLOURS = dict(zip(COLUMNS, ("#d62728", "#1f77b4", "#2ca02c", "#9467bd", "#ff7f0e"), strict=False))
-#: m; an error below it is drawn at it
+#: m; smaller errors are drawn at this value
 LEAST_DRAWN_M = 1e-4
 
 
 def number(value: float | None) -> str:
-    """Three significant digits, no exponent."""
+    """Formats with three significant digits, without exponent."""
     if value is None:
         return "–"
     if value == 0:
@@ -53,13 +53,13 @@ def _rows(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def errors_and_cost(found: dict[str, dict[str, Entry]]) -> list[str]:
-    """Data sets down, systems across."""
+    """One row per data set, one column per system."""
     rows = [[data, *(_cell(systems.get(c)) for c in COLUMNS)] for data, systems in found.items()]
     return _rows(["data set", *COLUMNS], rows)
 
 
 def comparison(found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, Any]]) -> list[str]:
-    """Ours over theirs."""
+    """Ratios of ours to the peers'."""
     head = ["data set", "ATE / best peer", "drift / best peer", "CPU / kiss-icp", "CPU / a-loam"]
     rows = []
     for data, r in ratios.items():
@@ -76,7 +76,7 @@ def comparison(found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, A
 
 
 def memory(found: dict[str, dict[str, Entry]]) -> list[str]:
-    """Peak of the resident set, MiB."""
+    """Peak of the resident set size, MiB."""
     systems = COLUMNS
     rows = []
     for data, of in found.items():
@@ -88,7 +88,7 @@ def memory(found: dict[str, dict[str, Entry]]) -> list[str]:
 def document(
     found: dict[str, dict[str, Entry]], ratios: dict[str, dict[str, Any]], where: str
 ) -> str:
-    """versus.md."""
+    """The document versus.md."""
     parts = [
         "# Ours and the peers on the same scans",
         where,
@@ -104,7 +104,8 @@ def document(
 
 
 def picture(path: Path, title: str, scans: Scans, runs: dict[str, Trajectory]) -> None:
-    """Trajectories laid on the truth, from above, and their distance from it along the way."""
+    """The trajectories aligned with the truth, from above, and their distance from it along the
+    way."""
     figure, (above, along) = plt.subplots(
         1, 2, figsize=(16, 8), dpi=100, layout="constrained", width_ratios=[1.3, 1.0]
     )
@@ -130,7 +131,7 @@ def picture(path: Path, title: str, scans: Scans, runs: dict[str, Trajectory]) -
 
 
 def _frame(axes: Any, truth: np.ndarray[Any, np.dtype[np.float64]]) -> None:
-    """Round the truth: who is lost may leave the picture."""
+    """Limits the axes to the truth: a lost system's trajectory may leave the picture."""
     low, high = truth[:, :2].min(axis=0), truth[:, :2].max(axis=0)
     margin = 0.1 * float((high - low).max()) + 1.0
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))

@@ -1,9 +1,10 @@
-"""A data set turned and shifted against whoever looks at it: a map's grid and its walls lie anew.
+"""A data set seen from a turned sensor and from a later start, so that walls lie differently in a
+map's grid.
 
-Every system calls its first pose the origin, so turning a world and the path in it together changes
-nothing that a system can see. Here the sensor is mounted turned about the vertical, so that a map
-that is laid along the first pose lies turned in the world, and the run begins some scans later,
-elsewhere, in motion.
+Every system takes its first pose as the origin, so rotating a world together with its path would
+not change its input. Here the sensor is mounted with a rotation about the vertical, which rotates
+the map along the first pose against the world, and the run begins some scans later, elsewhere and
+in motion.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ import numpy as np
 from tests.acceptance.point_files import SYNTH_POINT
 from zloam_monitor import se3, trajectory
 
-#: no simple part of a right angle, as the walls of the scenes stand
+#: no simple fraction of a right angle, since the walls of the scenes are at right angles
 TURN_DEG = 31.0
 LATER_SCANS = 17
 
 
 def write_turned(folder: Path, out: Path) -> None:
-    """The scans of a folder, turned and begun later; truth is that of the turned sensor."""
+    """Writes the scans of a folder as the turned sensor sees them, from a later scan on, with its
+    truth."""
     T_lidar_turned = se3.from_xyz_rpy_deg([0.0, 0.0, 0.0], [0.0, 0.0, TURN_DEG])
     R_turned_lidar = T_lidar_turned[:3, :3].T
     (out / "scans").mkdir()
