@@ -1,4 +1,5 @@
-"""`python -m tests.acceptance`: every line a program can judge; out/accept.md and accept.json."""
+"""`python -m tests.acceptance`: makes every check of the acceptance that a program can judge;
+writes out/accept.md and accept.json."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines on accuracy: reference scans, simulated worlds, what is said of weak directions."""
+"""Checks of accuracy: reference scans, simulated worlds, the real drive."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import json
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import SYNTH_SEED, Demo, Setting, write_later_part
 
-#: position error of A-LOAM's better run on the same scans, m
+#: position error (m) of the better of A-LOAM's two runs on the same scans
 SYNTH_ATE_M = {"city": 0.176, "indoor": 0.249, "fastrot": 0.129, "tunnel": 1.0}
 CPU_BESIDE_KISS = 2.0
 ALGORITHMS = ("registration", "odometry", "mapping")
 SEEDS = (1, 2, 3)
-#: position error and, where there is one, drift in percent
+#: limits of the position error in m and, where there is one, of the drift in percent
 WORLDS: dict[str, tuple[float, float | None]] = {
     "city": (0.20, 0.45),
     "indoor": (0.08, None),
     "handheld": (0.06, None),
     "tunnel_weak": (1.0, None),
 }
-#: when a recording is begun on the way: at 7 m/s, in the middle of a turn
+#: start of a recording begun while moving: at 7 m/s, within a revolution
 IN_MOTION_AFTER_S = 20.04
-#: real drive, against each reference, m
+#: limit on the real drive against each reference, m
 KITTI_ATE_M = 0.10
 
 

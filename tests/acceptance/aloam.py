@@ -1,5 +1,5 @@
-"""A-LOAM's stages (services/aloam) against what A-LOAM reached on the same scans: they are a
-reference only while they are faithful."""
+"""A-LOAM's stages (services/aloam) against A-LOAM's own results on the same scans: they serve as a
+reference only while they are faithful to it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Demo, Setting
 from zloam_monitor.methods import programs
 
-#: position error of A-LOAM's mapped poses (its own code, run once), every sweep mapped, seed 7, m
+#: position error (m) of A-LOAM's mapped poses: its own code, run once, every sweep mapped, seed 7
 ATE_M = {"city": 0.327, "indoor": 0.249, "fastrot": 0.129, "tunnel": 14.2}
 WITHIN = 0.25
 ALGORITHMS = ("registration", "odometry", "mapping")
-#: the fused pose is then the mapped one
+#: without a delay of the correction, the fused pose equals the mapped one
 MAPPED = ("--method", "aloam", "--set", "integration.correction_delay=0")
 
 
@@ -31,7 +31,7 @@ def run(s: Setting, name: str, *arguments: object) -> Demo:
 
 
 def cpu_ms(demo: Demo) -> float:
-    """Of the three algorithms, a sweep."""
+    """CPU time per sweep of the three algorithms together."""
     spent = demo.report["cpu_ms_per_sweep"]
     return float(sum(spent[stage] for stage in ALGORITHMS))
 

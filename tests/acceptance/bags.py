@@ -1,4 +1,4 @@
-"""Bags are as good as the capture that they were made of, in whatever form."""
+"""A bag in any format gives results as good as the capture from which it was made."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from zloam_monitor import trajectory
 
 SECONDS = 12
 LIMIT_M = 0.001
-#: by container: some GB show whether memory grows, one has as many as a long drive
+#: Sizes by container: some GB show whether memory grows; one container is as large as a long
+#: drive's bag.
 LARGE_GB = {"rosbag1": 4, "sqlite3": 4, "mcap": 20}
 LARGE_LIMIT_MB = 400
-#: wide records, as of drivers that write all they know of a point: 8 MB a cloud
+#: wide records, as from drivers that publish all they know about a point: 8 MB per cloud
 WIDE = replace(PLAIN, padding=40)
 
 
@@ -83,7 +84,7 @@ def _scans(s: Setting) -> list[Scan]:
 
 
 def _written(s: Setting, name: str, scans: list[Scan], **how: object) -> Path:
-    """Made afresh: a writer does not overwrite."""
+    """Writes a bag, removing an older one first, since the writer does not overwrite."""
     path = _folder(s) / name
     if path.is_dir():
         shutil.rmtree(path)
@@ -143,7 +144,7 @@ def _files(s: Setting) -> Measured:
 
 
 def _large_bag(s: Setting, container: variants.Container, gigabytes: float) -> tuple[Path, int]:
-    """The same turns again and again, later each time; and their number."""
+    """A large bag: the same revolutions repeatedly with later stamps; and the number of clouds."""
     scans = _scans(s)[1:-1]
     name = f"large-{container.name}{'.bag' if container.version == 1 else ''}"
     path = _folder(s) / name
@@ -166,7 +167,7 @@ def _remove(path: Path) -> None:
 
 
 def _read(bag: Path) -> tuple[int, int]:
-    """Bytes that the reader gave, and its greatest memory in bytes."""
+    """Bytes that the reader produced, and its peak memory in bytes."""
     command = [sys.executable, "-m", "zloam_monitor", "recording", str(bag), "--stream"]
     given, peak = 0, 0
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:

@@ -1,4 +1,4 @@
-"""Lines that a benchmark judges: each runs `python -m tests.bench` and takes over its verdict."""
+"""Checks that a benchmark judges: each runs `python -m tests.bench` and takes over its verdict."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Setting
 
-#: benchmark -> what its line says; the limit is the benchmark's own
+#: benchmark -> text of its check; the limit is the benchmark's own
 LINES = {
     "transport-shm": "10 MB, 1000 times, by shared memory: all there",
     "transport-tcp": "10 MB, 1000 times, by TCP: all there",
@@ -38,7 +38,7 @@ def _measure(setting: Setting, name: str) -> Measured:
 
 
 def checks(setting: Setting) -> list[Check]:
-    """Speed as it is seen when this runs: on a machine with nothing else to do."""
+    """Speeds are those of the moment: the machine should have nothing else to do."""
     return [
         Check(
             name,

@@ -1,4 +1,4 @@
-"""The lines of acceptance. A line is added by appending a Check; out/accept.md follows."""
+"""All checks of the acceptance. To add one, append a Check; out/accept.md follows."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ALGORITHMS = ("registration", "odometry", "mapping")
 
 
 def all_checks(setting: Setting) -> list[Check]:
-    """In the order of the issue."""
+    """All checks, in the order of the issue."""
     return [
         *_city(setting),
         *_kitti(setting),

@@ -1,10 +1,12 @@
-"""Whether the published covariance is what the errors are: NEES over runs of different seeds.
+"""Consistency of the published covariance with the actual errors: NEES over runs with different
+seeds.
 
-A pose's normalised error squared, e' P^-1 e, has mean 3 for position and for rotation when P is
-right. It is averaged over a run, and over independent runs (Bar-Shalom, Li, Kirubarajan: Estimation
-with Applications to Tracking and Navigation, 5.4.2). Errors within a run are mostly one error, that
-of the map it hangs on, and no autocorrelation tells how many samples it is worth, as what a whole
-run shares is taken off by the alignment. What the runs differ by tells it: the band is Student's.
+A pose's normalized estimation error squared, e' P^-1 e, has mean 3 for position and for rotation if
+P is right. It is averaged over each run, and over independent runs (Bar-Shalom, Li, Kirubarajan:
+Estimation with Applications to Tracking and Navigation, 5.4.2). The errors within a run are
+strongly correlated, since most of each is the error of the map that they depend on. Their
+autocorrelation does not tell how many independent samples a run is worth, since the alignment
+removes what a whole run shares. The spread between runs tells it: the band is that of Student's t.
 """
 
 from __future__ import annotations
@@ -24,18 +26,19 @@ from zloam_monitor import evaluation, se3, trajectory
 
 Array = NDArray[np.float64]
 WORLDS = ("city", "indoor")
-#: the scales were found on seeds 12 to 31
+#: other seeds than 12 to 31, on which the scales of the covariance were calibrated
 SEEDS = range(2, 12)
 PARTS = {"position": slice(0, 3), "rotation": slice(3, 6)}
 CONFIDENCE = 0.95
 EXPECTED = 3.0
-#: a run is one sample of chi-squared with three degrees of freedom at least
+#: largest standard deviation of a run's NEES: a run is worth at least one sample of chi-squared
+#: with three degrees of freedom
 MOST_SPREAD = 6.0**0.5
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """Mean of the normalised errors squared over all runs, and its band."""
+    """Mean of the NEES over all runs, and its acceptance band."""
 
     mean: float
     lowest: float
@@ -47,7 +50,7 @@ class Consistency:
 
 
 def checks(setting: Setting) -> list[Check]:
-    """Position and rotation, each world, on seeds other than the tuning's."""
+    """Position and rotation in each world, on other seeds than those of the calibration."""
     return [
         Check(
             f"nees-{part}-{world}",
@@ -62,13 +65,13 @@ def checks(setting: Setting) -> list[Check]:
 
 
 def nees(errors: Array, covariances: Array) -> float:
-    """Mean over a run of (N, 3) errors with (N, 3, 3) covariances."""
+    """Mean NEES of a run with (N, 3) errors and (N, 3, 3) covariances."""
     squared = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
     return float(squared.mean())
 
 
 def consistency(runs: Array) -> Consistency:
-    """Of the NEES of independent runs."""
+    """Consistency by the NEES of independent runs."""
     spread = min(float(np.std(runs, ddof=1)), MOST_SPREAD)
     quantile = float(student.ppf(0.5 + 0.5 * CONFIDENCE, len(runs) - 1))
     half = quantile * spread / len(runs) ** 0.5
@@ -76,7 +79,8 @@ def consistency(runs: Array) -> Consistency:
 
 
 def _errors(s: Setting, world: str, seed: int) -> tuple[Array, Array]:
-    """Right tangents (translation, rotation) from the aligned poses to the truth, covariances."""
+    """Right-tangent errors (translation, rotation) from the aligned poses to the truth, and the
+    covariances."""
     demo = s.world(world, seed)
     poses = trajectory.read(demo.out / "trajectory.tum")
     compared = evaluation.compare(poses, trajectory.read(s.simulated(world, seed)[1]))

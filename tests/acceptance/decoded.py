@@ -1,4 +1,5 @@
-"""Points of the chain's sweeps against PyPI's velodyne-decoder, point by point."""
+"""Compares the points of the chain's sweeps with those of PyPI's velodyne-decoder, point by
+point."""
 
 from __future__ import annotations
 
@@ -17,17 +18,17 @@ from zloam_monitor.chain import Chain
 from zloam_monitor.robot_file import names
 from zloam_monitor.sources import Source
 
-#: byte of a data packet that names the product, and the VLP-16's value
+#: byte of a data packet that names the product, and its value for the VLP-16
 PRODUCT_BYTE, VLP16 = 1205, 0x22
 PACKET_BYTES = 1206
-#: azimuths are in units of 0.01 degrees: each decoder may round by half of one
+#: Azimuths have units of 0.01 degrees; each of the two decoders may round by half a unit.
 AZIMUTH_ROUNDING_RAD = np.radians(0.01)
 LIMIT_M = 0.002
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """What came out of the driver."""
+    """The driver's output on a recording."""
 
     points: NDArray[Any]  # POINT, in the order of sweeps
     published: int
@@ -36,7 +37,7 @@ class Sweeps:
 
 
 def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
-    """Replays a recording and listens to the sweeps as any third party could."""
+    """Replays a recording and receives the sweeps as any third party could."""
     config = ROOT / source.config
     robot = names(config, [])
     logs = setting.out / "accept" / name / "logs"
@@ -68,7 +69,7 @@ def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
 
 
 def payloads_of_pcap(path: Path, product: int) -> Iterator[bytes]:
-    """Data packets of a capture, with the product byte set in memory."""
+    """Data packets of a capture, with the product byte replaced in memory."""
     for _, payload in udp_payloads(path):
         if len(payload) == PACKET_BYTES:
             yield payload[:PRODUCT_BYTE] + bytes([product]) + payload[PRODUCT_BYTE + 1 :]
@@ -86,7 +87,7 @@ def udp_payloads(path: Path) -> Iterator[tuple[float, bytes]]:
 
 
 def by_velodyne_decoder(payloads: Iterator[bytes]) -> NDArray[Any]:
-    """All points that the other decoder makes of these packets."""
+    """All points that velodyne-decoder decodes from these packets."""
     config = velodyne_decoder.Config(
         model=velodyne_decoder.Model.VLP16, min_range=0, max_range=1000, cut_angle=None
     )
@@ -103,7 +104,7 @@ def by_velodyne_decoder(payloads: Iterator[bytes]) -> NDArray[Any]:
 
 
 def stored(path: Path) -> NDArray[Any]:
-    """The other decoder's result, kept beside a recording."""
+    """velodyne-decoder's result, stored beside a recording."""
     with np.load(path, allow_pickle=False) as found:
         return np.concatenate([found[name] for name in sorted(found.files)])
 
@@ -113,10 +114,10 @@ def _xyz(points: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, float]:
-    """(largest distance, largest distance less the azimuth's rounding at that range).
+    """(largest distance, largest distance minus the azimuth's rounding at that range).
 
-    Both decoders keep the order of firings within a ring, so the i-th point of a ring in one is
-    the i-th in the other; the two returns of one firing may be swapped.
+    Both decoders keep the order of firings within a ring, so the i-th points of a ring correspond;
+    only the two returns of one firing may be swapped.
     """
     if len(ours) != len(theirs):
         raise RuntimeError(f"{len(ours)} points, the other decoder has {len(theirs)}")
@@ -136,7 +137,7 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
 
 
 def source_of(setting: Setting, name: str) -> tuple[Source, NDArray[Any]]:
-    """A recording and what the other decoder makes of it."""
+    """A recording and its points by velodyne-decoder."""
     folder = setting.recording(f"data/{name}")
     if (folder / "packets.bin").exists():
         return sources.from_bin(folder / "packets.bin"), stored(folder / "velodyne_decoder.npz")

@@ -1,4 +1,4 @@
-"""The same replay gives the same bytes, whatever else the machine does."""
+"""The same replay gives the same bytes, whatever else runs on the machine."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Issue 37 line by line: what is injected, and what the tests that inject it have seen.
+"""The numbers of issue 37: what is injected, and what the tests that inject it measured.
 
-The tests are those of `make test`; here each line runs its own and shows the figures that they
-record (pytest's record_property, gtest's RecordProperty), or how many of them held.
+The tests are those of `make test`; each line here runs its own tests and shows the figures that
+they record (pytest's record_property, gtest's RecordProperty), or how many of them passed.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Line:
     name: str
     injected: str
     limit: str
-    #: nodes of pytest
+    #: pytest node ids
     nodes: tuple[str, ...] = ()
-    #: program of gtest -> filter
+    #: gtest program -> filter
     units: dict[str, str] = field(default_factory=dict)
 
 
@@ -205,7 +205,7 @@ LINES = {
 
 @dataclass
 class Seen:
-    """Of the tests of one line."""
+    """Results of the tests of one line."""
 
     held: int = 0
     failed: list[str] = field(default_factory=list)
@@ -265,7 +265,7 @@ def _measure(setting: Setting, line: Line) -> Measured:
 
 
 def checks(setting: Setting) -> list[Check]:
-    """In the order of the issue."""
+    """All lines, in the order of the issue."""
     return [
         Check(
             f"disturbed-{line.name}",

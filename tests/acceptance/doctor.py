@@ -1,4 +1,4 @@
-"""What `zloam doctor` says: of robots to which something was done, of healthy ones, of files (issue
+"""Checks of `zloam doctor`: on robots with an injected fault, on healthy ones, and on files (issue
 41)."""
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from tests.integration.robot_faults import FAULTS, HEALTHY, Fault
 
 TRIES = 20
 TEST = "tests/integration/test_doctor_live.py"
-#: robots at once; each takes a third of a core
+#: robots that run at once; each takes a third of a core
 AT_ONCE = 3
-#: of the recordings that are handed over
+#: pattern of the recordings that the doctor reads
 CAPTURES = "data/**/*.pcap*"
 
 
 def _live(setting: Setting, faults: dict[str, Fault], tries: int) -> Measured:
-    """Rounds of the tests; each try is a robot of its own."""
+    """Runs the tests `tries` times; each try starts a robot of its own."""
     failed: dict[str, int] = {}
     named = skipped = 0
     for _ in range(tries):
@@ -44,14 +44,15 @@ def _live(setting: Setting, faults: dict[str, Fault], tries: int) -> Measured:
 
 
 def _counted(what: str, said: str) -> int:
-    """Of pytest's last line: a round that did not even begin names nothing."""
+    """Count from the last line of pytest's output; a round that failed to start has none and counts
+    as 0."""
     counts = re.findall(rf"\b(\d+) {what}\b", said.strip().rpartition("\n")[2])
     return int(counts[0]) if counts else 0
 
 
 def _files(setting: Setting) -> Measured:
-    """Each capture is read to its end: the doctor ends with 0 or 1 and a sentence, or with the
-    reason why it is none."""
+    """The doctor reads each capture to its end: it exits with 0 or 1 and a finding, or refuses the
+    file with the reason."""
     folder = setting.recording("data")
     odd, count = [], 0
     for path in sorted(folder.parent.glob(CAPTURES)):

@@ -1,7 +1,7 @@
-"""Faults put into a clean capture, and what the decoder makes of them.
+"""Injects faults into a clean capture and checks what the decoder makes of them.
 
-The clean capture and the one with faults are decoded side by side. A point's place depends on its
-own packet alone, so each point must be found bit by bit in the clean sweep of the same time.
+The clean and the faulty capture are decoded side by side. A point's position depends on its own
+packet alone, so each point must be found bit by bit in the clean sweep of the same time.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from zloam_monitor.chain import binary
 SECONDS = 600
 LOST, LATE, DOUBLED = 0.05, 0.01, 0.01
 PACKET_S = 1327.104e-6
-#: a late packet is overtaken by so many
+#: packets that overtake a late one
 OVERTAKEN_BY = 3
-#: of the sensor's clock, s
+#: steps of the sensor's clock, s
 STEPS = (123.4, -45.6)
-#: packets without faults around a step and at the ends: what is lost there cannot be known
+#: number of packets without faults around each step and at both ends, where the decoder cannot know
+#: of losses
 QUIET = 8
 HOUR_US = 3_600_000_000
 WIRE_BYTES, HEADER_BYTES = 42 + 1206, 42
 RECORD = np.dtype(
     [("place", "V16"), ("time_ns", "<i8"), ("ring", "<u2"), ("rest", "V4"), ("sweep", "<u2")]
 )
-#: a yard, driven around so slowly that once takes all the time
+#: a yard, with a drive so slow that one round takes the whole capture
 WORLD = """
 path: {points: [[-8, -6], [8, -6], [8, 6], [-8, 6]], closed: true, corner_radius_m: 2}
 drive: {max_speed_m_s: 0.085, max_lateral_m_s2: 1, acceleration_m_s2: 1, still_s: 2, height_m: 1.5}
@@ -50,13 +51,13 @@ shapes:
   - {kind: box, centre: [-16, 0, 2], size: [1, 30, 4]}
   - {kind: cylinder, centre: [1, 1, 1], size: [0.6, 0.6, 3]}
 """
-#: one sweep in so many is looked at point by point
+#: every n-th sweep is compared point by point
 EVERY = 10
 
 
 @dataclass
 class Injected:
-    """What was done."""
+    """The numbers of the injected faults."""
 
     packets: int = 0
     lost: int = 0
@@ -67,20 +68,21 @@ class Injected:
 
 
 def _records(file: IO[bytes]) -> Iterator[tuple[bytes, bytes]]:
-    """(16 bytes of record header, frame) of a pcap file."""
+    """(record header of 16 bytes, frame) of a pcap file, read from behind its file header."""
     while len(header := file.read(16)) == 16:
         yield header, file.read(struct.unpack("<8xI4x", header)[0])
 
 
 def _stepped(frame: bytes, step_s: float) -> bytes:
-    """The frame with another time of the hour."""
+    """The frame with its stamp in the hour shifted."""
     at = HEADER_BYTES + 1200
     toh = struct.unpack_from("<I", frame, at)[0]
     return frame[:at] + struct.pack("<I", (toh + round(step_s * 1e6)) % HOUR_US) + frame[at + 4 :]
 
 
 def inject(clean: Path, faulty: Path, packets: int, seed: int = 1) -> Injected:
-    """Copies the data packets with losses, late and doubled ones, and two steps of the clock."""
+    """Copies the data packets with losses, late and duplicate packets, and two steps of the
+    clock."""
     chance, done = random.Random(seed), Injected()
     steps_at = [packets * (i + 1) // (len(STEPS) + 1) for i in range(len(STEPS))]
     quiet = [(n - QUIET, n + QUIET) for n in (0, *steps_at, packets)]
@@ -121,14 +123,14 @@ def inject(clean: Path, faulty: Path, packets: int, seed: int = 1) -> Injected:
 
 
 def count_packets(capture: Path) -> int:
-    """Data packets of a capture."""
+    """Number of data packets in a capture."""
     with capture.open("rb") as file:
         file.read(24)
         return sum(len(frame) == WIRE_BYTES for _, frame in _records(file))
 
 
 class Decoding:
-    """zloam-decode at work; its points come through a pipe."""
+    """A running zloam-decode; its points come through a pipe."""
 
     def __init__(self, setting: Setting, capture: Path, folder: Path) -> None:
         self._pipe = folder / (capture.stem + ".points")
@@ -139,7 +141,7 @@ class Decoding:
         )
 
     def sweeps(self) -> Iterator[NDArray[Any]]:
-        """One after the other."""
+        """The sweeps, one after the other."""
         with self._pipe.open("rb") as pipe:
             rest = np.empty(0, RECORD)
             while chunk := pipe.read(RECORD.itemsize << 16):
@@ -150,7 +152,7 @@ class Decoding:
             yield rest
 
     def summary(self) -> dict[str, int]:
-        """The counters."""
+        """The counters, after zloam-decode has ended."""
         said, complaints = self._process.communicate()
         if self._process.returncode != 0:
             raise RuntimeError(f"zloam-decode: {complaints[-200:]}")
@@ -159,12 +161,12 @@ class Decoding:
 
 
 def _misplaced(clean: Decoding, faulty: Decoding) -> tuple[int, int]:
-    """(points looked at, points that the clean sweeps around do not have)."""
+    """(number of compared points, number of those missing in the clean sweeps around them)."""
     window: list[NDArray[Any]] = []
     clean_sweeps = clean.sweeps()
     looked_at = strangers = 0
     for number, sweep in enumerate(faulty.sweeps()):
-        # the times of the two agree to the delay of a packet
+        # The times of both decodings agree to the delay of a packet.
         while not window or window[-1]["time_ns"][0] < sweep["time_ns"][-1] + 5_000_000:
             following = next(clean_sweeps, None)
             if following is None:
@@ -182,7 +184,7 @@ def _misplaced(clean: Decoding, faulty: Decoding) -> tuple[int, int]:
 
 
 def compare(setting: Setting, clean: Path, faulty: Path, done: Injected) -> Measured:
-    """Counters against the list of faults, points against the clean capture's."""
+    """Compares the counters with the injected faults, and the points with the clean capture's."""
     with tempfile.TemporaryDirectory() as folder:
         reference = Decoding(setting, clean, Path(folder))
         decoding = Decoding(setting, faulty, Path(folder))
@@ -226,7 +228,6 @@ def _measure(setting: Setting) -> Measured:
 
 
 def checks(setting: Setting) -> list[Check]:
-    """One line."""
     return [
         Check(
             "driver-faults",

@@ -1,4 +1,4 @@
-"""Lines on what is said of weak directions: where they are, and where there are none."""
+"""Checks of degeneracy flags: they are set where a direction is unconstrained, and nowhere else."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from zloam_monitor import se3, trajectory
 from zloam_monitor.records import HEALTH
 
 Array = NDArray[np.float64]
-#: world, seed, with the inertial sensor
+#: setting, world, seed, with the IMU
 Measure = Callable[[Setting, str, int, bool], Measured]
 
 SEEDS = (1, 2, 3)
-#: share of the sweeps of a tunnel without faces, and how near its axis the weak direction must be
+#: least share of flagged sweeps in a tunnel without any surface across it, and largest angle
+#: between the degenerate direction and its axis
 TUNNEL_SHARE, AXIS_DEG = 0.95, 10.0
-#: share of the sweeps of worlds that leave nothing open
+#: largest share of flagged sweeps in worlds that constrain all directions
 CLEAR_SHARE = 0.01
 CLEAR_WORLDS = ("city", "indoor")
-#: a field with a farm at one end, where the pose can be found again;
-#: beyond this x no wall is in sight
+#: a field with a farm at one end, where the robot can be found again; beyond this x no wall is in
+#: sight
 FIELD, OPEN_FROM_X_M = "tests/acceptance/worlds/farm_and_field.yaml", 115.0
-#: share of the sweeps out there that must say so
+#: least share of flagged sweeps in the open field
 OPEN_SHARE = 0.95
-#: back at the farm: how many of the last whole sweeps are looked at,
-#: and how far their steps may be off, as in the tunnel
+#: back at the farm: number of the last whole sweeps that are checked, and the limit of the error of
+#: their steps, as in the tunnel
 END_POSES, END_STEP_M = 50, STEP_M
 SEEN = ("ok", "incomplete")
 
 
 def checks(setting: Setting) -> list[Check]:
-    # An inertial sensor makes no direction strong that the points leave open, and none weak.
+    # An IMU does not make a direction constrained that the points leave open, and vice versa.
     lines: list[tuple[str, bool, str, str, Measure]] = [
         *(
             (
@@ -86,7 +87,7 @@ def _check(
 
 
 def _truth_at_poses(s: Setting, world: str, seed: int, imu: bool) -> tuple[NDArray[Any], Array]:
-    """Rows of poses.csv with the truth at their instants, as (N, 4, 4)."""
+    """Rows of poses.csv, and the truth at their instants as (N, 4, 4)."""
     said = said_of_poses(s.world(world, seed, imu=imu))
     truth, inside = trajectory.interpolate(
         trajectory.read(s.simulated(world, seed)[1]), said["instant_ns"].astype(np.int64)
@@ -115,12 +116,12 @@ def _flagged(s: Setting, world: str, seed: int, imu: bool) -> Measured:
 
 
 def _field(s: Setting, world: str, seed: int, imu: bool) -> Measured:
-    """Something is said of the pose in the open; back again nothing, and the steps are right."""
+    """Poses in the open are flagged; those back at the farm are not, and their steps are right."""
     said, truth = _truth_at_poses(s, world, seed, imu)
     names = np.array(HEALTH)[said["health"].astype(int)]
     told = (said["degenerate"] > 0) | ~np.isin(names, SEEN)
     outside = told[truth[:, 0, 3] > OPEN_FROM_X_M]
-    # The capture ends in the middle of a turn.
+    # The last sweep is partial, as the capture ends within a revolution.
     last = slice(-END_POSES - 1, -1)
     poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum").transforms[last]
     true = truth[last]

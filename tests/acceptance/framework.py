@@ -1,4 +1,4 @@
-"""A check is one line of acceptance: name, text, limit, and a function that measures."""
+"""A check of the acceptance has a name, a text, a limit, and a function that measures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ HELD, NOT_HELD, SKIPPED = "held", "not held", "skipped"
 
 
 class Skip(RuntimeError):
-    """The check cannot be made here; the text says why."""
+    """The check cannot be made here; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What was seen: the figure in words, and whether it is within the limit."""
+    """The measured figure in words, and whether it is within the limit."""
 
     figure: str
     held: bool
@@ -26,14 +26,15 @@ class Measured:
 
 @dataclass(frozen=True)
 class Check:
-    """One line of acceptance that a program can judge."""
+    """One check of the acceptance that a program can judge."""
 
     name: str
     line: str
     limit: str
     command: str
     measure: Callable[[], Measured]
-    #: of issue 37, A to E: what is injected and what was seen has a table of its own
+    #: part A to E of issue 37; such checks have a table of their own: what was injected, and the
+    #: result
     part: str = ""
 
 
@@ -52,7 +53,7 @@ class Result:
 
 
 def run(check: Check) -> Result:
-    """Makes the check; an exception is `not held` with its text."""
+    """Makes the check; an exception becomes the verdict `not held` with its text."""
     began = time.monotonic()
     try:
         measured = check.measure()
@@ -73,7 +74,8 @@ def _first_line(text: str) -> str:
 
 
 def chosen(checks: list[Check], pattern: str | None) -> list[Check]:
-    """All, or those whose name or line contains or matches one of the comma-separated patterns."""
+    """All checks, or those whose name or line contains or matches one of the comma-separated
+    patterns."""
     if not pattern:
         return checks
     wanted = [part.strip().lower() for part in pattern.split(",")]
@@ -105,7 +107,7 @@ def _injected(results: list[Result]) -> str:
 
 
 def write(folder: Path, results: list[Result]) -> None:
-    """accept.md and accept.json."""
+    """Writes accept.md and accept.json."""
     folder.mkdir(parents=True, exist_ok=True)
     counts = {v: sum(r.verdict.startswith(v) for r in results) for v in (HELD, NOT_HELD, SKIPPED)}
     total = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())

@@ -1,5 +1,5 @@
-"""Lines on rates, swings and company that the algorithms were not built on (issue 36's table), each
-run in one process (tests/bench/search), its seeds the worst of those named."""
+"""Checks with rates, swings and surroundings for which the algorithms were not built (the table of
+issue 36). Each drive runs in one process (tests/bench/search); the worst seed counts."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tests.bench.search.judge import Verdict
 from tests.bench.search.sets import Places
 from zloam_monitor import evaluation, trajectory
 
-#: sweeps within which odometry that goes astray must say so
+#: sweeps within which a diverging odometry must be flagged
 FLAGGED_WITHIN = 10
 
 
 @dataclass(frozen=True)
 class Ran:
-    """One drive after its run."""
+    """One drive and its results."""
 
     verdict: Verdict
     folder: Path
@@ -50,7 +50,8 @@ def _fused(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
 
 
 def _fused_or_lost(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
-    """Right, or Lost from the first pose on that is off by more than the limit."""
+    """The fused error is within the limit, or health is Lost from the first pose on that exceeds
+    it."""
     said = judge.said_of(ran.folder, trajectory.read(ran.truth))
     poses = np.arange(len(said.health))
     wrong = np.flatnonzero(judge.relative_error_m(said, np.zeros_like(poses), poses) > limit_m)
@@ -59,7 +60,8 @@ def _fused_or_lost(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
 
 
 def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
-    """Right, or flagged soon after it is off by more than the limit."""
+    """The odometry's error is within the limit, or it is flagged soon after it exceeds the
+    limit."""
     truth, path = trajectory.read(ran.truth), trajectory.read(ran.folder / "odom.tum")
     of_truth, of_path, _ = evaluation.associate(path, truth)
     health = np.genfromtxt(ran.folder / "sweeps.csv", delimiter=",", names=True)["health"]
@@ -67,7 +69,7 @@ def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
     said = judge.Said(of_truth, of_path, zeros.astype(np.int64), zeros > 0, zeros)
     poses = np.arange(len(of_truth))
     wrong = np.flatnonzero(judge.relative_error_m(said, np.zeros_like(poses), poses) > limit_m)
-    # the rows of sweeps whose poses lie beyond the truth are at the end
+    # Sweeps without a pose in the truth are at the end, so rows up to there correspond.
     after = health[wrong[0] : wrong[0] + FLAGGED_WITHIN] if len(wrong) else np.empty(0)
     flagged = bool((after != judge.OK).any())
     held = ran.verdict.odometry_m <= limit_m or flagged
@@ -87,7 +89,7 @@ def _seeds(stem: str, *seeds: int) -> tuple[str, ...]:
     return tuple(f"{stem}-{seed}" for seed in seeds)
 
 
-#: name, drives, text, limit in m, judge
+#: name, drives, text, limit in m, function that judges
 LINES: tuple[tuple[str, tuple[str, ...], str, float, Judge], ...] = (
     ("hand-5hz", _seeds("hand5hz", 911), "in the hand at 5 Hz: fused", 0.05, _fused),
     ("fastrot-2nd", _seeds("fastrot/2", 307), "fastrot, every 2nd scan: fused", 0.02, _fused),
@@ -108,7 +110,7 @@ LINES: tuple[tuple[str, tuple[str, ...], str, float, Judge], ...] = (
 
 
 def checks(setting: Setting) -> list[Check]:
-    """In the order of the issue."""
+    """All checks, in the order of the issue."""
     return [
         Check(
             f"hard-{name}",

@@ -1,6 +1,6 @@
-"""Lines on what users have and networks do to it (issue 37, C to E): late and truncated times,
-clocks that are set, other capture formats, folders of scans. What is injected comes from the
-generators beside the recordings."""
+"""Checks of users' data and of what networks do to them (issue 37, C to E): late and truncated
+times, clocks that are set, other capture formats, folders of scans. The generators beside the
+recordings inject the faults."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from tests.acceptance.runs import Setting
 from zloam_monitor.chain import binary
 
 SECONDS, SEED = 24, 3
-#: the sensor's stamps are whole us
+#: The sensor's stamps are whole microseconds.
 TIME_LIMIT_S = 2e-6
 STALL_ATE_M = 0.02
-#: how the recording host took it: the times between points are the sensor's in all of them
+#: ways in which the recording host stamped packets; the times between points are the sensor's in
+#: all of them
 ARRIVALS = ("stall_burst", "host_back_30", "no_time", "one_time")
-#: how the capture was written: no point is lost in any of them
+#: ways in which the capture was written; no point is lost in any of them
 FORMATS = ("ng_two_snaplens", "ng_unused_other_link", "fragments", "sensor_new_address")
-#: folder -> sweeps that it gives, or words of the refusal
+#: folder -> number of its sweeps, or words of the refusal
 FOLDERS: dict[str, int | str] = {
     "unpadded": 80,
     "macos": 80,
@@ -41,7 +42,7 @@ FOLDERS: dict[str, int | str] = {
 
 @dataclass(frozen=True)
 class Decoded:
-    """What zloam-decode made of a source."""
+    """The result of zloam-decode on a source."""
 
     code: int
     summary: dict[str, int]
@@ -74,7 +75,7 @@ def _generated(setting: Setting, generator: str, *arguments: object) -> None:
 
 
 def _base(setting: Setting) -> tuple[Path, Path, Path]:
-    """Capture, truth, and the folder of what is made of them."""
+    """Capture, truth, and the folder for everything made from them."""
     folder = setting.out / "accept" / "inputs"
     folder.mkdir(parents=True, exist_ok=True)
     capture, truth = folder / "base.pcap", folder / "base.tum"
@@ -161,7 +162,7 @@ def _check(
 
 
 def checks(setting: Setting) -> list[Check]:
-    """In the order of the issue."""
+    """All checks, in the order of the issue."""
     times = "times between points as the sensor says, to 2 us"
     lines = [_check("C", n, f"capture {n}", times, _time, setting) for n in ARRIVALS]
     lines.append(

@@ -1,7 +1,7 @@
-"""KISS-ICP 1.3.0 (defaults, deskewing on) on a folder of scans or on zloam-decode's points.
+"""Runs KISS-ICP 1.3.0 (defaults, deskewing on) on a folder of scans or on zloam-decode's points.
 
-Prints one JSON line with its CPU per sweep; --trajectory keeps its poses, each at the instant for
-which they hold: KISS-ICP moves a sweep's points to the time of its last one.
+Prints one JSON line with its CPU time per sweep; --trajectory writes its poses, each at the instant
+to which it refers: KISS-ICP deskews a sweep to the time of its last point.
 
 usage: python -m tests.acceptance.kiss INPUT [--limit N] [--trajectory FILE]
 """
@@ -31,7 +31,7 @@ Sweep = tuple[NDArray[Any], NDArray[np.int64]]
 
 
 def of_folder(folder: Path) -> Iterator[Sweep]:
-    """Scans of the reference generator."""
+    """Sweeps from the scans of the reference generator."""
     begins = np.loadtxt(folder / "stamps.txt", ndmin=2)[:, 0]
     for path, begin in zip(sorted((folder / "scans").glob("*.bin")), begins, strict=False):
         scan = np.fromfile(path, SYNTH_POINT)
@@ -39,7 +39,7 @@ def of_folder(folder: Path) -> Iterator[Sweep]:
 
 
 def of_decoded(path: Path) -> Iterator[Sweep]:
-    """The driver's sweeps."""
+    """Sweeps from the points written by zloam-decode."""
     points = np.fromfile(path, DECODED_POINT)
     cuts = np.flatnonzero(np.diff(points["sweep"])) + 1
     for sweep in np.split(points, cuts):
@@ -47,7 +47,7 @@ def of_decoded(path: Path) -> Iterator[Sweep]:
 
 
 def run(sweeps: Iterator[Sweep], limit: int | None) -> tuple[list[float], Trajectory]:
-    """CPU ms of each sweep, and the poses at the sweeps' last points."""
+    """CPU ms per sweep, and the poses at the times of the sweeps' last points."""
     config = load_config(None)
     config.data.deskew, config.data.min_range = True, MIN_RANGE_M
     odometry = KissICP(config)

@@ -1,4 +1,4 @@
-"""Ten laps of the city loop: neither memory nor cost may follow the length of the run."""
+"""Ten laps of the city loop: memory and cost must not grow with the length of the run."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from zloam_monitor.stages import STAGES
 
 LAPS, SEED = 10, 1
 GROWTH = 1.1
-#: of the ten laps: on a shared host a stage's CPU time wanders by a fifth from minute to minute
+#: Number of runs of ten laps: on a shared host a stage's CPU time varies by a fifth from minute to
+#: minute.
 RUNS = 3
-#: of the run; it is several times faster than real time
+#: limit of a run's duration; it is several times faster than real time
 LONGEST_S = 1800.0
 
 
 @dataclass(frozen=True)
 class Spent:
-    """What a stage has taken when its newest sweep was done."""
+    """CPU time and memory of a stage after its newest sweep."""
 
     sweep: int
     cpu_ms: float
@@ -57,7 +58,7 @@ def checks(setting: Setting) -> list[Check]:
 
 
 def capture(s: Setting) -> Path:
-    """The packets of all laps, without a stop between them; made once."""
+    """The packets of all laps, without a stop in between; created once."""
     packets = s.out / "accept" / "worlds" / f"city-{SEED}-laps.pcap"
     if not packets.exists():
         packets.parent.mkdir(parents=True, exist_ok=True)
@@ -112,12 +113,12 @@ def _runs(s: Setting) -> list[History]:
 
 
 def _sweeps_a_lap(history: History) -> int:
-    # A lap alone takes longer: it stands and stops besides.
+    # A capture of a single lap is longer, since it also stands still and brakes.
     return (min(spent[-1].sweep for spent in history.values()) + 1) // LAPS
 
 
 def _after(history: list[Spent], sweep: int) -> Spent:
-    """The first that was said at or after a sweep, or else the last."""
+    """The first record at or after a sweep, or else the last one."""
     return next((spent for spent in history if spent.sweep >= sweep), history[-1])
 
 
@@ -134,7 +135,7 @@ def _memory(s: Setting) -> Measured:
 
 
 def _cost_ms(history: History, stage: str, number: int) -> float:
-    """Of a sweep in a lap, counted from 1."""
+    """CPU time per sweep in a lap; laps are counted from 1."""
     lap, spent = _sweeps_a_lap(history), history[stage]
     begin, end = _after(spent, (number - 1) * lap), _after(spent, number * lap)
     return (end.cpu_ms - begin.cpu_ms) / (end.sweep - begin.sweep)

@@ -1,4 +1,4 @@
-"""A simulated capture, sent over UDP at the pace of its stamps, through the live chain."""
+"""Sends a simulated capture over UDP, at the pace of its stamps, through the live chain."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from zloam_monitor.chain import Chain
 from zloam_monitor.report import Run
 from zloam_monitor.robot_file import names
 
-#: how much of the capture is sent
+#: length of the part of the capture that is sent
 SECONDS = 40.0
-#: after the last packet the last sweeps are still under way
+#: The last sweeps are still being processed after the last packet.
 AFTER_SECONDS = 3.0
 
 
@@ -28,7 +28,7 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
-#: what is sent instead of a packet, given the seconds since the first; None: nothing
+#: (seconds since the first packet, packet) -> what is sent in its place; None: nothing
 Change = Callable[[float, bytes], bytes | None]
 
 
@@ -45,7 +45,7 @@ def send(
     enough: threading.Event | None = None,
     change: Change = as_recorded,
 ) -> None:
-    """Each datagram of so many seconds at its own time after the first, or until it is enough."""
+    """Sends the datagrams of the first `seconds` at their times, or until `enough` is set."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         began, first = time.monotonic(), None
         for stamp, payload in udp_payloads(capture):
@@ -55,7 +55,7 @@ def send(
             wait = began + slower * (stamp - first) - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            # position packets go to another port on a sensor; only data is sent here
+            # Only data packets are sent; a sensor sends position packets to another port.
             if len(payload) == 1206 and (changed := change(stamp - first, payload)) is not None:
                 sender.sendto(changed, (host, port))
 

@@ -1,4 +1,4 @@
-"""Records of the point files that tests and benchmarks read."""
+"""Record formats of the point files that tests and benchmarks read."""
 
 from __future__ import annotations
 

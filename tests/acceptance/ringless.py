@@ -1,4 +1,4 @@
-"""Sweeps without rings beside a VLP-16's on the same drives (tests/bench/search), seeds 1 to 3."""
+"""Sweeps without rings against a VLP-16's on the same drives (tests/bench/search), seeds 1 to 3."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.acceptance.hard import ran
 from tests.acceptance.runs import Setting
 
 SEEDS = (1, 2, 3)
-#: lidar, its text, limit of its error as a multiple of the one beside it
+#: lidar, text, limit of its error as a multiple of the reference lidar's, reference lidar
 LINES = (
     ("no-rings", "VLP-16 with its rings withheld", 1.2, "vlp16"),
     ("mid360", "pattern of a Livox Mid-360", 2.0, "vlp16"),

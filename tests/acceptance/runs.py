@@ -1,4 +1,4 @@
-"""Runs that several checks look at: made once, kept for the rest of the session."""
+"""Runs that several checks use: made once and kept for the rest of the session."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SYNTH_SEED = 7
 
 @dataclass
 class Demo:
-    """One ended demo."""
+    """A demo that has ended."""
 
     code: int
     said: str
@@ -44,7 +44,7 @@ class Demo:
 
 @dataclass
 class Setting:
-    """Where things are."""
+    """The folders, and runs that are made only once."""
 
     build: Path
     out: Path
@@ -57,14 +57,14 @@ class Setting:
         return cls(build.resolve(), out.resolve(), shared)
 
     def recording(self, name: str) -> Path:
-        """A path below the folder of recordings, which is no part of the repository."""
+        """A path below the folder of recordings, which is not in the repository."""
         path = self.shared / name
         if not path.exists():
             raise Skip(f"{path} is missing; set ZLOAM_SHARED")
         return path
 
     def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
-        """Runs this Python from the root of the tree."""
+        """Runs this Python from the root of the repository."""
         paths = os.pathsep.join([str(ROOT / "services/monitor/src"), str(ROOT)])
         return subprocess.run(
             [sys.executable, *map(str, arguments)],
@@ -82,7 +82,7 @@ class Setting:
         )
 
     def demo(self, name: str, *arguments: object) -> Demo:
-        """`make demo` with these options, once; the log lies beside its files."""
+        """Runs `make demo` with these options, once; its log lies beside its files."""
         if name not in self._demos:
             out = self.out / "accept" / name
             out.mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ class Setting:
         return self._demos[name]
 
     def simulated(self, world: str, seed: int) -> tuple[Path, Path]:
-        """Capture and the lidar's truth of a world (a name or a .yaml file), made once."""
+        """Capture and true lidar trajectory of a world (a name or a .yaml file), simulated once."""
         folder = self.out / "accept" / "worlds"
         folder.mkdir(parents=True, exist_ok=True)
         stem = f"{Path(world).stem}-{seed}"
@@ -115,8 +115,8 @@ class Setting:
         return capture, truth
 
     def world(self, world: str, seed: int, *, imu: bool = False, late_ms: float = 0.0) -> Demo:
-        """A simulated world's packets through the chain, with the simulated inertial sensor's
-        readings where wanted, their stamps late by so much."""
+        """A simulated world's packets through the chain; with `imu` also the simulated IMU's
+        readings, with stamps late by `late_ms`."""
         capture, truth = self.simulated(world, seed)
         name = f"world-{Path(world).stem}-{seed}" + ("-imu" if imu else "")
         readings = ["--imu", _readings(capture)] if imu else []
@@ -129,7 +129,7 @@ class Setting:
         return self.demo("city")
 
     def capture(self) -> Path:
-        """The simulated city loop's packets."""
+        """The packets of the simulated city loop."""
         capture = self.city().out / "capture.pcap"
         if not capture.exists():
             raise RuntimeError(f"no capture: {self.city().last_words()}")
@@ -139,7 +139,7 @@ class Setting:
         return self.demo("kitti", "--kitti", self.recording("data/hdl64e_drive"))
 
     def synth_folder(self, scene: str = "city") -> Path:
-        """Scans of the reference generator; made once (minutes), kept in the cache."""
+        """Scans of the reference generator; made once (takes minutes), kept in the cache."""
         folder = CACHE / "synth" / f"{scene}-{SYNTH_SEED}"
         if not (folder / "gt_dense.tum").exists():
             generator = self.recording("reference/synth/synth_gen.py")
@@ -153,12 +153,12 @@ class Setting:
 
 
 def _readings(capture: Path) -> Path:
-    """Of the inertial sensor that rode along."""
+    """The simulated IMU's readings that belong to a capture."""
     return capture.with_suffix(".imu.csv")
 
 
 def write_later_part(capture: Path, out: Path, after_s: float) -> None:
-    """The packets of a pcap capture from so many seconds after its first one on."""
+    """Writes the packets from `after_s` after the first one on to another pcap."""
     with capture.open("rb") as source, out.open("wb") as sink:
         later = dpkt.pcap.Writer(sink)
         began_s = None
@@ -169,5 +169,5 @@ def write_later_part(capture: Path, out: Path, after_s: float) -> None:
 
 
 def said_of_poses(demo: Demo) -> NDArray[Any]:
-    """poses.csv of a run by column name."""
+    """poses.csv of a run, by column name."""
     return np.genfromtxt(demo.out / "poses.csv", delimiter=",", names=True)

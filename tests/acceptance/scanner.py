@@ -1,4 +1,5 @@
-"""LOAM's own sensor, a 2-D scanner on a motor (issue 44): drives, calibrations, real sessions."""
+"""Checks of LOAM's own sensor, a 2-D scanner on a motor (issue 44): drives, calibrations, real
+sessions."""
 
 from __future__ import annotations
 
@@ -20,16 +21,16 @@ from zloam_monitor.records import HEALTH
 from zloam_monitor.sources import HOKUYO_SPEED_FACTOR
 
 SEEDS = (1, 2, 3)
-#: what is asked of a drive's way and of its poses, so that the others mean something
+#: least length of the path and least rate of poses, without which the errors would mean little
 LEAST_WAY_M, POSES_PER_S = 50.0, 10.0
 INDOOR_IMU_M, INDOOR_M, OUTDOOR_DRIFT_PERCENT = 0.05, 0.15, 0.8
-#: at most 0.5 m/s: of the greatest speed, and for how long
+#: world -> (factor on the world's largest speed, which keeps below 0.5 m/s; length of the drive)
 SLOW: dict[str, tuple[float, str]] = {
     "indoor": (HOKUYO_SPEED_FACTOR, "full"),
     "city": (0.05, "260"),
 }
 ANGLE_DEG, OFFSET_MS = 0.05, 1.0
-#: a stretch of so many poses (10 s) is wrong when its error is larger than that
+#: A stretch of this many poses (10 s) is wrong if its error exceeds one of these limits.
 STRETCH_POSES, WRONG_M, WRONG_DEG = 100, 1.0, 10.0
 CALIBRATED_IN = ("indoor", "handheld")
 
@@ -55,7 +56,7 @@ def _drive(setting: Setting, world: str, seed: int, with_imu: bool) -> tuple[Dem
 
 
 def _scores(demo: Demo, session: Session) -> tuple[evaluation.Scores, float]:
-    """Errors, and poses a second."""
+    """The errors, and the number of poses per second."""
     if demo.code != 0:
         raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
     found = trajectory.read(demo.out / "trajectory.tum")
@@ -91,7 +92,7 @@ def _drift_percent(scores: evaluation.Scores) -> float:
 
 
 def _silent(setting: Setting, world: str) -> Measured:
-    """Of all stretches that are wrong, those in which no pose says that anything is."""
+    """Number of wrong stretches in which no pose is flagged."""
     wrong = silent = 0
     for seed in SEEDS:
         demo, session = _drive(setting, world, seed, with_imu=False)

@@ -1,4 +1,4 @@
-"""The statistics of the NEES lines, against draws whose covariance is known."""
+"""Tests the statistics of the NEES checks on draws with a known covariance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ DRAWS = 400
 
 
 def _share_held(rng: np.random.Generator, samples: int, factor: float) -> float:
-    """Of many sets of runs, each run worth so many samples, errors squared off by a factor."""
+    """Share of many simulated sets of runs that are accepted; a run is worth `samples` independent
+    samples, and the squared errors are off by `factor`."""
     runs = factor * rng.chisquare(3 * samples, (DRAWS, RUNS)) / samples
     return float(np.mean([consistency(r).held for r in runs]))
 

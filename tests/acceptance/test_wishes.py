@@ -1,4 +1,4 @@
-"""Each wish of users has tests that exist, or a reason."""
+"""Each of the users' wishes has existing tests, or a reason why not."""
 
 from __future__ import annotations
 

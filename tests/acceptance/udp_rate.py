@@ -1,4 +1,4 @@
-"""The driver alone, fed over UDP at the rate of four sensors."""
+"""The driver alone, which receives packets over UDP at the rate of four sensors."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from zloam_monitor.chain import binary
 
 PACKETS_PER_S, SECONDS, CPU_LIMIT = 3016.0, 60.0, 0.25
 PERIOD_US = 1327.104
-#: the driver says its counters every 5 s
+#: The driver logs its counters every 5 s.
 LAST_WORDS_S = 7.0
 CHUNK_S = 0.002
 
 
 def _packet(number: int) -> bytes:
-    """A VLP-16's that turns at 600 rpm in a round room. The stamps go on at the sensor's pace,
-    four times slower than it is sent: what counts is that all come and are decoded."""
+    """A packet of a VLP-16 at 600 rpm in a round room. The stamps advance at the pace of one
+    sensor, four times slower than the packets are sent: it only matters that all arrive and are
+    decoded."""
     azimuth = number * 12 * 40
     blocks = b"".join(
         struct.pack("<HH", 0xEEFF, (azimuth + 40 * k) % 36000) + struct.pack("<HB", 5000, 50) * 32
@@ -35,8 +36,8 @@ def _packet(number: int) -> bytes:
 
 
 def _send(port: int, seconds: float) -> int:
-    """Returns how many."""
-    turn = [_packet(n) for n in range(75)]  # 75 packets are a turn of 36000
+    """Sends packets for `seconds`; returns their number."""
+    turn = [_packet(n) for n in range(75)]  # 75 packets are a revolution of 36000
     sent, began = 0, time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         while (elapsed := time.monotonic() - began) < seconds:
@@ -63,7 +64,7 @@ def _wait_for(log: Path, words: str, limit_s: float) -> None:
 
 
 def measure(setting: Setting, seconds: float = SECONDS) -> Measured:
-    """CPU of the driver's process while it receives, and its last counters."""
+    """CPU time of the driver's process while it receives, and its last counters."""
     folder = setting.out / "accept" / "udp-rate"
     folder.mkdir(parents=True, exist_ok=True)
     log, port = folder / "driver.log", free_udp_port()
@@ -81,7 +82,7 @@ def measure(setting: Setting, seconds: float = SECONDS) -> Measured:
     with log.open("w") as said:
         driver = subprocess.Popen(command, stdout=said, stderr=said)
     try:
-        # with nothing to hear it says so: it listens
+        # The driver complains about missing packets, so it listens.
         _wait_for(log, "no packets on", 60.0)
         before, began = _cpu_s(driver.pid), time.monotonic()
         sent = _send(port, seconds)
@@ -102,7 +103,6 @@ def measure(setting: Setting, seconds: float = SECONDS) -> Measured:
 
 
 def checks(setting: Setting) -> list[Check]:
-    """One line."""
     return [
         Check(
             "driver-udp-rate",

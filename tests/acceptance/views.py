@@ -1,4 +1,4 @@
-"""What watching costs a robot (issue 41)."""
+"""Checks of what views and saves cost a robot (issue 41)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tests.integration.observed import Phase
 THIN_LINK, MAP_SAVE = "views-thin-link", "map-save-live"
 SECONDS = {THIN_LINK: 600.0, MAP_SAVE: 60.0}
 ROBOT_FILE = ROOT / "deploy/robots/vlp16-outdoor.yaml"
-#: latency with views to that without, and milliseconds on top for the clock of a busy machine
+#: limit of the latency with views: a factor on that without, plus ms for jitter on a busy machine
 RATIO, FLOOR_MS = 1.1, 2.0
-#: what a stage's memory may grow by in that time
+#: limit of the growth of a stage's memory during the phase
 FLAT_MIB = 4.0
 
 
@@ -32,7 +32,7 @@ def _out(setting: Setting, name: str) -> Path:
 
 
 def _costs(alone: Phase, beside: Phase) -> tuple[list[str], bool]:
-    """What the robot was like beside something, in words, and whether it was as alone."""
+    """Latency and losses in words, and whether the robot ran as well as alone."""
     lost = beside.missing() + sum(beside.dropped.values())
     latencies = [(alone.latency_ms(p), beside.latency_ms(p)) for p in (50, 99)]
     held = not lost and all(b <= RATIO * a + FLOOR_MS for a, b in latencies)

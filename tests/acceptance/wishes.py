@@ -1,5 +1,5 @@
-"""What users of such systems ask for most often, by the numbers of the list that the project began
-with, and the tests that hold it; or why there is none yet."""
+"""What users of such systems ask for most often, numbered as in the list with which the project
+began, with the tests that prove it; or the reason why there is none yet."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Wish:
-    """One line of the list, in short."""
+    """One wish of the list, shortened."""
 
     what: str
     #: "FILE::test", "Suite.Test" of a unit test, or "accept NAME" of an acceptance line
     tests: tuple[str, ...] = ()
-    #: where there is no test, or only of a part
+    #: what is not tested, and why
     lacks: str = ""
 
 

@@ -1,5 +1,5 @@
-"""Lines on simulated worlds beyond position errors: KISS-ICP beside, heights, steps, and what an
-inertial sensor adds."""
+"""Checks on simulated worlds beyond position errors: comparison with KISS-ICP, heights, steps, and
+the benefit of an IMU."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Runs = tuple[tuple[str, int], ...]  # world, seed
 
 SEEDS = (1, 2, 3)
 GRID = "services/simulator/worlds/grid.yaml"
-#: smooth as well, but one comes in from where there is something to see, and leaves to such a place
+#: A tunnel as smooth, but entered from, and left to, places with structure.
 TUNNEL_ENTRY = "tests/acceptance/worlds/tunnel_entry.yaml"
 KISS_WORLDS = (
     "city",
@@ -37,15 +37,15 @@ KISS_WORLDS = (
     "moving",
     GRID,
 )
-#: Traffic in which two vans that keep their distance have most of what holds along the street: of
-#: twenty seeds those whose pose once went with the vans.
+#: Traffic in which most of what constrains the motion along the street are two vans that keep their
+#: distance: those of twenty seeds with which the pose once followed the vans.
 ESCORTED: Runs = tuple(("moving", seed) for seed in (4, 5, 7, 9, 15))
-#: Nothing faces along it, and it begins at rest inside: no lidar can tell that it sets off. An
-#: inertial sensor can, so these lines are its; the figures say what it is without.
+#: Nothing in the tunnel faces along it, and the drive begins at rest inside: no lidar can notice
+#: that it sets off. An IMU can, so these checks use one; the figures without it are shown too.
 WITH_IMU = ("tunnel",)
-#: with an inertial sensor no world may become worse, and what lidars miss must be gained
+#: worlds in which the IMU must make no result worse, and improve what the lidar alone misses
 IMU_WORLDS = ("city", "indoor", "handheld", "tunnel_weak", "flat", "field", "park", "moving")
-#: where a platform turns and pushes enough that a delay shows
+#: worlds with enough rotation and acceleration for a delay of the IMU to show
 LATE_WORLDS = ("city", "indoor", "handheld")
 LATE_MS, LATE_GROWTH = 20.0, 1.2
 FLAT_Z_SHARE = 0.002
@@ -53,7 +53,7 @@ STEP_M = 0.2
 
 
 def checks(setting: Setting) -> list[Check]:
-    """In the order of the issue."""
+    """All checks, in the order of the issue."""
     lines: list[tuple[str, Runs, str, str, Measure]] = [
         (
             "kiss",
@@ -117,7 +117,7 @@ def _check(
 
 
 def _truth(s: Setting, world: str, seed: int) -> Trajectory:
-    """The simulator's truth is the lidar's; the worlds mount it at base_link."""
+    """The simulator's truth is the lidar's, which these worlds mount at base_link."""
     return trajectory.read(s.simulated(world, seed)[1])
 
 
@@ -149,7 +149,8 @@ def _compared(s: Setting, world: str, seed: int, *, imu: bool = False) -> Compar
 
 
 def _kiss_trajectory(s: Setting, world: str, seed: int) -> Trajectory:
-    """KISS-ICP on the sweeps that the driver makes of the world's packets; kept beside them."""
+    """KISS-ICP's trajectory on the sweeps that the driver makes of the world's packets; stored
+    beside them."""
     capture, _ = s.simulated(world, seed)
     found = capture.with_suffix(".kiss.tum")
     if not found.exists():
@@ -181,7 +182,8 @@ def _beside_kiss(s: Setting, world: str, seed: int) -> Measured:
 
 
 def _height(s: Setting, world: str, seed: int) -> Measured:
-    """Both in the frame of their first pose, where the platform stands level."""
+    """Compares the heights, both in the frame of their first pose, in which the platform is
+    level."""
     found = _compared(s, world, seed)
     estimate = (se3.inverse(found.estimate[:1]) @ found.estimate)[:, 2, 3]
     truth = (se3.inverse(found.truth[:1]) @ found.truth)[:, 2, 3]
@@ -203,7 +205,7 @@ def _worst_step(s: Setting, world: str, seed: int) -> Measured:
 
 
 def _step_off(found: Compared) -> tuple[float, float]:
-    """The worst error of a step, and the truth's longest step, m."""
+    """The largest error of a step, and the truth's longest step, m."""
     ours = se3.inverse(found.estimate[:-1]) @ found.estimate[1:]
     true = se3.inverse(found.truth[:-1]) @ found.truth[1:]
     off = np.linalg.norm(ours[:, :3, 3] - true[:, :3, 3], axis=1)
