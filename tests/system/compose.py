@@ -1,4 +1,4 @@
-"""One deployment by Docker Compose under a project name and ports of its own."""
+"""One deployment by Docker Compose, with its own project name and ports."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 
 
-#: Listings of containers that may find one gone.
+#: attempts at listing the containers, which fails if one disappears meanwhile
 LISTINGS = 5
 
 
 class NotInTime(AssertionError):
-    """Something did not come about within its limit."""
+    """A condition did not become true within its limit."""
 
 
 class CommandFailed(AssertionError):
-    """A command of Compose, with everything that it said."""
+    """A Compose command failed; the text has its whole output."""
 
 
 def free_port() -> int:
-    """A TCP port of the loopback that is free now."""
+    """A TCP port of the loopback interface that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -36,7 +36,8 @@ def free_port() -> int:
 
 @dataclass(frozen=True)
 class Container:
-    """A container as the engine knows it; pid is that of its main process on this host, 0: none."""
+    """A container as reported by the engine; `pid` is its main process on this host, 0 if it does
+    not run."""
 
     name: str
     pid: int
@@ -76,20 +77,20 @@ class Deployment:
         return ["docker", "compose", "-p", self.project, *files, *arguments]
 
     def variables(self) -> dict[str, str]:
-        """The environment of every call: the knobs of .env that this deployment sets."""
+        """The environment of every call: the variables of .env that this deployment sets."""
         return {
             **os.environ,
             "ZLOAM_OUT": str(self.out),
             "ZLOAM_UID": str(os.getuid() or 1000),
             "ZLOAM_GID": str(os.getgid() or 1000),
             "ZLOAM_ROUTER_PORT": f"127.0.0.1:{self.router_port}",
-            # Most tests ask the containers after the run.
+            # Most tests query the containers after the run.
             "ZLOAM_AFTER": "stay",
             **self.environment,
         }
 
     def run(self, *arguments: str, check: bool = True) -> str:
-        """Standard output; with check a failure raises with everything that was said."""
+        """Standard output; with `check` a failure raises CommandFailed with the whole output."""
         done = subprocess.run(
             self.command(*arguments),
             cwd=ROOT,
@@ -104,8 +105,9 @@ class Deployment:
         return done.stdout
 
     def listed(self, *services: str) -> list[dict[str, Any]]:
-        """What `docker compose ps` knows of each container. It lists first and then looks at each:
-        one that went in between (a name taken again while `up` creates) is no error of anybody."""
+        """What `docker compose ps` reports of each container. It lists containers first and
+        inspects them afterwards, so it fails if one disappears in between (a name reused while `up`
+        creates containers); then it is repeated."""
         for _ in range(LISTINGS):
             try:
                 lines = self.run("ps", "--all", "--format", "json", *services).splitlines()
@@ -117,11 +119,11 @@ class Deployment:
         raise CommandFailed(f"the containers of {self.project} change faster than they are listed")
 
     def containers(self) -> dict[str, dict[str, Any]]:
-        """Service -> what `docker compose ps` knows of its container."""
+        """Service -> what `docker compose ps` reports of its container."""
         return {str(each["Service"]): each for each in self.listed()}
 
     def wait(self, what: str, seconds: float, condition: Any) -> float:
-        """Seconds until condition(containers) holds."""
+        """Waits until condition(containers) holds; returns the seconds that it took."""
         began = time.monotonic()
         while True:
             containers = self.containers()
@@ -134,19 +136,19 @@ class Deployment:
             time.sleep(0.5)
 
     def replicas(self, service: str) -> list[Container]:
-        """All containers of a service, in the order of their numbers."""
+        """All containers of a service, ordered by their names."""
         return [inspect(name) for name in sorted(str(c["Name"]) for c in self.listed(service))]
 
     def kill(self, service: str, replica: int = 0) -> Container:
-        """SIGKILL from the host for the main process of one of its containers, which is returned
-        as it was: `docker kill` would keep it from being started again."""
+        """Sends SIGKILL from the host to the main process of a container, and returns the
+        container's previous state. After `docker kill` the engine would not restart it."""
         killed = self.replicas(service)[replica]
         assert killed.pid > 0, f"{service} does not run"
         os.kill(killed.pid, signal.SIGKILL)
         return killed
 
     def wait_back(self, service: str, killed: Container, seconds: float) -> Container:
-        """The container when it is healthy under another process."""
+        """Waits until the container is healthy with a new process."""
         found: list[Container] = []
 
         def back(_: object) -> bool:
@@ -157,14 +159,14 @@ class Deployment:
         return found[0]
 
     def shared_bytes(self) -> int:
-        """What is in the /dev/shm that the containers share."""
+        """Used bytes of the /dev/shm that the containers share."""
         said = self.run("exec", "-T", "store", "stat", "-f", "-c", "%b %f %S", "/dev/shm")
         blocks, free, size = map(int, said.split())
         return (blocks - free) * size
 
     def leftovers(self) -> dict[str, list[str]]:
-        """What of this project is still there. Of volumes only what is mounted: the data of the
-        others stay on purpose."""
+        """What is left of this project. Of volumes only mounted ones count, since data volumes
+        remain on purpose."""
         label = f"label=com.docker.compose.project={self.project}"
 
         def names(*command: str) -> list[str]:

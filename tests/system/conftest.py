@@ -1,4 +1,4 @@
-"""Docker, the images, and one whole run of the default deployment that several tests look at."""
+"""Docker, the images, and one complete run of the default deployment, which several tests use."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_client
 from zloam_monitor.records import StatusRecord
 
-#: seconds of the simulated drive: long enough to turn a corner, short enough for every day
+#: length of the simulated drive in s: long enough to turn a corner, short enough to run every day
 DRIVE_SECONDS = 20
-#: seconds of the drive that several runs are compared over
+#: length in s of the drive over which several runs are compared
 LONG_DRIVE_SECONDS = 60
-#: exit code of images.sh where there is nothing to build upon
+#: exit code of images.sh if the base image is missing
 NO_BASE_IMAGE = 3
-#: with what it depends on, all services but the one for whose sake `up` waits for a replay's end
+#: Starting `driver` starts all services that it depends on, thus all but the one that only makes
+#: `up` wait for the end of a replay.
 DETACHED = "driver"
 SERVICES = ("router", "store", "integration", "mapping", "odometry", "registration", "monitor")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Everything here needs Docker and is run by `make system`."""
+    """All tests here need Docker and are run by `make system`."""
     for item in items:
         if "tests/system" in str(item.path):
             item.add_marker(pytest.mark.system)
@@ -39,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def images() -> None:
-    """The three images, made when they are not there; skipped with the reason without Docker."""
+    """The three images, built if they are missing; skips with the reason without Docker."""
     asked = subprocess.run(["docker", "info"], capture_output=True, text=True, check=False)
     if asked.returncode != 0:
         pytest.skip(f"Docker does not answer: {asked.stderr.strip()}")
@@ -58,7 +59,7 @@ def images() -> None:
 
 @pytest.fixture(scope="session")
 def view_image(images: None) -> None:
-    """The one with Rerun and Foxglove."""
+    """The image with Rerun and Foxglove."""
     if os.environ.get("ZLOAM_IMAGES") != "as-they-are":
         layers, environment = ["deploy/compose/views.yml"], {"ZLOAM_RUST": "prebuilt"}
         Deployment("zloam-images", ROOT / "out", layers, environment).run("build", "view")
@@ -73,7 +74,7 @@ class Drive:
 
 
 def drive_of(folder: Path, seconds: int, *options: str) -> Drive:
-    """In the city, by the image's simulator: nothing needs to be built here."""
+    """A drive in the city by the image's simulator, so that nothing needs to be built here."""
     subprocess.run(
         ["docker", "run", "--rm", "--user", f"{os.getuid()}:{os.getgid()}", "--network", "none",
          "--volume", f"{folder}:/drive", "zenoh-loam", "simulator", "--quiet", "--world", "city",
@@ -86,13 +87,13 @@ def drive_of(folder: Path, seconds: int, *options: str) -> Drive:
 
 @pytest.fixture(scope="session")
 def drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """Long enough to compare runs over it."""
+    """A drive long enough to compare runs over it."""
     return drive_of(tmp_path_factory.mktemp("drive"), LONG_DRIVE_SECONDS)
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """What a replay of the drive left, and the last statuses of all stages."""
+    """The results of a replay of the drive, and the final statuses of all stages."""
 
     out: Path
     report: dict[str, Any]
@@ -102,7 +103,7 @@ class Replayed:
 def replay(
     drive: Drive, out: Path, *options: str, layers: Sequence[str] = (), seconds: float = 300
 ) -> Replayed:
-    """The capture through the deployment with these layers, and options of `up`."""
+    """Replays the capture by a deployment with these layers and options of `up`."""
     deployment = Deployment(
         f"zloam-replay-{os.getpid()}",
         out,
@@ -118,13 +119,14 @@ def replay(
 
 @pytest.fixture(scope="session")
 def undisturbed(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    """The drive through one instance of each stage, to which nothing is done."""
+    """The drive through one instance of each stage, undisturbed."""
     return replay(drive, tmp_path_factory.mktemp("undisturbed"))
 
 
 @contextlib.contextmanager
 def up(deployment: Deployment, *options: str) -> Iterator[Deployment]:
-    """`docker compose up` until all are healthy; what is there goes at the end, volumes too."""
+    """`docker compose up` until all services are healthy; removes everything at the end, volumes
+    included."""
     try:
         deployment.run("up", "--no-build", "--detach", *options, DETACHED)
         yield deployment
@@ -133,7 +135,8 @@ def up(deployment: Deployment, *options: str) -> Iterator[Deployment]:
 
 
 def ask_statuses(port: int) -> dict[tuple[str, str], StatusRecord]:
-    """(stage, instance) -> status, of all that anybody knows of: also of killed ones."""
+    """(stage, instance) -> status, of all instances that any process remembers, killed ones
+    included."""
     session = open_client([f"tcp/127.0.0.1:{port}"])
     link = Link(session, Keys("robot"))
     link.query_statuses()
@@ -144,7 +147,7 @@ def ask_statuses(port: int) -> dict[tuple[str, str], StatusRecord]:
 
 @dataclass
 class Finished:
-    """What one run left."""
+    """The results of one run."""
 
     deployment: Deployment
     healthy_after_s: float
@@ -168,7 +171,7 @@ def _ended(containers: dict[str, dict[str, Any]]) -> bool:
 
 
 def _count_poses(port: int, wanted: int, seconds: float) -> int:
-    """Poses that a program outside the containers gets through the router."""
+    """Number of poses that a program outside the containers receives through the router."""
     session = open_client([f"tcp/127.0.0.1:{port}"])
     link = Link(session, Keys("robot"))
     deadline = time.monotonic() + seconds
@@ -180,7 +183,7 @@ def _count_poses(port: int, wanted: int, seconds: float) -> int:
 
 
 def versions(port: int) -> dict[str, int]:
-    """Cube -> version of the whole map, as anybody may ask for it."""
+    """Cube -> version of the whole map, as any client can query it."""
     session = open_client([f"tcp/127.0.0.1:{port}"])
     link = Link(session, Keys("robot"))
     tiles = {f"{t.layer}/{t.index}": t.version for t in link.query_tiles(["*"])}
@@ -190,7 +193,7 @@ def versions(port: int) -> dict[str, int]:
 
 
 def _start_once(deployment: Deployment) -> tuple[float, str]:
-    """Seconds until all are healthy, and what `up` said if it failed."""
+    """Seconds until all services are healthy, and the output of `up` if it failed."""
     began = time.monotonic()
     up = subprocess.Popen(
         deployment.command("up", "--no-build", "--detach", DETACHED),
@@ -206,8 +209,9 @@ def _start_once(deployment: Deployment) -> tuple[float, str]:
 
 
 def _start(deployment: Deployment) -> float:
-    """Seconds until all are healthy. Begun once more where `up` lost a container that it had just
-    created: nothing here removes any, so somebody else cleans this engine."""
+    """Seconds until all services are healthy. Tries once more if `up` lost a container that it had
+    just created: nothing here removes containers, so another program cleans up this Docker
+    engine."""
     healthy_after_s, failure = _start_once(deployment)
     if "is missing dependency" in failure or "No such container" in failure:
         print(f"begun again: a container was removed while it started\n{failure}")
@@ -219,7 +223,7 @@ def _start(deployment: Deployment) -> float:
 
 @pytest.fixture(scope="session")
 def run(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Finished]:
-    """`docker compose up` with the simulator as source, to the end of the run."""
+    """`docker compose up` with the simulator as the source, until the end of the run."""
     out = tmp_path_factory.mktemp("compose")
     deployment = Deployment(
         f"zloam-system-{os.getpid()}",
@@ -245,7 +249,8 @@ def run(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fini
 
 
 def demo_command(out: Path, *options: str | Path) -> list[str]:
-    """`make demo` without building: the stages as plain processes. Skipped when not built."""
+    """Command of `make demo` without building: the stages as plain processes. Skips if they are not
+    built."""
     build = Path(os.environ.get("ZLOAM_BUILD", ROOT / "build" / "release"))
     if not (build / "bin" / "zloam-mapping").is_file():
         pytest.skip(f"not built in {build}: nothing to compare with")
@@ -259,7 +264,7 @@ def demo_environment() -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def demo_report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The same drive by the same stages as plain processes."""
+    """The report of the same drive with the same stages as plain processes."""
     out = tmp_path_factory.mktemp("demo")
     done = subprocess.run(
         demo_command(out, "--simulate=--duration", f"--simulate={DRIVE_SECONDS}"),

@@ -1,4 +1,4 @@
-"""What a subscriber on the robot itself hears."""
+"""A subscriber on the robot itself."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from zloam_monitor.link import Link, open_session
 
 @dataclass(frozen=True)
 class Phase:
-    """What the link was like, and what came of it."""
+    """One state of the link, and what was measured during it."""
 
     name: str
     at_ns: int
-    #: last packet to pose, of the poses of this time
+    #: from the last packet to the pose, for the poses of this phase
     latencies_ms: list[float]
     poses_outside: float
-    #: of the last pose that was heard outside, when it was
+    #: age of the last pose when it was received outside
     age_outside_s: float
 
 
 class Inside:
-    """Hears poses on the robot itself, from integration."""
+    """Receives poses on the robot itself, directly from integration."""
 
     def __init__(self, live: LiveDeployment) -> None:
         address = live.deployment.replicas("integration")[0].address

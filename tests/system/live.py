@@ -1,4 +1,5 @@
-"""The deployment on a live sensor: packets of a capture, sent to the driver's container."""
+"""The deployment with a live sensor: the packets of a capture are sent to the driver's
+container."""
 
 from __future__ import annotations
 
@@ -23,51 +24,54 @@ from zloam_monitor.trajectory import Trajectory, interpolate, read
 
 SENSOR_PORT = 2368
 STAGES = ("registration", "odometry", "mapping", "integration")
-#: the last sweeps are under way after the last packet
+#: The last sweeps are still being processed after the last packet.
 AFTER_SECONDS = 3.0
-#: until the driver's process is there
+#: limit of the wait for the driver's process
 LISTENS_S = 60.0
-#: of the undisturbed run's error, and metres on top for errors of a few millimetres
+#: Limit of the error: a factor on the undisturbed run's, plus metres for errors of a few
+#: millimetres.
 WORSE, FLOOR_M = 1.2, 0.01
-#: a disturbance begins with the sweep that was in work then
+#: A disturbance counts from the sweep that was being processed when it began.
 IN_WORK_NS = 500_000_000
 
 
 @dataclass
 class LiveDeployment:
-    """Containers that run, and the sender of the packets."""
+    """Running containers, and the sender of the packets."""
 
     deployment: Deployment
     sender: threading.Thread
     enough: threading.Event
 
     def statuses(self) -> dict[tuple[str, str], StatusRecord]:
-        """Of all instances, also of those that were killed."""
+        """Statuses of all instances, killed ones included."""
         return ask_statuses(self.deployment.router_port)
 
     def newest(self, stage: str) -> StatusRecord:
-        """What the instance of a stage that runs now says."""
+        """Newest status of the stage, which is that of its running instance."""
         return max(
             (s for (name, _), s in self.statuses().items() if name == stage),
             key=lambda s: s.stamp_ns,
         )
 
     def until_sweep(self, sweep: int, seconds: float = 60.0) -> None:
-        """Integration has given the pose of this sweep."""
+        """Waits until integration has published the pose of this sweep."""
         deadline = time.monotonic() + seconds
         while (self.newest("integration").last_sweep or 0) < sweep:
             assert time.monotonic() < deadline, f"no pose of sweep {sweep} within {seconds:.0f} s"
             time.sleep(0.5)
 
     def stop_sending(self) -> None:
-        """Before the capture's end: what was to be seen in it took place in it."""
+        """Stops before the end of the capture, which proves that the observed phase lay within the
+        drive."""
         assert self.sender.is_alive(), "the drive was too short"
         self.enough.set()
         self.sender.join()
         time.sleep(AFTER_SECONDS)
 
     def end(self) -> Driven:
-        """What integration leaves when it is stopped after the last packet, and all statuses."""
+        """Stops everything; returns what integration wrote after the last packet, and all
+        statuses."""
         self.stop_sending()
         statuses = self.statuses()
         driver = (s.last_sweep or 0 for (stage, _), s in statuses.items() if stage == "driver")
@@ -87,7 +91,7 @@ def running(
     layers: Sequence[str] = (),
     shared_memory: bool = False,
 ) -> Iterator[LiveDeployment]:
-    """`docker compose up` on a sensor that starts when all stages are ready."""
+    """`docker compose up` with a sensor that starts when all stages are ready."""
     deployment = Deployment(
         f"zloam-live-{os.getpid()}",
         out,
@@ -95,7 +99,8 @@ def running(
         {"ZLOAM_SHARED_MEMORY": str(shared_memory).lower()},
     )
     with up(deployment, *options):
-        # Who sends before somebody listens has lost the first sweep, and all are numbered from it.
+        # Packets sent before the driver listens would be lost, and with them the first sweep, from
+        # which all sweeps are numbered.
         deployment.wait("a driver", LISTENS_S, lambda _: driver_says_something(deployment))
         address = deployment.replicas("driver")[0].address
         enough = threading.Event()
@@ -112,8 +117,8 @@ def running(
 
 
 def numbers(found: Trajectory) -> NDArray[np.int64]:
-    """Sweep of each pose by its stamp: the first is that of sweep 0, the sensor turns evenly. Step
-    by step, as a turn is known to a firing only."""
+    """Sweep number of each pose by its stamp; the first pose is that of sweep 0. Step by step,
+    since the duration of a revolution is known only to a firing and the error would add up."""
     assert found.stamps_ns is not None
     steps_ns = np.diff(found.stamps_ns)
     steps = np.rint(steps_ns / float(np.median(steps_ns))).astype(np.int64)
@@ -122,9 +127,9 @@ def numbers(found: Trajectory) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Window:
-    """What one disturbance did: from it to the next one."""
+    """The effect of one disturbance: the time from its beginning to that of the next one."""
 
-    #: the poses of the trajectory in it
+    #: mask of the trajectory's poses within the window
     poses: NDArray[np.bool_]
     #: sweeps without a pose
     absent: list[int]
@@ -132,10 +137,10 @@ class Window:
 
 @dataclass(frozen=True)
 class Driven:
-    """A drive after its end."""
+    """The results of a drive."""
 
     trajectory: Trajectory
-    #: of the driver
+    #: number of the driver's sweeps
     sweeps: int
     statuses: dict[tuple[str, str], StatusRecord]
 
@@ -145,8 +150,8 @@ class Driven:
         return found
 
     def windows(self, begins_ns: list[int]) -> list[Window]:
-        """For each of the disturbances that began at these instants of the host's clock, which is
-        that of a live pose's stamp."""
+        """Windows of the disturbances that began at these instants of the host's clock, which also
+        stamps live poses."""
         assert self.trajectory.stamps_ns is not None
         numbered = numbers(self.trajectory)
         begins = np.searchsorted(self.trajectory.stamps_ns, [b - IN_WORK_NS for b in begins_ns])
@@ -166,7 +171,7 @@ class Driven:
                 assert account.balanced(), (stage, instance, account)
 
     def assert_nothing_dropped(self) -> None:
-        """On the way of the pose."""
+        """Checks that no stage between driver and pose dropped a sweep."""
         for (stage, _), status in self.statuses.items():
             if stage in ("registration", "odometry", "integration"):
                 for account in status.inputs:
@@ -179,7 +184,7 @@ class Driven:
         poses: NDArray[np.bool_] | NDArray[np.int64],
         aligned_sweeps: int,
     ) -> None:
-        """These poses, beside those of the same sweeps of the undisturbed run."""
+        """Compares the error of these poses with that of the same sweeps of the undisturbed run."""
         errors = errors_m(self.trajectory, undisturbed, truth, aligned_sweeps)
         reference = errors_m(undisturbed, undisturbed, truth, aligned_sweeps)
         ours, theirs = rmse_m(errors[poses]), rmse_m(reference[numbers(self.trajectory)[poses]])
@@ -187,7 +192,7 @@ class Driven:
 
 
 def gap_of(status: StatusRecord) -> int:
-    """Sweeps that a stage says it missed: when it was away, and since."""
+    """Sweeps that a stage reports as missed while it was away, or as dropped since."""
     inputs = [i for i in status.inputs if not i.key.endswith("/correction")]
     dropped = sum(sum(i.dropped.values()) - i.dropped.get("duplicate", 0) for i in inputs)
     return int(status.figures.get("gap_sweeps", 0)) + dropped + sum(i.lost for i in inputs)
@@ -196,9 +201,9 @@ def gap_of(status: StatusRecord) -> int:
 def errors_m(
     found: Trajectory, undisturbed: Trajectory, truth: Trajectory, aligned_sweeps: int
 ) -> NDArray[np.float64]:
-    """Of the positions, aligned with the truth by the first sweeps only, so that a frame that moves
-    afterwards is an error. The undisturbed replay of the capture says at which instant of the truth
-    a sweep's pose lies. NaN behind the truth's end."""
+    """Position errors, aligned with the truth by the first sweeps only, so that a frame that moves
+    later counts as an error. The undisturbed replay tells to which instant of the truth a sweep's
+    pose belongs. NaN beyond the end of the truth."""
     assert undisturbed.stamps_ns is not None
     sweeps = numbers(found)
     wanted, inside = interpolate(truth, undisturbed.stamps_ns[sweeps])
@@ -212,5 +217,5 @@ def errors_m(
 
 
 def rmse_m(errors: NDArray[np.float64]) -> float:
-    """Of those that are known."""
+    """Root mean square of the errors that are not NaN."""
     return float(np.sqrt(np.nanmean(errors**2)))

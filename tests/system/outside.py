@@ -1,6 +1,5 @@
-"""A subscriber on another host, for tests: a container of its own on the deployment's network,
-whose link is made as bad as wished. Loss and rate are the kernel's doing, delay that of a relay in
-a container of its own."""
+"""A subscriber that stands for another host: a container on the deployment's network, whose link
+can be made bad. The kernel limits loss and rate; a relay in another container adds the delay."""
 
 from __future__ import annotations
 
@@ -12,9 +11,9 @@ from dataclasses import dataclass
 
 from tests.system.compose import ROOT, Deployment, inspect
 
-#: a bad link: bits a second, and seconds that both ways take longer
+#: a bad link: bits per second, and additional seconds in each direction
 RATE_BIT_PER_S, DELAY_S = 1_000_000, 0.2
-#: hears every key of the robot and counts; says so every second, with the age of the last pose
+#: subscribes to all keys of the robot; prints its counts and the age of the last pose every second
 LISTENER = """
 import json, sys, time
 from zloam_monitor import records
@@ -40,12 +39,12 @@ RELAY = (ROOT / "tests/relay.py").read_text()
 
 @dataclass(frozen=True)
 class Outside:
-    """The subscriber's container."""
+    """The container of the subscriber."""
 
     name: str
 
     def heard(self) -> dict[str, float]:
-        """What it had counted a second ago at the latest."""
+        """The counts, at most a second old."""
         said = _run("docker", "logs", "--tail", "1", self.name)
         found: dict[str, float] = json.loads(said or "{}")
         return found
@@ -56,7 +55,7 @@ class Outside:
 
     @contextlib.contextmanager
     def losing(self, share: float) -> Iterator[None]:
-        """Of the packets in each direction."""
+        """Drops this share of the packets in each direction."""
         chance = ("-m", "statistic", "--mode", "random", "--probability", str(share))
         rules = [(chain, *chance, "-j", "DROP") for chain in ("INPUT", "OUTPUT")]
         for rule in rules:
@@ -69,7 +68,7 @@ class Outside:
 
     @contextlib.contextmanager
     def cut(self) -> Iterator[None]:
-        """Nothing passes."""
+        """Drops all packets."""
         with self.losing(1.0):
             yield
 
@@ -81,7 +80,7 @@ def _run(*command: str) -> str:
 
 
 def _host_end(container: str) -> str:
-    """The host's end of a container's only network card."""
+    """The host's end of a container's only network interface."""
     number = _run("docker", "exec", container, "cat", "/sys/class/net/eth0/iflink").strip()
     lines = _run("ip", "-o", "link").splitlines()
     line = next(each for each in lines if each.startswith(f"{number}:"))
@@ -90,7 +89,7 @@ def _host_end(container: str) -> str:
 
 @contextlib.contextmanager
 def slow(container: str) -> Iterator[None]:
-    """What comes to a container, at the rate of a bad link."""
+    """Limits the traffic to a container to the rate of a bad link."""
     card = _host_end(container)
     _run("tc", "qdisc", "add", "dev", card, "root", "tbf", "rate", f"{RATE_BIT_PER_S}bit",
          "burst", "32kbit", "latency", "400ms")  # fmt: skip
@@ -102,7 +101,8 @@ def slow(container: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def relay(deployment: Deployment) -> Iterator[str]:
-    """The container of a relay to the router, at its port: both ways as late as on a bad link."""
+    """The container of a relay to the router, at the router's port, with a bad link's delay in both
+    directions."""
     words = ("0.0.0.0:7447", "router:7447", str(DELAY_S))
     with _python(deployment, "relay", RELAY, *words) as name:
         yield name
@@ -110,7 +110,7 @@ def relay(deployment: Deployment) -> Iterator[str]:
 
 @contextlib.contextmanager
 def outside(deployment: Deployment, endpoint: str = "tcp/router:7447") -> Iterator[Outside]:
-    """It runs, and connects to the router or to a relay before it."""
+    """Starts the subscriber, connected to the router or to a relay in front of it."""
     with _python(deployment, "outside", LISTENER, endpoint) as name:
         yield Outside(name)
 
@@ -124,8 +124,8 @@ def _python(
 
 @contextlib.contextmanager
 def elsewhere(deployment: Deployment, name: str, *words: str) -> Iterator[str]:
-    """A container that stands for another machine, by the last words of `docker run`; gives its
-    name. It gets the time that the robot leaves over."""
+    """Yields the name of a container that stands for another machine; `words` are the last
+    arguments of `docker run`. It gets only CPU time that the robot leaves over."""
     container = f"{deployment.project}-{name}"
     _run("docker", "run", "--detach", "--name", container, "--cpu-shares", "2", "--network",
          f"{deployment.project}_default", *words)  # fmt: skip

@@ -1,4 +1,4 @@
-"""The images for arm64 are made on this machine; what is in them starts on an emulated one."""
+"""The images for arm64 are built on this machine; their programs start in emulation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ IMAGES = ("zenoh-loam", "zenoh-loam-router", "zenoh-loam-monitor")
 
 @pytest.fixture(scope="module")
 def built(images: None) -> str:
-    """What the script said: it runs the decoder's tests and every program's --help emulated."""
+    """Output of the script, which runs the decoder's tests and every program's --help in
+    emulation."""
     done = subprocess.run(
         [ROOT / "deploy/docker/arm64.sh"], capture_output=True, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""The default deployment: it starts in time, poses are right, nothing stays but the map."""
+"""The default deployment starts in time, gives right poses, and leaves nothing but the map."""
 
 from __future__ import annotations
 
@@ -42,6 +42,6 @@ def test_down_leaves_nothing_and_the_map_comes_back(run: Finished) -> None:
     assert run.tiles_live
     run.deployment.run("down", "--timeout", "20")
     assert run.deployment.leftovers() == {"containers": [], "networks": [], "mounts": []}
-    # The store alone: nobody else has the map.
+    # Only the store runs: no other process has the map.
     run.deployment.run("up", "--no-build", "--detach", "--wait", "store")
     assert versions(run.deployment.router_port) == run.tiles_live

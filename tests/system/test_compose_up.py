@@ -1,5 +1,5 @@
-"""`docker compose up` as a user types it: it ends with the replay, its table and its success, and a
-live run goes on."""
+"""`docker compose up` as a user types it ends successfully after the replay and its table; a live
+run continues."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.system.compose import ROOT, Deployment
 from tests.system.conftest import DRIVE_SECONDS
 
 pytestmark = pytest.mark.system
-#: of a whole run, with all health checks before it
+#: limit for a whole run, with all health checks before it
 PATIENCE_S = 240
 LIVE = "docker compose -f docker-compose.yml -f deploy/compose/live.yml up -d"
 LIVE_PORTS = range(7460, 7465)
@@ -26,20 +26,21 @@ LIVE_PORTS = range(7460, 7465)
 
 @dataclass(frozen=True)
 class Ended:
-    """What a command left."""
+    """The result of a command."""
 
     code: int
     said: str
     deployment: Deployment
 
     def lines(self) -> list[str]:
-        """Without the names that Compose writes before them."""
+        """The output without the service names that Compose prepends."""
         lines = (re.sub(r"\x1b\[\d*K", "", line) for line in self.said.splitlines())
         return [re.sub(r"^[a-z]+-1 +\| ", "", line) for line in lines]
 
 
 def typed(command: str, deployment: Deployment) -> Ended:
-    """By a shell in the checkout; what only tests need goes through the environment."""
+    """Runs the command in a shell in the checkout; what only tests need is passed by the
+    environment."""
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=ROOT,
@@ -55,7 +56,7 @@ def typed(command: str, deployment: Deployment) -> Ended:
 
 @pytest.fixture
 def fresh(images: None, tmp_path: Path) -> Iterator[Deployment]:
-    """Nothing of it is there yet, and nothing stays."""
+    """A deployment of which nothing exists yet and nothing remains."""
     deployment = Deployment(
         f"zloam-up-{os.getpid()}",
         tmp_path / "out",
@@ -78,7 +79,7 @@ def test_it_ends_with_the_table_and_its_success(fresh: Deployment) -> None:
     ended = typed("docker compose up", fresh)
     assert ended.code == 0, ended.said
     lines = ended.lines()
-    # Behind the table only Compose speaks: of containers that have ended, in any order.
+    # After the table, only Compose prints: that containers have ended, in any order.
     said = [line for line in lines if not re.fullmatch(r"[a-z]+-1 exited with code 0", line)]
     assert said[-1] == "accounted for: yes", ended.said
     assert any(line.startswith("stage          in  out") for line in lines)

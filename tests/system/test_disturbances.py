@@ -1,5 +1,5 @@
-"""A live drive in which each stage hangs for a while, the router is gone, and mapping gets a part
-of a core only: the pose goes on in its map, and what is missing is counted."""
+"""A live drive in which each stage hangs for a while, the router disappears, and mapping gets only
+a part of a core: the poses continue in the same map, and missed sweeps are counted."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from zloam_monitor.records import StatusRecord
 from zloam_monitor.trajectory import read
 
 pytestmark = pytest.mark.system
-#: a lap: the whole map is there
+#: sweeps of a lap, after which the whole map exists
 BEFORE_SWEEPS = 780
 REPLICAS = 2
 HANG_S, AFTER_HANG_S = 5.0, 10.0
 ROUTER_GONE_S, AFTER_ROUTER_S = 30.0, 10.0
-#: parts of a core for mapping: what the acceptance names, and one that it can't work in
+#: shares of a core for mapping: the one of the acceptance, and one that is too small
 CPUS, TOO_FEW_CPUS = 0.5, 0.1
 SHORT_OF_CPU_S = 20.0
-#: resident memory of mapping at the end beside before it was short of time, and MiB on top
+#: Limit of mapping's resident memory at the end: a factor on that before CPU time was short, plus
+#: MiB.
 GROWTH, FLOOR_MIB = 1.2, 32.0
 DRIVE_SECONDS = 300
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One thing that was done, when, and what the disturbed stage says a while later."""
+    """A disturbance, its time, and the disturbed stage's status shortly afterwards."""
 
     name: str
     at_ns: int
@@ -44,7 +45,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Disturbed:
-    """The drive after all of them."""
+    """The drive after all disturbances."""
 
     done: list[Disturbance]
     driven: Driven
@@ -66,7 +67,8 @@ def hang(live: LiveDeployment, stage: str) -> Disturbance:
 
 
 def without_router(live: LiveDeployment) -> tuple[Disturbance, int]:
-    """And how many poses a client that was there before heard after it came back."""
+    """Stops the router for a while; also returns the number of poses that a client, connected
+    before, received after the router's return."""
     session = open_client([f"tcp/127.0.0.1:{live.deployment.router_port}"])
     link = Link(session, Keys("robot"))
     at_ns = time.time_ns()
@@ -123,7 +125,7 @@ def disturbed(disturbed_drive: Drive, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_a_hanging_registration_costs_no_sweep(disturbed: Disturbed) -> None:
-    """Its token is alive; the other replica does its part."""
+    """The hanging replica's token stays alive, yet the other replica processes its sweeps."""
     assert disturbed.of("hang registration")[1].absent == []
 
 
@@ -153,7 +155,8 @@ def test_without_the_router_nothing_is_missing_on_the_host(disturbed: Disturbed)
 
 
 def test_whoever_hears_through_the_router_hears_again(disturbed: Disturbed) -> None:
-    # 10 poses a second; the router and both links need some of the time to come back
+    # There are 10 poses per second, but the router and both links need a part of the time to come
+    # back.
     assert disturbed.poses_after_router >= 5 * AFTER_ROUTER_S / 2
 
 

@@ -1,5 +1,5 @@
-"""The live driver is killed with -9, and all containers at once: what the sensor sent meanwhile is
-counted to the packet, and the map is there again."""
+"""The live driver is killed with SIGKILL, later all containers at once: the packets that the sensor
+sent meanwhile are counted exactly, and the map is restored."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from zloam_monitor.link import open_client
 from zloam_monitor.records import StatusRecord
 
 pytestmark = pytest.mark.system
-#: a person who works on this wants fewer
+#: fewer rounds are practical during development
 ROUNDS = int(os.environ.get("ZLOAM_KILL_ROUNDS", "10"))
 APART_S = 12.0
 REPLICAS = 2
 BACK_S = 40.0
 BEFORE_SWEEPS = 100
-#: all at once: until every container is healthy again
+#: limit of the time until every container is healthy again after all were killed at once
 ALL_BACK_S = 90.0
 ALL = ("router", "store", "registration", "odometry", "mapping", "integration", "driver")
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A sweep's number, and the stamps of its first and last packet."""
+    """A sweep's number, and the stamps of its first and last packets."""
 
     number: int
     first_toh_us: int
@@ -44,8 +44,8 @@ class Heard:
 
 
 class Sweeps:
-    """The driver's sweeps as anybody hears them, in the order of their coming; a run is one driver
-    process."""
+    """The driver's sweeps as received by any subscriber, in order of arrival; each driver process
+    is a run."""
 
     def __init__(self, port: int) -> None:
         self._session = open_client([f"tcp/127.0.0.1:{port}"])
@@ -67,7 +67,7 @@ class Sweeps:
 
 
 def stamps_us(capture: Path) -> list[int]:
-    """Of all data packets that are sent, in order."""
+    """Stamps of all data packets in the order of sending."""
     return [
         struct.unpack_from("<I", payload, 1200)[0]
         for _, payload in udp_payloads(capture)
@@ -77,7 +77,7 @@ def stamps_us(capture: Path) -> list[int]:
 
 @dataclass(frozen=True)
 class Killed:
-    """What a live drive left in which the driver was killed in rounds."""
+    """The results of a live drive during which the driver was killed repeatedly."""
 
     runs: list[list[Heard]]
     registrations: list[StatusRecord]
@@ -110,7 +110,7 @@ def test_each_kill_begins_a_run(killed: Killed) -> None:
 
 
 def packets_of_a_sweep(runs: list[list[Heard]], place: dict[int, int]) -> tuple[int, int]:
-    """The fewest and the most."""
+    """The fewest and the most packets of a sweep."""
     counts = [
         place[after.last_toh_us] - place[before.last_toh_us]
         for run in runs
@@ -123,16 +123,16 @@ def packets_of_a_sweep(runs: list[list[Heard]], place: dict[int, int]) -> tuple[
 def test_the_packets_of_its_down_time_are_counted_exactly(
     killed: Killed, driver_drive: Drive
 ) -> None:
-    """A sweep that was being sent when the driver was killed may have come to one who listens and
-    not to another: who has one more has missed its packets less."""
+    """The sweep during which the driver was killed may have reached one subscriber and not another;
+    a subscriber with one sweep more has missed that many packets less."""
     place = {stamp: number for number, stamp in enumerate(stamps_us(driver_drive.pcap))}
     missed = sum(
         place[after[0].first_toh_us] - place[before[-1].last_toh_us] - 1
         for before, after in itertools.pairwise(killed.runs)
     )
     assert missed > 0
-    # From the first to the last: what was not heard in between hides no packet. Nobody listened
-    # here yet when the first ones of all were sent.
+    # Counted from each run's first to its last sweep, since sweeps missed here in between hide no
+    # packets. Before the very first sweep received here, this subscriber was not connected yet.
     heard = killed.runs[0][0].number
     heard += sum(run[-1].number - run[0].number + 1 for run in killed.runs)
     fewest, most = packets_of_a_sweep(killed.runs, place)
@@ -169,6 +169,6 @@ def test_all_killed_at_once_the_map_is_there(
         mapping = live.newest("mapping")
         live.stop_sending()
     assert before > 0
-    # The store writes once a second: what came after its last write is not in the map.
+    # The store writes once a second; points sent after its last write are not in the map.
     assert mapping.figures["map_points_taken_back"] > 0.8 * before
     assert mapping.figures["map_points"] >= mapping.figures["map_points_taken_back"]

@@ -1,5 +1,5 @@
-"""The main process of each container is killed with -9 from the host, in rounds, while a live drive
-goes on: each comes back by itself, it goes on in its map, and what is missing is counted."""
+"""The main process of each container is killed from the host with SIGKILL, in rounds during a live
+drive: each restarts by itself and continues in the same map, and missed sweeps are counted."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from zloam_monitor.records import StatusRecord
 from zloam_monitor.trajectory import Trajectory, read
 
 pytestmark = pytest.mark.system
-#: a person who works on this wants fewer
+#: fewer rounds are practical during development
 ROUNDS = int(os.environ.get("ZLOAM_KILL_ROUNDS", "10"))
 APART_S = 12.0
 KILLED = ("registration", "router", "store", "mapping", "odometry", "integration")
 REPLICAS = 2
-#: until a container is healthy again: the health check asks every 2 s
+#: limit of the time until a container is healthy again; the health check runs every 2 s
 BACK_S = 40.0
-#: sweeps before the first kill: a lap, so that the whole map is there and the errors are those of
-#: its use, not those of its making, which go other ways after the least change
+#: Sweeps before the first kill: a lap, so that the whole map exists. The errors are then those of
+#: using the map; those of building it differ widely after the slightest change.
 BEFORE_SWEEPS = 780
-#: /dev/shm of the last round beside the first's, and bytes on top
+#: limit of the used /dev/shm in the last round: a factor on the first round's, plus bytes
 FLAT, FLOOR_BYTES = 1.1, 1 << 20
 
 
 @dataclass(frozen=True)
 class Kill:
-    """One container's end, and what its next process says shortly before the next kill."""
+    """The end of one container, and its next process's status shortly before the next kill."""
 
     round: int
     service: str
@@ -53,7 +53,7 @@ class Killed:
     driven: Driven
 
     def of(self, *services: str) -> list[tuple[Kill, Window]]:
-        """The kills of these services, each with what came of it."""
+        """The kills of these services, each with its window."""
         found = self.driven.windows([k.at_ns for k in self.kills])
         return [(k, w) for k, w in zip(self.kills, found, strict=True) if k.service in services]
 
@@ -71,14 +71,14 @@ def kill_and_wait(running: LiveDeployment, turn: int, service: str) -> Kill:
 
 @pytest.fixture(scope="module")
 def long_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """Laps of the city, longer than all rounds take."""
+    """Laps of the city, longer than all rounds together."""
     seconds = round(1.4 * APART_S * ROUNDS * len(KILLED) + 0.1 * BEFORE_SWEEPS) + 30
     return drive_of(tmp_path_factory.mktemp("laps"), seconds, "--laps", "20")
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A replay that goes on beside the test."""
+    """A replay that runs beside the test."""
 
     out: Path
     process: subprocess.Popen[str]
@@ -91,8 +91,8 @@ class Beside:
 
 @pytest.fixture(scope="module")
 def calm_beside(long_drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Beside]:
-    """The undisturbed replay, by plain processes, which give the same bytes. It goes on beside the
-    kills with the time that they leave: the load that the acceptance wants, and minutes less."""
+    """The undisturbed replay, by plain processes, which give the same bytes. It runs during the
+    kills with idle CPU time: this is the load that the acceptance demands, and it saves minutes."""
     out = tmp_path_factory.mktemp("calm")
     process = subprocess.Popen(
         ["chrt", "--idle", "0", *demo_command(out, "--pcap", long_drive.pcap)],

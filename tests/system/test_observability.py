@@ -1,4 +1,5 @@
-"""Beside a robot in containers: Prometheus has its figures and our alerts, the page shows it."""
+"""Beside a robot in containers, Prometheus has its figures and our alerts, and the web page shows
+it."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def watched(images: None, tmp_path: Path) -> Iterator[tuple[int, int]]:
         tmp_path / "out",
         ["deploy/compose/observability.yml"],
         {
-            # A driver that has nothing more to replay is not there any more.
+            # A driver that has replayed everything ends, so the drive must be long enough.
             "ZLOAM_DURATION": "60",
             "ZLOAM_RATE": "realtime",
             "ZLOAM_PROMETHEUS_PORT": f"127.0.0.1:{port}",

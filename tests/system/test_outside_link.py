@@ -1,5 +1,5 @@
-"""Somebody outside hears every key over a bad link, or none at all: the robot goes on as if nobody
-were there, and the one outside hears again when the link is good."""
+"""A subscriber outside receives every key over a bad link, or loses it: the robot runs as without
+it, and the subscriber receives poses again once the link is good."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ pytestmark = pytest.mark.system
 BEFORE_SWEEPS = 50
 PHASE_S = 15.0
 LOSS = 0.2
-#: after the cut, until poses come again: Zenoh's lease, and the pause between tries to connect
+#: limit of the time from the cut's end to new poses: Zenoh's lease, and the pause between attempts
+#: to connect
 HEARS_AGAIN_S = 45.0
 DRIVE_SECONDS = 240
 REPORT = ROOT / "out" / "system" / "outside_link.json"
@@ -43,7 +44,7 @@ def link_drive(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
 
 
 def hears(who: Outside) -> float:
-    """Poses that came outside from now on, as soon as there are some."""
+    """Rate of poses outside from now on, once some have arrived."""
     before = who.heard().get("pose", 0.0)
     deadline = time.monotonic() + HEARS_AGAIN_S
     while who.heard().get("pose", 0.0) <= before + 10 and time.monotonic() < deadline:
@@ -106,9 +107,10 @@ def test_each_pose_was_heard_inside(observed: Observed) -> None:
 def test_outside_hears_over_a_bad_link(observed: Observed) -> None:
     heard = {phase.name: phase.poses_outside for phase in observed.phases}
     assert heard["good link"] >= 8 * PHASE_S
-    # A subscriber to every key wants fifty times what this link carries: poses go first.
+    # A subscriber to every key would need fifty times the link's rate; poses have priority.
     assert heard["1 Mbit/s"] >= 3 * PHASE_S
-    # How many is TCP's luck: each loss in a row doubles its pause. Seen: 93, 11.
+    # The number varies, since TCP doubles its pause after each consecutive loss: 93 and 11 were
+    # seen.
     assert heard["20 % loss"] > 0
     assert heard["200 ms"] >= 3 * PHASE_S
 

@@ -1,4 +1,5 @@
-"""Packages in bare containers: installed, the demo run by a stranger, removed without a trace."""
+"""Packages in bare containers: they are installed, run the demo, and are removed without a
+trace."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = Path(os.environ.get("ZLOAM_PACKAGES", ROOT / "out" / "packages"))
-#: authorities of this machine, for containers behind its proxy
+#: certificate authorities of this machine, for containers behind its proxy
 CA = Path(os.environ.get("PIP_CERT") or os.environ.get("SSL_CERT_FILE") or "/nonexistent")
 LENGTH = "--simulate --duration --simulate 10"
 
@@ -28,7 +29,7 @@ def packages(pattern: str) -> list[Path]:
 
 
 def in_container(image: str, script: str) -> str:
-    """What a shell in a bare container says; packages lie in /packages."""
+    """Output of a shell in a bare container; the packages are in /packages."""
     if subprocess.run(["docker", "image", "inspect", image], capture_output=True).returncode:
         pytest.skip(f"no image {image}: deploy/docker/base-image.sh makes it")
     authorities = (
@@ -68,7 +69,7 @@ def test_the_wheel_runs_the_demo_without_a_compiler(suite: str) -> None:
     assert "accounted for: yes" in said
     assert "picture.png" in said
     assert "accepted by all stages" in said
-    # after its removal nothing of it is found
+    # nothing is left after the removal
     assert not said.rstrip().splitlines()[-1].startswith("/venv")
 
 
@@ -95,13 +96,14 @@ def test_the_debian_package_runs_the_demo_without_a_compiler() -> None:
     assert "accounted for: yes" in said
     assert "picture.png" in said
     assert "trajectory_world.tum" in said
-    # after its removal nothing of it is found
+    # nothing is left after the removal
     left = said.split("accepted by all stages")[1].splitlines()
     assert [line for line in left if line.startswith("/")] == []
 
 
 def test_the_bill_of_materials_names_what_is_inside() -> None:
-    """What the programs load, what is compiled into them, and what Python needs."""
+    """It lists the libraries that the programs load, the crates compiled into them, and what Python
+    needs."""
     (bill,) = packages("zenoh-loam-*.cdx.json")
     urls = {part["purl"].split("?")[0] for part in json.loads(bill.read_text())["components"]}
     for name in ("pkg:cargo/zenoh@", "pkg:pypi/eclipse-zenoh@", "pkg:deb/debian/libyaml-cpp0."):
@@ -111,7 +113,7 @@ def test_the_bill_of_materials_names_what_is_inside() -> None:
 
 
 def suite_of_this_machine() -> str:
-    """The package is for the distribution that it was made on."""
+    """Name of this machine's distribution, for which the package was built."""
     words = dict(
         line.split("=", 1)
         for line in Path("/etc/os-release").read_text().splitlines()

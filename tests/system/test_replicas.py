@@ -1,4 +1,4 @@
-"""`docker compose up --scale registration=3`: what comes out is what one instance gives."""
+"""`docker compose up --scale registration=3` gives the same results as a single instance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_each_sweep_has_one_pose(shared: Replayed) -> None:
 
 
 def test_each_replica_did_its_share(shared: Replayed) -> None:
-    """They found one another: what one leaves to the others is done by them."""
+    """The replicas know of each other: the sweeps that one leaves out are processed by others."""
     found = {i: s.inputs[0] for (stage, i), s in shared.statuses.items() if stage == "registration"}
     assert len(found) == REPLICAS
     sweeps = shared.report["identities"]["sweeps"]

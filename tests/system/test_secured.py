@@ -1,4 +1,5 @@
-"""The door to the outside: who may do what, and what is refused. One container: the router."""
+"""Access from outside: what each role may do, and what is refused. One container runs: the
+router."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ POSE = "loam/robot/pose"
 
 @dataclass(frozen=True)
 class Door:
-    """A secured router that runs, and a stage inside that answers and puts."""
+    """A secured router, and a stage inside that answers queries and publishes."""
 
     inside: Any
     tls_port: int
@@ -37,7 +38,7 @@ def certificates(folder: Path, *more: str) -> None:
 
 
 def client(endpoint: str, **tls: object) -> Any:
-    """A client that gives up soon."""
+    """A client that gives up connecting after 3 s."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
@@ -90,7 +91,8 @@ def door(images: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Doo
         check=True, capture_output=True,
     )  # fmt: skip
     try:
-        # The proxy of published ports accepts before the router does: ask the router itself.
+        # The engine's proxy for published ports accepts connections before the router does, so the
+        # router itself is asked.
         for _ in range(50):
             asked = ["docker", "exec", name, "zloam-router", "--health"]
             if subprocess.run(asked, capture_output=True, check=False).returncode == 0:
@@ -144,7 +146,8 @@ def test_a_monitor_puts_nothing(door: Door) -> None:
     session = as_role(door, "monitor")
     session.put(POSE, b"forged")
     session.put("loam/robot/lidar/lidar/packets", b"forged")
-    # What comes after it on the same links is the proof that it had its time.
+    # An answer on the same links, requested afterwards, proves that the forged message had time to
+    # arrive.
     operator = as_role(door, "operator")
     assert answers(operator, COMMAND) == [b"done"]
     assert heard.try_recv() is None
@@ -190,13 +193,13 @@ def test_a_certificate_of_another_authority_is_refused(door: Door, tmp_path: Pat
 
 def test_an_expired_certificate_is_refused(door: Door) -> None:
     certificates(door.folder, "--role", "late", "0")
-    time.sleep(1.1)  # it was valid for the second it was made in
+    time.sleep(1.1)  # the certificate was valid only for the second in which it was made
     with pytest.raises(zenoh.ZError):
         as_role(door, "late")
 
 
 def test_a_stranger_to_the_rules_may_do_nothing(door: Door) -> None:
-    """A good certificate with a name that no rule knows."""
+    """A valid certificate with a name that no rule mentions."""
     certificates(door.folder, "--role", "visitor")
     session = as_role(door, "visitor")
     assert answers(session, "loam/robot/path/map") == []

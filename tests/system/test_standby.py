@@ -1,5 +1,5 @@
-"""A second container of each stage (deploy/compose/standby.yml): the one that works is killed from
-the host while a live drive goes on, and none of its sweeps is without a pose."""
+"""A second container of each stage (deploy/compose/standby.yml): the working one is killed from the
+host during a live drive, and no sweep is without a pose."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tests.system.test_replicas import digests
 
 pytestmark = pytest.mark.system
 LAYER = "deploy/compose/standby.yml"
-#: the one that takes over has the map and the motion of the one before by then
+#: By then the instance that takes over has its predecessor's map and motion.
 APART_S = 8.0
 BACK_S = 40.0
 
 
 def working(live: LiveDeployment, stage: str) -> str:
-    """The host name of the container that works: nothing comes in with those that stand by."""
+    """Host name of the working container; instances that stand by receive no sweeps."""
     found = {i: s for (name, i), s in live.statuses().items() if name == stage}
     newest = max(s.stamp_ns for s in found.values())
     alive = {i: s for i, s in found.items() if newest - s.stamp_ns < 5_000_000_000}
@@ -29,7 +29,7 @@ def working(live: LiveDeployment, stage: str) -> str:
 
 @pytest.fixture(scope="module")
 def laps(images: None, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """Longer than all kills take."""
+    """A drive longer than all kills take."""
     seconds = round(len(STAGES) * (APART_S + BACK_S / 2)) + 30
     return drive_of(tmp_path_factory.mktemp("laps"), seconds, "--laps", "20")
 

@@ -25,11 +25,11 @@ from tests.system.outside import elsewhere
 from zloam_monitor.stages import STAGES
 
 pytestmark = pytest.mark.system
-#: longer than the tests of this file take together, and how long each waits on a busy machine
+#: longer than the tests of this file take together; how long each waits on a busy machine
 DRIVE_SECONDS, PATIENCE_S = 400, 180.0
 LAYERS = ("observability", "preview", "views")
 ROUTER = "tcp/router:7447"
-#: Rerun's own program is one more viewer, and leaves what it is sent in a file
+#: Rerun's own program as another viewer, which writes the received data into a file
 VIEWER = """
 PATH=$PATH:/opt/site-view/rerun_cli
 timeout --signal INT 8 rerun rerun+http://view:9093/proxy --save /tmp/a.rrd >&2
@@ -40,7 +40,7 @@ ENTITIES = ("/map/path/", "/map/tiles/plane/", "/map/odom/base_link/sweep", "/lo
 
 @dataclass(frozen=True)
 class Shown:
-    """A robot that drives, and where this host finds its views."""
+    """A driving robot, and the addresses of its views on this host."""
 
     deployment: Deployment
     page: str
@@ -74,7 +74,7 @@ def shown(view_image: None, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def assert_drives(page: str) -> None:
-    """All stages are well, as soon as each has said so, and the robot moves."""
+    """Waits until all stages have reported that they are well, and the robot has moved."""
 
     def state() -> Any:
         return fetched(f"{page}/robots/robot/state.json")
@@ -117,8 +117,8 @@ def test_foxglove_shows_it(shown: Shown) -> None:
 
 
 def test_rerun_shows_it(shown: Shown) -> None:
-    """The page to this host, the data to a viewer in a further container, and to a browser that
-    knows the robot by a name."""
+    """The page comes to this host; the data go to a viewer in another container, and to a browser
+    that knows the robot by a host name."""
     with urllib.request.urlopen(shown.rerun, timeout=30) as answer:
         assert b"re_viewer" in answer.read()
     assert rerun_lets_in(shown.rerun_data, "http://robot.lan:9092")
