@@ -1,4 +1,4 @@
-"""The same real processes and drive as the integration tests."""
+"""Uses the fixtures of the integration tests: the same real processes and drive."""
 
 from tests.integration.conftest import build, capture, own_folder
 

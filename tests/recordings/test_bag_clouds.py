@@ -1,4 +1,4 @@
-"""Bags in each of the forms that drivers and recorders make, read back."""
+"""Bags in each of the layouts that drivers and recorders write are read back."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def assert_same(sweeps: Iterable[Sweep], scans: list[Scan], within_ns: int = 0) 
     for sweep, scan in zip(sweeps, scans, strict=True):
         points = sweep.points
         assert len(points) == len(scan.xyz)
-        # of one laser: those of one instant may have changed places
+        # Ordered by laser and time: points of the same instant may be swapped.
         order = np.lexsort((points["time_ns"], points["ring"]))
         same = np.lexsort((scan.time_ns, scan.ring))
         points, xyz = points[order], scan.xyz[same]
@@ -52,7 +52,7 @@ def test_what_follows_from_the_data_is_settled(
 ) -> None:
     layout, within_ns = READABLE[name]
     path = variants.write(tmp_path / "bag", scans, layout)
-    if layout.origin == "start":  # the sensor's clock is tied to the headers' stamps
+    if layout.origin == "start":  # the sensor's clock is fitted to the headers' stamps
         within_ns += 1000
     assert_same(read(path), scans, within_ns)
 
@@ -87,7 +87,8 @@ def test_a_single_file_without_its_folder(scans: list[Scan], tmp_path: Path, suf
 
 
 def test_the_time_model_stands_for_times(scans: list[Scan], tmp_path: Path) -> None:
-    """A VLP-16 turns clockwise and is cut in front: by azimuth within a hundredth of a turn."""
+    """A VLP-16 rotates clockwise, and sweeps are cut in front: times by azimuth agree to a
+    hundredth of a revolution."""
     path = variants.write(tmp_path / "bag", scans, Layout(time=("", "")))
     sweeps = read(path, Timing("clockwise", seam_deg=0.0))
     for sweep, scan in list(zip(sweeps, scans, strict=True))[1:-1]:
@@ -125,7 +126,7 @@ def test_left_out_clouds_do_not_stretch_a_turn(scans: list[Scan], tmp_path: Path
 
 
 def test_a_part_of_the_view(scans: list[Scan], tmp_path: Path) -> None:
-    """A quarter of a turn lasts a quarter of its time."""
+    """A quarter of a revolution takes a quarter of its time."""
 
     def ahead(scan: Scan) -> Scan:
         kept = scan.xyz[:, 0] > abs(scan.xyz[:, 1])
@@ -163,7 +164,8 @@ WITHOUT_RINGS = {
 
 @pytest.mark.parametrize("name", WITHOUT_RINGS)
 def test_points_on_no_cones_have_no_rings(scans: list[Scan], tmp_path: Path, name: str) -> None:
-    """A sensor that lies on its side: the elevations of a laser are all of them."""
+    """With the sensor on its side, each laser's elevations span the whole range, so no rings are
+    found."""
     turned = [
         Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in scans[1:5]
     ]
@@ -175,7 +177,7 @@ def test_points_on_no_cones_have_no_rings(scans: list[Scan], tmp_path: Path, nam
         assert (sweep.rings, len(points)) == (0, len(scan.xyz))
         assert not points["ring"].any()
         instants_ns = points["time_ns"].astype(np.int64) + sweep.stamp_ns
-        # as many digits as the field has
+        # A double in ns since the epoch has steps of 256 ns.
         assert abs(instants_ns - (scan.time_ns + scan.stamp_ns)).max() <= 256
         assert abs(sweep.period_ns - variants.PERIOD_NS) < 2_000_000
 
@@ -212,7 +214,7 @@ def test_times_of_points_without_rings_that_fit_no_unit_are_refused(
 
 
 def test_a_bag_that_was_cut_off(scans: list[Scan], tmp_path: Path) -> None:
-    """What is whole is used, or the library's words are passed on; never a trace."""
+    """The part before the cut is used, or the library's error is passed on; never a traceback."""
     folder = variants.write(tmp_path / "bag", scans, PLAIN, CONTAINERS[6])
     (single,) = folder.glob("*.mcap")
     data = single.read_bytes()

@@ -1,4 +1,5 @@
-"""Bags through the real processes: as good as the capture that they were made of."""
+"""Bags through the real processes: results as good as those of the capture from which they were
+made."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ DATA_BYTES = 1206
 class Drive:
     capture: Capture
     scans: list[Scan]
-    #: of the capture itself
+    #: output folder of a run on the capture itself
     direct: Path
 
 
@@ -59,7 +60,7 @@ def packets(drive: Drive, path: Path) -> None:
         sent = packets_of(drive.capture.pcap)
         for begin in range(0, len(sent), 76):
             bag.put_packets("/velodyne_packets", sent[begin : begin + 76])
-        # What a driver made of the packets lies beside them.
+        # The clouds that a driver made of the packets are in the same bag.
         for scan in drive.scans:
             bag.put_cloud("/velodyne_points", scan, PLAIN)
 
@@ -90,7 +91,7 @@ def test_the_trajectory_is_that_of_the_capture(
 
 
 def test_a_bag_without_rings_is_as_good(build: Path, drive: Drive, tmp_path: Path) -> None:
-    """The same drive by a sensor that lies on its side, so that no ring can be told."""
+    """The same drive with the sensor on its side, so that no rings can be found."""
     turned = [
         Scan(s.stamp_ns, s.xyz[:, [2, 0, 1]], s.intensity, s.ring, s.time_ns) for s in drive.scans
     ]
@@ -126,7 +127,7 @@ def inertial(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Inertial:
     readings = np.loadtxt(csv, delimiter=",", skiprows=1)
     stamps_ns = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=0, dtype=np.int64)
     with variants.Recorder(CONTAINERS[6], bag) as recorder:
-        # as they are recorded: a cloud after its turn
+        # in the order of recording: a cloud comes after its revolution
         ends_ns = [scan.stamp_ns + variants.PERIOD_NS for scan in scans]
         puts = [(int(t), 0, i) for i, t in enumerate(stamps_ns)]
         puts += [(t, 1, i) for i, t in enumerate(ends_ns)]
@@ -198,7 +199,7 @@ def test_what_is_refused_is_refused_before_anything_runs(
 def test_of_a_damaged_bag_what_is_whole_is_used_and_said(
     build: Path, drive: Drive, tmp_path: Path
 ) -> None:
-    """A chunk that can't be unpacked any more: what comes before it counts."""
+    """A chunk of the bag is corrupt: the messages before it are used."""
     path = variants.write(tmp_path / "bag.bag", drive.scans[:30], PLAIN, CONTAINERS[1])
     whole = path.read_bytes()
     at = int(0.6 * len(whole))

@@ -1,4 +1,4 @@
-"""Folders of clouds in each of the formats, read back and replayed."""
+"""Folders of clouds in each format are read back and replayed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def pcd(encoding: Encoding) -> Callable[[Path, Scan], None]:
 
 
 def pcd_ascii(path: Path, scan: Scan) -> None:
-    """By hand: the library rounds to ten decimals."""
+    """Written by hand: the library rounds to ten decimals."""
     points = table(scan)
     rows = "\n".join(" ".join(repr(v.item()) for v in p) for p in points)
     head = (
@@ -62,7 +62,7 @@ def ply(form: str) -> Callable[[Path, Scan], None]:
         points = table(scan)
         properties = "".join(f"property {PLY_TYPES[t]} {n}\n" for n, t in FIELDS.items())
         head = f"ply\nformat {form} 1.0\ncomment by hand\nelement vertex {len(points)}\n"
-        # Other elements may follow the vertices.
+        # The format allows further elements behind the vertices.
         head += properties + "element face 0\nproperty list uchar int vertex_index\nend_header\n"
         if form == "ascii":
             rows = (" ".join(repr(v.item()) for v in p) for p in points)
@@ -152,7 +152,7 @@ def test_names_are_times(scans: list[Scan], tmp_path: Path, unit_ns: int, within
 
 
 def test_times_stand_in_a_file(scans: list[Scan], tmp_path: Path) -> None:
-    """Ten files, so that their order is not that of their letters."""
+    """More than ten files, so that their numerical order differs from the alphabetical one."""
     numbers = {id(scan): i for i, scan in enumerate(scans[:11])}
     folder = written(tmp_path / "clouds", scans[:11], name=lambda s: str(numbers[id(s)]))
     times = "\n".join(f"{s.stamp_ns // 10**9}.{s.stamp_ns % 10**9:09d}" for s in scans[:11])
@@ -210,7 +210,7 @@ def test_the_trajectory_is_that_of_the_capture(
     done = monitor("demo", "--preset-dir", build, "--pcap", capture.pcap, "--out", direct)
     assert done.code == 0, done.said
     folder = written(tmp_path / "clouds", scans)
-    shutil.copy(next(folder.glob("*.pcd")), tmp_path)  # beside it, and no matter
+    shutil.copy(next(folder.glob("*.pcd")), tmp_path)  # a file beside the folder, to be ignored
     done = monitor("demo", "--preset-dir", build, "--bag", folder, "--out", out)
     assert done.code == 0, done.said
     found, truth = (trajectory.read(each / "trajectory.tum") for each in (out, direct))

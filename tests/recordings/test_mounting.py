@@ -1,4 +1,5 @@
-"""Static transforms of a recording say where the lidar sits; scipy has the other opinion."""
+"""The lidar's mounting is taken from a recording's static transforms; scipy provides the
+reference."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from tests.recordings import variants
 from tests.recordings.variants import CONTAINERS, PLAIN, Scan
 from zloam_monitor import se3, sources, trajectory
 
-#: frames of variants' messages
+#: frame of the messages in variants.py
 LIDAR = "lidar"
 TURN = Rotation.from_euler("ZYX", [30.0, -8.0, 5.0], degrees=True)
 MAST, HEAD = (0.4, -0.2, 1.1), (0.05, 0.0, 0.3)
@@ -57,7 +58,8 @@ def said(path: Path, capsys: pytest.CaptureFixture[str], *settings: str) -> tupl
 def test_poses_are_those_of_base_link(
     build: Path, capture: Capture, scans: list[Scan], tmp_path: Path
 ) -> None:
-    """The same drive with and without a tree: the poses differ by where the lidar sits."""
+    """The same drive with and without static transforms: the poses differ by the lidar's
+    mounting."""
     found = []
     for name, transforms in (("bare", []), ("tree", CHAIN)):
         bag, out = recorded(tmp_path / name, scans, transforms), tmp_path / f"{name}-out"
@@ -76,7 +78,7 @@ def test_poses_are_those_of_base_link(
 def test_the_imu_has_its_own(
     scans: list[Scan], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its frame is the lidar's in these messages."""
+    """The IMU's frame in these messages is the lidar's."""
     bag = recorded(tmp_path / "bag", scans[:12], CHAIN)
     words, _ = said(bag, capsys, "driver.imu=sensor")
     of = dict(word.split("=", 1) for word in words)

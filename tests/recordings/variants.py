@@ -1,7 +1,8 @@
-"""PointCloud2 as drivers publish it: variants of one drive, written by the library rosbags.
+"""PointCloud2 messages as drivers publish them: variants of one drive, written by the library
+rosbags.
 
-The points of a simulated drive, as the decoder has them, are laid out in each of the ways that are
-met in bags. What is read back must be the same points with the same times and rings.
+The points of a simulated drive, as the decoder gives them, are laid out in each of the ways that
+occur in bags. Reading must give the same points with the same times and rings.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ PERIOD_NS = 100_000_000
 
 @dataclass(frozen=True)
 class Scan:
-    """One turn: returns in time order."""
+    """One revolution: returns in time order."""
 
     stamp_ns: int
     xyz: NDArray[np.float32]
@@ -39,30 +40,30 @@ class Scan:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a driver publishes."""
+    """The layout of a driver's clouds."""
 
-    #: name and numpy type of the time; none: no such field
+    #: name and numpy type of the time field; empty: no such field
     time: tuple[str, str] = ("t", "u4")
     unit_ns: float = 1.0
-    #: what the values count from: first, last, middle, epoch, start (of the sensor)
+    #: origin of the times: first, last, middle, epoch, start (of the sensor)
     origin: str = "first"
     ring: tuple[str, str] = ("ring", "u2")
-    #: number published for each rank
+    #: published ring number of each rank
     ring_of: Callable[[NDArray[Any]], NDArray[Any]] = lambda ranks: ranks
     xyz: str = "f4"
     more: tuple[tuple[str, str], ...] = ()
     big_endian: bool = False
-    #: bytes between fields and at the end of rows
+    #: bytes between fields, and at the end of rows
     padding: int = 0
     row_padding: int = 0
     organised: bool = False
     shuffled: bool = False
-    #: returns that are none, as drivers put them in
+    #: adds the placeholders that drivers publish for missing returns
     nan_returns: bool = False
 
 
 def decoded(build: Path, capture: Path, folder: Path) -> list[Scan]:
-    """What zloam-decode makes of a capture."""
+    """The scans that zloam-decode makes of a capture."""
     points = folder / "points.bin"
     program = build / "bin" / "zloam-decode"
     subprocess.run([program, "--pcap", capture, "--out", points], check=True, capture_output=True)
@@ -76,7 +77,7 @@ def decoded(build: Path, capture: Path, folder: Path) -> list[Scan]:
 
 
 def _times(scan: Scan, layout: Layout) -> tuple[int, NDArray[Any]]:
-    """The header's stamp, and the values of the field."""
+    """The header's stamp, and the values of the time field."""
     last = int(scan.time_ns[-1])
     zero = {"first": 0, "last": last, "middle": last // 2}.get(layout.origin, 0)
     stamp_ns = scan.stamp_ns + zero
@@ -106,7 +107,7 @@ def _columns(scan: Scan, layout: Layout) -> dict[str, NDArray[Any]]:
 
 
 def _organised(columns: dict[str, NDArray[Any]], scan: Scan) -> dict[str, NDArray[Any]]:
-    """A row for each ring, from the top; empty cells are NaN."""
+    """One row per ring, from the top; empty cells are NaN."""
     rings = int(scan.ring.max()) + 1
     counts = np.bincount(scan.ring, minlength=rings)
     place = np.zeros(len(scan.ring), np.int64)
@@ -130,7 +131,7 @@ def _with_nan(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def message(types: dict[str, Any], scan: Scan, layout: Layout) -> Any:
-    """A PointCloud2 with the types of a store."""
+    """A PointCloud2 with the types of a rosbags type store."""
     columns = _columns(scan, layout)
     if layout.nan_returns:
         columns = _with_nan(columns)
@@ -181,12 +182,12 @@ def _header(types: dict[str, Any], stamp_ns: int) -> Any:
 
 @dataclass(frozen=True)
 class Container:
-    """A kind of file."""
+    """A file format of bags."""
 
     name: str
     version: int = 2
     plugin: StoragePlugin = StoragePlugin.SQLITE3
-    #: rosbag 1: bz2 or lz4; rosbag 2: of messages or files
+    #: rosbag 1: bz2 or lz4; rosbag 2: compression per message or per file
     compression: str = ""
 
 
@@ -217,13 +218,13 @@ def _writer(container: Container, path: Path) -> Any:
 
 IMU = "sensor_msgs/msg/Imu"
 VELODYNE = "velodyne_msgs/msg/VelodyneScan"
-#: as Autoware's driver has them
+#: as in Autoware's driver
 NEBULA = {
     "nebula_msgs/msg/NebulaPacket": "builtin_interfaces/Time stamp\nuint8[] data\n",
     "nebula_msgs/msg/NebulaPackets": "std_msgs/Header header\nnebula_msgs/NebulaPacket[] packets\n",
 }
 OUSTER = "ouster_sensor_msgs/msg/PacketMsg"
-#: as the maker's drivers have them (CustomMsg.msg, CustomPoint.msg)
+#: as in the manufacturer's drivers (CustomMsg.msg, CustomPoint.msg)
 LIVOX = {
     "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
     "uint8 reflectivity\nuint8 tag\nuint8 line\n",
@@ -234,7 +235,7 @@ LIVOX = {
 
 @dataclass
 class Recorder:
-    """Writes topics of one bag."""
+    """Writes topics into one bag."""
 
     container: Container
     path: Path
@@ -282,13 +283,14 @@ class Recorder:
         self.put(topic, next(reversed(NEBULA)), packets[-1][0], scan)
 
     def put_ouster(self, topic: str, packets: Sequence[tuple[int, bytes]]) -> None:
-        """A message each, as ouster-ros records them."""
+        """Writes one message per packet, as ouster-ros does."""
         for stamp_ns, data in packets:
             message = self.types[OUSTER](np.frombuffer(data, np.uint8))
             self.put(topic, OUSTER, stamp_ns, message)
 
     def put_static(self, transforms: Sequence[tuple[str, str, Sequence[float], Any]]) -> None:
-        """Parent, child, translation, quaternion x y z w: as robot_state_publisher has them."""
+        """Writes (parent, child, translation, quaternion x y z w), as robot_state_publisher
+        does."""
         Transform = self.types["geometry_msgs/msg/TransformStamped"]
         Vector = self.types["geometry_msgs/msg/Vector3"]
         Quaternion = self.types["geometry_msgs/msg/Quaternion"]
@@ -327,7 +329,7 @@ class Recorder:
         self.put(topic, IMU, stamp_ns, value)
 
     def put_livox(self, topic: str, scan: Scan) -> None:
-        """Four lasers; a firing without a return has no coordinates."""
+        """Points of four lasers; a firing without a return has zero coordinates."""
         Point, Custom = (self.types[name] for name in LIVOX)
         points = [
             Point(int(t), *map(float, xyz), int(i), 0, int(ring) % 4)
@@ -357,7 +359,7 @@ class Recorder:
 def write(
     path: Path, scans: Sequence[Scan], layout: Layout, container: Container = CONTAINERS[3]
 ) -> Path:
-    """A bag with one topic of clouds."""
+    """Writes a bag with one topic of clouds."""
     with Recorder(container, path) as bag:
         for scan in scans:
             bag.put_cloud("/points", scan, layout)
@@ -366,7 +368,7 @@ def write(
 
 US, MS, S = 1e3, 1e6, 1e9
 PLAIN = Layout()
-#: what can be read, and how exactly the times come back, ns
+#: layouts that can be read, and the accuracy of the times in ns
 READABLE: dict[str, tuple[Layout, int]] = {
     "ouster: t, ns from the first": (PLAIN, 0),
     "velodyne: time, float s to the last": (
@@ -411,7 +413,7 @@ READABLE: dict[str, tuple[Layout, int]] = {
         0,
     ),
 }
-#: what is ambiguous, and what its refusal names: the field, and what settles it
+#: ambiguous layouts, and what the refusal has to name: the field, and the key that settles it
 REFUSED: dict[str, tuple[Layout, tuple[str, ...]]] = {
     "no time": (replace(PLAIN, time=("", "")), ("driver.time_field", "driver.time_model")),
     "all times zero": (
