@@ -1,7 +1,8 @@
-"""Each document that a source, a script or another document names is in the repository.
+"""Checks that each document named by a source, a script or another document is in the repository.
 
-A name with a folder counts from the repository's root or from the file that has it; a bare name also
-as that of any document of the tree. Links in Markdown count from their file, whatever they lead to.
+A name with a folder is looked up from the repository's root and from the file that has it; a bare
+name may also be that of any document of the tree. Links in Markdown are resolved from their file,
+whatever they lead to.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 NAMED = re.compile(r"(?<![\w/.-])((?:[\w.-]+/|\.\./)*[\w.-]+\.md)\b")
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)")
-#: what programs make
+#: documents that programs generate
 MADE = {"report.md", "accept.md", "versus.md"}
-#: as they were when they were released
+#: kept as released, so their names may be outdated
 FROZEN = "schemas/.released/"
 
 
@@ -33,7 +34,7 @@ def tracked() -> list[Path]:
 
 
 def missing(path: Path, documents: set[str]) -> Iterator[tuple[int, str]]:
-    """Line and name of each document or link target that is not there."""
+    """(line, name) of each document or link target that does not exist."""
     for number, line in enumerate(path.read_text().splitlines(), start=1):
         for name in NAMED.findall(line):
             there = (ROOT / name).exists() or (path.parent / name).exists()

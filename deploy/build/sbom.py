@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes what a build is made of, as CycloneDX 1.6.
+"""Writes the bill of materials of a build as CycloneDX 1.6.
 
 usage: sbom.py BUILD_DIR OUT_FILE
 
@@ -21,7 +21,7 @@ from cyclonedx.model.component import Component, ComponentType
 from cyclonedx.output.json import JsonV1Dot6
 from packageurl import PackageURL
 
-# wheel.py of this folder
+# wheel.py in this folder
 from wheel import PROGRAMS, version
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,7 +34,7 @@ Named = tuple[str, str, str | None, str]
 def crates() -> Iterator[Named]:
     for lock in LOCKS:
         for package in tomllib.loads((ROOT / lock).read_text())["package"]:
-            # without a source it is a crate of this project
+            # a package without a source is a crate of this project
             if "source" in package:
                 yield "cargo", package["name"], None, package["version"]
 
@@ -46,7 +46,7 @@ def python_packages() -> Iterator[Named]:
 
 
 def libraries(build: Path) -> set[str]:
-    """Paths of what the packages' programs load from outside of the build."""
+    """Paths of the libraries outside the build that the packages' programs load."""
     binaries = [*(build / "bin" / f"zloam-{name}" for name in PROGRAMS), *build.glob("lib/*.so")]
     missing = [path for path in binaries if not path.exists()]
     if missing:
@@ -59,7 +59,7 @@ def libraries(build: Path) -> set[str]:
 def debian_packages(build: Path) -> Iterator[Named]:
     release = dict(re.findall(r'^(\w+)="?([^"\n]*)"?$', Path("/etc/os-release").read_text(), re.M))
     for library in sorted(libraries(build)):
-        # dpkg knows a file by its place before or after the merge of /lib into /usr/lib
+        # dpkg may list a file by its path before or after the merge of /lib into /usr/lib
         names = [library, library.removeprefix("/usr"), str(Path(library).resolve())]
         for name in names:
             owner = subprocess.run(["dpkg", "-S", name], capture_output=True, text=True)

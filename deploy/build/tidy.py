@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""clang-tidy over all sources of a build folder, only for what changed since it was last clean.
+"""Runs clang-tidy over the sources of a build folder that changed since they were last clean.
 
 usage: tidy.py BUILD_DIR [-j N] [PATTERN...]
 
-A file that was clean is remembered in ~/.cache/zenoh-loam/tidy (ZLOAM_CACHE names another place)
-by the bytes of the file, of all headers of this project that it includes, its compile command, the
-checks and the tool's version. Findings are printed file by file; ends with 1 when there is any.
+A file without findings is remembered in ~/.cache/zenoh-loam/tidy (ZLOAM_CACHE names another place)
+by a hash of the file, of all headers of this project that it includes, its compile command, the
+checks and the tool's version. Findings are printed file by file; the exit code is 1 if there are
+any.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ CACHE_HOME = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "z
 CACHE = Path(os.environ.get("ZLOAM_CACHE", CACHE_HOME)) / "tidy"
 INCLUDE = re.compile(rb'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 EXTRA = (
-    # flags that only GCC knows (cmake/options.cmake)
+    # clang does not know some of GCC's warning flags (cmake/options.cmake)
     "--extra-arg=-Wno-unknown-warning-option",
-    # the analyzer gives a function up earlier than by default (225000): 10 s of CPU for a file
-    # full of FlatBuffers, which otherwise was not done after 36 s. Deep paths may be missed.
+    # The analyzer gives up on a function earlier than by default (225000 nodes): a file full of
+    # FlatBuffers takes 10 s of CPU instead of more than 36 s. Deep paths may be missed.
     *(f"--extra-arg={a}" for a in ("-Xclang", "-analyzer-config", "-Xclang", "max-nodes=20000")),
 )
-#: what the compile database has that no tidy looks at
+#: parts of the compile database that are not checked
 OTHERS = ("/generated/", "/_deps/")
 
 
 @cache
 def included(path: Path) -> frozenset[Path]:
-    """Headers that this file names and that lie in the tree or in the generated folder."""
+    """Headers that this file includes and that are in the repository or the generated folder."""
     found = set()
     for name in INCLUDE.findall(path.read_bytes()):
         text = name.decode()
@@ -54,7 +55,7 @@ def included(path: Path) -> frozenset[Path]:
 
 
 def closure(path: Path) -> list[Path]:
-    """The file and everything of ours that it includes."""
+    """The file and all headers of this project that it includes, directly or not."""
     seen, todo = {path}, [path]
     while todo:
         for header in included(todo.pop()):
@@ -65,9 +66,9 @@ def closure(path: Path) -> list[Path]:
 
 
 def fingerprint(path: Path, command: str, common: str) -> str:
-    """Changes with anything that could change the findings."""
+    """A hash that changes with anything that could change the findings."""
     digest = hashlib.sha256(common.encode())
-    # checkouts in different places share what they know
+    # without the checkout's path, so that all checkouts share the results
     digest.update(command.replace(str(ROOT), "").encode())
     for each in closure(path):
         digest.update(str(each.relative_to(ROOT)).encode())
@@ -76,7 +77,7 @@ def fingerprint(path: Path, command: str, common: str) -> str:
 
 
 def sources(build: Path, patterns: list[str]) -> dict[Path, str]:
-    """Source -> compile command; without the tests, whose macros only make noise."""
+    """Source -> compile command; without the tests, whose macros cause only noise."""
     found = {}
     for entry in json.loads((build / "compile_commands.json").read_text()):
         path = Path(entry["directory"], entry["file"]).resolve()
@@ -93,7 +94,7 @@ def sources(build: Path, patterns: list[str]) -> dict[Path, str]:
 
 
 def tidy(build: Path, path: Path) -> tuple[bool, str]:
-    """(clean, what it said)."""
+    """(clean, output)."""
     command = ["clang-tidy", "-p", str(build), "--quiet", *EXTRA, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     errors = [line for line in done.stderr.splitlines() if "error:" in line]

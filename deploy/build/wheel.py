@@ -3,9 +3,9 @@
 
 usage: wheel.py BUILD_DIR OUT_DIR
 
-The wheel has the programs in zloam_monitor/bundled/bin, the Zenoh library in bundled/lib, the robots'
-files and the generated message code. Its shared libraries are added by `auditwheel repair`, which
-also names the oldest C library that it runs on (packages.sh).
+The wheel contains the programs in zloam_monitor/bundled/bin, the Zenoh library in bundled/lib, the
+robots' files and the generated message code. `auditwheel repair` adds the shared libraries and tags
+the wheel with the oldest C library that it runs on (packages.sh).
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGE_FILE = ROOT / "services/stages.json"
-#: need OpenCV, and its libraries X11, which neither a wheel has nor every system
+#: programs that need OpenCV, whose libraries need X11: a wheel cannot contain them, nor does every
+#: system have them
 NEED_OPENCV = {"graph"}
 STAGES = [row["name"] for row in json.loads(STAGE_FILE.read_text())]
 PROGRAMS = (*(name for name in STAGES if name not in NEED_OPENCV), "decode", "calibrate")
-#: the newest that is tested is pinned in services/monitor/requirements.txt
+#: lower bounds; services/monitor/requirements.txt pins the newest tested versions
 REQUIRES = (
     "numpy>=1.23",
     "matplotlib>=3.6",
@@ -43,9 +44,9 @@ REQUIRES = (
     "mcap>=1.2",
     "foxglove-schemas-flatbuffer>=0.3",
 )
-#: what is larger than all the rest: pip install 'zloam[view]'
+#: extra requirements, larger than all others together: pip install 'zloam[view]'
 VIEW_REQUIRES = ("rerun-sdk>=0.40", "foxglove-sdk>=0.20")
-#: speaks to the programs: the same version as theirs
+#: must have the same version as the programs' Zenoh, with which it communicates
 EXACT = "eclipse-zenoh"
 
 
@@ -75,7 +76,7 @@ def metadata() -> str:
 
 
 def gather(build: Path, tree: Path) -> None:
-    """The package as it is to be installed, below `tree`."""
+    """Collects the package below `tree` as it is to be installed."""
     package = tree / "zloam_monitor"
     shutil.copytree(
         ROOT / "services/monitor/src/zloam_monitor",
@@ -101,7 +102,7 @@ def gather(build: Path, tree: Path) -> None:
 
 
 def stripped(binary: Path, rpath: str) -> None:
-    """Without symbols; finds its libraries beside it."""
+    """Strips symbols, and makes the program find its libraries by `rpath`."""
     binary.chmod(0o755)
     subprocess.run(["strip", "--strip-unneeded", binary], check=True)
     subprocess.run(["patchelf", "--set-rpath", rpath, binary], check=True)
@@ -113,7 +114,7 @@ def record_line(name: str, data: bytes) -> str:
 
 
 def pack(tree: Path, out: Path) -> Path:
-    """The same bytes from the same tree."""
+    """Packs the tree; the same tree gives the same bytes."""
     tag = f"py3-none-linux_{platform.machine()}"
     info = f"zloam-{version()}.dist-info"
     (tree / info).mkdir()
