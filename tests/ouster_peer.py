@@ -1,4 +1,4 @@
-"""Ouster captures as the maker's own SDK reads them; for tests and benchmarks."""
+"""Ouster captures as read by the manufacturer's own SDK; for tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-#: metadata beside a capture
+#: endings of the metadata file beside a capture
 ENDINGS = (".json", "_0.json")
 HOUR_NS = 3_600_000_000_000
 
 
 def sdk() -> Any:
-    """The SDK; where it is not installed (deploy/build/venv.sh --tests) the test is skipped."""
+    """The SDK; skips the test if it is not installed (deploy/build/venv.sh --tests)."""
     pytest.importorskip("ouster.sdk.pcap", reason="PyPI's ouster-sdk is not installed")
     from ouster.sdk import core
 
@@ -24,14 +24,14 @@ def sdk() -> Any:
 
 
 def metadata_of(capture: Path) -> Path:
-    """What describes the capture's sensor."""
+    """The metadata file of the capture's sensor."""
     named = (capture.with_name(capture.stem + ending) for ending in ENDINGS)
     return next(path for path in named if path.is_file())
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A capture's packets as the SDK has them."""
+    """A capture's packets in the SDK's types."""
 
     info: Any
     layout: Any
@@ -40,12 +40,12 @@ class Recorded:
 
     @property
     def payloads(self) -> np.ndarray:
-        """Data packets, one a row."""
+        """Data packets, one per row."""
         return np.stack([np.frombuffer(bytes(p.buf), np.uint8) for p in self.packets])
 
     @property
     def pixels_per_packet(self) -> int:
-        """Measurements, returns or none."""
+        """Pixels in a packet, with or without returns."""
         return int(self.layout.columns_per_packet * self.layout.pixels_per_column)
 
 
@@ -66,7 +66,7 @@ def recorded(capture: Path) -> Recorded:
 
 
 def frames(recording: Recorded) -> list[Any]:
-    """The capture's frames, whole or not."""
+    """The capture's frames, whole or partial."""
     core = sdk()
     batcher, frame, done = core.FrameBatcher(recording.info), core.LidarFrame(recording.info), []
     numbers = [recording.layout.frame_id(packet.buf) for packet in recording.packets]
@@ -81,7 +81,7 @@ def frames(recording: Recorded) -> list[Any]:
 
 
 def points(recording: Recorded) -> dict[str, np.ndarray]:
-    """All returns in time order, then from the top row down, then as they stand in the pixel."""
+    """All returns, ordered by time, then from the top row down, then as in the pixel."""
     lut = sdk().XYZLut(recording.info, False)
     parts = [_points_of(frame, recording, lut) for frame in frames(recording)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -95,7 +95,7 @@ def _points_of(frame: Any, recording: Recorded, lut: Any) -> dict[str, np.ndarra
     xyz = np.stack([lut(frame.field(name)).reshape(*ranges.shape[1:], 3) for name in names])
     valid = (frame.status & 1).astype(bool)
     returned = (ranges > 0) & valid
-    if dual:  # twice the same is one return
+    if dual:  # two equal ranges are one return
         returned[1] &= ranges[1] != ranges[0]
     # column, row, return
     order = np.argwhere(returned.transpose(2, 1, 0))
@@ -114,7 +114,8 @@ def _points_of(frame: Any, recording: Recorded, lut: Any) -> dict[str, np.ndarra
 
 
 def _types(ranges: np.ndarray, returned: np.ndarray) -> np.ndarray:
-    """0 strongest, 1 last, 2 both, 3 second strongest: the strongest comes first."""
+    """Return types: 0 strongest, 1 last, 2 both, 3 second strongest. The pixel's first return is
+    the strongest."""
     types = np.zeros(ranges.shape, int)
     if len(ranges) == 2:
         alone = ~returned[0] | ~returned[1]
@@ -124,8 +125,8 @@ def _types(ranges: np.ndarray, returned: np.ndarray) -> np.ndarray:
 
 
 def repeated(recording: Recorded, times: int) -> np.ndarray:
-    """The same packets again and again, as if the sensor had gone on: times and frame numbers go
-    up, all else stays."""
+    """The packets repeated `times` times as if the sensor had continued: times and frame numbers
+    advance, everything else stays."""
     layout = recording.layout
     base = recording.payloads
     first, last = (layout.frame_id(recording.packets[i].buf) for i in (0, -1))
@@ -149,14 +150,14 @@ def _add(packets: np.ndarray, at: int, kind: str, value: int) -> None:
 
 
 def written(described: Path, profile: str, seed: int) -> Recorded:
-    """A frame of random returns that the SDK itself writes in a profile, with the metadata as the
-    SDK tells them."""
+    """A frame of random returns that the SDK itself encodes in a profile, and its metadata as given
+    by the SDK."""
     core = sdk()
     info = core.SensorInfo(described.read_text())
     info.format.udp_profile_lidar = getattr(core.UDPProfileLidar, profile)
     if profile.startswith("FUSA"):
         info.format.header_type = core.HeaderType.FUSA
-    info.init_id = 0  # the packets have none either
+    info.init_id = 0  # the packets have no init_id either
     layout = core.PacketFormat(info)
     random = np.random.default_rng(seed)
     shape = (layout.pixels_per_column, layout.columns_per_packet)
@@ -178,7 +179,7 @@ def written(described: Path, profile: str, seed: int) -> Recorded:
 
 
 def _fill(layout: Any, packet: Any, name: str, random: Any, shape: tuple[int, int]) -> None:
-    """All bits of a field at random; two fifths of the ranges are none."""
+    """Fills a field with random bits; two fifths of the ranges are zero (no return)."""
     mask = layout.field_value_mask(name)
     kind = next(t for t in (np.uint8, np.uint16, np.uint32, np.uint64) if mask <= np.iinfo(t).max)
     values = random.integers(0, 2**32, shape, np.uint64).astype(kind) & kind(mask)

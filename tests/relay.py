@@ -1,5 +1,5 @@
-"""Hands on what comes to one address to another, in order, both ways so many seconds later; either
-end may go on sending meanwhile. `relay.py HOST:PORT TO_HOST:PORT SECONDS`"""
+"""Relays each connection to another address, in order, both directions delayed by SECONDS; one end
+may close while the other still sends. `relay.py HOST:PORT TO_HOST:PORT SECONDS`"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DELAY_S = float(sys.argv[3])
 
 
 async def late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """One direction, to its end."""
+    """Relays one direction until its end."""
     clock = asyncio.get_running_loop()
     waiting: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
 

@@ -1,4 +1,4 @@
-"""The same real processes as the integration tests."""
+"""Uses the fixtures of the integration tests: the same real processes."""
 
 from tests.integration.conftest import build, own_folder, robot_file
 

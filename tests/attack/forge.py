@@ -1,4 +1,5 @@
-"""Messages of a stranger: genuine ones, heard on the network, with something else in them."""
+"""Forged messages of a stranger: genuine ones, received from the network, with modified
+contents."""
 
 from __future__ import annotations
 
@@ -16,19 +17,19 @@ FAR_SWEEPS = 900_000
 OTHER_TERM = 4_000_000_000
 WILD = 1e300
 HUGE_BYTES = 40_000_000
-#: nested deeper than any parser's stack
+#: nesting deeper than any parser's stack
 NESTED = 80_000
 #: field of a Header -> its FlatBuffers slot
 _SLOTS = {"Run": 2, "Sweep": 3, "StampNs": 4, "Seq": 6, "Term": 7, "MapId": 10, "Replay": 15}
 _TEXTS = ("Robot", "Sensor", "Frame", "Instance")
-#: table -> the pose in it
+#: table -> its field with a pose
 _POSES = {
     "Odometry": "PoseOdomBase",
     "OdometryFeatures": "PoseOdomBase",
     "MapCorrection": "PoseMapOdom",
     "MapPose": "PoseMapBase",
 }
-#: table -> a vector of points in it
+#: table -> its field with a vector of points
 _POINTS = {
     "Sweep": "Points",
     "Features": "Sharp",
@@ -38,7 +39,7 @@ _POINTS = {
 
 
 def _own_header(data: bytes, table: str, changes: dict[str, int]) -> bytes:
-    """A header like the message's but for the changes, as a buffer of its own."""
+    """A copy of the message's header with the changes, as a buffer of its own."""
     old = messages.decode(table, data).Header()
     values = {name: getattr(old, name)() for name in _SLOTS} | changes
     b = flatbuffers.Builder(256)
@@ -53,11 +54,12 @@ def _own_header(data: bytes, table: str, changes: dict[str, int]) -> bytes:
 
 
 def with_header(data: bytes, table: str, **changes: int) -> bytes:
-    """The message with another header: its own, appended, is what the root points to from then."""
+    """The message with another header: it is appended to the message, and the root's offset leads
+    to it."""
     header = _own_header(data, table, changes)
     padded = data + b"\0" * (-len(data) % 8)
     root = messages.decode(table, data)
-    # the header is every table's first field
+    # The header is the first field of every table.
     field = root._tab.Offset(4) + root._tab.Pos
     target = len(padded) + struct.unpack_from("<I", header)[0]
     forged = bytearray(padded + header)
@@ -66,7 +68,7 @@ def with_header(data: bytes, table: str, **changes: int) -> bytes:
 
 
 def with_values(data: bytes, table: str, value: float) -> bytes | None:
-    """The message with the value in its pose and in its first point; None: it has neither."""
+    """The message with the value in its pose and in its first point; None if it has neither."""
     forged, found = bytearray(data), False
     root = messages.decode(table, data)
     if name := _POSES.get(table):
@@ -80,7 +82,7 @@ def with_values(data: bytes, table: str, value: float) -> bytes | None:
 
 
 def noise(table: str, rng: random.Random) -> bytes:
-    """The right identifier before random bytes."""
+    """A valid identifier followed by random bytes."""
     return b"\x08\x00\x00\x00" + KINDS[table].identifier + rng.randbytes(rng.randrange(9, 4000))
 
 
@@ -88,7 +90,7 @@ Forger = Callable[[bytes, str], bytes | None]
 
 
 def forgers(rng: random.Random) -> dict[str, Forger]:
-    """What is done to a genuine message, by name."""
+    """Name of a forgery -> function that applies it to a genuine message."""
 
     def run(data: bytes, table: str) -> bytes:
         return with_header(data, table, Run=rng.getrandbits(63) + 1)
@@ -102,7 +104,7 @@ def forgers(rng: random.Random) -> dict[str, Forger]:
         return with_header(data, table, Sweep=header.Sweep() + number, Seq=header.Seq() + number)
 
     def soon(data: bytes, table: str) -> bytes | None:
-        """Two sweeps ahead, and elsewhere."""
+        """A message two sweeps ahead, with a pose or point elsewhere."""
         header = header_of(data, table)
         moved = with_values(data, table, 1000.0)
         ahead = {"Sweep": header.Sweep() + 2, "Seq": header.Seq() + 2}
@@ -126,7 +128,7 @@ def forgers(rng: random.Random) -> dict[str, Forger]:
 
 
 def progress(run: int) -> bytes:
-    """An odometry that has everything already."""
+    """A message that claims that an odometry has received every sweep already."""
     b = flatbuffers.Builder(256)
     instance = b.CreateString("stranger")
     code = module("Progress")
@@ -140,7 +142,7 @@ def progress(run: int) -> bytes:
 
 
 def revision(stage: str, values: str, rev: int = 1) -> bytes:
-    """A change of configuration by nobody who may issue one."""
+    """A change of configuration that the stranger has no right to issue."""
     b = flatbuffers.Builder(256)
     texts = {"Stage": stage, "ValuesJson": values, "By": "stranger"}
     texts = {name: b.CreateString(value) for name, value in texts.items()}

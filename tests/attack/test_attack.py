@@ -1,7 +1,7 @@
-"""A stranger on the network during a live run: each kind of message, each way to forge it.
+"""A stranger on the network during a live run sends each kind of message, forged in each way.
 
-What must hold: nobody dies, nobody needs a restart, every refused message is counted by its
-reason, memory comes back, and from one second after the end every sweep has its pose again.
+Requirements: no process dies or needs a restart, every refused message is counted by its reason,
+memory is released, and from one second after the attack's end every sweep has its pose again.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from zloam_monitor.processes import endpoints
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.trajectory import read
 
-#: the attack begins when so many poses have come
+#: number of received poses at which the attack begins
 BEGINS_AT = 25
-#: sweeps of the sensor in a second
+#: sweeps per second
 RATE = 10
 SHARE = 0.9
-#: of what a stage holds without an attack, and what the allocator may keep beside
+#: Limit of a stage's memory: a factor on that without an attack, plus what the allocator may keep.
 MEMORY_SHARE, MEMORY_MIB = 1.2, 24.0
 FLOOD_RATE = 5000
 LONG_S = 68.0
@@ -61,7 +61,7 @@ def run_calm(build: Path, robot_file: Path, drive: Capture, out: Path) -> dict[s
 
 
 class Stranger:
-    """Hears one genuine message of each key, and forges from there."""
+    """Receives one genuine message of each key and makes forgeries of them."""
 
     def __init__(self, run: LiveRun) -> None:
         self.run = run
@@ -85,7 +85,7 @@ class Stranger:
         def hear(sample: zenoh.Sample) -> None:
             self.heard[table] = (str(sample.key_expr), sample.payload.to_bytes())
 
-        # not its own forgeries
+        # excludes its own forgeries
         return self.session.declare_subscriber(key, hear, allowed_origin=zenoh.Locality.REMOTE)
 
     def __enter__(self) -> Stranger:
@@ -103,14 +103,14 @@ class Stranger:
             self.sent += 1
 
     def put_all(self) -> None:
-        """One of each."""
+        """Publishes one forgery of each kind for each key."""
         for how in self.forgers:
             for table in list(self.heard):
                 self.put(table, how)
         self.put_words()
 
     def put_words(self) -> None:
-        """What has no header."""
+        """Publishes forgeries of messages without a header."""
         keys = self.run.chain.link.keys
         newest = next(reversed(self.run.poses.values()))
         for stage, data in forge.revisions():
@@ -130,7 +130,8 @@ class Stranger:
             self.sent += 1
 
     def flood(self, table: str, how: str, seconds: float) -> None:
-        """At so many a second, or as fast as it goes. Forged once: making them is slower."""
+        """Publishes FLOOD_RATE forgeries per second, or as many as possible. They are made
+        beforehand, since making them takes longer."""
         key, data = self.heard[table]
         forged = [self.forgers[how](data, table) for _ in range(50)]
         encoding = messages.encoding(table)
@@ -147,7 +148,7 @@ class Stranger:
         self.sent += count
 
     def command(self, stage: str, payload: str) -> Any:
-        """The one answer to a `set`."""
+        """The one reply to a command `set`."""
         key = self.run.chain.link.keys.command(stage, "set")
         answers = list(self.session.get(key, payload=payload, timeout=5.0))
         assert len(answers) == 1, (stage, len(payload), answers)
@@ -164,7 +165,7 @@ def refused(status: StatusRecord) -> int:
 
 
 def busy(statuses: dict[str, StatusRecord]) -> int:
-    """Sweeps given up as the machine had too much to do, which is nobody's attack."""
+    """Number of sweeps dropped because the machine was too busy, not because of the attack."""
     reasons = ("queue_full", "late")
     inputs = [i for stage in STAGES if stage in statuses for i in statuses[stage].inputs]
     return sum(i.lost + sum(i.dropped.get(reason, 0) for reason in reasons) for i in inputs)
@@ -174,7 +175,7 @@ Record = Callable[[str, object], None]
 
 
 def assert_recovered(run: LiveRun, attacked: dict[str, StatusRecord], record: Record) -> None:
-    """Of a run that has ended. attacked: at the end of the attack."""
+    """Checks a run that has ended; `attacked`: the statuses at the end of the attack."""
     after = max(s.last_sweep or 0 for s in attacked.values())
     ended = {stage: run.chain.statuses()[stage] for stage in STAGES}
     last = max(p.sweep for p in run.poses.values())
@@ -196,9 +197,9 @@ def assert_recovered(run: LiveRun, attacked: dict[str, StatusRecord], record: Re
 
 
 def assert_memory_back(run: LiveRun, calm: dict[str, StatusRecord]) -> None:
-    """Of a run that has ended. calm: without an attack."""
+    """Checks a run that has ended; `calm`: the statuses before the attack."""
     for stage in STAGES:
-        # what it holds itself: the pools of shared memory are everybody's
+        # Only the stage's own memory: the pools of shared memory belong to all.
         held = calm[stage].figures["rss_anon_mib"]
         grown = run.chain.statuses()[stage].figures["rss_anon_mib"] - held * MEMORY_SHARE
         assert grown < MEMORY_MIB, f"{stage} kept {grown:.0f} MiB"
@@ -276,7 +277,7 @@ def test_each_kind_in_each_way_at_length(
 
 
 def instances(run: LiveRun, heard: list[tuple[str, int]]) -> Any:
-    """Keeps who published each pose."""
+    """Records which instance published each pose."""
 
     def note(sample: zenoh.Sample) -> None:
         header = messages.decode("MapPose", sample.payload.to_bytes()).Header()
@@ -313,7 +314,7 @@ def test_a_second_instance_stands_by_and_both_say_so(
         del listener
     assert f"a second {stage}" in (tmp_path / "second.log").read_text()
     assert len({instance for instance, _ in heard}) == 1
-    # what was written: whoever only listens may miss poses on a busy machine
+    # The written trajectory counts: a mere subscriber may miss poses on a busy machine.
     sweeps = statuses["driver"].last_sweep + 1
     poses = len(read(tmp_path / "trajectory.tum"))
     assert statuses["integration"].last_sweep > after

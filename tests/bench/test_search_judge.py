@@ -22,7 +22,7 @@ def line_along_x(offsets_m: dict[int, float]) -> Trajectory:
     transforms[:, 0, 3] = STEP_M * np.arange(POSES)
     transforms[:, 2, 3] = 0.1 * np.sin(
         0.1 * np.arange(POSES)
-    )  # else the alignment could turn about x
+    )  # otherwise rotations about x would be free in the alignment
     for pose, offset in offsets_m.items():
         transforms[pose:, 1, 3] += offset
     return Trajectory(transforms, STEP_NS * np.arange(POSES, dtype=np.int64), np.arange(POSES))
@@ -31,7 +31,7 @@ def line_along_x(offsets_m: dict[int, float]) -> Trajectory:
 def write_run(
     folder: Path, offsets_m: dict[int, float], health: dict[int, int], sigma_m: float
 ) -> Path:
-    """As zloam-offline leaves it."""
+    """Writes the files of a run of zloam-offline."""
     estimate = line_along_x(offsets_m)
     for name in ("odom.tum", "est.tum", "fused.tum"):
         write_tum(folder / name, estimate)

@@ -1,7 +1,7 @@
-"""Python's readers on mutated bytes: each input is read, or refused with its reason.
+"""Fuzzes the Python readers: each mutated input is read, or refused with its reason.
 
 readers.py SECONDS: trajectories (TUM, KITTI, CSV), robot files (YAML) and the messages that the
-monitor hears (FlatBuffers, and JSON inside them), a third of the time each.
+monitor receives (FlatBuffers, and JSON inside them), a third of the time each.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROBOTS = (
     "robot: 01\nsensor:\n  name: top\n  model: VLP-16\nzenoh: {base_port: 7460, host: 0.0.0.0}\n",
     "# a robot\nrobot: 'r'\nzenoh:\n  base_port: 7500\nmapping: {every: 2}\nlist: [1, a]\n",
 )
-#: as deep as a parser's stack, and deeper
+#: nesting deeper than any parser's stack
 NESTED = 100_000
 BITS = (b"nan", b"-inf", b"1e999", b"\x00", b"\xff", b"\xef\xbb\xbf", b"\n", b"#", b";", b"9" * 40)
 TEXT_BITS = (*BITS, b"[", b"{", b": ", b"- ", b"&a", b"*a", b"!!int ", b"[" * NESTED, b"'")
@@ -54,13 +54,13 @@ INPUT = {"key": "a", "received": 3, "dropped": [{"reason": "late", "count": 2}]}
 
 
 class Message(NamedTuple):
-    """How a kind of message is read, and one of it."""
+    """The function that reads a kind of message, and an example of it."""
 
     read: Callable[[bytes], Any]
     value: dict[str, Any]
 
 
-#: schema -> message; a text of JSON inside may be nested deeper than any parser's stack
+#: schema -> message; JSON texts inside are also tried with a nesting deeper than any parser's stack
 MESSAGES = {
     "map_pose": Message(
         records.map_pose,
@@ -107,7 +107,7 @@ MESSAGES = {
 
 
 def mutated(rng: random.Random, seed: bytes, bits: Sequence[bytes] = BITS) -> bytes:
-    """A well-formed input after a few changes."""
+    """A well-formed input with a few random changes."""
     data = bytearray(seed)
     for _ in range(rng.randint(1, 6)):
         at = rng.randrange(len(data) + 1)
@@ -119,7 +119,7 @@ def mutated(rng: random.Random, seed: bytes, bits: Sequence[bytes] = BITS) -> by
 
 
 def mutated_in_place(rng: random.Random, seed: bytes) -> bytes:
-    """Of a FlatBuffer: sizes and offsets of what is not hit still hold."""
+    """A FlatBuffer with a few overwritten bytes: sizes and offsets elsewhere stay valid."""
     data = bytearray(seed)
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(8, len(data))
@@ -131,7 +131,7 @@ def mutated_in_place(rng: random.Random, seed: bytes) -> bytes:
 
 
 def built(folder: Path) -> dict[str, list[bytes]]:
-    """A message of each schema, by flatc; those with JSON also with what no parser survives."""
+    """A message of each schema, made by flatc; those with JSON also with too deep nesting."""
     made: dict[str, list[bytes]] = {}
     for schema, message in MESSAGES.items():
         variants = [message.value]
@@ -171,7 +171,7 @@ def tried(
     read: Callable[[bytes], None],
     refusals: tuple[type[Exception], ...],
 ) -> Counts:
-    """Until the time is over; another exception is a finding."""
+    """Reads inputs until the time is over; any exception but the refusals is a finding."""
     ends, done, refused = time.monotonic() + seconds, 0, 0
     while time.monotonic() < ends:
         data = make()

@@ -1,1 +1,1 @@
-"""A Hokuyo scanner that is none: what the tests need of one."""
+"""A simulated Hokuyo scanner, as far as the tests need it."""

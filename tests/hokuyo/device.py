@@ -1,5 +1,5 @@
-"""A simulated scanner: over TCP or a pseudo-terminal it answers as the real one does, and sends the
-scans of a session at their pace. Faults on request."""
+"""A simulated scanner: over TCP or a pseudo-terminal it answers as a real one and sends the scans
+of a session at their pace, with faults on request."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pathlib import Path
 
 from tests.hokuyo import peer
 
-#: the simulator's counter at the start, ms, and how much later the first line is received, s
+#: start value of the simulator's counter, ms; delay from then to the receipt of the first line, s
 COUNTER_MS, FIRST_LINE_S = 1_000_000, 0.0176
-#: after this time a scan that was missed while nobody listened is not sent any more
+#: A scan that could not be sent for this long, since nobody was connected, is dropped.
 LATE_S = 0.5
 
 
@@ -34,7 +34,7 @@ def answer(echo: bytes, status: bytes, lines: list[bytes] | None = None) -> byte
 
 
 def moved(scan: bytes, milliseconds: int) -> bytes:
-    """With a later counter."""
+    """The scan with a later value of the counter."""
     lines = scan.split(b"\n")
     counter_ms = int(peer.numbers(lines[2][:-1], 4)[0])
     lines[2] = summed(encoded((counter_ms + milliseconds) & 0xFFFFFF, 4))
@@ -42,16 +42,16 @@ def moved(scan: bytes, milliseconds: int) -> bytes:
 
 
 class Device:
-    """Serves one connection after the other until it is closed. It measures from its first command
-    on, as a real one does: until begin() is called it sends the session's first scan."""
+    """Serves one connection after the other until it is closed. Like a real scanner, it measures
+    from its first command on: until begin() is called it sends the session's first scan."""
 
     def __init__(self, session: Path, seconds: float) -> None:
-        #: as driver.path has it
+        #: value of driver.path for this device
         self.name = ""
         self.parameters = b""
-        #: seconds after the first line, and its bytes
+        #: (seconds after the first line, bytes) of each scan
         self.scans: list[tuple[float, bytes]] = []
-        #: the session's time of its first line, s since the Unix epoch
+        #: receipt of the session's first line, s since the Unix epoch
         self.first_s = 0.0
         for stamp, data in peer.records(session):
             if data.startswith(b"PP"):
@@ -63,15 +63,15 @@ class Device:
                 self.scans.append((stamp - self.first_s, data))
         self._line_ms = round(1e3 * self.scans[-1][0] / (len(self.scans) - 1))
         self.commands: list[bytes] = []
-        #: of the session
+        #: number of the session's scans sent so far
         self.sent = 0
-        #: called with the number of each scan before it is sent; true: the connection is cut
+        #: called with the number of each scan before it is sent; true cuts the connection
         self.cut: Callable[[int], bool] = lambda number: False
-        #: what becomes of the bytes of a scan
+        #: changes the bytes of a scan before they are sent
         self.spoil: Callable[[int, bytes], bytes] = lambda number, data: data
-        #: monotonic time at which the counter stood at its start
+        #: monotonic time at which the counter had its start value
         self._on: float | None = None
-        #: scans sent before the session
+        #: number of scans sent before the session
         self._before = 0
         self._begin = threading.Event()
         self._began: float | None = None
@@ -80,7 +80,7 @@ class Device:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def begin(self) -> None:
-        """The next scan is the session's first."""
+        """Makes the session's first scan the next one."""
         self._begin.set()
 
     @property
@@ -123,7 +123,8 @@ class Device:
         return answer(command, b"00")
 
     def _serve(self, read: Callable[[], bytes | None], write: Callable[[bytes], None]) -> None:
-        """read: what came within some ms; None: the other side has gone."""
+        """Answers commands and sends scans. `read` returns what came within some ms, or None if the
+        other side has closed."""
         waiting = b""
         while not self._stop.is_set():
             data = read()
@@ -143,7 +144,7 @@ class Device:
             write(scan)
 
     def _due(self) -> bytes | None:
-        """The scan that is to be sent now."""
+        """The scan that is to be sent now, if any."""
         before_s = 1e-3 * self._line_ms * self._before
         at = (self._on or 0.0) + FIRST_LINE_S + before_s
         if self._began is None and self._begin.is_set():
@@ -172,7 +173,7 @@ class Device:
 
 
 class TcpDevice(Device):
-    """At an address of this machine."""
+    """A device at a TCP port of this machine."""
 
     def __init__(self, session: Path, seconds: float) -> None:
         super().__init__(session, seconds)
@@ -204,7 +205,7 @@ def _received(link: socket.socket) -> bytes | None:
 
 
 class SerialDevice(Device):
-    """A pseudo-terminal."""
+    """A device at a pseudo-terminal."""
 
     def __init__(self, session: Path, seconds: float) -> None:
         super().__init__(session, seconds)

@@ -1,4 +1,4 @@
-"""Sessions read by rule, apart from the driver: records, replies, checksums, values."""
+"""Reads sessions independently of the driver: records, replies, checksums, values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def records(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Receive time in s, and the bytes."""
+    """(receive time in s, bytes) of each record."""
     data, at = path.read_bytes(), 0
     while at < len(data):
         seconds, microseconds, length = struct.unpack_from(">III", data, at)
@@ -30,7 +30,7 @@ def checksum(text: bytes) -> int:
 
 
 def is_whole(reply: list[bytes]) -> bool:
-    """All checksums hold; the echo has none."""
+    """Whether all checksums are right; the echo has none."""
     for line in reply[1:]:
         text, last = line[:-1], line[-1]
         if checksum(text) != last and not (text.endswith(b";") and checksum(text[:-1]) == last):
@@ -46,7 +46,7 @@ def numbers(data: bytes, characters: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Scan:
-    """Of one reply with data."""
+    """The measurements of one reply."""
 
     first_step: int
     ranges_mm: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Sessions of a simulated scanner on a motor, with the motor's angles, readings and truth."""
+"""Sessions of a simulated scanner on a motor, with the motor's angles, IMU readings and truth."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-#: of a mount and its encoder that are to be calibrated: pitch and yaw, y and z, delay
+#: Errors of a mount and its encoder that the calibration has to find: pitch and yaw, y and z,
+#: delay.
 MOUNT_DEG, MOUNT_M, DELAY_MS = (0.6, -0.9), (0.015, -0.03), 7.5
-#: the lines' stamps are late by the time that they take to be received
+#: Stamps of lines are late by the time that their transmission takes.
 RECEIVED_LATE_MS = 2.0
 
 
 @dataclass(frozen=True)
 class Session:
-    """Its files."""
+    """The files of a session."""
 
     log: Path
     truth: Path
@@ -22,12 +23,12 @@ class Session:
 
     @property
     def angles(self) -> Path:
-        """Where the driver looks for them."""
+        """The path at which the driver looks for the motor's angles."""
         return self.log.with_suffix(".csv")
 
 
 def session(build: Path, stem: Path, *options: object) -> Session:
-    """Simulated into files of this stem."""
+    """Simulates a session into files with this stem."""
     made = Session(*(stem.with_name(stem.name + end) for end in (".logr", ".tum", ".imu.csv")))
     command = [build / "bin" / "zloam-simulator", "--quiet", "--hokuyo", *options]
     command += ["--session", made.log, "--angles", made.angles]
@@ -37,7 +38,7 @@ def session(build: Path, stem: Path, *options: object) -> Session:
 
 
 def at_rest(build: Path, stem: Path, world: str, seed: int) -> Session:
-    """A minute with the mount above."""
+    """A minute at rest with the mount above."""
     mount = ["--scanner-rpy-deg", 0, *MOUNT_DEG, "--scanner-xyz", 0, *MOUNT_M]
     mount += ["--encoder-delay", 1e-3 * DELAY_MS]
     where = ["--world", world, "--seed", seed, "--still", "--duration", 60]
