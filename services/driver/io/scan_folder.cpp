@@ -60,8 +60,11 @@ class Damage {
   static constexpr std::size_t kNamed = 10;
 
   void note(const std::string& file, const std::string& what) {
-    if (remarks_.size() < kNamed) remarks_.push_back(file + ": " + what);
-    if (remarks_.size() == kNamed) remarks_.emplace_back("further scans are not whole");
+    if (remarks_.size() < kNamed) {
+      remarks_.push_back(file + ": " + what);
+    } else if (remarks_.size() == kNamed) {
+      remarks_.emplace_back("further scans are not whole");
+    }
   }
 
   std::uint64_t cut_ = 0;

@@ -19,6 +19,7 @@ using test::Sources;
 using ::testing::DoubleNear;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 TEST_F(Sources, ScanFoldersRefuseWhatTheyCannotRead) {
   const ScanTiming timing{TimeModel::kClockwise, 0.1, 180.0};
@@ -222,6 +223,19 @@ TEST_F(ScanNames, OfADamagedScanWhatIsWholeIsUsed) {
   EXPECT_EQ(count("scans_cut"), 2U);
   EXPECT_THAT(remarks_, HasSubstr("1.bin: its 20007 bytes"));
   EXPECT_THAT(remarks_, HasSubstr("2.bin: is empty"));
+}
+
+TEST_F(ScanNames, TenDamagedScansAreNamedAndMoreAreSummedUp) {
+  std::vector<std::string> names{"00.bin"};
+  for (int i = 1; i <= 11; ++i) names.push_back((i < 10 ? "0" : "") + std::to_string(i) + ".bin");
+  scans(names);
+  for (int i = 1; i <= 10; ++i) write("velodyne/" + names[static_cast<std::size_t>(i)], {});
+  seen();
+  EXPECT_THAT(remarks_, HasSubstr("10.bin: is empty"));
+  EXPECT_THAT(remarks_, Not(HasSubstr("further scans")));
+  write("velodyne/11.bin", {});
+  seen();
+  EXPECT_THAT(remarks_, HasSubstr("further scans are not whole"));
 }
 
 TEST_F(ScanNames, WhatNoLidarSawIsRefused) {
