@@ -68,7 +68,7 @@ void bind_bridging(Parameters& p, MappingConfig& c) {
 void bind_voxel_planes(Parameters& p, VoxelPlanesConfig& c) {
   p.add("mapping.voxel_planes.root_voxel_m", &c.map.root_voxel_m, {0.1, 50.0}, "m",
         "edge of the coarsest voxels; each level halves it");
-  p.add("mapping.voxel_planes.levels", &c.map.levels, {1, 6}, "", "number of voxel sizes");
+  p.add("mapping.voxel_planes.levels", &c.map.levels, {2, 6}, "", "number of voxel sizes");
   p.add("mapping.voxel_planes.keep_radius_m", &c.map.keep_radius_m, {10.0, 4000.0}, "m",
         "voxels farther from the sensor are dropped");
   plane_map::MatcherConfig& m = c.matcher;
