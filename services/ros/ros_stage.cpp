@@ -117,7 +117,7 @@ void RosStage::wire() {
 
 void RosStage::new_run() {
   tree_ = {};
-  way_.poses.clear();
+  path_of_run_.clear();
   // If the previous run's map was shown, an empty map must replace it.
   map_grew_ = !map_tiles_.empty();
   forget_map();
@@ -161,8 +161,8 @@ void RosStage::take(const runtime::Received<msg::MapPose>& m) {
   out.T_frame_base = pose_of(m->pose_map_base());
   out.covariance = about_frame_axes(out.T_frame_base, covariance_of(m->covariance()));
   pose_->put(encode(out), m->instant_ns());
-  way_.poses.emplace_back(m->instant_ns(), out.T_frame_base);
-  way_grew_ = true;
+  path_of_run_.add(m->instant_ns(), out.T_frame_base);
+  path_grew_ = true;
   tree_.add(MapStep{m.run(), m.sweep(), m->instant_ns(), out.T_frame_base});
   say_corrections();
 }
@@ -195,10 +195,12 @@ void RosStage::say_points() {
 }
 
 void RosStage::say_path() {
-  if (!way_grew_ || !path_->matching()) return;
-  way_.header = {way_.poses.empty() ? stage_.now_ns() : way_.poses.back().first, frame("map")};
-  path_->put(encode(way_), way_.header.stamp_ns);
-  way_grew_ = false;
+  if (!path_grew_ || !path_->matching()) return;
+  PathMessage out;
+  out.poses = path_of_run_.poses();
+  out.header = {out.poses.empty() ? stage_.now_ns() : out.poses.back().first, frame("map")};
+  path_->put(encode(out), out.header.stamp_ns);
+  path_grew_ = false;
 }
 
 void RosStage::take_tile(const zenoh::Sample& sample) {

@@ -15,6 +15,7 @@
 #include "ros/config.hpp"
 #include "ros/io/node.hpp"
 #include "ros/pose_tree.hpp"
+#include "ros/thinned_path.hpp"
 
 namespace zloam::ros {
 
@@ -69,8 +70,8 @@ class RosStage {
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
   PoseTree tree_;
-  PathMessage way_;
-  bool way_grew_ = false;
+  ThinnedPath path_of_run_;
+  bool path_grew_ = false;
   std::map<std::string, Tile> map_tiles_;
   std::uint64_t map_id_ = 0;
   bool map_grew_ = false;

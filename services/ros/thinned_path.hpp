@@ -1,0 +1,43 @@
+#pragma once
+// The poses of a run for display, evenly spaced: RViz needs the shape of the path, and a message
+// with each pose of a long run would be megabytes every second.
+
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "common/geometry/se3.hpp"
+
+namespace zloam::ros {
+
+class ThinnedPath {
+ public:
+  using Entry = std::pair<std::int64_t, Pose>;
+  static constexpr std::size_t kMost = 10'000;
+
+  /// Keeps every n-th pose; n doubles when kMost is reached.
+  void add(std::int64_t stamp_ns, const Pose& pose) {
+    newest_ = {stamp_ns, pose};
+    if (added_++ % every_ != 0) return;
+    kept_.push_back(newest_);
+    if (kept_.size() < kMost) return;
+    for (std::size_t i = 0; 2 * i < kept_.size(); ++i) kept_[i] = kept_[2 * i];
+    kept_.resize((kept_.size() + 1) / 2);
+    every_ *= 2;
+  }
+  void clear() { *this = {}; }
+  /// (stamp, pose), in ascending time; the last is the newest one.
+  std::vector<Entry> poses() const {
+    std::vector<Entry> all = kept_;
+    if (!all.empty() && all.back().first != newest_.first) all.push_back(newest_);
+    return all;
+  }
+
+ private:
+  std::vector<Entry> kept_;
+  Entry newest_{0, Pose::Identity()};
+  std::uint64_t added_ = 0, every_ = 1;
+};
+
+}  // namespace zloam::ros

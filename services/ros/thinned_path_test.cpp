@@ -1,0 +1,33 @@
+#include "ros/thinned_path.hpp"
+
+#include <gtest/gtest.h>
+
+namespace zloam::ros {
+namespace {
+
+TEST(ThinnedPath, KeepsEveryPoseOfAShortRun) {
+  ThinnedPath path;
+  for (std::int64_t n = 0; n < 5000; ++n) path.add(n, Pose::Identity());
+  ASSERT_EQ(path.poses().size(), 5000U);
+  EXPECT_EQ(path.poses()[4321].first, 4321);
+  path.clear();
+  EXPECT_TRUE(path.poses().empty());
+}
+
+TEST(ThinnedPath, OfALongRunThePosesAreEvenlySpacedFromTheFirstToTheNewest) {
+  ThinnedPath path;
+  constexpr std::int64_t kPoses = 1'000'000;
+  for (std::int64_t n = 0; n < kPoses; ++n) path.add(n, Pose::Identity());
+  const auto poses = path.poses();
+  ASSERT_LE(poses.size(), ThinnedPath::kMost);
+  ASSERT_GE(poses.size(), ThinnedPath::kMost / 2);
+  EXPECT_EQ(poses.front().first, 0);
+  const std::int64_t step = poses[1].first;
+  for (std::size_t i = 1; i + 1 < poses.size(); ++i) {
+    ASSERT_EQ(poses[i].first - poses[i - 1].first, step);
+  }
+  EXPECT_EQ(poses.back().first, kPoses - 1);
+}
+
+}  // namespace
+}  // namespace zloam::ros
