@@ -26,12 +26,14 @@ Resource = dict[str, Any]
 
 def _resources(overlay: str) -> list[Resource]:
     """The resources of the overlay and of its base, as written in the folder."""
-    found = []
-    for folder in (FOLDER / "base", FOLDER / overlay):
-        listed = yaml.safe_load((folder / "kustomization.yaml").read_text())["resources"]
-        for name in (n for n in listed if n.endswith(".yaml")):
-            found += list(yaml.safe_load_all((folder / name).read_text()))
-    return found
+    return _listed("base") + _listed(overlay)
+
+
+def _listed(folder: str) -> list[Resource]:
+    """All resources in the files that a kustomization lists."""
+    listed = yaml.safe_load((FOLDER / folder / "kustomization.yaml").read_text())["resources"]
+    files = [FOLDER / folder / name for name in listed if name.endswith(".yaml")]
+    return [each for file in files for each in yaml.safe_load_all(file.read_text())]
 
 
 def _container(resource: Resource) -> Resource:
@@ -128,6 +130,20 @@ def test_the_same_stages_stand_by_as_in_compose() -> None:
     told = dict(literal.split("=", 1) for literal in generator["literals"])
     assert generator["name"] == "robot"
     assert all(service["environment"] == told for service in compose.values())
+
+
+def test_the_preview_is_as_in_compose() -> None:
+    service, workload = _listed("preview")
+    for resource in (service, workload):
+        kubernetes_validate.validate(resource, VERSION, strict=True)
+    (ports,) = service["spec"]["ports"]
+    assert ports["port"] == RobotNames().base_port + PORT_ORDER.index("preview")
+    compose = _compose("preview")["preview"]
+    container = _container(workload)
+    assert container["args"] == compose["command"]
+    assert container["readinessProbe"]["exec"]["command"] == compose["healthcheck"]["test"][1:]
+    for variable in ("ZLOAM_HOST", "ZLOAM_CONNECT"):
+        assert compose["environment"][variable] == _shared()[variable]
 
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
