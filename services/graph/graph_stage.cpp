@@ -66,6 +66,7 @@ void GraphStage::new_run(const msg::Header& first) {
 void GraphStage::begin() {
   graph_ = LoopGraph(config_);
   points_ = SubmapPoints(config_.output_dir);
+  stage_.degraded("points", "");
   path_.clear();
 }
 
@@ -110,6 +111,8 @@ void GraphStage::take(const SubmapMessage& message) {
     const Update update = graph_.add(submap);
     stage_.latency("submap", 1e-6 * static_cast<double>(stage_.now_ns()) - begin_ms);
     points_.add(submap.points);
+    const bool missing = !config_.output_dir.empty() && !points_.complete();
+    stage_.degraded("points", missing ? points_missing() : "");
     publish(message, update);
     unsaved_ = true;
   }
@@ -261,11 +264,13 @@ std::string GraphStage::write_trajectory(const std::string& path) const {
   return write_file_atomically(path, [&] { return text.next(); });
 }
 
+std::string GraphStage::points_missing() const {
+  return config_.output_dir + "/" + kMap + " can't be written: " + config_.output_dir +
+         " did not take the points of the submaps; make room there and run again";
+}
+
 std::string GraphStage::write_points(const std::string& path) const {
-  if (!points_.complete()) {
-    return path + " can't be written: " + config_.output_dir +
-           " did not take the points of the submaps; make room there and run again";
-  }
+  if (!points_.complete()) return points_missing();
   std::size_t submap = 0;
   bool unread = false;
   std::string error = write_world_map(path, points_.count(), [&]() -> std::optional<PlacedPoints> {

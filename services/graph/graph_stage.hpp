@@ -47,6 +47,7 @@ class GraphStage {
   /// Empty, or a sentence that says what failed.
   std::string write_files();
   std::string write_trajectory(const std::string& path) const;
+  std::string points_missing() const;
   std::string write_points(const std::string& path) const;
 
   runtime::Stage& stage_;

@@ -10,7 +10,7 @@
 namespace zloam::sessions {
 namespace {
 
-constexpr int kNotJoined = 1, kUsage = 2, kFailed = 3;
+constexpr int kIncomplete = 1, kUsage = 2, kFailed = 3;
 
 struct Options {
   std::vector<std::string> maps;
@@ -26,8 +26,9 @@ Options parse(int argc, char** argv) {
       "zloam-sessions");
   app.footer(
       "Writes sessions.json, map.pcd, graph.g2o and submaps_1.tum, submaps_2.tum and so on, in the "
-      "frame of the first map. Exit codes: 0 all maps are joined; 1 a map has too little in common "
-      "with the others and is left out of map.pcd; 2 wrong command line; 3 a file can't be read or "
+      "frame of the first map. Exit codes: 0 all maps are joined; 1 something is missing: a map "
+      "has too little in common with the others and is left out of map.pcd, or is damaged; 2 wrong "
+      "command line; 3 a file can't be read or "
       "written.");
   app.add_option("MAP", options.maps, "map folder of a run (MAP=folder, --map folder)")->required();
   app.add_option("--out", options.out, "folder for the output files")->required();
@@ -72,14 +73,21 @@ void write(const Merged& found, const std::filesystem::path& folder) {
 int verdict(const Merged& found) {
   int code = 0;
   for (std::size_t i = 0; i < found.maps.size(); ++i) {
+    const SavedMap& map = found.maps[i];
+    if (map.damaged) {
+      std::cerr << "zloam-sessions: " << map.folder.string() << " is damaged: " << map.unread_bytes
+                << " bytes and " << map.unread_files
+                << " files of it can't be read; what they held is missing\n";
+      code = kIncomplete;
+    }
     if (found.is_joined(i)) continue;
-    std::cerr << "zloam-sessions: " << found.maps[i].folder.string()
+    std::cerr << "zloam-sessions: " << map.folder.string()
               << ": shares too little with the other maps to be joined to them; it is left out\n";
-    code = kNotJoined;
+    code = kIncomplete;
   }
   if (!found.graph.fitted()) {
     std::cerr << "zloam-sessions: the loops could not be fitted: poses are those of the maps\n";
-    code = kNotJoined;
+    code = kIncomplete;
   }
   return code;
 }

@@ -58,6 +58,9 @@ json session_json(const Merged& merged, std::size_t session) {
               {"points", points},
               {"from_ns", map.submaps.front().instant_ns},
               {"to_ns", map.submaps.back().instant_ns},
+              {"unread_bytes", map.unread_bytes},
+              {"unread_files", map.unread_files},
+              {"damaged", map.damaged},
               {"joined", merged.is_joined(session)}};
   for (const graph::Node& node : merged.graph.nodes()) {
     if (node.session != session) continue;

@@ -31,6 +31,9 @@ SavedMap read_saved_map(const fs::path& folder) {
   SavedMap out;
   out.folder = folder;
   const store::TileStore store(folder, store::StoreLimits{}, store::Access::kRead);
+  out.unread_bytes = store.recovery().cut_bytes;
+  out.unread_files = store.recovery().ignored_segments;
+  out.damaged = store.recovery().damaged;
   for (const std::string& key : store.keys()) {
     if (!Keys::is_kept_submap(key)) continue;
     const auto message = store.get(key);

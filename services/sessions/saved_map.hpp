@@ -23,6 +23,11 @@ struct SavedMap {
   std::uint64_t run = 0;
   /// in the order of their instants, without moving points
   std::vector<Submap> submaps;
+  /// what of the folder's files can't be read, and later files that are useless without it: what
+  /// they held is missing
+  std::uint64_t unread_bytes = 0, unread_files = 0;
+  /// More is missing than what a run was writing when it was killed, or is writing now.
+  bool damaged = false;
 };
 
 /// Changes nothing in the folder, which a run may have open. Throws SavedMapError.

@@ -15,6 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 constexpr std::size_t kHead = 8;
 constexpr const char* kTemporary = "compaction.tmp";
+constexpr const char* kSetAside = ".ignored";
 
 std::uint32_t read_u32(const std::uint8_t* p) {
   return static_cast<std::uint32_t>(p[0]) | static_cast<std::uint32_t>(p[1]) << 8 |
@@ -44,6 +45,15 @@ std::uint32_t body_size(std::span<const std::uint8_t> bytes, std::size_t at, std
   return good ? size : 0;
 }
 
+/// What a kill or a power failure leaves at the end of a log: the begin of one record, then perhaps
+/// zeros. Anything else was whole once. A damaged length field may look the same.
+bool is_torn_write(std::span<const std::uint8_t> rest, std::uint32_t limit) {
+  while (!rest.empty() && rest.back() == 0) rest = rest.first(rest.size() - 1);
+  if (rest.size() < kHead) return true;
+  const std::uint32_t size = read_u32(rest.data());
+  return size > 0 && size <= limit && rest.size() - kHead <= size;
+}
+
 /// Numbers of the files <digits><extension>, ascending.
 std::vector<std::uint64_t> numbers(const fs::path& folder, const std::string& extension) {
   std::vector<std::uint64_t> found;
@@ -56,6 +66,22 @@ std::vector<std::uint64_t> numbers(const fs::path& folder, const std::string& ex
   }
   std::sort(found.begin(), found.end());
   return found;
+}
+
+/// Number of files that were set aside, now or earlier.
+std::uint64_t set_aside(const fs::path& folder) {
+  if (!fs::exists(folder)) return 0;
+  return static_cast<std::uint64_t>(std::ranges::count_if(
+      fs::directory_iterator(folder),
+      [](const fs::directory_entry& entry) { return entry.path().extension() == kSetAside; }));
+}
+
+/// Keeps what is cut off a damaged segment: as evidence, and for whoever wants to rescue it.
+void set_aside(std::span<const std::uint8_t> rest, const fs::path& path) {
+  fs::remove(path);
+  AppendFile file(path);
+  file.append(rest);
+  file.sync();
 }
 
 }  // namespace
@@ -89,17 +115,20 @@ void RecordLog::recover(const OnRecord& on_record) {
   // the files that the base replaces.
   if (writes) remove_up_to(base, true);
   number_ = base;
+  recovery_.ignored_segments = set_aside(folder_);
+  recovery_.damaged = recovery_.ignored_segments > 0;
   bool whole = bases.empty() || read_segment(base, true, on_record);
   for (const std::uint64_t n : numbers(folder_, ".log")) {
     if (n <= base) continue;
     number_ = n;
     if (whole) {
       whole = read_segment(n, false, on_record);
-    } else if (writes) {
-      const fs::path path = path_of(n, false);
-      rename_file(path, path.string() + ".ignored");
-      ++recovery_.ignored_segments;
+      continue;
     }
+    const fs::path path = path_of(n, false);
+    if (writes) rename_file(path, path.string() + kSetAside);
+    ++recovery_.ignored_segments;
+    recovery_.damaged = true;
   }
 }
 
@@ -115,8 +144,13 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
   recovery_.bytes += at;
   bytes_ += at;
   if (at == bytes.size()) return true;
-  recovery_.cut_bytes += bytes.size() - at;
-  if (access_ == Access::kWrite) truncate_file(path, at);
+  const std::span rest = std::span(bytes).subspan(at);
+  recovery_.cut_bytes += rest.size();
+  const bool damaged = !is_torn_write(rest, limits_.record_bytes);
+  recovery_.damaged = recovery_.damaged || damaged;
+  if (access_ == Access::kRead) return false;
+  if (damaged) set_aside(rest, path.string() + kSetAside);
+  truncate_file(path, at);
   return false;
 }
 

@@ -38,9 +38,12 @@ enum class Access : std::uint8_t { kWrite, kRead };
 struct Recovery {
   std::uint64_t records = 0;
   std::uint64_t bytes = 0;
-  /// bytes cut off at the end of the log, and segments set aside after it
+  /// bytes cut off at the end of the log; segments after it, and files that were set aside earlier
+  /// (*.ignored), which nothing is read from
   std::uint64_t cut_bytes = 0;
   std::uint64_t ignored_segments = 0;
+  /// More is missing than the one record that a kill or a power failure cuts short.
+  bool damaged = false;
 };
 
 class RecordLog {

@@ -2,16 +2,21 @@
 
 #include <algorithm>
 #include <chrono>
+#include <stdexcept>
 #include <utility>
 
+#include "common/messages/key_match.hpp"
 #include "common/zenoh/aligned.hpp"
-#include "store/key_expression.hpp"
 
 namespace zloam::store {
 namespace {
 
 constexpr std::uint64_t kMiB = 1U << 20;
 constexpr std::chrono::seconds kFetchTimeout{20};
+// Less than a process has from the signal on (9 s), with time left to write what came.
+constexpr std::chrono::seconds kStopPatience{7};
+// Answers wait in memory for no longer than that.
+constexpr std::chrono::milliseconds kStopLook{200};
 // Attempts to fetch the map: under load, answers may be overwritten in shared memory before they
 // are copied.
 constexpr int kFetches = 3;
@@ -84,10 +89,8 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
     settle_held();
     ask_publisher();
   });
-  stage.on_stop([this] {
-    finish_fetch();
-    store_.sync();
-  });
+  stage.on_stop([this] { finish_fetch(); });
+  stage.on_stop([this] { store_.sync(); });
 }
 
 void StoreStage::say_recovery() const {
@@ -99,6 +102,12 @@ void StoreStage::say_recovery() const {
   if (r.cut_bytes > 0 || r.ignored_segments > 0) {
     runtime::log_warning("the log ended in a broken record, which was cut off",
                          {{"bytes", r.cut_bytes}, {"segments_set_aside", r.ignored_segments}});
+  }
+  if (r.damaged) {
+    stage_.degraded("damaged", config_.path + " is damaged: " + std::to_string(r.cut_bytes) +
+                                   " bytes and " + std::to_string(r.ignored_segments) +
+                                   " files (*.ignored) of the map can't be read; restore it from a "
+                                   "copy or map again, and remove *.ignored");
   }
 }
 
@@ -260,7 +269,7 @@ void StoreStage::answer(runtime::Answer& answer) {
   // A query with parameters asks for messages by number, which only their publisher answers.
   if (!answer.parameters().empty()) return;
   for (const std::string& key : store_.keys()) {
-    if (!covers(answer.key(), key)) continue;
+    if (!key_matches(answer.key(), key)) continue;
     const auto message = store_.get(key);
     if (!message) continue;
     answer.reply(key, message->encoding, buffer_of(message->payload));
@@ -322,17 +331,24 @@ void StoreStage::take_fetched() {
   }
 }
 
-// The stage is stopping: wait for a fetch that is still running, and store its answers.
+// The stage is stopping: waits for a fetch that is still running, and stores its answers. A mapping
+// that stops too, or hangs, may never answer, and whoever stops this process does not wait long.
 void StoreStage::finish_fetch() {
-  for (int i = 0; i <= kFetches; ++i) {
+  const auto until = std::chrono::steady_clock::now() + kStopPatience;
+  fetches_left_ = 0;
+  bool ended = false;
+  while (!ended && std::chrono::steady_clock::now() < until) {
     {
       std::unique_lock lock(fetched_->mutex);
-      fetched_->ended.wait_for(lock, kFetchTimeout, [this] { return !fetched_->is_running; });
+      ended = fetched_->ended.wait_until(
+          lock, std::min(until, std::chrono::steady_clock::now() + kStopLook),
+          [this] { return !fetched_->is_running; });
     }
     take_fetched();
-    const std::lock_guard lock(fetched_->mutex);
-    if (!fetched_->is_running) return;
   }
+  if (ended) return;
+  throw std::runtime_error("mapping did not send its map in time: tiles of it may be missing in " +
+                           config_.path);
 }
 
 void StoreStage::every_period() {

@@ -135,6 +135,7 @@ TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
       TileStore store(folder, {});
       ASSERT_EQ(store.keys().size(), complete) << "cut at " << cut;
       ASSERT_EQ(store.recovery().cut_bytes, cut - ends[complete]);
+      ASSERT_FALSE(store.recovery().damaged) << "cut at " << cut;
       for (std::size_t v = 1; v <= complete; ++v) {
         const StoredMessage m = message(std::string(1, static_cast<char>('a' + v)), v, 20 + 3 * v);
         ASSERT_EQ(store.get(m.key)->payload, m.payload);
@@ -152,12 +153,29 @@ TEST_F(Store, AFlippedBitEndsTheLogThere) {
   }
   const fs::path segment = last_segment(root_);
   const std::vector<std::uint8_t> whole = read_file(segment);
+  const std::size_t record = whole.size() / 3;
+  // A record that seems to be longer than the file looks like one that a kill cut short, and so does
+  // the last record.
+  const auto could_be_a_kill = [record](std::size_t at) {
+    return at % record < 4 || at >= 2 * record;
+  };
   for (std::size_t at = 0; at < whole.size(); ++at) {
+    const fs::path folder = root_ / "flipped";
+    fs::remove_all(folder);
+    fs::create_directories(folder);
     std::vector<std::uint8_t> bad = whole;
     bad[at] ^= 0x10;
-    std::ofstream(segment, std::ios::binary | std::ios::trunc)
+    std::ofstream(folder / "00000001.log", std::ios::binary)
         .write(reinterpret_cast<const char*>(bad.data()), static_cast<std::streamsize>(bad.size()));
-    ASSERT_EQ(TileStore(root_, {}).keys().size(), at / (whole.size() / 3)) << at;
+    bool damaged = false;
+    {
+      const TileStore store(folder, {});
+      damaged = store.recovery().damaged;
+      ASSERT_EQ(store.keys().size(), at / record) << at;
+    }
+    ASSERT_TRUE(damaged || could_be_a_kill(at)) << at;
+    ASSERT_EQ(damaged, fs::exists(folder / "00000001.log.ignored")) << at;
+    ASSERT_EQ(damaged, TileStore(folder, {}).recovery().damaged) << "a later start says so, too";
   }
 }
 
@@ -167,6 +185,20 @@ TEST_F(Store, ZerosAfterAPowerFailureAreNoRecords) {
   TileStore store(root_, {});
   EXPECT_EQ(store.keys().size(), 1U);
   EXPECT_EQ(store.recovery().cut_bytes, 4096U);
+  EXPECT_FALSE(store.recovery().damaged);
+}
+
+TEST_F(Store, ARecordThatAPowerFailureFilledUpWithZerosIsNoDamage) {
+  { TileStore(root_, {}).put(message("a", 1)); }
+  const fs::path segment = last_segment(root_);
+  const std::vector<std::uint8_t> record = read_file(segment);
+  std::ofstream(segment, std::ios::binary | std::ios::app)
+          .write(reinterpret_cast<const char*>(record.data()),
+                 static_cast<std::streamsize>(record.size() / 2))
+      << std::string(4096, '\0');
+  const TileStore store(root_, {});
+  EXPECT_EQ(store.keys().size(), 1U);
+  EXPECT_FALSE(store.recovery().damaged);
 }
 
 TEST_F(Store, SegmentsBehindABadRecordAreSetAside) {
@@ -178,9 +210,12 @@ TEST_F(Store, SegmentsBehindABadRecordAreSetAside) {
       store.put(message(std::string(1, static_cast<char>('a' + v)), v));
   }
   fs::resize_file(root_ / "00000002.log", 10);
-  TileStore store(root_, small);
-  EXPECT_THAT(store.keys(), ElementsAre(message("b", 1).key));
-  EXPECT_EQ(store.recovery().ignored_segments, 2U);
+  for (const Access access : {Access::kRead, Access::kWrite}) {
+    const TileStore store(root_, small, access);
+    EXPECT_THAT(store.keys(), ElementsAre(message("b", 1).key));
+    EXPECT_EQ(store.recovery().ignored_segments, 2U);
+    EXPECT_TRUE(store.recovery().damaged);
+  }
 }
 
 TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {

@@ -4,8 +4,11 @@ programs."""
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -53,6 +56,12 @@ def folders(
 def map_command(build: Path, *arguments: object) -> Done:
     command, *rest = arguments
     return monitor("map", command, "--preset-dir", build, *rest)
+
+
+def map_info(build: Path, folder: Path) -> tuple[int, dict[str, Any]]:
+    """Exit code, and what `zloam map info --json` says of the only map."""
+    done = map_command(build, "info", folder, "--json")
+    return done.code, json.loads(done.said.strip().splitlines()[-1])["sessions"][0]
 
 
 def in_first_map(capture: Capture, first: Capture, stamps_ns: np.ndarray) -> np.ndarray:
@@ -114,6 +123,29 @@ def test_what_is_exported_others_can_read(
     assert len(graph._edges) >= len(poses) - 1
     # The poses fit the factors, also by another library's computation.
     assert graph.calc_chi2() < 6.0 * len(graph._edges)
+
+
+def test_a_damaged_map_is_told_and_what_is_left_of_it_is_used(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    code, whole = map_info(build, folders[0])
+    assert code == 0
+    damaged = tmp_path / "map"
+    shutil.copytree(folders[0], damaged)
+    log = max(damaged.iterdir(), key=lambda path: path.stat().st_size)
+    with log.open("r+b") as file:
+        file.seek(log.stat().st_size * 3 // 4)
+        (byte,) = file.read(1)
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte ^ 1]))
+    code, left = map_info(build, damaged)
+    assert code == 1
+    assert 0 < left["submaps"] < whole["submaps"]
+    assert left["unread_bytes"] > 0
+    assert (left["damaged"], whole["damaged"]) == (True, False)
+    merged = map_command(build, "merge", folders[0], damaged, "--out", tmp_path / "both")
+    assert merged.code == 1, merged.said
+    assert f"{damaged} is damaged: {left['unread_bytes']} bytes and 0 files" in merged.said
 
 
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:

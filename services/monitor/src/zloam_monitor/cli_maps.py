@@ -42,9 +42,9 @@ def map_info(
     if file.is_dir():
         with sessions.opened(common.kept(preset_dir), file) as found:
             answers.give(as_json, found.report, sessions.lines(found))
-    else:
-        described = maps.described(file, maps.read(file))
-        answers.give(as_json, described, maps.lines(described))
+            return 0 if found.complete else 1
+    described = maps.described(file, maps.read(file))
+    answers.give(as_json, described, maps.lines(described))
     return 0
 
 
@@ -78,7 +78,7 @@ def map_merge(
     """Merge maps of several runs or robots into one frame, by the places that they share.
 
     Writes map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
-    Exit code 1: a map has too little in common with the others, and is left out.
+    Exit code 1: a map has too little in common with the others and is left out, or is damaged.
     """
     from zloam_monitor import answers, sessions
 
@@ -86,7 +86,7 @@ def map_merge(
         raise sessions.SessionsError(f"{out}: exists already; name a new folder")
     merged = sessions.merge(common.kept(preset_dir), folders, out, not sys.stderr.isatty())
     answers.give(as_json, merged.report, sessions.lines(merged))
-    return 0 if merged.joined else 1
+    return 0 if merged.complete else 1
 
 
 @command
@@ -108,8 +108,8 @@ def map_export(
 
     with sessions.opened(common.kept(preset_dir), folder) as found:
         print(f"{to}: {sessions.export(found, to, voxel)}")
-    # A map whose loops could not be closed was reported by zloam-sessions.
-    return 0 if found.joined else 1
+    # A damaged map, or loops that could not be closed, were reported by zloam-sessions.
+    return 0 if found.complete else 1
 
 
 @command

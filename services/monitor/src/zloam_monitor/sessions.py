@@ -17,8 +17,8 @@ from zloam_monitor import maps
 from zloam_monitor.chain import binary
 
 POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
-#: Exit code if a map shares too little with the others.
-NOT_JOINED = 1
+#: Exit code if a map shares too little with the others, or is damaged.
+INCOMPLETE = 1
 
 
 class SessionsError(RuntimeError):
@@ -31,14 +31,14 @@ class Merged:
 
     folder: Path
     report: dict[str, Any]
-    joined: bool
+    complete: bool
 
 
 def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merged:
     """Merges maps; messages of zloam-sessions go to this program's standard error."""
     command = [str(binary(build, "sessions")), *map(str, folders), "--out", str(out)]
     done = subprocess.run([*command, *(["--quiet"] if quiet else [])], check=False)
-    if done.returncode not in (0, NOT_JOINED):
+    if done.returncode not in (0, INCOMPLETE):
         raise SessionsError("nothing was written" if done.returncode > 0 else "zloam-sessions died")
     report = json.loads((out / REPORT).read_text(encoding="utf-8"))
     return Merged(out, report, done.returncode == 0)
@@ -60,6 +60,11 @@ def lines(merged: Merged) -> list[str]:
             f"{session['folder']}: {session['submaps']} submaps, {session['way_m']:.0f} m of way "
             f"in {seconds:.0f} s, {session['points']} points"
         )
+        if session["damaged"]:
+            said.append(
+                f"  damaged: {session['unread_bytes']} bytes and {session['unread_files']} files "
+                "of it can't be read"
+            )
         if not session["joined"]:
             said.append("  not joined: it shares too little with the others")
         elif len(merged.report["sessions"]) > 1:
