@@ -115,3 +115,15 @@ def test_another_robot_than_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -
         discovery.choose("c")
     with pytest.raises(NothingAnswers, match="say which by --robot"):
         discovery.choose(None)
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["tcp/10.0.0.5:7464", "tcp/127.0.0.1:7464#iface=lo", "unixsock-stream/tmp/zenoh"]
+)
+def test_only_a_port_of_this_machine_belongs_to_a_process_of_it(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(discovery, "listeners", lambda: {7464: (77, "zloam-mapping")})
+    known = {("mapping", "host-77")}
+    assert discovery._is_known("tcp/127.0.0.1:7464", known)
+    assert not discovery._is_known(endpoint, known)

@@ -22,3 +22,8 @@ def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str
     code = cli.main(["demo", "--pcap", "drive.pcap", "--imu", sources.SIMULATED_IMU])
     assert code != 0
     assert sources.SIMULATED_IMU in capsys.readouterr().err
+
+
+def test_a_setting_that_is_no_number_is_named() -> None:
+    with pytest.raises(sources.SourceError, match=r"driver\.scan_period_s: '10 Hz': a number"):
+        sources.asked({"driver.scan_period_s": "10 Hz"})

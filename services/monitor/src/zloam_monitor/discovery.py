@@ -234,7 +234,10 @@ def robots(endpoints: Sequence[str] = ()) -> list[Found]:
 
 def _is_known(endpoint: str, instances: set[tuple[str, str]]) -> bool:
     """True if the program at this port answered before: its instance name ends with its pid."""
-    pid, _ = listeners().get(int(endpoint.rpartition(":")[2]), (0, ""))
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    if host not in (HOST, "localhost", "[::1]") or not port.isdecimal():
+        return False
+    pid, _ = listeners().get(int(port), (0, ""))
     return any(instance.endswith(f"-{pid}") for _, instance in instances)
 
 

@@ -124,16 +124,21 @@ class Scene:
 
     def keep_path(self, run: int, poses: NDArray[Any]) -> None:
         """Sets the path of the run so far (messages.STAMPED_POSE)."""
+        if not len(poses):
+            return
         self._begin(run)
         for pose in poses["pose"]:
             self._extend(pose["translation"].tolist(), pose["rotation"].tolist())
 
     def _begin(self, run: int) -> None:
         """Begins a new run: forgets everything of the one before."""
+        is_first = self._run is None
         self._run = run
         self._frame.clear()
         self._path.clear()
-        self._tiles.clear()
+        # Before the first run is known, there are tiles that were queried.
+        if not is_first:
+            self._tiles.clear()
         self._poses, self._every_nth = 0, 1
 
     def _is_due(self, topic: str) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zloam_monitor.records import HEALTH, PoseRecord
+from zloam_monitor.records import PoseRecord, pose_health
 
 OK = "ok"
 #: Always listed, so that a 0 shows that it was counted.
@@ -63,9 +63,7 @@ def _weak_axis(poses: Iterable[PoseRecord]) -> str:
 def judge(poses: Iterable[PoseRecord]) -> PoseHealth:
     """Counts the health of a run's poses, in any order."""
     every = sorted(poses, key=lambda pose: pose.sweep)
-    counts = Counter(
-        HEALTH[pose.health] if pose.health < len(HEALTH) else str(pose.health) for pose in every
-    )
+    counts = Counter(pose_health(pose.health) for pose in every)
     sure = [(sigma, pose.sweep) for pose in every if (sigma := _position_sigma_m(pose)) is not None]
     least = max(sure, default=(None, None), key=lambda each: each[0] or 0.0)
     return PoseHealth(

@@ -30,6 +30,16 @@ DROPPED = HEALTH.index("dropped")
 SERVICE_HEALTH = ("starting", "ready", "degraded", "failed", "stopping")
 
 
+def _name(names: tuple[str, ...], number: int) -> str:
+    """Name of a state; of one that this version does not know yet, its number."""
+    return names[number] if number < len(names) else str(number)
+
+
+def pose_health(number: int) -> str:
+    """Name of a pose's health."""
+    return _name(HEALTH, number)
+
+
 @dataclass(frozen=True)
 class TraceStep:
     """A stage's entry in the trace of a sweep; times of its host's clock in ns."""
@@ -221,7 +231,7 @@ def status(payload: bytes) -> StatusRecord:
     return StatusRecord(
         stage=text(s.Stage()),
         instance=text(s.Instance()),
-        health=SERVICE_HEALTH[s.Health()],
+        health=_name(SERVICE_HEALTH, s.Health()),
         reason=text(s.Reason()),
         stamp_ns=s.StampNs(),
         run=s.Run(),

@@ -54,7 +54,7 @@ class Scene:
         self._frame = MapFrame()
         self._pieces: dict[str, list[NDArray[np.float64]]] = {"map/path": [], "odom/path": []}
         self._numbers: dict[str, int] = {}
-        self._said: dict[str, tuple[str, str]] = {}
+        self._said: dict[tuple[str, str], tuple[str, str]] = {}
         self._preview = PreviewMap()
         self._last_preview = (-1, -1)
         self._log("map", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -251,8 +251,9 @@ class Scene:
         dropped = sum(n for each in status.inputs for n in each.dropped.values())
         self._scalar(f"plots/dropped/{status.stage}", float(dropped))
         says = (status.health, status.reason)
-        if self._said.get(status.stage) != says:
-            self._said[status.stage] = says
+        who = (status.stage, status.instance)
+        if self._said.get(who) != says:
+            self._said[who] = says
             text = f"{status.stage}: {status.health}{': ' * bool(status.reason)}{status.reason}"
             level = {"failed": "ERROR", "degraded": "WARN"}.get(status.health, "INFO")
             self._log("log", self._rr.TextLog(text, level=level))

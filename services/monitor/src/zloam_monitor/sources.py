@@ -133,13 +133,21 @@ def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]
     return [] if given else words
 
 
+def _number(values: dict[str, str], name: str, default: float) -> float:
+    text = values.get(name, str(default))
+    try:
+        return float(text)
+    except ValueError:
+        raise SourceError(f"driver.{name}: '{text}': a number is expected") from None
+
+
 def asked(values: dict[str, str]) -> tuple[str, Timing]:
     """Topic and timing from the driver's keys."""
     of = {key.removeprefix("driver."): value for key, value in values.items()}
     timing = Timing(
         model=of.get("time_model", "none"),
-        period_s=float(of.get("scan_period_s", 0.1)),
-        seam_deg=float(of.get("scan_seam_deg", 180.0)),
+        period_s=_number(of, "scan_period_s", 0.1),
+        seam_deg=_number(of, "scan_seam_deg", 180.0),
         field=of.get("time_field", ""),
     )
     return of.get("topic", ""), timing

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3, thin
 from zloam_monitor.link import Link
-from zloam_monitor.records import HEALTH, PoseRecord, StatusRecord
+from zloam_monitor.records import PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
@@ -187,7 +187,7 @@ def _pose(pose: PoseRecord) -> dict[str, Any]:
         "sweep": pose.sweep,
         "xyz": [round(float(v), 3) for v in pose.translation],
         "yaw_deg": round(float(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))), 1),
-        "health": HEALTH[pose.health],
+        "health": pose_health(pose.health),
         "degenerate": pose.degenerate,
         "sigma_m": None if sigma is None else round(float(sigma), 4),
     }
