@@ -22,8 +22,9 @@ from tests.acceptance.decoded import udp_payloads
 from tests.integration.conftest import Capture, kill, simulate
 from tests.integration.hosts import router
 from tests.integration.live_run import LiveRun
-from zloam_monitor import compose, messages
+from zloam_monitor import compose, messages, settings
 from zloam_monitor.processes import free_port
+from zloam_monitor.records import StatusRecord
 
 #: poses of the drive before the fault
 HEALTHY_POSES = 25
@@ -101,6 +102,23 @@ def hanging_mapping(stand: Stand) -> None:
 def second_mapping(stand: Stand) -> None:
     stand.run.chain.start_replica("mapping", "another")
     stand.run.wait(1.0)
+
+
+def strangers_token(stand: Stand) -> None:
+    """A token that says that another instance took over from the real one."""
+    link = stand.run.chain.link
+    claim = link.keys.below("service/mapping/ghost/active/9/0")
+
+    def hold(over: threading.Event) -> None:
+        with link.session.liveliness().declare_token(claim):
+            over.wait()
+
+    stand.beside(hold)
+    stand.run._until(lambda: is_silent(link.stage("mapping")))
+
+
+def is_silent(status: StatusRecord | None) -> bool:
+    return status is not None and settings.is_silent(status)
 
 
 def second_driver(stand: Stand) -> None:
@@ -332,6 +350,7 @@ FAULTS = {
     "which is slow": Fault("mapping takes", slow_mapping),
     "a queue drops": Fault("mapping dropped", slow_mapping),
     "two instances": Fault("there is a second mapping", second_mapping),
+    "a stranger's token": Fault("a token of mapping (ghost, term 9)", strangers_token),
     "two robots of one name": Fault("there is a second driver", second_driver),
     "another configuration": Fault("mounting.xyz_m differs between stages", mounted_elsewhere),
     "clocks of hosts apart": Fault("both need NTP or PTP", clock_ahead),

@@ -21,9 +21,10 @@ from tests.integration.live_run import (
     store_command,
     written_in,
 )
-from zloam_monitor import settings, sources
+from zloam_monitor import doctor, settings, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.link import STANDING_BY, Link
+from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
 from zloam_monitor.trajectory import read
 
@@ -166,6 +167,36 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
     said = (tmp_path / f"{stage}.log").read_text()
     assert "on purpose" in said
     assert "the worker hangs: beginning again" in said
+
+
+@pytest.mark.parametrize("stage", one_quick((*REPLACED, "driver", "store"), "odometry"))
+@pytest.mark.parametrize("term", [1, 1000])
+@pytest.mark.parametrize("name", one_quick(("ghost", "real"), "ghost"))
+def test_a_strangers_token_is_named_and_one_command_makes_the_stage_work_again(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str, term: int, name: str
+) -> None:
+    """The token is older than the stage's own with an equal term, or has a greater term; its
+    instance is one that does not exist, or the stage's own."""
+    run = live(build, robot_file, drive, tmp_path, SECONDS)
+    with run:
+        run.until_poses(FIRST)
+        link = run.chain.link
+
+        def own() -> list[StatusRecord]:
+            return settings.instances(link, stage)
+
+        claimed = own()[0].instance if name == "real" else name
+        claim = link.keys.below(f"service/{stage}/{claimed}/active/{term}/0")
+        with link.session.liveliness().declare_token(claim):
+            run._until(lambda: bool(own()) and all(map(settings.is_silent, own())))
+            found = [each.what for each in doctor.findings(doctor.listen(link, 1.0))]
+            said = f"a token of {stage} ({claimed}, term {term}) is there"
+            assert any(said in what for what in found), found
+            reply = settings.hand_over(link, stage, None)
+            assert reply.ok, reply.message
+            poses, mapped = len(run.poses), len(run.mapped)
+            run._until(lambda: len(run.poses) > poses + APART and len(run.mapped) > mapped + APART)
+            run.end()
 
 
 def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: int) -> int:

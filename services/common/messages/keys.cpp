@@ -82,15 +82,14 @@ constexpr std::array kTable = {
     KeyRow{Key::kAlive, "service/<stage>/<instance>/alive", "", "every stage", C::kQuery, "data",
            N::kNone, "liveliness token"},
     KeyRow{Key::kActive, "service/<stage>/<instance>/active/<term>/<since_ns>", "",
-           "driver, odometry, mapping, integration, store", C::kQuery, "data", N::kNone,
-           "liveliness token"},
+           "every stage without replicas", C::kQuery, "data", N::kNone, "liveliness token"},
     KeyRow{Key::kRun, "service/driver/<instance>/run/<run>", "", "driver", C::kQuery, "data",
            N::kNone, "liveliness token"},
     KeyRow{Key::kCommand, "command/<stage>/<verb>", "command", "every stage", C::kQuery, "data_low",
            N::kNone, "query", kText_bytes},
     // Below command/, so that an access rule covers it.
     KeyRow{Key::kTakeover, "command/<stage>/takeover/<instance>", "",
-           "odometry, mapping, integration", C::kQuery, "data", N::kNone, "query"},
+           "every stage without replicas", C::kQuery, "data", N::kNone, "query"},
     KeyRow{Key::kConfigRevision, "config/<stage>", "config_revision",
            "registration, odometry, mapping", C::kDrop, "data_high", N::kNone, "all", kText_bytes},
 };

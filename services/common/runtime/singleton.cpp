@@ -65,7 +65,8 @@ void Singleton::hear(const std::string& key, bool there) {
   if (!there) {
     others_.erase(*other);
     passed_.erase(*other);
-  } else if (others_.size() < kMostOthers) {
+  } else if (others_.size() < kMostOthers &&
+             is_plausible_term(other->term, std::max(own_.term, greatest_))) {
     others_.insert(*other);
     greatest_ = std::max(greatest_, other->term);
   }

@@ -33,6 +33,13 @@ struct Seniority {
   }
 };
 
+/// A term grows by one with each take-over. One that is far above all that an instance knows is a
+/// stranger's: if it counted, no later instance could have a greater one.
+constexpr bool is_plausible_term(std::uint32_t term, std::uint32_t known) {
+  constexpr std::uint32_t kMostAhead = 1U << 16;
+  return term <= known || term - known <= kMostAhead;
+}
+
 /// ".../service/<stage>/<instance>/active/<term>/<since_ns>"; nothing for another key.
 std::optional<Seniority> seniority_of(const std::string& key);
 

@@ -203,6 +203,7 @@ bool StageCore::work() {
     begins_again_ = true;
     return false;
   }
+  answer_takeover();
   bool busy = run_tasks();
   if (*muted_) {
     // A muted instance processes nothing: its results would compete with the active instance's, and
@@ -296,6 +297,7 @@ void StageCore::close() {
   if (status_thread_.joinable()) status_thread_.join();
   alive_.reset();
   drivers_.reset();
+  takeover_.reset();
   singleton_.reset();
   unsubscribe();
   queryables_.clear();

@@ -22,6 +22,7 @@
 #include "common/runtime/stage.hpp"
 #include "common/runtime/statistics.hpp"
 #include "common/runtime/status.hpp"
+#include "common/runtime/takeover_request.hpp"
 
 namespace zloam::runtime {
 
@@ -133,6 +134,9 @@ class StageCore final : public Stage, private InletEvents {
   void declare_status();
   bool has_elder();
   void wait_for_turn();
+  void declare_takeover();
+  void answer_takeover();
+  void take_over(const char* why, zenoh::Query* query);
   void declare_handover();
   CommandReply hand_over(const std::string& arguments_json);
   void watch_overtaken();
@@ -175,6 +179,8 @@ class StageCore final : public Stage, private InletEvents {
   /// shared with the outlets, acknowledgements and answers; true: nothing is sent
   std::shared_ptr<std::atomic<bool>> muted_ = std::make_shared<std::atomic<bool>>(false);
   std::optional<Singleton> singleton_;
+  const std::shared_ptr<TakeoverRequest> takeover_request_ = std::make_shared<TakeoverRequest>();
+  std::optional<zenoh::Queryable> takeover_;
   /// whether another instance can take over this stage without loss
   bool replaceable_ = false;
 

@@ -121,7 +121,10 @@ StatusFields StageCore::status() const {
   f.figures = figures_;
   f.figures["rss_anon_mib"] = f.usage.rss_anon_mib;
   f.figures["rss_shm_mib"] = f.usage.rss_shm_mib;
-  if (singleton_) f.figures["term"] = singleton_->term();
+  if (singleton_) {
+    f.figures["term"] = singleton_->term();
+    f.figures["silent"] = *muted_ ? 1.0 : 0.0;
+  }
   return f;
 }
 
@@ -139,8 +142,12 @@ void StageCore::note_source(StatusFields* f) const {
 
 /// Reports another instance of this stage if no standby is configured.
 void StageCore::watch_second() {
-  if (!singleton_ || setup_.shared.recovery.standby) return;
-  const std::string others = singleton_->others();
+  if (!singleton_) return;
+  // Standbys are meant to be there, but none of them silences the instance that works.
+  const bool leaves = leaving_ || overtaken_ || (replaceable_ && singleton_->overtaken());
+  const bool silenced = *muted_ && !leaves;
+  const bool meant = setup_.shared.recovery.standby && !silenced;
+  const std::string others = meant ? std::string() : singleton_->others();
   if (!others.empty() && others != said_of_others_) log_warning(others);
   if (others.empty() && !said_of_others_.empty()) log_info("the other instance has gone");
   said_of_others_ = others;

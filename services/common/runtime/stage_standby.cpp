@@ -22,6 +22,8 @@ constexpr std::int64_t kStandByStatus_ns = 1000 * kMs;
 // kKnownElderWait replaces both where an older instance is known to be there.
 constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50}, kKnownElderWait{3000};
 constexpr std::chrono::milliseconds kHandOver{3000};
+// Payload of a request to take over that comes from the instance at work.
+constexpr std::string_view kHandsOver = "handover";
 // Statuses (one per second) after which an overtaken instance whose worker has not ended counts as
 // hanging.
 constexpr int kLooksAtHang = 6;
@@ -61,12 +63,6 @@ class Listener {
   std::optional<zenoh::Subscriber> input_, output_;
 };
 
-/// A request to take over, passed on to the thread that stands by.
-struct Asked {
-  std::mutex mutex;
-  std::optional<zenoh::Query> query;
-};
-
 }  // namespace
 
 void StageCore::watch_tokens() {
@@ -75,6 +71,7 @@ void StageCore::watch_tokens() {
     singleton_.emplace(session_, keys_, id.stage, Seniority{1, started_ns_, id.instance}, muted_);
     const std::vector<std::string> behind = stages_behind_the_source();
     replaceable_ = std::find(behind.begin(), behind.end(), id.stage) != behind.end();
+    declare_takeover();
   }
   // The inputs of a driver belong to no driver's run.
   if (id.stage == "driver") return;
@@ -83,6 +80,40 @@ void StageCore::watch_tokens() {
         const bool there = sample.kind == zenoh::SampleKind::kPut;
         if (const auto run = run_of(sample.key)) gate_.token(sample.key, *run, there);
       });
+}
+
+// Also while this instance works: a stranger's token can silence it, and then only this request
+// gives it its place back before that token goes.
+void StageCore::declare_takeover() {
+  const Identity& id = setup_.identity;
+  takeover_.emplace(
+      session_.declare_queryable(keys_.takeover(id.stage, id.instance),
+                                 [request = takeover_request_, bell = bell_](zenoh::Query&& query) {
+                                   request->set(std::move(query));
+                                   bell->notify();
+                                 }));
+}
+
+/// The request of a stage that works.
+void StageCore::answer_takeover() {
+  std::optional<zenoh::Query> query = takeover_request_->take();
+  if (!query) return;
+  const auto refuse = [&query](std::string_view why) {
+    query->reply_error(zenoh::Bytes::copy_of(why));
+  };
+  if (leaving_) return refuse("this instance is handing over");
+  if (!*muted_) return refuse("this instance works already");
+  // Its state is that of the sweeps before it was silenced, and the other's goes on.
+  if (query->payload().to_string() == kHandsOver) return refuse("this instance does not stand by");
+  take_over("an operator asked for it", &*query);
+}
+
+void StageCore::take_over(const char* why, zenoh::Query* query) {
+  singleton_->take_over();
+  log_info("taking over", {{"why", why}, {"term", singleton_->term()}});
+  if (query == nullptr) return;
+  query->reply(keys_.takeover(setup_.identity.stage, setup_.identity.instance),
+               zenoh::Bytes::copy_of(std::to_string(singleton_->term())));
 }
 
 bool StageCore::has_elder() {
@@ -120,20 +151,10 @@ bool StageCore::stand_by() {
 
 void StageCore::wait_for_turn() {
   const bool meant = setup_.shared.recovery.standby || setup_.was_overtaken;
-  const Identity& id = setup_.identity;
-  const std::string key = keys_.takeover(id.stage, id.instance);
-  const auto asked = std::make_shared<Asked>();
   std::optional<Listener> listener;
   if (replaceable_) {
-    queryables_.push_back(
-        session_.declare_queryable(key, [asked, bell = bell_](zenoh::Query&& query) {
-          {
-            const std::lock_guard lock(asked->mutex);
-            asked->query.emplace(std::move(query));
-          }
-          bell->notify();
-        }));
-    listener.emplace(session_, keys_, stage_list()[*stage_place(id.stage)], setup_.longest_work);
+    const StageRow& row = stage_list()[*stage_place(setup_.identity.stage)];
+    listener.emplace(session_, keys_, row, setup_.longest_work);
   }
   std::int64_t told_ns = 0;
   const char* why = "the other instance has gone";
@@ -145,12 +166,8 @@ void StageCore::wait_for_turn() {
       why = "the other instance does nothing with what comes";
       break;
     }
-    {
-      const std::lock_guard lock(asked->mutex);
-      query = std::exchange(asked->query, std::nullopt);
-    }
-    if (query) {
-      why = "the other instance hands over";
+    if (query = takeover_request_->take(); query) {
+      why = "the other instance hands over, or an operator asked for it";
       break;
     }
     if (steady_ns() - told_ns >= kStandByStatus_ns) {
@@ -162,13 +179,12 @@ void StageCore::wait_for_turn() {
   }
   if (stopping_.load()) return;
   took_over_ = replaceable_;
-  singleton_->take_over();
-  log_info("taking over", {{"why", why}, {"term", singleton_->term()}});
-  if (query) query->reply(key, zenoh::Bytes::copy_of(std::to_string(singleton_->term())));
+  take_over(why, query ? &*query : nullptr);
 }
 
 void StageCore::note_term(std::uint32_t term) {
-  if (singleton_ && term > singleton_->term()) singleton_->at_least(term);
+  if (!singleton_ || term <= singleton_->term()) return;
+  if (is_plausible_term(term, singleton_->term())) singleton_->at_least(term);
 }
 
 void StageCore::declare_handover() {
@@ -196,11 +212,12 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
     for (const std::string& name : waiting) names += (names.empty() ? "" : ", ") + name;
     return {false, "no instance " + to + " of " + stage + " stands by; these do: " + names};
   }
-  singleton_->hold(true);
   leaving_ = true;
+  singleton_->hold(true);
   for (const auto& task : on_hand_over_) task(true);
   zenoh::GetOptions options;
   options.timeout = kHandOver;
+  options.payload = zenoh::Bytes::copy_of(kHandsOver);
   for (const zenoh::Reply& reply : session_.get(keys_.takeover(stage, to), options)) {
     if (!reply.ok()) continue;
     overtaken_ = true;
@@ -211,8 +228,8 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
                       (now.has_sweep ? std::to_string(now.last_sweep) : std::string("none")) +
                       ", term " + reply.sample->payload.to_string()};
   }
-  leaving_ = false;
   singleton_->hold(false);
+  leaving_ = false;
   for (const auto& task : on_hand_over_) task(false);
   return {false, to + " does not answer: this instance goes on"};
 }

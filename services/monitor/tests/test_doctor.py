@@ -12,6 +12,7 @@ import pytest
 from zloam_monitor import cli, doctor
 from zloam_monitor.doctor import Heard, findings
 from zloam_monitor.doctor_files import of_counts
+from zloam_monitor.link import Claim
 from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord, TraceStep
 from zloam_monitor.stages import STAGES
 
@@ -92,6 +93,13 @@ WRONG: dict[str, tuple[Heard, str]] = {
     "a stage hangs": (
         replace(well(), silent_s={**well().silent_s, ("mapping", "mapping-1"): 30.0}),
         "mapping (mapping-1) has said nothing since 30 s",
+    ),
+    "a stranger's token": (
+        replace(
+            changed(well(), "mapping", figures={"silent": 1.0}),
+            strangers=frozenset({Claim("mapping", "ghost", 9, 0)}),
+        ),
+        "a token of mapping (ghost, term 9) is there, and no such instance answers",
     ),
     "a thin link": (replace(well(), late_s=20.0), "arrives 20 s later than at first"),
     "started again": (

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <map>
 #include <set>
 
@@ -123,6 +124,18 @@ std::string said(zenoh::Session& session, const std::string& arguments) {
   return "nobody answered";
 }
 
+std::string asked_to_take_over(zenoh::Session& session, const std::string& instance,
+                               const std::string& payload = {}) {
+  zenoh::GetOptions options;
+  options.payload = zenoh::Bytes::copy_of(payload);
+  options.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+  for (const zenoh::Reply& reply : session.get(kKeys.takeover("integration", instance), options)) {
+    return reply.ok() ? "ok: " + reply.sample->payload.to_string()
+                      : "no: " + reply.error.to_string();
+  }
+  return "nobody answered";
+}
+
 bool waits(Instance& instance) {
   const auto until = std::chrono::steady_clock::now() + kPatience;
   while (instance.stage->status().reason != "standing by") {
@@ -165,6 +178,75 @@ TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   EXPECT_EQ(reply, "no: ghost does not answer: this instance goes on");
   EXPECT_THAT(elder.left.get(), testing::ElementsAre(true, false));
   EXPECT_TRUE(chain.hears("elder", 1));
+}
+
+TEST(HandOver, OneThatAStrangersTokenSilencesWorksAgainWhenItIsAskedTo) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  EXPECT_EQ(asked_to_take_over(chain.session(), "elder"), "no: this instance works already");
+  // Of an equal term, and older.
+  const auto ghost =
+      chain.session().declare_liveliness_token(kKeys.active("integration", "ghost", "1", "0"));
+  std::string reply;
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (!reply.starts_with("ok") && std::chrono::steady_clock::now() < until) {
+    reply = asked_to_take_over(chain.session(), "elder");
+  }
+  EXPECT_EQ(reply, "ok: 2");
+  EXPECT_TRUE(chain.hears("elder", 2));
+}
+
+TEST(HandOver, OneThatStandsByForAStrangersTermWorksWhenItIsAskedTo) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  // Without any stage it would take itself for the first one, and not look for an older instance.
+  const auto stage = chain.session().declare_liveliness_token(kKeys.alive("odometry", "another"));
+  const auto ghost =
+      chain.session().declare_liveliness_token(kKeys.active("integration", "ghost", "1000", "0"));
+  Instance own(network.open(0), "own");
+  ASSERT_TRUE(waits(own));
+  EXPECT_EQ(asked_to_take_over(chain.session(), "own"), "ok: 1001");
+  EXPECT_TRUE(chain.hears("own", 1001));
+}
+
+TEST(HandOver, ATermThatNoTakeOversCanHaveReachedSilencesNobody) {
+  const std::string greatest = std::to_string(std::numeric_limits<std::uint32_t>::max());
+  const Network network(2);
+  Chain chain(network.open(1));
+  const auto before = chain.session().declare_liveliness_token(
+      kKeys.active("integration", "before", greatest, "0"));
+  Instance own(network.open(0), "own");
+  ASSERT_TRUE(chain.hears("own", 1));
+  const auto later =
+      chain.session().declare_liveliness_token(kKeys.active("integration", "later", greatest, "0"));
+  // The same sender's next token has been heard when this one has.
+  const auto after =
+      chain.session().declare_liveliness_token(kKeys.active("integration", "after", "1", "0"));
+  std::string reply;
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (!reply.starts_with("ok") && std::chrono::steady_clock::now() < until) {
+    reply = asked_to_take_over(chain.session(), "own");
+  }
+  EXPECT_EQ(reply, "ok: 2");
+  EXPECT_FALSE(own.stage->begins_again());
+}
+
+TEST(HandOver, OneThatWorkedAndIsSilentIsNoStandbyForAPlannedHandOver) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  const auto ghost =
+      chain.session().declare_liveliness_token(kKeys.active("integration", "ghost", "1", "0"));
+  std::string reply;
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (reply != "no: this instance does not stand by" &&
+         std::chrono::steady_clock::now() < until) {
+    reply = asked_to_take_over(chain.session(), "elder", "handover");
+  }
+  EXPECT_EQ(reply, "no: this instance does not stand by");
 }
 
 TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {

@@ -159,7 +159,9 @@ def place(
 
 @command
 def handover(
-    stage: Annotated[str, typer.Argument(help="odometry, mapping or integration.")],
+    stage: Annotated[
+        str, typer.Argument(help="odometry, mapping or integration; any that a token silences.")
+    ],
     to: Annotated[
         str | None,
         typer.Argument(help="Standby instance. Default: the one that has stood by longest."),
@@ -168,7 +170,10 @@ def handover(
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Let a standby take over a stage's work; no sweep is lost."""
+    """Let a standby take over a stage's work; no sweep is lost.
+
+    A stage that a stranger's token silences (`zloam doctor` names it) works again.
+    """
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:

@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import Any
 
 from zloam_monitor import latency
-from zloam_monitor.link import STANDING_BY, Link
-from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord
+from zloam_monitor.link import STANDING_BY, Claim, Link
+from zloam_monitor.records import Input, PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
@@ -115,9 +115,19 @@ class Heard:
     mapped: list[PoseRecord] = field(default_factory=list)
     #: How much longer than at first a status takes to arrive here, s.
     late_s: float = 0.0
+    #: Tokens that no instance declared that answers.
+    strangers: frozenset[Claim] = frozenset()
 
     def alive(self) -> list[StatusRecord]:
         return [s for who, s in self.after.items() if who in self.living]
+
+    def of(self, stage: str) -> list[StatusRecord]:
+        """Newest statuses of the instances of a stage that still publish them, standbys too."""
+        return [
+            status
+            for (name, _), status in self.after.items()
+            if name == stage and self.silent_s[(name, status.instance)] <= STALE_SECONDS
+        ]
 
     def more(self, who: tuple[str, str], name: str) -> float:
         """Increase of a figure while listening."""
@@ -134,7 +144,8 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
     """Listens to a robot for some seconds; calls `goes_on` several times a second."""
     link.query_statuses()
     link.poll()
-    before, begun = dict(link.statuses), time.monotonic()
+    before, claims = dict(link.statuses), link.claims()
+    begun = time.monotonic()
     # Separately for each key: a stage that is behind still publishes sweeps from before.
     posed, mapped = (max(kept, default=-1) for kept in (link.poses, link.mapped))
     while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
@@ -155,12 +166,17 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
         link.garbage,
         [pose for sweep, pose in sorted(link.mapped.items()) if sweep > mapped],
         link.late.seconds(living),
+        _strangers(claims & link.claims(), link.answering()),
     )
+
+
+def _strangers(claims: set[Claim], answering: list[StatusRecord]) -> frozenset[Claim]:
+    return frozenset(c for c in claims if not any(c.is_of(status) for status in answering))
 
 
 def findings_of_statuses(heard: Heard, health: Rule | None = None) -> list[Finding]:
     """Findings from statuses alone; `health`: rule that reports the stages' own reasons."""
-    rules = (_stages, _late, _restarts, _instances, health or _health, _sensor, _drops)
+    rules = (_stages, _late, _restarts, _instances, _tokens, health or _health, _sensor, _drops)
     return [finding for rule in rules for finding in rule(heard)]
 
 
@@ -239,6 +255,21 @@ def _instances(heard: Heard) -> Iterator[Finding]:
         said = ", ".join(f"{stage} {version}" for stage, version in sorted(versions.items()))
         yield Finding(
             f"the stages are of different versions: {said}", "bring all up to one version"
+        )
+
+
+def _tokens(heard: Heard) -> Iterator[Finding]:
+    """A standby that takes over or a stage that starts may declare a token before it answers:
+    only one that leaves a stage without a working instance is a fault."""
+    for claim in sorted(heard.strangers):
+        silent = [s.figures.get("silent", 0.0) > 0.0 for s in heard.of(claim.stage)]
+        yield Finding(
+            f"a token of {claim.stage} ({claim.instance}, term {claim.term}) is there, and no such "
+            "instance answers",
+            f"if it silences {claim.stage}: zloam handover {claim.stage} lets that work again; "
+            "unless the instance is starting, the token is a stranger's, whom TLS and roles keep "
+            "out (deploy/README.md)",
+            is_fault=bool(silent) and all(silent),
         )
 
 
@@ -342,7 +373,7 @@ def _poses(heard: Heard) -> Iterator[Finding]:
             "see driver.min_range_m, max_range_m, masks, and what covers the sensor",
         ),
     ):
-        count = sum(HEALTH[pose.health] == state for pose in heard.poses)
+        count = sum(pose_health(pose.health) == state for pose in heard.poses)
         if count:
             yield Finding(f"{count} of {len(heard.poses)} poses are {state}", do)
     weak = sum(pose.degenerate for pose in heard.poses)

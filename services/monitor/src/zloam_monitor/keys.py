@@ -98,6 +98,10 @@ class Keys:
         return self.below("service/*/*/alive")
 
     @property
+    def every_active(self) -> str:
+        return self.below("service/*/*/active/*/*")
+
+    @property
     def every_revision(self) -> str:
         return self.below("config/*")
 
@@ -106,6 +110,9 @@ class Keys:
 
     def command(self, stage: str, verb: str) -> str:
         return self.below(f"command/{stage}/{verb}")
+
+    def takeover(self, stage: str, instance: str) -> str:
+        return self.command(stage, f"takeover/{instance}")
 
     def ack(self, sink: str) -> str:
         return self.below(f"flow/{sink}/ack")

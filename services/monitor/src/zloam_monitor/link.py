@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 import queue
+import re
 import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,7 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.traffic import Lateness, Published, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
@@ -36,6 +38,35 @@ BUSY_SECONDS = 15.0
 #: Reason in the status of a standby, which takes over when the working instance ends
 #: (recovery.standby).
 STANDING_BY = "standing by"
+
+
+@dataclass(frozen=True, order=True)
+class Claim:
+    """What the `active` token of an instance says (docs/protocol.md, section 6)."""
+
+    stage: str
+    instance: str
+    term: int
+    since_ns: int
+
+    def is_of(self, status: StatusRecord) -> bool:
+        """True if the instance that published the status declared it."""
+        return (self.stage, self.instance, self.since_ns) == (
+            status.stage,
+            status.instance,
+            status.started_ns,
+        )
+
+
+_CLAIM = re.compile(r"/service/(?P<stage>[^/]+)/(?P<instance>[^/]+)/active/(\d+)/(-?\d+)$")
+
+
+def claim_of(key: str) -> Claim | None:
+    """None: not the token of a stage that has a single working instance."""
+    found = _CLAIM.search(key)
+    if found is None or found["stage"] not in ROWS or ROWS[found["stage"]].replicas:
+        return None
+    return Claim(found["stage"], found["instance"], int(found[3]), int(found[4]))
 
 
 class LinkError(RuntimeError):
@@ -281,6 +312,21 @@ class Link:
         replies = self.session.liveliness().get(self.keys.every_alive, timeout=QUERY_SECONDS)
         parts = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
         return {(part[-3], part[-2]) for part in parts}
+
+    def claims(self) -> set[Claim]:
+        """The tokens by which instances say that they work or could work."""
+        replies = self.session.liveliness().get(self.keys.every_active, timeout=QUERY_SECONDS)
+        found = (claim_of(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None)
+        return {claim for claim in found if claim is not None}
+
+    def answering(self) -> list[StatusRecord]:
+        """The present statuses of all instances, standbys too; also of ended ones that a router
+        keeps."""
+        found = []
+        for payload in self.get(self.keys.every_status):
+            with suppress(*DECODE_ERRORS):
+                found.append(records.status(payload))
+        return found
 
     def living(self) -> set[str]:
         """Stages with a liveliness token."""

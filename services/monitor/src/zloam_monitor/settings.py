@@ -11,7 +11,7 @@ from typing import Any
 
 from zloam_monitor.chain import ChainError
 from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
-from zloam_monitor.records import ReplyRecord, RevisionRecord
+from zloam_monitor.records import ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import ROWS
 
 #: (stage, reply) for each stage that was asked, in the order of the replies.
@@ -81,11 +81,55 @@ def reset(link: Link, stages: Iterable[str]) -> Replies:
 
 
 def hand_over(link: Link, stage: str, to: str | None) -> ReplyRecord:
-    """Makes a standby instance take over a stage's work."""
+    """Makes a standby instance take over a stage's work. If no instance of the stage works, because
+    a stranger's token silences it, makes one of them work in spite of it."""
     able = [row.name for row in ROWS.values() if row.in_chain and row.reads and not row.replicas]
-    if stage not in able:
-        raise ChainError(f"handover: {stage}: one of {', '.join(able)} is expected")
-    return commanded(link, stage, "handover", {} if to is None else {"to": to})
+    single = [row.name for row in ROWS.values() if not row.replicas]
+    unable = ChainError(f"handover: {stage}: one of {', '.join(able)} is expected")
+    if stage not in single:
+        raise unable
+    deadline = time.monotonic() + BUSY_SECONDS
+    while True:
+        there = instances(link, stage)
+        if not all(map(is_silent, there)):
+            if stage not in able:
+                raise unable
+            return commanded(link, stage, "handover", {} if to is None else {"to": to})
+        for status in there:
+            if to in (None, status.instance):
+                reply = _take_over(link, stage, status.instance)
+                if reply is not None:
+                    return reply
+        if time.monotonic() > deadline:
+            named = "no instance" if to is None else f"no instance {to}"
+            raise ChainError(f"handover: {named} of {stage} answered")
+        time.sleep(0.2)
+
+
+def is_silent(status: StatusRecord) -> bool:
+    """True if another instance works in this one's place, or seems to."""
+    return status.figures.get("silent", 0.0) > 0.0
+
+
+def instances(link: Link, stage: str) -> list[StatusRecord]:
+    """Statuses of a stage's instances that live, the one that has run for longest first."""
+    claims = link.claims()
+    living = [
+        status
+        for status in link.answering()
+        if status.stage == stage and any(claim.is_of(status) for claim in claims)
+    ]
+    return sorted(living, key=lambda status: (status.started_ns, status.instance))
+
+
+def _take_over(link: Link, stage: str, instance: str) -> ReplyRecord | None:
+    """Asks an instance itself; None: it did not answer."""
+    for reply in link.replies(link.keys.takeover(stage, instance), seconds=PATIENCE_SECONDS):
+        if reply.ok is not None:
+            term = reply.ok.payload.to_string()
+            return ReplyRecord(True, f"{instance} works now, term {term}", {})
+        return ReplyRecord(False, reply.err.payload.to_string(), {})
+    return None
 
 
 def place(link: Link, x_m: float, y_m: float, yaw_deg: float) -> ReplyRecord:
