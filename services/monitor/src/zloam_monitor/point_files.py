@@ -11,11 +11,23 @@ from numpy.typing import NDArray
 from zloam_monitor import ply
 
 
+def _whole(points: NDArray[Any], named: int) -> NDArray[Any]:
+    """Refuses a file that was cut off between two points, which the libraries take for a whole
+    one."""
+    if len(points) != named:
+        raise ValueError(
+            f"{len(points)} of the {named} points that its header names are in it: copy it again"
+        )
+    return points
+
+
 def _pcd(path: Path) -> tuple[NDArray[Any], int, int]:
     from pypcd4 import PointCloud
 
     cloud = PointCloud.from_path(path)
-    return cloud.pc_data, int(cloud.metadata.width), int(cloud.metadata.height)
+    # The library returns a single line of an ASCII file without a dimension.
+    points = _whole(np.atleast_1d(cloud.pc_data), int(cloud.metadata.points))
+    return points, int(cloud.metadata.width), int(cloud.metadata.height)
 
 
 def _ply(path: Path) -> tuple[NDArray[Any], int, int]:
@@ -27,6 +39,7 @@ def _las(path: Path) -> tuple[NDArray[Any], int, int]:
     import laspy
 
     las = laspy.read(path)
+    _whole(las.points.array, int(las.header.point_count))
     names = [n for n in las.point_format.dimension_names if n not in ("X", "Y", "Z")]
     columns = {n: np.asarray(las[n]) for n in ("x", "y", "z", *names)}
     points = np.empty(len(las), [(n, c.dtype) for n, c in columns.items()])
