@@ -27,7 +27,8 @@ def ascii_pcd(path: Path, count: int = COUNT) -> int:
     path.write_text(
         "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA ascii\n"
-        + "1 2 3\n" * count
+        + "1 2 3\n"
+        * count
     )
     return len("1 2 3\n")
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import tarfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from zloam_monitor import cli, sources
@@ -27,3 +30,60 @@ def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str
 def test_a_setting_that_is_no_number_is_named() -> None:
     with pytest.raises(sources.SourceError, match=r"driver\.scan_period_s: '10 Hz': a number"):
         sources.asked({"driver.scan_period_s": "10 Hz"})
+
+
+def archived(folder: Path, scans: dict[str, bytes]) -> Path:
+    """A KITTI drive as an archive beside nothing else."""
+    folder.mkdir(parents=True)
+    with tarfile.open(folder / "velodyne.tar.xz", "w:xz") as tar:
+        for name, data in scans.items():
+            member = tarfile.TarInfo(f"velodyne/{name}")
+            member.size = len(data)
+            tar.addfile(member, io.BytesIO(data))
+    return folder
+
+
+def contents(source: sources.Source) -> list[bytes]:
+    return [path.read_bytes() for path in sorted(source.path.glob("*.bin"))]
+
+
+def test_drives_of_one_name_are_unpacked_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = archived(tmp_path / "a" / "drive", {"0.bin": b"first"})
+    second = archived(tmp_path / "b" / "drive", {"0.bin": b"second"})
+    to = tmp_path / "unpacked"
+    for folder, data in ((first, b"first"), (second, b"second"), (first, b"first")):
+        assert contents(sources.from_kitti(folder, to)) == [data]
+        monkeypatch.chdir(folder)
+        here = sources.from_kitti(Path(), to)
+        assert (here.title, contents(here)) == ("drive", [data])
+    assert len(list(to.iterdir())) == 2  # Each was unpacked once.
+    (second / "velodyne.tar.xz").unlink()
+    second.rmdir()
+    archived(second, {"0.bin": b"again", "1.bin": b"and more"})
+    assert contents(sources.from_kitti(second, to)) == [b"again", b"and more"]
+
+
+def test_an_archive_that_was_cut_off_leaves_nothing(tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    folder = archived(tmp_path / "drive", {f"{n}.bin": random.bytes(40_000) for n in range(5)})
+    archive, to = folder / "velodyne.tar.xz", tmp_path / "unpacked"
+    whole = archive.read_bytes()
+    damaged = bytearray(whole)
+    damaged[len(whole) // 2] ^= 0xFF
+    for data in (whole[: len(whole) // 2], whole[:-1], whole[:3], bytes(damaged)):
+        archive.write_bytes(data)
+        for _ in range(2):  # The second run finds nothing that the first one left.
+            with pytest.raises(sources.SourceError, match=r"velodyne\.tar\.xz: is cut off or dam"):
+                sources.from_kitti(folder, to)
+            assert not list(to.iterdir())
+    archive.write_bytes(whole)
+    assert sources.from_kitti(folder, to).sweeps == 5
+
+
+def test_an_archive_without_scans_is_refused_each_time(tmp_path: Path) -> None:
+    folder = archived(tmp_path / "drive", {"readme.txt": b"nothing"})
+    for _ in range(2):
+        with pytest.raises(sources.SourceError, match=r"velodyne/\*\.bin is expected"):
+            sources.from_kitti(folder, tmp_path / "unpacked")

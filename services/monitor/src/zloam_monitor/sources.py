@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import lzma
 import subprocess
 import tarfile
+import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from zloam_monitor import claims, places, recordings
+from zloam_monitor import claims, files, places, recordings
 from zloam_monitor.processes import describe_code
 from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
@@ -66,6 +69,11 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
+def _name(path: Path) -> str:
+    """The name for titles and texts, also of the current folder."""
+    return path.resolve().name if path.is_dir() else path.name
+
+
 def _refuse_bag(path: Path) -> None:
     if bags.is_recording(path):
         raise SourceError(f"{path} is a bag, no capture: BAG={path}, or --bag {path}")
@@ -85,14 +93,14 @@ def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> S
     values = dict(setting.split("=", 1) for setting in settings if "=" in setting)
     try:
         for line in stream.described(path, *asked(values)):
-            print(f"{path.name}: {line}", flush=True)
+            print(f"{_name(path)}: {line}", flush=True)
     except recordings.Refused as refused:
         raise SourceError(f"{path}: {refused}") from refused
     words = [f"driver.reader={places.command()}"]
     if robot_log.is_one(path):
         return _from_robot_log(path, words, own_config)
     words += _mounting(path, values, own_config)
-    return Source(path.name, "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=words)
+    return Source(_name(path), "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=words)
 
 
 def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
@@ -108,9 +116,9 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
         words += log.settings()
         changes = log.changes()
     config = ROBOTS / "vlp16-outdoor.yaml"
-    files = log.parts[1:]
+    further = log.parts[1:]
     return Source(
-        path.name, "recording", path, config, settings=words, readings=files, changes=changes
+        path.name, "recording", path, config, settings=words, readings=further, changes=changes
     )
 
 
@@ -129,7 +137,7 @@ def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]
         raise SourceError(f"{path}: {refused}") from refused
     if said:
         stands = "; the mounting that you give stands" if given and words else ""
-        print(f"{path.name}: {said}{stands}", flush=True)
+        print(f"{_name(path)}: {said}{stands}", flush=True)
     return [] if given else words
 
 
@@ -171,21 +179,49 @@ def from_kitti(folder: Path, unpack_to: Path) -> Source:
     scans = folder / "velodyne" if (folder / "velodyne").is_dir() else folder
     archive = folder / "velodyne.tar.xz"
     if scans == folder and archive.is_file():
-        scans = _unpacked(archive, unpack_to / folder.name)
+        scans = _unpacked(archive, unpack_to) / "velodyne"
     count = len(list(scans.glob("*.bin")))
     if count == 0:
-        raise SourceError(f"{folder}: neither *.bin, velodyne/*.bin nor velodyne.tar.xz is in it")
+        raise SourceError(
+            f"{folder}: *.bin, velodyne/*.bin or velodyne.tar.xz with velodyne/*.bin is expected "
+            "in it"
+        )
     truth = sorted(folder.glob("reference_*.txt")) + sorted(folder.glob("poses.txt"))
-    return Source(folder.name, "kitti", scans, ROBOTS / "hdl64e.yaml", truth, count)
+    return Source(_name(folder), "kitti", scans, ROBOTS / "hdl64e.yaml", truth, count)
 
 
-def _unpacked(archive: Path, target: Path) -> Path:
-    done = target / "velodyne"
-    if not done.is_dir():
-        target.mkdir(parents=True, exist_ok=True)
-        with tarfile.open(archive) as tar:
-            tar.extractall(target, filter="data")
-    return done
+def _unpacked(archive: Path, unpack_to: Path) -> Path:
+    """The folder with the contents of this very archive, which appears completely or not at all."""
+    path, status = archive.resolve(), archive.stat()
+    identity = f"{path} {status.st_size} {status.st_mtime_ns}"
+    known = hashlib.sha256(identity.encode()).hexdigest()[:12]
+    target = unpack_to / f"{path.parent.name}-{known}"
+    if target.is_dir():
+        return target
+    unpack_to.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(".part", f"{target.name}-", unpack_to) as scratch:
+        _unpack(archive, part := Path(scratch) / "whole")
+        try:
+            part.rename(target)
+        except OSError:
+            if not target.is_dir():  # Otherwise another program has unpacked it meanwhile.
+                raise
+    return target
+
+
+def _unpack(archive: Path, to: Path) -> None:
+    try:
+        with (
+            files.named(to),
+            lzma.open(archive) as data,
+            tarfile.open(fileobj=data, mode="r:") as tar,
+        ):
+            tar.extractall(to, filter="data")
+            # The check sums stand behind the end of the tar, where tarfile does not read.
+            while data.read(1 << 20):
+                pass
+    except (tarfile.TarError, lzma.LZMAError, EOFError) as error:
+        raise SourceError(f"{archive}: is cut off or damaged ({error}): fetch it again") from error
 
 
 def from_scans(folder: Path) -> Source:
@@ -197,7 +233,7 @@ def from_scans(folder: Path) -> Source:
     if count == 0 or not (folder / "stamps.txt").is_file():
         raise SourceError(f"{folder}: scans/*.bin and stamps.txt are needed")
     truth = [p for p in [folder / "gt_dense.tum"] if p.is_file()]
-    return Source(folder.name, "scans", folder, ROBOTS / "vlp16-outdoor.yaml", truth, count)
+    return Source(_name(folder), "scans", folder, ROBOTS / "vlp16-outdoor.yaml", truth, count)
 
 
 def from_session(path: Path) -> Source:

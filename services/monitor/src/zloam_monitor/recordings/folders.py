@@ -105,7 +105,7 @@ class Folder:
     def __post_init__(self) -> None:
         self._paths = clouds_in(self.path)
         self.topics = [
-            Topic(self.path.name, f"{self._paths[0].suffix[1:]} files", len(self._paths))
+            Topic(self.path.resolve().name, f"{self._paths[0].suffix[1:]} files", len(self._paths))
         ]
         self._stamps = self._stamped()
         if (np.diff(self._stamps) <= 0).any():
