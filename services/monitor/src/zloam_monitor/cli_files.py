@@ -47,8 +47,16 @@ def evaluate(
     from zloam_monitor import answers, evaluation, se3, trajectory
 
     T_base_sensor = se3.from_xyz_rpy_deg(mounting[:3], mounting[3:])
-    of_base = trajectory.read(truth).carried(se3.inverse(T_base_sensor))
-    of_estimate = trajectory.read(estimate)
+    of_sensor, of_estimate = trajectory.read(truth), trajectory.read(estimate)
+    for path, found in ((estimate, of_estimate), (truth, of_sensor)):
+        for remark in trajectory.remarks(path, found):
+            common.said(remark)
+    if reason := evaluation.not_joinable(of_estimate, of_sensor):
+        raise trajectory.TrajectoryError(
+            f"{estimate}, {truth}: a file without times (KITTI) is joined line by line, but "
+            f"{reason}: give both with times (TUM)"
+        )
+    of_base = of_sensor.carried(se3.inverse(T_base_sensor))
     scores = evaluation.evaluate(of_estimate, of_base).as_dict()
     answers.give(as_json, scores, (f"{name}: {_score(value)}" for name, value in scores.items()))
     compared = evaluation.compare(of_estimate, of_base) if plot is not None else None

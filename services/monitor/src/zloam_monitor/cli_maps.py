@@ -215,6 +215,8 @@ def trajectory(
     if to.suffix.lower() not in written:
         raise trajectories.TrajectoryError(f"{to}: {', '.join(written)} is expected")
     found = trajectories.read(source)
+    for remark in trajectories.remarks(source, found):
+        common.said(remark)
     written[to.suffix.lower()](to, found)
     print(f"{to}: {len(found)} poses")
     return 0

@@ -31,6 +31,8 @@ MIN_POSES = 3
 #: when the sensor faces forward, and matching scans without deskewing yields about the pose at
 #: their middle.
 SWEEP_PART_OF_REFERENCE = 0.5
+#: A step longer than this many usual ones shows that a pose between them is missing.
+EVEN_STEPS = 1.5
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,26 @@ def at_part_of_sweep(estimate: Trajectory, part: float) -> tuple[Trajectory, NDA
     back = np.rint((1.0 - part) * (ends[follows] - ends[follows - 1])).astype(np.int64)
     at, _ = interpolate(estimate, ends[follows] - back)
     return Trajectory(at.transforms, at.stamps_ns, estimate.sweeps[follows]), ends[follows] - back
+
+
+def not_joinable(estimate: Trajectory, truth: Trajectory) -> str | None:
+    """Why poses of files can't be joined line by line, as they must be if one has no times.
+
+    Without times, only equal numbers of poses, and even steps where times are known, show that the
+    n-th line of both belongs to one sweep.
+    """
+    if estimate.stamps_ns is not None and truth.stamps_ns is not None:
+        return None
+    if len(estimate) != len(truth):
+        return f"they have {len(estimate)} and {len(truth)} poses"
+    for stamps_ns in (estimate.stamps_ns, truth.stamps_ns):
+        if stamps_ns is None or len(stamps_ns) < MIN_POSES:
+            continue
+        steps_s = 1e-9 * np.diff(stamps_ns)
+        usual_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
+        if longest_s > EVEN_STEPS * usual_s:
+            return f"the times have a step of {longest_s:g} s where {usual_s:g} s are usual"
+    return None
 
 
 def drift(truth: Array, estimate: Array) -> tuple[float | None, float | None]:

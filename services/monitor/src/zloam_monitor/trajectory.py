@@ -40,6 +40,8 @@ class Trajectory:
     transforms: Array
     stamps_ns: Int64 | None = None
     sweeps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    #: Lines of the file with a stamp that a line before them has.
+    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.transforms)
@@ -164,6 +166,13 @@ def read(path: Path) -> Trajectory:
     )
 
 
+def remarks(path: Path, found: Trajectory) -> list[str]:
+    """What a person should know about the file that the poses were read from."""
+    if not found.left_out:
+        return []
+    return [f"{path}: {found.left_out} lines with a stamp that another line has were left out"]
+
+
 def _from_tum(rows: list[Row], values: Array) -> Trajectory:
     unit_quaternions(rows, values[:, 4:8])
     stamps = stamps_ns(rows, values[:, 0])
@@ -171,7 +180,8 @@ def _from_tum(rows: list[Row], values: Array) -> Trajectory:
     keep = np.concatenate(([True], np.diff(stamps[order]) > 0))
     order = order[keep]
     transforms = se3.matrices(values[order, 1:4], values[order, 4:8])
-    return Trajectory(transforms, stamps[order], np.arange(len(order), dtype=np.int64))
+    sweeps = np.arange(len(order), dtype=np.int64)
+    return Trajectory(transforms, stamps[order], sweeps, left_out=len(rows) - len(order))
 
 
 def _from_kitti(rows: list[Row], values: Array) -> Trajectory:
