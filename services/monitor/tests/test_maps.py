@@ -115,3 +115,45 @@ def test_mistakes_are_told(
         assert run(*words) == 1
         assert said in capsys.readouterr().err, words
     assert not (tmp_path / "a.ply").exists()
+
+
+def float64_ply(path: Path, xyz: np.ndarray) -> Path:
+    head = "".join(f"property double {axis}\n" for axis in "xyz")
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(xyz)}\n{head}end_header\n"
+    path.write_bytes(head.encode() + xyz.astype("<f8").tobytes())
+    return path
+
+
+def test_coordinates_that_would_be_rounded_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    near = np.random.default_rng(5).normal(0.0, 50.0, (1000, 3))
+    utm = float64_ply(tmp_path / "utm.ply", near + np.array([691_000.0, 5_335_000.0, 500.0]))
+    huge = float64_ply(tmp_path / "huge.ply", near * 1e300)
+    local = float64_ply(tmp_path / "local.ply", near)
+    to = tmp_path / "to.pcd"
+    for source in (utm, huge):
+        for words in (("map", "info", source), ("map", "convert", source, to)):
+            assert run(*words) == 1
+            assert f"{source}: its coordinates reach" in (said := capsys.readouterr().err)
+            assert "subtract an origin" in said
+    assert not to.exists()
+    assert run("map", "convert", local, to) == 0
+    assert np.abs(maps.read(to).xyz - near).max() < 1e-5
+
+
+def test_points_without_coordinates_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    xyz = np.random.default_rng(5).normal(0.0, 50.0, (100, 3))
+    xyz[:7, 1] = np.nan
+    xyz[7, 2] = np.inf
+    source = float64_ply(tmp_path / "holes.ply", xyz)
+    reported = "8 points without finite coordinates were left out"
+    assert run("map", "info", source) == 0
+    assert reported in capsys.readouterr().out.splitlines()
+    for words in (("convert", source, tmp_path / "a.pcd"), ("autoware", source, tmp_path / "a")):
+        assert run("map", *words) == 0
+        assert f"{source}: {reported}" in capsys.readouterr().err
+    assert run("map", "info", tmp_path / "a.pcd") == 0
+    assert "left out" not in capsys.readouterr().out

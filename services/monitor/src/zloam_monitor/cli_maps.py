@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
+
+if TYPE_CHECKING:
+    from zloam_monitor.maps import PointMap
 
 Source = Annotated[Path, typer.Argument(metavar="FROM", help="PCD, PLY, LAS or LAZ file.")]
 Target = Annotated[
@@ -147,9 +150,9 @@ def map_grid(
     ] = (0.2, 2.0),
 ) -> int:
     """Write an occupancy grid for Nav2: pgm and yaml."""
-    from zloam_monitor import map_exports, maps
+    from zloam_monitor import map_exports
 
-    grid = map_exports.occupancy(maps.read(source), cell, height)
+    grid = map_exports.occupancy(_read(source), cell, height)
     image = map_exports.write_grid(to, grid)
     rows, columns = grid.cells.shape
     occupied, free = grid.count(map_exports.OCCUPIED), grid.count(map_exports.FREE)
@@ -164,12 +167,22 @@ def map_autoware(
     tile: Annotated[float, typer.Option(help="Edge of a tile, m.")] = 20.0,
 ) -> int:
     """Write a point cloud map for Autoware: tiles, their metadata, and the projection."""
-    from zloam_monitor import map_exports, maps
+    from zloam_monitor import map_exports
 
-    found = maps.read(source)
+    found = _read(source)
     tiles = map_exports.write_autoware(to, found, tile)
     print(f"{to}: {len(found)} points in {tiles} tiles")
     return 0
+
+
+def _read(source: Path) -> PointMap:
+    """Reads a map, and reports what is not in the result although it is in the file."""
+    from zloam_monitor import maps
+
+    found = maps.read(source)
+    if found.left_out:
+        common.said(f"{source}: {maps.left_out_text(found.left_out)}")
+    return found
 
 
 def _written(
@@ -181,7 +194,7 @@ def _written(
 ) -> int:
     from zloam_monitor import maps
 
-    found = maps.read(source)
+    found = _read(source)
     kept = maps.cropped(found, limits)
     if layer is not None:
         kept = maps.of_layer(kept, layer)

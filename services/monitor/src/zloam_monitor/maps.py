@@ -21,6 +21,8 @@ from zloam_monitor.point_files import READERS
 
 #: Resolution of coordinates in LAS, whose 32 bits then reach 214 km.
 LAS_STEP_M = 1e-4
+#: Largest difference from a file's coordinates that the 32-bit numbers of a map may have.
+LARGEST_LOSS_M = 0.005
 #: User and number of the record in a LAS file that holds the notes.
 LAS_USER, LAS_NOTES = "zenoh-loam", 1
 
@@ -35,6 +37,8 @@ class PointMap:
 
     points: NDArray[Any]
     layers: NDArray[np.uint8]
+    #: Points of the file without finite coordinates.
+    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.points)
@@ -66,16 +70,30 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     missing = [axis for axis in "xyz" if axis not in names]
     if missing:
         raise MapError(f"{path}: has no {', '.join(missing)}")
+    xyz = np.column_stack([found[axis].astype(np.float64) for axis in "xyz"])
+    finite = np.isfinite(xyz).all(axis=1)
+    found, xyz = found[finite], xyz[finite]
+    _refuse_if_rounded(xyz, path)
     points = np.zeros(len(found), MAP_POINT)
-    for axis in "xyz":
-        points[axis] = found[axis]
+    for axis, column in zip("xyz", xyz.T, strict=True):
+        points[axis] = column
     intensity = next((n for n in ("intensity", "reflectivity") if n in names), None)
     if intensity:
         points["intensity"] = found[intensity]
     layer = next((n for n in ("layer", "user_data") if n in names), None)
     layers = found[layer].astype(np.uint8) if layer else np.ones(len(found), np.uint8)
-    finite = np.isfinite(np.column_stack([points[axis] for axis in "xyz"])).all(axis=1)
-    return PointMap(points[finite], layers[finite])
+    return PointMap(points, layers, int((~finite).sum()))
+
+
+def _refuse_if_rounded(xyz: NDArray[np.float64], path: Path) -> None:
+    """Georeferenced coordinates, e.g. of UTM, are too large for a map's 32-bit numbers."""
+    with np.errstate(over="ignore"):
+        loss_m = np.abs(xyz - xyz.astype(np.float32)).max(initial=0.0)
+    if loss_m > LARGEST_LOSS_M:
+        raise MapError(
+            f"{path}: its coordinates reach {np.abs(xyz).max():.9g} m, where the 32-bit numbers "
+            f"of a map are up to {loss_m:.3g} m off: subtract an origin from them first"
+        )
 
 
 def _write_pcd(path: Path, found: PointMap, notes: Sequence[str]) -> None:
@@ -175,6 +193,7 @@ def thinned(found: PointMap, voxel_m: float) -> PointMap:
 def described(path: Path, found: PointMap) -> dict[str, Any]:
     """Describes the contents of a map file; limits are left out if there are no points."""
     out: dict[str, Any] = {"file": path, "points": len(found), "bytes": path.stat().st_size}
+    out["points_left_out"] = found.left_out
     if not len(found):
         return out
     columns = {f"{axis}_m": found.xyz[:, k] for k, axis in enumerate("xyz")}
@@ -186,9 +205,15 @@ def described(path: Path, found: PointMap) -> dict[str, Any]:
     return out
 
 
+def left_out_text(count: int) -> str:
+    return f"{count} points without finite coordinates were left out"
+
+
 def lines(described: dict[str, Any]) -> list[str]:
     """Text for a person."""
     said = [f"{described['file']}: {described['points']} points, {described['bytes'] / 1e6:.1f} MB"]
+    if count := described["points_left_out"]:
+        said.append(left_out_text(count))
     said += [f"{name}: {count} points" for name, count in described.get("layers", {}).items()]
     for name, (low, high) in described.get("limits", {}).items():
         axis, unit, _ = name.partition("_m")
