@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from zloam_monitor import cli, comparison, support, trajectory
 from zloam_monitor.trajectory import Trajectory, TrajectoryError
@@ -33,7 +34,10 @@ def test_how_far_they_are_apart(tmp_path: Path) -> None:
     first = comparison.read(a_run(tmp_path / "a", drive(), cpu_ms_per_sweep={"mapping": 10.0}))
     second = comparison.read(a_run(tmp_path / "b", drive(40, 0.25), wall_s=3.0))
     said = comparison.lines(comparison.compared(first, second))
-    assert said[0] == ("trajectories: 0.2500 m apart (rms), at most 0.2500 m, at 40 instants of 40")
+    assert said[0] == (
+        "trajectories: 0.2500 m apart (rms), at most 0.2500 m and 0.000 deg, "
+        "at 40 common instants of 50 and 40 poses"
+    )
     assert any(line.split() == ["CPU", "of", "mapping,", "ms", "10.0", "–"] for line in said)
     assert any(line.split() == ["wall", "time,", "s", "–", "3.0"] for line in said)
     assert comparison.lines(comparison.compared(first, first))[0] == "trajectories: the same poses"
@@ -43,6 +47,34 @@ def test_recordings_of_different_times_have_nothing_in_common(tmp_path: Path) ->
     first = comparison.read(a_run(tmp_path / "a", drive()))
     second = comparison.read(a_run(tmp_path / "b", drive(begin_ns=2 * 10**18)))
     assert "no instant in common" in comparison.lines(comparison.compared(first, second))[0]
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 1
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "a")]) == 0
+
+
+def test_equal_positions_are_not_the_same_poses(tmp_path: Path) -> None:
+    """Neither with other headings, nor if the runs overlap in a part of their instants only."""
+    first = comparison.read(a_run(tmp_path / "a", drive()))
+    turned = drive()
+    turned.transforms[:, :3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    late = drive(60)
+    assert late.stamps_ns is not None
+    late = Trajectory(late.transforms[10:], late.stamps_ns[10:])
+    for name, poses, said in (
+        ("b", turned, "0.0000 m and 90.000 deg, at 50 common instants of 50 and 50 poses"),
+        ("c", late, "0.0000 m and 0.000 deg, at 40 common instants of 50 and 50 poses"),
+    ):
+        found = comparison.compared(first, comparison.read(a_run(tmp_path / name, poses)))
+        assert not found.same_poses
+        assert comparison.lines(found)[0].endswith(said)
+
+
+def test_the_poses_of_the_reported_run_are_compared(tmp_path: Path) -> None:
+    """After a second run in one folder, trajectory.tum has the poses of the first."""
+    twice = a_run(tmp_path / "a", drive(30, 7.0), trajectory_file="trajectory_2.tum")
+    trajectory.write_tum(twice / "trajectory_2.tum", drive(50))
+    once = a_run(tmp_path / "b", drive(50))
+    found = comparison.compared(comparison.read(twice), comparison.read(once))
+    assert found.same_poses
 
 
 def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

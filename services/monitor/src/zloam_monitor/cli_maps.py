@@ -246,7 +246,7 @@ def compare(
 
     found = comparison.compared(comparison.read(first), comparison.read(second))
     answers.give(as_json, found, comparison.lines(found))
-    return 0
+    return 0 if found.instants else 1
 
 
 @command

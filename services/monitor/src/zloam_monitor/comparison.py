@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from zloam_monitor import trajectory
+from zloam_monitor import se3, trajectory
 from zloam_monitor.report import number_text
 from zloam_monitor.trajectory import Trajectory, TrajectoryError, interpolate, longest_step_ns
 
+Array = NDArray[np.float64]
 #: Figures of report.json: name, path in the JSON, digits.
 FIGURES = (
     ("sweeps", ("identities", "sweeps"), 0),
@@ -50,15 +52,30 @@ def read(folder: Path) -> Finished:
         raise TrajectoryError(f"{path}: cannot be read: {error}") from error
     if not isinstance(report, dict):
         raise TrajectoryError(f"{path}: is no report of a run")
-    return Finished(folder, report, trajectory.read(folder / "trajectory.tum"))
+    # A folder in which the stages saw several runs has the poses of each in a file of its own.
+    poses = folder / str(report.get("trajectory_file") or "trajectory.tum")
+    return Finished(folder, report, trajectory.read(poses))
 
 
-def apart_m(a: Trajectory, b: Trajectory) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Distances, without alignment, at the instants of b that lie within a."""
+def apart(a: Trajectory, b: Trajectory) -> tuple[Array, Array]:
+    """Distances in m and angles in deg, without alignment, at the instants of b that lie within
+    a."""
     if a.stamps_ns is None or b.stamps_ns is None:
         raise TrajectoryError("trajectories without time stamps cannot be compared")
     at, inside = interpolate(a, b.stamps_ns, longest_step_ns(a))
-    return np.asarray(np.linalg.norm(at.positions - b.positions[inside], axis=1), np.float64)
+    between = se3.inverse(at.transforms) @ b.transforms[inside]
+    far_m = np.linalg.norm(at.positions - b.positions[inside], axis=1)
+    return np.asarray(far_m, np.float64), np.degrees(se3.rotation_angle_rad(between))
+
+
+def _same(a: Trajectory, b: Trajectory) -> bool:
+    """All poses are equal, with their instants and headings."""
+    return (
+        a.stamps_ns is not None
+        and b.stamps_ns is not None
+        and np.array_equal(a.stamps_ns, b.stamps_ns)
+        and np.array_equal(a.transforms, b.transforms)
+    )
 
 
 def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
@@ -74,13 +91,16 @@ class Compared:
 
     first: Path
     second: Path
-    #: All poses of both runs are equal.
+    #: All poses of both runs are equal, with their instants.
     same_poses: bool
-    #: Number of the second run's poses at whose instants the first has a pose, too; and of all.
+    #: Number of the second run's poses at whose instants the first has a pose, too; of all poses of
+    #: the second; and of all poses of the first.
     instants: int
     of_poses: int
+    first_poses: int
     rms_m: float | None
     max_m: float | None
+    max_deg: float | None
     #: name -> (first, second); None if a run does not have the figure.
     figures: dict[str, tuple[float | None, float | None]]
 
@@ -105,16 +125,18 @@ def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None,
 
 def compared(first: Finished, second: Finished) -> Compared:
     """Compares two runs; raises TrajectoryError if their trajectories cannot be compared."""
-    far_m = apart_m(first.poses, second.poses)
+    far_m, turned_deg = apart(first.poses, second.poses)
     any_m = len(far_m) > 0
     return Compared(
         first.folder,
         second.folder,
-        any_m and bool((far_m == 0.0).all()) and len(first.poses) == len(second.poses),
+        _same(first.poses, second.poses),
         len(far_m),
         len(second.poses),
+        len(first.poses),
         float(np.sqrt(np.mean(far_m**2))) if any_m else None,
         float(far_m.max()) if any_m else None,
+        float(turned_deg.max()) if any_m else None,
         _figures(first, second),
     )
 
@@ -125,8 +147,9 @@ def _apart(found: Compared) -> str:
     if found.same_poses:
         return "the same poses"
     return (
-        f"{found.rms_m:.4f} m apart (rms), at most {found.max_m:.4f} m, "
-        f"at {found.instants} instants of {found.of_poses}"
+        f"{found.rms_m:.4f} m apart (rms), at most {found.max_m:.4f} m and "
+        f"{found.max_deg:.3f} deg, "
+        f"at {found.instants} common instants of {found.first_poses} and {found.of_poses} poses"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -56,8 +57,15 @@ class Files:
 def truths_of_base(
     paths: list[Path], T_base_lidar: np.ndarray[Any, np.dtype[np.float64]]
 ) -> dict[str, Trajectory]:
-    """References, which are poses of the sensor, carried to base_link."""
-    return {path.name: trajectory.read(path).carried(se3.inverse(T_base_lidar)) for path in paths}
+    """References, which are poses of the sensor, carried to base_link; by the file's name, or by
+    the path if several files have one name."""
+    named = Counter(path.name for path in dict.fromkeys(paths))
+    return {
+        path.name if named[path.name] == 1 else str(path): trajectory.read(path).carried(
+            se3.inverse(T_base_lidar)
+        )
+        for path in paths
+    }
 
 
 def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
@@ -164,6 +172,13 @@ def collected(folder: Path, run: Run) -> Run:
     return run
 
 
+def trajectory_file(folder: Path, run: Run) -> str | None:
+    """Name of the file with the reported run's poses; None: the run has none."""
+    if not len(run.trajectory):
+        return None
+    return of_run(Files(folder).trajectory_tum, run.trajectory).name
+
+
 def earlier_runs(folder: Path, run: Run) -> list[str]:
     """Files with poses of runs before the reported one."""
     plain = Files(folder).trajectory_tum
@@ -236,6 +251,7 @@ def write_all(
     write_poses(files.poses, run)
     found = report.build(run)
     found["not_written"] = missing + run.not_recorded
+    found["trajectory_file"] = trajectory_file(folder, run)
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)
     write_picture(folder, title, run)
