@@ -29,12 +29,20 @@ class Robot:
     lives: bool = True
     #: Number of queries for tokens before mapping is among them.
     lives_after: int = 0
+    #: Number of queries for statuses that mapping does not answer.
+    mute_for: int = 0
+    last_sweep: int | None = 41
     keys: Keys = field(default_factory=lambda: Keys("carol"))
 
-    def query_statuses(self) -> None: ...
+    def query_statuses(self) -> None:
+        self.mute_for -= 1
 
     def stage(self, _stage: str) -> Any:
-        return SimpleNamespace(last_sweep=41, figures={"map_points": float(self.map_points)})
+        if self.mute_for >= 0:
+            return None
+        known = self.last_sweep is not None
+        figures = {"map_points": float(self.map_points)} if known else {}
+        return SimpleNamespace(last_sweep=self.last_sweep, figures=figures)
 
     def living(self) -> set[str]:
         self.lives_after -= 1
@@ -61,6 +69,8 @@ def test_an_answer_that_was_lost_is_asked_for_again(tmp_path: Path) -> None:
     to = tmp_path / "town.pcd"
     saved = save(Robot([[tile(0, 5)], [tile(0, 5), tile(1, 3)]], 8), to)
     assert (saved.points, saved.tiles, saved.map_id, saved.sweep) == (8, 2, 7, 41)
+    assert saved.points_of_map == 8
+    assert len(saved.lines()) == 1
     assert len(maps.read(to)) == 8
     assert b"# mapping.leaf_plane_m: 0.4\n" in to.read_bytes()
     assert b"mapping.every" not in to.read_bytes()
@@ -87,6 +97,8 @@ def test_a_mapping_without_points_is_not_waited_for(tmp_path: Path) -> None:
         (Robot([[]], 0), "there is no map yet"),
         (Robot([[]], 0, lives=False), "there is no map yet"),
         (Robot([[tile(0, 5), tile(1, 5, map_id=8)]], 8), "a new map has just begun"),
+        # One of two layers, of a mapping whose statuses do not come.
+        (Robot([[tile(0, 5)]], 8, mute_for=10**6), "lives but does not say how many points"),
     ],
 )
 def test_otherwise_nothing_is_written(robot: Robot, said: str, tmp_path: Path) -> None:
@@ -97,4 +109,17 @@ def test_otherwise_nothing_is_written(robot: Robot, said: str, tmp_path: Path) -
 
 def test_a_store_answers_for_a_mapping_that_is_gone(tmp_path: Path) -> None:
     saved = save(Robot([[tile(0, 5)]], 0, lives=False), tmp_path / "town.ply")
-    assert (saved.points, saved.sweep) == (5, None)
+    assert (saved.points, saved.sweep, saved.points_of_map) == (5, None, None)
+    assert "mapping did not say how many points" in saved.lines()[-1]
+
+
+def test_a_status_that_comes_late_is_waited_for(tmp_path: Path) -> None:
+    robot = Robot([[tile(0, 5)], [tile(0, 5), tile(1, 3)]], 8, mute_for=3)
+    assert save(robot, tmp_path / "town.ply").points == 8
+
+
+def test_a_mapping_before_its_first_sweep_says_no_number(tmp_path: Path) -> None:
+    """It may have resumed a stored map."""
+    saved = save(Robot([[tile(0, 5)]], 0, last_sweep=None), tmp_path / "town.ply")
+    assert (saved.points, saved.points_of_map) == (5, None)
+    assert "mapping did not say how many points" in saved.lines()[-1]

@@ -30,20 +30,38 @@ class Saved:
     map_id: int
     #: Newest sweep in the map when it was queried.
     sweep: int | None
+    #: Points that the map had at least, by mapping's status. None: mapping did not say, and a part
+    #: of the map may be missing.
+    points_of_map: int | None
 
     def lines(self) -> list[str]:
         """Text for a person."""
         until = "" if self.sweep is None else f", up to sweep {self.sweep} or later"
         what = f"{self.points} points of {self.tiles} tiles"
-        return [f"{self.file}: {what} in {self.seconds:.1f} s{until}"]
+        said = [f"{self.file}: {what} in {self.seconds:.1f} s{until}"]
+        if self.points_of_map is None:
+            said.append("  mapping did not say how many points its map has: a part may be missing")
+        return said
+
+
+@dataclass(frozen=True)
+class Told:
+    """The map by mapping's status, before it is queried."""
+
+    #: Newest sweep in it.
+    sweep: int | None = None
+    #: Number of points, the least that the map must have, as it does not shrink.
+    points: int | None = None
+    #: A mapping without a sweep may have no point yet; a tile store without mapping has some.
+    least: int = 1
 
 
 def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
     """Saves the map; raises, and writes nothing, if there is no map or a part of it is missing."""
     began = time.monotonic()
     deadline = began + BUSY_SECONDS
-    sweep, least = _told(link, began + PATIENCE_SECONDS)
-    tiles = _whole(link, least, deadline)
+    told = _told(link, began + PATIENCE_SECONDS, deadline)
+    tiles = _whole(link, told.least, deadline)
     map_ids = {tile.map_id for tile in tiles}
     if len(map_ids) > 1:
         raise MapError("a new map has just begun, and the answers are of both: save again")
@@ -51,23 +69,32 @@ def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
     if voxel_m is not None:
         found = maps.thinned(found, voxel_m)
     (map_id,) = map_ids
-    maps.write(to, found, _notes(link, map_id, sweep, voxel_m))
+    maps.write(to, found, _notes(link, map_id, told.sweep, voxel_m))
     took_s = time.monotonic() - began
-    return Saved(to, link.keys.robot, len(found), len(tiles), took_s, map_id, sweep)
+    robot, count = link.keys.robot, len(found)
+    return Saved(to, robot, count, len(tiles), took_s, map_id, told.sweep, told.points)
 
 
-def _told(link: Link, deadline: float) -> tuple[int | None, int]:
-    """(newest sweep, number of points) by mapping's status: the least that the map must have, as
-    it does not shrink."""
+def _told(link: Link, patience: float, deadline: float) -> Told:
+    """Waits for mapping's token until `patience`, and for its status, if it lives, until
+    `deadline`."""
     while True:
         link.query_statuses()
-        status = link.stage("mapping")
-        if status is not None and "mapping" in link.living():
-            unknown = 0 if status.last_sweep is None else 1
-            return status.last_sweep, int(status.figures.get("map_points", unknown))
-        if time.monotonic() > deadline:
-            # The tile store may still answer; it does not report how many points the map had.
-            return None, 1
+        status, lives = link.stage("mapping"), "mapping" in link.living()
+        if lives and status is not None:
+            points = status.figures.get("map_points")
+            least = 0 if status.last_sweep is None else 1
+            if points is None:
+                return Told(status.last_sweep, None, least)
+            return Told(status.last_sweep, int(points), int(points))
+        now = time.monotonic()
+        if lives and now > deadline:
+            raise MapError(
+                "mapping lives but does not say how many points its map has: nothing is written; "
+                "save again"
+            )
+        if not lives and now > patience:
+            return Told()  # The tile store may still answer.
         time.sleep(PAUSE_S)
 
 
