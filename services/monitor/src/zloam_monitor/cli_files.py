@@ -160,11 +160,11 @@ def recording(
     from zloam_monitor.recordings import stream as frames
     from zloam_monitor.recordings.sweeps import Timing
 
-    timing = Timing(time_model, period_s, seam_deg, time_field)
-    if stream:
-        wanted = imu_topic if imu else None
-        return frames.write(file, topic, timing, sys.stdout.buffer, wanted)
     try:
+        timing = Timing(time_model, period_s, seam_deg, time_field)
+        if stream:
+            wanted = imu_topic if imu else None
+            return frames.write(file, topic, timing, sys.stdout.buffer, wanted)
         for line in frames.described(file, topic, timing):
             print(line)
     except recordings.Refused as refused:

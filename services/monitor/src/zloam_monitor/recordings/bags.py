@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -95,14 +96,12 @@ class Bag:
     def __init__(self, path: Path, reader: Any) -> None:
         self.path = path
         self._reader = reader
-        self.topics = sorted(
-            (
-                Topic(c.topic, c.msgtype, c.msgcount)
-                for c in reader.connections
-                if c.msgtype in KINDS
-            ),
-            key=lambda t: t.name,
-        )
+        # A driver that was restarted has a connection for each of its starts.
+        messages = Counter[tuple[str, str]]()
+        for each in reader.connections:
+            if each.msgtype in KINDS:
+                messages[(each.topic, each.msgtype)] += each.msgcount
+        self.topics = [Topic(*named, count) for named, count in sorted(messages.items())]
 
     def choose(self, name: str) -> Topic:
         """The topic of this name, or the only one; raises Refused otherwise."""

@@ -69,14 +69,21 @@ def _times_in_file(folder: Path, count: int) -> tuple[Path, list[int]] | None:
     for name in STAMP_FILES:
         for path in (folder / name, folder.parent / name):
             if path.is_file():
-                lines = path.read_text(encoding="utf-8-sig").split()
+                lines = _utf8(path).split()
                 if len(lines) != count:
                     raise Refused(f"{path} has {len(lines)} times for {count} clouds")
                 try:
                     return path, [time_ns(t) or FIRST_NS + round(1e9 * float(t)) for t in lines]
-                except ValueError as error:
+                except (ValueError, OverflowError) as error:
                     raise Refused(f"{path}: {error}") from error
     return None
+
+
+def _utf8(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise Refused(f"{path}: is not UTF-8 text, as which it must be saved") from error
 
 
 def _times_by_number(paths: list[Path], period_ns: int) -> list[int]:

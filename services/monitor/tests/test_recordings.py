@@ -1,0 +1,77 @@
+"""Recordings that other programs leave in forms of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from zloam_monitor import cli, clouds
+from zloam_monitor.messages import MAP_POINT
+from zloam_monitor.recordings import Refused, bags, folders
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+STAMP_NS = 10**18
+
+
+def a_bag(path: Path, starts: dict[str, int]) -> Path:
+    """A ROS 1 bag: topic with the name of its publisher -> number of messages."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    header = types["std_msgs/msg/Header"](0, types["builtin_interfaces/msg/Time"](10**9, 0), "l")
+    cloud = types[CLOUD](header, 1, 0, [], False, 1, 0, np.empty(0, np.uint8), True)
+    with Writer(path) as bag:
+        for publisher, count in starts.items():
+            topic = publisher.partition(" ")[0]
+            connection = bag.add_connection(topic, CLOUD, typestore=store, callerid=publisher)
+            for n in range(count):
+                bag.write(connection, STAMP_NS + n, store.serialize_ros1(cloud, CLOUD))
+    return path
+
+
+def test_a_topic_of_a_driver_that_was_restarted_is_one(tmp_path: Path) -> None:
+    path = a_bag(tmp_path / "drive.bag", {"/points first": 3, "/points second": 4})
+    with bags.opened(path) as bag:
+        assert [str(topic) for topic in bag.topics] == ["/points (PointCloud2, 7 messages)"]
+        assert bag.choose("") == bag.choose("/points") == bag.topics[0]
+        assert len(list(bag.messages(bag.topics[0]))) == 7
+
+
+def test_several_topics_remain_several(tmp_path: Path) -> None:
+    path = a_bag(tmp_path / "drive.bag", {"/a 1": 1, "/b 1": 2, "/a 2": 3})
+    with bags.opened(path) as bag:
+        assert [(topic.name, topic.messages) for topic in bag.topics] == [("/a", 4), ("/b", 2)]
+        with pytest.raises(Refused, match="several topics"):
+            bag.choose("")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("a.pcd", "b.pcd"):
+        clouds.write_pcd(tmp_path / name, np.zeros(1, MAP_POINT), np.zeros(1, np.uint8))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ("0.0\n0.1\n".encode("utf-16"), r"times\.txt: is not UTF-8 text"),
+        (b"0.0\ninf\n", r"times\.txt: "),
+        (b"0.0\nnan\n", r"times\.txt: "),
+    ],
+)
+def test_times_that_can_not_be_read_name_their_file(folder: Path, data: bytes, said: str) -> None:
+    (folder / "times.txt").write_bytes(data)
+    with pytest.raises(Refused, match=said), folders.opened(folder, 0.1):
+        pass
+
+
+@pytest.mark.parametrize("more", [(), ("--stream",)])
+def test_a_time_model_that_there_is_not(
+    folder: Path, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["recording", str(folder), "--time-model", "foo", *more]) == 1
+    assert "driver.time_model: foo is none of none, clockwise" in capsys.readouterr().err
