@@ -157,3 +157,18 @@ def test_points_without_coordinates_are_counted(
         assert f"{source}: {reported}" in capsys.readouterr().err
     assert run("map", "info", tmp_path / "a.pcd") == 0
     assert "left out" not in capsys.readouterr().out
+
+
+def test_points_that_reach_too_far_for_las_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """32 bits at steps of 0.1 mm reach 214.7 km."""
+    far = float64_ply(tmp_path / "far.ply", np.array([[-110_000.0, 0, 0], [110_000.0, 0, 0]]))
+    near = float64_ply(tmp_path / "near.ply", np.array([[-107_000.0, 0, 0], [107_000.0, 0, 0]]))
+    for suffix in (".las", ".laz"):
+        to = tmp_path / f"map{suffix}"
+        assert run("map", "convert", far, to) == 1
+        assert f"{to}: the points reach 220000 m far" in capsys.readouterr().err
+        assert not to.exists()
+        assert run("map", "convert", near, to) == 0
+        assert maps.read(to).points["x"].tolist() == [-107_000.0, 107_000.0]

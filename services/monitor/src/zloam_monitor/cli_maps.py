@@ -63,6 +63,8 @@ def map_save(
     from zloam_monitor import answers, discovery, map_saving, maps
 
     maps.writable(to)
+    if voxel is not None:
+        maps.check_voxel(voxel)
     with discovery.linked(robot, common.endpoints(connect)) as link:
         saved = map_saving.save(link, to, voxel)
     answers.give(as_json, saved, saved.lines())
@@ -109,6 +111,7 @@ def map_export(
     """Write a run's map with loops closed, for other programs."""
     from zloam_monitor import sessions
 
+    sessions.exportable(to, voxel)
     with sessions.opened(common.kept(preset_dir), folder) as found:
         print(f"{to}: {sessions.export(found, to, voxel)}")
     # A damaged map, or loops that could not be closed, were reported by zloam-sessions.

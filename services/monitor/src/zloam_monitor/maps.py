@@ -19,8 +19,9 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.point_files import READERS
 
-#: Resolution of coordinates in LAS, whose 32 bits then reach 214 km.
+#: Resolution of coordinates in LAS, and how far its 32 bits then reach.
 LAS_STEP_M = 1e-4
+LAS_REACH_M = LAS_STEP_M * np.iinfo(np.int32).max
 #: Largest difference from a file's coordinates that the 32-bit numbers of a map may have.
 LARGEST_LOSS_M = 0.005
 #: User and number of the record in a LAS file that holds the notes.
@@ -122,6 +123,12 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
         header.vlrs.append(laspy.VLR(LAS_USER, LAS_NOTES, "frame and parameters", text))
     xyz = found.xyz
     header.offsets = np.floor(xyz.min(axis=0)) if len(found) else np.zeros(3)
+    reach_m = float((xyz - header.offsets).max(initial=0.0))
+    if reach_m > LAS_REACH_M:
+        raise MapError(
+            f"{path}: the points reach {reach_m:.9g} m far, and LAS at steps of {LAS_STEP_M:g} m "
+            f"only {LAS_REACH_M:.0f} m: crop the map, or write .pcd or .ply"
+        )
     las = laspy.LasData(header)
     las.x, las.y, las.z = xyz.T
     las.intensity = np.clip(np.rint(found.points["intensity"]), 0, 65535).astype(np.uint16)
@@ -172,10 +179,15 @@ def of_layer(found: PointMap, layer: str) -> PointMap:
     return found.kept(found.layers == clouds.POINT_LAYERS.index(layer))
 
 
+def check_voxel(voxel_m: float) -> None:
+    """Raises if it is no edge of a cube, so that a command can refuse before its work."""
+    if not 0.0 < voxel_m < np.inf:
+        raise MapError(f"--voxel: {voxel_m:g} m is no edge of a cube")
+
+
 def thinned(found: PointMap, voxel_m: float) -> PointMap:
     """For each cube with this edge, the point nearest to the mean of its points."""
-    if not voxel_m > 0.0:
-        raise MapError(f"--voxel: {voxel_m:g} m is no edge of a cube")
+    check_voxel(voxel_m)
     if not len(found):
         return found
     xyz = found.xyz

@@ -15,6 +15,7 @@ from typing import Any
 
 from zloam_monitor import maps
 from zloam_monitor.chain import binary
+from zloam_monitor.files import written_whole
 
 POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
 #: Exit code if a map shares too little with the others, or is damaged.
@@ -76,17 +77,24 @@ def lines(merged: Merged) -> list[str]:
     return said
 
 
+#: Extension -> file of zloam-sessions that is copied.
+COPIED = {".g2o": GRAPH, ".tum": "submaps_1.tum"}
+
+
+def exportable(to: Path, voxel_m: float) -> None:
+    """Raises if nothing could be written, so that a command can refuse before its work."""
+    if to.suffix.lower() not in (*maps.WRITERS, *COPIED):
+        raise SessionsError(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
+    maps.check_voxel(voxel_m)
+
+
 def export(merged: Merged, to: Path, voxel_m: float) -> str:
     """Writes the format of the extension; returns a text about the contents."""
-    suffix = to.suffix.lower()
-    if suffix == ".g2o":
-        shutil.copyfile(merged.folder / GRAPH, to)
+    exportable(to, voxel_m)
+    if name := COPIED.get(to.suffix.lower()):
+        with (merged.folder / name).open("rb") as made, written_whole(to, "wb") as out:
+            shutil.copyfileobj(made, out)
         return f"{merged.report['sessions'][0]['submaps']} poses"
-    if suffix == ".tum":
-        shutil.copyfile(merged.folder / "submaps_1.tum", to)
-        return f"{merged.report['sessions'][0]['submaps']} poses"
-    if suffix not in maps.WRITERS:
-        raise SessionsError(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
     points = maps.thinned(maps.read(merged.folder / POINTS), voxel_m)
     maps.write(to, points)
     return f"{len(points)} points"

@@ -1,0 +1,66 @@
+"""Files that appear whole, and failures that name them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from zloam_monitor import cli, files, sessions
+from zloam_monitor.maps import MapError
+from zloam_monitor.sessions import SessionsError
+
+
+@pytest.fixture
+def merged(tmp_path: Path) -> sessions.Merged:
+    folder = tmp_path / "merged"
+    folder.mkdir()
+    for name in sessions.COPIED.values():
+        (folder / name).write_text(f"contents of {name}\n")
+    return sessions.Merged(folder, {"sessions": [{"submaps": 3}]}, complete=True)
+
+
+def full_disk(path: Path) -> Path:
+    """A file whose temporary file is on a full disk."""
+    path.with_name(path.name + ".part").symlink_to("/dev/full")
+    return path
+
+
+def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
+    path = full_disk(tmp_path / "map.pcd")
+    told = pytest.raises(OSError, match=rf"No space left on device: '{path}'")
+    with told, files.written_whole(path, "wb") as out:
+        out.write(b"points")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", sessions.COPIED)
+def test_what_zloam_sessions_wrote_is_copied_whole(
+    merged: sessions.Merged, tmp_path: Path, suffix: str
+) -> None:
+    to = tmp_path / "new" / f"town{suffix}"
+    assert sessions.export(merged, to, 0.2) == "3 poses"
+    assert to.read_text() == f"contents of {sessions.COPIED[suffix]}\n"
+    full = full_disk(tmp_path / f"full{suffix}")
+    with pytest.raises(OSError, match=f"full{suffix}"):
+        sessions.export(merged, full, 0.2)
+    assert not full.exists()
+
+
+def test_what_can_not_be_exported_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("zloam-sessions was started")
+
+    monkeypatch.setattr(sessions, "opened", never)
+    for to, more, said in (
+        ("town.xyz", (), "town.xyz: .pcd, .ply, .las, .laz, .g2o or .tum is expected"),
+        ("town.pcd", ("--voxel", "0"), "--voxel: 0 m is no edge of a cube"),
+    ):
+        assert cli.main(["map", "export", str(tmp_path), str(tmp_path / to), *more]) == 1
+        assert said in capsys.readouterr().err
+    with pytest.raises(SessionsError):
+        sessions.exportable(Path("town"), 0.2)
+    with pytest.raises(MapError):
+        sessions.exportable(Path("town.las"), float("nan"))
