@@ -117,6 +117,26 @@ def test_another_robot_than_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -
         discovery.choose(None)
 
 
+def test_two_robots_with_standbys_are_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A standby is named after its stage alone, so two robots have instances of the same name."""
+
+    def instances(pid: int) -> tuple[tuple[str, str], ...]:
+        return (("mapping", f"host-{pid}"), ("mapping", "mapping-standby"))
+
+    first, second = endpoint_of("a:1"), endpoint_of("b:2")
+    answers = {
+        first: [discovery.Found("anna", first, instances(1))],
+        second: [discovery.Found("bob", second, instances(2))],
+    }
+    monkeypatch.setattr(discovery, "ask", lambda endpoint, _: answers[endpoint])
+    assert [each.robot for each in discovery.robots([first, second])] == ["anna", "bob"]
+    # A robot that is reached by a second way is still one.
+    assert [each.robot for each in discovery.robots([first, first])] == ["anna"]
+    assert discovery.choose("bob", [first, second]).endpoint == second
+    with pytest.raises(NothingAnswers, match="several robots answer"):
+        discovery.choose(None, [first, second])
+
+
 @pytest.mark.parametrize(
     "endpoint", ["tcp/10.0.0.5:7464", "tcp/127.0.0.1:7464#iface=lo", "unixsock-stream/tmp/zenoh"]
 )
@@ -124,6 +144,6 @@ def test_only_a_port_of_this_machine_belongs_to_a_process_of_it(
     endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(discovery, "listeners", lambda: {7464: (77, "zloam-mapping")})
-    known = {("mapping", "host-77")}
+    known = {("car", "mapping", "host-77")}
     assert discovery._is_known("tcp/127.0.0.1:7464", known)
     assert not discovery._is_known(endpoint, known)

@@ -222,23 +222,25 @@ def _opened(endpoint: str) -> tuple[Any, bool]:
 def robots(endpoints: Sequence[str] = ()) -> list[Found]:
     """All robots that are found, each once; without endpoints: on this machine."""
     found: list[Found] = []
-    known: set[tuple[str, str]] = set()
+    # With the robot's name, because standbys have the same instance names in every robot.
+    known: set[tuple[str, str, str]] = set()
     seconds = FAR_SECONDS if endpoints else ANSWER_SECONDS
     for endpoint in [endpoint_of(each) for each in endpoints] or candidates():
         for each in ask(endpoint, seconds) if not _is_known(endpoint, known) else []:
-            if not known.intersection(each.instances):
+            instances = {(each.robot, stage, instance) for stage, instance in each.instances}
+            if not known & instances:
                 found.append(each)
-            known.update(each.instances)
+            known |= instances
     return found
 
 
-def _is_known(endpoint: str, instances: set[tuple[str, str]]) -> bool:
+def _is_known(endpoint: str, instances: set[tuple[str, str, str]]) -> bool:
     """True if the program at this port answered before: its instance name ends with its pid."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     if host not in (HOST, "localhost", "[::1]") or not port.isdecimal():
         return False
     pid, _ = listeners().get(int(port), (0, ""))
-    return any(instance.endswith(f"-{pid}") for _, instance in instances)
+    return any(instance.endswith(f"-{pid}") for _, _, instance in instances)
 
 
 def _nobody(endpoints: Sequence[str]) -> str:
