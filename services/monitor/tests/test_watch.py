@@ -10,13 +10,21 @@ import pytest
 
 from zloam_monitor import watch
 from zloam_monitor.keys import Keys
-from zloam_monitor.records import PoseRecord
+from zloam_monitor.link import Link
+from zloam_monitor.records import PoseRecord, StatusRecord
 from zloam_monitor.stages import STAGES
 from zloam_monitor.traffic import Published, Taken
 
 
 def a_pose() -> PoseRecord:
     return PoseRecord(1, 7, 0, np.array([1.0, 2.0, 3.0]), np.array([0, 0, 0, 1.0]), 0, 0, False, ())
+
+
+def a_status(stamp_ns: int) -> StatusRecord:
+    who = {"stage": "mapping", "instance": "mapping-1", "stamp_ns": stamp_ns}
+    counts = {"published_bytes": {}, "published": {}, "inputs": [], "figures": {}}
+    status: Any = SimpleNamespace(**who, **counts)
+    return status
 
 
 class Linking:
@@ -29,6 +37,9 @@ class Linking:
         self._reachable, self._heard, self._looks = reachable, 0, 0
         self.poses: dict[int, object] = {}
         self.published, self.taken = Published(), Taken()
+        #: Stages whose instance was killed.
+        self.killed: set[str] = set()
+        self.health = "ready"
 
     def query_statuses(self) -> None:
         self._heard = min(self._heard + 1, self._reachable)
@@ -46,8 +57,18 @@ class Linking:
         if stage not in STAGES[: self._heard]:
             return None
         return SimpleNamespace(
-            stage=stage, inputs=[], health="ok", rss_mib={"end": 1.0}, cpu_ms=1.0, reason=""
+            stage=stage,
+            instance=f"{stage}-1",
+            inputs=[],
+            health=self.health,
+            rss_mib={"end": 1.0},
+            cpu_ms=1.0,
+            reason="",
         )
+
+    def living_instances(self) -> set[tuple[str, str]]:
+        heard = STAGES[: self._heard]
+        return {(stage, f"{stage}-1") for stage in heard if stage not in self.killed}
 
     def silent_s(self, _status: object, _now: float) -> float:
         return 0.0
@@ -69,6 +90,35 @@ def test_a_silent_one_is_told_after_a_while(
     link: Any = Linking(len(STAGES) - 1)
     assert watch.look(link) == 1
     assert f"{STAGES[-1]:<13}nothing heard" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("health", "code"), [("ready", 1), ("starting", 1), ("stopping", 0)])
+def test_a_status_that_a_router_keeps_is_no_sign_of_life(
+    health: str,
+    code: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(watch, "ALL_SECONDS", 0.1)
+    link: Any = Linking(len(STAGES))
+    link._heard, link.poses[7] = len(STAGES), a_pose()
+    link.killed, link.health = {"odometry"}, health
+    assert watch.look(link) == code
+    said = capsys.readouterr().err
+    assert ("odometry: odometry-1 is not alive" in said) == bool(code)
+    assert "mapping" not in said
+
+
+def test_a_status_asked_for_again_is_not_heard_anew() -> None:
+    """A status with a newer stamp is."""
+    link = Link(SimpleNamespace(), Keys("robot"), newest=0)
+    who = ("mapping", "mapping-1")
+    link._keep_status(a_status(stamp_ns=10))
+    first_s = link.heard[who] = link.heard[who] - 100.0
+    link._keep_status(a_status(stamp_ns=10))
+    assert link.heard[who] == first_s
+    link._keep_status(a_status(stamp_ns=11))
+    assert link.heard[who] > first_s
 
 
 def test_what_subscribers_take_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -261,7 +261,8 @@ class Link:
     def _keep_status(self, status: StatusRecord) -> None:
         who = (status.stage, status.instance)
         kept = self.statuses.get(who)
-        if kept is None or status.stamp_ns >= kept.stamp_ns:
+        # The same status again is one that a router keeps: it says nothing of the instance now.
+        if kept is None or status.stamp_ns > kept.stamp_ns:
             self.statuses[who] = status
             self.heard[who] = time.monotonic()
             self.late.take(status, time.monotonic_ns())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -110,8 +111,19 @@ def _show(link: Link, began: float, now: float, as_json: bool) -> None:
         print("\n".join(view(link, began, now)), flush=True)
 
 
+def _dead(link: Link) -> list[StatusRecord]:
+    """Newest statuses of stages whose instance has no liveliness token: a router that stores
+    statuses still answers with them. One that says `stopping` shows by itself that it ends."""
+    living = link.living_instances()
+    return [
+        status
+        for status in link.newest_statuses().values()
+        if (status.stage, status.instance) not in living and status.health != "stopping"
+    ]
+
+
 def look(link: Link, as_json: bool = False) -> int:
-    """Prints one update; returns 1 if a stage has failed or is silent."""
+    """Prints one update; returns 1 if a stage has failed, is silent, or is no longer there."""
     deadline = time.monotonic() + ALL_SECONDS
     while True:
         link.query_statuses()
@@ -119,16 +131,23 @@ def look(link: Link, as_json: bool = False) -> int:
         now = time.monotonic()
         # A pose comes within some sweeps if any are published; after the end of a run none come.
         whole = len(link.newest_statuses()) == len(STAGES) and len(link.poses) > 0
-        if whole or now > deadline:
+        late = now > deadline
+        dead = _dead(link) if whole or late else []
+        # A starting stage answers a moment before its token is there.
+        if late or (whole and not dead):
             break
         link.poll(0.2)
     _show(link, now, now, as_json)
+    for status in dead:
+        print(
+            f"{status.stage}: {status.instance} is not alive; its status above is its last one, "
+            f"which a router keeps. See logs/{status.stage}.log or docker compose logs "
+            f"{status.stage}",
+            file=sys.stderr,
+        )
     found = link.newest_statuses()
-    return (
-        0
-        if len(found) == len(STAGES) and not any(s.health == "failed" for s in found.values())
-        else 1
-    )
+    failed = any(status.health == "failed" for status in found.values())
+    return 1 if dead or failed or len(found) < len(STAGES) else 0
 
 
 def watch(link: Link, seconds: float | None, every_s: float, as_json: bool = False) -> int:
