@@ -12,9 +12,9 @@ import pytest
 from zloam_monitor import cli, doctor
 from zloam_monitor.doctor import Heard, findings
 from zloam_monitor.doctor_files import of_counts
-from zloam_monitor.link import Claim
 from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord, TraceStep
 from zloam_monitor.stages import STAGES
+from zloam_monitor.tokens import Claim
 
 
 def status(stage: str, later: bool = False, **more: Any) -> StatusRecord:

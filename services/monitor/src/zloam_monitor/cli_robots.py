@@ -68,13 +68,16 @@ def get(
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Print the configuration in force."""
+    """Print the configuration in force; exit code 1 if that of a stage is missing."""
     from zloam_monitor import answers, discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
         found = settings.in_force(link, stage, key)
+        missing = settings.unanswered(link, stage)
     answers.give(as_json, found, settings.lines(found))
-    return 0
+    for line in missing:
+        common.said(f"get: {line}")
+    return 1 if missing else 0
 
 
 def _replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:

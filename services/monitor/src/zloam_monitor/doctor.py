@@ -11,9 +11,10 @@ from itertools import pairwise
 from typing import Any
 
 from zloam_monitor import latency
-from zloam_monitor.link import STANDING_BY, Claim, Link
+from zloam_monitor.link import STANDING_BY, Link
 from zloam_monitor.records import Input, PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
+from zloam_monitor.tokens import Claim
 from zloam_monitor.watch import STALE_SECONDS
 
 #: Plausible revolutions per second of a spinning lidar.

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import json
 import queue
-import re
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
 import numpy as np
 import zenoh
@@ -26,7 +24,8 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
-from zloam_monitor.stages import ROWS, STAGES
+from zloam_monitor.stages import STAGES
+from zloam_monitor.tokens import Claim, claim_of
 from zloam_monitor.traffic import Lateness, Published, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
@@ -38,35 +37,7 @@ BUSY_SECONDS = 15.0
 #: Reason in the status of a standby, which takes over when the working instance ends
 #: (recovery.standby).
 STANDING_BY = "standing by"
-
-
-@dataclass(frozen=True, order=True)
-class Claim:
-    """What the `active` token of an instance says (docs/protocol.md, section 6)."""
-
-    stage: str
-    instance: str
-    term: int
-    since_ns: int
-
-    def is_of(self, status: StatusRecord) -> bool:
-        """True if the instance that published the status declared it."""
-        return (self.stage, self.instance, self.since_ns) == (
-            status.stage,
-            status.instance,
-            status.started_ns,
-        )
-
-
-_CLAIM = re.compile(r"/service/(?P<stage>[^/]+)/(?P<instance>[^/]+)/active/(\d+)/(-?\d+)$")
-
-
-def claim_of(key: str) -> Claim | None:
-    """None: not the token of a stage that has a single working instance."""
-    found = _CLAIM.search(key)
-    if found is None or found["stage"] not in ROWS or ROWS[found["stage"]].replicas:
-        return None
-    return Claim(found["stage"], found["instance"], int(found[3]), int(found[4]))
+T = TypeVar("T")
 
 
 class LinkError(RuntimeError):
@@ -163,6 +134,8 @@ class Link:
         self._ahead: deque[tuple[dict[int, PoseRecord], PoseRecord]] = deque(maxlen=64)
         #: Result of the last query_revisions().
         self.revisions: list[RevisionRecord] = []
+        #: Living stages that did not answer the last query_configs().
+        self.unanswered: set[str] = set()
         self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
             queue.SimpleQueue()
         )
@@ -303,10 +276,20 @@ class Link:
             timeout=seconds,
         )
 
+    def _decoded(self, read: Callable[[bytes], T], payloads: Iterable[bytes]) -> Iterator[T]:
+        """The messages that can be read; the others are counted, as poll() does."""
+        for payload in payloads:
+            try:
+                value = read(payload)
+            except DECODE_ERRORS:
+                self.garbage += 1
+                continue
+            yield value
+
     def query_statuses(self) -> None:
         """Asks all stages for their status now."""
-        for payload in self.get(self.keys.every_status):
-            self._on_status(payload)
+        for status in self.answering():
+            self._keep_status(status)
 
     def living_instances(self) -> set[tuple[str, str]]:
         """(stage, instance) of all liveliness tokens."""
@@ -323,30 +306,39 @@ class Link:
     def answering(self) -> list[StatusRecord]:
         """The present statuses of all instances, standbys too; also of ended ones that a router
         keeps."""
-        found = []
-        for payload in self.get(self.keys.every_status):
-            with suppress(*DECODE_ERRORS):
-                found.append(records.status(payload))
-        return found
+        return list(self._decoded(records.status, self.get(self.keys.every_status)))
 
     def living(self) -> set[str]:
         """Stages with a liveliness token."""
         return {stage for stage, _ in self.living_instances()}
 
-    def query_configs(self) -> dict[str, dict[str, Any]]:
-        """Stage -> effective configuration. Asks until all living stages have answered: over a new
-        link a stage's token may come before its answers."""
+    def until_all(self, ask: Callable[[], Iterable[str]]) -> set[str]:
+        """Calls `ask`, which returns the stages that answered, until all living ones have: over a
+        new link a stage's token may come before its answers. Returns those that have not."""
         deadline = time.monotonic() + BUSY_SECONDS
-        found: dict[str, dict[str, Any]] = {}
+        answered: set[str] = set()
         while True:
-            found |= dict(records.effective_config(p) for p in self.get(self.keys.every_config))
-            if self.living() <= found.keys() or time.monotonic() > deadline:
-                return found
+            answered |= set(ask())
+            missing = self.living() - answered
+            if not missing or time.monotonic() > deadline:
+                return missing
             time.sleep(0.1)
+
+    def query_configs(self) -> dict[str, dict[str, Any]]:
+        """Stage -> effective configuration, of all living stages but those in `unanswered`."""
+        found: dict[str, dict[str, Any]] = {}
+
+        def ask() -> Iterable[str]:
+            answers = self.get(self.keys.every_config)
+            found.update(self._decoded(records.effective_config, answers))
+            return found
+
+        self.unanswered = self.until_all(ask)
+        return found
 
     def query_revisions(self) -> list[RevisionRecord]:
         """All live configuration changes that any stage knows, each once, by stage and number."""
-        found = [records.config_revision(p) for p in self.get(self.keys.every_revision)]
+        found = self._decoded(records.config_revision, self.get(self.keys.every_revision))
         self.revisions = [r for _, r in sorted({(r.stage, r.rev): r for r in found}.items())]
         return self.revisions
 
@@ -354,14 +346,14 @@ class Link:
         """Sends a command to a stage; None: nobody answered."""
         payload = json.dumps(arguments).encode()
         replies = self.get(self.keys.command(stage, verb), payload=payload)
-        return next((records.command_reply(each) for each in replies), None)
+        return next(self._decoded(records.command_reply, replies), None)
 
     def query_tiles(self, layers: Sequence[str] = POINT_LAYERS) -> list[Tile]:
         """All tiles of these layers of the map; each in its greatest version."""
         newest: dict[tuple[str, tuple[int, int, int]], Tile] = {}
         for layer in layers:
-            for payload in self.get(self.keys.tiles_of(layer), seconds=60.0):
-                tile = records.tile(payload)
+            answers = self.get(self.keys.tiles_of(layer), seconds=60.0)
+            for tile in self._decoded(records.tile, answers):
                 kept = newest.get((tile.layer, tile.index))
                 if kept is None or tile.version > kept.version:
                     newest[(tile.layer, tile.index)] = tile
@@ -377,9 +369,8 @@ class Link:
 
     def query_path(self) -> tuple[int, NDArray[Any]]:
         """(run, messages.STAMPED_POSE) of all mapped sweeps, by a query to mapping."""
-        for payload in self.get(self.keys.path_map, seconds=20.0):
-            return records.path(payload)
-        return 0, np.empty(0, STAMPED_POSE)
+        answers = self.get(self.keys.path_map, seconds=20.0)
+        return next(self._decoded(records.path, answers), (0, np.empty(0, STAMPED_POSE)))
 
 
 def _heard(poses: dict[int, PoseRecord]) -> Trajectory:

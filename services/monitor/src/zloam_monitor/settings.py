@@ -152,8 +152,15 @@ def in_force(link: Link, stage: str | None, key: str | None) -> dict[str, dict[s
         if stage in (None, name)
     }
     if not any(found.values()):
-        raise ChainError(f"get: no key {key}; without a key all are listed")
+        lacking = "".join(f"; {line}" for line in unanswered(link, stage))
+        raise ChainError(f"get: no key {key}; without a key all are listed{lacking}")
     return found
+
+
+def unanswered(link: Link, stage: str | None) -> list[str]:
+    """Texts about the stages whose values are missing in the answer for one stage or all."""
+    missing = sorted(link.unanswered) if stage is None else []
+    return [f"{each} is alive, but did not answer: its values are missing" for each in missing]
 
 
 def lines(values: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -1,0 +1,52 @@
+"""A stand-in for a Zenoh session with one robot, whose answers a test writes down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import zenoh
+
+from zloam_monitor.keys import Keys
+
+
+def reply(key: str, payload: bytes) -> Any:
+    text = payload.decode(errors="replace")
+    content = SimpleNamespace(to_bytes=lambda: payload, to_string=lambda: text)
+    return SimpleNamespace(ok=SimpleNamespace(key_expr=key, payload=content))
+
+
+class FakeSession:
+    """Answers queries from `rounds`: key -> answers to the first query, to the second and so on;
+    the last ones are repeated."""
+
+    def __init__(self, alive: tuple[str, ...] = ()) -> None:
+        self.keys = Keys("robot")
+        #: Stages with a liveliness token.
+        self.alive = alive
+        self.rounds: dict[str, list[list[bytes]]] = {}
+        self.subscribers: dict[str, Any] = {}
+
+    def config_key(self, stage: str) -> str:
+        return self.keys.below(f"service/{stage}/{stage}-1/config")
+
+    def get(self, selector: str, **_: Any) -> Iterator[Any]:
+        asked = zenoh.KeyExpr(selector)
+        for key, rounds in self.rounds.items():
+            if asked.intersects(zenoh.KeyExpr(key)):
+                answers = rounds.pop(0) if len(rounds) > 1 else rounds[0]
+                yield from (reply(key, each) for each in answers)
+
+    def liveliness(self) -> Any:
+        keys = [self.keys.below(f"service/{stage}/{stage}-1/alive") for stage in self.alive]
+        return SimpleNamespace(get=lambda _, **__: [reply(key, b"") for key in keys])
+
+    def declare_subscriber(self, key: str, read: Any) -> Any:
+        self.subscribers[key] = read
+        return SimpleNamespace(undeclare=lambda: None)
+
+    def publish(self, key: str, payload: bytes) -> None:
+        for expression, read in self.subscribers.items():
+            if zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key)):
+                read(reply(key, payload).ok)
