@@ -7,8 +7,10 @@ process cannot interrupt a write (replaced_end.py).
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
+import re
 import subprocess
 import sys
 import time
@@ -24,6 +26,25 @@ SYNC_SECONDS = 0.5
 
 class RecordingError(RuntimeError):
     """The file could not be written; the text says why, and what it contains."""
+
+
+def reason(error: OSError) -> str:
+    """The system's text, or else the program's own."""
+    return error.strerror or str(error)
+
+
+def part_path(path: Path, number: int) -> Path:
+    """File of a part of the recording that begins in `path`: NAME.mcap, NAME_2.mcap and so on."""
+    return path if number == 1 else path.with_name(f"{path.stem}_{number}{path.suffix}")
+
+
+def further_parts(path: Path) -> dict[int, Path]:
+    """Number -> file, of all files that are named like further parts."""
+    named = re.compile(rf"{re.escape(path.stem)}_([1-9]\d{{0,3}}){re.escape(path.suffix)}")
+    with contextlib.suppress(OSError):  # The folder may be missing.
+        found = [(match[1], p) for p in path.parent.iterdir() if (match := named.fullmatch(p.name))]
+        return {int(number): p for number, p in sorted(found) if int(number) > 1}
+    return {}
 
 
 class _Waiting:
@@ -85,14 +106,17 @@ class McapFile:
     """Writes messages; schemas and channels are registered at their first use."""
 
     def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+        """Creates the file; raises RecordingError, and then leaves none."""
         from mcap.writer import CompressionType, Writer
 
         self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
-        except FileExistsError as error:
-            raise RecordingError(f"{path} is there already: choose another name") from error
+        except OSError as error:
+            if os.path.lexists(path):
+                raise RecordingError(f"{path} is there already: choose another name") from error
+            raise RecordingError(f"{path} can't be created: {reason(error)}") from error
         self._disk = Disk(path)
         self._waiting = _Waiting()
         self._writer = Writer(
@@ -107,7 +131,12 @@ class McapFile:
         self._synced = 0.0
         self.messages = 0
         self.bytes = 0
-        self.whole()
+        try:
+            self.whole()
+        except OSError as error:
+            self._disk.close()
+            path.unlink(missing_ok=True)
+            raise RecordingError(f"{path} can't be written: {reason(error)}") from error
 
     def put(
         self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes

@@ -8,19 +8,27 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import secrets
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-from zloam_monitor import ending, messages, se3
+from zloam_monitor import ending, messages, records, se3
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
 from zloam_monitor.keys import Keys
-from zloam_monitor.link import Link
-from zloam_monitor.mcap_file import McapFile, RecordingError
+from zloam_monitor.link import BUSY_SECONDS, Link
+from zloam_monitor.mcap_file import (
+    McapFile,
+    RecordingError,
+    further_parts,
+    part_path,
+    reason,
+)
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.version import version
 
@@ -44,6 +52,8 @@ DERIVED = (
 #: Identifier of a message -> its root table.
 TABLES = {kind.identifier: table for table, kind in messages.KINDS.items() if table != "Command"}
 TILES = "map/tile"
+#: What a thread that records may raise; a run beside it goes on, and reports it at its end.
+FAILURES = (RecordingError, OSError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -105,9 +115,19 @@ class Recorder:
     written: int = 0
     #: Bytes of the files before the open one.
     before: int = 0
+    #: Living stages whose configuration is missing, as they did not answer.
+    unanswered: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         keys, options = self.link.keys, self.options
+        for there in further_parts(options.path).values():
+            raise RecordingError(
+                f"{there} is there already, and would be a part of this recording: choose another "
+                "name, or move it away"
+            )
+        #: The same in all parts.
+        self._identity = secrets.token_hex(16)
+        self._closed = False
         # The file before the subscriptions, as it may be impossible to create.
         self._file = self._opened()
         wanted = expressions(keys, options.scene)
@@ -121,19 +141,29 @@ class Recorder:
 
     def settle(self) -> None:
         """Queries what was published before: the configuration and its changes."""
-        configs = self.link.query_configs()
         keys = self.link.keys
-        now = time.time_ns()
-        for key in (keys.every_config, keys.every_revision):
-            for found, payload in self._answers(key):
-                self._stand(Sample(found, payload, now))
+        configs: dict[str, dict[str, Any]] = {}
+
+        def ask() -> Iterable[str]:
+            for payload in self._stood(keys.every_config):
+                with contextlib.suppress(*messages.DECODE_ERRORS):
+                    stage, values = records.effective_config(payload)
+                    configs[stage] = values
+            return configs
+
+        self.unanswered = self.link.until_all(ask)
+        for _ in self._stood(keys.every_revision):
+            pass
         if self.options.scene:
             self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
 
-    def _answers(self, selector: str) -> Iterator[tuple[str, bytes]]:
+    def _stood(self, selector: str) -> Iterator[bytes]:
+        """Asks, writes each answer that is not in the file yet, and yields it."""
         for reply in self.link.replies(selector):
             if reply.ok is not None:
-                yield str(reply.ok.key_expr), reply.ok.payload.to_bytes()
+                payload = reply.ok.payload.to_bytes()
+                self._stand(Sample(str(reply.ok.key_expr), payload, time.time_ns()))
+                yield payload
 
     def _stand(self, sample: Sample) -> None:
         if self._standing.get(sample.key) is None:
@@ -141,13 +171,13 @@ class Recorder:
         self._standing[sample.key] = sample
 
     def _opened(self) -> McapFile:
-        path = self.options.path
         number = len(self.parts) + 1
-        part = path if number == 1 else path.with_name(f"{path.stem}_{number}{path.suffix}")
+        part = part_path(self.options.path, number)
         keys = self.link.keys
         about = {
             "robot": keys.robot,
             "sensor": keys.sensor,
+            "recording": self._identity,
             "part": str(number),
             "version": version(),
         }
@@ -200,32 +230,29 @@ class Recorder:
     def _write(
         self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes
     ) -> None:
-        try:
+        with _told(self._file):
             self._file.put(topic, schema, log_ns, sent_ns, data)
-        except OSError as error:
-            raise self._lost(error) from error
 
     def _synced(self) -> None:
-        try:
+        with _told(self._file):
             self._file.sync()
-        except OSError as error:
-            raise self._lost(error) from error
-
-    def _lost(self, error: OSError) -> RecordingError:
-        return RecordingError(
-            f"{self.parts[-1]}: {error.strerror}: the recording ends here; what was written up to "
-            "half a second before is whole. The robot goes on"
-        )
 
     def _split(self) -> None:
-        self.before += self._file.bytes
-        self._file.close()
-        self._file = self._opened()
+        # The next part first: if it can't be created, the open one is still closed well.
+        fresh = self._opened()
+        done, self._file = self._file, fresh
+        with _told(done):
+            done.close()
+        self.before += done.bytes
         for sample in self._standing.values():
             self._put(sample)
 
     def close(self) -> None:
-        """Writes the waiting messages and the counts of those dropped, and closes the file."""
+        """Writes the waiting messages and the counts of those dropped, and closes the file; does
+        nothing if it is closed."""
+        if self._closed:
+            return
+        self._closed = True
         self._intake.close()
         try:
             self.poll()
@@ -236,20 +263,40 @@ class Recorder:
             if self.dropped:
                 self._file.note("zloam.dropped", {k: str(n) for k, n in self.dropped.items()})
         finally:
-            try:
+            with _told(self._file):
                 self._file.close()
-            except OSError as error:
-                raise self._lost(error) from error
+
+    def lacks(self) -> list[str]:
+        """Texts about what is missing in the recording; none if it is complete."""
+        found = []
+        if self.dropped:
+            total, keys = sum(self.dropped.values()), ", ".join(sorted(self.dropped))
+            found.append(f"{total} messages of {self.parts[0]} are missing ({keys}): {TOO_FAST}")
+        if self.unanswered:
+            stages = ", ".join(sorted(self.unanswered))
+            found.append(
+                f"the configuration of {stages} is missing in {self.parts[0]}: no answer came "
+                f"within {BUSY_SECONDS:.0f} s"
+            )
+        return found
 
     def summary(self) -> str:
-        """Text with the recording's files, its size, and the missing messages."""
+        """Text with the recording's files, its size, and what is missing."""
         listed = ", ".join(str(part) for part in self.parts)
         line = f"{listed}: {self.written} messages, {self.size / MIB:.1f} MiB"
-        if self.dropped:
-            total = sum(self.dropped.values())
-            keys = ", ".join(sorted(self.dropped))
-            line += f"\n{total} messages are missing ({keys}): {TOO_FAST}"
-        return line
+        return "\n".join([line, *self.lacks()])
+
+
+@contextlib.contextmanager
+def _told(file: McapFile) -> Iterator[None]:
+    """Reports a failure to write with the file's name."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(
+            f"{file.path}: {reason(error)}: the recording ends here; what was written up to half a "
+            "second before is whole. The robot goes on"
+        ) from error
 
 
 class Beside:
@@ -258,7 +305,7 @@ class Beside:
     def __init__(self, link: Link, path: Path) -> None:
         self._recorder = Recorder(link, Options(path))
         self._ends = threading.Event()
-        self._error: RecordingError | None = None
+        self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run)
 
     def begin(self) -> None:
@@ -270,7 +317,7 @@ class Beside:
         try:
             while not self._ends.is_set():
                 self._recorder.poll(0.2)
-        except RecordingError as error:
+        except FAILURES as error:
             self._error = error
 
     def end(self) -> list[str]:
@@ -280,12 +327,14 @@ class Beside:
             self._thread.join()
         try:
             self._recorder.close()
-        except RecordingError as error:
+        except FAILURES as error:
             self._error = self._error or error
-        lacks = [str(self._error)] if self._error else []
-        if missing := sum(self._recorder.dropped.values()):
-            lacks.append(f"{missing} messages of {self._recorder.parts[0]}: {TOO_FAST}")
-        return lacks
+        return [*self._failed(), *self._recorder.lacks()]
+
+    def _failed(self) -> list[str]:
+        if self._error is None or isinstance(self._error, RecordingError):
+            return [str(self._error)] if self._error else []
+        return [f"{self._recorder.parts[-1]}: the recording ended early: {self._error}"]
 
 
 @contextlib.contextmanager
@@ -303,7 +352,7 @@ def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
 
 
 def record(link: Link, options: Options, seconds: float | None) -> int:
-    """Records until `seconds` have passed, or Ctrl-C; returns 1 if messages are missing."""
+    """Records until `seconds` have passed, or Ctrl-C; returns 1 if something is missing."""
     recorder = Recorder(link, options)
     line = ProgressLine()
     try:
@@ -321,4 +370,4 @@ def record(link: Link, options: Options, seconds: float | None) -> int:
         line.end()
         recorder.close()
     print(recorder.summary(), flush=True)
-    return 1 if recorder.dropped else 0
+    return 1 if recorder.lacks() else 0

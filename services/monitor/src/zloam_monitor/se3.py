@@ -116,5 +116,6 @@ def mounting(configs: Mapping[str, Mapping[str, Any]]) -> Array:
 
 
 def mounting_shown(configs: Mapping[str, Mapping[str, Any]]) -> Array:
-    """T_base_lidar for display: if no stage answered, the identity."""
-    return mounting(configs) if configs else np.eye(4)
+    """T_base_lidar for display: if no stage told it, the identity."""
+    told = any("mounting.xyz_m" in values for values in configs.values())
+    return mounting(configs) if told else np.eye(4)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from zloam_monitor import messages, records
+from zloam_monitor.mcap_file import further_parts, part_path
 from zloam_monitor.recordings import Refused
 from zloam_monitor.records import RevisionRecord
 
@@ -24,6 +26,8 @@ REVISION = "zloam.msg.ConfigRevision"
 STAGE_KEYS = ("sensor.model", "mounting.", "registration.", "odometry.", "mapping.", "integration.")
 #: Keys among these that belong to the replaying run.
 PLACES = ("mapping.map_path", "mapping.spill_directory", "integration.output_dir")
+#: Metadata that all parts of a recording have in common.
+IDENTITY = ("recording", "robot", "sensor", "version")
 
 
 @dataclass(frozen=True)
@@ -70,33 +74,32 @@ class RobotLog:
     path: Path
     remarks: list[str] = field(default_factory=list)
 
-    @property
+    @cached_property
     def parts(self) -> list[Path]:
-        """run.mcap, then run_2.mcap and so on, as far as they exist."""
-        found = [self.path]
-        while (further := self._part(len(found) + 1)).is_file():
-            found.append(further)
-        return found
-
-    def _part(self, number: int) -> Path:
-        return self.path.with_name(f"{self.path.stem}_{number}{self.path.suffix}")
+        """run.mcap, then run_2.mcap and so on, if their metadata say that they are the parts of
+        this recording: another recording may have such a name. A missing one gives a remark."""
+        first = self.about or {}
+        found = {1: self.path}
+        for number, path in further_parts(self.path).items():
+            about = _about(path) if path.is_file() else None
+            if about is None:
+                self.remarks.append(
+                    f"{path.name} is no recording of zloam, or its beginning is damaged: it is "
+                    "left out"
+                )
+            elif _same(about, first) and about.get("part") == str(number):
+                found[number] = path
+        for number in range(2, max(found)):
+            if number not in found:
+                self.remarks.append(
+                    f"{part_path(self.path, number).name} is missing: the recording has a gap there"
+                )
+        return [path for _, path in sorted(found.items())]
 
     @property
     def about(self) -> dict[str, str] | None:
         """The recorder's metadata; None: `zloam record` did not write the file."""
-        from mcap.records import Message, Metadata
-        from mcap.stream_reader import StreamReader
-
-        with self.path.open("rb") as file:
-            try:
-                for record in StreamReader(file).records:
-                    if isinstance(record, Metadata) and record.name == "zloam":
-                        return dict(record.metadata)
-                    if isinstance(record, Message):
-                        return None
-            except Exception:  # The library raises various errors for damaged files.
-                return None
-        return None
+        return _about(self.path)
 
     def extent(self) -> Extent:
         """Extent by the indexes of the parts; for a part without an index, by all its messages."""
@@ -213,6 +216,28 @@ class RobotLog:
             found += [f"{sweep}:{key}={_text(value)}" for key, value in new.items()]
             before[stage] = revision.values
         return found
+
+
+def _about(path: Path) -> dict[str, str] | None:
+    from mcap.records import Message, Metadata
+    from mcap.stream_reader import StreamReader
+
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Metadata) and record.name == "zloam":
+                    return dict(record.metadata)
+                if isinstance(record, Message):
+                    return None
+        except Exception:  # The library raises various errors for damaged files.
+            return None
+    return None
+
+
+def _same(part: dict[str, str], first: dict[str, str]) -> bool:
+    """True if both files are of one recording. Older recorders wrote no `recording`, a random
+    identifier; their parts agree in the rest."""
+    return all(part.get(name) == first.get(name) for name in IDENTITY)
 
 
 def imu_of(payload: bytes) -> Any:

@@ -1,0 +1,187 @@
+"""A recording is in parts that belong together; what is missing in it is told."""
+
+from __future__ import annotations
+
+import random
+import resource
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from fake_session import FakeSession
+from zloam_monitor import compose, link, messages, recorder
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
+from zloam_monitor.mcap_file import McapFile, RecordingError
+from zloam_monitor.recorder import Options, Recorder
+from zloam_monitor.recordings.robot_log import RobotLog
+
+MIB = 1 << 20
+#: Longer than what the file collects before it writes.
+LONG_BYTES = 5 * MIB
+ABOUT = {"robot": "r", "sensor": "lidar", "version": "0.1.0"}
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+    monkeypatch.setattr(link, "BUSY_SECONDS", 0.3)
+
+
+@pytest.fixture
+def session() -> FakeSession:
+    made = FakeSession(alive=("odometry", "mapping"))
+    made.rounds[made.config_key("odometry")] = [[compose.config("odometry", {"a.b": 1})]]
+    made.rounds[made.config_key("mapping")] = [[], [compose.config("mapping", {"c.d": 2})]]
+    return made
+
+
+def linked(session: Any) -> Link:
+    return Link(session, Keys("robot"), newest=0)
+
+
+def recording(session: FakeSession, path: Path) -> Recorder:
+    return Recorder(linked(session), Options(path, scene=False, split_bytes=MIB))
+
+
+def publish(session: FakeSession, number: int) -> bytes:
+    data = random.Random(number).randbytes(LONG_BYTES)
+    session.publish(session.keys.pose, data)
+    return data
+
+
+def contents(path: Path) -> list[tuple[str, bytes]]:
+    with path.open("rb") as file:
+        return [(c.topic, m.data) for _, c, m in make_reader(file).iter_messages()]
+
+
+def stages(path: Path) -> list[str]:
+    """Stages whose configuration is in the file."""
+    topics = (topic.split("/") for topic, _ in contents(path))
+    return sorted(t[-3] for t in topics if t[-1] == "config")
+
+
+def test_each_part_can_be_understood_alone(session: FakeSession, tmp_path: Path) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    made.settle()
+    sent = []
+    for n in range(3):
+        sent.append(publish(session, n))
+        made.poll()
+    made.close()
+    names = ["run.mcap", "run_2.mcap", "run_3.mcap", "run_4.mcap"]
+    assert [p.name for p in made.parts] == names
+    poses = [
+        data for part in made.parts for topic, data in contents(part) if topic.endswith("/pose")
+    ]
+    assert poses == sent
+    for part in made.parts:
+        assert stages(part) == ["mapping", "odometry"]
+    log = RobotLog(tmp_path / "run.mcap")
+    assert ([p.name for p in log.parts], log.remarks) == (names, [])
+    assert len({(RobotLog(p).about or {})["recording"] for p in made.parts}) == 1
+    assert made.lacks() == []
+
+
+def test_a_name_that_is_taken_meanwhile_ends_it_well(session: FakeSession, tmp_path: Path) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    (tmp_path / "run_2.mcap").write_text("precious")
+    sent = publish(session, 1)
+    with pytest.raises(RecordingError, match=r"run_2\.mcap is there already"):
+        made.poll()
+    made.close()
+    made.close()  # A second time it does nothing.
+    assert [data for _, data in contents(tmp_path / "run.mcap")] == [sent]
+    assert (tmp_path / "run_2.mcap").read_text() == "precious"
+
+
+def test_a_run_beside_it_is_told_at_its_end(session: FakeSession, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with recorder.beside(linked(session), path) as beside:
+        assert beside is not None
+        beside._recorder.options = Options(path, scene=False, split_bytes=MIB)
+        (tmp_path / "run_2.mcap").write_text("precious")
+        beside.begin()
+        publish(session, 1)
+        while beside._thread.is_alive():
+            beside._thread.join(0.1)
+        (lack,) = beside.end()
+    assert "run_2.mcap is there already" in lack
+    assert beside.end() == [lack]
+
+
+def test_a_part_of_an_earlier_recording_is_refused_at_once(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    for name in ("run_7.mcap", "run_2024-05-01.mcap", "run_02.mcap", "running_2.mcap"):
+        (tmp_path / name).touch()
+    with pytest.raises(RecordingError, match=r"run_7\.mcap is there already.* another name"):
+        recording(session, tmp_path / "run.mcap")
+    assert not (tmp_path / "run.mcap").exists()
+    (tmp_path / "run_7.mcap").unlink()
+    recording(session, tmp_path / "run.mcap").close()
+
+
+def test_what_can_not_be_created_is_named(session: FakeSession, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match=r"file/run\.mcap can't be created: "):
+        recording(session, tmp_path / "file" / "run.mcap")
+
+
+def test_a_disk_that_is_full_at_the_beginning_is_told(tmp_path: Path) -> None:
+    """A limit on the file's size simulates it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        with pytest.raises(RecordingError, match=r"a\.mcap can't be written: File too large"):
+            McapFile(tmp_path / "a.mcap", {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_configuration_that_is_missing_is_told(
+    session: FakeSession,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    options = Options(tmp_path / "whole.mcap", scene=False)
+    assert recorder.record(linked(session), options, 0.0) == 0
+    assert stages(options.path) == ["mapping", "odometry"]
+    session.rounds[session.config_key("mapping")] = [[]]
+    options = Options(tmp_path / "part.mcap", scene=False)
+    assert recorder.record(linked(session), options, 0.0) == 1
+    assert stages(options.path) == ["odometry"]
+    assert "the configuration of mapping is missing in" in capsys.readouterr().out
+
+
+def part(path: Path, number: int, **about: str) -> Path:
+    McapFile(path, {**ABOUT, "part": str(number), **about}).close()
+    return path
+
+
+@pytest.mark.parametrize("about", [{}, {"recording": "a1"}], ids=["older", "with identity"])
+def test_only_parts_of_the_same_recording_are_read(tmp_path: Path, about: dict[str, str]) -> None:
+    first = part(tmp_path / "run.mcap", 1, **about)
+    parts = [first, *(part(tmp_path / f"run_{n}.mcap", n, **about) for n in (2, 10))]
+    part(tmp_path / "run_3.mcap", 1, **about)  # A recording of its own.
+    part(tmp_path / "run_11.mcap", 11, **{**about, "robot": "another"})
+    (tmp_path / "run_12.mcap").write_bytes(b"\x89MCAP damaged")
+    log = RobotLog(first)
+    assert log.parts == parts
+    assert log.parts == parts
+    damaged, *gaps = log.remarks
+    assert damaged.startswith("run_12.mcap is no recording of zloam, or its beginning is damaged")
+    assert [gap.split()[0] for gap in gaps] == [f"run_{n}.mcap" for n in range(3, 10)]
+
+
+def test_parts_of_two_recordings_of_one_robot_are_told_apart(tmp_path: Path) -> None:
+    first = part(tmp_path / "run.mcap", 1, recording="a1")
+    part(tmp_path / "run_2.mcap", 2, recording="b2")
+    assert RobotLog(first).parts == [first]
