@@ -46,6 +46,8 @@ class FakeSession:
         self.subscribers[key] = read
         return SimpleNamespace(undeclare=lambda: None)
 
+    def close(self) -> None: ...
+
     def publish(self, key: str, payload: bytes) -> None:
         for expression, read in self.subscribers.items():
             if zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key)):

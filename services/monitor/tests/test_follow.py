@@ -13,10 +13,12 @@ from typing import Any, ClassVar
 
 import pytest
 
-from zloam_monitor import follow, report
+from fake_session import FakeSession
+from zloam_monitor import compose, follow, link, messages, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.keys import Keys
 from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.trajectory import TrajectoryError
 
 REPORT: dict[str, Any] = {"poses": 1}
 WITH_RUN = Path(__file__).resolve().parents[3] / "deploy/docker/with-run"
@@ -164,3 +166,87 @@ def test_without_a_file_nobody_is_told(
     assert follow.follow(options(tmp_path, None)) == REPORT
     assert [each.name for each in tmp_path.iterdir()] == ["others"]
     assert not stage.ended()
+
+
+MOUNTED = {"mounting.xyz_m": [0, 0, 1.5], "mounting.rpy_deg": [0, 0, 0]}
+TUM = "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"
+
+
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch) -> FakeSession:
+    """A run that ended without a pose; its stages still answer."""
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+    session = FakeSession(alive=("mapping",))
+    session.rounds[session.config_key("mapping")] = [[compose.config("mapping", MOUNTED)]]
+    monkeypatch.setattr(follow, "open_session", lambda _: session)
+    monkeypatch.setattr(follow, "_wait", lambda *_: 1.0)
+    monkeypatch.setattr(follow, "SETTLE_SECONDS", 0.0)
+    monkeypatch.setattr(link, "BUSY_SECONDS", 0.2)
+    return session
+
+
+@pytest.mark.usefixtures("ended")
+def test_a_reference_that_is_not_there_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there, typo = tmp_path / "truth.tum", tmp_path / "typo.tum"
+    there.write_text(TUM)
+    wanted = dataclasses.replace(options(tmp_path / "out", None), truth=[there, typo])
+    found = follow.follow(wanted)
+    assert list(found["references"]) == ["truth.tum"]
+    said = f"the reference {typo} does not exist: no error against it"
+    assert found["no_reference"] == [said]
+    out = capsys.readouterr().out
+    assert said in out
+    assert "no truth was given" not in out
+    assert said in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_without_references_nothing_needs_a_mounting(
+    tmp_path: Path, ended: FakeSession, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The stages may have ended before they are asked."""
+    ended.alive, ended.rounds = (), {}
+    assert follow.follow(options(tmp_path, None))["no_reference"] == []
+    assert "no truth was given" in capsys.readouterr().out
+
+
+def test_a_reference_without_a_mounting_is_told(tmp_path: Path, ended: FakeSession) -> None:
+    ended.alive, ended.rounds = (), {}
+    (tmp_path / "truth.tum").write_text(TUM)
+    wanted = dataclasses.replace(options(tmp_path, None), truth=[tmp_path / "truth.tum"])
+    (said,) = follow.follow(wanted)["no_reference"]
+    assert said == "no stage said its mounting: no error against truth.tum"
+
+
+@pytest.mark.usefixtures("ended")
+def test_a_bad_reference_is_refused_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = tmp_path / "truth.tum"
+    wanted = dataclasses.replace(options(tmp_path, None), truth=[truth])
+
+    def waits(*_: object) -> float:
+        truth.write_text("no trajectory\n")
+        return 1.0
+
+    # A run that is over is not lost by one that was damaged meanwhile.
+    monkeypatch.setattr(follow, "_wait", waits)
+    (said,) = follow.follow(wanted)["no_reference"]
+    assert said.startswith(f"the reference {truth} can't be read (")
+    with pytest.raises(TrajectoryError):
+        follow.follow(wanted)
+
+
+def test_references_of_one_name_are_both_kept(tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "truth.tum" for folder in "ab"]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text(TUM)
+    found, lacks = references.of_base(paths, {"mapping": MOUNTED})
+    assert (list(found), lacks) == (["truth.tum", str(paths[1])], [])
+    # 1.5 m below the sensor.
+    assert found["truth.tum"].positions[1].tolist() == [1.0, 0.0, -1.5]

@@ -101,3 +101,14 @@ def test_stamps_that_go_back_are_said_and_left_out() -> None:
     assert found["path_m"] == pytest.approx(10.0)
     assert "2 stamps are not after those before, first of sweep 5" in str(found["identities"])
     assert not report.accounted(found)
+
+
+def test_the_page_has_the_remarks_of_the_errors(tmp_path: Path) -> None:
+    """An error over a part of the drive would else be taken for that of the whole."""
+    run = run_with([STEP_NS * i for i in range(11)])
+    half = run_with([STEP_NS * i for i in range(6)]).trajectory
+    found = outputs.write_all(tmp_path, "drive", replace(run, truths={"half.tum": half}))
+    remark = found["references"]["half.tum"]["pose"]["remark"]
+    assert remark
+    assert remark in report.table(found)
+    assert f"pose against half.tum: {remark}" in Reader((tmp_path / "report.html").read_text()).text

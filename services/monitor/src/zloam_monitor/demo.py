@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import beside_run, outputs, recorder, remarks, report, se3
+from zloam_monitor import beside_run, outputs, recorder, references, remarks, report
 from zloam_monitor.chain import Chain, ChainError
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
@@ -134,10 +134,10 @@ def run(options: DemoOptions) -> dict[str, Any]:
         chain.link.query_revisions()
         codes = chain.stop()
         lacks = recording.end() if recording else []
-        truths = outputs.truths_of_base(options.truth, se3.mounting(configs))
+        truths, no_reference = references.of_base(options.truth, configs)
         noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
-        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks)
+        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks, no_reference=no_reference)
     try:
         return outputs.write_all(options.out, options.source.title, seen)
     finally:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import fcntl
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import outputs, report, se3
+from zloam_monitor import outputs, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.files import written_whole
 from zloam_monitor.keys import Keys
@@ -126,6 +126,7 @@ def follow(options: FollowOptions) -> dict[str, Any]:
 
 
 def _follow(options: FollowOptions) -> dict[str, Any]:
+    references.check(options.truth)
     claim = outputs.claim_own(options.out, options.truth)
     line = ProgressLine()
     session = open_session(options.connect)
@@ -140,9 +141,8 @@ def _follow(options: FollowOptions) -> dict[str, Any]:
         link.query_revisions()
         link.poll()
         configs = link.query_configs()
-        known = [path for path in options.truth if path.exists()]
-        truths = outputs.truths_of_base(known, se3.mounting(configs))
-        seen = Run.heard(link, wall_s, truths=truths)
+        truths, lacks = references.of_base(options.truth, configs)
+        seen = replace(Run.heard(link, wall_s, truths=truths), no_reference=lacks)
     finally:
         link.close()
         session.close()

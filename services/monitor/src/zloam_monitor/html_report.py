@@ -85,23 +85,21 @@ def _picture(path: Path) -> str:
 
 
 def _errors(found: dict[str, Any]) -> str:
-    rows = []
-    for name, each in found["references"].items():
-        for kind, words in reports.KINDS.items():
-            if (s := each.get(kind)) is None:
-                continue
-            rows.append(
-                [
-                    f"{words} against {name}",
-                    reports.number_text(s["ate_rmse_m"], 3),
-                    reports.number_text(s["drift_percent"], 3),
-                    reports.number_text(s["rpe_1m_m"], 3),
-                    str(s["matched"]),
-                ]
-            )
-    if not rows:
-        return "<p>No truth was given: no error can be stated.</p>"
-    return _table(["", "ATE, m", "drift, %", "RPE over 1 m, m", "poses"], rows)
+    scores = reports.scores_of(found)
+    rows = [
+        [
+            words,
+            reports.number_text(s["ate_rmse_m"], 3),
+            reports.number_text(s["drift_percent"], 3),
+            reports.number_text(s["rpe_1m_m"], 3),
+            str(s["matched"]),
+        ]
+        for words, s in scores
+    ]
+    table = _table(["", "ATE, m", "drift, %", "RPE over 1 m, m", "poses"], rows) if rows else ""
+    said = [f"{words}: {s['remark']}" for words, s in scores if s.get("remark")]
+    said += reports.without_error(found)
+    return table + "".join(f"<p>{escape(line)}</p>" for line in said)
 
 
 def _head_and_rows(grid: list[list[str]]) -> tuple[list[str], list[list[str]]]:

@@ -41,6 +41,8 @@ class Run:
     wall_s: float
     #: Name of the reference -> truth of base_link.
     truths: dict[str, Trajectory] = field(default_factory=dict)
+    #: Texts about references that can't be used.
+    no_reference: list[str] = field(default_factory=list)
     exit_codes: dict[str, int] = field(default_factory=dict)
     #: Changes during the run, as texts for --set-at.
     set_at: list[str] = field(default_factory=list)
@@ -199,6 +201,7 @@ def build(run: Run) -> dict[str, Any]:
         "references": {
             name: {kind: scores[kind][name].as_dict() for kind in scores} for name in run.truths
         },
+        "no_reference": run.no_reference,
     }
     for name in SCORE_NAMES:
         report[name] = {kind: _worst(list(each.values()), name) for kind, each in scores.items()}
@@ -265,6 +268,24 @@ def stage_rows(report: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
+def scores_of(report: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """(trajectory and reference, its errors) for each of both."""
+    return [
+        (f"{words} against {name}", each[kind])
+        for name, each in report["references"].items()
+        for kind, words in KINDS.items()
+        if each.get(kind) is not None
+    ]
+
+
+def without_error(report: dict[str, Any]) -> list[str]:
+    """Texts that say why errors are missing."""
+    lacking: list[str] = report.get("no_reference", [])
+    if lacking or report["references"]:
+        return lacking
+    return ["no truth was given: no error can be stated"]
+
+
 def latency_line(report: dict[str, Any]) -> str:
     """A sentence about the latency."""
     parts = []
@@ -279,18 +300,14 @@ def table(report: dict[str, Any]) -> str:
     """Text for a person at the end of a run."""
     lines = _grid(stage_rows(report))
     lines.append("")
-    for name, each in report["references"].items():
-        for kind, words in KINDS.items():
-            if (s := each.get(kind)) is None:
-                continue
-            lines.append(
-                f"{words} against {name}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
-                f"drift {number_text(s['drift_percent'], 3)} %, "
-                f"RPE over 1 m {number_text(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
-                + (f"; {s['remark']}" if s["remark"] else "")
-            )
-    if not report["references"]:
-        lines.append("no truth was given: no error can be stated")
+    for words, s in scores_of(report):
+        lines.append(
+            f"{words}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
+            f"drift {number_text(s['drift_percent'], 3)} %, "
+            f"RPE over 1 m {number_text(s['rpe_1m_m'], 3)} m ({s['matched']} poses)"
+            + (f"; {s['remark']}" if s["remark"] else "")
+        )
+    lines += without_error(report)
     if loops := report.get("loops"):
         lines.append(f"{loops['loops']} loops in force between {loops['submaps']} submaps")
     lines.append(latency_line(report))
