@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from zloam_monitor import places
-from zloam_monitor.processes import Processes, free_port, is_free
+from zloam_monitor.processes import Processes, describe_code, free_port, is_free
 
 PAGE_PORT = 8080
 #: Files in the run's output folder.
@@ -16,23 +16,31 @@ MCAP, RERUN = "run.mcap", "run.rrd"
 
 
 @contextmanager
-def shown(endpoint: str, out: Path, wanted: bool) -> Iterator[None]:
-    """While the block runs: serves the page at a printed address and records for Rerun."""
+def shown(endpoint: str, out: Path, wanted: bool) -> Iterator[list[str]]:
+    """While the block runs: serves the page at a printed address and records for Rerun. Yields a
+    list that has after the block what failed."""
+    lacks: list[str] = []
     if not wanted:
-        yield
+        yield lacks
         return
     port = PAGE_PORT if is_free(PAGE_PORT) else free_port()
     command, logs = str(places.command()), out / "logs"
     views = Processes()
-    page = [command, "web", "--connect", endpoint, "--port", str(port)]
-    views.start("web", page, logs / "web.log")
-    print(f"watch it: http://127.0.0.1:{port}/", flush=True)
+    page = f"http://127.0.0.1:{port}/"
+    serve = [command, "web", "--connect", endpoint, "--port", str(port)]
+    views.start("web", serve, logs / "web.log")
+    print(f"watch it: {page}", flush=True)
+    made = {"web": page}
     if importlib.util.find_spec("rerun") is not None:
         keep = [command, "view", "--connect", endpoint, "--save", str(out.resolve() / RERUN)]
         views.start("view", keep, logs / "view.log")
+        made["view"] = str(out / RERUN)
     else:
         print(f"no {RERUN}: rerun-sdk is not installed (make view-tools)", flush=True)
     try:
-        yield
+        yield lacks
     finally:
-        views.stop()
+        for name, code in views.stop().items():
+            if code:
+                log = logs / f"{name}.log"
+                lacks.append(f"{made[name]} by {name}: {describe_code(code)}, see {log}")

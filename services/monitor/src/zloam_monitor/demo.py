@@ -125,7 +125,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
             recording.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
-        with beside_run.shown(chain.ports.endpoint, options.out, options.view):
+        with beside_run.shown(chain.ports.endpoint, options.out, options.view) as unseen:
             try:
                 wall_s = _follow(chain, options.source, line, noted, logs)
             finally:
@@ -133,7 +133,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         chain.link.query_statuses()
         chain.link.query_revisions()
         codes = chain.stop()
-        lacks = recording.end() if recording else []
+        lacks = [*unseen, *(recording.end() if recording else [])]
         truths, no_reference = references.of_base(options.truth, configs)
         noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
