@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import zipfile
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zloam_monitor import cli, comparison, support, trajectory
+from fake_session import FakeSession
+from zloam_monitor import cli, comparison, compose, discovery, messages, support, trajectory
+from zloam_monitor.link import Link, LinkError
 from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 
@@ -130,3 +133,64 @@ def test_a_folder_of_nothing_is_told(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "neither report.json nor logs" in capsys.readouterr().err
     assert cli.main(["support", str(tmp_path / "none"), "--out", str(out), *words[4:]]) == 1
     assert not out.exists()
+
+
+def collected(folder: Path, *words: str) -> tuple[int, dict[str, bytes]]:
+    """(exit code, contents) of the command's file for the run in this folder."""
+    out = folder / "s.zip"
+    code = cli.main(["support", str(folder / "run"), "--out", str(out), *words])
+    with zipfile.ZipFile(out) as made:
+        return code, {name: made.read(name) for name in made.namelist()}
+
+
+def test_an_address_at_which_nothing_answers_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a_run(tmp_path / "run", drive())
+    code, made = collected(tmp_path, "--connect", "tcp/127.0.0.1:1")
+    assert code == 1
+    assert "nothing answers at tcp/127.0.0.1:1" in capsys.readouterr().err
+    assert "nothing answers" in json.loads(made["live/0.json"])["error"]
+    assert "report.json" in made
+
+
+def test_a_robot_that_vanishes_does_not_cost_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+
+    def linked_to(found: discovery.Found) -> Any:
+        if found.robot == "gone":
+            raise LinkError("no link to the stages: it left")
+        session: Any = FakeSession()
+        if found.robot == "here":
+            key = session.keys.below("service/mapping/mapping-1/status")
+            session.rounds[key] = [[compose.status("mapping", 1, 1, None, [], {}, False)]]
+        return contextlib.nullcontext(Link(session, session.keys, newest=0))
+
+    robots = [discovery.Found(name, "tcp/h:1", ()) for name in ("gone", "mute", "here")]
+    monkeypatch.setattr(discovery, "robots", lambda *_: robots)
+    monkeypatch.setattr(discovery, "linked_to", linked_to)
+    a_run(tmp_path / "run", drive())
+    code, made = collected(tmp_path)
+    told = [json.loads(made[f"live/{n}.json"]) for n in range(3)]
+    assert told[0]["error"] == "no link to the stages: it left"
+    assert told[1]["error"] == "it was found, but no stage gave its status"
+    assert "error" not in told[2]
+    assert list(told[2]["statuses"]) == ["mapping"]
+    said = capsys.readouterr().err
+    assert (code, "gone: no link" in said, "mute: it was found" in said) == (1, True, True)
+    assert "here" not in said
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "null", '{"remarks": ["a"],\n"path_m": 3.5,\n'])
+def test_a_report_that_is_none_is_included_as_it_is(tmp_path: Path, text: str) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "report.json").write_text(text)
+    support.write(tmp_path / "s.zip", tmp_path / "run")
+    with zipfile.ZipFile(tmp_path / "s.zip") as made:
+        found = made.read("report.json").decode()
+    assert found == text.replace('"path_m": 3.5,\n', "")

@@ -262,15 +262,19 @@ def support(
     """Collect what is needed to analyse a fault: report, logs, configuration, machine.
 
     The file has no poses, maps or pictures. Statuses of robots on this machine, or at --connect,
-    are included.
+    are included. Exit code 1: a robot could not be asked.
     """
     from zloam_monitor import support as bundle
 
-    names = bundle.write(out, run, config, bundle.live(common.endpoints(connect)))
+    robots = bundle.live(common.endpoints(connect))
+    names = bundle.write(out, run, config, robots)
     print(f"{out}: {len(names)} files")
     for name in names:
         print(f"  {name}")
-    return 0
+    failures = bundle.failures(robots)
+    for failure in failures:
+        common.said(failure)
+    return 1 if failures else 0
 
 
 def add(app: typer.Typer) -> None:

@@ -10,10 +10,15 @@ import platform
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from zloam_monitor.files import written_whole
+from zloam_monitor.link import LinkError
+from zloam_monitor.messages import DECODE_ERRORS
 from zloam_monitor.version import version
+
+if TYPE_CHECKING:
+    from zloam_monitor.discovery import Found
 
 #: Files of a run's folder that are included.
 TOLD = ("report.json", "logs/*.log")
@@ -57,11 +62,16 @@ def _line(path: str) -> str:
 
 
 def _without_geometry(report: Path) -> str:
+    text = report.read_text(errors="replace")
     try:
-        values = json.loads(report.read_text())
-    except ValueError:
-        return report.read_text(errors="replace")
-    return json.dumps({k: v for k, v in values.items() if k not in GEOMETRY}, indent=1)
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        values = None
+    if isinstance(values, dict):
+        return json.dumps({k: v for k, v in values.items() if k not in GEOMETRY}, indent=1)
+    # A damaged report may be the fault itself: all of it but the lines with these keys.
+    lines = text.splitlines(keepends=True)
+    return "".join(line for line in lines if not any(key in line for key in GEOMETRY))
 
 
 def _end_of(path: Path) -> bytes:
@@ -95,7 +105,7 @@ def write(
     if not run.is_dir():
         raise SupportError(f"{run}: no such folder; the one that a run has left is expected")
     found = list(_entries(run, config, robots or []))
-    if len(found) < 2:
+    if len(found) - len(failures(robots or [])) < 2:
         raise SupportError(f"{run}: neither report.json nor logs are in it, and no robot answers")
     with written_whole(out, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as made:
         for name, content in found:
@@ -104,21 +114,47 @@ def write(
 
 
 def live(endpoints: list[str]) -> list[dict[str, Any]]:
-    """Statuses and configurations of the robots that answer."""
+    """Statuses and configurations of the robots that answer; in place of those that could not be
+    asked there is an `error`, also if endpoints are named and nothing answers there."""
     from zloam_monitor import discovery
 
-    told = []
-    for found in discovery.robots(endpoints):
-        with discovery.linked(found.robot, [found.endpoint]) as link:
+    wanted = [discovery.endpoint_of(each) for each in endpoints]
+    if not wanted:
+        return [_asked(found) for found in discovery.robots()]
+    try:
+        return [_asked(found) for found in discovery.present(wanted)]
+    except discovery.NothingAnswers as error:
+        return [{"endpoint": ", ".join(wanted), "error": str(error)}]
+
+
+def failures(robots: list[dict[str, Any]]) -> list[str]:
+    """Texts about the robots that could not be asked, or not completely."""
+    return [
+        f"{robot.get('robot', robot.get('endpoint'))}: {robot['error']}"
+        for robot in robots
+        if "error" in robot
+    ]
+
+
+def _asked(found: Found) -> dict[str, Any]:
+    """One robot, which may vanish while it is asked."""
+    from zloam_monitor import discovery
+
+    told: dict[str, Any] = {
+        "robot": found.robot,
+        "endpoint": found.endpoint,
+        "stages": found.stages,
+    }
+    try:
+        with discovery.linked_to(found) as link:
             link.query_statuses()
             statuses = {k: dataclasses.asdict(v) for k, v in link.newest_statuses().items()}
-            told.append(
-                {
-                    "robot": found.robot,
-                    "endpoint": found.endpoint,
-                    "stages": found.stages,
-                    "statuses": statuses,
-                    "configurations": link.query_configs(),
-                }
-            )
+            told |= {"statuses": statuses, "configurations": link.query_configs()}
+            silent = sorted(link.unanswered)
+    except (LinkError, *DECODE_ERRORS) as error:
+        return {**told, "error": str(error) or type(error).__name__}
+    if not statuses:
+        return {**told, "error": "it was found, but no stage gave its status"}
+    if silent:
+        return {**told, "error": f"no configuration came of {', '.join(silent)}"}
     return told
