@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +53,42 @@ def test_what_is_no_description_is_refused(page: Any, why: str) -> None:
         pytest.raises(sources.SourceError, match=why),
     ):
         sensor_metadata.fetched(host)
+
+
+@pytest.mark.parametrize("host", ["os 1", "os:port", "[os", "no-scheme://os", "http://"])
+def test_what_is_no_address_is_named(
+    host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["metadata", host, str(tmp_path / "a.json")]) == 1
+    said = capsys.readouterr().err
+    assert host in said
+    assert "is it the sensor's address?" in said
+
+
+@pytest.mark.parametrize("answer", [b"SSH-2.0-x\r\n", b"", b"HTTP/1.1 200 OK\r\n\r\n["])
+def test_who_speaks_another_language_is_named(
+    answer: bytes, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def serve(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        with connection:
+            connection.recv(1000)
+            connection.sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve, args=(server,))
+        thread.start()
+        host = f"127.0.0.1:{server.getsockname()[1]}"
+        assert cli.main(["metadata", host, str(tmp_path / "a.json")]) == 1
+        thread.join()
+    assert host in capsys.readouterr().err
+
+
+def test_a_description_of_another_form_is_refused_or_kept() -> None:
+    """Whether the sensor runs is unknown then."""
+    found = {**DESCRIPTION, "sensor_info": ["1.0"]}
+    with sensor({sensor_metadata.PATH: found}) as host:
+        assert sensor_metadata.fetched(host) == found
 
 
 def test_who_is_no_sensor_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -88,7 +88,8 @@ class Chain:
         }
         self._beside = tuple(beside)
         self._logs = logs
-        self.link = Link(open_session([], self._own_endpoint()), Keys(robot, sensor))
+        keys = Keys(robot, sensor)
+        self.link = Link(open_session([], self._own_endpoint()), keys)
 
     @property
     def base_port(self) -> int:

@@ -19,6 +19,8 @@ RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Running robots", "Files", "Programs (eac
 P = ParamSpec("P")
 #: Exit code if a file could not be read or written; the stages use the same one.
 FILE_MISSING = 3
+#: Exit code if a command line or a configuration is wrong, as the stages'.
+REFUSED = 2
 #: Number of poses that a command keeps which may run for days: ten minutes at 10 Hz.
 NEWEST = 6000
 #: Placeholder in an endpoint for the name of each stage.
@@ -36,6 +38,7 @@ def _failed(error: BaseException) -> int | None:
     from zloam_monitor.claims import NotOurs
     from zloam_monitor.discovery import NothingAnswers
     from zloam_monitor.extras import Missing, ViewerError
+    from zloam_monitor.keys import KeyNameError
     from zloam_monitor.link import LinkError
     from zloam_monitor.maps import MapError
     from zloam_monitor.mcap_file import RecordingError
@@ -51,6 +54,8 @@ def _failed(error: BaseException) -> int | None:
 
     if isinstance(error, StageDied):
         return error.code if error.code in (2, FILE_MISSING) else 1
+    if isinstance(error, KeyNameError):
+        return REFUSED
     if isinstance(error, (PortTaken, RecordingError)):
         return FILE_MISSING
     expected = (
@@ -156,6 +161,8 @@ Connect = Annotated[
         "repeated. tcp/<stage>: each stage at its own host. Default: this machine.",
     ),
 ]
+#: Highest port number.
+MOST_PORT = 65535
 Robot = Annotated[
     str | None, typer.Option(help="The robot's name. Default: the only one that answers.")
 ]

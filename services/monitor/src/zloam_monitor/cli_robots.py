@@ -185,7 +185,9 @@ def handover(
 
 @command
 def metrics(
-    port: Annotated[int, typer.Option(help="Port of the page; 0: a free port.")] = 9464,
+    port: Annotated[
+        int, typer.Option(min=0, max=common.MOST_PORT, help="Port of the page; 0: a free port.")
+    ] = 9464,
     address: common.Address = "127.0.0.1",
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,

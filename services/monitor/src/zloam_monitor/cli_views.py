@@ -84,7 +84,9 @@ def replay(
 
 @command
 def foxglove(
-    port: Annotated[int, typer.Option(help="Port of the server; 0: a free port.")] = 8765,
+    port: Annotated[
+        int, typer.Option(min=0, max=common.MOST_PORT, help="Port of the server; 0: a free port.")
+    ] = 8765,
     address: common.Address = "127.0.0.1",
     seconds: common.ForSeconds = None,
     connect: common.Connect = None,
@@ -112,11 +114,16 @@ def view(
     web: Annotated[
         bool, typer.Option("--web", help="Show it in the browser instead of a window.")
     ] = False,
-    port: Annotated[int, typer.Option(help="Port of the page; the data use the next port.")] = 9090,
+    port: Annotated[
+        int,
+        typer.Option(
+            min=1, max=common.MOST_PORT - 1, help="Port of the page; the data use the next port."
+        ),
+    ] = 9090,
     address: common.Address = "127.0.0.1",
     save: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write to a file (.rrd) instead of showing it."),
+        typer.Option(metavar="FILE", help="Write to a new file (.rrd) instead of showing it."),
     ] = None,
     points: Annotated[bool, typer.Option(help="Show sweeps, features and rejected points.")] = True,
     thin: Thin = False,
@@ -134,7 +141,9 @@ def view(
 
 @command
 def web(
-    port: Annotated[int, typer.Option(help="Port of the page; 0: a free port.")] = 8080,
+    port: Annotated[
+        int, typer.Option(min=0, max=common.MOST_PORT, help="Port of the page; 0: a free port.")
+    ] = 8080,
     address: common.Address = "127.0.0.1",
     thin: Thin = False,
     seconds: common.ForSeconds = None,

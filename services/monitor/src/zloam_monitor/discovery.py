@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.keys import Keys
+from zloam_monitor.keys import Keys, name_error
 from zloam_monitor.link import Link, LinkError, open_client, open_session
 from zloam_monitor.stages import STAGES
 
@@ -161,7 +161,9 @@ def _answers(session: Any, seconds: float) -> set[tuple[str, str, str]]:
     """(robot, stage, instance) by liveliness tokens: a router keeps statuses of ended stages."""
     found = set()
     for reply in session.liveliness().get("loam/*/service/*/*/alive", timeout=seconds):
-        if reply.ok is not None and (match := _ALIVE_KEY.match(str(reply.ok.key_expr))):
+        match = _ALIVE_KEY.match(str(reply.ok.key_expr)) if reply.ok is not None else None
+        # No stage accepts such a name, so the token is a stranger's.
+        if match is not None and name_error(match["robot"]) is None:
             found.add((match["robot"], match["stage"], match["instance"]))
     return found
 

@@ -7,12 +7,37 @@ from dataclasses import dataclass
 from zloam_monitor.stages import ROWS
 
 
+class KeyNameError(ValueError):
+    """A user's name of something can't be part of a key; the text says why."""
+
+
+def name_error(text: str) -> str | None:
+    """Why a name can't be part of a key; None: it can. The stages refuse the same names."""
+    if not text:
+        return "an empty name can't be part of a key"
+    if text.startswith("@"):
+        return f"'{text}' can't be part of a key: it starts with '@'"
+    if any(c in "/*?#$\x7f" or c <= " " for c in text):
+        return f"'{text}' can't be part of a key: no '/', '*', '?', '#', '$' or white space"
+    return None
+
+
+def _checked(what: str, name: str) -> str:
+    if wrong := name_error(name):
+        raise KeyNameError(f"name of the {what}: {wrong}")
+    return name
+
+
 @dataclass(frozen=True)
 class Keys:
-    """Key expressions below loam/<robot>/."""
+    """Key expressions below loam/<robot>/; raises KeyNameError."""
 
     robot: str
     sensor: str = "lidar"
+
+    def __post_init__(self) -> None:
+        _checked("robot", self.robot)
+        _checked("sensor", self.sensor)
 
     def below(self, rest: str) -> str:
         return f"loam/{self.robot}/{rest}"
@@ -109,10 +134,10 @@ class Keys:
         return self.below(f"config/{stage}")
 
     def command(self, stage: str, verb: str) -> str:
-        return self.below(f"command/{stage}/{verb}")
+        return self.below(f"command/{_checked('stage', stage)}/{verb}")
 
     def takeover(self, stage: str, instance: str) -> str:
-        return self.command(stage, f"takeover/{instance}")
+        return self.command(stage, f"takeover/{_checked('instance', instance)}")
 
     def ack(self, sink: str) -> str:
         return self.below(f"flow/{sink}/ack")

@@ -19,6 +19,7 @@ from zloam_monitor import ending, se3, thin
 from zloam_monitor.extras import ViewerError, needed
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
+from zloam_monitor.mcap_file import RecordingError
 from zloam_monitor.ports import PortTaken
 from zloam_monitor.processes import is_free
 from zloam_monitor.rerun_scene import Scene, blueprint, expressions
@@ -114,12 +115,22 @@ class Viewer:
         self._settings.cleanup()
 
 
+def _saved(recording: Any, path: Path, plan: Any) -> None:
+    """Makes the recording write to a new file; raises RecordingError."""
+    if os.path.lexists(path):
+        raise RecordingError(f"{path} is there already: choose another name")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(path, default_blueprint=plan)
+    except (OSError, RuntimeError) as error:  # The latter is Rerun's, for any failure.
+        raise RecordingError(f"{path} can't be created: {error}") from error
+
+
 @contextlib.contextmanager
 def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
     """Shows the recording during the block; yields a text that says where."""
     if options.save is not None:
-        options.save.parent.mkdir(parents=True, exist_ok=True)
-        recording.save(options.save, default_blueprint=plan)
+        _saved(recording, options.save, plan)
         yield f"{options.save} (`rerun {options.save}` shows it)"
         return
     with contextlib.closing(Viewer(options)) as viewer:

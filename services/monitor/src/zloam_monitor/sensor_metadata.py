@@ -6,6 +6,7 @@ below the same one) and the configuration. The driver determines the model by it
 
 from __future__ import annotations
 
+import http.client
 import json
 import urllib.error
 import urllib.request
@@ -25,6 +26,8 @@ PATIENCE_S = 10.0
 MOST_BYTES = 1 << 20
 #: Parts without which the driver cannot use a description.
 NEEDED = ("beam_intrinsics", "lidar_data_format")
+#: What a host may cause that is none, or does not speak HTTP.
+FAILURES = (urllib.error.URLError, OSError, http.client.HTTPException, ValueError)
 
 
 def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, Any]:
@@ -37,13 +40,14 @@ def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, A
         if error.code != 404:
             raise SourceError(f"{base + PATH}: {error}") from error
         found = _assembled(ask, base)
-    except (urllib.error.URLError, OSError) as error:
-        reason = getattr(error, "reason", error)
+    except FAILURES as error:
+        reason = getattr(error, "reason", None) or str(error).strip() or type(error).__name__
         raise SourceError(f"{base}: no answer ({reason}); is it the sensor's address?") from error
     lacking = [name for name in NEEDED if name not in found]
     if lacking:
         raise SourceError(f"{base + PATH}: says nothing of {' and '.join(lacking)}")
-    status = found.get("sensor_info", {}).get("status", "RUNNING")
+    info = found.get("sensor_info")
+    status = info.get("status", "RUNNING") if isinstance(info, dict) else "RUNNING"
     if status not in ("RUNNING", "STANDBY"):
         raise SourceError(f"{base}: the sensor is {status}: ask again when it is RUNNING")
     return found
@@ -53,15 +57,16 @@ def _assembled(ask: Callable[[str], bytes], base: str) -> dict[str, Any]:
     try:
         parts = {name: _document(ask, f"{base}{PATH}/{name}") for name in PARTS}
         parts["config_params"] = _document(ask, base + CONFIGURATION)
-    except (urllib.error.URLError, OSError) as error:
+    except FAILURES as error:
         raise SourceError(f"{base}{PATH}: {error}") from error
     return parts
 
 
 def _document(ask: Callable[[str], bytes], url: str) -> dict[str, Any]:
+    answer = ask(url)
     try:
-        found = json.loads(ask(url))
-    except ValueError as error:
+        found = json.loads(answer)
+    except (ValueError, RecursionError) as error:
         raise SourceError(f"{url}: is no JSON: {error}") from error
     if not isinstance(found, dict):
         raise SourceError(f"{url}: is no JSON object")

@@ -1,0 +1,71 @@
+"""A view whose port or file can't be used says which one."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fake_session import FakeSession
+from zloam_monitor import cli, cli_common, foxglove_server, rerun_view
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
+from zloam_monitor.mcap_file import RecordingError
+from zloam_monitor.ports import PortTaken
+
+
+@pytest.mark.parametrize("command", ["web", "view", "foxglove", "metrics"])
+@pytest.mark.parametrize("port", ["70000", "65536", "-1"])
+def test_a_port_that_can_not_be_is_a_wrong_command_line(
+    command: str, port: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([command, "--port", port, "--connect", "tcp/127.0.0.1:1"]) == 2
+    assert "--port" in capsys.readouterr().err
+
+
+def test_the_page_of_a_view_needs_two_ports() -> None:
+    assert cli.main(["view", "--port", "65535", "--connect", "tcp/127.0.0.1:1"]) == 2
+
+
+def linked() -> Link:
+    session: Any = FakeSession()
+    return Link(session, Keys("robot"), newest=0)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "no.such.host.invalid"])
+def test_a_server_that_can_not_listen_is_told(address: str) -> None:
+    pytest.importorskip("foxglove")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(PortTaken, match=f"can't listen on {address}:{port}: ") as told:
+            foxglove_server.serve(linked(), address, port, 0.0)
+    assert cli_common._failed(told.value) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("", "is there already: choose another name"),
+        ("old.rrd", "is there already: choose another name"),
+        ("file/new.rrd", "can't be created: "),
+        ("/proc/none/new.rrd", "can't be created: "),
+    ],
+)
+def test_a_file_that_can_not_be_written_is_told(tmp_path: Path, name: str, why: str) -> None:
+    pytest.importorskip("rerun")
+    (tmp_path / "old.rrd").write_text("precious")
+    (tmp_path / "file").touch()
+    path = tmp_path / name
+    with pytest.raises(RecordingError, match=f"^{path} {why}") as told:
+        rerun_view.view(linked(), rerun_view.Options(save=path), 0.0)
+    assert cli_common._failed(told.value) == 3
+    assert (tmp_path / "old.rrd").read_text() == "precious"
+
+
+def test_a_new_file_is_written(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = tmp_path / "folder" / "new.rrd"
+    assert rerun_view.view(linked(), rerun_view.Options(save=path), 0.0) == 0
+    assert path.read_bytes().startswith(b"RRF2")
