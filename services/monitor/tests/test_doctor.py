@@ -101,6 +101,10 @@ WRONG: dict[str, tuple[Heard, str]] = {
         ),
         "a token of mapping (ghost, term 9) is there, and no such instance answers",
     ),
+    "a stage that tells no configuration": (
+        replace(well(), unanswered=frozenset({"mapping"})),
+        "mapping is alive, but did not tell its configuration",
+    ),
     "a thin link": (replace(well(), late_s=20.0), "arrives 20 s later than at first"),
     "started again": (
         replace(

@@ -118,6 +118,8 @@ class Heard:
     late_s: float = 0.0
     #: Tokens that no instance declared that answers.
     strangers: frozenset[Claim] = frozenset()
+    #: Living stages that did not tell their configuration.
+    unanswered: frozenset[str] = frozenset()
 
     def alive(self) -> list[StatusRecord]:
         return [s for who, s in self.after.items() if who in self.living]
@@ -168,6 +170,7 @@ def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: Tru
         [pose for sweep, pose in sorted(link.mapped.items()) if sweep > mapped],
         link.late.seconds(living),
         _strangers(claims & link.claims(), link.answering()),
+        frozenset(link.unanswered),
     )
 
 
@@ -409,6 +412,11 @@ def _pace(heard: Heard) -> Iterator[Finding]:
 
 
 def _settings(heard: Heard) -> Iterator[Finding]:
+    for stage in sorted(heard.unanswered):
+        yield Finding(
+            f"{stage} is alive, but did not tell its configuration",
+            "it hangs, or its machine or the link to it is overloaded: see its log",
+        )
     said: dict[str, dict[str, list[str]]] = {}
     for stage, values in heard.configs.items():
         for key, value in values.items():

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import zenoh
+
 from zloam_monitor.files import written_whole
 from zloam_monitor.link import LinkError
 from zloam_monitor.messages import DECODE_ERRORS
@@ -26,6 +28,8 @@ TOLD = ("report.json", "logs/*.log")
 GEOMETRY = ("path_m",)
 #: Of a longer log, only the end is included.
 MOST_LOG_BYTES = 5_000_000
+#: What asking a robot may raise if it, or the link to it, ends meanwhile.
+VANISHED: tuple[type[Exception], ...] = (LinkError, zenoh.ZError, *DECODE_ERRORS)
 
 
 class SupportError(ValueError):
@@ -151,7 +155,7 @@ def _asked(found: Found) -> dict[str, Any]:
             statuses = {k: dataclasses.asdict(v) for k, v in link.newest_statuses().items()}
             told |= {"statuses": statuses, "configurations": link.query_configs()}
             silent = sorted(link.unanswered)
-    except (LinkError, *DECODE_ERRORS) as error:
+    except VANISHED as error:
         return {**told, "error": str(error) or type(error).__name__}
     if not statuses:
         return {**told, "error": "it was found, but no stage gave its status"}
