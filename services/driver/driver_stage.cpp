@@ -193,15 +193,12 @@ bool DriverStage::due() {
 }
 
 bool DriverStage::pull_live(Outgoing& outgoing) {
-  const bool recording = packets_.matching();
-  if (source_) {
-    source_->record(recording);
-    const bool came = source_->pull(outgoing.sweep) == Pull::kSweep;
-    if (came) outgoing.packets = source_->take_packets();
-    return came;
-  }
-  stream_->record(recording);
-  return stream_->take(outgoing.sweep);
+  // Packets that come over Zenoh are on the key already.
+  if (!source_) return stream_->take(outgoing.sweep);
+  source_->record(packets_.matching());
+  const bool came = source_->pull(outgoing.sweep) == Pull::kSweep;
+  if (came) outgoing.packets = source_->take_packets();
+  return came;
 }
 
 void DriverStage::publish_waiting() {
@@ -323,7 +320,7 @@ void DriverStage::watch_clock(const PositionPacket& packet) {
         "driver.clock is utc, but the sensor's minutes and seconds are not those of its receiver: "
         "the sensor has not taken over the receiver's time";
   }
-  stage_.degraded("clock", text);
+  stage_.degraded("sensor clock", text);
 }
 
 void DriverStage::report_steps(const DecodedSweep& sweep) {
@@ -366,27 +363,42 @@ void DriverStage::watch_quiet(bool sweep_came) {
   }
   if (quiet_ || static_cast<double>(silent_ns) < 1e9 * config_.quiet_s) return;
   quiet_ = true;
-  std::string text = "no packets on " +
-                     (source_ ? "UDP " + std::to_string(config_.udp.data_port) : packets_.key()) +
-                     " for " + std::to_string(static_cast<int>(config_.quiet_s)) + " s";
-  if (source_) {
-    text +=
-        ": is the sensor on and connected; does it send to this host or broadcast (its web page "
-        "tells); is the port right (driver.port) and the sender (driver.sensor_address); does a "
-        "firewall drop them; is it a model that is decoded here? Seen so far: " +
-        counted(counts());
-    if (const std::uint32_t other = source_->other_sender(); other != 0) {
-      text += "; packets of such a sensor come from " + ipv4_text(other) +
-              ", which is not this one (driver.sensor_address)";
-    }
-    if (const std::uint64_t unheard = to_closed_ports(); unheard > 0) {
-      text += "; " + std::to_string(unheard) +
-              " datagrams came to UDP ports of this host that no program listens on: if the "
-              "sensor's are among them, driver.port is another (tcpdump -n udp shows it)";
-    }
-  }
+  const std::string text = "no packets on " + place() + " for " +
+                           std::to_string(static_cast<int>(config_.quiet_s)) + " s" +
+                           advice_on_silence();
   runtime::log_warning(text);
   stage_.degraded("packets", text);
+}
+
+/// Where the sensor's data come in.
+std::string DriverStage::place() const {
+  if (!source_) return packets_.key();
+  if (config_.source == SourceKind::kScip) return config_.path;
+  return "UDP " + std::to_string(config_.udp.data_port);
+}
+
+std::string DriverStage::advice_on_silence() const {
+  if (!source_) return {};
+  if (config_.source == SourceKind::kScip) {
+    return ": is the scanner on and connected, and is driver.path its address or device? Seen so "
+           "far: " +
+           counted(counts());
+  }
+  std::string text =
+      ": is the sensor on and connected; does it send to this host or broadcast (its web page "
+      "tells); is the port right (driver.port) and the sender (driver.sensor_address); does a "
+      "firewall drop them; is it a model that is decoded here? Seen so far: " +
+      counted(counts());
+  if (const std::uint32_t other = source_->other_sender(); other != 0) {
+    text += "; packets of such a sensor come from " + ipv4_text(other) +
+            ", which is not this one (driver.sensor_address)";
+  }
+  if (const std::uint64_t unheard = to_closed_ports(); unheard > 0) {
+    text += "; " + std::to_string(unheard) +
+            " datagrams came to UDP ports of this host that no program listens on: if the "
+            "sensor's are among them, driver.port is another (tcpdump -n udp shows it)";
+  }
+  return text;
 }
 
 std::uint64_t DriverStage::to_closed_ports() const {
@@ -406,6 +418,24 @@ void DriverStage::say_remarks() {
   }
 }
 
+/// Reports problems as they begin and end.
+void DriverStage::say_troubles() {
+  const std::vector<std::string> now = source_ ? source_->troubles() : std::vector<std::string>();
+  const auto is_in = [](const std::vector<std::string>& all, const std::string& text) {
+    return std::find(all.begin(), all.end(), text) != all.end();
+  };
+  std::string all;
+  for (const std::string& text : now) {
+    if (!is_in(troubles_, text)) runtime::log_warning(text);
+    all += (all.empty() ? "" : "; ") + text;
+  }
+  for (const std::string& text : troubles_) {
+    if (!is_in(now, text)) runtime::log_info("no longer", {{"what", text}});
+  }
+  stage_.degraded("source", all);
+  troubles_ = now;
+}
+
 void DriverStage::say_counts() {
   for (const auto& [name, count] : counts()) {
     stage_.figure(std::string(name), static_cast<double>(count));
@@ -419,6 +449,7 @@ void DriverStage::say_counts() {
 void DriverStage::every_second() {
   say_counts();
   say_remarks();
+  say_troubles();
   if (seconds_ == step_said_until_) stage_.degraded("clock step", "");
   if (++seconds_ % kProgressSeconds == 0 && number_ > 0 && !last_published_) {
     const NamedCounts all = counts();

@@ -54,6 +54,9 @@ class DriverStage {
   void watch_quiet(bool sweep_came);
   void every_second();
   void say_remarks();
+  void say_troubles();
+  std::string place() const;
+  std::string advice_on_silence() const;
   void say_counts();
   NamedCounts counts() const;
   std::uint64_t to_closed_ports() const;
@@ -88,7 +91,7 @@ class DriverStage {
   std::uint64_t to_closed_ports_before_ = datagrams_to_closed_ports();
   bool quiet_ = false;
   bool flushed_ = true;
-  std::vector<std::string> remarks_said_;
+  std::vector<std::string> remarks_said_, troubles_;
   int seconds_ = 0;
   /// until when the last clock step is reported
   int step_said_until_ = 0;

@@ -35,6 +35,9 @@ void ImuBuffer::add(const ImuReading& reading) {
     readings_.clear();
   }
   readings_.push_back(shifted);
+  if (readings_.size() <= most_) return;
+  readings_.pop_front();
+  ++unused_;
 }
 
 std::vector<ImuReading> ImuBuffer::covering(std::int64_t begin_ns, std::int64_t end_ns) {

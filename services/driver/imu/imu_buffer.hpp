@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -12,8 +13,10 @@ namespace zloam::driver {
 
 class ImuBuffer {
  public:
-  /// delay_ns: by how much the stamps are later than the readings; it is subtracted.
-  explicit ImuBuffer(std::int64_t delay_ns) : delay_ns_(delay_ns) {}
+  /// delay_ns: by how much the stamps are later than the readings; it is subtracted. most: readings
+  /// kept while no sweep takes them; of more the earliest are dropped and counted.
+  explicit ImuBuffer(std::int64_t delay_ns, std::size_t most = kEndless)
+      : delay_ns_(delay_ns), most_(most) {}
 
   /// Takes readings in ascending order of their stamps. One out of order or not finite is dropped
   /// and counted; after a jump back by a second all earlier readings are dropped.
@@ -29,13 +32,18 @@ class ImuBuffer {
   std::uint64_t received() const { return received_; }
   std::uint64_t out_of_order() const { return out_of_order_; }
   std::uint64_t invalid() const { return invalid_; }
+  std::uint64_t unused() const { return unused_; }
 
  private:
+  static constexpr std::size_t kEndless = std::numeric_limits<std::size_t>::max();
+
   std::int64_t delay_ns_;
+  std::size_t most_;
   std::deque<ImuReading> readings_;
   std::uint64_t received_ = 0;
   std::uint64_t out_of_order_ = 0;
   std::uint64_t invalid_ = 0;
+  std::uint64_t unused_ = 0;
 };
 
 /// What is wrong with the units or signs of readings taken at about 1 g (conventions of REP

@@ -76,6 +76,13 @@ TEST(ImuBuffer, BeginsAnewWhenItsClockIsSetBack) {
   EXPECT_EQ(stamps_ms(buffer.covering(95'000'000, 105'000'000)), (Stamps{100, 105}));
 }
 
+TEST(ImuBuffer, KeepsNoMoreThanItMayWhileNoSweepTakesReadings) {
+  ImuBuffer buffer(0, 3);
+  for (int t = 10; t <= 60; t += 10) buffer.add(at(t));
+  EXPECT_EQ(stamps_ms(buffer.covering(0, 60'000'000)), (Stamps{40, 50, 60}));
+  EXPECT_EQ(buffer.unused(), 3U);
+}
+
 std::string said_of(const Eigen::Vector3d& force, const Eigen::Vector3d& rpy_deg = {0, 0, 0}) {
   return wrong_units({at(0, force), at(5, force)},
                      pose_from_xyz_rpy_deg({0, 0, 0}, rpy_deg).linear());

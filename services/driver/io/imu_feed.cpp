@@ -1,6 +1,7 @@
 #include "driver/io/imu_feed.hpp"
 
 #include <cmath>
+#include <limits>
 
 #include "common/messages/convert.hpp"
 #include "driver/io/imu_file.hpp"
@@ -25,13 +26,20 @@ std::vector<ImuReading> of_first(const std::vector<ImuReading>& readings, std::i
   return first;
 }
 
+/// A file's readings are in the buffer before the first sweep; those of a live sensor, of 400 and
+/// more in a second, must not fill the memory while no sweep comes.
+std::size_t most_readings(ImuChoice imu) {
+  constexpr std::size_t kMostLive = 20'000;
+  return imu == ImuChoice::kFile ? std::numeric_limits<std::size_t>::max() : kMostLive;
+}
+
 }  // namespace
 
 ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
     : stage_(stage),
       config_(config),
       R_base_imu_(stage.shared().mounting.T_base_imu().linear()),
-      buffer_(std::llround(1e6 * config.imu_delay_ms)) {
+      buffer_(std::llround(1e6 * config.imu_delay_ms), most_readings(config.imu)) {
   if (config_.imu == ImuChoice::kFile) {
     const std::vector<ImuReading> readings = read_imu_file(config_.imu_path);
     refuse_wrong_units(of_first(readings, kJudge_ns));
@@ -132,6 +140,7 @@ void ImuFeed::note_figures() {
   stage_.figure("imu_readings", static_cast<double>(buffer_.received()));
   stage_.figure("imu_out_of_order", static_cast<double>(buffer_.out_of_order()));
   stage_.figure("imu_invalid", static_cast<double>(buffer_.invalid()));
+  stage_.figure("imu_unused", static_cast<double>(buffer_.unused()));
   stage_.figure("imu_sweeps_incomplete", static_cast<double>(sweeps_without_));
 }
 

@@ -18,6 +18,10 @@ constexpr std::int64_t kFirstPauseNs = 250'000'000;
 constexpr std::int64_t kLongestPauseNs = 4'000'000'000;
 // A line this late is useless, so older angles can be dropped.
 constexpr std::int64_t kKeptAnglesNs = 10'000'000'000;
+// Whoever looks each second must see a connection that was lost for a moment.
+constexpr std::int64_t kToldNs = 2'000'000'000;
+// If the motor's clock was set back by more than this, the angles start again.
+constexpr std::int64_t kRestartNs = 1'000'000'000;
 // Lines without an angle in a row before it is reported: one second of them.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
@@ -36,14 +40,23 @@ class ScannerSweeps : public ScipSource {
       : client_(config.client), sweeps_(config.spinning) {}
 
   void add(const spinning::AngleReading& reading) override { sweeps_.add(reading); }
-  void record(bool on) override { recording_ = on; }
-  std::vector<RawPacket> take_packets() override { return std::exchange(packets_, {}); }
+  void record(bool on) override { recorded_.record(on); }
+  std::vector<RawPacket> take_packets() override { return recorded_.take(); }
 
   NamedCounts counts() const override {
-    NamedCounts all = {{"packets_received", chunks_}, {"reconnects", reconnects_}};
+    NamedCounts all = {{"packets_received", chunks_},
+                       {"reconnects", reconnects_},
+                       {"packets_not_recorded", recorded_.left_out()}};
     for (const auto& count : client_.counts()) all.push_back(count);
     for (const auto& count : sweeps_.counts()) all.push_back(count);
     return all;
+  }
+
+  std::vector<std::string> troubles() const override {
+    if (sweeps_.without_angle_in_row() < kSaidAfterLines) return {};
+    return {
+        "lines come, but no angle of the motor for their times: does it publish "
+        "(lidar/<sensor>/angle), and by the same clock?"};
   }
 
   std::vector<std::string> remarks() const override {
@@ -55,7 +68,7 @@ class ScannerSweeps : public ScipSource {
  protected:
   void take_bytes(const std::vector<std::uint8_t>& bytes, std::int64_t received_ns) {
     ++chunks_;
-    if (recording_) packets_.push_back({bytes, received_ns, 0});
+    recorded_.add(bytes, received_ns, 0);
     client_.add(bytes, received_ns);
     pass_on();
   }
@@ -63,10 +76,6 @@ class ScannerSweeps : public ScipSource {
   void pass_on() {
     while (auto scan = client_.take_scan()) sweeps_.add(std::move(*scan), *client_.parameters());
     watch_motor();
-    if (sweeps_.without_angle_in_row() >= kSaidAfterLines) {
-      say("lines come, but no angle of the motor for their times: does it publish "
-          "(lidar/<sensor>/angle), and by the same clock?");
-    }
   }
 
   void watch_motor() {
@@ -92,10 +101,9 @@ class ScannerSweeps : public ScipSource {
   std::uint64_t reconnects_ = 0;
 
  private:
-  bool recording_ = false;
+  PacketsForRecorder recorded_;
   bool turn_said_ = false;
   std::uint64_t chunks_ = 0;
-  std::vector<RawPacket> packets_;
   std::vector<std::string> remarks_;
 };
 
@@ -120,19 +128,28 @@ class LiveScanner : public ScannerSweeps {
       case ScipLink::Read::kNothing:
         break;
       case ScipLink::Read::kClosed:
-        lost(device_ + ": " + link_->why() + ": it is connected again");
+        lost(device_ + ": " + link_->why());
         return Pull::kNothing;
     }
     client_.look(wall_ns());
     if (!client_.refusal().empty()) throw SourceError(device_ + ": " + client_.refusal());
     send();
-    if (client_.take_reconnect()) lost({});
+    if (client_.take_reconnect()) lost(device_ + ": the scanner is silent");
     return sweeps_.take(sweep) ? Pull::kSweep : Pull::kNothing;
   }
 
   void add(const spinning::AngleReading& reading) override {
+    // A clock that was set back, or one reading from far ahead: the readings start again.
+    if (reading.stamp_ns < newest_angle_ns_ - kRestartNs) sweeps_.forget_angles();
+    newest_angle_ns_ = reading.stamp_ns;
     ScannerSweeps::add(reading);
     sweeps_.forget_angles_before(reading.stamp_ns - kKeptAnglesNs);
+  }
+
+  std::vector<std::string> troubles() const override {
+    std::vector<std::string> all = ScannerSweeps::troubles();
+    if (!link_ || steady_ns() < told_until_ns_) all.push_back(lost_why_);
+    return all;
   }
 
   void flush() override { sweeps_.flush(); }
@@ -143,7 +160,7 @@ class LiveScanner : public ScannerSweeps {
   }
 
   void lost(const std::string& why) {
-    if (!why.empty()) say(why);
+    lost_why_ = why + ": connecting again";
     link_.reset();
     again_ns_ = steady_ns() + pause_ns_;
     pause_ns_ = std::min(2 * pause_ns_, kLongestPauseNs);
@@ -161,6 +178,7 @@ class LiveScanner : public ScannerSweeps {
       return false;
     }
     ++reconnects_;
+    told_until_ns_ = steady_ns() + kToldNs;
     client_.connected(wall_ns());
     return true;
   }
@@ -171,6 +189,10 @@ class LiveScanner : public ScannerSweeps {
   std::vector<std::uint8_t> bytes_;
   std::int64_t pause_ns_ = kFirstPauseNs;
   std::int64_t again_ns_ = 0;
+  /// why the last connection was lost, and until when that is a trouble
+  std::string lost_why_;
+  std::int64_t told_until_ns_ = 0;
+  std::int64_t newest_angle_ns_ = 0;
 };
 
 class RecordedScanner : public ScannerSweeps {

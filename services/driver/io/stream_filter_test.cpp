@@ -104,6 +104,20 @@ std::size_t points_with_address_changed_at(std::int64_t change, bool with_times,
   return points;
 }
 
+TEST(PacketsForRecorder, AreBoundedAndCountedWhileNoSweepTakesThem) {
+  const std::vector<std::uint8_t> payload(4, 7);
+  PacketsForRecorder packets;
+  packets.add(payload, 1, 2368);
+  EXPECT_TRUE(packets.take().empty()) << "nobody records";
+  packets.record(true);
+  for (std::size_t i = 0; i < PacketsForRecorder::kMost + 5; ++i) packets.add(payload, 1, 2368);
+  EXPECT_EQ(packets.left_out(), 5U);
+  EXPECT_EQ(packets.take().size(), PacketsForRecorder::kMost);
+  packets.add(payload, 2, 2368);
+  packets.record(false);
+  EXPECT_TRUE(packets.take().empty());
+}
+
 TEST(PacketStream, NothingIsLostWhenTheSensorHasAnotherAddress) {
   for (const bool with_times : {true, false}) {
     SCOPED_TRACE(with_times);

@@ -126,10 +126,7 @@ void PacketStream::add(const Datagram& datagram) {
   const DatagramKind kind = filter_.classify(datagram);
   if (kind == DatagramKind::kForeign) return;
   if (kind == DatagramKind::kNewcomer) return keep_newcomer(datagram);
-  if (recording_) {
-    packets_.push_back(
-        {{datagram.payload.begin(), datagram.payload.end()}, datagram.received_ns, datagram.port});
-  }
+  recorded_.add(datagram.payload, datagram.received_ns, datagram.port);
   if (kind == DatagramKind::kPosition) return keep_position(datagram);
   if (kind == DatagramKind::kImu) return keep_imu(datagram);
   if (kind != DatagramKind::kMalformed) {
@@ -211,7 +208,8 @@ void PacketStream::flush() {
 
 NamedCounts PacketStream::counts() const {
   NamedCounts all = {{"datagrams_foreign", filter_.foreign()},
-                     {"position_packets_bad", bad_positions_}};
+                     {"position_packets_bad", bad_positions_},
+                     {"packets_not_recorded", recorded_.left_out()}};
   if (assembler_) {
     const NamedCounts packets = assembler_->counts().named();
     all.insert(all.end(), packets.begin(), packets.end());

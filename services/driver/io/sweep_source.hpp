@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "driver/decoder/makers.hpp"
@@ -19,6 +21,34 @@ struct RawPacket {
   std::vector<std::uint8_t> payload;
   std::int64_t received_ns = 0;
   std::uint16_t port = 0;
+};
+
+/// The packets that arrived since the last sweep, while somebody records them. Without sweeps, for
+/// example of packets that can't be decoded, only the first ones are kept.
+class PacketsForRecorder {
+ public:
+  /// More than any sensor sends in a sweep.
+  static constexpr std::size_t kMost = 8192;
+
+  void record(bool on) {
+    on_ = on;
+    if (!on) packets_.clear();
+  }
+  void add(std::span<const std::uint8_t> payload, std::int64_t received_ns, std::uint16_t port) {
+    if (!on_) return;
+    if (packets_.size() == kMost) {
+      ++left_out_;
+    } else {
+      packets_.push_back({{payload.begin(), payload.end()}, received_ns, port});
+    }
+  }
+  std::vector<RawPacket> take() { return std::exchange(packets_, {}); }
+  std::uint64_t left_out() const { return left_out_; }
+
+ private:
+  bool on_ = false;
+  std::vector<RawPacket> packets_;
+  std::uint64_t left_out_ = 0;
 };
 
 struct ReceivedPosition {
@@ -36,8 +66,10 @@ class SweepSource {
   /// Ends the open sweep of a live source that has gone quiet.
   virtual void flush() {}
   virtual NamedCounts counts() const = 0;
-  /// Sentences about problems; grows.
+  /// Sentences about problems that remain for the whole run; grows.
   virtual std::vector<std::string> remarks() const { return {}; }
+  /// Sentences about problems that there are now.
+  virtual std::vector<std::string> troubles() const { return {}; }
 
   /// Another sender of the sensor's kind of packets, which are skipped; 0: there is none.
   virtual std::uint32_t other_sender() const { return 0; }
@@ -74,8 +106,8 @@ class PacketStream {
   void flush();
   bool take(DecodedSweep& sweep) { return assembler_ && assembler_->take(sweep); }
 
-  void record(bool on) { recording_ = on; }
-  std::vector<RawPacket> take_packets() { return std::exchange(packets_, {}); }
+  void record(bool on) { recorded_.record(on); }
+  std::vector<RawPacket> take_packets() { return recorded_.take(); }
   std::vector<ReceivedPosition> take_positions() { return std::exchange(positions_, {}); }
   std::vector<ImuReading> take_imu() { return std::exchange(imu_, {}); }
   NamedCounts counts() const;
@@ -110,8 +142,7 @@ class PacketStream {
   /// the maker whose decoder it has
   const Maker* begun_for_ = nullptr;
   std::vector<std::string> remarks_;
-  bool recording_ = false;
-  std::vector<RawPacket> packets_;
+  PacketsForRecorder recorded_;
   std::vector<ReceivedPosition> positions_;
   std::vector<ImuReading> imu_;
   std::uint64_t data_packets_ = 0;

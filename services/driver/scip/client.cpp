@@ -58,10 +58,7 @@ void Client::look(std::int64_t now_ns) {
   if (state_ == State::kRebooting || state_ == State::kMeasuring) {
     const bool reboots = state_ == State::kRebooting;
     if (now_ns - (reboots ? asked_ns_ : heard_ns_) < (reboots ? kRebootNs : kSilentNs)) return;
-    if (!reboots) {
-      ++timeouts_;
-      say("the scanner fell silent while it measured: it is connected again");
-    }
+    if (!reboots) ++timeouts_;
     state_ = State::kIdle;
     reconnect_ = true;
     return;

@@ -102,6 +102,11 @@ Angle AngleTrack::at(std::int64_t stamp_ns, double& angle_rad) const {
   return Angle::kKnown;
 }
 
+void AngleTrack::clear() {
+  readings_.clear();
+  wraps_rad_ = 0.0;
+}
+
 void AngleTrack::forget_before(std::int64_t stamp_ns) {
   while (readings_.size() > 4 * kSide && readings_[2 * kSide].stamp_ns < stamp_ns) {
     readings_.pop_front();

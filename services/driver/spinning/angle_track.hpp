@@ -26,6 +26,8 @@ class AngleTrack {
   Angle at(std::int64_t stamp_ns, double& angle_rad) const;
   /// Whether all angles up to then are known or missing.
   bool reaches(std::int64_t stamp_ns) const;
+  /// Drops all readings.
+  void clear();
   /// Drops readings before then.
   void forget_before(std::int64_t stamp_ns);
 
