@@ -330,10 +330,20 @@ void RosStage::take_places() {
   }
   const auto answers = placing_.take();
   if (!answers) return;
-  stage_.degraded("initialpose", answers->empty() ? "mapping did not answer to " +
-                                                        topic("initialpose") + ": is it there?"
-                                                  : std::string());
-  if (!answers->empty()) runtime::log_info("initial pose handed on to mapping");
+  const std::string refusal = refusal_of(*answers);
+  stage_.degraded("initialpose", refusal);
+  if (refusal.empty()) runtime::log_info("mapping took the initial pose");
+}
+
+std::string RosStage::refusal_of(const std::vector<zenoh::Sample>& answers) const {
+  if (answers.empty()) {
+    return "mapping did not answer to " + topic("initialpose") + ": is it there?";
+  }
+  const runtime::Read<msg::CommandReply> reply(Key::kCommand, answers.front());
+  if (!reply) return "mapping's answer to " + topic("initialpose") + " can't be read";
+  if (reply->ok()) return {};
+  return "mapping refused " + topic("initialpose") + ": " +
+         (reply->message() == nullptr ? "without a reason" : reply->message()->str());
 }
 
 void RosStage::place(const PlaceMessage& said) {

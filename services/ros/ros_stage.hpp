@@ -41,6 +41,7 @@ class RosStage {
   void say_diagnostics();
   void take_statuses();
   void take_imu();
+  std::string refusal_of(const std::vector<zenoh::Sample>& answers) const;
   void take_places();
   void place(const PlaceMessage& said);
   void look_for_nodes();

@@ -43,6 +43,7 @@ struct Kind;
   }
 ZLOAM_KIND(Cloud, "cloud", "ZLCL");
 ZLOAM_KIND(Command, "command", "ZLCM");
+ZLOAM_KIND(CommandReply, "command", "ZLCM");
 ZLOAM_KIND(EffectiveConfig, "config", "ZLCF");
 ZLOAM_KIND(ConfigRevision, "config_revision", "ZLCR");
 ZLOAM_KIND(Features, "features", "ZLFE");

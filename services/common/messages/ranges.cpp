@@ -193,6 +193,7 @@ std::string range_error(const msg::Cloud& m) {
 }
 
 std::string range_error(const msg::Command&) { return {}; }
+std::string range_error(const msg::CommandReply&) { return {}; }
 
 std::string range_error(const msg::ConfigRevision& m) {
   return Checker()

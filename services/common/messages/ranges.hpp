@@ -10,6 +10,7 @@ namespace zloam {
 
 std::string range_error(const msg::Cloud& m);
 std::string range_error(const msg::Command& m);
+std::string range_error(const msg::CommandReply& m);
 std::string range_error(const msg::EffectiveConfig& m);
 std::string range_error(const msg::ConfigRevision& m);
 std::string range_error(const msg::Features& m);

@@ -44,6 +44,7 @@ VerifyResult verify(std::span<const std::uint8_t> bytes, std::string_view encodi
 
 template VerifyResult verify<msg::Cloud>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Command>(std::span<const std::uint8_t>, std::string_view);
+template VerifyResult verify<msg::CommandReply>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::EffectiveConfig>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::ConfigRevision>(std::span<const std::uint8_t>, std::string_view);
 template VerifyResult verify<msg::Features>(std::span<const std::uint8_t>, std::string_view);
