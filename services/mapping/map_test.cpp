@@ -101,6 +101,16 @@ TEST(MapWriter, FailureLeavesWhatWasThere) {
   EXPECT_TRUE(std::filesystem::is_directory(folder + "/map.pcd/in_the_way"));
 }
 
+TEST(MapWriter, AMapOfWhichAPartCannotBeReadReplacesNothing) {
+  const std::string path = ::testing::TempDir() + "/part.pcd";
+  const std::vector<LayeredPoint> points(7);
+  ASSERT_EQ(write_map(path, points.size(), in_parts(points, 2)), "");
+  const auto size = std::filesystem::file_size(path);
+  EXPECT_EQ(write_map(path, points.size() + 2, in_parts(points, 2)),
+            "cannot write " + path + ": only 7 of 9 points of the map can be read");
+  EXPECT_EQ(std::filesystem::file_size(path), size);
+}
+
 TEST(FlatIndex, BehavesLikeAMap) {
   FlatIndex index;
   std::map<std::uint64_t, std::uint32_t> reference;

@@ -353,6 +353,20 @@ std::uint64_t Mapper::tile_count(const TileId& id) const { return state_->tiles.
 std::vector<TileId> Mapper::tiles() const { return state_->tiles.tiles(); }
 std::size_t Mapper::point_count() const { return state_->tiles.point_count(); }
 
+std::string Mapper::archive_fault() const {
+  const TileArchive& archive = state_->tiles.archive();
+  if (archive.unread_points() > 0) {
+    return std::to_string(archive.unread_points()) +
+           " points of the map can't be read back from a file in mapping.spill_directory";
+  }
+  if (archive.spill_failed()) {
+    return "mapping.spill_directory takes no more tiles: they stay in memory, which grows; make "
+           "room "
+           "there and start this stage again";
+  }
+  return {};
+}
+
 std::vector<LayeredPoint> Mapper::surround() const {
   return layered(state_->tiles, state_->tiles.local_tiles());
 }

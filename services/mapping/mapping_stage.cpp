@@ -84,7 +84,10 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   });
   stage.on_hand_over([this](bool leaves) { leave_map(leaves); });
   stage.on_stop([this] {
-    if (last_mapped_) publish_map(*last_mapped_, true);
+    if (last_mapped_) {
+      publish_map(*last_mapped_, true);
+      if (const auto open = mapper_.finish_submap()) publish_submap(*last_mapped_, open);
+    }
     if (!unsaved_) return;
     if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
   });
@@ -120,13 +123,14 @@ void MappingStage::new_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  if (unsaved_) write_files();
+  if (unsaved_) stage_.lost_output(write_files());
   if (was_in_run && config_.mode != MappingMode::kMap) {
     // The map is kept, but how the robot moved between the runs is unknown.
     mapper_.place(last_T_map_base_);
     return;
   }
   mapper_ = Mapper(config_);
+  stage_.degraded("map", "");
   forget_published();
   // The map is named after the run that initialized it.
   map_id_ = first.run();
@@ -314,6 +318,7 @@ void MappingStage::publish_registered(const Sweep& sweep, const MappingResult& r
 }
 
 void MappingStage::note_figures(const MappingResult& result) {
+  stage_.degraded("archive", mapper_.archive_fault());
   stage_.figure("map_points", static_cast<double>(mapper_.point_count()));
   stage_.figure("map_tiles", static_cast<double>(mapper_.tiles().size()));
   stage_.figure("correspondences", result.correspondences);
@@ -458,7 +463,7 @@ std::string MappingStage::write_files() {
   const std::string path = own_path();
   std::string error = write_to(path);
   if (error.empty()) error = files_.made(path, file_run());
-  stage_.degraded("map", error);
+  stage_.degraded("map file", error);
   if (!error.empty()) {
     runtime::log_error("map not written", {{"reason", error}});
     return error;

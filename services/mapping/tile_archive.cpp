@@ -34,8 +34,16 @@ bool TileArchive::write(Place& place) {
   return offset.has_value();
 }
 
+void TileArchive::drop(const TileId& id) {
+  const auto found = places_.find(id);
+  if (found == places_.end()) return;
+  total_points_ -= found->second.count;
+  if (!found->second.in_file) memory_points_ -= found->second.count;
+  places_.erase(found);
+}
+
 void TileArchive::put(const TileId& id, Entry entry) {
-  take(id);
+  drop(id);
   Place& place = places_[id];
   place.version = entry.version;
   place.count = entry.points.size();
@@ -55,18 +63,18 @@ std::optional<TileArchive::Entry> TileArchive::get(const TileId& id) const {
   if (!place.in_file) return Entry{place.version, place.points};
   Entry entry{place.version, {}};
   std::vector<Stored> stored(place.count);
-  if (!file_->read(place.offset, std::as_writable_bytes(std::span(stored)))) return entry;
+  if (!file_->read(place.offset, std::as_writable_bytes(std::span(stored)))) {
+    unread_points_ += place.count;
+    return entry;
+  }
   for (const Stored& s : stored) entry.points.push_back({{s.x, s.y, s.z}, s.count, s.intensity});
   return entry;
 }
 
 std::optional<TileArchive::Entry> TileArchive::take(const TileId& id) {
   std::optional<Entry> entry = get(id);
-  if (!entry) return entry;
-  const Place& place = places_.at(id);
-  total_points_ -= place.count;
-  if (!place.in_file) memory_points_ -= place.count;
-  places_.erase(id);
+  if (!entry || entry->points.size() < places_.at(id).count) return std::nullopt;
+  drop(id);
   return entry;
 }
 

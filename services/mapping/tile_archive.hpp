@@ -23,12 +23,15 @@ class TileArchive {
   /// Replaces the tile's entry. If the file can't be written, the tile stays in memory: nothing is
   /// lost, and spill_failed() reports it.
   void put(const TileId& id, Entry entry);
+  /// Without points if the file can't be read: unread_points() counts them.
   std::optional<Entry> get(const TileId& id) const;
+  /// A tile whose points can't be read stays in the archive.
   std::optional<Entry> take(const TileId& id);
   std::uint64_t version(const TileId& id) const;
   std::vector<TileId> tiles() const;
   std::size_t point_count() const { return total_points_; }
   bool spill_failed() const { return file_ && file_->failed(); }
+  std::uint64_t unread_points() const { return unread_points_; }
 
  private:
   struct Place {
@@ -39,12 +42,14 @@ class TileArchive {
     std::vector<CountedPoint> points;
   };
   bool write(Place& place);
+  void drop(const TileId& id);
 
   std::uint64_t max_points_;
   std::optional<UnnamedFile> file_;
   std::size_t memory_points_ = 0;
   std::size_t total_points_ = 0;
   std::map<TileId, Place> places_;
+  mutable std::uint64_t unread_points_ = 0;
 };
 
 }  // namespace zloam::mapping

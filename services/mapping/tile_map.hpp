@@ -31,6 +31,7 @@ class TileMap {
   std::vector<TileId> tiles() const;
   std::vector<TileId> local_tiles() const;
   std::size_t point_count() const;
+  const TileArchive& archive() const { return archive_; }
 
  private:
   bool within(const TileIndex& index, const std::array<int, 3>& extent) const;

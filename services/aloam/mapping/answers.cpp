@@ -114,7 +114,7 @@ std::string MappingStage::write_to(const std::string& path) const {
 std::string MappingStage::write_file() {
   if (output_.map_path.empty()) return {};
   std::string error = write_to(output_.map_path);
-  stage_.degraded("map", error);
+  stage_.degraded("map file", error);
   if (!error.empty()) {
     runtime::log_error("map not written", {{"reason", error}});
     return error;

@@ -56,7 +56,8 @@ std::string write_file_atomically(const std::string& path, std::string_view byte
 }
 
 std::string write_file_atomically(const std::string& path,
-                                  const std::function<std::string_view()>& next) {
+                                  const std::function<std::string_view()>& next,
+                                  const std::function<std::string()>& verdict) {
   std::filesystem::path folder = std::filesystem::path(path).parent_path();
   if (folder.empty()) folder = ".";
   std::error_code error;
@@ -67,6 +68,10 @@ std::string write_file_atomically(const std::string& path,
   ::fchmod(descriptor, mode_of(path));
   bool good = write_pieces(descriptor, next) && ::fsync(descriptor) == 0;
   std::string reason = good ? std::string() : failure("cannot write", path);
+  if (good && verdict) {
+    reason = verdict();
+    good = reason.empty();
+  }
   if (::close(descriptor) != 0 && good) {
     good = false;
     reason = failure("cannot close", path);

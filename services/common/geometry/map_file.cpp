@@ -47,10 +47,19 @@ void set_records(std::string& bytes, const std::vector<LayeredPoint>& points) {
 std::string write_map(const std::string& path, std::size_t count, const NextPoints& next) {
   std::string piece = header(count);
   bool is_header = true;
-  return write_file_atomically(path, [&]() -> std::string_view {
+  std::size_t written = 0;
+  const auto next_piece = [&]() -> std::string_view {
     if (!std::exchange(is_header, false)) set_records(piece, next());
+    written += piece.size();
     return piece;
-  });
+  };
+  const auto verdict = [&]() -> std::string {
+    const std::size_t points = (written - header(count).size()) / kRecordBytes;
+    if (points == count) return {};
+    return "cannot write " + path + ": only " + std::to_string(points) + " of " +
+           std::to_string(count) + " points of the map can be read";
+  };
+  return write_file_atomically(path, next_piece, verdict);
 }
 
 }  // namespace zloam
