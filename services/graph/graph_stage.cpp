@@ -12,6 +12,8 @@
 namespace zloam::graph {
 namespace {
 
+// The last submap, which mapping publishes when both are stopped.
+constexpr std::chrono::milliseconds kStopDrain{1000};
 constexpr const char* kTrajectory = "trajectory_world.tum";
 constexpr const char* kMap = "map_world.pcd";
 constexpr int kTries = 2;
@@ -41,6 +43,7 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
   stage.command("save", [this](const std::string&) { return save(); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) { write_files(); });
+  stage.drain_on_stop(kStopDrain);
   stage.on_stop([this] {
     if (!unsaved_) return;
     if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
@@ -55,7 +58,7 @@ void GraphStage::new_run(const msg::Header& first) {
                                      runtime::kLongestSearch_ns)) {
     return;
   }
-  if (unsaved_) write_files();
+  if (unsaved_) stage_.lost_output(write_files());
   begin();
   last_.reset();
   map_id_.reset();
@@ -99,7 +102,7 @@ void GraphStage::take(const SubmapMessage& message) {
   if (map_id_ && *map_id_ != message.header().map_id()) {
     runtime::log_warning("mapping began a new map: so does the graph",
                          {{"sweep", message.sweep()}});
-    if (unsaved_) write_files();
+    if (unsaved_) stage_.lost_output(write_files());
     begin();
   }
   map_id_ = message.header().map_id();

@@ -97,17 +97,22 @@ void IntegrationStage::new_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  if (unsaved_) write_files();
+  if (unsaved_) stage_.lost_output(write_files());
   integrator_.reset();
   trajectory_.clear();
   odometry_.clear();
   run_ = {first.run(), first.replay(), 0};
   if (was_in_run) {
-    note_journal(journal_.begin({}));
-    note_journal(state_.begin());
+    begin_journal();
   } else {
     restart(first);
   }
+}
+
+void IntegrationStage::begin_journal() {
+  stage_.degraded("journal", "");
+  note_journal(journal_.begin({}));
+  note_journal(state_.begin());
 }
 
 void IntegrationStage::note_journal(const std::string& error) {

@@ -35,6 +35,7 @@ class IntegrationStage {
   /// Writes the poses that a killed instance left of a run that does not continue.
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
+  void begin_journal();
   void note_journal(const std::string& error);
   std::string implausible(const OdometryMessage& message);
   std::string implausible(const CorrectionMessage& message);

@@ -24,8 +24,11 @@ void IntegrationStage::restart(const msg::Header& first) {
                                                             runtime::kLongestSearch_ns));
   if (!goes_on) {
     if (!first.replay()) write_left(poses);
-    note_journal(journal_.begin({}));
-    note_journal(state_.begin());
+    if (first.replay() && !poses.empty() && !same_run) {
+      runtime::log_warning("poses of another run in the journal are given up: this is a replay",
+                           {{"poses", poses.size()}, {"run", poses.back().run}});
+    }
+    begin_journal();
     return;
   }
   const bool to_the_bit = same_run && resume(poses);
@@ -49,7 +52,7 @@ void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
   }
   runtime::log_warning("an instance before left poses of another run, which are written",
                        {{"poses", poses.size()}});
-  write_run({poses.front().run, false, poses.size()}, trajectory, odometry);
+  stage_.lost_output(write_run({poses.front().run, false, poses.size()}, trajectory, odometry));
 }
 
 // Poses that were published after the newest state are computed again: they are identical, and

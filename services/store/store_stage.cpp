@@ -14,7 +14,8 @@ namespace {
 constexpr std::uint64_t kMiB = 1U << 20;
 constexpr std::chrono::seconds kFetchTimeout{20};
 // Less than a process has from the signal on (9 s), with time left to write what came.
-constexpr std::chrono::seconds kStopPatience{7};
+constexpr std::chrono::seconds kStopPatience{6};
+constexpr std::chrono::milliseconds kStopDrain{1500};
 // Answers wait in memory for no longer than that.
 constexpr std::chrono::milliseconds kStopLook{200};
 // Attempts to fetch the map: under load, answers may be overwritten in shared memory before they
@@ -89,8 +90,13 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
     settle_held();
     ask_publisher();
   });
+  // What mapping published last, when both are stopped, is still to be stored.
+  stage.drain_on_stop(kStopDrain);
   stage.on_stop([this] { finish_fetch(); });
-  stage.on_stop([this] { store_.sync(); });
+  stage.on_stop([this] {
+    sync();
+    if (const std::string error = lacks(); !error.empty()) throw runtime::IoError(error);
+  });
 }
 
 void StoreStage::say_recovery() const {
@@ -255,25 +261,64 @@ void StoreStage::put(const std::string& key, Key kind, const Rank& rank,
                      std::span<const std::uint8_t> bytes) {
   try {
     const StoredMessage message{key, encoding_of(kind), rank, {bytes.begin(), bytes.end()}};
-    if (store_.put(message) == PutResult::kOld) ++old_;
-    if (store_.unsynced_bytes() >= static_cast<std::uint64_t>(config_.sync_mib) * kMiB) {
-      store_.sync();
+    if (store_.put(message) == PutResult::kOld) {
+      ++old_;
+      return;
     }
-    stage_.degraded("disk", "");
+    unstored_.erase(key);
   } catch (const std::system_error& e) {
-    stage_.degraded("disk", e.what());
+    if (unstored_.empty()) runtime::log_error("not stored", {{"key", key}, {"what", e.what()}});
+    unstored_.insert(key);
+    disk_error_ = e.what();
+  }
+  if (store_.unsynced_bytes() >= static_cast<std::uint64_t>(config_.sync_mib) * kMiB) sync();
+  say_disk();
+}
+
+/// The system may drop what it could not write, and report the next attempt as good.
+void StoreStage::sync() {
+  try {
+    store_.sync();
+  } catch (const std::system_error& e) {
+    if (sync_error_.empty()) runtime::log_error("not on disk", {{"what", e.what()}});
+    sync_error_ = e.what();
   }
 }
+
+/// What the folder lacks; empty: nothing.
+std::string StoreStage::lacks() const {
+  std::string text;
+  if (!unstored_.empty()) {
+    text = std::to_string(unstored_.size()) + " messages of the map are not in " + config_.path +
+           " (" + disk_error_ + "): make room there, and map again or restart mapping";
+  }
+  if (!sync_error_.empty()) {
+    text += (text.empty() ? "" : "; ") + config_.path + " was not written to the disk (" +
+            sync_error_ + "): parts of the map may be lost at a power failure";
+  }
+  return text;
+}
+
+void StoreStage::say_disk() { stage_.degraded("disk", lacks()); }
 
 void StoreStage::answer(runtime::Answer& answer) {
   // A query with parameters asks for messages by number, which only their publisher answers.
   if (!answer.parameters().empty()) return;
+  std::size_t unread = 0;
   for (const std::string& key : store_.keys()) {
     if (!key_matches(answer.key(), key)) continue;
-    const auto message = store_.get(key);
-    if (!message) continue;
-    answer.reply(key, message->encoding, buffer_of(message->payload));
+    try {
+      const auto message = store_.get(key);
+      if (message) answer.reply(key, message->encoding, buffer_of(message->payload));
+    } catch (const std::exception& e) {
+      if (++unread == 1) runtime::log_error("a stored message can't be read", {{"what", e.what()}});
+    }
   }
+  if (unread == 0) return;
+  const std::string text = std::to_string(unread) + " messages in " + config_.path +
+                           " can't be read: the map in the answers lacks them";
+  stage_.degraded("unread", text);
+  answer.refuse(text);
 }
 
 // Requests all tiles from mapping, because tiles may have been dropped when they were published.
@@ -288,11 +333,15 @@ void StoreStage::fetch() {
   stage_.session().get(
       stage_.keys().all_tiles(),
       [fetched = fetched_](zenoh::Reply&& reply) {
-        if (!reply.ok()) return;
+        if (!reply.ok()) {
+          const std::lock_guard lock(fetched->mutex);
+          ++fetched->lost;
+          return;
+        }
         zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(reply.sample->payload));
         const std::lock_guard lock(fetched->mutex);
         if (bytes.torn()) {
-          ++fetched->torn;
+          ++fetched->lost;
         } else {
           fetched->answers.push_back({reply.sample->encoding, std::move(bytes)});
         }
@@ -307,27 +356,34 @@ void StoreStage::fetch() {
 
 void StoreStage::take_fetched() {
   std::vector<Fetched::Answer> answers;
-  std::size_t torn = 0;
+  bool ended = false;
   {
     const std::lock_guard lock(fetched_->mutex);
     answers.swap(fetched_->answers);
-    if (!fetched_->is_running) torn = std::exchange(fetched_->torn, 0);
+    ended = !fetched_->is_running;
   }
   for (const Fetched::Answer& answer : answers) {
     const auto bytes = answer.bytes.data();
-    if (!verify<msg::MapTile>(bytes, answer.encoding).ok()) continue;
+    if (!verify<msg::MapTile>(bytes, answer.encoding).ok()) {
+      const std::lock_guard lock(fetched_->mutex);
+      ++fetched_->lost;
+      continue;
+    }
     const auto& tile = message_of<msg::MapTile>(bytes);
     // A late answer of an obsolete map must not make that map current again.
     const msg::Header& header = *tile.header();
     if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes);
   }
-  if (torn == 0) return;
+  if (!ended) return;
+  const std::size_t lost = std::exchange(fetched_->lost, 0);
+  if (lost == 0) return;
   if (fetches_left_ > 0) {
     fetch();
   } else {
-    stage_.degraded("map", std::to_string(torn) +
-                               " tiles of the map were lost on their way from "
-                               "mapping: the map at rest lacks them");
+    stage_.degraded("map",
+                    std::to_string(lost) +
+                        " answers with tiles of the map were lost on their way from mapping: "
+                        "the map at rest may lack them");
   }
 }
 
@@ -353,16 +409,19 @@ void StoreStage::finish_fetch() {
 
 void StoreStage::every_period() {
   take_fetched();
+  sync();
+  say_disk();
   try {
-    store_.sync();
     if (store_.compact_if_due()) runtime::log_info("compacted", {{"mib", mib(store_.log_bytes())}});
+    stage_.degraded("compaction", "");
   } catch (const std::system_error& e) {
-    stage_.degraded("disk", e.what());
+    stage_.degraded("compaction", e.what());
   }
   stage_.figure("keys", static_cast<double>(store_.keys().size()));
   stage_.figure("log_mib", mib(store_.log_bytes()));
   stage_.figure("live_mib", mib(store_.live_bytes()));
   stage_.figure("unsynced_bytes", static_cast<double>(store_.unsynced_bytes()));
+  stage_.figure("messages_not_stored", static_cast<double>(unstored_.size()));
   stage_.figure("old_messages", static_cast<double>(old_));
   stage_.figure("unconfirmed_messages", static_cast<double>(unconfirmed_));
 }

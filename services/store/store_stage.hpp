@@ -6,6 +6,8 @@
 #include <deque>
 #include <memory>
 #include <mutex>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "common/runtime/async_get.hpp"
@@ -55,6 +57,9 @@ class StoreStage {
   void take_fetched();
   void finish_fetch();
   void every_period();
+  void sync();
+  std::string lacks() const;
+  void say_disk();
   void say_recovery() const;
 
   /// Results of a get's callbacks; outlives the stage when an answer is late.
@@ -68,7 +73,8 @@ class StoreStage {
     bool is_running = false;
     // Copied out of shared memory at once, before it is written again.
     std::vector<Answer> answers;
-    std::size_t torn = 0;
+    /// answers that were overwritten before they were copied, that can't be read, and errors
+    std::size_t lost = 0;
   };
 
   runtime::Stage& stage_;
@@ -78,6 +84,9 @@ class StoreStage {
   int fetches_left_ = 0;
   std::shared_ptr<Fetched> fetched_ = std::make_shared<Fetched>();
   std::uint64_t old_ = 0;
+  /// keys of messages that could not be written, and why the last one could not
+  std::set<std::string> unstored_;
+  std::string disk_error_, sync_error_;
 
   runtime::Inlet* tiles_ = nullptr;
   runtime::Inlet* poses_ = nullptr;

@@ -344,7 +344,8 @@ void LiveConfig::publish(const Revision& revision) {
 }
 
 void LiveConfig::begin_run(std::uint64_t run) {
-  for (const zenoh::Sample& sample : get_and_wait(session_, keys_.config_revision("*"), kTimeout)) {
+  for (const zenoh::Sample& sample :
+       get_and_wait(session_, keys_.config_revision("*"), kTimeout).samples) {
     take(sample);
   }
   in_run_ = true;

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <thread>
+#include <utility>
 
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/log.hpp"
@@ -14,6 +16,8 @@ namespace {
 
 constexpr std::chrono::milliseconds kTimeout{2000};
 constexpr std::chrono::milliseconds kBetween{200};
+// Requests that are repeated because only a part of the answers came.
+constexpr int kMostParts = 2;
 constexpr std::chrono::milliseconds kLook{20};
 // The first sweep after a gap may begin before the last pose's instant.
 constexpr std::int64_t kOverlap_ns = 200 * kMs;
@@ -39,28 +43,55 @@ std::string sweeps_from(std::uint64_t run, std::uint64_t first, std::uint64_t la
          std::to_string(last);
 }
 
+namespace {
+
+/// Nothing if it can't be read: torn on its way, or not what the key holds.
+std::optional<Message> read(Stage& stage, zenoh::Sample sample, VerifyFunction verify,
+                            HeaderFunction header) {
+  Message message;
+  const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(sample.payload));
+  if (!verify(bytes.data(), sample.encoding).ok()) return std::nullopt;
+  message.owner = std::make_shared<const zenoh::AlignedBytes>(bytes);
+  message.bytes = bytes.data();
+  message.header = header(message.bytes);
+  message.received_ns = message.started_ns = stage.now_ns();
+  message.recovered = true;
+  stage.note_term(message.header->term());
+  return message;
+}
+
+void report_part(Stage& stage, const std::string& selector, const std::string& why) {
+  const std::string text = "not all of " + selector + " came (" + why +
+                           "): the map that was restored may lack parts; see the store, and start "
+                           "this stage again";
+  log_warning(text);
+  stage.degraded("recall", text);
+}
+
+}  // namespace
+
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
                                      VerifyFunction verify, HeaderFunction header, int tries,
-                                     std::chrono::milliseconds quiet) {
-  const std::chrono::nanoseconds wait = stage.overtook() ? quiet : AsyncGet::kEndless;
-  std::vector<zenoh::Sample> samples;
-  for (int i = 0; i < tries && samples.empty(); ++i) {
-    if (i > 0) std::this_thread::sleep_for(kBetween);
-    samples = get_and_wait(stage.session(), selector, kTimeout, wait);
-  }
+                                     const RecallFrom& from) {
+  const std::chrono::nanoseconds quiet = stage.overtook() ? from.quiet : AsyncGet::kEndless;
   std::vector<Message> found;
-  for (zenoh::Sample& sample : samples) {
-    Message message;
-    const zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(sample.payload));
-    if (!verify(bytes.data(), sample.encoding).ok()) continue;
-    message.owner = std::make_shared<const zenoh::AlignedBytes>(bytes);
-    message.bytes = bytes.data();
-    message.header = header(message.bytes);
-    message.received_ns = message.started_ns = stage.now_ns();
-    message.recovered = true;
-    stage.note_term(message.header->term());
-    found.push_back(std::move(message));
+  std::string lacks;
+  int parts = 0;
+  for (int i = 0; i < tries && (found.empty() || (!lacks.empty() && parts < kMostParts)); ++i) {
+    if (i > 0) std::this_thread::sleep_for(kBetween);
+    parts += found.empty() ? 0 : 1;
+    Answers answers = get_and_wait(stage.session(), selector, from.timeout, quiet, kTimeout);
+    const std::size_t count = answers.samples.size();
+    found.clear();
+    for (zenoh::Sample& sample : answers.samples) {
+      if (auto message = read(stage, std::move(sample), verify, header)) {
+        found.push_back(std::move(*message));
+      }
+    }
+    lacks = count == found.size() ? answers.error : "some answers can't be read";
+    if (!from.must_be_whole) lacks.clear();
   }
+  if (!lacks.empty() && !found.empty()) report_part(stage, selector, lacks);
   return found;
 }
 

@@ -53,13 +53,22 @@ void report(Stage& stage, const Gap& gap);
 /// no answer: up to `tries` requests, 200 ms apart, before nothing is accepted as the answer.
 /// `quiet`: once some answers have come, wait this long for more if an overtaken instance is still
 /// there: it may hang and never end its answer.
+struct RecallFrom {
+  std::chrono::milliseconds timeout, quiet;
+  /// Answers that are missing or unreadable make the stage `degraded`: nothing else tells of them.
+  bool must_be_whole;
+};
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
                                      VerifyFunction verify, HeaderFunction header, int tries,
-                                     std::chrono::milliseconds quiet);
-/// For messages from memory, which arrive at once.
-inline constexpr std::chrono::milliseconds kQuietMemory{300};
-/// For messages that may come from a disk.
-inline constexpr std::chrono::milliseconds kQuietDisk{1500};
+                                     const RecallFrom& from);
+/// Messages that a stage keeps, which arrive at once; the gap in their numbers tells what is missing.
+inline constexpr RecallFrom kMemory{.timeout = std::chrono::milliseconds(2000),
+                                    .quiet = std::chrono::milliseconds(300),
+                                    .must_be_whole = false};
+/// A map, which may come from a disk.
+inline constexpr RecallFrom kDisk{.timeout = std::chrono::milliseconds(20000),
+                                  .quiet = std::chrono::milliseconds(1500),
+                                  .must_be_whole = true};
 
 /// Each (run, sweep) once, ascending.
 void sort_by_sweep(std::vector<Message>& messages);
@@ -70,7 +79,7 @@ std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, in
   std::vector<Message> messages = recall_messages(
       stage, selector, &verify<T>,
       [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries,
-      by_sweep ? kQuietMemory : kQuietDisk);
+      by_sweep ? kMemory : kDisk);
   if (by_sweep) sort_by_sweep(messages);
   std::vector<Received<T>> found;
   found.reserve(messages.size());

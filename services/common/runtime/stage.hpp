@@ -172,6 +172,11 @@ class Stage {
   virtual void on_hand_over(std::function<void(bool leaves)> task) = 0;
   /// Before the end of the process (signal or stop()): save unsaved data.
   virtual void on_stop(std::function<void()> task) = 0;
+  /// A result that could not be written and is given up: reported until the process ends, whose exit
+  /// code is then that of a missing file. An empty text is ignored.
+  virtual void lost_output(const std::string& what) = 0;
+  /// When it is stopped, it first handles what has come and still comes, for at most so long.
+  virtual void drain_on_stop(std::chrono::milliseconds at_most) = 0;
 
   /// Marks the run as ended, for stages whose inlets have ends_run off (they determine the end).
   virtual void end_of_run(std::uint64_t run) = 0;

@@ -9,6 +9,8 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::int64_t kPoll_ns = 20 * kMs;
+// Without an input for this long, a stage that drains is done.
+constexpr std::int64_t kDrained_ns = 100 * kMs;
 constexpr std::int64_t kIdle_ns = 1000 * kMs;
 constexpr std::size_t kOutputMemory = 256;
 // Time that an instance stays after a hand-over, because its successor requests what it kept.
@@ -241,12 +243,35 @@ void StageCore::wait() {
   bell_->wait_until(until);
 }
 
+void StageCore::lost_output(const std::string& what) {
+  if (what.empty()) return;
+  log_error("a result is lost", {{"reason", what}});
+  // The first ones tell why; a run of a night could have hundreds.
+  constexpr std::size_t kMostText = 1000;
+  if (lost_output_.size() < kMostText) lost_output_ += (lost_output_.empty() ? "" : "; ") + what;
+  degraded("lost output", lost_output_);
+  exit_code_ = kExitIo;
+}
+
+void StageCore::drain() {
+  const std::int64_t until = steady_ns() + drain_ns_;
+  std::int64_t idle_since = steady_ns();
+  while (!*muted_ && steady_ns() < until && steady_ns() - idle_since < kDrained_ns) {
+    if (work_on_inputs()) {
+      idle_since = steady_ns();
+    } else {
+      bell_->wait_until(steady_ns() + kPoll_ns);
+    }
+  }
+}
+
 int StageCore::run() {
   declare_handover();
   declare_service();
   while (!stopping_.load() && !begins_again_) {
     if (!work() && !stopping_.load() && !begins_again_) wait();
   }
+  if (drain_ns_ > 0 && !begins_again_) drain();
   // No input from here on; what is queued stays in the accounts as queued.
   unsubscribe();
   // After a take-over the other instance saves what is to be saved.

@@ -94,6 +94,10 @@ class StageCore final : public Stage, private InletEvents {
     on_hand_over_.push_back(std::move(task));
   }
   void on_stop(std::function<void()> task) override { on_stop_.push_back(std::move(task)); }
+  void lost_output(const std::string& what) override;
+  void drain_on_stop(std::chrono::milliseconds at_most) override {
+    drain_ns_ = at_most.count() * kMs;
+  }
   void end_of_run(std::uint64_t run) override;
   void notify() override { bell_->notify(); }
   void stop() override;
@@ -147,6 +151,7 @@ class StageCore final : public Stage, private InletEvents {
   bool run_tasks();
   bool work_on_inputs();
   bool work();
+  void drain();
   void run_timers();
   void wait();
   void post(std::function<void()> task);
@@ -213,6 +218,8 @@ class StageCore final : public Stage, private InletEvents {
   std::vector<std::function<void(const msg::Header&)>> on_new_run_;
   std::vector<std::function<void(bool)>> on_hand_over_;
   std::vector<std::function<void()>> on_stop_;
+  std::int64_t drain_ns_ = 0;
+  std::string lost_output_;
 
   std::mutex tasks_mutex_;
   std::deque<std::function<void()>> tasks_;

@@ -90,6 +90,26 @@ TEST_F(Recall, WhoKeepsNothingAnswersNothing) {
   EXPECT_TRUE(none);
 }
 
+// A store whose disk fails behind the first of its answers.
+TEST_F(Recall, AMapOfWhichOnlyAPartComesIsToldAndUsed) {
+  zenoh::Session store = network_.open(0);
+  const std::string key = test::kKeys.of(Key::kOdometry);
+  const auto queryable = store.declare_queryable(key, [&key](zenoh::Query&& query) {
+    query.reply(key, zenoh::Bytes::own(build(sweep_header(7, 3, true), pose_of_sweep(3))),
+                encoding_of(Key::kOdometry));
+    query.reply_error(zenoh::Bytes::copy_of("the disk fails"));
+  });
+  std::vector<Received<msg::Odometry>> found;
+  RunningStage reader(network_.open(1), setup("mapping"), [&](Stage& stage) {
+    found = recall_at<msg::Odometry>(stage, key, kTries, false);
+  });
+  EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
+  while (reader->status().health == ServiceHealth::kStarting) std::this_thread::yield();
+  const std::string reason = reader->status().reason;
+  EXPECT_NE(reason.find(key), std::string::npos) << reason;
+  EXPECT_NE(reason.find("the disk fails"), std::string::npos) << reason;
+}
+
 TEST_F(Recall, AStageIsThereOnceItCanBeAsked) {
   RunningStage reader(network_.open(0), setup("integration"),
                       [this](Stage& stage) { keep(stage, read_, 3); });

@@ -508,5 +508,17 @@ TEST(Latencies, PercentilesByNearestRankOverBoundedSamples) {
   EXPECT_EQ(y.max_ms, 999.0);
 }
 
+TEST(Stage, AResultThatIsLostIsToldUntilTheEndAndInTheExitCode) {
+  const Network network(1);
+  RunningStage stage(network.open(0), setup("mapping"), [](Stage& core) {
+    core.lost_output("");
+    core.lost_output("out/map.pcd: no space left");
+    core.degraded("map file", "");
+  });
+  while ((*stage).status().health == ServiceHealth::kStarting) std::this_thread::yield();
+  EXPECT_EQ(stage->status().reason, "lost output: out/map.pcd: no space left");
+  EXPECT_EQ(stage.stop(), kExitIo);
+}
+
 }  // namespace
 }  // namespace zloam::runtime

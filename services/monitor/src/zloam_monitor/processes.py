@@ -16,6 +16,8 @@ from typing import IO
 from zloam_monitor.stages import PORT_ORDER
 
 LOG_LINES = 12
+#: Stages that keep what mapping publishes when it is stopped.
+KEEPERS = ("store", "graph")
 #: Environment variable with the descriptor of a pipe that closes when this program ends.
 PARENT_PIPE = "ZLOAM_PARENT_PIPE"
 _PSS_LINE = re.compile(r"^Pss:\s+(\d+) kB$", re.MULTILINE)
@@ -169,16 +171,26 @@ class Processes:
         return {stage: mib for stage, mib in found.items() if mib is not None}
 
     def stop(self, seconds: float = 20.0) -> dict[str, int]:
-        """Sends SIGTERM to all, after `seconds` SIGKILL to the rest; returns the exit codes."""
-        for process in self.running.values():
-            process.send(signal.SIGTERM)
+        """Ends all stages, those that keep what others publish at their end last; returns the exit
+        codes in the order of the start."""
+        keepers = [stage for stage in self.running if stage.partition("-")[0] in KEEPERS]
+        others = [stage for stage in self.running if stage not in keepers]
+        ended = self._stopped(others, seconds) | self._stopped(keepers, seconds)
+        codes = {stage: ended[stage] for stage in self.running}
+        self.running.clear()
+        return codes
+
+    def _stopped(self, stages: list[str], seconds: float) -> dict[str, int]:
+        """Sends SIGTERM, and after `seconds` SIGKILL to the rest."""
+        for stage in stages:
+            self.running[stage].send(signal.SIGTERM)
         deadline = time.monotonic() + seconds
         codes = {}
-        for stage, process in self.running.items():
+        for stage in stages:
+            process = self.running[stage]
             code = process.wait(max(0.1, deadline - time.monotonic()))
             if code is None:
                 process.send(signal.SIGKILL)
                 code = process.wait(10.0)
             codes[stage] = -signal.SIGKILL if code is None else code
-        self.running.clear()
         return codes
