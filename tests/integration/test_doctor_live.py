@@ -10,11 +10,12 @@ import pytest
 from tests.integration import robot_faults
 from tests.integration.robot_faults import FAULTS, HEALTHY, QUICK, Fault
 from zloam_monitor import doctor
+from zloam_monitor.heard import Finding
 
 ALL = {**FAULTS, **HEALTHY}
 
 
-def said_of(build: Path, robot_file: Path, out: Path, fault: Fault) -> list[doctor.Finding]:
+def said_of(build: Path, robot_file: Path, out: Path, fault: Fault) -> list[Finding]:
     """The doctor's findings after the fault was injected."""
     drive = robot_faults.drive_for(build, out, fault)
     stand = robot_faults.made(build, robot_file, drive, out, fault)

@@ -170,14 +170,14 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
 
 
 @pytest.mark.parametrize("stage", one_quick((*REPLACED, "driver", "store"), "odometry"))
-@pytest.mark.parametrize("term", [1, 1000])
+@pytest.mark.parametrize("term", [pytest.param(1, marks=pytest.mark.slow), 1000])
 @pytest.mark.parametrize("name", one_quick(("ghost", "real"), "ghost"))
 def test_a_strangers_token_is_named_and_one_command_makes_the_stage_work_again(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str, term: int, name: str
 ) -> None:
     """The token is older than the stage's own with an equal term, or has a greater term; its
     instance is one that does not exist, or the stage's own."""
-    run = live(build, robot_file, drive, tmp_path, SECONDS)
+    run = live(build, robot_file, drive, tmp_path)
     with run:
         run.until_poses(FIRST)
         link = run.chain.link

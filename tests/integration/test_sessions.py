@@ -145,7 +145,8 @@ def test_a_damaged_map_is_told_and_what_is_left_of_it_is_used(
     assert (left["damaged"], whole["damaged"]) == (True, False)
     merged = map_command(build, "merge", folders[0], damaged, "--out", tmp_path / "both")
     assert merged.code == 1, merged.said
-    assert f"{damaged} is damaged: {left['unread_bytes']} bytes and 0 files" in merged.said
+    told = f"{left['unread_bytes']} bytes and {left['unread_files']} files"
+    assert f"{damaged} is damaged: {told}" in merged.said
 
 
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:

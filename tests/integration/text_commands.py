@@ -127,6 +127,8 @@ COMMANDS: dict[str, Kind] = {
     "zloam web": Form("tests/integration/test_views.py"),
     "zloam metrics": Form("services/monitor/tests/test_metrics.py"),
     "zloam metrics --connect ROBOT": Form("services/monitor/tests/test_metrics.py"),
+    "zloam doctor": Form("tests/integration/test_doctor_live.py"),
+    "zloam handover STAGE": Form("tests/integration/test_handover.py"),
     "bin/zloam doctor": Form("tests/integration/test_readme.py"),
     "bin/zloam doctor drive.pcap": Runs(r"all well", needs=("drive.pcap",)),
     "promtool test rules deploy/observability/alerts_test.yml": Excluded(

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from zloam_monitor import cli, doctor
-from zloam_monitor.doctor import Heard, findings
+from zloam_monitor.doctor import findings
 from zloam_monitor.doctor_files import of_counts
+from zloam_monitor.heard import Heard
 from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord, TraceStep
 from zloam_monitor.stages import STAGES
 from zloam_monitor.tokens import Claim

@@ -7,19 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from test_report import STEP_NS, run_with
-from test_support import drive
 from zloam_monitor import comparison, outputs, trajectory
-
-
-def test_references_of_one_name_are_both_there(tmp_path: Path) -> None:
-    paths = [tmp_path / name for name in ("a/truth.tum", "b/truth.tum", "b/other.tum")]
-    for number, path in enumerate(paths):
-        trajectory.write_tum(path, drive(20, float(number)))
-    found = outputs.truths_of_base(paths, np.eye(4))
-    assert list(found) == [str(paths[0]), str(paths[1]), "other.tum"]
-    assert [float(each.positions[0, 1]) for each in found.values()] == [0.0, 1.0, 2.0]
-    # The same file twice is one reference.
-    assert list(outputs.truths_of_base([paths[2], paths[2]], np.eye(4))) == ["other.tum"]
 
 
 def test_the_report_names_the_file_of_its_own_run(tmp_path: Path) -> None:

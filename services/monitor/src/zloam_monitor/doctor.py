@@ -5,25 +5,20 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any
 
 from zloam_monitor import latency
+from zloam_monitor.doctor_sensor import of_sensor
+from zloam_monitor.heard import Finding, Heard, Rule
 from zloam_monitor.link import STANDING_BY, Link
-from zloam_monitor.records import Input, PoseRecord, StatusRecord, pose_health
+from zloam_monitor.records import Input, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.tokens import Claim
 from zloam_monitor.watch import STALE_SECONDS
 
 #: Plausible revolutions per second of a spinning lidar.
 SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
-#: Share of lost messages below which nothing is reported.
-FEW = 0.001
-#: If packets come from another model than configured or named in them, about every other one seems
-#: to be missing.
-MISNAMED = 0.4
 #: Configuration values that must be the same in all stages of a robot.
 SHARED = ("robot", "sensor.", "mounting.")
 #: Mean size of a message below which shared memory is not worthwhile.
@@ -47,100 +42,6 @@ DROPS = {
     "garbage": "what can't be read comes under this robot's keys: another version, or a stranger",
     "fenced": "an instance that was replaced still publishes",
 }
-#: Figure in the driver's status -> finding and advice.
-PACKETS = {
-    "packets_unknown_model": (
-        "packets name a model that is not known",
-        "set driver.model to the one on the label",
-    ),
-    "packets_model_mismatch": (
-        "packets of another sensor come on the same port",
-        "give each sensor a port or an address of its own (driver.port, driver.sensor_address)",
-    ),
-    "packets_unknown_mode": ("packets name an unknown return mode", "set driver.returns"),
-    "packets_bad_time": (
-        "packets have no time that can be",
-        "see the sensor's own page: its clock is not set, or the packets are damaged",
-    ),
-    "packets_short": ("packets are cut off", "record with a longer snap length (tcpdump -s 0)"),
-    "frames_cut": ("frames are cut off", "record with a longer snap length (tcpdump -s 0)"),
-    "datagrams_not_whole": (
-        "packets miss some of their IP fragments",
-        "let fragments through the firewall, or record on the sensor's own network card",
-    ),
-    "packets_duplicate": (
-        "packets come twice",
-        "record on one network card; live, look for a second path to the sensor",
-    ),
-    "kernel_drops": (
-        "the kernel dropped packets",
-        "raise net.core.rmem_max and driver.receive_buffer_bytes",
-    ),
-    "clock_steps": ("the sensor's clock was set", "see its receiver, or its time server"),
-    "host_clock_steps": (
-        "the host's clock was set, or packets were held up for seconds",
-        "no stamp moved; keep the host's clock by chrony, and look for a slow link",
-    ),
-}
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A finding, and what to do about it."""
-
-    what: str
-    do: str
-    #: False: the robot works, but could work better.
-    is_fault: bool = True
-
-    def __str__(self) -> str:
-        return f"- {self.what}\n  {self.do}"
-
-
-@dataclass(frozen=True)
-class Heard:
-    """Statuses at the beginning and end of the listening time, and the poses in between."""
-
-    robot: str
-    seconds: float
-    before: dict[tuple[str, str], StatusRecord]
-    after: dict[tuple[str, str], StatusRecord]
-    #: (stage, instance) -> seconds since its last status.
-    silent_s: dict[tuple[str, str], float]
-    #: Instances with a liveliness token.
-    living: set[tuple[str, str]]
-    poses: list[PoseRecord]
-    configs: dict[str, dict[str, Any]]
-    garbage: int = 0
-    #: Mapped poses, as mapping publishes them.
-    mapped: list[PoseRecord] = field(default_factory=list)
-    #: How much longer than at first a status takes to arrive here, s.
-    late_s: float = 0.0
-    #: Tokens that no instance declared that answers.
-    strangers: frozenset[Claim] = frozenset()
-    #: Living stages that did not tell their configuration.
-    unanswered: frozenset[str] = frozenset()
-
-    def alive(self) -> list[StatusRecord]:
-        return [s for who, s in self.after.items() if who in self.living]
-
-    def of(self, stage: str) -> list[StatusRecord]:
-        """Newest statuses of the instances of a stage that still publish them, standbys too."""
-        return [
-            status
-            for (name, _), status in self.after.items()
-            if name == stage and self.silent_s[(name, status.instance)] <= STALE_SECONDS
-        ]
-
-    def more(self, who: tuple[str, str], name: str) -> float:
-        """Increase of a figure while listening."""
-        before = self.before.get(who)
-        return self.after[who].figures.get(name, 0.0) - (
-            before.figures.get(name, 0.0) if before else 0.0
-        )
-
-
-Rule = Callable[[Heard], Iterable[Finding]]
 
 
 def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> Heard:
@@ -180,7 +81,7 @@ def _strangers(claims: set[Claim], answering: list[StatusRecord]) -> frozenset[C
 
 def findings_of_statuses(heard: Heard, health: Rule | None = None) -> list[Finding]:
     """Findings from statuses alone; `health`: rule that reports the stages' own reasons."""
-    rules = (_stages, _late, _restarts, _instances, _tokens, health or _health, _sensor, _drops)
+    rules = (_stages, _late, _restarts, _instances, _tokens, health or _health, of_sensor, _drops)
     return [finding for rule in rules for finding in rule(heard)]
 
 
@@ -284,47 +185,6 @@ def _health(heard: Heard) -> Iterator[Finding]:
                 f"{status.stage} is {status.health}: {status.reason or 'without a reason'}",
                 "see what it says; zloam watch shows whether it goes on",
             )
-
-
-def _sensor(heard: Heard) -> Iterator[Finding]:
-    for who, status in heard.after.items():
-        if status.stage != "driver" or who not in heard.living:
-            continue
-        received, lost = heard.more(who, "packets_received"), heard.more(who, "packets_lost")
-        # A driver with a socket has this figure from the first packet on; other sources lack it.
-        counted = {"packets_received", "datagrams"} & status.figures.keys()
-        if counted and received <= 0 and not status.end_of_run:
-            yield Finding(
-                f"no packets came to the driver within {heard.seconds:.0f} s",
-                "see deploy/README.md, Network of the sensor: address, port, firewall, cable",
-            )
-            if (others := heard.more(who, "datagrams_to_closed_ports")) > 0:
-                yield Finding(
-                    f"{others:.0f} datagrams came to UDP ports on which no program listens",
-                    "if they are the sensor's, driver.port is another: tcpdump -n udp shows it",
-                )
-        else:
-            yield from of_losses(
-                received,
-                lost,
-                f"{lost:.0f} of {received + lost:.0f} packets were lost on the way",
-                "give the sensor a network card of its own, and raise net.core.rmem_max",
-            )
-        for name, (what, do) in PACKETS.items():
-            if (count := heard.more(who, name)) > 0:
-                yield Finding(f"{what} ({count:.0f} within {heard.seconds:.0f} s)", do)
-
-
-def of_losses(received: float, lost: float, what: str, do: str) -> Iterator[Finding]:
-    """Findings from packet counts. If too many seem lost, the model is wrong instead."""
-    if lost > MISNAMED * (received + lost):
-        yield Finding(
-            f"{lost:.0f} packets seem to be missing beside {received:.0f}: they come at another "
-            "pace than the model has that is configured, or that they name",
-            "set driver.model to the model on the sensor's label",
-        )
-    elif lost > FEW * (received + lost):
-        yield Finding(what, do)
 
 
 def _drops(heard: Heard) -> Iterator[Finding]:

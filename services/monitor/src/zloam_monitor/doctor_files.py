@@ -11,14 +11,9 @@ from typing import Any
 
 from zloam_monitor import messages, recordings, records
 from zloam_monitor.chain import binary
-from zloam_monitor.doctor import (
-    PACKETS,
-    Finding,
-    Heard,
-    findings_of_poses,
-    findings_of_statuses,
-    of_losses,
-)
+from zloam_monitor.doctor import findings_of_poses, findings_of_statuses
+from zloam_monitor.doctor_sensor import PACKETS, of_losses
+from zloam_monitor.heard import Finding, Heard
 from zloam_monitor.recordings import robot_log
 from zloam_monitor.recordings.robot_log import CONFIG, Logged, RobotLog
 from zloam_monitor.records import PoseRecord, StatusRecord

@@ -100,11 +100,15 @@ def _told(link: Link, patience: float, deadline: float) -> Told:
 
 def _whole(link: Link, least: int, deadline: float) -> list[clouds.Tile]:
     while True:
+        unread = -link.garbage
         tiles = [tile for tile in link.query_tiles() if len(tile.points)]
+        unread += link.garbage
         count = sum(len(tile.points) for tile in tiles)
-        if count >= least or time.monotonic() > deadline:
+        if (count >= least and not unread) or time.monotonic() > deadline:
             break
         time.sleep(PAUSE_S)
+    if unread:
+        raise MapError(f"{unread} tiles of the map can't be read: nothing is written; save again")
     if count == 0:
         raise MapError("there is no map yet: neither mapping nor a store has points of it")
     if count < least:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,6 @@ from zloam_monitor import (
     html_report,
     picture,
     report,
-    se3,
     trajectory,
 )
 from zloam_monitor.claims import Claim
@@ -52,20 +50,6 @@ class Files:
         if name not in known:
             raise AttributeError(name)
         return self.folder / known[name]
-
-
-def truths_of_base(
-    paths: list[Path], T_base_lidar: np.ndarray[Any, np.dtype[np.float64]]
-) -> dict[str, Trajectory]:
-    """References, which are poses of the sensor, carried to base_link; by the file's name, or by
-    the path if several files have one name."""
-    named = Counter(path.name for path in dict.fromkeys(paths))
-    return {
-        path.name if named[path.name] == 1 else str(path): trajectory.read(path).carried(
-            se3.inverse(T_base_lidar)
-        )
-        for path in paths
-    }
 
 
 def stamped_truth(truth: Trajectory, poses: Trajectory) -> Trajectory:
@@ -112,6 +96,7 @@ FURTHER = (
     "odometry_[0-9]*.tum",
     "map_[0-9]*.pcd",
     "map_world_[0-9]*.pcd",
+    "run_[0-9]*.mcap",
     "logs/*.log",
 )
 

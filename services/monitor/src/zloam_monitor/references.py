@@ -28,7 +28,7 @@ def of_base(
     configurations say where the sensor is."""
     found: dict[str, Trajectory] = {}
     remarks: list[str] = []
-    for path in paths:
+    for path in dict.fromkeys(paths):
         name = str(path) if path.name in found else path.name
         try:
             found[name] = trajectory.read(path)

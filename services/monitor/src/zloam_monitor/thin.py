@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from zloam_monitor import doctor
+from zloam_monitor.heard import Finding, Heard
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
@@ -19,11 +19,11 @@ def expressions(keys: Keys) -> list[str]:
     return [keys.preview, keys.every_status]
 
 
-def finding(link: Link) -> doctor.Finding | None:
+def finding(link: Link) -> Finding | None:
     """Advice on what to start; None: previews come, or the view is not thin."""
     if not link.thin or time.monotonic() - link.preview_s < SILENT_SECONDS:
         return None
-    return doctor.Finding(
+    return Finding(
         f"nothing comes on {link.keys.preview}",
         "start on the robot, beside its stages: zloam preview --config ROBOT.yaml; with containers "
         "the layer deploy/compose/preview.yml",
@@ -36,13 +36,13 @@ def silence(link: Link) -> str | None:
     return f"{found.what}: {found.do}" if found is not None else None
 
 
-def heard(link: Link, before: dict[tuple[str, str], StatusRecord], seconds: float) -> doctor.Heard:
+def heard(link: Link, before: dict[tuple[str, str], StatusRecord], seconds: float) -> Heard:
     """The doctor's input from statuses alone, as a thin view sends no queries."""
     now = time.monotonic()
     silent_s = {who: link.silent_s(status, now) for who, status in link.statuses.items()}
     living = {who for who, silent in silent_s.items() if silent <= STALE_SECONDS}
     after = dict(link.statuses)
     robot, late_s = link.keys.robot, link.late.seconds(living)
-    return doctor.Heard(
+    return Heard(
         robot, seconds, before, after, silent_s, living, [], {}, link.garbage, late_s=late_s
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3, thin
+from zloam_monitor.heard import Finding
 from zloam_monitor.link import Link
 from zloam_monitor.records import PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
@@ -99,7 +100,7 @@ class RobotView:
                 drawn = link.preview.version
                 self._draw_map()
 
-    def _judge(self, findings: list[doctor.Finding]) -> None:
+    def _judge(self, findings: list[Finding]) -> None:
         found = [{"what": each.what, "do": each.do, "fault": each.is_fault} for each in findings]
         with self._lock:
             self._findings, self._judged = found, True
