@@ -69,7 +69,7 @@ void GraphStage::new_run(const msg::Header& first) {
 void GraphStage::begin() {
   graph_ = LoopGraph(config_);
   points_ = SubmapPoints(config_.output_dir);
-  stage_.degraded("points", "");
+  for (const char* topic : {"points", "recall"}) stage_.degraded(topic, "");
   path_.clear();
 }
 
@@ -284,8 +284,6 @@ std::string GraphStage::write_points(const std::string& path) const {
     return part;
   });
   if (!unread) return error;
-  std::error_code ignored;
-  std::filesystem::remove(path, ignored);
   return path + " can't be written: points of submaps could not be read back from a file in " +
          config_.output_dir;
 }

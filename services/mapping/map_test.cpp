@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstring>
 #include <filesystem>
@@ -10,6 +11,7 @@
 #include "common/geometry/map_file.hpp"
 #include "mapping/grid_index.hpp"
 #include "mapping/layer_map.hpp"
+#include "mapping/tile_archive.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -109,6 +111,34 @@ TEST(MapWriter, AMapOfWhichAPartCannotBeReadReplacesNothing) {
   EXPECT_EQ(write_map(path, points.size() + 2, in_parts(points, 2)),
             "cannot write " + path + ": only 7 of 9 points of the map can be read");
   EXPECT_EQ(std::filesystem::file_size(path), size);
+}
+
+/// Cuts every file of this process off that has no name in the folder any more.
+void cut_unnamed_files_of(const std::string& folder) {
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    std::error_code gone;
+    const std::string file = std::filesystem::read_symlink(entry.path(), gone).string();
+    if (file.find("(deleted)") == std::string::npos || !file.starts_with(folder)) continue;
+    ASSERT_EQ(::ftruncate(std::stoi(entry.path().filename().string()), 0), 0);
+  }
+}
+
+TEST(TileArchive, PointsThatCannotBeReadBackAreCountedOnceAndNeverForgotten) {
+  const std::string folder =
+      std::filesystem::canonical(testing::TempDir()).string() + "/archive_test";
+  std::filesystem::create_directories(folder);
+  TileArchive archive(0, folder);
+  const TileId id{{1, 2, 3}, Layer::kPlane};
+  const std::vector<CountedPoint> points(5);
+  archive.put(id, {7, points});
+  ASSERT_EQ(archive.get(id)->points.size(), 5U);
+  cut_unnamed_files_of(folder);
+  EXPECT_TRUE(archive.get(id)->points.empty());
+  EXPECT_FALSE(archive.take(id));
+  EXPECT_EQ(archive.unread_points(), 5U);
+  EXPECT_EQ(archive.point_count(), 5U);
+  archive.put(id, {8, std::vector<CountedPoint>(2)});
+  EXPECT_EQ(archive.point_count(), 7U) << "of which a map file can have no more than two";
 }
 
 TEST(FlatIndex, BehavesLikeAMap) {

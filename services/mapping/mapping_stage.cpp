@@ -123,14 +123,15 @@ void MappingStage::new_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  if (unsaved_) stage_.lost_output(write_files());
+  const std::string error = unsaved_ ? write_files() : std::string();
   if (was_in_run && config_.mode != MappingMode::kMap) {
     // The map is kept, but how the robot moved between the runs is unknown.
     mapper_.place(last_T_map_base_);
     return;
   }
+  stage_.lost_output(error);
   mapper_ = Mapper(config_);
-  stage_.degraded("map", "");
+  for (const char* topic : {"map", "recall"}) stage_.degraded(topic, "");
   forget_published();
   // The map is named after the run that initialized it.
   map_id_ = first.run();

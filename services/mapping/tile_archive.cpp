@@ -43,6 +43,9 @@ void TileArchive::drop(const TileId& id) {
 }
 
 void TileArchive::put(const TileId& id, Entry entry) {
+  if (const auto found = places_.find(id); found != places_.end() && found->second.is_unread) {
+    lost_points_ += found->second.count;
+  }
   drop(id);
   Place& place = places_[id];
   place.version = entry.version;
@@ -64,7 +67,7 @@ std::optional<TileArchive::Entry> TileArchive::get(const TileId& id) const {
   Entry entry{place.version, {}};
   std::vector<Stored> stored(place.count);
   if (!file_->read(place.offset, std::as_writable_bytes(std::span(stored)))) {
-    unread_points_ += place.count;
+    if (!std::exchange(place.is_unread, true)) unread_points_ += place.count;
     return entry;
   }
   for (const Stored& s : stored) entry.points.push_back({{s.x, s.y, s.z}, s.count, s.intensity});

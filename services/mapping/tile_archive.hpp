@@ -29,8 +29,10 @@ class TileArchive {
   std::optional<Entry> take(const TileId& id);
   std::uint64_t version(const TileId& id) const;
   std::vector<TileId> tiles() const;
-  std::size_t point_count() const { return total_points_; }
+  /// Including points that were lost with the file.
+  std::size_t point_count() const { return total_points_ + lost_points_; }
   bool spill_failed() const { return file_ && file_->failed(); }
+  /// Points that could not be read from the file, each counted once.
   std::uint64_t unread_points() const { return unread_points_; }
 
  private:
@@ -39,6 +41,8 @@ class TileArchive {
     std::size_t count = 0;
     bool in_file = false;
     std::int64_t offset = 0;
+    /// the file could not be read
+    mutable bool is_unread = false;
     std::vector<CountedPoint> points;
   };
   bool write(Place& place);
@@ -48,6 +52,7 @@ class TileArchive {
   std::optional<UnnamedFile> file_;
   std::size_t memory_points_ = 0;
   std::size_t total_points_ = 0;
+  std::size_t lost_points_ = 0;
   std::map<TileId, Place> places_;
   mutable std::uint64_t unread_points_ = 0;
 };

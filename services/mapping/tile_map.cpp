@@ -62,6 +62,7 @@ std::vector<Tile> TileMap::follow(const Eigen::Vector3d& sensor_map) {
   for (const TileId& id : archive_.tiles()) {
     if (!within(id.index, window_)) continue;
     const auto entry = archive_.take(id);
+    if (!entry) continue;
     layer(id.layer).restore_tile(id.index, entry->version, entry->points);
   }
   std::sort(evicted.begin(), evicted.end(),

@@ -213,10 +213,10 @@ bool StoreStage::is_believed(const Held& held) const {
 }
 
 void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes) {
-  const msg::Header& header = *tile.header();
-  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), tile.version()};
-  put(stage_.keys().tile(tile.layer()->str(), tile.i(), tile.j(), tile.k()), Key::kMapTile, rank,
-      bytes);
+  const std::string key = stage_.keys().tile(tile.layer()->str(), tile.i(), tile.j(), tile.k());
+  if (const auto generation = generation_of(*tile.header(), key)) {
+    put(key, Key::kMapTile, {*generation, tile.header()->term(), tile.version()}, bytes);
+  }
 }
 
 /// A replay that localizes in the map of another run stores no pose, so that repeating the replay
@@ -236,16 +236,16 @@ void StoreStage::take(const PoseMessage& pose) {
   const auto known = store_.rank(stage_.keys().of(Key::kMapOdometry));
   const bool again = std::exchange(is_new_, false) && header.replay() && pose.sweep() == 0 &&
                      known && known->version > version;
-  if (again && generations_.is_current(header.run(), header.map_id())) {
-    generations_.begin(header.run(), header.map_id());
-  }
+  if (again && generations_.is_current(header.run(), header.map_id())) begin_again(header);
   // A stored pose with an impossible instant dates from before instants were checked: supersede it
   // by a greater term.
   std::uint32_t term = known ? std::max(known->term, header.term()) : header.term();
   if (known && publisher_.is_beyond(static_cast<std::int64_t>(known->version))) ++term;
   publisher_.stored(pose->instant_ns());
-  const Rank rank{generations_.of(header.run(), header.map_id()), term, version};
-  put(stage_.keys().of(Key::kMapOdometry), Key::kMapOdometry, rank, pose.raw().bytes);
+  const std::string key = stage_.keys().of(Key::kMapOdometry);
+  if (const auto generation = generation_of(header, key)) {
+    put(key, Key::kMapOdometry, {*generation, term, version}, pose.raw().bytes);
+  }
 }
 
 // Empty submaps are not stored: the last one of a run only marks its end, and a fixed map gets no
@@ -253,8 +253,42 @@ void StoreStage::take(const PoseMessage& pose) {
 void StoreStage::take(const SubmapMessage& submap) {
   const msg::Header& header = submap.header();
   if (structs_of(submap->points()).empty()) return;
-  const Rank rank{generations_.of(header.run(), header.map_id()), header.term(), 0};
-  put(stage_.keys().kept_submap(submap->instant_ns()), Key::kSubmap, rank, submap.raw().bytes);
+  const std::string key = stage_.keys().kept_submap(submap->instant_ns());
+  if (const auto generation = generation_of(header, key)) {
+    put(key, Key::kSubmap, {*generation, header.term(), 0}, submap.raw().bytes);
+  }
+}
+
+void StoreStage::begin_again(const msg::Header& header) {
+  try {
+    generations_.begin(header.run(), header.map_id());
+    unstored_.clear();
+  } catch (const std::system_error& e) {
+    not_stored(stage_.keys().of(Key::kMapOdometry), e.what());
+  }
+}
+
+/// Number of the message's map, which is written to the disk when it is a new one; nothing: that
+/// failed, and the message is not stored.
+std::optional<std::uint64_t> StoreStage::generation_of(const msg::Header& header,
+                                                       const std::string& key) {
+  try {
+    const std::uint64_t before = generations_.current();
+    const std::uint64_t number = generations_.of(header.run(), header.map_id());
+    // What an obsolete map lacks is of no interest.
+    if (number != before) unstored_.clear();
+    return number;
+  } catch (const std::system_error& e) {
+    not_stored(key, e.what());
+    say_disk();
+    return std::nullopt;
+  }
+}
+
+void StoreStage::not_stored(const std::string& key, const std::string& why) {
+  if (unstored_.empty()) runtime::log_error("not stored", {{"key", key}, {"what", why}});
+  unstored_.insert(key);
+  disk_error_ = why;
 }
 
 void StoreStage::put(const std::string& key, Key kind, const Rank& rank,
@@ -267,9 +301,7 @@ void StoreStage::put(const std::string& key, Key kind, const Rank& rank,
     }
     unstored_.erase(key);
   } catch (const std::system_error& e) {
-    if (unstored_.empty()) runtime::log_error("not stored", {{"key", key}, {"what", e.what()}});
-    unstored_.insert(key);
-    disk_error_ = e.what();
+    not_stored(key, e.what());
   }
   if (store_.unsynced_bytes() >= static_cast<std::uint64_t>(config_.sync_mib) * kMiB) sync();
   say_disk();

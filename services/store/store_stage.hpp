@@ -60,6 +60,9 @@ class StoreStage {
   void sync();
   std::string lacks() const;
   void say_disk();
+  std::optional<std::uint64_t> generation_of(const msg::Header& header, const std::string& key);
+  void begin_again(const msg::Header& header);
+  void not_stored(const std::string& key, const std::string& why);
   void say_recovery() const;
 
   /// Results of a get's callbacks; outlives the stage when an answer is late.

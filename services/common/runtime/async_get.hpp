@@ -62,6 +62,7 @@ class AsyncGet {
       if (!state_->done && silent_ns < most_ns) return std::nullopt;
       samples = std::move(state_->samples);
       error_ = state_->error;
+      ended_ = state_->done;
     }
     state_.reset();
     return samples;
@@ -70,6 +71,8 @@ class AsyncGet {
   /// Why answers taken last are not all that there are, by a responder or because the time was up;
   /// empty: they are.
   const std::string& error() const { return error_; }
+  /// False: those taken last were taken before all responders had ended their answers.
+  bool ended() const { return ended_; }
 
  private:
   struct State {
@@ -82,12 +85,14 @@ class AsyncGet {
   };
   std::shared_ptr<State> state_;
   std::string error_;
+  bool ended_ = true;
 };
 
 struct Answers {
   std::vector<zenoh::Sample> samples;
-  /// as AsyncGet::error()
+  /// as AsyncGet::error() and ended()
   std::string error;
+  bool ended = true;
 };
 
 /// The same, waiting until all have arrived, or as take() describes.
@@ -100,7 +105,8 @@ inline Answers get_and_wait(zenoh::Session& session, const std::string& selector
   AsyncGet get;
   get.start(session, selector, timeout, bell);
   while (true) {
-    if (auto samples = get.take(quiet, first)) return {std::move(*samples), get.error()};
+    if (auto samples = get.take(quiet, first))
+      return {std::move(*samples), get.error(), get.ended()};
     bell->wait_until(steady_ns() + kLook_ns);
   }
 }

@@ -73,26 +73,34 @@ void report_part(Stage& stage, const std::string& selector, const std::string& w
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
                                      VerifyFunction verify, HeaderFunction header, int tries,
                                      const RecallFrom& from) {
-  const std::chrono::nanoseconds quiet = stage.overtook() ? from.quiet : AsyncGet::kEndless;
-  std::vector<Message> found;
+  const std::chrono::nanoseconds quiet = stage.overtook() ? from.quiet : from.longest_pause;
+  std::vector<Message> best;
   std::string lacks;
   int parts = 0;
-  for (int i = 0; i < tries && (found.empty() || (!lacks.empty() && parts < kMostParts)); ++i) {
+  for (int i = 0; i < tries && !stage.stopping(); ++i) {
     if (i > 0) std::this_thread::sleep_for(kBetween);
-    parts += found.empty() ? 0 : 1;
     Answers answers = get_and_wait(stage.session(), selector, from.timeout, quiet, kTimeout);
-    const std::size_t count = answers.samples.size();
-    found.clear();
+    std::vector<Message> found;
+    std::string why = answers.error;
+    // One that was overtaken because it hangs never ends its answer.
+    if (why.empty() && !answers.ended && !stage.overtook()) why = "the answers broke off";
     for (zenoh::Sample& sample : answers.samples) {
       if (auto message = read(stage, std::move(sample), verify, header)) {
         found.push_back(std::move(*message));
+      } else {
+        why = "some answers can't be read";
       }
     }
-    lacks = count == found.size() ? answers.error : "some answers can't be read";
-    if (!from.must_be_whole) lacks.clear();
+    if (found.empty() && best.empty()) continue;
+    const bool whole = why.empty() && !found.empty();
+    if (whole || found.size() > best.size()) {
+      best = std::move(found);
+      lacks = why;
+    }
+    if (whole || !from.must_be_whole || ++parts > kMostParts) break;
   }
-  if (!lacks.empty() && !found.empty()) report_part(stage, selector, lacks);
-  return found;
+  if (!lacks.empty() && from.must_be_whole) report_part(stage, selector, lacks);
+  return best;
 }
 
 void sort_by_sweep(std::vector<Message>& messages) {

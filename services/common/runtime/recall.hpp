@@ -55,6 +55,8 @@ void report(Stage& stage, const Gap& gap);
 /// there: it may hang and never end its answer.
 struct RecallFrom {
   std::chrono::milliseconds timeout, quiet;
+  /// Between two answers of one that is not known to hang.
+  std::chrono::nanoseconds longest_pause;
   /// Answers that are missing or unreadable make the stage `degraded`: nothing else tells of them.
   bool must_be_whole;
 };
@@ -64,10 +66,12 @@ std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
 /// Messages that a stage keeps, which arrive at once; the gap in their numbers tells what is missing.
 inline constexpr RecallFrom kMemory{.timeout = std::chrono::milliseconds(2000),
                                     .quiet = std::chrono::milliseconds(300),
+                                    .longest_pause = std::chrono::seconds(2),
                                     .must_be_whole = false};
 /// A map, which may come from a disk.
 inline constexpr RecallFrom kDisk{.timeout = std::chrono::milliseconds(20000),
                                   .quiet = std::chrono::milliseconds(1500),
+                                  .longest_pause = std::chrono::seconds(5),
                                   .must_be_whole = true};
 
 /// Each (run, sweep) once, ascending.

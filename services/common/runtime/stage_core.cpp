@@ -257,7 +257,8 @@ void StageCore::drain() {
   const std::int64_t until = steady_ns() + drain_ns_;
   std::int64_t idle_since = steady_ns();
   while (!*muted_ && steady_ns() < until && steady_ns() - idle_since < kDrained_ns) {
-    if (work_on_inputs()) {
+    const bool busy = work_on_inputs();
+    if (run_tasks() || busy) {
       idle_since = steady_ns();
     } else {
       bell_->wait_until(steady_ns() + kPoll_ns);

@@ -25,6 +25,10 @@ constexpr std::int64_t kRestartNs = 1'000'000'000;
 // Lines without an angle in a row before it is reported: one second of them.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
+constexpr const char* kNoAngles =
+    "lines come, but no angle of the motor for their times: does it publish "
+    "(lidar/<sensor>/angle), and by the same clock?";
+
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -54,9 +58,7 @@ class ScannerSweeps : public ScipSource {
 
   std::vector<std::string> troubles() const override {
     if (sweeps_.without_angle_in_row() < kSaidAfterLines) return {};
-    return {
-        "lines come, but no angle of the motor for their times: does it publish "
-        "(lidar/<sensor>/angle), and by the same clock?"};
+    return {kNoAngles};
   }
 
   std::vector<std::string> remarks() const override {
@@ -76,6 +78,7 @@ class ScannerSweeps : public ScipSource {
   void pass_on() {
     while (auto scan = client_.take_scan()) sweeps_.add(std::move(*scan), *client_.parameters());
     watch_motor();
+    was_without_angles_ = was_without_angles_ || sweeps_.without_angle_in_row() >= kSaidAfterLines;
   }
 
   void watch_motor() {
@@ -99,6 +102,7 @@ class ScannerSweeps : public ScipSource {
   scip::Client client_;
   spinning::SpinningSweeps sweeps_;
   std::uint64_t reconnects_ = 0;
+  bool was_without_angles_ = false;
 
  private:
   PacketsForRecorder recorded_;
@@ -232,6 +236,7 @@ class RecordedScanner : public ScannerSweeps {
     client_.flush();
     pass_on();
     sweeps_.flush();
+    if (was_without_angles_) say(kNoAngles);
   }
 
   std::string path_;

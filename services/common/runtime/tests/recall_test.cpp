@@ -110,6 +110,27 @@ TEST_F(Recall, AMapOfWhichOnlyAPartComesIsToldAndUsed) {
   EXPECT_NE(reason.find("the disk fails"), std::string::npos) << reason;
 }
 
+// Its first answer is short, and then the store is too busy for any.
+TEST_F(Recall, WhatCameFirstIsKeptWhenNothingComesAgain) {
+  zenoh::Session store = network_.open(0);
+  const std::string key = test::kKeys.of(Key::kOdometry);
+  const auto asked = std::make_shared<std::atomic<int>>(0);
+  const auto queryable = store.declare_queryable(key, [key, asked](zenoh::Query&& query) {
+    if (asked->fetch_add(1) == 0) {
+      query.reply(key, zenoh::Bytes::own(build(sweep_header(7, 3, true), pose_of_sweep(3))),
+                  encoding_of(Key::kOdometry));
+    }
+    query.reply_error(zenoh::Bytes::copy_of("busy"));
+  });
+  std::vector<Received<msg::Odometry>> found;
+  RunningStage reader(network_.open(1), setup("mapping"), [&](Stage& stage) {
+    found = recall_at<msg::Odometry>(stage, key, kTries, false);
+  });
+  EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
+  while (reader->status().health == ServiceHealth::kStarting) std::this_thread::yield();
+  EXPECT_NE(reader->status().reason.find("busy"), std::string::npos);
+}
+
 TEST_F(Recall, AStageIsThereOnceItCanBeAsked) {
   RunningStage reader(network_.open(0), setup("integration"),
                       [this](Stage& stage) { keep(stage, read_, 3); });
