@@ -32,6 +32,9 @@ class Robot:
     #: Number of queries for statuses that mapping does not answer.
     mute_for: int = 0
     last_sweep: int | None = 41
+    #: Number of answers in each query for tiles that can't be read.
+    unreadable: int = 0
+    garbage: int = 0
     keys: Keys = field(default_factory=lambda: Keys("carol"))
 
     def query_statuses(self) -> None:
@@ -49,6 +52,7 @@ class Robot:
         return {"mapping"} if self.lives and self.lives_after < 0 else set()
 
     def query_tiles(self) -> list[Tile]:
+        self.garbage += self.unreadable
         return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
 
     def query_configs(self) -> dict[str, dict[str, Any]]:
@@ -74,6 +78,13 @@ def test_an_answer_that_was_lost_is_asked_for_again(tmp_path: Path) -> None:
     assert len(maps.read(to)) == 8
     assert b"# mapping.leaf_plane_m: 0.4\n" in to.read_bytes()
     assert b"mapping.every" not in to.read_bytes()
+
+
+def test_a_tile_that_cannot_be_read_is_missing_in_no_saved_map(tmp_path: Path) -> None:
+    to = tmp_path / "town.pcd"
+    with pytest.raises(maps.MapError, match="1 tiles of the map can't be read"):
+        save(Robot([[tile(0, 5)]], 5, unreadable=1), to)
+    assert not to.exists()
 
 
 def test_a_stage_whose_link_comes_up_late_is_waited_for(tmp_path: Path) -> None:

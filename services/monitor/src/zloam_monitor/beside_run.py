@@ -40,7 +40,9 @@ def shown(endpoint: str, out: Path, wanted: bool) -> Iterator[list[str]]:
     try:
         yield lacks
     finally:
-        for name, code in views.stop().items():
-            if code:
-                log = logs / f"{name}.log"
-                lacks.append(f"{made[name]} by {name}: {describe_code(code)}, see {log}")
+        # One that is still there at the end, perhaps still starting, has not failed.
+        failed = {name: code for name, each in views.running.items() if (code := each.code())}
+        views.stop()
+        for name, code in failed.items():
+            log = logs / f"{name}.log"
+            lacks.append(f"{made[name]} by {name}: {describe_code(code)}, see {log}")

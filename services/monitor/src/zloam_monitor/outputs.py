@@ -222,6 +222,20 @@ def missing_files(folder: Path, run: Run) -> list[str]:
     return missing
 
 
+#: Topics of a stage's health that tell of a result that is not in a file.
+FILE_TOPICS = ("map file", "trajectory", "journal", "files", "points", "disk", "lost output")
+
+
+def unwritten(run: Run) -> list[str]:
+    """What the stages say that they could not write: in containers, nobody else learns of it."""
+    return [
+        f"{stage}: {text}"
+        for stage, status in run.statuses.items()
+        for text in status.reason.split("; ")
+        if text.partition(": ")[0] in FILE_TOPICS
+    ]
+
+
 def write_all(
     folder: Path, title: str, run: Run, *, stages_write_here: bool = True
 ) -> dict[str, Any]:
@@ -235,7 +249,7 @@ def write_all(
             trajectory.write_tum(files.ground_truth, stamped)
     write_poses(files.poses, run)
     found = report.build(run)
-    found["not_written"] = missing + run.not_recorded
+    found["not_written"] = missing + unwritten(run) + run.not_recorded
     found["trajectory_file"] = trajectory_file(folder, run)
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)

@@ -112,13 +112,13 @@ def _show(link: Link, began: float, now: float, as_json: bool) -> None:
 
 
 def _dead(link: Link) -> list[StatusRecord]:
-    """Newest statuses of stages whose instance has no liveliness token: a router that stores
+    """Newest statuses of stages of which no instance has a liveliness token: a router that stores
     statuses still answers with them. One that says `stopping` shows by itself that it ends."""
-    living = link.living_instances()
+    living = {stage for stage, _ in link.living_instances()}
     return [
         status
-        for status in link.newest_statuses().values()
-        if (status.stage, status.instance) not in living and status.health != "stopping"
+        for stage, status in link.newest_statuses().items()
+        if stage not in living and status.health != "stopping"
     ]
 
 
