@@ -44,7 +44,7 @@ $(BUILD)/build.ninja: CMakeLists.txt CMakePresets.json cmake/options.cmake | dep
 	@$(STEP) "configure $(PRESET)" cmake --preset $(PRESET) $(if $(wildcard $(BUILD)/CMakeCache.txt),,-DZLOAM_TESTS=OFF -DZLOAM_ALOAM=OFF -DZLOAM_GRAPH=OFF)
 
 configure-tests: test-deps
-	@grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt || \
+	@{ [ -f $(BUILD)/build.ninja ] && grep -qs '^ZLOAM_TESTS:BOOL=ON' $(BUILD)/CMakeCache.txt; } || \
 	  $(STEP) "configure $(PRESET) with tests" cmake --preset $(PRESET) -DZLOAM_TESTS=ON -DZLOAM_ALOAM=ON -DZLOAM_GRAPH=ON
 
 build: venv $(BUILD)/build.ninja ## build the programs and the command bin/zloam (PRESET=release|debug|asan-ubsan|tsan)
@@ -154,7 +154,7 @@ fuzz: tools ## libFuzzer on all that reads foreign bytes: packets, captures, tab
 fmt: tools test-venv ## format C++, Rust and Python
 	@git ls-files '*.cpp' '*.hpp' | xargs clang-format -i
 	@for crate in services/common/zenoh/bridge services/router tests/mcap_reader; do \
-	  cargo fmt --manifest-path $$crate/Cargo.toml -- --config-path services/common/zenoh/bridge; done
+	  cargo fmt --manifest-path $$crate/Cargo.toml -- --config-path services/common/zenoh/bridge || exit 1; done
 	@.venv/bin/ruff format -q . && .venv/bin/ruff check -q --fix .
 
 lint: tools build-all test-venv ## formatting, clang-tidy, ruff, types, layers, the ten largest functions and files

@@ -35,11 +35,19 @@ have_rust() {
 }
 have_rust || packages+=(cargo-web rustc-web)
 
+rust_or_fail() {
+  have_rust && return
+  echo "deps: rustc >= $rust_minimum is needed, and $(command -v rustc || echo "no rustc") comes first in PATH:" \
+    "rustup update, or put /usr/bin before it in PATH" >&2
+  exit 1
+}
+
 missing=()
 for package in "${packages[@]}"; do
   [ "$(dpkg-query -W -f='${Status}' "$package" 2>/dev/null)" = "install ok installed" ] || missing+=("$package")
 done
 if [ ${#missing[@]} -eq 0 ]; then
+  rust_or_fail
   echo "deps: everything is installed"
   exit 0
 fi
@@ -57,4 +65,4 @@ if [ "$(id -u)" -ne 0 ]; then
   sudo -v
 fi
 ./apt.sh "${as_root[@]}" -- "${missing[@]}"
-have_rust || { echo "deps: rustc >= $rust_minimum is needed and was not found after installation" >&2; exit 1; }
+rust_or_fail

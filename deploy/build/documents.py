@@ -23,14 +23,25 @@ FROZEN = "schemas/.released/"
 
 
 def tracked() -> list[Path]:
-    said = subprocess.run(
+    """Files of the project. Without Git, as in an exported tree, all files outside hidden folders
+    and the build."""
+    listed = subprocess.run(
         ["git", "ls-files", "-co", "--exclude-standard"],
         cwd=ROOT,
         capture_output=True,
         text=True,
-        check=True,
-    ).stdout
-    return [ROOT / name for name in said.splitlines() if not name.startswith(FROZEN)]
+        check=False,
+    )
+    if listed.returncode == 0:
+        names = listed.stdout.splitlines()
+    else:
+        files = (path.relative_to(ROOT) for path in ROOT.rglob("*") if path.is_file())
+        names = [
+            str(path)
+            for path in files
+            if path.parts[0] not in ("build", "out") and not path.parts[0].startswith(".")
+        ]
+    return [ROOT / name for name in names if not name.startswith(FROZEN)]
 
 
 def missing(path: Path, documents: set[str]) -> Iterator[tuple[int, str]]:

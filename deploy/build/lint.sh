@@ -12,7 +12,8 @@ case "$1" in
     done
     ;;
   python)
-    .venv/bin/ruff format --check -q . && .venv/bin/ruff check -q .
+    .venv/bin/ruff format --check -q .
+    .venv/bin/ruff check -q .
     .venv/bin/mypy services/monitor/{src,tests,examples} deploy/build/{tidy,wheel,documents}.py tests
     ;;
   tidy)

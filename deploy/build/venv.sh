@@ -10,8 +10,16 @@ view=services/monitor/requirements-view.txt
 tests=services/monitor/requirements-tests.txt
 peers=services/monitor/requirements-peers.txt
 stamp=.venv/requirements.sha256
-hash_of() { cat "$@" | sha256sum | cut -d' ' -f1; }
+# The packages belong to one Python: after an upgrade of the distribution they are of no use to the next.
+python=$(python3 -c 'import sys; print(sys.version, sys.base_prefix)')
+hash_of() { { echo "$python"; cat "$@"; } | sha256sum | cut -d' ' -f1; }
 has=$(cat "$stamp" 2>/dev/null || true)
+# What an interrupted run left, or a Python that has gone, is made anew.
+if [ -d .venv ] && ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
+  echo "venv: .venv has no working Python with pip: it is made anew"
+  rm -rf .venv
+  has=
+fi
 [ "$has" != "$(hash_of $run $view $tests $peers)" ] || exit 0
 case "${1:-}" in
   "")
@@ -30,8 +38,16 @@ echo "venv: installing $(cat $run $([ "$wanted" = $run ] || echo $view) "$wanted
 # Without --no-compile pip would compile all modules; Python compiles the third that is imported at its first start.
 .venv/bin/pip install --quiet --disable-pip-version-check --no-compile -r "$wanted"
 if [ "$wanted" = $tests ]; then
-  .venv/bin/pip install --quiet --disable-pip-version-check --no-compile \
-    --no-deps --no-warn-conflicts -r $peers ||
-    echo "venv: $peers has nothing for this system: what compares with it is skipped" >&2
+  said=$(.venv/bin/pip install --quiet --disable-pip-version-check --no-compile \
+    --no-deps --no-warn-conflicts -r $peers 2>&1) || {
+    printf '%s\n' "$said" >&2
+    case $said in
+      *"No matching distribution"*)
+        echo "venv: $peers has nothing for this system: what compares with it is skipped" >&2 ;;
+      *)
+        echo "venv: $peers could not be installed: what compares with it is skipped, and the next run tries again" >&2
+        made=$(hash_of $run $view) ;;
+    esac
+  }
 fi
 echo "$made" > "$stamp"

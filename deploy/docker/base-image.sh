@@ -13,7 +13,7 @@ plugins=${DOCKER_CONFIG:-$HOME/.docker}/cli-plugins
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-command -v mmdebstrap >/dev/null || { echo "base-image: install mmdebstrap (make deps)" >&2; exit 1; }
+command -v mmdebstrap >/dev/null || { echo "base-image: install mmdebstrap (make tools)" >&2; exit 1; }
 docker info >/dev/null 2>&1 || { echo "base-image: the Docker Engine does not answer" >&2; exit 1; }
 
 if [ ! -x "$plugins/docker-compose" ] || [ ! -x "$plugins/docker-buildx" ]; then

@@ -10,7 +10,7 @@ mkdir -p "$debs/partial" "$root"
 : > "$debs/status"
 apt-get install -q -y --download-only --no-install-recommends -o "APT::Architecture=$arch" \
   -o "APT::Architectures::=$arch" -o "Dir::State::status=$debs/status" -o "Dir::Cache::archives=$debs" \
-  base-files base-passwd libc-bin dash coreutils grep "$@"
+  base-files base-passwd libc-bin dash coreutils grep sed util-linux "$@"
 dpkg-deb -x "$(ls "$debs"/base-files_*.deb)" "$root"
 for deb in "$debs"/*.deb; do dpkg-deb -x "$deb" "$root"; done
 rm -rf "$debs" "$root/usr/share/doc" "$root/usr/share/man" "$root/usr/share/locale"

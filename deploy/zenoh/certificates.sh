@@ -17,22 +17,43 @@ umask 077
 
 key() { openssl ecparam -name prime256v1 -genkey -noout | openssl pkcs8 -topk8 -nocrypt -out "$1"; }
 
+fail() { echo "certificates: $*" >&2; exit 1; }
+
 authority() {
-  [ -f authority.key ] && return
+  if [ -f authority.key ] && [ -f authority.crt ]; then return; fi
+  [ ! -e authority.key ] && [ ! -e authority.crt ] ||
+    fail "$folder has only one of authority.key and authority.crt: put the other there, or remove it to begin anew"
   key authority.key
   openssl req -x509 -new -key authority.key -sha256 -days 3650 -subj "/CN=authority.$robot" \
     -addext "basicConstraints=critical,CA:TRUE" -addext "keyUsage=critical,keyCertSign,cRLSign" -out authority.crt
 }
 
+# kept NAME SUBJECT_ALT_NAMES: one that exists is good for these names, and still valid
+kept() {
+  openssl x509 -in "$1.crt" -noout -checkend 0 > "$1.log" ||
+    fail "$folder/$1.crt has expired: remove it and $1.key, and run this again"
+  rm "$1.log"
+  local names name
+  names=$(openssl x509 -in "$1.crt" -noout -ext subjectAltName | sed '1d; s/IP Address:/IP:/g; s/ //g')
+  for name in ${2//,/ }; do
+    case ",$names," in
+      *",$name,"*) ;;
+      *) fail "$folder/$1.crt exists and is not valid for ${name#*:} (it is for $names): remove it and $1.key, and run this again" ;;
+    esac
+  done
+  echo "certificates: $folder/$1.crt is kept: $(openssl x509 -in "$1.crt" -noout -enddate)"
+}
+
 # certificate NAME COMMON_NAME USAGE DAYS SUBJECT_ALT_NAMES
 certificate() {
-  [ -f "$1.crt" ] && return
+  if [ -f "$1.crt" ]; then kept "$1" "$5"; return; fi
   key "$1.key"
   openssl req -new -key "$1.key" -subj "/CN=$2" -out "$1.csr"
   openssl x509 -req -in "$1.csr" -CA authority.crt -CAkey authority.key -CAcreateserial -sha256 -days "$4" \
     -extfile <(printf 'basicConstraints=CA:FALSE\nkeyUsage=digitalSignature\nextendedKeyUsage=%s\nsubjectAltName=%s\n' "$3" "$5") \
-    -out "$1.crt" 2>/dev/null
-  rm "$1.csr"
+    -out "$1.crt.part" 2> "$1.log" || fail "$1.crt: $(cat "$1.log")"
+  mv "$1.crt.part" "$1.crt"
+  rm "$1.csr" "$1.log"
   echo "certificates: $folder/$1.crt ($2)"
 }
 

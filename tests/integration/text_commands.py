@@ -202,6 +202,7 @@ COMMANDS: dict[str, Kind] = {
     "-f deploy/compose/secured.yml up -d": Form("tests/system/test_secured.py"),
     "docker run --rm zenoh-loam driver --help": Form("tests/system/test_compose_up.py"),
     "docker kill": Form("tests/system/test_replicas.py, by kill -9"),
+    "docker tag zenoh-loam:arm64 zenoh-loam": Form("nobody: a name more for an image"),
     "docker tag zenoh-loam zenoh-loam:before": Form("nobody: a name more for an image"),
     "docker save zenoh-loam:arm64 zenoh-loam-router:arm64 | ssh robot docker load": Excluded(
         "needs a robot"
