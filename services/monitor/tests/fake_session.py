@@ -6,9 +6,12 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import zenoh
 
+from zloam_monitor import compose, messages
 from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link
 
 
 def reply(key: str, payload: bytes) -> Any:
@@ -52,3 +55,23 @@ class FakeSession:
         for expression, read in self.subscribers.items():
             if zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key)):
                 read(reply(key, payload).ok)
+
+
+def needs_schemas() -> None:
+    """Skips a test of a tree that was not built."""
+    try:
+        messages.schemas_path()
+    except messages.SchemasMissing as missing:
+        pytest.skip(str(missing))
+
+
+def one_misses_a_query() -> FakeSession:
+    """Two living stages, of which mapping answers only the second query for its configuration."""
+    made = FakeSession(alive=("odometry", "mapping"))
+    made.rounds[made.config_key("odometry")] = [[compose.config("odometry", {"a.b": 1})]]
+    made.rounds[made.config_key("mapping")] = [[], [compose.config("mapping", {"c.d": 2})]]
+    return made
+
+
+def linked(session: Any) -> Link:
+    return Link(session, Keys("robot"), newest=0)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 
-from fake_session import FakeSession
-from zloam_monitor import cli, compose, discovery, link, messages
+from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
+from zloam_monitor import cli, compose, discovery, link
 from zloam_monitor.compose import HeaderValues
-from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.messages import MAP_POINT
 
@@ -21,23 +19,13 @@ GARBAGE = b"\x10\x00\x00\x00" + b"ZLxx" + bytes(40)
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    try:
-        messages.schemas_path()
-    except messages.SchemasMissing as missing:
-        pytest.skip(str(missing))
+    needs_schemas()
     monkeypatch.setattr(link, "BUSY_SECONDS", 0.3)
 
 
 @pytest.fixture
 def session() -> FakeSession:
-    made = FakeSession(alive=("odometry", "mapping"))
-    made.rounds[made.config_key("odometry")] = [[compose.config("odometry", {"a.b": 1})]]
-    made.rounds[made.config_key("mapping")] = [[], [compose.config("mapping", {"c.d": 2})]]
-    return made
-
-
-def linked(session: Any) -> Link:
-    return Link(session, Keys("robot"), newest=0)
+    return one_misses_a_query()
 
 
 def test_a_stage_that_misses_a_query_is_asked_again(session: FakeSession) -> None:

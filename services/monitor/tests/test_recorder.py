@@ -5,15 +5,12 @@ from __future__ import annotations
 import random
 import resource
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
-from fake_session import FakeSession
-from zloam_monitor import compose, link, messages, recorder
-from zloam_monitor.keys import Keys
-from zloam_monitor.link import Link
+from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
+from zloam_monitor import link, recorder
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
@@ -26,23 +23,13 @@ ABOUT = {"robot": "r", "sensor": "lidar", "version": "0.1.0"}
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    try:
-        messages.schemas_path()
-    except messages.SchemasMissing as missing:
-        pytest.skip(str(missing))
+    needs_schemas()
     monkeypatch.setattr(link, "BUSY_SECONDS", 0.3)
 
 
 @pytest.fixture
 def session() -> FakeSession:
-    made = FakeSession(alive=("odometry", "mapping"))
-    made.rounds[made.config_key("odometry")] = [[compose.config("odometry", {"a.b": 1})]]
-    made.rounds[made.config_key("mapping")] = [[], [compose.config("mapping", {"c.d": 2})]]
-    return made
-
-
-def linked(session: Any) -> Link:
-    return Link(session, Keys("robot"), newest=0)
+    return one_misses_a_query()
 
 
 def recording(session: FakeSession, path: Path) -> Recorder:
