@@ -14,9 +14,9 @@ stamp=.venv/requirements.sha256
 python=$(python3 -c 'import sys; print(sys.version, sys.base_prefix)')
 hash_of() { { echo "$python"; cat "$@"; } | sha256sum | cut -d' ' -f1; }
 has=$(cat "$stamp" 2>/dev/null || true)
-# What an interrupted run left, or a Python that has gone, is made anew.
+# What an interrupted run left, or a Python that has gone, is replaced.
 if [ -d .venv ] && ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
-  echo "venv: .venv has no working Python with pip: it is made anew"
+  echo "venv: .venv has no working Python with pip: it is replaced"
   rm -rf .venv
   has=
 fi

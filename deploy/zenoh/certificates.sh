@@ -22,7 +22,7 @@ fail() { echo "certificates: $*" >&2; exit 1; }
 authority() {
   if [ -f authority.key ] && [ -f authority.crt ]; then return; fi
   [ ! -e authority.key ] && [ ! -e authority.crt ] ||
-    fail "$folder has only one of authority.key and authority.crt: put the other there, or remove it to begin anew"
+    fail "$folder has only one of authority.key and authority.crt: put the other there, or remove it to make a new authority"
   key authority.key
   openssl req -x509 -new -key authority.key -sha256 -days 3650 -subj "/CN=authority.$robot" \
     -addext "basicConstraints=critical,CA:TRUE" -addext "keyUsage=critical,keyCertSign,cRLSign" -out authority.crt

@@ -69,7 +69,7 @@ std::vector<std::uint64_t> numbers(const fs::path& folder, const std::string& ex
 }
 
 /// Number of files that were set aside, now or earlier.
-std::uint64_t set_aside(const fs::path& folder) {
+std::uint64_t count_set_aside(const fs::path& folder) {
   if (!fs::exists(folder)) return 0;
   return static_cast<std::uint64_t>(std::ranges::count_if(
       fs::directory_iterator(folder),
@@ -115,7 +115,7 @@ void RecordLog::recover(const OnRecord& on_record) {
   // the files that the base replaces.
   if (writes) remove_up_to(base, true);
   number_ = base;
-  recovery_.ignored_segments = set_aside(folder_);
+  recovery_.ignored_segments = count_set_aside(folder_);
   recovery_.damaged = recovery_.ignored_segments > 0;
   bool whole = bases.empty() || read_segment(base, true, on_record);
   for (const std::uint64_t n : numbers(folder_, ".log")) {

@@ -22,7 +22,7 @@ from tests.acceptance.decoded import udp_payloads
 from tests.integration.conftest import Capture, kill, simulate
 from tests.integration.hosts import router
 from tests.integration.live_run import LiveRun
-from zloam_monitor import compose, messages, settings
+from zloam_monitor import compose, messages
 from zloam_monitor.processes import free_port
 from zloam_monitor.records import StatusRecord
 
@@ -118,7 +118,7 @@ def strangers_token(stand: Stand) -> None:
 
 
 def is_silent(status: StatusRecord | None) -> bool:
-    return status is not None and settings.is_silent(status)
+    return status is not None and status.is_silent
 
 
 def second_driver(stand: Stand) -> None:

@@ -188,7 +188,7 @@ def test_a_strangers_token_is_named_and_one_command_makes_the_stage_work_again(
         claimed = own()[0].instance if name == "real" else name
         claim = link.keys.below(f"service/{stage}/{claimed}/active/{term}/0")
         with link.session.liveliness().declare_token(claim):
-            run._until(lambda: bool(own()) and all(map(settings.is_silent, own())))
+            run._until(lambda: bool(own()) and all(status.is_silent for status in own()))
             found = [each.what for each in doctor.findings(doctor.listen(link, 1.0))]
             said = f"a token of {stage} ({claimed}, term {term}) is there"
             assert any(said in what for what in found), found

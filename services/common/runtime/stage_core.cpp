@@ -200,7 +200,7 @@ bool StageCore::work_on_inputs() {
 }
 
 bool StageCore::work() {
-  if (replaceable_ && singleton_->overtaken()) overtaken_ = true;
+  if (is_overtaken()) overtaken_ = true;
   if (overtaken_ && steady_ns() - handed_over_ns_.load() > kLinger_ns) {
     begins_again_ = true;
     return false;

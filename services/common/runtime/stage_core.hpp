@@ -143,6 +143,7 @@ class StageCore final : public Stage, private InletEvents {
   void take_over(const char* why, zenoh::Query* query);
   void declare_handover();
   CommandReply hand_over(const std::string& arguments_json);
+  bool is_overtaken() const;
   void watch_overtaken();
   void watch_tokens();
   void watch_second();

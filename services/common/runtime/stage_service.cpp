@@ -144,7 +144,7 @@ void StageCore::note_source(StatusFields* f) const {
 void StageCore::watch_second() {
   if (!singleton_) return;
   // Standbys are meant to be there, but none of them silences the instance that works.
-  const bool leaves = leaving_ || overtaken_ || (replaceable_ && singleton_->overtaken());
+  const bool leaves = leaving_ || is_overtaken();
   const bool silenced = *muted_ && !leaves;
   const bool meant = setup_.shared.recovery.standby && !silenced;
   const std::string others = meant ? std::string() : singleton_->others();

@@ -234,9 +234,14 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   return {false, to + " does not answer: this instance goes on"};
 }
 
+/// Another instance has this one's work, also where the worker does not know it yet.
+bool StageCore::is_overtaken() const {
+  return overtaken_ || (replaceable_ && singleton_->overtaken());
+}
+
 /// Restarts an overtaken instance whose worker hangs.
 void StageCore::watch_overtaken() {
-  const bool is_over = overtaken_ || (replaceable_ && singleton_->overtaken());
+  const bool is_over = is_overtaken();
   looks_overtaken_ = is_over ? looks_overtaken_ + 1 : 0;
   if (!is_over) return;
   notify();

@@ -59,7 +59,7 @@ class SpinningSweeps {
 
   void add(scip::TimedScan scan, const scip::Parameters& scanner);
   void add(AngleReading reading);
-  /// The stamps of later readings begin anew.
+  /// Later readings may have earlier stamps.
   void forget_angles() { track_.clear(); }
   /// No more lines from before then will come.
   void forget_angles_before(std::int64_t stamp_ns) { track_.forget_before(stamp_ns); }

@@ -32,6 +32,12 @@ std::vector<std::uint64_t> sweeps_of(const std::vector<Received<msg::Odometry>>&
   return sweeps;
 }
 
+/// Of its health, once it works.
+std::string reason_of(RunningStage& stage) {
+  while (stage->status().health == ServiceHealth::kStarting) std::this_thread::yield();
+  return stage->status().reason;
+}
+
 class Recall : public ::testing::Test {
  protected:
   // Runs a publisher of sweeps 0 to 4, which ends when all have been read.
@@ -104,8 +110,7 @@ TEST_F(Recall, AMapOfWhichOnlyAPartComesIsToldAndUsed) {
     found = recall_at<msg::Odometry>(stage, key, kTries, false);
   });
   EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
-  while (reader->status().health == ServiceHealth::kStarting) std::this_thread::yield();
-  const std::string reason = reader->status().reason;
+  const std::string reason = reason_of(reader);
   EXPECT_NE(reason.find(key), std::string::npos) << reason;
   EXPECT_NE(reason.find("the disk fails"), std::string::npos) << reason;
 }
@@ -127,8 +132,7 @@ TEST_F(Recall, WhatCameFirstIsKeptWhenNothingComesAgain) {
     found = recall_at<msg::Odometry>(stage, key, kTries, false);
   });
   EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
-  while (reader->status().health == ServiceHealth::kStarting) std::this_thread::yield();
-  EXPECT_NE(reader->status().reason.find("busy"), std::string::npos);
+  EXPECT_NE(reason_of(reader).find("busy"), std::string::npos);
 }
 
 TEST_F(Recall, AStageIsThereOnceItCanBeAsked) {

@@ -167,7 +167,7 @@ def _tokens(heard: Heard) -> Iterator[Finding]:
     """A standby that takes over or a stage that starts may declare a token before it answers:
     only one that leaves a stage without a working instance is a fault."""
     for claim in sorted(heard.strangers):
-        silent = [s.figures.get("silent", 0.0) > 0.0 for s in heard.of(claim.stage)]
+        silent = [status.is_silent for status in heard.of(claim.stage)]
         yield Finding(
             f"a token of {claim.stage} ({claim.instance}, term {claim.term}) is there, and no such "
             "instance answers",

@@ -157,6 +157,11 @@ class StatusRecord:
     #: Key -> bytes published since the start, counted once for any number of subscribers.
     published_bytes: dict[str, int] = field(default_factory=dict)
 
+    @property
+    def is_silent(self) -> bool:
+        """True if another instance works in this one's place, or seems to."""
+        return self.figures.get("silent", 0.0) > 0.0
+
     def input(self, key: str) -> Input | None:
         return next((i for i in self.inputs if i.key == key), None)
 

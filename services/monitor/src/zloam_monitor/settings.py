@@ -91,7 +91,7 @@ def hand_over(link: Link, stage: str, to: str | None) -> ReplyRecord:
     deadline = time.monotonic() + BUSY_SECONDS
     while True:
         there = instances(link, stage)
-        if not all(map(is_silent, there)):
+        if not all(status.is_silent for status in there):
             if stage not in able:
                 raise unable
             return commanded(link, stage, "handover", {} if to is None else {"to": to})
@@ -104,11 +104,6 @@ def hand_over(link: Link, stage: str, to: str | None) -> ReplyRecord:
             named = "no instance" if to is None else f"no instance {to}"
             raise ChainError(f"handover: {named} of {stage} answered")
         time.sleep(0.2)
-
-
-def is_silent(status: StatusRecord) -> bool:
-    """True if another instance works in this one's place, or seems to."""
-    return status.figures.get("silent", 0.0) > 0.0
 
 
 def instances(link: Link, stage: str) -> list[StatusRecord]:
