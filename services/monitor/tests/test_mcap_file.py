@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -29,6 +31,28 @@ for n in range(10**9):
     now = time.time_ns()
     file.put(f"loam/r/{n % 7}", ("zloam.msg.X", b"schema"), now, now, os.urandom(200_000))
     time.sleep(0.005)
+"""
+
+
+#: Program that writes until it is told to end, and prints the writer's process and what it wrote.
+SERVICE = """
+import sys, time
+from pathlib import Path
+from zloam_monitor import ending
+from zloam_monitor.mcap_file import McapFile
+file = McapFile(Path(sys.argv[1]), {"robot": "r"})
+written = 0
+with ending.until_told() as goes_on:
+    print(file._disk._process.pid, flush=True)
+    while goes_on():
+        file.put("loam/r/a", None, written, written, bytes(1000))
+        written += 1
+        time.sleep(0.001)
+for _ in range(10):
+    file.put("loam/r/a", None, written, written, bytes(1000))
+    written += 1
+file.close()
+print(written, flush=True)
 """
 
 
@@ -115,6 +139,24 @@ def test_a_killed_writer_leaves_a_file_that_opens(tmp_path: Path, seed: int) -> 
     missing_s = 1e-9 * (ended_ns - max((m[1] for m in found), default=ended_ns))
     assert missing_s < 1.0 + SYNC_SECONDS
     assert all(len(data) == 200_000 for _, _, data in found)
+
+
+def test_a_supervisor_that_ends_all_processes_at_once_ends_it_well(tmp_path: Path) -> None:
+    """systemd and a shutdown send SIGTERM to the writer, too, a closing terminal SIGHUP."""
+    path = tmp_path / "a.mcap"
+    service = subprocess.Popen(
+        [sys.executable, "-c", SERVICE, str(path)],
+        env={"PYTHONPATH": str(ROOT / "services/monitor/src"), "PATH": "/usr/bin:/bin"},
+        stdout=subprocess.PIPE,
+    )
+    assert service.stdout is not None
+    writer = int(service.stdout.readline())
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        os.kill(writer, number)
+    service.terminate()
+    said, _ = service.communicate(timeout=20)
+    assert service.returncode == 0
+    assert len(read(path)) == int(said)
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:

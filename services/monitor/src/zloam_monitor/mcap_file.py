@@ -11,6 +11,7 @@ import contextlib
 import copy
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor import replaced_end
+from zloam_monitor.ending import TOLD
 
 CHUNK_BYTES = 4 << 20
 #: Time between writes: the most that is lost when the writer is killed.
@@ -69,15 +71,22 @@ class _Waiting:
 
 
 class Disk:
-    """The process that writes the file. Ctrl-C on the terminal does not reach it."""
+    """The process that writes the file. It ends only when this process closes the pipe or ends:
+    Ctrl-C on the terminal does not reach it, nor do the signals that a supervisor such as systemd
+    sends to all processes of a service at once."""
 
     def __init__(self, path: Path) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", replaced_end.__file__, str(path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        # Inherited as blocked: no signal finds the new process before it could ignore it.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, TOLD)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", replaced_end.__file__, str(path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def replace_end(self, data: bytes, ending: bytes) -> None:
         """Writes data in place of the previous ending, then the new ending; raises OSError."""

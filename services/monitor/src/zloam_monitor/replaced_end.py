@@ -2,7 +2,8 @@
 
 replaced_end.py FILE reads from standard input HEAD, data and ending; writes data in place of the
 previous ending, followed by the new one; answers with an errno, or 0. An incomplete input is not
-written. If the disk is full, the file is restored.
+written. If the disk is full, the file is restored. It ends when its input ends; mcap_file.py starts
+it with the signals blocked that would end it before.
 """
 
 from __future__ import annotations
