@@ -85,9 +85,10 @@ class Intake:
             return sample
 
     def taken(self) -> Iterator[Sample]:
-        """Removes and yields all messages that are waiting."""
-        while True:
+        """Removes and yields the messages that are waiting now; those that come meanwhile are for
+        the next call, so that a reader slower than the robot gets to its other work."""
+        for _ in range(len(self._waiting)):
             try:
                 yield self.take()
-            except queue.Empty:
+            except queue.Empty:  # The remaining ones were dropped for newer ones.
                 return

@@ -1,0 +1,52 @@
+"""Messages that wait for a reader."""
+
+from __future__ import annotations
+
+import pytest
+
+from fake_session import FakeSession, needs_schemas
+from zloam_monitor import compose
+from zloam_monitor.intake import MIB, Intake
+
+
+@pytest.fixture(autouse=True)
+def built() -> None:
+    needs_schemas()
+
+
+@pytest.fixture
+def session() -> FakeSession:
+    return FakeSession()
+
+
+def opened(session: FakeSession, most_bytes: int = MIB) -> Intake:
+    return Intake(session, [session.keys.below("**")], most_bytes, leave_out="oldest")
+
+
+def publish(session: FakeSession, *numbers: int, key: str = "pose", instance: str = "one") -> None:
+    for n in numbers:
+        header = compose.HeaderValues(1, n, n, instance=instance)
+        message = compose.pose("MapPose", header, n, (0, 0, 0), (0, 0, 0, 1))
+        session.publish(session.keys.below(key), message)
+
+
+def test_a_reader_slower_than_the_robot_gets_to_its_other_work(session: FakeSession) -> None:
+    intake = opened(session)
+    publish(session, 0, 1, 2)
+    read = []
+    for sample in intake.taken():
+        read.append(sample)
+        assert len(read) <= 3, "it never returns"
+        publish(session, 2 + len(read))
+    assert len(list(intake.taken())) == 3
+
+
+def test_what_is_left_out_meanwhile_ends_it_too(session: FakeSession) -> None:
+    intake = opened(session, most_bytes=400)
+    session.publish("loam/robot/a", bytes(200))
+    session.publish("loam/robot/a", bytes(200))
+    taken = intake.taken()
+    next(taken)
+    session.publish("loam/robot/b", bytes(400))
+    assert [len(sample.payload) for sample in taken] == [400]
+    assert intake.dropped == {"loam/robot/a": 1}
