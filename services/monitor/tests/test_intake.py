@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from fake_session import FakeSession, needs_schemas
 from zloam_monitor import compose
 from zloam_monitor.intake import MIB, Intake
+
+SECOND_NS = 10**9
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +54,17 @@ def test_what_is_left_out_meanwhile_ends_it_too(session: FakeSession) -> None:
     session.publish("loam/robot/b", bytes(400))
     assert [len(sample.payload) for sample in taken] == [400]
     assert intake.dropped == {"loam/robot/a": 1}
+
+
+@pytest.mark.parametrize("step_s", [-60, 365 * 86400])
+def test_a_step_of_the_clock_is_none_in_the_times(
+    session: FakeSession, monkeypatch: pytest.MonkeyPatch, step_s: int
+) -> None:
+    intake = opened(session)
+    before = time.monotonic_ns()
+    publish(session, 0)
+    stepped_ns = time.time_ns() + step_s * SECOND_NS
+    monkeypatch.setattr("zloam_monitor.intake.time.time_ns", lambda: stepped_ns)
+    publish(session, 1)
+    first, second = (sample.received_ns for sample in intake.taken())
+    assert 0 <= second - first <= time.monotonic_ns() - before

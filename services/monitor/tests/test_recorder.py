@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import random
 import resource
+import time
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
-from zloam_monitor import link, recorder
+from zloam_monitor import compose, doctor_files, link, recorder
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
+from zloam_monitor.stages import STAGES
 
 MIB = 1 << 20
 #: Longer than what the file collects before it writes.
@@ -146,6 +148,28 @@ def test_a_configuration_that_is_missing_is_told(
     assert recorder.record(linked(session), options, 0.0) == 1
     assert stages(options.path) == ["odometry"]
     assert "the configuration of mapping is missing in" in capsys.readouterr().out
+
+
+def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: int = 1) -> None:
+    key = session.config_key(stage).replace("/config", "/status")
+    session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=health))
+
+
+@pytest.mark.parametrize("step_s", [-60, 365 * 86400])
+def test_a_step_of_the_clock_makes_no_stage_silent(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: int
+) -> None:
+    path = tmp_path / "run.mcap"
+    made = Recorder(linked(session), Options(path, scene=False))
+    made.settle()
+    stepped_ns = time.time_ns() + step_s * 10**9
+    for n, stage in enumerate((*STAGES, *STAGES)):
+        if n == len(STAGES) // 2:
+            monkeypatch.setattr("zloam_monitor.intake.time.time_ns", lambda: stepped_ns)
+        publish_status(session, stage, at_ns=n)
+    made.close()
+    assert RobotLog(path).extent().seconds < 60
+    assert not [f for f in doctor_files.of_recording(path) if "is not there" in f.what]
 
 
 def part(path: Path, number: int, **about: str) -> Path:

@@ -16,13 +16,25 @@ import zenoh
 MIB = 1 << 20
 
 
+class Clock:
+    """This host's clock as it was set at the construction: setting it later, as NTP does on a
+    robot without a battery for its clock, makes no step in the times."""
+
+    def __init__(self) -> None:
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """ns since the Unix epoch."""
+        return self._ahead_ns + time.monotonic_ns()
+
+
 @dataclass(frozen=True)
 class Sample:
     """One received message."""
 
     key: str
     payload: bytes
-    #: This host's clock, ns since the Unix epoch.
+    #: By the intake's clock, ns since the Unix epoch.
     received_ns: int
 
 
@@ -40,6 +52,7 @@ class Intake:
         self._most_bytes, self._leave_out = most_bytes, leave_out
         self._waiting: deque[Sample] = deque()
         self._bytes = 0
+        self.clock = Clock()
         #: Key -> number of dropped messages.
         self.dropped: dict[str, int] = {}
         self._changed = threading.Condition()
@@ -53,7 +66,7 @@ class Intake:
         self._subscribers.clear()
 
     def _put(self, sample: Any) -> None:
-        self.add(Sample(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+        self.add(Sample(str(sample.key_expr), sample.payload.to_bytes(), self.clock.now_ns()))
 
     def add(self, sample: Sample) -> None:
         """Adds a message as if it had been received."""

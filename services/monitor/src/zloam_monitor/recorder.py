@@ -162,7 +162,7 @@ class Recorder:
         for reply in self.link.replies(selector):
             if reply.ok is not None:
                 payload = reply.ok.payload.to_bytes()
-                self._stand(Sample(str(reply.ok.key_expr), payload, time.time_ns()))
+                self._stand(Sample(str(reply.ok.key_expr), payload, self._intake.clock.now_ns()))
                 yield payload
 
     def _stand(self, sample: Sample) -> None:
@@ -257,7 +257,7 @@ class Recorder:
         try:
             self.poll()
             if self._scene is not None:
-                now = time.time_ns()
+                now = self._intake.clock.now_ns()
                 for shown in self._scene.last(now):
                     self._write(shown.topic, shown.schema, now, shown.stamp_ns, shown.data)
             if self.dropped:
