@@ -1,4 +1,4 @@
-"""Messages that wait for a reader."""
+"""Messages that wait for a reader, and what of them never came."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 
 from fake_session import FakeSession, needs_schemas
 from zloam_monitor import compose
+from zloam_monitor.gaps import WINDOW
 from zloam_monitor.intake import MIB, Intake
 
 SECOND_NS = 10**9
@@ -54,6 +55,53 @@ def test_what_is_left_out_meanwhile_ends_it_too(session: FakeSession) -> None:
     session.publish("loam/robot/b", bytes(400))
     assert [len(sample.payload) for sample in taken] == [400]
     assert intake.dropped == {"loam/robot/a": 1}
+
+
+@pytest.mark.parametrize(
+    ("numbers", "lost"),
+    [
+        ((7, 8, 9), 0),
+        ((0, 1, 5), 3),
+        ((0, 1, 5, 5, 1), 3),
+        ((0, 3, 1, 2), 0),
+        ((5, 3, 4, 8), 2),
+        ((0, 10 * WINDOW), 10 * WINDOW - 1),
+        ((0, 10 * WINDOW, 10 * WINDOW - 1), 10 * WINDOW - 2),
+        # A publisher of the same name starts again, and that counts by itself.
+        ((5000, 5002, 0, 1, 3), 2),
+    ],
+)
+def test_numbers_that_never_came_are_counted(
+    session: FakeSession, numbers: tuple[int, ...], lost: int
+) -> None:
+    intake = opened(session)
+    publish(session, *numbers)
+    assert intake.lost() == ({"loam/robot/pose": lost} if lost else {})
+
+
+def test_each_publisher_counts_for_itself(session: FakeSession) -> None:
+    intake = opened(session)
+    publish(session, 0, 1, instance="one")
+    publish(session, 0, 1, 3, instance="another")
+    publish(session, 0, 2, key="map/odometry")
+    assert intake.lost() == {"loam/robot/pose": 1, "loam/robot/map/odometry": 1}
+
+
+def test_all_tiles_are_numbered_together(session: FakeSession) -> None:
+    intake = opened(session)
+    for n, index in ((0, 5), (1, 6), (4, 5)):
+        key = f"map/tile/plane/{index}/0/0"
+        publish(session, n, key=key)
+    assert intake.lost() == {"loam/robot/map/tile": 2}
+
+
+def test_messages_without_a_number_are_not_counted(session: FakeSession) -> None:
+    intake = opened(session)
+    session.publish("loam/robot/a", b"short")
+    session.publish("loam/robot/a", b"....ZLMPdamaged")
+    session.publish("loam/robot/a", compose.status("mapping", 1, 1, None, [], {}))
+    assert not intake.lost()
+    assert len(list(intake.taken())) == 3
 
 
 @pytest.mark.parametrize("step_s", [-60, 365 * 86400])

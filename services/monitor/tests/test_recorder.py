@@ -150,6 +150,27 @@ def test_a_configuration_that_is_missing_is_told(
     assert "the configuration of mapping is missing in" in capsys.readouterr().out
 
 
+def test_messages_that_never_came_are_told(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.mcap"
+    ended = Recorder.settle
+
+    def settle(made: Recorder) -> None:
+        ended(made)
+        for n in (0, 1, 5, 5):
+            header = compose.HeaderValues(1, n, n)
+            session.publish(
+                session.keys.pose, compose.pose("MapPose", header, n, (0, 0, 0), (0, 0, 0, 1))
+            )
+
+    monkeypatch.setattr(Recorder, "settle", settle)
+    assert recorder.record(linked(session), Options(path, scene=False), 0.0) == 1
+    with path.open("rb") as file:
+        noted = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    assert noted["zloam.dropped"] == {"loam/robot/pose": "3"}
+
+
 def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: int = 1) -> None:
     key = session.config_key(stage).replace("/config", "/status")
     session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=health))

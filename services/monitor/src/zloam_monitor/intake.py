@@ -6,12 +6,15 @@ import contextlib
 import queue
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import zenoh
+
+from zloam_monitor.gaps import Gaps, number_of
+from zloam_monitor.keys import topic_of
 
 MIB = 1 << 20
 
@@ -52,6 +55,7 @@ class Intake:
         self._most_bytes, self._leave_out = most_bytes, leave_out
         self._waiting: deque[Sample] = deque()
         self._bytes = 0
+        self._gaps = Gaps()
         self.clock = Clock()
         #: Key -> number of dropped messages.
         self.dropped: dict[str, int] = {}
@@ -66,11 +70,15 @@ class Intake:
         self._subscribers.clear()
 
     def _put(self, sample: Any) -> None:
-        self.add(Sample(str(sample.key_expr), sample.payload.to_bytes(), self.clock.now_ns()))
+        self.add(str(sample.key_expr), sample.payload.to_bytes())
 
-    def add(self, sample: Sample) -> None:
-        """Adds a message as if it had been received."""
+    def add(self, key: str, payload: bytes) -> None:
+        """Adds a message that came over a subscription, or as an answer."""
+        sample = Sample(key, payload, self.clock.now_ns())
+        number = number_of(payload)
         with self._changed:
+            if number is not None:
+                self._gaps.take(topic_of(key), number)
             if self._leave_out == "newest" and self._is_full(sample):
                 self._drop(sample)
                 return
@@ -105,3 +113,8 @@ class Intake:
                 yield self.take()
             except queue.Empty:  # The remaining ones were dropped for newer ones.
                 return
+
+    def lost(self) -> Counter[str]:
+        """Topic -> number of messages that were published but never arrived here."""
+        with self._changed:
+            return self._gaps.lost()

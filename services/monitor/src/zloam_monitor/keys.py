@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from zloam_monitor.stages import ROWS
 
+#: Below the robot's key: the keys of all tiles begin with it.
+TILES = "map/tile"
+
 
 class KeyNameError(ValueError):
     """A user's name of something can't be part of a key; the text says why."""
@@ -20,6 +23,12 @@ def name_error(text: str) -> str | None:
     if any(c in "/*?#$\x7f" or c <= " " for c in text):
         return f"'{text}' can't be part of a key: no '/', '*', '?', '#', '$' or white space"
     return None
+
+
+def topic_of(key: str) -> str:
+    """The key, but one topic for all tiles, which have one publisher and an index in their key."""
+    head, found, _ = key.partition(f"/{TILES}/")
+    return f"{head}/{TILES}" if found else key
 
 
 def _checked(what: str, name: str) -> str:

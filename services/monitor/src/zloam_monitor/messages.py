@@ -108,6 +108,10 @@ KINDS = {
 }
 
 
+#: Identifier of a message -> its root table.
+TABLES = {kind.identifier: table for table, kind in KINDS.items() if table != "Command"}
+
+
 class MessageError(ValueError):
     """The bytes are not a message of the expected kind."""
 
@@ -168,6 +172,15 @@ def decode(table: str, payload: bytes) -> Any:
         return getattr(module(table), table).GetRootAs(payload, 0)
     except DECODE_ERRORS as error:
         raise MessageError(f"not a {table}: {error}") from error
+
+
+def header_of(payload: bytes) -> Any:
+    """The header of a message of any kind; None: it has none. Reading may raise DECODE_ERRORS."""
+    table = TABLES.get(payload[4:8])
+    if table is None:
+        return None
+    root = decode(table, payload)
+    return root.Header() if hasattr(root, "Header") else None
 
 
 #: Exceptions that a damaged FlatBuffer, or JSON nested too deeply inside one, can raise in Python.

@@ -11,6 +11,7 @@ import queue
 import secrets
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,7 +21,7 @@ from typing import Any
 from zloam_monitor import ending, messages, records, se3
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
-from zloam_monitor.keys import Keys
+from zloam_monitor.keys import Keys, topic_of
 from zloam_monitor.link import BUSY_SECONDS, Link
 from zloam_monitor.mcap_file import (
     McapFile,
@@ -35,6 +36,7 @@ from zloam_monitor.version import version
 #: Limit on messages waiting to be written.
 MOST_WAITING_BYTES = 256 * MIB
 TOO_FAST = "they came faster than they could be written (a slower rate, or a faster disk)"
+LOST = "they were lost on their way here (record on the robot itself, or over a faster link)"
 #: Map and path are written at most this often, if they grew.
 SCENE_SECONDS = 5.0
 #: Keys below the robot's with messages that the stages can compute again from the sweeps, or that
@@ -49,9 +51,6 @@ DERIVED = (
     "sweep/registered",
     "odometry/sweep",
 )
-#: Identifier of a message -> its root table.
-TABLES = {kind.identifier: table for table, kind in messages.KINDS.items() if table != "Command"}
-TILES = "map/tile"
 #: What a thread that records may raise; a run beside it goes on, and reports it at its end.
 FAILURES = (RecordingError, OSError, ValueError)
 
@@ -72,17 +71,11 @@ class Options:
 @cache
 def schema_of(identifier: bytes) -> tuple[str, bytes] | None:
     """Name and binary schema of the message with this identifier; None: not a zloam message."""
-    table = TABLES.get(identifier)
+    table = messages.TABLES.get(identifier)
     if table is None:
         return None
     path = messages.schemas_path() / "zloam" / "bfbs" / f"{messages.KINDS[table].schema}.bfbs"
     return f"zloam.msg.{table}", path.read_bytes()
-
-
-def topic_of(key: str) -> str:
-    """The topic of a key: the key itself, but one topic for all tiles, as they have an index."""
-    head, found, _ = key.partition(f"/{TILES}/")
-    return f"{head}/{TILES}" if found else key
 
 
 def expressions(keys: Keys, scene: bool) -> list[str]:
@@ -186,8 +179,12 @@ class Recorder:
         return opened
 
     @property
-    def dropped(self) -> dict[str, int]:
-        return self._intake.dropped
+    def dropped(self) -> Counter[str]:
+        """Topic -> number of messages that arrived but were not written."""
+        found: Counter[str] = Counter()
+        for key, count in self._intake.dropped.items():
+            found[topic_of(key)] += count
+        return found
 
     @property
     def size(self) -> int:
@@ -260,8 +257,8 @@ class Recorder:
                 now = self._intake.clock.now_ns()
                 for shown in self._scene.last(now):
                     self._write(shown.topic, shown.schema, now, shown.stamp_ns, shown.data)
-            if self.dropped:
-                self._file.note("zloam.dropped", {k: str(n) for k, n in self.dropped.items()})
+            if missing := self.dropped + self._intake.lost():
+                self._file.note("zloam.dropped", {k: str(n) for k, n in missing.items()})
         finally:
             with _told(self._file):
                 self._file.close()
@@ -269,9 +266,12 @@ class Recorder:
     def lacks(self) -> list[str]:
         """Texts about what is missing in the recording; none if it is complete."""
         found = []
-        if self.dropped:
-            total, keys = sum(self.dropped.values()), ", ".join(sorted(self.dropped))
-            found.append(f"{total} messages of {self.parts[0]} are missing ({keys}): {TOO_FAST}")
+        for missing, why in ((self.dropped, TOO_FAST), (self._intake.lost(), LOST)):
+            if missing:
+                keys = ", ".join(f"{n} of {key}" for key, n in sorted(missing.items()))
+                found.append(
+                    f"{missing.total()} messages of {self.parts[0]} are missing ({keys}): {why}"
+                )
         if self.unanswered:
             stages = ", ".join(sorted(self.unanswered))
             found.append(

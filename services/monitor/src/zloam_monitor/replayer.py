@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor import ending, messages, records
-from zloam_monitor.keys import Keys
+from zloam_monitor.keys import TILES, Keys
 from zloam_monitor.link import open_session
-from zloam_monitor.recorder import TILES
 from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.robot_log import Logged, RobotLog
 from zloam_monitor.terminal import ProgressLine
