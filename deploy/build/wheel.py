@@ -41,7 +41,7 @@ REQUIRES = (
     "pypcd4>=1.4",
     "laspy[lazrs]>=2.5",
     "prometheus_client>=0.19",
-    "mcap>=1.2",
+    "mcap>=1.6",
     "foxglove-schemas-flatbuffer>=0.3",
 )
 #: extra requirements, larger than all others together: pip install 'zloam[view]'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,12 +33,17 @@ class FakeSession:
     def config_key(self, stage: str) -> str:
         return self.keys.below(f"service/{stage}/{stage}-1/config")
 
-    def get(self, selector: str, **_: Any) -> Iterator[Any]:
+    def get(self, selector: str, handler: Any = None, **_: Any) -> list[Any]:
         asked = zenoh.KeyExpr(selector)
+        replies = []
         for key, rounds in self.rounds.items():
             if asked.intersects(zenoh.KeyExpr(key)):
                 answers = rounds.pop(0) if len(rounds) > 1 else rounds[0]
-                yield from (reply(key, each) for each in answers)
+                replies += [reply(key, each) for each in answers]
+        if handler is not None:
+            for each in replies:
+                handler(each)
+        return replies
 
     def liveliness(self) -> Any:
         keys = [self.keys.below(f"service/{stage}/{stage}-1/alive") for stage in self.alive]

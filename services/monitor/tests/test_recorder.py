@@ -7,11 +7,12 @@ import resource
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
-from zloam_monitor import compose, doctor_files, link, recorder
+from zloam_monitor import compose, doctor_files, link, messages, recorder
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
@@ -147,7 +148,7 @@ def test_a_configuration_that_is_missing_is_told(
     options = Options(tmp_path / "part.mcap", scene=False)
     assert recorder.record(linked(session), options, 0.0) == 1
     assert stages(options.path) == ["odometry"]
-    assert "the configuration of mapping is missing in" in capsys.readouterr().out
+    assert "the configuration of mapping/mapping-1 is missing in" in capsys.readouterr().out
 
 
 def test_messages_that_never_came_are_told(
@@ -174,6 +175,73 @@ def test_messages_that_never_came_are_told(
 def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: int = 1) -> None:
     key = session.config_key(stage).replace("/config", "/status")
     session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=health))
+
+
+def test_the_configuration_of_a_stage_that_starts_later_is_in_every_part(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    made.settle()
+    # A sweep before it, as `demo --bag` must not look for configurations only before the first.
+    header = compose.HeaderValues(1, 0, 0)
+    session.publish(session.keys.sweep, compose.sweep(header, np.zeros(1, messages.POINT)))
+    # The first query comes too early for an answer.
+    session.rounds[session.config_key("integration")] = [
+        [],
+        [compose.config("integration", {"integration.e": 3})],
+    ]
+    for _ in range(3):
+        publish_status(session, "integration")
+        made.poll()
+    publish(session, 1)
+    made.poll()
+    made.close()
+    assert [stages(p) for p in made.parts] == [["integration", "mapping", "odometry"]] * 2
+    assert made.lacks() == []
+    assert RobotLog(made.parts[0]).settings() == ["integration.e=3"]
+
+
+def test_of_a_stage_that_starts_again_the_first_configuration_is_replayed(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    key = session.config_key("mapping")
+    session.rounds[key] = [[compose.config("mapping", {"mapping.a": 1})]]
+    made = Recorder(linked(session), Options(path, scene=False))
+    made.settle()
+    again = key.replace("mapping-1", "mapping-2")
+    session.rounds[again] = [[compose.config("mapping", {"mapping.a": 2})]]
+    session.publish(
+        again.replace("/config", "/status"), compose.status("mapping", 1, 1, None, [], {})
+    )
+    made.poll()
+    made.close()
+    assert stages(path) == ["mapping", "mapping", "odometry"]
+    assert RobotLog(path).settings() == ["mapping.a=1"]
+
+
+def test_only_a_stage_that_works_lacks_its_configuration(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    made.settle()
+    publish_status(session, "registration", health=0)  # So does a standby, which has none.
+    made.poll()
+    assert made.lacks() == []
+    publish_status(session, "integration")
+    made.close()
+    (lack,) = made.lacks()
+    assert "the configuration of integration/integration-1 is missing in" in lack
+
+
+def test_an_answer_at_the_last_moment_is_recorded(session: FakeSession, tmp_path: Path) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    made.settle()
+    session.rounds[session.config_key("integration")] = [[], [compose.config("integration", {})]]
+    publish_status(session, "integration")
+    made.close()
+    assert stages(made.parts[0]) == ["integration", "mapping", "odometry"]
+    assert made.lacks() == []
 
 
 @pytest.mark.parametrize("step_s", [-60, 365 * 86400])

@@ -18,11 +18,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import zenoh
+
 from zloam_monitor import ending, messages, records, se3
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
 from zloam_monitor.keys import Keys, topic_of
-from zloam_monitor.link import BUSY_SECONDS, Link
+from zloam_monitor.link import Link
 from zloam_monitor.mcap_file import (
     McapFile,
     RecordingError,
@@ -51,6 +53,8 @@ DERIVED = (
     "sweep/registered",
     "odometry/sweep",
 )
+#: Health of instances that may have no configuration to ask for: standbys have none.
+WITHOUT_CONFIG = ("starting", "stopping")
 #: What a thread that records may raise; a run beside it goes on, and reports it at its end.
 FAILURES = (RecordingError, OSError, ValueError)
 
@@ -108,8 +112,6 @@ class Recorder:
     written: int = 0
     #: Bytes of the files before the open one.
     before: int = 0
-    #: Living stages whose configuration is missing, as they did not answer.
-    unanswered: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         keys, options = self.link.keys, self.options
@@ -131,6 +133,8 @@ class Recorder:
         self._scene: Scene | None = None
         #: Messages that are repeated in each file, so that it can be understood without the others.
         self._standing: dict[str, Sample] = {}
+        #: Keys of the configurations of all instances that were there.
+        self._present: set[str] = set()
 
     def settle(self) -> None:
         """Queries what was published before: the configuration and its changes."""
@@ -144,19 +148,22 @@ class Recorder:
                     configs[stage] = values
             return configs
 
-        self.unanswered = self.link.until_all(ask)
-        for _ in self._stood(keys.every_revision):
-            pass
+        self.link.until_all(ask)
+        living = self.link.living_instances()
+        self._present |= {keys.below(f"service/{s}/{instance}/config") for s, instance in living}
+        self._stood(keys.every_revision)
         if self.options.scene:
             self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
 
-    def _stood(self, selector: str) -> Iterator[bytes]:
-        """Asks, writes each answer that is not in the file yet, and yields it."""
+    def _stood(self, selector: str) -> list[bytes]:
+        """Asks, writes each answer that is not in the file yet, and returns all answers."""
+        payloads = []
         for reply in self.link.replies(selector):
             if reply.ok is not None:
                 payload = reply.ok.payload.to_bytes()
                 self._stand(Sample(str(reply.ok.key_expr), payload, self._intake.clock.now_ns()))
-                yield payload
+                payloads.append(payload)
+        return payloads
 
     def _stand(self, sample: Sample) -> None:
         if self._standing.get(sample.key) is None:
@@ -202,11 +209,40 @@ class Recorder:
         for more in self._intake.taken():
             self._take(more)
 
+    def _lacking(self) -> list[str]:
+        """Keys of configurations that are not in the file yet."""
+        return sorted(self._present - self._standing.keys())
+
+    def _met(self, sample: Sample) -> None:
+        """Asks the instance that published a status for its configuration, if that is lacking: the
+        instance has started after this recording. The answer comes like any other message."""
+        try:
+            health = records.status(sample.payload).health
+        except messages.DECODE_ERRORS:
+            return
+        if health in WITHOUT_CONFIG:
+            return
+        config = sample.key.removesuffix("status") + "config"
+        self._present.add(config)
+        if config not in self._standing:
+            with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
+                self.link.session.get(config, self._answered)
+
+    def _answered(self, reply: Any) -> None:
+        if reply.ok is not None:
+            self._intake.add(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+
     def _take(self, sample: Sample) -> None:
+        identifier = sample.payload[4:8]
+        if identifier == messages.KINDS["EffectiveConfig"].identifier:
+            self._stand(sample)
+            return
+        if identifier == messages.KINDS["Status"].identifier:
+            self._met(sample)
         is_view = sample.key == self.link.keys.odometry_sweep
         if not is_view or self._raw_clouds:
             self._put(sample)
-        if sample.payload[4:8] == messages.KINDS["ConfigRevision"].identifier:
+        if identifier == messages.KINDS["ConfigRevision"].identifier:
             self._standing[sample.key] = sample
         if self._scene is not None:
             with contextlib.suppress(*messages.DECODE_ERRORS):
@@ -253,6 +289,9 @@ class Recorder:
         self._intake.close()
         try:
             self.poll()
+            for config in self._lacking():
+                with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
+                    self._stood(config)
             if self._scene is not None:
                 now = self._intake.clock.now_ns()
                 for shown in self._scene.last(now):
@@ -272,12 +311,9 @@ class Recorder:
                 found.append(
                     f"{missing.total()} messages of {self.parts[0]} are missing ({keys}): {why}"
                 )
-        if self.unanswered:
-            stages = ", ".join(sorted(self.unanswered))
-            found.append(
-                f"the configuration of {stages} is missing in {self.parts[0]}: no answer came "
-                f"within {BUSY_SECONDS:.0f} s"
-            )
+        if lacking := self._lacking():
+            of = ", ".join("/".join(key.split("/")[-3:-1]) for key in lacking)
+            found.append(f"the configuration of {of} is missing in {self.parts[0]}: no answer came")
         return found
 
     def summary(self) -> str:

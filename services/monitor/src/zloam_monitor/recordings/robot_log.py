@@ -26,6 +26,8 @@ REVISION = "zloam.msg.ConfigRevision"
 STAGE_KEYS = ("sensor.model", "mounting.", "registration.", "odometry.", "mapping.", "integration.")
 #: Keys among these that belong to the replaying run.
 PLACES = ("mapping.map_path", "mapping.spill_directory", "integration.output_dir")
+#: Later than any message.
+MOST_NS = 1 << 63
 #: Metadata that all parts of a recording have in common.
 IDENTITY = ("recording", "robot", "sensor", "version")
 
@@ -143,29 +145,45 @@ class RobotLog:
                 self._damaged(part, error)
 
     def _damaged(self, part: Path, error: Exception) -> None:
-        self.remarks.append(
+        remark = (
             f"{part.name} is cut off or damaged ({type(error).__name__}): what is whole before "
             "that is used"
         )
+        if remark not in self.remarks:  # It may be read several times.
+            self.remarks.append(remark)
 
-    def _indexed(self, part: Path, schema: str) -> Iterator[bytes]:
-        """Payloads of rare messages, found by the index; without an index, by reading all."""
+    def found(
+        self, wanted: tuple[str, ...] = (), begin_ns: int = 0, end_ns: int = MOST_NS
+    ) -> Iterator[Logged]:
+        """Messages logged from begin_ns to before end_ns, in the order of their times in each
+        part; `wanted`: only these schemas. The index finds them, and the rest is not read; a part
+        without an index is read as a whole."""
+        for part in self.parts:
+            if _statistics(part) is not None:
+                yield from self._indexed(part, wanted, begin_ns, end_ns)
+                continue
+            for m in self._linear(part):
+                if begin_ns <= m.log_ns < end_ns and (not wanted or m.schema in wanted):
+                    yield m
+
+    def _indexed(
+        self, part: Path, wanted: tuple[str, ...], begin_ns: int, end_ns: int
+    ) -> Iterator[Logged]:
         from mcap.reader import make_reader
 
-        if _statistics(part) is None:
-            yield from (m.payload for m in self._linear(part) if m.schema == schema)
-            return
         with part.open("rb") as file:
             reader = make_reader(file)
             summary = reader.get_summary()
-            named = {s.id for s in summary.schemas.values() if s.name == schema}
-            topics = [c.topic for c in summary.channels.values() if c.schema_id in named]
-            if topics:
-                found = reader.iter_messages(topics=topics, log_time_order=False)
-                try:
-                    yield from (message.data for _, _, message in found)
-                except Exception as error:  # The library raises various errors for damaged files.
-                    self._damaged(part, error)
+            names = {0: "", **{schema.id: schema.name for schema in summary.schemas.values()}}
+            channels = summary.channels.values()
+            topics = {c.topic for c in channels if not wanted or names[c.schema_id] in wanted}
+            try:
+                for _, channel, m in reader.iter_messages(
+                    topics, starting_at=begin_ns, ending_before=end_ns
+                ):
+                    yield Logged(channel.topic, names[channel.schema_id], m.log_time, m.data)
+            except Exception as error:  # The library raises various errors for damaged files.
+                self._damaged(part, error)
 
     def sweeps(self) -> Iterator[Logged]:
         """Sweeps of the first run, each once, by ascending number."""
@@ -190,22 +208,21 @@ class RobotLog:
             self.remarks.append(f"{missing} sweeps are missing between others")
 
     def settings(self) -> list[str]:
-        """The stages' configuration in force at the beginning of the recording, KEY=VALUE."""
+        """The stages' configuration, KEY=VALUE: of each key the first value, as a stage that
+        started later, or again, may have been given another."""
         found: dict[str, Any] = {}
-        for logged in self.messages((CONFIG, SWEEP)):
-            if logged.schema == SWEEP:
-                break
+        for logged in self.found((CONFIG,)):
             _, values = records.effective_config(logged.payload)
-            found |= {k: v for k, v in values.items() if k.startswith(STAGE_KEYS)}
-        return [f"{k}={_text(v)}" for k, v in sorted(found.items()) if k not in PLACES]
+            found = {**values, **found}
+        kept = {k: v for k, v in found.items() if k.startswith(STAGE_KEYS) and k not in PLACES}
+        return [f"{k}={_text(v)}" for k, v in sorted(kept.items())]
 
     def changes(self) -> list[str]:
         """Changes during the run, SWEEP:KEY=VALUE; sweeps are counted from the first one."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
-        for part in self.parts:
-            for payload in self._indexed(part, REVISION):
-                revision = records.config_revision(payload)
-                revisions[(revision.stage, revision.rev)] = revision
+        for logged in self.found((REVISION,)):
+            revision = records.config_revision(logged.payload)
+            revisions[(revision.stage, revision.rev)] = revision
         begin = next(self.sweeps(), None)
         first = _header(begin.payload).Sweep() if revisions and begin is not None else 0
         found, before = [], dict[str, dict[str, Any]]()
