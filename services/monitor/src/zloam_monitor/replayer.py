@@ -120,22 +120,17 @@ def _expression(key: str) -> Any:
     return zenoh.KeyExpr(key)
 
 
-def _from(log: RobotLog, begin_ns: int, end_ns: int) -> Iterator[Logged]:
+def _from(
+    log: RobotLog, begin_ns: int, end_ns: int, goes_on: Callable[[], bool]
+) -> Iterator[Logged]:
     """The newest standing messages before begin_ns, then all messages until end_ns."""
     standing: dict[str, Logged] = {}
-    began = False
-    for logged in log.messages():
-        if logged.log_ns > end_ns:
-            break
-        if logged.log_ns >= begin_ns:
-            if not began:
-                yield from standing.values()
-                began = True
-            yield logged
-        elif logged.schema in STANDING:
-            standing[_identity(logged)] = logged
-    if not began:
-        yield from standing.values()
+    for logged in log.found(STANDING, end_ns=begin_ns):
+        if not goes_on():
+            return
+        standing[_identity(logged)] = logged
+    yield from standing.values()
+    yield from log.found(begin_ns=begin_ns, end_ns=end_ns + 1)
 
 
 def _identity(logged: Logged) -> str:
@@ -162,9 +157,8 @@ def replay(options: Options) -> int:
     try:
         with ending.until_told() as goes_on:
             print(f"robot {stand.keys.robot} at {options.listen}; Ctrl-C ends", flush=True)
-            _publish(
-                stand, _from(log, begin_ns, end_ns), options, (extent.begin_ns, begin_ns), goes_on
-            )
+            found = _from(log, begin_ns, end_ns, goes_on)
+            _publish(stand, found, options, (extent.begin_ns, begin_ns), goes_on)
     finally:
         stand.close()
     print(f"{stand.published} messages published", flush=True)
@@ -184,9 +178,12 @@ def _publish(
     counts from, and begin of the replay."""
     line = ProgressLine()
     whole_ns, begin_ns = begins_ns
-    began = time.monotonic()
+    began: float | None = None
     for each in logged:
-        due = began + 1e-9 * max(0, each.log_ns - begin_ns) / options.rate
+        # Begin the time at the first message of the part, as finding it takes time.
+        if began is None and each.log_ns >= begin_ns:
+            began = time.monotonic()
+        due = (began or 0.0) + 1e-9 * max(0, each.log_ns - begin_ns) / options.rate
         while goes_on() and (left := due - time.monotonic()) > 0:
             time.sleep(min(left, LOOK_SECONDS))
         if not goes_on():

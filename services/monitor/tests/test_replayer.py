@@ -1,0 +1,154 @@
+"""A recording is published again at its own pace, from any point of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_session import needs_schemas
+from zloam_monitor import compose, messages, replayer
+from zloam_monitor.mcap_file import CHUNK_BYTES, McapFile
+from zloam_monitor.recorder import schema_of
+from zloam_monitor.recordings.robot_log import Logged, RobotLog
+from zloam_monitor.replayer import Options
+
+SECOND_NS = 10**9
+ABOUT = {"robot": "r", "sensor": "lidar", "recording": "a", "version": "0.1.0"}
+SWEEP, TILE = "loam/r/lidar/lidar/sweep", "loam/r/map/tile"
+
+
+class Clock:
+    """Takes the place of the module time."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0])
+def test_the_time_of_the_search_is_not_made_up_for(
+    monkeypatch: pytest.MonkeyPatch, rate: float
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(replayer, "time", clock)
+    sent: list[tuple[int, float]] = []
+    stand: Any = SimpleNamespace(
+        put=lambda each: sent.append((each.log_ns, clock.now_s)), published=0
+    )
+
+    def logged() -> Iterator[Logged]:
+        clock.sleep(3.0)
+        yield Logged("standing", "", 2 * SECOND_NS, b"")
+        clock.sleep(1.0)
+        for tenth in range(100, 110):
+            yield Logged("a", "", tenth * SECOND_NS // 10, b"")
+
+    begins_ns = 0, 10 * SECOND_NS
+    replayer._publish(stand, logged(), Options(Path(), rate), begins_ns, lambda: True)
+    assert sent[0] == (2 * SECOND_NS, 1003.0)
+    expected = [1004.0 + 0.1 * n / rate for n in range(10)]
+    assert [at_s for _, at_s in sent[1:]] == pytest.approx(expected)
+
+
+def put(file: McapFile, topic: str, at_s: float, payload: bytes) -> None:
+    file.put(topic, schema_of(payload[4:8]), round(1e9 * at_s), 0, payload)
+
+
+def sweep(number: int) -> bytes:
+    """More than a chunk of a file, compressed."""
+    random = np.random.default_rng(number)
+    points = np.frombuffer(random.bytes(2 * CHUNK_BYTES // 24 * 24), messages.POINT)
+    return compose.sweep(compose.HeaderValues(1, number, number), points)
+
+
+def tile(version: int, index: int) -> bytes:
+    points = np.zeros(version, messages.MAP_POINT)
+    return compose.tile(compose.HeaderValues(1, 0, 0), "plane", (index, 0, 0), points)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> RobotLog:
+    """A recording in two parts: a sweep each second, tiles before and after second 3.5."""
+    needs_schemas()
+    path = tmp_path / "run.mcap"
+    first = McapFile(path, {**ABOUT, "part": "1"})
+    for n in range(4):
+        put(first, SWEEP, n, sweep(n))
+        put(first, TILE, n + 0.2, tile(n + 1, 0))
+    put(first, TILE, 3.3, tile(9, 1))
+    first.close()
+    second = McapFile(tmp_path / "run_2.mcap", {**ABOUT, "part": "2"})
+    for n in range(4, 8):
+        put(second, SWEEP, n, sweep(n))
+    put(second, TILE, 7.5, tile(10, 0))
+    second.close()
+    return RobotLog(path)
+
+
+def numbers(found: Iterator[Logged]) -> list[tuple[str, int]]:
+    """Of each message its topic's last word, and its sweep's or number of points."""
+    named = []
+    for each in found:
+        if each.topic == SWEEP:
+            named.append(("sweep", messages.decode("Sweep", each.payload).Header().Sweep()))
+        else:
+            named.append(("tile", messages.decode("MapTile", each.payload).PointsLength()))
+    return named
+
+
+def from_(log: RobotLog, begin_s: float, end_s: float) -> list[tuple[str, int]]:
+    ends_ns = round(begin_s * 1e9), round(end_s * 1e9)
+    return numbers(replayer._from(log, *ends_ns, lambda: True))
+
+
+WANTED = [("tile", 4), ("tile", 9), ("sweep", 4), ("sweep", 5)]
+
+
+def test_a_part_begins_with_the_newest_tiles_before_it(log: RobotLog) -> None:
+    assert from_(log, 3.5, 5.0) == WANTED
+    assert from_(log, 6.5, 7.5) == [*WANTED[:2], ("sweep", 7), ("tile", 10)]
+    assert log.remarks == []
+
+
+def test_what_lies_outside_is_not_read(log: RobotLog, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mcap import reader
+
+    read = []
+    breakup = reader.breakup_chunk
+
+    def counted(chunk: Any, **options: Any) -> Any:
+        read.append(chunk.message_start_time)
+        return breakup(chunk, **options)
+
+    monkeypatch.setattr(reader, "breakup_chunk", counted)
+    assert from_(log, 5.5, 6.0)[2:] == [("sweep", 6)]
+    # Sweeps 4, 5 and 7 lie in chunks without a tile.
+    assert not {4 * SECOND_NS, 5 * SECOND_NS, 7 * SECOND_NS} & set(read)
+
+
+def test_a_recording_without_an_index_gives_the_same(log: RobotLog) -> None:
+    for part in log.parts:
+        part.write_bytes(part.read_bytes()[:-1])
+    assert from_(log, 3.5, 5.0) == WANTED
+    assert [remark.split()[0] for remark in log.remarks] == ["run.mcap", "run_2.mcap"]
+
+
+def test_the_search_ends_when_it_is_told_to(log: RobotLog) -> None:
+    asked: list[int] = []
+
+    def goes_on() -> bool:
+        asked.append(len(asked))
+        return len(asked) < 3
+
+    assert numbers(replayer._from(log, 7 * SECOND_NS, 8 * SECOND_NS, goes_on)) == []
+    assert len(asked) == 3
