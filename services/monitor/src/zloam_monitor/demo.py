@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +21,8 @@ from zloam_monitor.terminal import ProgressLine
 #: Interval at which received messages are read. In a fast replay, waking up for each message took
 #: a sixth of a core from the stages; this takes a tenth.
 LOOK_SECONDS = 0.1
-#: Longer than the stages' own limit (recovery.replay_limit_s), whose message names sweep and stage.
+#: Limit on a time without progress, at full pace. Longer than the stages' own limit
+#: (recovery.replay_limit_s), whose message names sweep and stage.
 STALL_SECONDS = 150.0
 
 
@@ -67,7 +70,21 @@ def _line(chain: Chain, source: Source, began: float) -> str:
     return f"sweep {newest + 1}{whole}, {rate:.1f} poses/s, {drops} dropped"
 
 
-def _follow(chain: Chain, source: Source, line: ProgressLine, noted: Remarks, logs: Logs) -> float:
+def _patience_s(configs: Mapping[str, Mapping[str, Any]]) -> float:
+    """Limit on a time without progress: none at a pace, at which the driver waits through the
+    recording's own pauses."""
+    rate = configs.get("driver", {}).get("driver.rate", "max")
+    return STALL_SECONDS if rate == "max" else math.inf
+
+
+def _follow(
+    chain: Chain,
+    source: Source,
+    line: ProgressLine,
+    noted: Remarks,
+    logs: Logs,
+    patience_s: float,
+) -> float:
     """Waits for the end of the run; returns the wall time in seconds."""
     began = time.monotonic()
     moved, seen = began, chain.progress()
@@ -78,8 +95,8 @@ def _follow(chain: Chain, source: Source, line: ProgressLine, noted: Remarks, lo
         now, progress = time.monotonic(), chain.progress()
         if progress != seen:
             moved, seen = now, progress
-        if now - moved > STALL_SECONDS:
-            raise ChainError(_stalled(chain))
+        if now - moved > patience_s:
+            raise ChainError(_stalled(chain, patience_s))
         said = [*remarks.reasons(chain.link.statuses.values()), *logs.new_warnings()]
         for news in noted.news(said, now):
             line.end()
@@ -88,12 +105,12 @@ def _follow(chain: Chain, source: Source, line: ProgressLine, noted: Remarks, lo
     return time.monotonic() - began
 
 
-def _stalled(chain: Chain) -> str:
+def _stalled(chain: Chain, patience_s: float) -> str:
     said = [
         f"  {s.stage}: {s.health}{', ' + s.reason if s.reason else ''}, last sweep {s.last_sweep}"
         for s in chain.link.statuses.values()
     ]
-    return f"nothing moved for {STALL_SECONDS:.0f} s:\n" + "\n".join(said)
+    return f"nothing moved for {patience_s:.0f} s:\n" + "\n".join(said)
 
 
 def run(options: DemoOptions) -> dict[str, Any]:
@@ -127,7 +144,8 @@ def run(options: DemoOptions) -> dict[str, Any]:
         configs = chain.link.query_configs()
         with beside_run.shown(chain.ports.endpoint, options.out, options.view) as unseen:
             try:
-                wall_s = _follow(chain, options.source, line, noted, logs)
+                patience_s = _patience_s(configs)
+                wall_s = _follow(chain, options.source, line, noted, logs, patience_s)
             finally:
                 line.end()
         chain.link.query_statuses()
