@@ -314,7 +314,9 @@ class Recorder:
         rate: NDArray[Any],
         force: NDArray[Any],
         frame: str = "lidar",
+        unmeasured: str = "",
     ) -> None:
+        """unmeasured: name of the covariance that says so."""
         Vector = self.types["geometry_msgs/msg/Vector3"]
         unknown = np.zeros(9)
         value = self.types[IMU](
@@ -326,6 +328,8 @@ class Recorder:
             Vector(*map(float, force)),
             unknown,
         )
+        if unmeasured:
+            value = replace(value, **{unmeasured: np.array([-1.0, *np.zeros(8)])})
         self.put(topic, IMU, stamp_ns, value)
 
     def put_livox(self, topic: str, scan: Scan) -> None:

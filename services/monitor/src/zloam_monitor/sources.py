@@ -133,7 +133,9 @@ def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]
             topic = bag.choose(asked(values)[0])
             imu = bag.choose_imu(values.get("driver.imu_topic", "")) if with_imu else None
             words, said = mounting.described(bag, topic, imu)
-    except recordings.Refused as refused:
+    except (recordings.Refused, recordings.CutOff) as refused:
+        if given:  # Then the recording's own is not needed.
+            return []
         raise SourceError(f"{path}: {refused}") from refused
     if said:
         stands = "; the mounting that you give stands" if given and words else ""

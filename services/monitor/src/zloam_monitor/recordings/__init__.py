@@ -17,3 +17,12 @@ stream     frames into the pipe
 
 class Refused(RuntimeError):
     """The recording can't be used; the text names topic and field, and what would resolve it."""
+
+
+class CutOff(RuntimeError):
+    """The recording cannot be read further; the text says why. What was read before is whole."""
+
+
+def first_line(error: Exception) -> str:
+    """Type and beginning of an error of a library, for a text of one line."""
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no reason'}"

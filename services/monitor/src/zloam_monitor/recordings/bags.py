@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.recordings import Refused, livox
+from zloam_monitor.recordings import CutOff, Refused, first_line, livox
 from zloam_monitor.recordings.fields import stamp_ns
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -96,6 +96,8 @@ class Bag:
     def __init__(self, path: Path, reader: Any) -> None:
         self.path = path
         self._reader = reader
+        #: Topic -> number of its messages that could not be read, and the first one's error.
+        self._unread: dict[str, tuple[int, str]] = {}
         # A driver that was restarted has a connection for each of its starts.
         messages = Counter[tuple[str, str]]()
         for each in reader.connections:
@@ -133,23 +135,45 @@ class Bag:
         )
 
     def remarks(self) -> list[str]:
-        return []
+        """Texts about irregularities; complete after the last message."""
+        return [
+            f"left out, as unreadable: {count} message{'s' if count > 1 else ''} of {topic}; {why}"
+            for topic, (count, why) in sorted(self._unread.items())
+        ]
+
+    def _read(self, wanted: list[Any]) -> Iterator[tuple[Any, int, Any]]:
+        """Connection, time of recording in ns and message; unreadable messages are left out and
+        reported by remarks(). Raises CutOff."""
+        entries = iter(self._reader.messages(connections=wanted))
+        while True:
+            try:
+                entry = next(entries, None)
+            except Exception as error:  # The library has error types of its own for each format.
+                raise CutOff(f"it cannot be read: {first_line(error)}") from error
+            if entry is None:
+                return
+            connection, recorded_ns, raw = entry
+            try:
+                message = self._reader.deserialize(raw, connection.msgtype)
+            except Exception as error:  # As above.
+                before, why = self._unread.get(connection.topic, (0, first_line(error)))
+                self._unread[connection.topic] = before + 1, why
+                continue
+            yield connection, recorded_ns, message
 
     def static_transforms(self) -> Iterator[Any]:
         """All messages with static transforms, in their order."""
         there = self._reader.connections
         wanted = [c for c in there if c.topic.endswith(TF_TOPIC) and c.msgtype in TRANSFORMS]
         if wanted:
-            for connection, _, raw in self._reader.messages(connections=wanted):
-                yield self._reader.deserialize(raw, connection.msgtype)
+            yield from (message for *_, message in self._read(wanted))
 
     def frame_of(self, topic: str) -> str | None:
         """Frame of the topic's first message; None: its messages have no header."""
         wanted = [c for c in self._reader.connections if c.topic == topic]
-        for connection, _, raw in self._reader.messages(connections=wanted):
-            header = getattr(self._reader.deserialize(raw, connection.msgtype), "header", None)
-            return None if header is None else str(header.frame_id)
-        return None
+        _, _, message = next(self._read(wanted), (None, 0, None))
+        header = getattr(message, "header", None)
+        return None if header is None else str(header.frame_id)
 
     def messages(self, topic: Topic, imu: str = "") -> Iterator[Any]:
         """Messages of the topic, and of the IMU topic if named, in the order of recording.
@@ -157,20 +181,25 @@ class Bag:
         Packets come as lists of Packet.
         """
         wanted = [c for c in self._reader.connections if c.topic in (topic.name, imu)]
-        for connection, recorded_ns, raw in self._reader.messages(connections=wanted):
-            message = self._reader.deserialize(raw, connection.msgtype)
+        self._unread.clear()
+        read = 0
+        for connection, recorded_ns, message in self._read(wanted):
+            read += connection.topic == topic.name
             if connection.msgtype in OUSTER:
                 yield [Packet(recorded_ns, bytes(message.buf))]
             elif connection.msgtype in (VELODYNE, NEBULA):
                 yield [Packet(stamp_ns(p.stamp), bytes(p.data)) for p in message.packets]
             else:
                 yield message
+        if not read and topic.name in self._unread:
+            count, why = self._unread[topic.name]
+            raise Refused(f"none of its {count} messages can be read; {why}")
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
     """Opens a bag; raises Refused with the library's message, or OSError."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -178,7 +207,13 @@ def opened(path: Path) -> Iterator[Bag]:
         store.register(get_types_from_msg(text, name))
     path.stat()
     try:
-        with AnyReader([path], default_typestore=store) as reader:
-            yield Bag(path, reader)
-    except AnyReaderError as error:
-        raise Refused(f"cannot be read: {error}") from error
+        reader = AnyReader([path], default_typestore=store)
+        reader.open()
+    except OSError:
+        raise
+    except Exception as error:  # The library has error types of its own for each format.
+        raise Refused(f"cannot be read: {first_line(error)}") from error
+    try:
+        yield Bag(path, reader)
+    finally:
+        reader.close()

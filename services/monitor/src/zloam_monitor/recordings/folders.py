@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor.point_files import READERS
-from zloam_monitor.recordings import Refused, bags
+from zloam_monitor.recordings import Refused, bags, first_line
 from zloam_monitor.recordings.bags import Bag, Topic
 
 #: Stamp of the first cloud if nothing says when the clouds were recorded.
@@ -152,7 +152,7 @@ class Folder:
             try:
                 points, width, height = READERS[path.suffix.lower()](path)
             except Exception as error:  # Each library has error types of its own.
-                self.unread.append(f"{path.name}: {_first_line(error)}")
+                self.unread.append(f"{path.name}: {first_line(error)}")
                 continue
             yield Table(stamp_ns, _within_reach(points, path), width, height)
         if len(self.unread) == len(self._paths):
@@ -167,20 +167,19 @@ class Folder:
         return [*said, f"left out, as it can't be read: {self.unread[0]}{more}"]
 
 
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no reason'}"
-
-
 def _within_reach(points: NDArray[Any], path: Path) -> NDArray[Any]:
+    """Refuses a map by its middle coordinates: a single far point is an error of the sensor."""
     names = points.dtype.names or ()
     for name in ("x", "y", "z"):
-        if name in names and len(points):
-            farthest = np.nanmax(np.abs(points[name].astype(np.float64)))
-            if farthest > FARTHEST_M:
-                raise Refused(
-                    f"{path.name}: {name} reaches {farthest:.0f} m: these are coordinates of a "
-                    "map, and not of the sensor, or not in metres"
-                )
+        if name not in names:
+            continue
+        far = np.abs(points[name].astype(np.float64))
+        far = far[np.isfinite(far)]
+        if len(far) and (middle := float(np.median(far))) > FARTHEST_M:
+            raise Refused(
+                f"{path.name}: half of its points have {name} beyond {middle:.0f} m: these are "
+                "coordinates of a map, and not of the sensor, or not in metres"
+            )
     return points
 
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from zloam_monitor.recordings import Refused, bags, folders, robot_log
+from zloam_monitor.recordings import CutOff, Refused, bags, folders, robot_log
 from zloam_monitor.recordings.bags import Bag, Topic
 from zloam_monitor.recordings.fields import stamp_ns
 from zloam_monitor.recordings.folders import Folder
 from zloam_monitor.recordings.robot_log import RobotLog
-from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
+from zloam_monitor.recordings.sweeps import JUDGED, Sweep, Sweeper, Timing
 
 IDENTITY, SWEEP, REMARK, REFUSAL, END, PACKETS, READING, MESSAGE = range(1, 9)
 HEAD = struct.Struct("<4sIQ")
 SWEEP_HEAD = struct.Struct("<qIHBB")
 PACKET_HEAD = struct.Struct("<qHHI")
 READING_DATA = struct.Struct("<q6d")
+#: First number of a covariance in sensor_msgs/Imu if the quantity is not measured.
+UNMEASURED = -1.0
 
 
 class Frames:
@@ -46,6 +48,54 @@ class Frames:
             stamp_ns(message.header.stamp), force.x, force.y, force.z, rate.x, rate.y, rate.z
         )
         self.put(READING, data)
+
+
+class Readings:
+    """Writes the IMU readings among messages to the frames. Those without an angular rate or an
+    acceleration, which sensor_msgs/Imu marks by a covariance of -1, are left out and counted."""
+
+    def __init__(self, frames: Frames, topic: str) -> None:
+        self._frames, self._topic = frames, topic
+        self._count, self._unmeasured = 0, 0
+
+    def taken_from(self, messages: Iterator[Any]) -> Iterator[Any]:
+        """The other messages. Raises Refused if no reading has a rate and an acceleration: by the
+        first clouds, before a run begins, or else at the end."""
+        others = 0
+        for message in messages:
+            if hasattr(message, "angular_velocity"):
+                self._take(message)
+                continue
+            others += 1
+            if others == JUDGED:
+                self._judge()
+            yield message
+        self._judge()
+
+    def _take(self, message: Any) -> None:
+        covariances = message.angular_velocity_covariance, message.linear_acceleration_covariance
+        if any(each[0] == UNMEASURED for each in covariances):
+            self._unmeasured += 1
+            return
+        self._count += 1
+        self._frames.reading(message)
+
+    def _judge(self) -> None:
+        if self._unmeasured and not self._count:
+            raise Refused(
+                f"{self._topic}: its readings have no angular rate or no acceleration (their "
+                "covariance is -1); name another topic by driver.imu_topic, or set "
+                "driver.imu=none"
+            )
+
+    def remarks(self) -> list[str]:
+        """Texts about irregularities; complete after the last message."""
+        if not self._unmeasured:
+            return []
+        return [
+            f"{self._topic}: left out, as without an angular rate or an acceleration (covariance "
+            f"-1): {self._unmeasured} readings"
+        ]
 
 
 def write(
@@ -97,43 +147,43 @@ def _write_sweeps(
     bag: Bag | Folder, topic: Topic, timing: Timing, frames: Frames, imu: str
 ) -> None:
     sweeper = Sweeper(timing)
-    for sweep in sweeper.sweeps(whole(bag, topic, frames, imu)):
+    for sweep in sweeper.sweeps(_of_topic(bag, topic, frames, imu)):
         frames.sweep(sweep)
     for remark in (*sweeper.remarks(), *bag.remarks()):
         frames.text(REMARK, f"{topic.name}: {remark}")
 
 
-def whole(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str = "") -> Iterator[Any]:
-    """Messages of a topic; of a truncated recording those that are complete.
+def _of_topic(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str) -> Iterator[Any]:
+    """Messages of the topic; IMU readings between them are written to the frames at once."""
+    readings = Readings(frames, imu)
+    messages = readings.taken_from(bag.messages(topic, imu))
+    yield from whole(messages, lambda text: frames.text(REMARK, f"{topic.name}: {text}"))
+    for remark in readings.remarks():
+        frames.text(REMARK, remark)
 
-    IMU readings between them are written to the frames at once.
-    """
+
+def whole(messages: Iterator[Any], remark: Callable[[str], None]) -> Iterator[Any]:
+    """Those of the messages that are complete, if the recording is truncated."""
     count = 0
-    messages = bag.messages(topic, imu)
-    while True:
-        try:
-            message = next(messages, None)
-        except Exception as error:  # The library has error types of its own for each format.
-            text = f"after {count} messages it cannot be read: {type(error).__name__}: {error}"
-            if not count:
-                raise Refused(text) from error
-            frames.text(REMARK, f"{topic.name}: {text}; what is whole is used")
-            return
-        if message is None:
-            return
-        if hasattr(message, "angular_velocity"):
-            frames.reading(message)
-            continue
-        count += 1
-        yield message
+    try:
+        for message in messages:
+            count += 1
+            yield message
+    except CutOff as error:
+        text = f"after {count} messages {error}"
+        if not count:
+            raise Refused(text) from error
+        remark(f"{text}; what is whole is used")
 
 
 def _write_packets(bag: Bag | Folder, topic: Topic, frames: Frames, imu: str) -> None:
-    for packets in whole(bag, topic, frames, imu):
+    for packets in _of_topic(bag, topic, frames, imu):
         parts: list[bytes] = []
         for packet in packets:
             parts += [PACKET_HEAD.pack(packet.received_ns, len(packet.data), 0, 0), packet.data]
         frames.put(PACKETS, *parts)
+    for remark in bag.remarks():
+        frames.text(REMARK, f"{topic.name}: {remark}")
 
 
 def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
@@ -148,9 +198,9 @@ def described(path: Path, topic: str, timing: Timing) -> Iterator[str]:
             yield bag.said
         yield f"replayed: {chosen.name}"
         if chosen.content == "clouds":
-            sweeper = Sweeper(timing)
-            next(iter(sweeper.sweeps(bag.messages(chosen))), None)
-            yield from sweeper.said
+            sweeper, remarks = Sweeper(timing), list[str]()
+            next(iter(sweeper.sweeps(whole(bag.messages(chosen), remarks.append))), None)
+            yield from (*sweeper.said, *remarks)
 
 
 def _robot_log_described(log: RobotLog) -> Iterator[str]:
