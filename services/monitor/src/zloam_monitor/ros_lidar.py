@@ -18,7 +18,6 @@ from typing import Any
 from zloam_monitor import messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import open_session
-from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.sweeps import Sweep, Sweeper, Timing
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -199,27 +198,20 @@ class Lidar:
     def __init__(self, options: Options, topic: Topic, publisher: Any, kept: Kept) -> None:
         self._options, self._topic, self._publisher = options, topic, publisher
         self._kept = kept
+        self._sweeper = Sweeper(options.timing)
         self._run, self._count, self._untaken = time.time_ns(), 0, 0
 
     def publish(self) -> None:
         """Publishes without end. Clouds that came while their interpretation was inferred are
         dropped as old; sweeps before the first subscriber are not numbered, so that a run begins
         with sweep 0."""
-        sweeper = Sweeper(self._options.timing)
-        said, last_ns = 0.0, None
-        for sweep in sweeper.sweeps(self._topic.clouds(), live=True):
-            if last_ns is None:
-                print(f"{self._options.topic}: {'; '.join(sweeper.said)}", flush=True)
-                last_ns = sweep.stamp_ns
-                self._topic.dropped = 0
-                self._topic.forget()
-                continue
-            if sweep.stamp_ns <= last_ns:
-                raise Refused(
-                    f"the clouds' times go back by {1e-9 * (last_ns - sweep.stamp_ns):.3f} s; "
-                    "start it again for another run"
-                )
-            last_ns = sweep.stamp_ns
+        sweeps = self._sweeper.sweeps(self._topic.clouds(), live=True)
+        next(sweeps)
+        print(f"{self._options.topic}: {'; '.join(self._sweeper.said)}", flush=True)
+        self._topic.dropped = 0
+        self._topic.forget()
+        said = 0.0
+        for sweep in sweeps:
             if self._count or self._publisher.matching_status.matching:
                 keys, number = self._options.keys, self._count
                 made = message(keys, self._run, number, sweep)
@@ -241,6 +233,8 @@ class Lidar:
             line += f", {topic.dropped} clouds dropped, which came too fast for this machine"
         if topic.unread:
             line += f", {topic.unread} messages that are no {CLOUD}"
+        for remark in self._sweeper.remarks():
+            line += f", {remark}"
         if not self._publisher.matching_status.matching:
             line += f"; no registration of robot {self._options.keys.robot} is there"
         print(line, flush=True)

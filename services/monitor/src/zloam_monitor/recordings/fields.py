@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,12 @@ class Cloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def only(self, wanted: NDArray[np.bool_]) -> Cloud:
+        """The cloud with the wanted ones of its returns."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "stamp_ns"}
+        kept: dict[str, Any] = {n: c if c is None else c[wanted] for n, c in columns.items()}
+        return replace(self, **kept)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,11 @@ JUDGED = 10
 #: A step to the next sweep within this part of the usual one is taken as the period; with a longer
 #: one, a cloud is missing.
 USUAL = 0.1
+#: Longest sweep: its period is measured up to the part above, and is sent with 32 bits in ns.
+LONGEST_NS = 3_900_000_000
+#: A cloud whose time is at most this much before the last one's came twice, or late; a larger step
+#: is one of a clock that was set.
+LATE_NS = 1_000_000_000
 NO_RINGS = "no rings: the points lie on no lasers' cones"
 MODELS = ("none", "clockwise", "counter_clockwise", "deskewed")
 
@@ -63,6 +68,11 @@ class Sweeper:
     lasers: Lasers | None = None
     clock: Clock | None = None
     period_ns: int = 0
+    #: From the header's stamp to the first point, in the last cloud with returns.
+    lag_ns: int | None = None
+    #: Returns left out, as their times are not finite; clouds left out, as they came twice or late.
+    untimed: int = 0
+    late: int = 0
 
     def sweeps(self, messages: Iterable[Any], live: bool = False) -> Iterator[Sweep]:
         """One sweep per message, in their order. Live: each as soon as its cloud comes, without the
@@ -71,38 +81,57 @@ class Sweeper:
         first = list(islice(clouds, JUDGED))
         self._settle(first)
         if live:
-            return self._measured_before(self._sweep(c) for c in clouds)
-        return self._measured(self._sweep(c) for each in (first, clouds) for c in each)
+            return self._measured_before(self._ascending(clouds))
+        return self._measured(self._ascending(c for each in (first, clouds) for c in each))
 
     def remarks(self) -> list[str]:
         """Texts about irregularities; complete after the last sweep."""
-        unknown = sorted(self.lasers.unknown) if self.lasers else []
-        if not unknown:
-            return []
-        listed = ", ".join(f"{v:g}" for v in unknown[:8])
-        return [f"rings {listed} came late: their points count as the next ring's"]
+        said = []
+        if unknown := sorted(self.lasers.unknown) if self.lasers else []:
+            listed = ", ".join(f"{v:g}" for v in unknown[:8])
+            said.append(f"rings {listed} came late: their points count as the next ring's")
+        if self.untimed and self.names:
+            times = f"times (field {self.names.time})"
+            said.append(f"{self.untimed} returns left out, as their {times} are not finite")
+        if self.late:
+            said.append(f"{self.late} clouds left out, as they came twice or late by their times")
+        return said
 
     def _cloud(self, message: Any) -> Cloud:
         if livox.is_custom(message):
             self.names = livox.NAMES
             return livox.cloud_of(message)
-        if isinstance(message, Table):
-            there = list(message.points.dtype.names or ())
-        else:
-            there = [f.name for f in message.fields]
+        in_file = isinstance(message, Table)
+        there = message.points.dtype.names if in_file else [f.name for f in message.fields]
         if self.names is None:
-            self.names = fields.names_of(there, self.timing.field)
-        if isinstance(message, Table):
-            missing = {"x", "y", "z", self.names.time, self.names.ring} - {*there, None}
-            if missing:
-                raise Refused(f"a file without the field {min(map(str, missing))} of the first one")
+            self.names = fields.names_of(list(there or ()), self.timing.field)
+        names = self.names
+        needed = {"x", "y", "z", names.time, names.ring, names.intensity} - {None}
+        if missing := sorted(str(name) for name in needed - {*(there or ())}):
+            kind = "file" if in_file else "cloud"
+            raise Refused(f"a {kind} without the field {missing[0]} of the first one")
+        if in_file:
             size = message.width, message.height
-            return fields.returns_of(message.points, self.names, message.stamp_ns, *size)
-        return fields.cloud_of(message, self.names)
+            cloud = fields.returns_of(message.points, names, message.stamp_ns, *size)
+        else:
+            cloud = fields.cloud_of(message, names)
+        return self._timed(cloud)
+
+    def _timed(self, cloud: Cloud) -> Cloud:
+        """The cloud without returns whose time is not finite."""
+        if self.timing.model != "none" or cloud.times is None:
+            return cloud
+        finite = np.isfinite(cloud.times)
+        if finite.all():
+            return cloud
+        self.untimed += int((~finite).sum())
+        return cloud.only(finite)
 
     def _settle(self, first: list[Cloud]) -> None:
         full = [c for c in first if len(c)]
         if not full or self.names is None:
+            if self.untimed and self.names:
+                raise Refused(f"field {self.names.time}: no time of the first clouds is finite")
             raise Refused("there is no return in the first clouds")
         self.lasers = rings.settle(full)
         self.said.append(str(self.lasers) if self.lasers else NO_RINGS)
@@ -123,10 +152,16 @@ class Sweeper:
             self.clock = times.settle(full, ranks, self.names.time)
             self.period_ns = self.clock.turn_ns
             self.said.append(f"points' times by field {self.names.time} {self.clock}")
+        if self.period_ns > LONGEST_NS:
+            raise Refused(
+                f"a cloud every {1e-9 * self.period_ns:g} s, by the stamps or by "
+                f"driver.scan_period_s: at most {1e-9 * LONGEST_NS:g} s can be used"
+            )
+        self.lag_ns = int(self._instants_ns(full[0]).min()) - full[0].stamp_ns
 
     def _instants_ns(self, cloud: Cloud) -> NDArray[np.int64]:
         if self.clock is not None:
-            return self.clock.instants_ns(cloud)
+            return self.clock.instants_ns(cloud, self.lag_ns)
         if self.timing.model == "deskewed":
             return np.full(len(cloud), cloud.stamp_ns, np.int64)
         azimuth_deg = np.degrees(np.arctan2(cloud.xyz[:, 1], cloud.xyz[:, 0]))
@@ -140,10 +175,12 @@ class Sweeper:
         count = self.lasers.count if self.lasers else 0
         deskewed = self.clock is None and self.timing.model == "deskewed"
         if not len(cloud):
-            return Sweep(cloud.stamp_ns, self.period_ns, count, deskewed, np.empty(0, POINT))
+            stamp_ns = cloud.stamp_ns + (self.lag_ns or 0)
+            return Sweep(stamp_ns, self.period_ns, count, deskewed, np.empty(0, POINT))
         instants_ns = self._instants_ns(cloud)
         order = np.argsort(instants_ns, kind="stable")
         stamp_ns = int(instants_ns[order[0]])
+        self.lag_ns = stamp_ns - cloud.stamp_ns
         points = np.zeros(len(cloud), POINT)
         for axis, name in enumerate(("x", "y", "z")):
             points[name] = cloud.xyz[order, axis]
@@ -152,6 +189,24 @@ class Sweeper:
         if self.lasers is not None:
             points["ring"] = self.lasers.ranks_of(cloud)[order]
         return Sweep(stamp_ns, self.period_ns, count, deskewed, points)
+
+    def _ascending(self, clouds: Iterable[Cloud]) -> Iterator[Sweep]:
+        """The sweeps, each later than the one before."""
+        last_ns: int | None = None
+        for number, cloud in enumerate(clouds):
+            sweep = self._sweep(cloud)
+            back_ns = -1 if last_ns is None else last_ns - sweep.stamp_ns
+            if back_ns > LATE_NS:
+                raise Refused(
+                    f"cloud {number}, counted from 0: its time is {1e-9 * back_ns:.3f} s before "
+                    "that of the cloud before, as if a clock had been set: what follows is another "
+                    "run"
+                )
+            if back_ns >= 0:
+                self.late += 1
+                continue
+            last_ns = sweep.stamp_ns
+            yield sweep
 
     def _period_ns(self, before: Sweep, sweep: Sweep) -> int:
         """Time from one sweep to the next, if it is one period; else the usual period."""

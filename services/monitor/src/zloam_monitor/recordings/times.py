@@ -35,6 +35,12 @@ LEAST_TURN_RAD = 0.1
 CLOCK_TOLERANCE = 0.3
 #: A clock within this time of the headers' stamps has the same epoch.
 SAME_CLOCK_NS = 3_600 * 10**9
+#: Some clocks count the time within an hour, and counters of 32 bits start again at their end.
+HOUR_NS = 3_600 * 10**9
+COUNTER_BYTES, COUNTS = 4, 2**32
+#: From cloud to cloud, clock and headers differ by less than this, which is less than half of the
+#: shortest counter's length.
+AGREEMENT_NS = 2 * 10**9
 
 
 @dataclass(frozen=True)
@@ -45,11 +51,29 @@ class Clock:
     turn_ns: int
     #: Offset of a running clock; None: the values count from each header's stamp.
     offset_ns: int | None
+    #: Times after which a running clock may start again.
+    lengths_ns: tuple[int, ...] = ()
 
-    def instants_ns(self, cloud: Cloud) -> Times:
+    def instants_ns(self, cloud: Cloud, lag_ns: int | None) -> Times:
+        """lag_ns: from the header's stamp to the first point, in the cloud before; None: there is
+        none before."""
         assert cloud.times is not None
         values = in_ns(cloud.times, self.unit)
-        return values + (cloud.stamp_ns if self.offset_ns is None else self.offset_ns)
+        if self.offset_ns is None:
+            return values + cloud.stamp_ns
+        instants_ns = values + self.offset_ns
+        return instants_ns if lag_ns is None else self._continued(instants_ns, cloud, lag_ns)
+
+    def _continued(self, instants_ns: Times, cloud: Cloud, lag_ns: int) -> Times:
+        """Instants of a clock that starts again, which may happen within the cloud: each point's is
+        the possible one nearest to the header."""
+        about_ns = cloud.stamp_ns + lag_ns
+        for length_ns in (0, *self.lengths_ns):
+            rounds = np.rint((about_ns - instants_ns) / length_ns) if length_ns else 0
+            found = instants_ns + np.int64(length_ns) * np.asarray(rounds, np.int64)
+            if abs(found - about_ns).max() < AGREEMENT_NS:
+                return found
+        return instants_ns
 
     def __str__(self) -> str:
         origin = "from the header's stamp" if self.offset_ns is None else "of a clock that runs"
@@ -92,8 +116,6 @@ def settle(
     columns = [c.times for c in clouds if c.times is not None and len(c) > 1]
     if not columns:
         raise Refused(f"field {field}: the first {len(clouds)} clouds have no point")
-    if not all(np.isfinite(column.astype(np.float64)).all() for column in columns):
-        raise Refused(f"field {field}: not all times are finite")
     if max(float(np.ptp(column)) for column in columns) == 0.0:
         raise Refused(
             f"field {field}: all points of a cloud have one time. If they hold for one instant, "
@@ -103,11 +125,24 @@ def settle(
     step_ns = middle_step_ns(clouds)
     if rings is None:
         unit = _unit_by_span(float(np.median([np.ptp(c) for c in columns])), step_ns, field)
-        return Clock(unit, step_ns or 0, _offset_ns(clouds, unit, field))
+        return _clock(clouds, unit, step_ns or 0, field)
     turns = [t for c, r in zip(clouds, rings, strict=True) if (t := _turn(c, r)) is not None]
     turn = float(np.median(turns)) if turns else 0.0
     unit = _unit(turn, step_ns, field)
-    return Clock(unit, round(turn * UNITS[unit]), _offset_ns(clouds, unit, field))
+    return _clock(clouds, unit, round(turn * UNITS[unit]), field)
+
+
+def _clock(clouds: Sequence[Cloud], unit: str, turn_ns: int, field: str) -> Clock:
+    offset_ns = _offset_ns(clouds, unit, field)
+    if offset_ns is None:
+        return Clock(unit, turn_ns, None)
+    columns = [c.times for c in clouds if c.times is not None]
+    lengths_ns = []
+    if max(int(in_ns(column, unit).max()) for column in columns) < HOUR_NS:
+        lengths_ns.append(HOUR_NS)
+    if all(column.dtype.kind in "iu" and column.itemsize == COUNTER_BYTES for column in columns):
+        lengths_ns.append(COUNTS * UNITS[unit])
+    return Clock(unit, turn_ns, offset_ns, tuple(lengths_ns))
 
 
 def _unit_by_span(span: float, step_ns: int | None, field: str) -> str:
