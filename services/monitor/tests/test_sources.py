@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zloam_monitor import cli, sources
+from zloam_monitor import cli, clouds, sources
+from zloam_monitor.messages import MAP_POINT
 
 
 def test_readings_go_with_any_recording(tmp_path: Path) -> None:
@@ -87,3 +88,28 @@ def test_an_archive_without_scans_is_refused_each_time(tmp_path: Path) -> None:
     for _ in range(2):
         with pytest.raises(sources.SourceError, match=r"velodyne/\*\.bin is expected"):
             sources.from_kitti(folder, tmp_path / "unpacked")
+
+
+def test_a_bag_is_read_as_the_robots_file_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Clouds without point times are refused unless driver.time_model says how the lidar turns."""
+    folder, own = tmp_path / "clouds", tmp_path / "my.yaml"
+    folder.mkdir()
+    points = np.zeros(500, MAP_POINT)
+    azimuth = np.linspace(-np.pi, np.pi, 500)
+    points["x"], points["y"] = 10.0 * np.cos(azimuth), 10.0 * np.sin(azimuth)
+    for number in range(3):
+        clouds.write_pcd(folder / f"{number}.pcd", points, np.zeros(500, np.uint8))
+    with pytest.raises(sources.SourceError, match=r"driver\.time_model=clockwise"):
+        sources.from_bag(folder, [])
+    own.write_text("driver:\n  time_model: counter_clockwise\n  scan_period_s: 0.25\n")
+    sources.from_bag(folder, [], own)
+    said = capsys.readouterr().out
+    assert "driver.time_model=counter_clockwise" in said
+    assert "a cloud every 0.25 s" in said
+    sources.from_bag(folder, ["driver.scan_period_s=0.5"], own)
+    assert "a cloud every 0.5 s" in capsys.readouterr().out
+    own.write_text("driver:\n  topic: /points\n")
+    with pytest.raises(sources.SourceError, match=r"driver\.topic=/points"):
+        sources.from_bag(folder, [], own)

@@ -33,7 +33,7 @@ class _Recorded:
     session: Path | None
     imu: str | None
     settings: list[str]
-    own_config: bool
+    config: Path | None
 
     def source(self) -> Source | None:
         from zloam_monitor import sources
@@ -54,7 +54,7 @@ class _Recorded:
         if self.session:
             return sources.from_session(self.session)
         if self.bag:
-            return sources.from_bag(self.bag, self.settings, self.own_config)
+            return sources.from_bag(self.bag, self.settings, self.config)
         return sources.from_scans(self.scans) if self.scans else None
 
 
@@ -162,9 +162,7 @@ def demo(
     programs = methods.programs(method)
     if topic:
         settings.append(f"driver.topic={topic}")
-    source = _Recorded(
-        pcap, bin, kitti, scans, bag, session, imu, settings, config is not None
-    ).source()
+    source = _Recorded(pcap, bin, kitti, scans, bag, session, imu, settings, config).source()
     if hokuyo and source is not None:
         raise sources.SourceError("--hokuyo simulates a scanner: it goes with no recording")
     build = common.kept(preset_dir)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,3 +73,13 @@ def names(path: Path, settings: list[str]) -> RobotNames:
         )
     except (ValueError, TypeError) as error:
         raise RobotFileError(f"{path}: zenoh.base_port {port!r} is no number") from error
+
+
+def driver_values(path: Path, settings: Iterable[str]) -> dict[str, str]:
+    """Full key -> value of all keys driver.* in the file, and in --set, which has priority."""
+    tree = _tree(path)
+    driver = tree.get("driver") if isinstance(tree, dict) else None
+    given = driver.items() if isinstance(driver, dict) else ()
+    found = {f"driver.{key}": str(value) for key, value in given}
+    named = (setting.split("=", 1) for setting in settings if "=" in setting)
+    return found | {key: value for key, value in named if key.startswith("driver.")}

@@ -12,12 +12,14 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from zloam_monitor import claims, files, places, recordings
+from zloam_monitor import claims, files, places, recordings, robot_file
 from zloam_monitor.processes import describe_code
 from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
 
 ROBOTS = places.robots()
+#: Configuration of a bag if the user names none.
+BAG_CONFIG = ROBOTS / "vlp16-outdoor.yaml"
 #: If none of the first sweeps of a robot's own recording has IMU readings, it has no IMU.
 IMU_JUDGED_SWEEPS = 20
 #: Speed on the simulated path: at most 0.5 m/s, as suits a scanner with one revolution a second.
@@ -79,10 +81,10 @@ def _refuse_bag(path: Path) -> None:
         raise SourceError(f"{path} is a bag, no capture: BAG={path}, or --bag {path}")
 
 
-def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> Source:
+def from_bag(path: Path, settings: Iterable[str], config: Path | None = None) -> Source:
     """A bag or MCAP file; prints its contents and how it is read, or refuses it.
 
-    own_config: the user named a robot's file, whose mounting applies.
+    config: the robot's file if the user named one; its mounting applies.
     """
     _existing(path, "the recording")
     if not folders.is_recording(path):
@@ -90,7 +92,8 @@ def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> S
             f"{path} is no bag of ROS 1 or 2, no MCAP file and no folder of PCD, PLY, LAS or LAZ "
             "files"
         )
-    values = dict(setting.split("=", 1) for setting in settings if "=" in setting)
+    settings = list(settings)
+    values = robot_file.driver_values(config or BAG_CONFIG, settings)
     try:
         for line in stream.described(path, *asked(values)):
             print(f"{_name(path)}: {line}", flush=True)
@@ -98,9 +101,10 @@ def from_bag(path: Path, settings: Iterable[str], own_config: bool = False) -> S
         raise SourceError(f"{path}: {refused}") from refused
     words = [f"driver.reader={places.command()}"]
     if robot_log.is_one(path):
-        return _from_robot_log(path, words, own_config)
-    words += _mounting(path, values, own_config)
-    return Source(_name(path), "recording", path, ROBOTS / "vlp16-outdoor.yaml", settings=words)
+        return _from_robot_log(path, words, config is not None)
+    given = config is not None or any(each.startswith("mounting.") for each in settings)
+    words += _mounting(path, values, given)
+    return Source(_name(path), "recording", path, BAG_CONFIG, settings=words)
 
 
 def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
@@ -115,18 +119,16 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
     if not own_config:
         words += log.settings()
         changes = log.changes()
-    config = ROBOTS / "vlp16-outdoor.yaml"
     further = log.parts[1:]
     return Source(
-        path.name, "recording", path, config, settings=words, readings=further, changes=changes
+        path.name, "recording", path, BAG_CONFIG, settings=words, readings=further, changes=changes
     )
 
 
-def _mounting(path: Path, values: dict[str, str], own_config: bool) -> list[str]:
-    """Mounting by the recording's static transforms, unless the user gives one."""
+def _mounting(path: Path, values: dict[str, str], given: bool) -> list[str]:
+    """Mounting by the recording's static transforms, unless the user has given one."""
     if not bags.is_recording(path):
         return []
-    given = own_config or any(key.startswith("mounting.") for key in values)
     with_imu = values.get("driver.imu") == "sensor" and not given
     try:
         with bags.opened(path) as bag:
