@@ -3,6 +3,7 @@
 The other end of the pipe is services/driver/io/recording.hpp.
 
 bags       messages of a bag, by the library `rosbags`
+parts      bags whose files are compressed as wholes
 folders    one cloud per file: PCD, PLY, LAS, LAZ
 robot_log  recordings of `zloam record`
 livox      Livox's own message as a cloud

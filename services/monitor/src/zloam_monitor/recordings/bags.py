@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.recordings import CutOff, Refused, first_line, livox
+from zloam_monitor.recordings import CutOff, Refused, first_line, livox, parts
 from zloam_monitor.recordings.fields import stamp_ns
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -148,6 +148,8 @@ class Bag:
         while True:
             try:
                 entry = next(entries, None)
+            except Refused:
+                raise
             except Exception as error:  # The library has error types of its own for each format.
                 raise CutOff(f"it cannot be read: {first_line(error)}") from error
             if entry is None:
@@ -207,7 +209,12 @@ def opened(path: Path) -> Iterator[Bag]:
         store.register(get_types_from_msg(text, name))
     path.stat()
     try:
-        reader = AnyReader([path], default_typestore=store)
+        metadata = parts.about(path)
+        reader: Any = (
+            AnyReader([path], default_typestore=store)
+            if metadata is None
+            else parts.Parts(path, metadata, store)
+        )
         reader.open()
     except OSError:
         raise
