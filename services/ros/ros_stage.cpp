@@ -5,6 +5,8 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
+#include <utility>
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/read.hpp"
@@ -29,6 +31,7 @@ constexpr std::int64_t kPatience_ns = 10'000'000'000;
 // Received messages determine the number of entries; these limits, above what any robot has, bound
 // the memory that an unknown sender can occupy.
 constexpr std::size_t kMostTiles = 65'536;
+constexpr std::size_t kMostWaitingClouds = 2;
 constexpr std::size_t kNewestStatuses = 256, kNewestTiles = 4096, kNewestReadings = 4096;
 
 const Qos kReliable{};
@@ -118,6 +121,8 @@ void RosStage::wire() {
 void RosStage::new_run() {
   tree_ = {};
   path_of_run_.clear();
+  placed_.clear();
+  waiting_clouds_.clear();
   // If the previous run's map was shown, an empty map must replace it.
   map_grew_ = !map_tiles_.empty();
   forget_map();
@@ -155,6 +160,7 @@ void RosStage::take(const runtime::Received<msg::Odometry>& m) {
 void RosStage::take(const runtime::Received<msg::MapPose>& m) {
   health_ = health_of(m->health());
   last_pose_ns_ = runtime::steady_ns();
+  placed_.add(m.sweep(), is_placed(health_));
   if (!is_placed(health_)) return;
   PoseMessage out;
   out.header = {m->instant_ns(), frame("map")};
@@ -184,14 +190,23 @@ void RosStage::say_mounting() {
   static_transforms_->put(encode(transforms), header.stamp_ns);
 }
 
+// A cloud waits for its sweep's pose, and is not shown if that is not known: it would lie at the
+// wrong place in the map.
 void RosStage::say_points() {
   clouds_.want(points_->matching());
-  for (const zenoh::Sample& sample : clouds_.take()) {
+  for (zenoh::Sample& sample : clouds_.take()) waiting_clouds_.push_back(std::move(sample));
+  while (waiting_clouds_.size() > kMostWaitingClouds) waiting_clouds_.pop_front();
+  std::erase_if(waiting_clouds_, [this](const zenoh::Sample& sample) {
     const runtime::Read<msg::Cloud> cloud(Key::kSweepRegistered, sample);
-    if (!cloud) continue;
-    const Stamped header{cloud->instant_ns(), frame("map")};
-    points_->put(encode(CloudMessage{header, map_points_of(cloud->points())}), header.stamp_ns);
-  }
+    if (!cloud) return true;
+    const std::optional<bool> placed = placed_.find(cloud->header()->sweep());
+    if (!placed) return false;
+    if (*placed) {
+      const Stamped header{cloud->instant_ns(), frame("map")};
+      points_->put(encode(CloudMessage{header, map_points_of(cloud->points())}), header.stamp_ns);
+    }
+    return true;
+  });
 }
 
 void RosStage::say_path() {

@@ -3,6 +3,7 @@
 // the messages of an IMU and of /initialpose on to the stages.
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <string>
@@ -14,6 +15,7 @@
 #include "ros/cdr.hpp"
 #include "ros/config.hpp"
 #include "ros/io/node.hpp"
+#include "ros/placed_sweeps.hpp"
 #include "ros/pose_tree.hpp"
 #include "ros/thinned_path.hpp"
 
@@ -73,6 +75,8 @@ class RosStage {
   PoseTree tree_;
   ThinnedPath path_of_run_;
   bool path_grew_ = false;
+  PlacedSweeps placed_;
+  std::deque<zenoh::Sample> waiting_clouds_;
   std::map<std::string, Tile> map_tiles_;
   std::uint64_t map_id_ = 0;
   bool map_grew_ = false;
