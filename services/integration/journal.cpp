@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cerrno>
@@ -51,6 +52,15 @@ JournalPose pose_of(const Record& record) {
 }
 
 }  // namespace
+
+bool drop_after(std::vector<JournalPose>& poses, std::uint64_t run, std::uint64_t sweep) {
+  const auto last = std::find_if(poses.rbegin(), poses.rend(), [&](const JournalPose& pose) {
+    return pose.run == run && pose.sweep == sweep;
+  });
+  if (last == poses.rend()) return false;
+  poses.erase(last.base(), poses.end());
+  return true;
+}
 
 std::vector<JournalPose> Journal::read() const {
   std::vector<JournalPose> poses;

@@ -20,6 +20,10 @@ struct JournalPose {
   Pose T_odom_base = Pose::Identity();
 };
 
+/// Drops the poses after the one of this run and sweep: each run counts its sweeps from 0. False,
+/// and nothing is dropped: that pose is not among them.
+bool drop_after(std::vector<JournalPose>& poses, std::uint64_t run, std::uint64_t sweep);
+
 class Journal {
  public:
   /// Empty path: none is kept.

@@ -81,6 +81,25 @@ TEST_F(JournalTest, BeginningAnewForgetsAndRemovingLeavesNothing) {
   EXPECT_TRUE(std::filesystem::is_empty(folder_ / "sub"));
 }
 
+// A live driver that starts again soon begins another run, whose sweeps count from 0, in the same
+// journal.
+TEST(DropAfter, OnlyLaterPosesOfTheLastRunAreDropped) {
+  std::vector<JournalPose> poses;
+  for (std::uint64_t sweep = 0; sweep < 10; ++sweep) poses.push_back(pose(sweep));
+  const std::uint64_t first_run = poses.front().run;
+  for (std::uint64_t sweep = 0; sweep < 5; ++sweep) {
+    poses.push_back(pose(sweep));
+    poses.back().run = first_run + 1;
+  }
+  const std::vector<JournalPose> all = poses;
+  ASSERT_TRUE(drop_after(poses, first_run + 1, 3));
+  ASSERT_EQ(poses.size(), 14U);
+  for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], all[i]);
+  EXPECT_FALSE(drop_after(poses, first_run + 1, 4)) << "a pose that the journal lacks";
+  EXPECT_FALSE(drop_after(poses, first_run + 2, 3)) << "a run that the journal lacks";
+  EXPECT_EQ(poses.size(), 14U);
+}
+
 TEST_F(JournalTest, WithoutAPathNothingIsKept) {
   Journal journal("");
   EXPECT_EQ(journal.begin({pose(0)}), "");

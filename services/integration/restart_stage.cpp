@@ -35,7 +35,9 @@ void IntegrationStage::restart(const msg::Header& first) {
   note_journal(state_.begin());
   note_journal(journal_.begin(poses));
   take_up(poses, same_run);
-  if (to_the_bit) note_journal(state_.write({run_.id, poses.back().sweep, integrator_.state()}));
+  if (to_the_bit) {
+    note_journal(state_.write({first.run(), poses.back().sweep, integrator_.state()}));
+  }
   if (same_run) {
     catch_up(first);
   } else {
@@ -59,13 +61,11 @@ void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
 // readers drop the copies.
 bool IntegrationStage::resume(std::vector<JournalPose>& poses) {
   const auto saved = state_.read(poses.back().run, poses.back().sweep);
-  if (!saved || saved->sweep < poses.front().sweep) return false;
-  if (!integrator_.resume(saved->words) || integrator_.last_sweep() != saved->sweep) {
-    integrator_.reset();
-    return false;
-  }
-  std::erase_if(poses, [&](const JournalPose& pose) { return pose.sweep > saved->sweep; });
-  return true;
+  if (!saved) return false;
+  const bool resumed = integrator_.resume(saved->words) && integrator_.last_sweep() == saved->sweep;
+  if (resumed && drop_after(poses, saved->run, saved->sweep)) return true;
+  integrator_.reset();
+  return false;
 }
 
 void IntegrationStage::take_up(const std::vector<JournalPose>& poses, bool same_run) {
