@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/runtime/recall.hpp"
+#include "odometry/published_health.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -16,9 +17,6 @@ namespace {
 constexpr std::chrono::milliseconds kProgressPeriod{50};
 // The stage whose configuration revisions apply to the inputs.
 constexpr std::string_view kInputStage = "registration";
-
-// The source's health of the sweep is published if odometry's own is Ok.
-Health health_with(Health own, Health source) { return own == Health::kOk ? source : own; }
 
 // Number of wrong IMU predictions after which the status reports them.
 constexpr std::uint32_t kSuspicious = 3;
@@ -155,7 +153,7 @@ void OdometryStage::publish_pose(const Features& features, const OdometryResult&
                  d.sigma_predicted};
   fields.solve = {result.diagnostics.iterations, result.diagnostics.planes,
                   result.diagnostics.residual_m};
-  fields.health = health_with(result.health, health_of(features->health()));
+  fields.health = published_health(result.health, health_of(features->health()));
   fields.prev_sweep = result.prev_sweep;
   HeaderFields header = pose_.header(features);
   header.frame = "odom";
@@ -175,7 +173,7 @@ void OdometryStage::publish_features(const Features& features, const OdometryRes
   fields.edges = result.edges;
   fields.planes = result.planes;
   fields.prev_sweep = result.prev_sweep;
-  fields.health = health_with(result.health, health_of(features->health()));
+  fields.health = published_health(result.health, health_of(features->health()));
   fields.degenerate = result.degeneracy.degenerate;
   fields.range_noise_m = features->range_noise_m();
   fields.state_covariance = result.state_covariance;

@@ -8,6 +8,7 @@
 
 #include "common/runtime/recall.hpp"
 #include "odometry/odometry_stage.hpp"
+#include "odometry/published_health.hpp"
 
 namespace zloam::odometry {
 namespace {
@@ -30,13 +31,6 @@ constexpr double kHole = 2.5;
 constexpr std::size_t kUsualOf = 15;
 
 bool is_slice(const Commit& commit) { return commit->slices() > 1; }
-
-// Odometry's own health: where that was Ok, the message has the source's health instead.
-Health own_health(Health published) {
-  const bool own = published == Health::kEmpty || published == Health::kPredicted ||
-                   published == Health::kDegenerate;
-  return own ? published : Health::kOk;
-}
 
 CommittedSweep committed(const Commit& commit) {
   CommittedSweep sweep;

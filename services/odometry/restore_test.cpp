@@ -1,0 +1,71 @@
+// An odometry that continues from the published results of another instance.
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "odometry/published_health.hpp"
+#include "odometry/test_room.hpp"
+
+namespace zloam::odometry {
+namespace {
+
+constexpr int kLast = 8;
+
+TestWorld elsewhere() {
+  TestWorld world;
+  world.room = {{-4, -3, -1.2}, {14, 2.5, 3.5}};
+  world.boxes = {{{1, -2, -1.2}, {2, 0, 1.5}}, {{-3, 0.5, -1.2}, {-1, 2, 2}}};
+  return world;
+}
+
+Vector6 riding() {
+  Vector6 twist;
+  twist << 1.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  return twist;
+}
+
+OdometryResult feed(Odometry& odometry, const TestWorld& world, int k) {
+  const PointVector points =
+      sweep_of(world, {.noise_m = 0.01}, exp_se3(riding() * (0.1 * k)), riding(), unsigned(k));
+  FeatureSweep sweep;
+  sweep.sweep = std::uint64_t(k);
+  sweep.stamp_ns = k * 100000000LL;
+  sweep.less_flat = points;
+  return odometry.process(sweep);
+}
+
+/// The result as another instance receives it, of a sweep whose source has this health.
+CommittedSweep published(const OdometryResult& result, Health source) {
+  CommittedSweep sweep = committed(result, 100000000);
+  sweep.health = own_health(published_health(result.health, source));
+  return sweep;
+}
+
+// The instance before was killed when its last sweep fitted nowhere: that sweep must not become a
+// part of the target.
+TEST(RestoredOdometry, ALostSweepStaysLost) {
+  for (const Health source : {Health::kOk, Health::kIncomplete}) {
+    Odometry before({}, Pose::Identity());
+    std::vector<OdometryResult> results;
+    for (int k = 0; k < kLast; ++k) results.push_back(feed(before, {}, k));
+    results.push_back(feed(before, elsewhere(), kLast));
+    ASSERT_EQ(results.back().health, Health::kLost);
+    std::vector<CommittedSweep> commits;
+    for (const OdometryResult& r : results) commits.push_back(published(r, source));
+    EXPECT_EQ(commits.front().health, Health::kOk);
+    Odometry after({}, Pose::Identity());
+    after.restore(commits);
+    for (int k = kLast + 1; k < kLast + 4; ++k) {
+      const TestWorld world = k == kLast + 1 ? elsewhere() : TestWorld{};
+      const OdometryResult one = feed(before, world, k);
+      const OdometryResult other = feed(after, world, k);
+      EXPECT_EQ(other.health, one.health) << k;
+      EXPECT_EQ(one.T_odom_base.matrix(), other.T_odom_base.matrix()) << k;
+      EXPECT_EQ(one.covariance, other.covariance) << k;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace zloam::odometry
