@@ -206,17 +206,17 @@ void Mapper::State::judge(const MappingInput& input, const Match& match, Mapping
   } else {
     result.health = match.candidates < kFewestPoints ? Health::kTooFewPoints : Health::kPredicted;
     result.reason = "too few correspondences: predicted only";
-    if (left_map(match)) {
+    if (left_map(input)) {
       result.health = Health::kLost;
       result.reason = "the sweeps have met nothing of the map: searched for";
     }
   }
 }
 
-// A fixed map ends somewhere: after bridge_sweeps unmatched sweeps in a row the prediction no
-// longer counts as a pose in it.
-bool Mapper::State::left_map(const Match& match) {
-  if (!is_fixed() || match.ok) return false;
+// After bridge_sweeps unmatched sweeps in a row the prediction no longer counts as a pose in the
+// map: a fixed map ends somewhere, and an odometry of slices that is off contradicts each turn.
+bool Mapper::State::left_map(const MappingInput& input) {
+  if (!is_fixed() && input.slices <= 1) return false;
   if (++unmatched <= config.bridge_sweeps) return false;
   unmatched = 0;
   begin_search();

@@ -80,7 +80,7 @@ struct Mapper::State {
   void begin_search();
   Match searched(const MappingInput& input, const Prediction& prediction);
   Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
-  bool left_map(const Match& match);
+  bool left_map(const MappingInput& input);
   /// The map must not change now.
   bool is_fixed() const {
     return config.mode == MappingMode::kLocalize ||
@@ -121,7 +121,7 @@ struct Mapper::State {
   std::optional<Pose> told;
   // Found in the map of an earlier run: only then may it be extended.
   bool found_in_map = true;
-  // Sweeps in a row that matched nothing of a fixed map.
+  // Sweeps in a row that matched nothing of a fixed map, or turns of slices of any map.
   std::uint32_t unmatched = 0;
   // Matches still required before anything is inserted.
   std::uint32_t settling = 0;

@@ -323,8 +323,11 @@ OdometryDiagnostics KnotOdometry::diagnostics(const KnotSolution& solution,
 }
 
 OdometryResult KnotOdometry::process(const FeatureSweep& sweep) {
-  if (must_restart(sweep)) begin(sweep, begun_ ? window_.knots().back() : Pose::Identity());
   OdometryResult result;
+  if (must_restart(sweep)) {
+    result.new_frame = begun_;
+    begin(sweep, begun_ ? window_.knots().back() : Pose::Identity());
+  }
   result.sweep = sweep.sweep;
   result.prev_sweep = seen_ == 0 ? sweep.sweep : prev_sweep_;
   take(sweep);

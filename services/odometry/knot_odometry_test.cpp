@@ -397,12 +397,28 @@ TEST(KnotOdometryTest, AMotionThatSlicesCannotFollowIsNotCalledWell) {
 TEST(KnotOdometryTest, ASilenceBeginsATargetAnew) {
   KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
   Drive scans;
-  OdometryResult last;
-  for (int i = 0; i < 40; ++i) last = odometry.process(scans.slice(i, false));
-  FeatureSweep later = scans.slice(60, false);
-  const OdometryResult result = odometry.process(later);
-  EXPECT_EQ(result.prev_sweep, 60U);
-  EXPECT_TRUE(result.planes.empty());
+  for (int i = 0; i < 40; ++i) {
+    EXPECT_FALSE(odometry.process(scans.slice(i, false)).new_frame) << i;
+  }
+  // After a silence of half a second, and after a clock that was set back.
+  for (const int begin : {46, 20}) {
+    const OdometryResult result = odometry.process(scans.slice(begin, false));
+    EXPECT_EQ(result.prev_sweep, std::uint64_t(begin));
+    EXPECT_TRUE(result.planes.empty());
+    EXPECT_TRUE(result.new_frame) << begin;
+    for (int i = begin + 1; i < begin + 5; ++i) {
+      EXPECT_FALSE(odometry.process(scans.slice(i, false)).new_frame) << i;
+    }
+  }
+}
+
+TEST(KnotOdometryTest, AShortSilenceIsBridged) {
+  KnotOdometry odometry({}, Pose::Identity(), Pose::Identity());
+  Drive scans;
+  for (int i = 0; i < 40; ++i) odometry.process(scans.slice(i, false));
+  const OdometryResult result = odometry.process(scans.slice(44, false));
+  EXPECT_EQ(result.prev_sweep, 39U);
+  EXPECT_FALSE(result.new_frame);
 }
 
 TEST(KnotOdometryTest, TheAxisOfATunnelIsSaidToBeOpen) {

@@ -88,6 +88,9 @@ struct OdometryResult {
   PointVector planes;
   OdometryDiagnostics diagnostics;
   Health health = Health::kOk;
+  /// of slices: how the platform moved since the slice before is unknown, so that T_odom_base is in
+  /// a new frame, which begins with this slice
+  bool new_frame = false;
 };
 
 /// The part of a sweep's result that restore() needs to continue from it.

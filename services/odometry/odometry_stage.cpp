@@ -120,6 +120,11 @@ FeatureSweep OdometryStage::input_of(const Features& features) {
 OdometryResult OdometryStage::locate(const Features& features, const FeatureSweep& input) {
   if (stage_.configure_for(features)) odometry_.configure(config_);
   OdometryResult result = odometry_.locate(input);
+  if (result.new_frame) {
+    count_frame();
+    runtime::log_warning("a new odom frame begins: the slices could not be followed",
+                         {{"odom_epoch", odom_epoch_}, {"sweep", features.sweep()}});
+  }
   publish_pose(features, result);
   return result;
 }
@@ -250,6 +255,10 @@ void OdometryStage::answer_path(runtime::Answer& answer) const {
 
 void OdometryStage::next_frame() {
   odometry_.reset();
+  count_frame();
+}
+
+void OdometryStage::count_frame() {
   ++odom_epoch_;
   frame_sweeps_ = 0;
 }

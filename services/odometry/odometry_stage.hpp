@@ -56,6 +56,7 @@ class OdometryStage {
   std::optional<std::int64_t> usual_interval_ns() const;
   void break_frame(std::uint64_t sweep);
   void next_frame();
+  void count_frame();
   runtime::CommandReply reset();
 
   runtime::Stage& stage_;

@@ -220,6 +220,7 @@ class Run {
 
   void map(const Scan& scan, const odometry::FeatureSweep& input,
            const odometry::OdometryResult& odom) {
+    if (odom.new_frame) ++odom_epoch_;
     if (o_.gap_every > 0 && odom.sweep % o_.gap_every >= o_.gap_every - o_.gap_sweeps) {
       csv_ << ",,,,,,,,,,,,,,,,\n";
       return;
@@ -230,6 +231,7 @@ class Run {
       m.stamp_ns = input.stamp_ns;
       m.instant_ns = static_cast<std::uint32_t>(odom.instant_ns - input.stamp_ns);
       m.period_ns = scan.period_ns;
+      m.odom_epoch = odom_epoch_;
       m.T_odom_base = odom.T_odom_base;
       m.twist_per_s = odom.twist_per_s;
       m.step_covariance = odom.covariance;
@@ -279,6 +281,7 @@ class Run {
     integration::OdometryPose pose;
     pose.sweep = odom.sweep;
     pose.instant_ns = odom.instant_ns;
+    pose.odom_epoch = odom_epoch_;
     pose.T_odom_base = odom.T_odom_base;
     pose.twist_per_s = odom.twist_per_s;
     pose.step_covariance = odom.covariance;
@@ -287,6 +290,7 @@ class Run {
     pose.replay = true;
     integration::Correction correction;
     correction.sweep = r.sweep;
+    correction.odom_epoch = odom_epoch_;
     correction.T_map_odom = r.T_map_odom;
     correction.covariance = r.covariance;
     correction.health = r.health;
@@ -310,6 +314,7 @@ class Run {
   odometry::Odometry odometry_;
   mapping::Mapper mapper_;
   integration::Integrator integrator_;
+  std::uint32_t odom_epoch_ = 0;
   std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
       fused_covariance_file_, cost_file_, submaps_file_;
   double registration_ms_ = 0.0;

@@ -1,0 +1,78 @@
+// A scan that arrives in slices: one of ten consecutive poses has points, those of a whole turn of
+// the motor.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "mapping/mapping.hpp"
+#include "mapping/test_room.hpp"
+
+namespace zloam::mapping {
+namespace {
+
+constexpr std::uint32_t kSlices = 10;
+constexpr std::uint32_t kSlice_ns = 100'000'000;
+
+bool ends_turn(int slice) { return slice >= 19 && slice % 10 == 9; }
+
+// Each scan is taken at rest, so that it needs no deskewing.
+Pose truth(int slice) {
+  Vector6 step;
+  step << 0.003, 0.001, 0.0, 0.0, 0.0, 0.0005;
+  return exp_se3(slice * step);
+}
+
+struct Scanner {
+  test::Room room = test::furnished_room();
+  double plane_gap_m = 0.2;
+  Pose T_odom_map = Pose::Identity();
+
+  MappingResult feed(Mapper& mapper, int slice, const Pose& T_map_base) const {
+    const test::Scan scan =
+        test::scan(room, T_map_base, 0.01, static_cast<unsigned>(slice), 60.0, plane_gap_m);
+    MappingInput input;
+    input.sweep = static_cast<std::uint64_t>(slice);
+    input.stamp_ns = std::int64_t{slice} * kSlice_ns;
+    input.instant_ns = input.period_ns = kSlice_ns;
+    input.slices = kSlices;
+    input.T_odom_base = T_odom_map * T_map_base;
+    // Other than zero: the motion is known.
+    input.twist_per_s.x() = 1e-12;
+    if (ends_turn(slice)) {
+      input.edges = scan.edges;
+      input.planes = scan.planes;
+    }
+    return mapper.process(input);
+  }
+};
+
+// The odometry says Ok although its frame has turned: a match at the right place contradicts it.
+TEST(Slices, AnOdometryThatEachTurnContradictsIsLostAndFoundAgain) {
+  MappingConfig config;
+  config.bridge_sweeps = 3;
+  Mapper mapper{config};
+  Scanner scanner;
+  int slice = 0;
+  for (; slice < 100; ++slice) scanner.feed(mapper, slice, truth(slice));
+  scanner.T_odom_map.linear() =
+      Eigen::AngleAxisd(0.12, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  std::vector<MappingResult> turns;
+  for (; slice < 200; ++slice) {
+    const MappingResult result = scanner.feed(mapper, slice, truth(slice));
+    if (ends_turn(slice)) turns.push_back(result);
+    if (turns.size() == 1) {
+      EXPECT_EQ(result.health, Health::kPredicted) << slice;
+    }
+    if (turns.size() == 4) {
+      EXPECT_EQ(result.health, Health::kLost) << slice;
+    }
+  }
+  EXPECT_EQ(turns.back().health, Health::kOk) << turns.back().reason;
+  EXPECT_TRUE(turns.back().inserted);
+  EXPECT_LT((truth(199).inverse() * turns.back().T_map_base).translation().norm(), 0.03);
+}
+
+}  // namespace
+}  // namespace zloam::mapping
