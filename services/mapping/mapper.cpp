@@ -62,6 +62,7 @@ Prediction Mapper::State::predict(const MappingInput& input) {
     // A pose given by the user is valid now, however long the motion was unobserved.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
+    last_match = {};
     bridging = tiles.point_count() >= config.founding_points;
     bridged_sweeps = 0;
     const double drifted_s = unseen_s > kLongestGap_s ? 0.0 : unseen_s;
@@ -266,12 +267,21 @@ MappingResult Mapper::State::carry(const MappingInput& input) {
   result.sweep = input.sweep;
   result.T_map_odom = T_map_odom;
   result.T_map_base = normalised(T_map_odom * input.T_odom_base);
-  result.covariance =
-      predicted_covariance(input, {result.T_map_base, sane_covariance(input.step_covariance)});
-  result.health = bridging ? (lost ? Health::kLost : Health::kBridging) : input.health;
+  result.covariance = predicted_covariance(
+      input, {result.T_map_base, bridging ? bridge_covariance(config, unseen_s)
+                                          : sane_covariance(input.step_covariance)});
+  result.health = carried_health(input);
+  if (!bridging) result.degeneracy = last_match.degeneracy_at(input.T_odom_base);
   result.reason = "its points come with a later sweep";
   remember(input, result);
   return result;
+}
+
+// The pose is known no better than the last match and the odometry since then.
+Health Mapper::State::carried_health(const MappingInput& input) const {
+  if (bridging) return lost ? Health::kLost : Health::kBridging;
+  const bool followed = input.health == Health::kOk || input.health == Health::kDegenerate;
+  return followed && last_match.health != Health::kOk ? last_match.health : input.health;
 }
 
 void Mapper::State::remember(const MappingInput& input, const MappingResult& result) {
@@ -315,6 +325,9 @@ MappingResult Mapper::process(const MappingInput& input) {
   s.T_map_odom = normalised(result.T_map_base * input.T_odom_base.inverse());
   result.T_map_odom = s.T_map_odom;
   s.judge(input, match, result);
+  if (!input.points_follow()) {
+    s.last_match = {result.health, result.degeneracy, input.T_odom_base};
+  }
   s.insert(input, match, result);
   s.remember(input, result);
   return result;

@@ -11,13 +11,13 @@ namespace zloam::mapping {
 namespace {
 
 // Version of the layout of state(): change it when the contents change.
-constexpr std::uint64_t kStateLayout = 3;
+constexpr std::uint64_t kStateLayout = 4;
 
 }  // namespace
 
 // The members left out are empty or unset except during a search, when no state is saved.
 bool Mapper::State::each(StateBits& bits) {
-  bits(T_map_odom, last, lately, policy, fits, found_in_map, unmatched);
+  bits(T_map_odom, last, last_match, lately, policy, fits, found_in_map, unmatched);
   return method->each(bits);
 }
 

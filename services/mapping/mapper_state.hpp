@@ -34,6 +34,27 @@ struct LastPose {
   }
 };
 
+// What the last sweep with points told of its pose: it holds for the poses of slices that follow.
+struct LastMatch {
+  Health health = Health::kOk;
+  Degeneracy degeneracy;
+  Pose T_odom_base = Pose::Identity();
+
+  template <class Bits>
+  void each(Bits& bits) {
+    bits(health, degeneracy.degenerate, degeneracy.weak_translation, degeneracy.weak_rotation,
+         degeneracy.sigma_measured, degeneracy.sigma_predicted, degeneracy.share, T_odom_base);
+  }
+  /// In the axes of a later pose.
+  Degeneracy degeneracy_at(const Pose& T_odom_later) const {
+    const Eigen::Matrix3d R_later_then = T_odom_later.linear().transpose() * T_odom_base.linear();
+    Degeneracy turned = degeneracy;
+    turned.weak_translation = R_later_then * degeneracy.weak_translation;
+    turned.weak_rotation = R_later_then * degeneracy.weak_rotation;
+    return turned;
+  }
+};
+
 // Motion over about the last half second of matched sweeps, in the map's axes: the last sweep
 // before a gap is incomplete, and alone gives a poor estimate.
 class Lately {
@@ -89,6 +110,7 @@ struct Mapper::State {
   void insert(const MappingInput& input, const Match& match, MappingResult& result);
   bool goes_on(const MappingInput& input) const;
   MappingResult carry(const MappingInput& input);
+  Health carried_health(const MappingInput& input) const;
   void remember(const MappingInput& input, const MappingResult& result);
   Matrix6 predicted_covariance(const MappingInput& input, const Prediction& prediction) const;
   double turn_change_rad(const MappingInput& input) const;
@@ -105,6 +127,7 @@ struct Mapper::State {
   Pose T_map_odom = Pose::Identity();
   std::vector<PathPose> path;
   std::optional<LastPose> last;
+  LastMatch last_match;
   Lately lately;
   bool bridging = false;
   // Searching because the sweep did not fit the map at the odometry's pose.

@@ -74,5 +74,42 @@ TEST(Slices, AnOdometryThatEachTurnContradictsIsLostAndFoundAgain) {
   EXPECT_LT((truth(199).inverse() * turns.back().T_map_base).translation().norm(), 0.03);
 }
 
+TEST(Slices, PosesBetweenTwoTurnsAreDegenerateWhereTheTurnWas) {
+  Mapper mapper{MappingConfig{}};
+  const Scanner scanner{.room = test::corridor(), .plane_gap_m = 0.7};
+  const auto along = [](int slice) {
+    return pose_from_xyz_rpy_deg({0.005 * slice, 0.0, 0.0}, {0.0, 0.0, 0.0});
+  };
+  int slice = 0;
+  for (; !ends_turn(slice) || slice < 160; ++slice) scanner.feed(mapper, slice, along(slice));
+  const MappingResult turn = scanner.feed(mapper, slice, along(slice));
+  ASSERT_EQ(turn.health, Health::kDegenerate);
+  for (int i = 1; i < 10; ++i) {
+    // Turns on the spot: the corridor's axis turns in the axes of the robot.
+    const double yaw_rad = 0.1 * i;
+    Pose T_map_base = along(slice + i);
+    T_map_base.linear() = Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    const MappingResult between = scanner.feed(mapper, slice + i, T_map_base);
+    EXPECT_EQ(between.health, Health::kDegenerate) << i;
+    ASSERT_TRUE(between.degeneracy.degenerate) << i;
+    const Eigen::Vector3d axis_base(std::cos(yaw_rad), -std::sin(yaw_rad), 0.0);
+    EXPECT_GT(std::abs(between.degeneracy.weak_translation.dot(axis_base)), 0.99) << i;
+  }
+}
+
+TEST(Slices, WhileThePoseIsSearchedForItsCovarianceIsThatOfTheSearch) {
+  const MappingConfig config{};
+  Mapper mapper{config};
+  const Scanner scanner;
+  int slice = 0;
+  for (; slice < 60; ++slice) scanner.feed(mapper, slice, truth(slice));
+  mapper.place(pose_from_xyz_rpy_deg({3.0, -1.0, 0.0}, {0.0, 0.0, 90.0}));
+  for (; slice < 69; ++slice) {
+    const MappingResult result = scanner.feed(mapper, slice, truth(slice));
+    EXPECT_EQ(result.health, Health::kBridging) << slice;
+    EXPECT_GE(result.covariance(0, 0), config.bridge_distance_m * config.bridge_distance_m);
+  }
+}
+
 }  // namespace
 }  // namespace zloam::mapping
