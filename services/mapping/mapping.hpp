@@ -62,6 +62,9 @@ struct MappingInput {
   std::uint32_t slices = 1;
 
   bool points_follow() const { return slices > 1 && planes.empty(); }
+  /// Whether mapping.every leaves it to the mapper: a turn of slices comes once a second, with a
+  /// sweep of any number.
+  bool is_mapped(std::uint32_t every) const { return slices > 1 || sweep % every == 0; }
 };
 
 /// Cube (i, j, k) spans [i, i+1) * tile edge on x, likewise y and z, frame map.

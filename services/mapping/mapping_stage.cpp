@@ -176,7 +176,7 @@ void MappingStage::process(const Sweep& sweep) {
       T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
   covariance_since_ = carried(covariance_since_, back) + covariance_of(sweep->covariance());
   T_odom_base_before_ = input.T_odom_base;
-  if (input.sweep % config_.every == 0) {
+  if (input.is_mapped(config_.every)) {
     input.step_covariance = covariance_since_;
     covariance_since_.setZero();
     const MappingResult result = mapper_.process(input);

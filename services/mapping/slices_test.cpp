@@ -29,6 +29,9 @@ struct Scanner {
   double plane_gap_m = 0.2;
   Pose T_odom_map = Pose::Identity();
 
+  std::uint32_t every = 1;
+
+  /// Nothing for a slice that mapping.every leaves out.
   MappingResult feed(Mapper& mapper, int slice, const Pose& T_map_base) const {
     const test::Scan scan =
         test::scan(room, T_map_base, 0.01, static_cast<unsigned>(slice), 60.0, plane_gap_m);
@@ -44,7 +47,7 @@ struct Scanner {
       input.edges = scan.edges;
       input.planes = scan.planes;
     }
-    return mapper.process(input);
+    return input.is_mapped(every) ? mapper.process(input) : MappingResult{};
   }
 };
 
@@ -72,6 +75,19 @@ TEST(Slices, AnOdometryThatEachTurnContradictsIsLostAndFoundAgain) {
   EXPECT_EQ(turns.back().health, Health::kOk) << turns.back().reason;
   EXPECT_TRUE(turns.back().inserted);
   EXPECT_LT((truth(199).inverse() * turns.back().T_map_base).translation().norm(), 0.03);
+}
+
+TEST(Slices, EachTurnIsMappedWhicheverSweepsAre) {
+  for (const std::uint32_t every : {1U, 2U, 3U, 10U}) {
+    Mapper mapper{MappingConfig{}};
+    const Scanner scanner{.every = every};
+    int inserted = 0;
+    for (int slice = 0; slice < 50; ++slice) {
+      inserted += scanner.feed(mapper, slice, truth(slice)).inserted ? 1 : 0;
+    }
+    EXPECT_EQ(inserted, 4) << every;
+    EXPECT_GT(mapper.point_count(), 0U) << every;
+  }
 }
 
 TEST(Slices, PosesBetweenTwoTurnsAreDegenerateWhereTheTurnWas) {
