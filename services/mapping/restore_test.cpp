@@ -332,5 +332,27 @@ TEST(VoxelTiles, ACubeIsHandedOutWhenItHasGrownEnough) {
   EXPECT_EQ(points_of(changed[0]), 101U);
 }
 
+// The end of a loop: the voxels at its start were dropped on the way, and begin again.
+TEST(VoxelTiles, ACubeSeenAgainDoesNotReplaceOneWithMorePoints) {
+  plane_map::VoxelPlaneMap map{plane_map::PlaneMapConfig()};
+  const auto count = [&map](int points) {
+    map.insert_points(std::vector<Eigen::Vector3d>(static_cast<std::size_t>(points),
+                                                   Eigen::Vector3d(1.0, 1.0, 1.0)));
+  };
+  VoxelTiles tiles;
+  count(100);
+  ASSERT_EQ(tiles.take_changed(map, 0.0).size(), 1U);
+  map.leave_behind(map.T_grid_map() * Eigen::Vector3d(400.0, 0.0, 0.0));
+  ASSERT_TRUE(map.empty());
+  count(10);
+  EXPECT_TRUE(tiles.take_changed(map, 0.0).empty());
+  count(20);
+  EXPECT_TRUE(tiles.take_changed(map, 0.0).empty());
+  count(80);
+  const auto more = tiles.take_changed(map, 0.0);
+  ASSERT_EQ(more.size(), 1U);
+  EXPECT_EQ(more[0].version, 2U);
+}
+
 }  // namespace
 }  // namespace zloam::mapping

@@ -35,9 +35,8 @@ std::vector<VoxelTile> VoxelTiles::take_changed(const plane_map::VoxelPlaneMap& 
   std::vector<VoxelTile> changed;
   for (const auto& [index, roots] : roots_by_cube(map, kEdge_m)) {
     Cube& cube = cubes_[index];
-    // Fewer points: voxels far from the sensor were dropped, so the version handed out before is
-    // better.
-    if (roots.points < cube.points) cube.points = roots.points;
+    // With fewer points it was dropped far from the sensor and begun again: the version handed out
+    // before stays the better one until these are more.
     const auto handed_out = static_cast<double>(cube.points);
     if (static_cast<double>(roots.points) <= (1.0 + growth) * handed_out) continue;
     cube.points = roots.points;
