@@ -28,8 +28,9 @@ class MappingStage {
   void restart(const msg::Header& first);
   void wait_for_store(bool known_run) const;
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
-  /// Takes map and pose from the store; false: it has no valid ones.
-  bool take_back(const msg::Header& first, SavedMap& saved);
+  /// Takes map and pose from the store; false: it has no valid ones, or refused says why they can't
+  /// be used. In a map that is only localized in, its points are taken all the same.
+  bool take_back(const msg::Header& first, SavedMap& saved, std::string& refused);
   bool take_pose(const msg::Header& first, SavedMap& saved);
   runtime::Outcome take(const Sweep& sweep);
   void process(const Sweep& sweep);

@@ -4,11 +4,14 @@
 #include <algorithm>
 #include <map>
 #include <span>
+#include <sstream>
+#include <string>
 #include <tuple>
 #include <utility>
 
 #include "common/runtime/recall.hpp"
 #include "mapping/mapping_stage.hpp"
+#include "mapping/voxel_tiles.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -78,6 +81,19 @@ void add_tile(const msg::MapTile& m, SavedMap& saved) {
   tile.points.assign(points.begin(), points.end());
   if (m.counts() != nullptr) tile.counts.assign(m.counts()->begin(), m.counts()->end());
   saved.tiles.push_back(std::move(tile));
+}
+
+// Why no sweep can be matched to these cubes, a sentence; empty: they can be used.
+std::string why_refused(const std::vector<VoxelTile>& cubes,
+                        const plane_map::PlaneMapConfig& config) {
+  const auto other = std::ranges::find_if(
+      cubes, [&](const VoxelTile& cube) { return !VoxelTiles::fits(cube, config); });
+  if (other == cubes.end()) return {};
+  std::ostringstream text;
+  text << "the stored map was made with mapping.voxel_planes.root_voxel_m " << other->root_voxel_m
+       << " and levels " << other->levels << ", this stage has " << config.root_voxel_m << " and "
+       << config.levels << ": set the map's values, or another folder in store.path";
+  return text.str();
 }
 
 }  // namespace
@@ -152,7 +168,7 @@ void MappingStage::wait_for_store(bool known_run) const {
                           std::chrono::duration_cast<std::chrono::milliseconds>(left));
 }
 
-bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
+bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::string& refused) {
   const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1);
   if (poses.empty()) return false;
   const runtime::Received<msg::MapPose>& pose = poses.back();
@@ -165,11 +181,6 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
     runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
   }
-  saved.instant_ns = pose->instant_ns();
-  saved.odom_epoch = pose.header().odom_epoch();
-  saved.T_map_base = pose_of(pose->pose_map_base());
-  saved.twist_per_s = twist_of(pose->twist());
-  map_id_ = pose.header().map_id();
   // The store and the previous instance may both send a cube: the newer one is kept.
   using TileMessage = runtime::Received<msg::MapTile>;
   std::map<std::tuple<std::string, int, int, int>, TileMessage> newest;
@@ -178,13 +189,26 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved) {
   };
   for (TileMessage& tile :
        runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
-    if (tile.header().map_id() != map_id_) continue;
+    if (tile.header().map_id() != pose.header().map_id()) continue;
     const std::tuple at(tile->layer()->str(), tile->i(), tile->j(), tile->k());
     const auto [kept, is_new] = newest.try_emplace(at, tile);
     if (!is_new && rank(kept->second) < rank(tile)) kept->second = tile;
   }
+  SavedMap stored;
+  for (const auto& [at, tile] : newest) add_tile(*tile, stored);
+  refused = why_refused(stored.voxels, config_.voxel_planes.map);
+  if (!refused.empty() && config_.mode == MappingMode::kMap) {
+    // As after a reset: the store must not mix the new map with this one.
+    map_id_ = pose.header().map_id() + 1;
+    return false;
+  }
+  saved = std::move(stored);
+  saved.instant_ns = pose->instant_ns();
+  saved.odom_epoch = pose.header().odom_epoch();
+  saved.T_map_base = pose_of(pose->pose_map_base());
+  saved.twist_per_s = twist_of(pose->twist());
+  map_id_ = pose.header().map_id();
   for (const auto& [at, tile] : newest) {
-    add_tile(*tile, saved);
     if (tile.run() == first.run() && tile->layer()->str() == kVoxels) {
       stored_sweep_ = std::max(stored_sweep_.value_or(0), tile.sweep());
     }
@@ -249,7 +273,9 @@ void MappingStage::restart(const msg::Header& first) {
       runtime::recall<msg::MapCorrection>(stage_, Key::kMapCorrection, runtime::kKept, 1);
   const auto of_this_run = [&](const auto& c) { return c.run() == first.run(); };
   wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
-  const bool has_map = take_back(first, saved);
+  std::string refused;
+  const bool has_map = take_back(first, saved, refused);
+  stage_.degraded("map", refused);
   bool found_before = false;
   std::span<const std::uint64_t> state;
   for (const auto& correction : corrections) {
@@ -273,7 +299,8 @@ void MappingStage::restart(const msg::Header& first) {
   if (!has_map && !take_pose(first, saved)) return;
   if (!has_map) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
-                               " is lost: no store has it; creating a new one in its frame");
+                               " is lost: " + (refused.empty() ? "no store has it" : refused) +
+                               "; creating a new one in its frame");
   }
   saved.found = config_.mode == MappingMode::kMap || found_before;
   mapper_.restore(saved);

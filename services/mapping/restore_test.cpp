@@ -152,6 +152,36 @@ TEST_F(Restored, FindsItselfInANewFrameOfTheOdometry) {
   }
 }
 
+// The user has corrected registration.range_noise_m, or localizes with another sensor.
+TEST_F(Restored, AMapOfAnotherRangeNoiseIsUsed) {
+  const test::Room room = test::furnished_room();
+  Mapper mapper{config()};
+  mapper.restore(killed(room));
+  for (int i = kBefore + 5; i < kBefore + 15; ++i) {
+    const test::Scan scan = scan_of(room, i);
+    MappingInput input = input_of(scan, i, Pose::Identity(), 0);
+    input.range_noise_m = 0.03;
+    const MappingResult result = mapper.process(input);
+    EXPECT_EQ(result.health, Health::kOk) << result.reason;
+    EXPECT_LT(error_m(result, i), 0.03) << i;
+  }
+}
+
+TEST(VoxelTiles, OnlyCubesOfTheSameVoxelsFit) {
+  const plane_map::PlaneMapConfig config;
+  VoxelTile cube;
+  cube.edge_m = VoxelTiles::kEdge_m;
+  cube.root_voxel_m = config.root_voxel_m;
+  cube.levels = config.levels;
+  cube.range_noise_m = 2.0 * config.range_noise_m;
+  EXPECT_TRUE(VoxelTiles::fits(cube, config));
+  cube.levels = config.levels - 1;
+  EXPECT_FALSE(VoxelTiles::fits(cube, config));
+  cube.levels = config.levels;
+  cube.root_voxel_m = 0.5 * config.root_voxel_m;
+  EXPECT_FALSE(VoxelTiles::fits(cube, config));
+}
+
 TEST_F(Restored, AFrameWhosePoseIsUnknownIsSearchedForAroundTheLastPose) {
   const test::Room room = test::furnished_room();
   SavedMap saved = killed(room);

@@ -23,12 +23,12 @@ std::map<TileIndex, Roots> roots_by_cube(const plane_map::VoxelPlaneMap& map, do
   return cubes;
 }
 
-bool fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config) {
-  return tile.edge_m == VoxelTiles::kEdge_m && tile.root_voxel_m == config.root_voxel_m &&
-         tile.levels == config.levels && tile.range_noise_m == config.range_noise_m;
-}
-
 }  // namespace
+
+bool VoxelTiles::fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config) {
+  return tile.edge_m == kEdge_m && tile.root_voxel_m == config.root_voxel_m &&
+         tile.levels == config.levels;
+}
 
 std::vector<VoxelTile> VoxelTiles::take_changed(const plane_map::VoxelPlaneMap& map,
                                                 double growth) {

@@ -19,9 +19,13 @@ class VoxelTiles {
   /// whole, ascending.
   std::vector<VoxelTile> take_changed(const plane_map::VoxelPlaneMap& map, double growth);
 
+  /// Whether the cube can be loaded into a map of this configuration. Its range noise may be
+  /// another: the counts do not depend on it, only the planes that are fitted to them.
+  static bool fits(const VoxelTile& tile, const plane_map::PlaneMapConfig& config);
+
   void keep_for_loading(const std::vector<VoxelTile>& tiles) { kept_ = tiles; }
-  /// Loads the kept tiles into a map that is still empty. Cubes of other voxel sizes or of another
-  /// noise are ignored: their counts mean something else.
+  /// Loads the kept tiles into a map that is still empty. Cubes that do not fit are ignored: their
+  /// counts mean something else.
   void load_into(plane_map::VoxelPlaneMap& map);
 
  private:
