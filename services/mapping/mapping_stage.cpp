@@ -112,6 +112,11 @@ void MappingStage::declare_commands() {
 }
 
 void MappingStage::new_run(const msg::Header& first) {
+  begin_run(first);
+  place_as_told();
+}
+
+void MappingStage::begin_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
   covariance_since_.setZero();
   motion_check_.reset();
@@ -131,6 +136,7 @@ void MappingStage::new_run(const msg::Header& first) {
   }
   stage_.lost_output(error);
   mapper_ = Mapper(config_);
+  last_T_map_base_ = Pose::Identity();
   for (const char* topic : {"map", "recall"}) stage_.degraded(topic, "");
   forget_published();
   // The map is named after the run that initialized it.
@@ -180,6 +186,7 @@ void MappingStage::process(const Sweep& sweep) {
     input.step_covariance = covariance_since_;
     covariance_since_.setZero();
     const MappingResult result = mapper_.process(input);
+    told_.reset();
     publish_pose(sweep, result);
     note_figures(result);
     unsaved_ |= result.inserted;
@@ -406,13 +413,13 @@ runtime::CommandReply MappingStage::reset() {
     return {false, "mapping.mode is localize: the map stays as it is", "{}"};
   }
   mapper_.reset();
+  told_.reset();
   forget_published();
   ++map_id_;
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};
 }
 
-// Height, roll and pitch are kept from the last pose: a user cannot give them better.
 runtime::CommandReply MappingStage::place(const std::string& arguments_json) {
   const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
   std::array<double, 3> values{};
@@ -427,14 +434,20 @@ runtime::CommandReply MappingStage::place(const std::string& arguments_json) {
       return {false, std::string(kNames[i]) + " is out of reach", "{}"};
     }
   }
-  const auto [x_m, y_m, yaw_deg] = values;
+  told_ = ToldPlace{values[0], values[1], values[2] * std::numbers::pi / 180.0};
+  place_as_told();
+  return {true, "from the next sweep on the robot is searched for around there", "{}"};
+}
+
+// Height, roll and pitch are kept from the last pose: a user cannot give them better.
+void MappingStage::place_as_told() {
+  if (!told_) return;
   const Eigen::Matrix3d& R = last_T_map_base_.linear();
-  const double turn_rad = yaw_deg * std::numbers::pi / 180.0 - std::atan2(R(1, 0), R(0, 0));
+  const double turn_rad = told_->yaw_rad - std::atan2(R(1, 0), R(0, 0));
   Pose T_map_base = last_T_map_base_;
   T_map_base.linear() = Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitZ()) * R;
-  T_map_base.translation().head<2>() << x_m, y_m;
+  T_map_base.translation().head<2>() << told_->x_m, told_->y_m;
   mapper_.place(normalised(T_map_base));
-  return {true, "from the next sweep on the robot is searched for around there", "{}"};
 }
 
 // Writes tile by tile: otherwise the map would be in memory a second time as one cloud and a third

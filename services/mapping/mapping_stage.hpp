@@ -24,6 +24,7 @@ class MappingStage {
   void declare_answers();
   void declare_commands();
   void new_run(const msg::Header& first);
+  void begin_run(const msg::Header& first);
   /// Restores what an earlier instance left; restart_stage.cpp.
   void restart(const msg::Header& first);
   void wait_for_store(bool known_run) const;
@@ -62,14 +63,21 @@ class MappingStage {
   runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
   runtime::CommandReply place(const std::string& arguments_json);
+  void place_as_told();
   /// Empty when written; the stage is degraded until writing succeeds.
   std::string write_to(const std::string& path) const;
   runtime::OutputFiles::Run file_run() const;
   std::string own_path() const;
   std::string write_files();
 
+  struct ToldPlace {
+    double x_m, y_m, yaw_rad;
+  };
+
   runtime::Stage& stage_;
   runtime::Inlet* inlet_ = nullptr;
+  /// by a user, until the next mapped sweep: a run that begins before it starts there
+  std::optional<ToldPlace> told_;
   /// another mapping continues with this map: the voxels that the store lacks
   std::vector<VoxelTile> left_voxels_;
   bool answers_pose_ = false;

@@ -304,6 +304,7 @@ void MappingStage::restart(const msg::Header& first) {
   }
   saved.found = config_.mode == MappingMode::kMap || found_before;
   mapper_.restore(saved);
+  last_T_map_base_ = saved.T_map_base;
   const std::size_t again = insert_again(first, corrections);
   if (has_map) mapper_.resume(state);
   // The stored pose is of another run and the motion since then is unknown: the search starts at

@@ -5,16 +5,18 @@ from __future__ import annotations
 
 import json
 import signal
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.acceptance.live import free_udp_port
 from tests.integration.conftest import Capture, kill, monitor, simulate
-from tests.integration.live_run import LiveRun
+from tests.integration.live_run import PATIENCE_S, LiveRun
 from zloam_monitor import clouds, messages, report
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.report import Run
@@ -155,3 +157,26 @@ def test_a_run_without_data_says_that_none_came(build: Path, robot_file: Path) -
     assert "accounted for: NO: no sweep came: there is nothing to account for" in done.said
     assert not list((Path.cwd() / "out").glob("*.tum"))
     assert not (Path.cwd() / "out" / "map.pcd").exists()
+
+
+def test_a_place_told_before_the_first_sweep_holds(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    """As in RViz, where the pose is often given before the drive begins."""
+    told, place = threading.Event(), {"x_m": 12.0, "y_m": -3.5, "yaw_deg": 90.0}
+
+    def once_told(_: float, payload: bytes) -> bytes | None:
+        told.wait(PATIENCE_S)
+        return payload
+
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, change=once_told)
+    with run:
+        reply = run.chain.link.command("mapping", "place", place)
+        told.set()
+        assert reply is not None
+        assert reply.ok, reply.message
+        run.until_poses(5)
+        run.end()
+    first = run.mapped[min(run.mapped)]
+    assert np.allclose(first.translation, (12.0, -3.5, 0.0), atol=0.5)
+    assert np.allclose(np.abs(first.quaternion[2:]), np.sqrt(0.5), atol=0.05)
