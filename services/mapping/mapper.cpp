@@ -12,7 +12,8 @@ namespace {
 
 // Beyond this gap the last motion does not predict where the sensor is now.
 constexpr double kLongestGap_s = 5.0;
-// In a fixed map the sensor may have been carried away during a longer gap: it is searched for.
+// In a fixed map the sensor may have been carried away during a longer time without odometry: it is
+// searched for.
 constexpr double kWatched_s = 1.0;
 // A new odometry knows the motion of its first sweep only from the second one, and distorted sweeps
 // must not enter the map: this many sweeps must be matched before one is inserted.
@@ -58,7 +59,8 @@ Prediction Mapper::State::predict(const MappingInput& input) {
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
   const bool stays = is_fixed();
-  if (new_frame || break_expected || told || (stays && gap_s > kWatched_s)) {
+  const bool unwatched = input.unwatched_s.value_or(gap_s) > kWatched_s;
+  if (new_frame || break_expected || told || (stays && unwatched)) {
     // A pose given by the user is valid now, however long the motion was unobserved.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();

@@ -56,6 +56,9 @@ struct MappingInput {
   PointSpan planes;
   Health health = Health::kOk;
   bool degenerate = false;
+  /// longest time without odometry since the sweep mapped before, s; nothing: odometry came for
+  /// mapped sweeps only
+  std::optional<double> unwatched_s;
   double range_noise_m = 0.02;
   /// above 1: only one of this many consecutive poses has points, those of a whole revolution of a
   /// scan that arrives in slices

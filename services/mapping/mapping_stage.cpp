@@ -121,6 +121,7 @@ void MappingStage::begin_run(const msg::Header& first) {
   covariance_since_.setZero();
   motion_check_.reset();
   T_odom_base_before_.reset();
+  watch_ = {};
   mapped_ = 0;
   next_sweep_ = 0;
   if (was_in_run && runtime::goes_on(first, last_instant_ns_, runtime::kLongestSearch_ns)) {
@@ -182,8 +183,10 @@ void MappingStage::process(const Sweep& sweep) {
       T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
   covariance_since_ = carried(covariance_since_, back) + covariance_of(sweep->covariance());
   T_odom_base_before_ = input.T_odom_base;
+  watch_.see(input.sweep, sweep->prev_sweep(), sweep->instant_ns());
   if (input.is_mapped(config_.every)) {
     input.step_covariance = covariance_since_;
+    input.unwatched_s = watch_.take();
     covariance_since_.setZero();
     const MappingResult result = mapper_.process(input);
     told_.reset();

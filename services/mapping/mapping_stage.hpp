@@ -11,6 +11,7 @@
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
 #include "mapping/mapping_parameters.hpp"
+#include "mapping/odometry_watch.hpp"
 
 namespace zloam::mapping {
 
@@ -99,6 +100,7 @@ class MappingStage {
   // Odometry's covariance since the sweep mapped before.
   Matrix6 covariance_since_ = Matrix6::Zero();
   std::optional<Pose> T_odom_base_before_;
+  OdometryWatch watch_;
   std::uint64_t prev_mapped_ = 0;
   std::uint64_t mapped_ = 0;
   std::uint64_t map_id_ = 0;

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "mapping/mapping.hpp"
+#include "mapping/odometry_watch.hpp"
 #include "mapping/test_room.hpp"
 
 namespace zloam::mapping {
@@ -121,6 +122,49 @@ TEST_F(Kidnapped, IsFoundAgainAfterAnotherPlace) {
     EXPECT_LT(((start * moved).inverse() * r.T_map_base).translation().norm(), 0.05) << i;
   }
   EXPECT_GT(last, 10);
+}
+
+// mapping.every 11, or a busy host: the odometry has followed the sweeps between the mapped ones.
+TEST_F(Kidnapped, IsFoundThoughFewSweepsAreMapped) {
+  constexpr int kEvery = 11;
+  const test::Room room = test::furnished_room();
+  Mapper mapper = localizing(room);
+  const Pose start = at(-6.0, 5.0, -90.0);
+  OdometryWatch watch;
+  int found = 0;
+  for (int i = 0; i < kSweeps * kEvery; ++i) {
+    const int sweep = 36'000 + i;
+    const Pose moved = at(kStep_m / kEvery * i, 0.0, 0.0);
+    MappingInput input = input_of(sweep, 1, {}, at(40.0, -7.0, 65.0) * moved);
+    watch.see(input.sweep, i == 0 ? input.sweep : input.sweep - 1, input.stamp_ns + kPeriod_ns);
+    if (i % kEvery != 0) continue;
+    input.unwatched_s = watch.take();
+    const test::Scan scan = test::scan(room, start * moved, 0.01, 500U + static_cast<unsigned>(i));
+    input.edges = scan.edges;
+    input.planes = scan.planes;
+    const MappingResult r = mapper.process(input);
+    if (r.health != Health::kOk) continue;
+    ++found;
+    EXPECT_LT(((start * moved).inverse() * r.T_map_base).translation().norm(), 0.05) << i;
+  }
+  EXPECT_GT(found, 10);
+}
+
+TEST(OdometryWatch, TellsTheLongestTimeWithoutOdometry) {
+  constexpr std::int64_t kSecond_ns = 1'000'000'000;
+  OdometryWatch watch;
+  watch.see(7, 6, 0);
+  EXPECT_FALSE(watch.take()) << "what was before the first sweep is unknown";
+  watch.see(8, 7, kSecond_ns / 10);
+  watch.see(9, 8, 2 * kSecond_ns);
+  watch.see(10, 9, 2 * kSecond_ns + 1);
+  EXPECT_NEAR(watch.take().value_or(0.0), 1.9, 1e-6);
+  // Mapping took one sweep in ten, but the odometry names the one before.
+  watch.see(20, 19, 3 * kSecond_ns + 1);
+  EXPECT_NEAR(watch.take().value_or(1.0), 0.1, 1e-6);
+  // The sweeps between never came to the odometry.
+  watch.see(30, 20, 4 * kSecond_ns + 1);
+  EXPECT_NEAR(watch.take().value_or(0.0), 1.0, 1e-6);
 }
 
 TEST_F(Kidnapped, AnotherRoomIsNotTheMap) {
