@@ -28,9 +28,13 @@ Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
   return scale.asDiagonal() * finite_or_zero(step) * scale.asDiagonal();
 }
 
-// Live: age of the last correction beyond which a pose counts as Predicted. Mapping, at 10 Hz, is
-// at most a few sweeps behind.
+// Age of the last matched correction beyond which a pose counts as Predicted. Mapping, at 10 Hz, is
+// at most a few sweeps behind. A replay's corrections are as old as scheduled: there it counts only
+// where mapping has matched nothing since.
 constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
+
+/// The pose was measured, at least along some directions.
+bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
@@ -160,8 +164,8 @@ void Integrator::follow_map(const Correction& correction) {
     const MappedPose now{p.sweep,       p.odom_epoch,
                          p.instant_ns,  normalised(correction.T_map_odom * p.T_odom_base),
                          p.T_odom_base, finite_or_zero(correction.covariance)};
-    const bool sound = correction.health == Health::kOk || correction.health == Health::kDegenerate;
-    if (sound && mapped_ && mapped_->odom_epoch == now.odom_epoch && mapped_->sweep < now.sweep) {
+    if (is_located(correction.health) && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
+        mapped_->sweep < now.sweep) {
       steps_.observe(mapped_->T_map_base.inverse() * now.T_map_base,
                      mapped_->covariance + now.covariance,
                      mapped_->T_odom_base.inverse() * now.T_odom_base,
@@ -262,8 +266,10 @@ Health Integrator::health_of(const OdometryPose& pose, const Correction* correct
   } else if (correction->health == Health::kBridging || correction->health == Health::kLost) {
     return correction->health;
   }
-  const bool located = pose.health == Health::kOk || pose.health == Health::kDegenerate;
-  if (!located) return pose.health;
+  if (!is_located(pose.health)) return pose.health;
+  // Its covariance has grown in every direction: none of them is the degenerate one.
+  const bool unmatched = correction != nullptr && !is_located(correction->health);
+  if (uncorrected && unmatched) return Health::kPredicted;
   if (weak.degenerate) return Health::kDegenerate;
   return uncorrected ? Health::kPredicted : Health::kOk;
 }
@@ -300,12 +306,13 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
 // map's frame itself.
 bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
   if (!corrected_ns_) corrected_ns_ = pose.instant_ns;
-  if (correction != nullptr) {
+  const bool unmatched = correction != nullptr && !is_located(correction->health);
+  if (correction != nullptr && !unmatched) {
     for (const OdometryPose& p : recent_) {
       if (p.sweep == correction->sweep) corrected_ns_ = std::max(*corrected_ns_, p.instant_ns);
     }
   }
-  return !pose.replay && pose.instant_ns - *corrected_ns_ > kOldCorrection_ns;
+  return (!pose.replay || unmatched) && pose.instant_ns - *corrected_ns_ > kOldCorrection_ns;
 }
 
 FusedPose Integrator::fuse(const OdometryPose& pose) {

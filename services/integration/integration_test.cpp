@@ -292,6 +292,27 @@ TEST(Integration, CarriesHealth) {
   EXPECT_EQ(integrator.add(odometry(1, false)).at(0).health, Health::kLost);
 }
 
+// Mapping goes on publishing corrections, but has matched nothing since sweep 9: more than a second
+// later the pose is Predicted, however wide its covariance.
+TEST(Integration, CorrectionsThatMatchedNothingAreNone) {
+  constexpr std::uint64_t kMatched = 9, kSecond = 10;
+  for (const bool replay : {false, true}) {
+    Integrator integrator{IntegrationConfig{}};
+    for (std::uint64_t n = 0; n < 50; ++n) {
+      const auto fused = integrator.add(odometry(n, replay));
+      ASSERT_THAT(fused, SizeIs(1)) << n;
+      const bool old = n > kMatched + kSecond;
+      EXPECT_EQ(fused[0].health, old ? Health::kPredicted : Health::kOk) << replay << ' ' << n;
+      Correction c = correction(n, Pose::Identity());
+      if (n > kMatched) {
+        c.health = Health::kPredicted;
+        c.covariance += 5e-4 * static_cast<double>(n - kMatched) * Matrix6::Identity();
+      }
+      integrator.add(c);
+    }
+  }
+}
+
 // A drive along x with an odometry error of slip_m per sweep and exact mapping.
 struct Drive {
   double slip_m = 0.0;
