@@ -37,6 +37,7 @@ void InertialAid::feel(ImuSpan readings, std::int64_t stamp_ns, std::uint32_t pe
   foreseen_.reset();
   wrong_ = false;
   rests_ = false;
+  fit_.reset();
   if (readings.empty()) return;
   felt_ = integrate(readings, stamp_ns, period_ns, T_base_imu_,
                     state_ ? state_->errors() : ImuErrors{});
@@ -135,8 +136,9 @@ std::optional<InertialState> InertialAid::learned(const MotionState& state,
   if (!foreseen() || !covariance_end) return past_the_sweep(config);
   InertialState next = corrected_by(state, covariance, *covariance_end);
   next.resting = rests_;
+  if (!fit_) return next;
   next.usual_fit =
-      state_->usual_fit > 0.0 ? kFitMemory * state_->usual_fit + (1.0 - kFitMemory) * fit_ : fit_;
+      state_->usual_fit > 0.0 ? kFitMemory * state_->usual_fit + (1.0 - kFitMemory) * *fit_ : *fit_;
   if (++next.right % kForgiven == 0 && next.contradictions > 0) --next.contradictions;
   return next;
 }

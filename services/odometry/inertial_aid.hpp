@@ -42,7 +42,7 @@ class InertialAid {
   /// are bias and gravity. covariance: of (T_odom_mid, twist per sweep), as solved.
   bool rests(const MotionState& solved, const Matrix12& covariance, const OdometryConfig& config);
 
-  /// Records how well the points fit in the end.
+  /// Records how well the points fit in the end, if they were matched.
   void note_fit(double fit) { fit_ = fit; }
 
   /// State after the sweep, to be kept with its result. covariance: of the unknowns as solved
@@ -71,7 +71,8 @@ class InertialAid {
   std::optional<InertialPrediction> foreseen_;
   Pose T_odom_begin_ = Pose::Identity();
   bool wrong_ = false;
-  double fit_ = 0.0;
+  /// of this sweep; nothing: it was not matched, and tells nothing of the prediction
+  std::optional<double> fit_;
   bool rests_ = false;
 };
 

@@ -186,6 +186,28 @@ TEST(OdometryWithImu, AWronglyMountedSensorIsNotBelieved) {
   EXPECT_EQ(right.results.back().diagnostics.imu_contradictions, 0U);
 }
 
+// A blow: in one sweep the gyroscope shows a turn that did not take place, too far for any match.
+TEST(OdometryWithImu, OneSweepOfWrongReadingsIsMatchedWithoutThem) {
+  constexpr int kBlow = 25;
+  const TestSensor sensor{.noise_m = 0.02};
+  Odometry odometry({}, Pose::Identity());
+  for (int k = 0; k < 40; ++k) {
+    SweepData data = sweep_data({}, sensor, swings_after_a_second, mems(), k);
+    for (ImuReading& reading : data.readings) {
+      const std::int64_t since_ns =
+          reading.stamp_ns - kStart_ns - kBlow * std::int64_t{100'000'000};
+      if (since_ns > 0 && since_ns < 100'000'000) reading.rate_radps.z() += 6.0;
+    }
+    const OdometryResult result = odometry.process(data.features(k, sensor));
+    EXPECT_TRUE(result.health == Health::kOk || result.health == Health::kDegenerate) << k;
+    const Pose truth = swings_after_a_second(0.1).inverse() * swings_after_a_second(0.1 * (k + 1));
+    EXPECT_LT((truth.inverse() * result.T_odom_base).translation().norm(), 0.1) << k;
+    if (k == kBlow) {
+      EXPECT_EQ(result.diagnostics.imu_contradictions, 1U);
+    }
+  }
+}
+
 TEST(OdometryWithImu, ReadingsThatStopAndComeBackAreUsedAgain) {
   const TestSensor sensor{.noise_m = 0.02};
   Odometry odometry({}, Pose::Identity());

@@ -307,18 +307,22 @@ Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Predictio
   Solution solution = solve_within_bounds(sweep, predicted);
   const bool contradicted =
       solution.solved && inertial.contradicts(solution.state, solution.covariance);
+  // A prediction that is wrong enough leaves no match at all.
+  const bool unmatched = !solution.solved && inertial.foreseen();
   if (contradicted && inertial.on_probation()) {
     inertial.give_way();
-  } else if (contradicted || inertial.misleads(solution.fit)) {
+  } else if (contradicted || unmatched || inertial.misleads(solution.fit)) {
     const Prediction alone = predict(*this, {sweep.stamp_ns, sweep.period_ns}, config);
     const Solution other = solve_within_bounds(sweep, alone);
-    if (contradicted || (other.solved && other.fit < kBetterFit * solution.fit)) {
+    const bool better =
+        unmatched ? !fits_worse(other, kWorse) : other.fit < kBetterFit * solution.fit;
+    if (contradicted || (other.solved && better)) {
       inertial.give_way();
       predicted = alone;
       solution = other;
     }
   }
-  inertial.note_fit(solution.fit);
+  if (solution.solved) inertial.note_fit(solution.fit);
   return solution;
 }
 
