@@ -40,6 +40,11 @@ inline Eigen::Vector3d centre_of(const GridIndex& index, double edge_m) {
   return (index.cast<double>() + Eigen::Vector3d::Constant(0.5)) * edge_m;
 }
 
+/// Whether pack_key() gives the cube a key of its own.
+inline bool has_key(const GridIndex& index) {
+  return index.minCoeff() >= -kGridKeyOffset && index.maxCoeff() < kGridKeyOffset;
+}
+
 inline std::uint64_t pack_key(const GridIndex& index) {
   return grid_key(index.x(), index.y(), index.z());
 }

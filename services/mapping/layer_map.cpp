@@ -6,12 +6,17 @@
 namespace zloam::mapping {
 namespace {
 
-constexpr double kFarthest_m = 1e5;
+// A point farther away is no place on earth, and its indices might not fit into a number.
+constexpr double kFarthest_m = 1e9;
 constexpr std::size_t kFetchAhead = 8;
 // An arbitrary rotation that aligns no axis of the grid with one of the map's, and a shift that is
 // no simple fraction of a voxel.
 const Eigen::Vector3d kGridTurn_rad(0.1, 0.15, 0.5);
 const Eigen::Vector3d kGridShift_m(0.137, 0.291, 0.173);
+
+bool is_place(const Eigen::Vector3d& point_map) {
+  return point_map.allFinite() && point_map.cwiseAbs().maxCoeff() <= kFarthest_m;
+}
 
 }  // namespace
 
@@ -27,8 +32,9 @@ Eigen::Vector3d LayerMap::centre_map(const GridIndex& index) const {
 }
 
 std::uint64_t LayerMap::key_of(const Eigen::Vector3d& point_map) const {
-  if (!point_map.allFinite() || point_map.cwiseAbs().maxCoeff() > kFarthest_m) return kNoKey;
-  return pack_key(grid_index(R_grid_map_ * point_map + kGridShift_m, leaf_m_));
+  if (!is_place(point_map)) return kNoKey;
+  const GridIndex index = grid_index(R_grid_map_ * point_map + kGridShift_m, leaf_m_);
+  return has_key(index) ? pack_key(index) : kNoKey;
 }
 
 void LayerMap::insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count) {
@@ -57,7 +63,10 @@ void LayerMap::insert(std::span<const NewPoint> points_map) {
 }
 
 void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint32_t count) {
-  if (key == kNoKey) return;
+  if (key == kNoKey) {
+    if (is_place(point_map.position)) ++left_out_;
+    return;
+  }
   const Eigen::Vector3d centre = centre_map(unpack_key(key));
   const std::uint32_t id = voxel_at(key);
   Voxel& voxel = voxels_[id];

@@ -42,7 +42,8 @@ class LayerMap {
   LayerMap(const LayerMap&) = delete;
   LayerMap& operator=(const LayerMap&) = delete;
 
-  /// Points (frame map) that are not finite or farther than 100 km from the origin are left out.
+  /// Points (frame map) that are not finite are left out, and those farther from the origin than
+  /// about a million voxels, which are counted.
   void insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count = 1);
 
   /// The same, one after the other.
@@ -65,6 +66,7 @@ class LayerMap {
   std::vector<TileIndex> tiles() const;
   TileIndex tile_of(const Eigen::Vector3d& point_map) const;
   std::size_t point_count() const { return voxels_.in_use(); }
+  std::uint64_t left_out() const { return left_out_; }
 
  private:
   static constexpr std::uint64_t kNoKey = ~std::uint64_t{0};
@@ -102,6 +104,7 @@ class LayerMap {
   FlatIndex voxel_index_;
   std::map<TileIndex, TileRecord> tiles_;
   std::vector<TileIndex> changed_;
+  std::uint64_t left_out_ = 0;
   std::vector<std::uint64_t> new_keys_;  // of the points that are being inserted
 };
 

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <sstream>
 
@@ -191,6 +192,23 @@ TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
   EXPECT_LT((points[0].mean - sum / 1000.0).norm(), 1e-9);
   EXPECT_EQ(points[0].count, 1000U);
   EXPECT_FLOAT_EQ(points[0].intensity, 2.0F);
+}
+
+TEST(LayerMap, FarPointsAreKeptOrCountedButNeverMixedUp) {
+  LayerMap coarse(0.4, 50.0);
+  const Eigen::Vector3d far(150'010.0, -3.0, 1.0);
+  coarse.insert(far, 1.0F);
+  ASSERT_EQ(coarse.tiles().size(), 1U);
+  EXPECT_EQ(coarse.tiles()[0], (TileIndex{3000, -1, 0}));
+  EXPECT_LT((coarse.tile_points(coarse.tiles()[0])[0].mean - far).norm(), 1e-6);
+  EXPECT_EQ(coarse.left_out(), 0U);
+  LayerMap fine(0.02, 50.0);
+  fine.insert({1.0, 1.0, 1.0}, 1.0F);
+  for (const double x_m : {40e3, -40e3, 1e15, std::numeric_limits<double>::infinity()}) {
+    fine.insert({x_m, 0.0, 0.0}, 1.0F);
+  }
+  EXPECT_EQ(fine.point_count(), 1U);
+  EXPECT_EQ(fine.left_out(), 2U) << "the others are no places";
 }
 
 TEST(LayerMap, CountsAllPointsOfATileAlsoOfVoxelsThatMoveToTheNext) {

@@ -374,6 +374,11 @@ std::string Mapper::archive_fault() const {
     return std::to_string(archive.unread_points()) +
            " points of the map can't be read back from a file in mapping.spill_directory";
   }
+  if (state_->tiles.left_out() > 0) {
+    return std::to_string(state_->tiles.left_out()) +
+           " points are too far from the map's origin and not in the map: begin a new one "
+           "(zloam reset mapping), or set larger mapping.leaf_edge_m and mapping.leaf_plane_m";
+  }
   if (archive.spill_failed()) {
     return "mapping.spill_directory takes no more tiles: they stay in memory, which grows; make "
            "room "

@@ -224,7 +224,8 @@ class Mapper {
   /// The part of cloud() that lies in one tile.
   std::vector<LayeredPoint> tile_points(const TileId& id) const;
   std::size_t point_count() const;
-  /// What is wrong with the tiles that left the window, a sentence; empty: nothing.
+  /// What the map lacks, or what is wrong with the tiles that left the window, a sentence; empty:
+  /// nothing.
   std::string archive_fault() const;
 
  private:

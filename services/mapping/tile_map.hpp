@@ -32,6 +32,8 @@ class TileMap {
   std::vector<TileId> local_tiles() const;
   std::size_t point_count() const;
   const TileArchive& archive() const { return archive_; }
+  /// Points too far from the origin for the voxels' indices.
+  std::uint64_t left_out() const { return layers_[0].left_out() + layers_[1].left_out(); }
 
  private:
   bool within(const TileIndex& index, const std::array<int, 3>& extent) const;
