@@ -351,9 +351,16 @@ void Mapper::reset() {
 void Mapper::expect_break() { state_->break_expected = true; }
 
 void Mapper::place(const Pose& T_map_base) {
-  state_->told = T_map_base;
-  state_->lost = false;
-  state_->method->not_found();
+  State& s = *state_;
+  s.told = T_map_base;
+  s.lost = false;
+  if (s.config.mode == MappingMode::kExtend && s.tiles.point_count() >= s.config.founding_points) {
+    // The map stays as it is until the robot is found in it again. The relocalizer's walls are those
+    // of the map before it grew.
+    s.found_in_map = false;
+    s.relocalizer = Relocalizer();
+  }
+  s.method->not_found();
 }
 
 std::vector<VoxelTile> Mapper::take_changed_voxels(double growth) {

@@ -201,6 +201,34 @@ TEST_F(Kidnapped, IsNotFoundWhereItIsExpectedIfItIsElsewhere) {
   EXPECT_LT(found.worst_m, 0.05);
 }
 
+// The sensor was off while the robot was carried to another part of the map.
+TEST_F(Kidnapped, IsFoundInAllOfAMapThatItExtended) {
+  const test::Room room = test::furnished_room();
+  MappingConfig config;
+  config.mode = MappingMode::kExtend;
+  Mapper mapper(config);
+  SavedMap saved = mapped(room);
+  saved.found = false;
+  mapper.restore(saved);
+  const Pose first_start = at(-6.0, 5.0, -90.0), start = at(9.0, -3.0, 120.0);
+  EXPECT_GT(drive(mapper, room, first_start).sweeps, 10);
+  const std::size_t points = mapper.point_count();
+  mapper.place(first_start * at(kStep_m * (kSweeps - 1), 0.0, 0.0));
+  int found = 0;
+  for (int i = 0; i < kSweeps; ++i) {
+    const Pose moved = at(kStep_m * i, 0.0, 0.0);
+    const test::Scan scan = test::scan(room, start * moved, 0.01, 700U + static_cast<unsigned>(i));
+    const MappingResult r = mapper.process(input_of(72'000 + i, 2, scan, moved));
+    if (r.health == Health::kOk) {
+      ++found;
+      EXPECT_LT(((start * moved).inverse() * r.T_map_base).translation().norm(), 0.05) << i;
+    } else if (found == 0) {
+      EXPECT_EQ(mapper.point_count(), points) << i;
+    }
+  }
+  EXPECT_GT(found, 10);
+}
+
 TEST(WallMap, HasNoPlaceForWhatHasNoWalls) {
   std::vector<Eigen::Vector3f> ground, walls;
   for (int i = 0; i < 100; ++i) {
