@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <utility>
 
 #include "common/geometry/map_file.hpp"
 #include "common/messages/key_match.hpp"
@@ -146,7 +147,11 @@ void MappingStage::begin_run(const msg::Header& first) {
   if (was_in_run) return;
   const bool has_map = config_.mode != MappingMode::kMap;
   if (has_map || !(first.replay() && first.sweep() == 0)) restart(first);
-  // Declared after restart(), which requests the same tiles and cannot answer while it waits.
+  if (!lacks_map_) declare_tiles();
+}
+
+// Declared after restart(), which requests the same tiles and cannot answer while it waits.
+void MappingStage::declare_tiles() {
   stage_.answer(stage_.keys().all_tiles(), [this](runtime::Answer& a) { answer_tiles(a); });
 }
 
@@ -177,6 +182,7 @@ runtime::Outcome MappingStage::take(const Sweep& sweep) {
 }
 
 void MappingStage::process(const Sweep& sweep) {
+  if (lacks_map_) ask_for_map(sweep.header());
   if (stage_.configure_for(sweep)) mapper_.configure(config_);
   MappingInput input = input_of(sweep);
   const Pose back =
@@ -419,6 +425,10 @@ runtime::CommandReply MappingStage::reset() {
   told_.reset();
   forget_published();
   ++map_id_;
+  if (std::exchange(lacks_map_, false)) {
+    stage_.degraded("map", "");
+    declare_tiles();
+  }
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};
 }

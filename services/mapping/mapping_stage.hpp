@@ -24,10 +24,14 @@ class MappingStage {
 
   void declare_answers();
   void declare_commands();
+  void declare_tiles();
   void new_run(const msg::Header& first);
   void begin_run(const msg::Header& first);
   /// Restores what an earlier instance left; restart_stage.cpp.
   void restart(const msg::Header& first);
+  /// Live: asks the store again for the map that it did not have, or was not there to give.
+  void ask_for_map(const msg::Header& now);
+  void do_without_map(const msg::Header& first, SavedMap& saved);
   void wait_for_store(bool known_run) const;
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
   /// Takes map and pose from the store; false: it has no valid ones, or refused says why they can't
@@ -108,7 +112,9 @@ class MappingStage {
   /// of this run: lower sweeps were done by the earlier instance
   std::uint64_t next_sweep_ = 0;
   bool in_run_ = false;
-  std::int64_t started_ns_ = 0;
+  /// the robot is to be found in a stored map, which has not come
+  bool lacks_map_ = false;
+  std::int64_t started_ns_ = 0, asked_ns_ = 0;
   std::set<TileId> unpublished_;
   // Points counted in a tile when it was published.
   std::map<TileId, std::uint64_t> published_;

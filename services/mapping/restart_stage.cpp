@@ -24,6 +24,7 @@ constexpr double kStoreLink_s = 2.0;
 constexpr std::chrono::milliseconds kReplayLinks{1000}, kLiveLinks{300};
 // Requests for the tiles: the store is connected, but its disk may be slow.
 constexpr int kTries = 10;
+constexpr std::int64_t kAskAgain_ns = 1'000'000'000;
 
 msg::MapVoxel to_message(const plane_map::SavedVoxel& v) {
   return {v.x,
@@ -263,8 +264,30 @@ std::size_t MappingStage::insert_again(const msg::Header& first,
   return count;
 }
 
+// Begins no map, because the tiles of a new one would supersede the map of a store that is only
+// late. Nothing is inserted until the robot is found, so every pose is Lost.
+void MappingStage::do_without_map(const msg::Header& first, SavedMap& saved) {
+  saved.found = false;
+  mapper_.restore(saved);
+  const bool localizes = config_.mode == MappingMode::kLocalize;
+  stage_.degraded("map", std::string("mapping.mode is ") + (localizes ? "localize" : "extend") +
+                             ", and no tile store has a map: every pose is Lost; start zloam-store "
+                             "on the folder of a map (store.path)" +
+                             (first.replay() ? " and replay again" : "") +
+                             (localizes ? "" : ", or begin a map with command/mapping/reset"));
+}
+
+void MappingStage::ask_for_map(const msg::Header& now) {
+  if (now.replay() || stage_.now_ns() - asked_ns_ < kAskAgain_ns) return;
+  asked_ns_ = stage_.now_ns();
+  if (!runtime::is_there(stage_, "store")) return;
+  restart(now);
+  if (!lacks_map_) declare_tiles();
+}
+
 void MappingStage::restart(const msg::Header& first) {
   SavedMap saved;
+  next_sweep_ = 0;
   if (first.sweep() > 0) {
     runtime::wait_for_links([this] { return correction_.matching(); },
                             first.replay() ? kReplayLinks : kLiveLinks);
@@ -277,25 +300,30 @@ void MappingStage::restart(const msg::Header& first) {
   const bool has_map = take_back(first, saved, refused);
   stage_.degraded("map", refused);
   bool found_before = false;
+  // The stored pose is of this run.
+  bool moved_from_there = next_sweep_ > 0;
   std::span<const std::uint64_t> state;
   for (const auto& correction : corrections) {
     if (correction.run() != first.run()) continue;
     state = {};
     next_sweep_ = std::max(next_sweep_, correction.sweep() + 1);
+    // Of a mapping that had no map: in no frame of this one.
+    if (has_map && correction.header().map_id() != map_id_) continue;
+    moved_from_there = true;
     found_before |= correction->inserted();
     if (correction.header().odom_epoch() != first.odom_epoch()) continue;
     saved.odom_epoch = first.odom_epoch();
     saved.T_map_odom = pose_of(correction->pose_map_odom());
     if (correction.sweep() + 1 == next_sweep_) state = numbers_of(correction->state());
   }
-  if (!has_map && config_.mode != MappingMode::kMap) {
-    const bool localizes = config_.mode == MappingMode::kLocalize;
-    stage_.degraded("map", std::string("mapping.mode is ") + (localizes ? "localize" : "extend") +
-                               ", and no tile store has a map: " +
-                               (localizes ? "every pose is Lost" : "a new one begins") +
-                               "; start zloam-store on the folder of a map (store.path)");
+  const bool lacked = std::exchange(lacks_map_, !has_map && config_.mode != MappingMode::kMap);
+  if (lacks_map_) {
+    // Not the stored map's: a pose of it may have come without its tiles.
+    map_id_ = first.run();
+    if (!lacked) do_without_map(first, saved);
     return;
   }
+  if (lacked) stage_.degraded("map", "");
   if (!has_map && !take_pose(first, saved)) return;
   if (!has_map) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
@@ -309,7 +337,7 @@ void MappingStage::restart(const msg::Header& first) {
   if (has_map) mapper_.resume(state);
   // The stored pose is of another run and the motion since then is unknown: the search starts at
   // the pose where that run ended.
-  if (config_.mode != MappingMode::kMap && next_sweep_ == 0) mapper_.place(saved.T_map_base);
+  if (config_.mode != MappingMode::kMap && !moved_from_there) mapper_.place(saved.T_map_base);
   // The previous instance may not have written its file: write it even if nothing is added to the
   // map.
   unsaved_ = mapper_.point_count() > 0;

@@ -217,6 +217,7 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
   if (const auto generation = generation_of(*tile.header(), key)) {
     put(key, Key::kMapTile, {*generation, tile.header()->term(), tile.version()}, bytes);
   }
+  put_early_pose();
 }
 
 /// A replay that localizes in the map of another run stores no pose, so that repeating the replay
@@ -229,23 +230,53 @@ bool StoreStage::only_looks(const msg::Header& header) const {
 void StoreStage::take(const PoseMessage& pose) {
   const msg::Header& header = pose.header();
   if (only_looks(header)) return;
+  if (!generations_.is_current(header.run(), header.map_id())) {
+    // Only tiles and submaps begin a map. A mapping that did not get the map from here publishes
+    // poses in a frame of its own, and they must not delete that map.
+    early_pose_ = pose;
+    publisher_.stored(pose->instant_ns());
+    return;
+  }
+  put_pose(pose);
+}
+
+void StoreStage::put_pose(const PoseMessage& pose) {
+  const msg::Header& header = pose.header();
   // The version is the instant, because sweep numbers start from 0 in each run of a map.
   const auto version = static_cast<std::uint64_t>(std::max<std::int64_t>(pose->instant_ns(), 0));
   // When the same capture is replayed again, the last pose of the earlier replay would win, and a
-  // killed mapping would resume where that replay ended. Start a new map instead.
-  const auto known = store_.rank(stage_.keys().of(Key::kMapOdometry));
-  const bool again = std::exchange(is_new_, false) && header.replay() && pose.sweep() == 0 &&
-                     known && known->version > version;
-  if (again && generations_.is_current(header.run(), header.map_id())) begin_again(header);
+  // killed mapping would resume where that replay ended. Start a new map instead, unless the replay
+  // extends the map of another run.
+  const std::string key = stage_.keys().of(Key::kMapOdometry);
+  const auto known = store_.rank(key);
+  const bool is_own = header.map_id() == 0 || header.map_id() == header.run();
+  const bool again = std::exchange(is_new_, false) && header.replay() && is_own &&
+                     pose.sweep() == 0 && known && known->version > version;
+  if (again) begin_again(header);
   // A stored pose with an impossible instant dates from before instants were checked: supersede it
   // by a greater term.
   std::uint32_t term = known ? std::max(known->term, header.term()) : header.term();
   if (known && publisher_.is_beyond(static_cast<std::int64_t>(known->version))) ++term;
   publisher_.stored(pose->instant_ns());
-  const std::string key = stage_.keys().of(Key::kMapOdometry);
   if (const auto generation = generation_of(header, key)) {
     put(key, Key::kMapOdometry, {*generation, term, version}, pose.raw().bytes);
   }
+}
+
+/// Whether the message is of a map of which only poses have come.
+bool StoreStage::is_of_early_pose(const msg::Header& header) const {
+  if (!early_pose_) return false;
+  const msg::Header& pose = early_pose_->header();
+  return header.map_id() == pose.map_id() && (header.map_id() != 0 || header.run() == pose.run());
+}
+
+/// Stores the newest pose that came before the first tile or submap of its map.
+void StoreStage::put_early_pose() {
+  if (!early_pose_) return;
+  const PoseMessage pose = *early_pose_;
+  if (!generations_.is_current(pose.run(), pose.header().map_id())) return;
+  early_pose_.reset();
+  put_pose(pose);
 }
 
 // Empty submaps are not stored: the last one of a run only marks its end, and a fixed map gets no
@@ -257,6 +288,7 @@ void StoreStage::take(const SubmapMessage& submap) {
   if (const auto generation = generation_of(header, key)) {
     put(key, Key::kSubmap, {*generation, header.term(), 0}, submap.raw().bytes);
   }
+  put_early_pose();
 }
 
 void StoreStage::begin_again(const msg::Header& header) {
@@ -404,7 +436,9 @@ void StoreStage::take_fetched() {
     const auto& tile = message_of<msg::MapTile>(bytes);
     // A late answer of an obsolete map must not make that map current again.
     const msg::Header& header = *tile.header();
-    if (generations_.is_current(header.run(), header.map_id())) take(tile, bytes);
+    if (generations_.is_current(header.run(), header.map_id()) || is_of_early_pose(header)) {
+      take(tile, bytes);
+    }
   }
   if (!ended) return;
   const std::size_t lost = std::exchange(fetched_->lost, 0);

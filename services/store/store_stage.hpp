@@ -6,6 +6,7 @@
 #include <deque>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -41,6 +42,9 @@ class StoreStage {
   void take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes);
   bool only_looks(const msg::Header& header) const;
   void take(const PoseMessage& pose);
+  void put_pose(const PoseMessage& pose);
+  bool is_of_early_pose(const msg::Header& header) const;
+  void put_early_pose();
   void take(const SubmapMessage& submap);
   /// Holds the message until its publisher was asked.
   runtime::Outcome hold(runtime::Inlet* inlet, const runtime::Message& message);
@@ -95,6 +99,8 @@ class StoreStage {
   runtime::Inlet* poses_ = nullptr;
   runtime::Inlet* submaps_ = nullptr;
   LivePublisher publisher_;
+  /// the newest pose of a map of which neither a tile nor a submap has come yet
+  std::optional<PoseMessage> early_pose_;
   /// tiles came from a run that extends the map of another one
   bool is_extended_ = false;
   /// the publisher has just changed

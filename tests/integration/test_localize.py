@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
+from tests.integration.live_run import LOST, LiveRun, store_command
 from zloam_monitor import clouds, se3, trajectory
+from zloam_monitor.records import HEALTH
 
 CITY = ("--world", "city", "--seed", "5", "--speed-factor", "1.6")
 #: the same streets at a lower speed, and about half of the round
@@ -130,6 +135,43 @@ def test_without_a_store_every_pose_is_lost(build: Path, first: Capture, tmp_pat
     poses = (tmp_path / "poses.csv").read_text().splitlines()[1:]
     health = [line.split(",")[2] for line in poses]
     assert set(health[2:]) == {"9"}
+
+
+def map_info(build: Path, folder: Path) -> dict[str, Any]:
+    done = monitor("map", "info", "--preset-dir", build, folder, "--json")
+    assert done.code == 0, done.said
+    session: dict[str, Any] = json.loads(done.said.strip().splitlines()[-1])["sessions"][0]
+    return session
+
+
+@pytest.mark.parametrize("mode", ["localize", "extend"])
+def test_a_store_that_comes_late_keeps_its_map(
+    build: Path, robot_file: Path, again: Capture, mapped: Path, tmp_path: Path, mode: str
+) -> None:
+    """As at the boot of a robot whose store reads a large map for longer than mapping waits."""
+    folder = shutil.copytree(mapped / "map", tmp_path / "map")
+    before = map_info(build, folder)
+    out = tmp_path / "out"
+    out.mkdir()
+    more = (f"mapping.mode={mode}",)
+    run = LiveRun(build, robot_file, again, out, store=False, seconds=30.0, more=more)
+
+    def says_so() -> bool:
+        return any("no tile store has a map" in reason for reason in run.reasons())
+
+    with run:
+        run._until(says_so)
+        run._until(lambda: any(pose.health == LOST for pose in run.poses.values()))
+        command = store_command(build, robot_file, run.chain, folder)
+        run.chain.processes.start("store", command, out / "store.log")
+        run._until(lambda: list(run.poses.values())[-1].health == HEALTH.index("ok"))
+        run._until(lambda: not says_so())
+        run.end()
+    after = map_info(build, folder)
+    # Nothing was lost; only an extension may add submaps.
+    assert after["submaps"] >= before["submaps"] > 10
+    assert after["points"] >= before["points"]
+    assert (after["submaps"] == before["submaps"]) or mode == "extend"
 
 
 def test_a_map_is_extended_from_where_the_robot_is_found(
