@@ -215,7 +215,8 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
     }
   }
   last_instant_ns_ = saved.instant_ns;
-  if (same_run) next_sweep_ = pose.sweep() + 1;
+  // A replay from its beginning: an earlier replay of this recording stored the pose.
+  if (same_run && !(first.replay() && first.sweep() == 0)) next_sweep_ = pose.sweep() + 1;
   // A pose without tiles or voxels is no map.
   return !saved.tiles.empty() || !saved.voxels.empty();
 }

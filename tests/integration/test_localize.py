@@ -198,6 +198,11 @@ def test_a_map_is_extended_from_where_the_robot_is_found(
     assert again.code == 0, again.said
     kept = clouds.read_pcd(tmp_path / "b" / "map.pcd")
     assert abs(len(kept) - len(points)) < 0.01 * len(points)
+    # The stored pose is that of the first extension, which has the same run as this one.
+    once_more = monitor(*on, "--extend")
+    assert once_more.code == 0, once_more.said
+    off = errors_m(tmp_path / "b" / "trajectory.tum", first, first)
+    assert np.sqrt((off[50:] ** 2).mean()) < 0.05, once_more.said
 
 
 def test_a_map_is_either_extended_or_left_as_it_is(
