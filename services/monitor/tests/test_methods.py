@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from zloam_monitor import cli
@@ -33,3 +35,17 @@ def test_a_wrong_method_ends_the_command_before_it_simulates(
 ) -> None:
     assert cli.main(["demo", "--method", "floam"]) == 1
     assert "no method 'floam'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["demo", "run"])
+@pytest.mark.parametrize("option", ["--localize", "--extend", "--graph"])
+@pytest.mark.parametrize("method", ["aloam", "mapping=aloam"])
+def test_another_mapping_leaves_a_map_alone(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, option: str, method: str
+) -> None:
+    """It would begin a map in the store, which deletes the one that is there."""
+    there = ["--map", str(tmp_path)] if option != "--graph" else []
+    (tmp_path / "00000001.log").write_text("a map")
+    assert cli.main([command, option, *there, "--method", method]) == 1
+    assert f"{option} needs mapping itself, not aloam-mapping" in capsys.readouterr().err
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["a map"]

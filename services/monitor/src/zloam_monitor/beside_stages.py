@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 #: Longer than a tile store on a slow disk takes to start.
@@ -21,8 +22,12 @@ class Beside:
     map: Path | None
     localize: bool = False
     extend: bool = False
+    #: Stage -> program that replaces it (methods.programs).
+    programs: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if other := self.programs.get("mapping"):
+            self._check_other_mapping(other)
         if self.map is None:
             if self.mode != "map":
                 raise BesideError(f"--{self.mode} needs a map: --map FOLDER")
@@ -37,6 +42,13 @@ class Beside:
                 f"{self.map} holds a map already: name a new folder, or find the robot in it "
                 "with --localize, or with --extend to map on"
             )
+
+    def _check_other_mapping(self, program: str) -> None:
+        """Another mapping begins a map in any case, which deletes the stored one, and makes no
+        submaps."""
+        asked = "--graph" if self.graph else f"--{self.mode}" if self.mode != "map" else ""
+        if asked:
+            raise BesideError(f"{asked} needs mapping itself, not {program}: leave out --method")
 
     @property
     def mode(self) -> str:

@@ -156,7 +156,7 @@ def demo(
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import existing_files, several
 
-    beside = Beside(graph, map, localize, extend)
+    beside = Beside(graph, map, localize, extend, methods.programs(method))
     settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     truth = [*(truth or []), *existing_files(truths)] or None
     programs = methods.programs(method)
@@ -231,7 +231,7 @@ def run(
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import several
 
-    beside = Beside(graph, map, localize, extend)
+    beside = Beside(graph, map, localize, extend, methods.programs(method))
     settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     file = config or places.robot_file("vlp16-outdoor")
     robot = names(file, settings)
