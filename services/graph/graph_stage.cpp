@@ -223,23 +223,27 @@ void GraphStage::answer_loops(runtime::Answer& answer) {
 runtime::CommandReply GraphStage::remove(const std::string& arguments_json) {
   const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
   constexpr std::array<const char*, 2> names = {"from_sweep", "to_sweep"};
-  std::array<std::size_t, 2> ends{};
+  std::array<std::uint64_t, 2> sweeps{};
   for (std::size_t i = 0; i < names.size(); ++i) {
     const auto found = arguments.find(names[i]);
     if (found == arguments.end() || !found->is_number_unsigned()) {
       return {false, std::string(names[i]) + " is missing, or no sweep's number", "{}"};
     }
-    const auto& nodes = graph_.nodes();
-    const auto node = std::find_if(nodes.begin(), nodes.end(), [&](const Node& n) {
-      return n.sweep == found->get<std::uint64_t>();
-    });
-    if (node == nodes.end()) {
+    sweeps[i] = found->get<std::uint64_t>();
+    const auto is_its_frame = [&](const Node& n) { return n.sweep == sweeps[i]; };
+    if (std::ranges::none_of(graph_.nodes(), is_its_frame)) {
       return {false, std::string(names[i]) + ": no submap has its frame there; see graph/poses",
               "{}"};
     }
-    ends[i] = static_cast<std::size_t>(node - nodes.begin());
   }
-  if (!graph_.remove(ends[0], ends[1])) {
+  const std::vector<Loop> loops = graph_.in_force(sweeps[0], sweeps[1]);
+  if (loops.size() > 1) {
+    return {false,
+            "several loops are in force between submaps of these sweeps, because the driver was "
+            "restarted in this map: none was removed",
+            "{}"};
+  }
+  if (loops.empty() || !graph_.remove(loops[0].from, loops[0].to)) {
     return {false, "no loop is in force between these submaps", "{}"};
   }
   note_fit();

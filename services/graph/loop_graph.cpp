@@ -275,6 +275,15 @@ std::size_t LoopGraph::loops_in_force() const {
       std::count_if(state_->loops.begin(), state_->loops.end(),
                     [](const Loop& loop) { return loop.verdict == Verdict::kAccepted; }));
 }
+std::vector<Loop> LoopGraph::in_force(std::uint64_t from_sweep, std::uint64_t to_sweep) const {
+  std::vector<Loop> out;
+  for (const Loop& loop : state_->loops) {
+    const bool between =
+        state_->nodes[loop.from].sweep == from_sweep && state_->nodes[loop.to].sweep == to_sweep;
+    if (between && loop.verdict == Verdict::kAccepted) out.push_back(state_->of_submaps(loop));
+  }
+  return out;
+}
 double LoopGraph::last_move_m() const { return state_->last_move_m; }
 bool LoopGraph::fitted() const { return state_->fitted; }
 std::uint32_t LoopGraph::revision() const { return state_->revision; }

@@ -115,6 +115,27 @@ TEST(LoopGraph, WithoutALoopAllIsAsIfItHadNeverBeen) {
   }
 }
 
+TEST(LoopGraph, ALoopIsNamedBySweepsOfTwoRunsThatAreNumberedAlike) {
+  TestTown town(6);
+  TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 6);
+  const std::size_t half = driven.submaps.size() / 2;
+  for (std::size_t i = half; i < driven.submaps.size(); ++i) {
+    driven.submaps[i].sweep = driven.submaps[i - half].sweep;
+    driven.submaps[i].before_sweep = driven.submaps[i - 1].sweep;
+  }
+  const Ran ran = run(driven);
+  std::size_t into_second_run = 0;
+  for (const Loop& loop : ran.graph.loops()) {
+    if (loop.verdict != Verdict::kAccepted) continue;
+    const auto found =
+        ran.graph.in_force(driven.submaps[loop.from].sweep, driven.submaps[loop.to].sweep);
+    const auto is_it = [&](const Loop& l) { return l.from == loop.from && l.to == loop.to; };
+    EXPECT_TRUE(std::ranges::any_of(found, is_it)) << loop.from << " to " << loop.to;
+    into_second_run += loop.to >= half ? 1 : 0;
+  }
+  EXPECT_GT(into_second_run, 5U);
+}
+
 TEST(LoopGraph, TheSameSubmapsGiveTheSameBytes) {
   TestTown town(7);
   const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 7);
