@@ -59,28 +59,45 @@ void GraphStage::new_run(const msg::Header& first) {
     return;
   }
   if (unsaved_) stage_.lost_output(write_files());
-  begin();
-  last_.reset();
-  map_id_.reset();
-  run_ = {first.run(), first.replay(), 0};
+  begin(first.map_id());
+  run_ = first.run();
+  replay_ = first.replay();
   if (!was_in_run && first.sweep() > 0) catch_up(first);
 }
 
-void GraphStage::begin() {
+void GraphStage::begin(std::uint64_t map_id) {
+  map_id_ = map_id;
   graph_ = LoopGraph(config_);
   points_ = SubmapPoints(config_.output_dir);
   for (const char* topic : {"points", "recall"}) stage_.degraded(topic, "");
   path_.clear();
+  last_.reset();
+  unsaved_ = false;
 }
 
-void GraphStage::catch_up(const msg::Header& first) {
+bool GraphStage::follow_map(const msg::Header& header, std::int64_t instant_ns) {
+  if (header.map_id() == map_id_) return true;
+  if (!path_.empty() && instant_ns <= path_.back().instant_ns) return false;
+  runtime::log_warning("mapping began a new map: so does the graph", {{"sweep", header.sweep()}});
+  if (unsaved_) stage_.lost_output(write_files());
+  begin(header.map_id());
+  return true;
+}
+
+// Mapping's path goes on when the driver is restarted, and then it has sweep numbers twice: poses
+// are told apart by their instants.
+void GraphStage::recall_path() {
   for (const auto& path :
        runtime::recall_at<msg::Path>(stage_, stage_.keys().of(Key::kPathMap), kTries, false)) {
+    if (path.header().map_id() != map_id_) continue;
     for (const msg::StampedPose& p : structs_of(path->poses())) {
-      if (p.sweep() >= first.sweep()) break;
+      if (!path_.empty() && p.instant_ns() <= path_.back().instant_ns) continue;
       path_.push_back({p.instant_ns(), p.sweep(), pose_of(p.pose())});
     }
   }
+}
+
+std::vector<GraphStage::SubmapMessage> GraphStage::recall_submaps(const msg::Header& first) {
   // A store has all submaps, mapping the last ones.
   std::vector<SubmapMessage> submaps =
       runtime::recall_at<msg::Submap>(stage_, stage_.keys().all_kept_submaps(), kTries, false);
@@ -88,27 +105,49 @@ void GraphStage::catch_up(const msg::Header& first) {
            stage_, Key::kSubmap, runtime::sweeps_from(first.run(), 0, first.sweep() - 1), kTries)) {
     submaps.push_back(std::move(submap));
   }
-  std::erase_if(submaps, [&](const SubmapMessage& m) { return m.run() != first.run(); });
+  // Submaps of the same map before the path are of another session, which was stored.
+  const auto is_of_session = [&](const SubmapMessage& m) {
+    const bool in_path = !path_.empty() && m->instant_ns() >= path_.front().instant_ns;
+    return m.header().map_id() == map_id_ && (in_path || m.run() == first.run());
+  };
+  std::erase_if(submaps, [&](const SubmapMessage& m) { return !is_of_session(m); });
   std::stable_sort(submaps.begin(), submaps.end(),
                    [](const SubmapMessage& a, const SubmapMessage& b) {
                      return a->instant_ns() < b->instant_ns();
                    });
+  return submaps;
+}
+
+void GraphStage::catch_up(const msg::Header& first) {
+  recall_path();
+  const std::vector<SubmapMessage> submaps = recall_submaps(first);
   for (const SubmapMessage& submap : submaps) take(submap);
+  note_recalled(submaps);
   runtime::log_info("taken up in the middle of a run",
                     {{"submaps", graph_.nodes().size()}, {"poses", path_.size()}});
 }
 
+// The first submap of a map names itself as the one before.
+void GraphStage::note_recalled(const std::vector<SubmapMessage>& submaps) {
+  if (submaps.empty()) return;
+  const SubmapMessage& first = submaps.front();
+  const bool from_the_start = first->prev_frame_sweep() == first->frame_sweep();
+  const bool has_path = !path_.empty() && path_.front().instant_ns <= first->instant_ns();
+  if (from_the_start && has_path) return;
+  const std::string text =
+      std::string(has_path ? "submaps" : "poses") + " before sweep " +
+      std::to_string(first.sweep()) +
+      " could not be recalled: trajectory_world.tum and map_world.pcd lack a part of the drive; "
+      "with zloam-store the submaps outlive a restart of the graph";
+  runtime::log_warning(text);
+  stage_.degraded("recall", text);
+}
+
 void GraphStage::take(const SubmapMessage& message) {
-  if (map_id_ && *map_id_ != message.header().map_id()) {
-    runtime::log_warning("mapping began a new map: so does the graph",
-                         {{"sweep", message.sweep()}});
-    if (unsaved_) stage_.lost_output(write_files());
-    begin();
-  }
-  map_id_ = message.header().map_id();
+  const bool is_of_map = follow_map(message.header(), message->instant_ns());
   const bool is_known =
       !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
-  if (structs_of(message->points()).size() > 0 && !is_known) {
+  if (is_of_map && structs_of(message->points()).size() > 0 && !is_known) {
     const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
     const Submap submap = submap_of(*message);
     const Update update = graph_.add(submap);
@@ -126,7 +165,8 @@ void GraphStage::take(const SubmapMessage& message) {
 }
 
 void GraphStage::take(const PoseMessage& message) {
-  if (path_.empty() || message->instant_ns() > path_.back().instant_ns) {
+  const bool is_of_map = follow_map(message.header(), message->instant_ns());
+  if (is_of_map && (path_.empty() || message->instant_ns() > path_.back().instant_ns)) {
     path_.push_back({message->instant_ns(), message.sweep(), pose_of(message->pose_map_base())});
     unsaved_ = true;
   }
@@ -292,15 +332,21 @@ std::string GraphStage::write_points(const std::string& path) const {
          config_.output_dir;
 }
 
+/// Each map of a run has files of its own, and so has each run in a map that is resumed.
+runtime::OutputFiles::Run GraphStage::file_run() const {
+  constexpr std::uint64_t kSpread = 0x9E3779B97F4A7C15;
+  return {run_ ^ (map_id_ * kSpread), replay_, path_.size()};
+}
+
 std::string GraphStage::write_files() {
   if (config_.output_dir.empty()) return {};
-  run_.count = path_.size();
-  const std::string suffix = files_.suffix(run_, {kTrajectory, kMap});
+  const runtime::OutputFiles::Run run = file_run();
+  const std::string suffix = files_.suffix(run, {kTrajectory, kMap});
   const std::string trajectory = files_.path(kTrajectory, suffix), map = files_.path(kMap, suffix);
   std::string error = write_trajectory(trajectory);
-  if (error.empty()) error = files_.made(trajectory, run_);
+  if (error.empty()) error = files_.made(trajectory, run);
   if (error.empty()) error = write_points(map);
-  if (error.empty()) error = files_.made(map, run_);
+  if (error.empty()) error = files_.made(map, run);
   stage_.degraded("files", error);
   if (!error.empty()) {
     runtime::log_error("files not written", {{"reason", error}});

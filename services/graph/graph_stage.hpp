@@ -2,6 +2,7 @@
 // Wires the graph of loops to the runtime: takes submaps and poses; publishes loops, revisions,
 // answers and files. It is outside the chain: no pose ever waits for it.
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,10 +29,17 @@ class GraphStage {
   };
 
   void new_run(const msg::Header& first);
-  /// Starts an empty graph for a new map.
-  void begin();
-  /// Requests the run's submaps from mapping, for a graph that was started in the middle of it.
+  /// Starts an empty graph for a map.
+  void begin(std::uint64_t map_id);
+  /// Begins a new graph when mapping has begun a new map. False: the message is a late one of the
+  /// map before.
+  bool follow_map(const msg::Header& header, std::int64_t instant_ns);
+  /// Requests poses and submaps of the map so far, for a graph that was started in the middle of a
+  /// run.
   void catch_up(const msg::Header& first);
+  void recall_path();
+  std::vector<SubmapMessage> recall_submaps(const msg::Header& first);
+  void note_recalled(const std::vector<SubmapMessage>& submaps);
   void take(const SubmapMessage& message);
   void take(const PoseMessage& message);
   void note_end(const msg::Header& header);
@@ -46,6 +54,7 @@ class GraphStage {
   runtime::CommandReply save();
   /// Empty, or a sentence that says what failed.
   std::string write_files();
+  runtime::OutputFiles::Run file_run() const;
   std::string write_trajectory(const std::string& path) const;
   std::string points_missing() const;
   std::string write_points(const std::string& path) const;
@@ -61,10 +70,11 @@ class GraphStage {
   std::vector<TimedPose> path_;
   HeaderFields header_;
   std::optional<SubmapMessage> last_;
-  std::optional<std::uint64_t> map_id_;
+  std::uint64_t map_id_ = 0;
   bool submaps_end_ = false, poses_end_ = false;
   bool unsaved_ = false;
-  runtime::OutputFiles::Run run_;
+  std::uint64_t run_ = 0;
+  bool replay_ = false;
 };
 
 }  // namespace zloam::graph

@@ -69,11 +69,17 @@ def rmse_m(found: Trajectory, drive: Capture, from_ns: int = 0) -> float:
     return float(np.sqrt(np.mean(error[after] ** 2)))
 
 
+def beside_command(
+    build: Path, robot_file: Path, chain: Chain, stage: str, *settings: str
+) -> list[str]:
+    """Command of a stage beside the chain."""
+    own = [f"zenoh.base_port={chain.base_port}", f"zenoh.connect=[{chain._own_endpoint()}]"]
+    command = [str(binary(build, stage)), "--config", str(robot_file)]
+    return [*command, *(word for setting in (*own, *settings) for word in ("--set", setting))]
+
+
 def store_command(build: Path, robot_file: Path, chain: Chain, path: Path) -> list[str]:
-    own = [f"zenoh.base_port={chain.base_port}", f"store.path={path}"]
-    own.append(f"zenoh.connect=[{chain._own_endpoint()}]")
-    command = [str(binary(build, "store")), "--config", str(robot_file)]
-    return [*command, *(word for setting in own for word in ("--set", setting))]
+    return beside_command(build, robot_file, chain, "store", f"store.path={path}")
 
 
 def link_time(chain: Chain, times_s: dict[tuple[int, int], float]) -> Any:

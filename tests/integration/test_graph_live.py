@@ -1,0 +1,87 @@
+"""The graph of loops beside a live run in which mapping begins a new map, or driver and graph are
+started again: no pose of the drive is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.conftest import Capture, kill, simulate
+from tests.integration.live_run import LiveRun, beside_command
+from zloam_monitor import clouds
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.trajectory import Trajectory, read
+
+SECONDS = 22.0
+#: number of received poses: enough way for some submaps
+FIRST_PART = 80
+#: poses after a stage was started again
+SECOND_PART = 25
+#: At 10 Hz a car drives less per sweep.
+LONGEST_STEP_M = 2.0
+
+
+@pytest.fixture(scope="module")
+def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("drive")
+    return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", str(SECONDS + 1))
+
+
+def start_graph(build: Path, robot_file: Path, run: LiveRun, log: str) -> None:
+    own = f"graph.output_dir={run.out}"
+    command = beside_command(build, robot_file, run.chain, "graph", own)
+    run.chain.processes.start("graph", command, run.out / f"{log}.log")
+
+
+def mapped_poses(run: LiveRun, statuses: dict[str, StatusRecord]) -> int:
+    return int(statuses["mapping"].published[run.chain.link.keys.map_odometry])
+
+
+def smooth(path: Path) -> Trajectory:
+    """A trajectory that was written in one frame, without a step."""
+    found = read(path)
+    assert np.linalg.norm(np.diff(found.positions, axis=0), axis=1).max() < LONGEST_STEP_M
+    return found
+
+
+def test_each_map_of_a_run_has_its_own_files(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, seconds=SECONDS)
+    start_graph(build, robot_file, run, "graph")
+    with run:
+        run.until_poses(FIRST_PART)
+        reply = run.chain.link.command("mapping", "reset", {})
+        assert reply is not None
+        assert reply.ok
+        statuses = run.end()
+    first, second = (smooth(tmp_path / f"trajectory_world{n}.tum") for n in ("", "_2"))
+    assert first.stamps_ns is not None
+    assert second.stamps_ns is not None
+    assert first.stamps_ns[-1] < second.stamps_ns[0]
+    assert len(first) + len(second) == mapped_poses(run, statuses)
+    for number in ("", "_2"):
+        assert len(clouds.read_pcd(tmp_path / f"map_world{number}.pcd")) > 0
+
+
+def test_a_graph_that_is_killed_after_the_driver_lacks_nothing(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    """Mapping goes on over the driver's restart, with sweep numbers that begin again at 0."""
+    run = LiveRun(build, robot_file, drive, tmp_path, seconds=SECONDS)
+    start_graph(build, robot_file, run, "graph")
+    with run:
+        run.until_poses(FIRST_PART)
+        last = run.restart("driver")
+        run._until(lambda: sum(r != last.run for r, _ in run.mapped) >= SECOND_PART)
+        undisturbed = run.chain.link.stage("graph")
+        assert undisturbed is not None
+        kill(run.chain, "graph")
+        start_graph(build, robot_file, run, "graph-again")
+        statuses = run.end()
+    assert statuses["graph"].figures["submaps"] >= undisturbed.figures["submaps"] >= 3
+    written = smooth(tmp_path / "trajectory_world.tum")
+    assert len(written) == mapped_poses(run, statuses)
+    assert not list(tmp_path.glob("trajectory_world_2.tum"))
