@@ -190,7 +190,8 @@ void MappingStage::process(const Sweep& sweep) {
   covariance_since_ = carried(covariance_since_, back) + covariance_of(sweep->covariance());
   T_odom_base_before_ = input.T_odom_base;
   watch_.see(input.sweep, sweep->prev_sweep(), sweep->instant_ns());
-  if (input.is_mapped(config_.every)) {
+  // The last one whatever its number: store and graph learn from it that the run ends.
+  if (input.is_mapped(config_.every) || sweep.end_of_run()) {
     input.step_covariance = covariance_since_;
     input.unwatched_s = watch_.take();
     covariance_since_.setZero();

@@ -11,7 +11,7 @@ import pytest
 
 from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from tests.integration.replay_run import chain_of
-from zloam_monitor import clouds, messages
+from zloam_monitor import clouds, messages, trajectory
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import ReplyRecord
 
@@ -116,6 +116,23 @@ def test_a_graph_that_is_killed_is_missed_by_nobody_and_answers_strangers(
     # Without loops, the second round's walls stand beside those of the first.
     open_m, closed_m = (thickness_m(f / "map_world.pcd") for f in (tmp_path, undisturbed))
     assert open_m > 1.2 * closed_m
+
+
+@pytest.mark.parametrize("seconds", ["6", "6.1"])
+def test_a_run_of_which_only_some_sweeps_are_mapped_ends(
+    build: Path, tmp_path: Path, seconds: str
+) -> None:
+    """The last sweep of one of the two has an odd number, which mapping.every=2 leaves out."""
+    drive = simulate(build, tmp_path, *ONE_ROUND, "--duration", seconds)
+    out = tmp_path / "out"
+    given = ("--pcap", drive.pcap, "--set", "mapping.every=2", "--graph", "--map", tmp_path / "map")
+    done = monitor("demo", "--preset-dir", build, *given, "--out", out)
+    assert done.code == 0, done.said
+    poses, world = (trajectory.read(out / name) for name in ("trajectory.tum", WORLD[0]))
+    assert poses.stamps_ns is not None
+    assert world.stamps_ns is not None
+    assert world.stamps_ns[-1] == poses.stamps_ns[-1]
+    assert len(world) <= len(poses) // 2 + 2
 
 
 def takes_a_loop_out(chain: Chain, payload: bytes) -> None:
