@@ -32,7 +32,8 @@ SavedMap read_saved_map(const fs::path& folder) {
   out.folder = folder;
   const store::TileStore store(folder, store::StoreLimits{}, store::Access::kRead);
   out.unread_bytes = store.recovery().cut_bytes;
-  out.unread_files = store.recovery().ignored_segments;
+  out.unread_files = store.recovery().ignored_segments + store.recovery().missing_files;
+  out.missing = store.recovery().missing;
   out.damaged = store.recovery().damaged;
   for (const std::string& key : store.keys()) {
     if (!Keys::is_kept_submap(key)) continue;

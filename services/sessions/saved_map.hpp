@@ -23,9 +23,11 @@ struct SavedMap {
   std::uint64_t run = 0;
   /// in the order of their instants, without moving points
   std::vector<Submap> submaps;
-  /// what of the folder's files can't be read, and later files that are useless without it: what
-  /// they held is missing
+  /// what of the folder's files can't be read or is not there, and later files that are useless
+  /// without it: what they held is missing
   std::uint64_t unread_bytes = 0, unread_files = 0;
+  /// names of files that are not there although later ones are
+  std::string missing;
   /// More is missing than what a run was writing when it was killed, or is writing now.
   bool damaged = false;
 };

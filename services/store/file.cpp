@@ -7,8 +7,6 @@
 
 #include <cerrno>
 #include <csignal>
-#include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
@@ -113,18 +111,35 @@ FolderLock::FolderLock(const fs::path& folder) {
 
 FolderLock::~FolderLock() { ::close(descriptor_); }
 
-std::vector<std::uint8_t> read_file(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) fail("can't read", path);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+ReadFile::ReadFile(const fs::path& path) : path_(path) {
+  descriptor_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor_ < 0) fail("can't read", path);
 }
 
-std::vector<std::uint8_t> read_part(const fs::path& path, std::uint64_t offset, std::size_t size) {
+ReadFile::~ReadFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+ReadFile::ReadFile(ReadFile&& other) noexcept
+    : descriptor_(std::exchange(other.descriptor_, -1)), path_(std::move(other.path_)) {}
+
+std::vector<std::uint8_t> ReadFile::all() const {
+  struct stat about {};
+  if (::fstat(descriptor_, &about) != 0) fail("can't read", path_);
+  return part(0, static_cast<std::size_t>(about.st_size));
+}
+
+std::vector<std::uint8_t> ReadFile::part(std::uint64_t offset, std::size_t size) const {
   std::vector<std::uint8_t> bytes(size);
-  std::ifstream in(path, std::ios::binary);
-  in.seekg(static_cast<std::streamoff>(offset));
-  in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-  if (!in) fail("can't read", path);
+  std::size_t done = 0;
+  while (done < size) {
+    const ssize_t n =
+        ::pread(descriptor_, bytes.data() + done, size - done, static_cast<off_t>(offset + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n == 0) errno = EIO;
+    if (n <= 0) fail("can't read", path_);
+    done += static_cast<std::size_t>(n);
+  }
   return bytes;
 }
 

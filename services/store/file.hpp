@@ -39,6 +39,24 @@ class AppendFile {
   std::filesystem::path path_;
 };
 
+/// A file open for reading: its content stays readable when another process removes it.
+class ReadFile {
+ public:
+  /// Throws std::system_error with the path.
+  explicit ReadFile(const std::filesystem::path& path);
+  ~ReadFile();
+  ReadFile(ReadFile&& other) noexcept;
+  ReadFile& operator=(ReadFile&&) = delete;
+
+  std::vector<std::uint8_t> all() const;
+  /// Bytes [offset, offset + size); throws when some are missing.
+  std::vector<std::uint8_t> part(std::uint64_t offset, std::size_t size) const;
+
+ private:
+  int descriptor_ = -1;
+  std::filesystem::path path_;
+};
+
 /// A folder locked against other processes; released with the process, however that ends.
 /// Throws std::system_error when another has it.
 class FolderLock {
@@ -52,10 +70,6 @@ class FolderLock {
   int descriptor_ = -1;
 };
 
-std::vector<std::uint8_t> read_file(const std::filesystem::path& path);
-/// Bytes [offset, offset + size); throws when some are missing.
-std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint64_t offset,
-                                    std::size_t size);
 void truncate_file(const std::filesystem::path& path, std::uint64_t size);
 /// Renames within a folder, and syncs the folder.
 void rename_file(const std::filesystem::path& from, const std::filesystem::path& to);

@@ -12,6 +12,8 @@ constexpr std::size_t kSize = 2 * sizeof(std::uint64_t);
 }  // namespace
 
 Generations::Generations(TileStore& store) : store_(store) {
+  // Without the record, in a damaged folder, the next map is still newer than those on disk.
+  number_ = store.newest_map();
   const auto found = store.get(kKey);
   if (!found || found->payload.size() != kSize) return;
   std::memcpy(&run_, found->payload.data(), sizeof run_);

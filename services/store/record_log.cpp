@@ -4,7 +4,6 @@
 #include <array>
 #include <charconv>
 #include <cstdio>
-#include <map>
 #include <system_error>
 
 #include "store/crc32c.hpp"
@@ -16,6 +15,8 @@ namespace fs = std::filesystem;
 constexpr std::size_t kHead = 8;
 constexpr const char* kTemporary = "compaction.tmp";
 constexpr const char* kSetAside = ".ignored";
+// Attempts to open all files between two compactions of another process.
+constexpr int kTries = 10;
 
 std::uint32_t read_u32(const std::uint8_t* p) {
   return static_cast<std::uint32_t>(p[0]) | static_cast<std::uint32_t>(p[1]) << 8 |
@@ -107,21 +108,48 @@ fs::path RecordLog::path_of(std::uint64_t number, bool base) const {
   return folder_ / name.data();
 }
 
-void RecordLog::recover(const OnRecord& on_record) {
+RecordLog::Files RecordLog::files() const {
+  Files found;
   const std::vector<std::uint64_t> bases = numbers(folder_, ".base");
-  const std::uint64_t base = bases.empty() ? 0 : bases.back();
+  if (!bases.empty()) found.base = bases.back();
+  found.segments = numbers(folder_, ".log");
+  std::erase_if(found.segments, [&](std::uint64_t n) { return n <= found.base; });
+  return found;
+}
+
+RecordLog::Files RecordLog::open_files() {
+  for (int tries = 1;; ++tries) {
+    opened_.clear();
+    const Files found = files();
+    try {
+      if (found.base > 0) opened_.try_emplace({found.base, true}, path_of(found.base, true));
+      for (const std::uint64_t n : found.segments) {
+        opened_.try_emplace({n, false}, path_of(n, false));
+      }
+      // A newer base replaces segments, of which some may have been removed before they were listed.
+      if (files().base == found.base || tries == kTries) return found;
+    } catch (const std::system_error&) {
+      if (tries == kTries) throw;
+    }
+  }
+}
+
+void RecordLog::recover(const OnRecord& on_record) {
   const bool writes = access_ == Access::kWrite;
+  const Files found = writes ? files() : open_files();
   // Older files remain if a process was killed after it wrote the new base and before it removed
   // the files that the base replaces.
-  if (writes) remove_up_to(base, true);
-  number_ = base;
+  if (writes) remove_up_to(found.base, true);
+  number_ = found.base;
   recovery_.ignored_segments = count_set_aside(folder_);
   recovery_.damaged = recovery_.ignored_segments > 0;
-  bool whole = bases.empty() || read_segment(base, true, on_record);
-  for (const std::uint64_t n : numbers(folder_, ".log")) {
-    if (n <= base) continue;
-    number_ = n;
+  bool whole = found.base == 0 || read_segment(found.base, true, on_record);
+  std::uint64_t before = found.base;
+  for (const std::uint64_t n : found.segments) {
+    note_missing(before, n);
+    before = n;
     if (whole) {
+      number_ = n;
       whole = read_segment(n, false, on_record);
       continue;
     }
@@ -132,9 +160,23 @@ void RecordLog::recover(const OnRecord& on_record) {
   }
 }
 
+/// Without a base the segments begin with 1.
+void RecordLog::note_missing(std::uint64_t before, std::uint64_t next) {
+  if (next == before + 1) return;
+  const bool is_base = before == 0;
+  const std::string first = path_of(is_base ? next - 1 : before + 1, is_base).filename().string();
+  const std::string last = path_of(next - 1, is_base).filename().string();
+  if (!recovery_.missing.empty()) recovery_.missing += ", ";
+  recovery_.missing += first == last ? first : first + " to " + last;
+  recovery_.missing_files += is_base ? 1 : next - before - 1;
+  recovery_.damaged = true;
+}
+
 bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on_record) {
   const fs::path path = path_of(number, base);
-  const std::vector<std::uint8_t> bytes = read_file(path);
+  const auto opened = opened_.find({number, base});
+  const std::vector<std::uint8_t> bytes =
+      opened == opened_.end() ? ReadFile(path).all() : opened->second.all();
   std::size_t at = 0;
   while (const std::uint32_t size = body_size(bytes, at, limits_.record_bytes)) {
     on_record(std::span(bytes).subspan(at + kHead, size), Place{number, base, at + kHead, size});
@@ -156,7 +198,9 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
 
 void RecordLog::open_segment() {
   if (segment_.is_open()) sync();
-  segment_ = AppendFile(path_of(++number_, false));
+  AppendFile next(path_of(number_ + 1, false));
+  ++number_;
+  segment_ = std::move(next);
   sync_folder(folder_);
 }
 
@@ -165,7 +209,8 @@ Place RecordLog::append(std::span<const std::uint8_t> body) {
     throw std::system_error(std::make_error_code(std::errc::message_size),
                             "a record of " + std::to_string(body.size()) + " bytes");
   }
-  if (segment_.size() > 0 && segment_.size() + body.size() > limits_.segment_bytes) open_segment();
+  const bool is_full = segment_.size() > 0 && segment_.size() + body.size() > limits_.segment_bytes;
+  if (!segment_.is_open() || is_full) open_segment();
   const Place place{number_, false, segment_.size() + kHead,
                     static_cast<std::uint32_t>(body.size())};
   segment_.append(framed(body));
@@ -181,7 +226,10 @@ void RecordLog::sync() {
 }
 
 std::vector<std::uint8_t> RecordLog::read(const Place& place) const {
-  return read_part(path_of(place.file, place.base), place.offset, place.size);
+  const auto opened = opened_.find({place.file, place.base});
+  return opened == opened_.end()
+             ? ReadFile(path_of(place.file, place.base)).part(place.offset, place.size)
+             : opened->second.part(place.offset, place.size);
 }
 
 void RecordLog::remove_up_to(std::uint64_t number, bool bases) {
@@ -197,6 +245,8 @@ void RecordLog::compact(
     const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep) {
   const fs::path temporary = folder_ / kTemporary;
   fs::remove(temporary);
+  // No base replaces one of the same number, in which the old places lie.
+  if (!segment_.is_open()) open_segment();
   const std::uint64_t base = number_;
   AppendFile file(temporary);
   keep([&file, base](std::span<const std::uint8_t> body) {
@@ -207,12 +257,13 @@ void RecordLog::compact(
   file.sync();
   const std::uint64_t size = file.size();
   file.close();
+  // The base replaces this segment too: the next record opens another one.
+  sync();
+  segment_.close();
   rename_file(temporary, path_of(base, true));
   bytes_ = size;
-  unsynced_ = 0;
-  segment_.close();
-  open_segment();
-  remove_up_to(base, true);
 }
+
+void RecordLog::remove_compacted() { remove_up_to(files().base, true); }
 
 }  // namespace zloam::store

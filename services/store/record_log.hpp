@@ -9,9 +9,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "store/file.hpp"
@@ -32,7 +34,8 @@ struct LogLimits {
   std::uint32_t record_bytes = 512U << 20;
 };
 
-/// kRead: nothing on disk is changed, another process may write meanwhile; nothing can be appended.
+/// kRead: nothing on disk is changed, nothing can be appended. Another process may write meanwhile: the
+/// files are read as they are at the start, also after the other one has compacted them.
 enum class Access : std::uint8_t { kWrite, kRead };
 
 struct Recovery {
@@ -42,6 +45,9 @@ struct Recovery {
   /// (*.ignored), which nothing is read from
   std::uint64_t cut_bytes = 0;
   std::uint64_t ignored_segments = 0;
+  /// number and names of files that are not there although later ones are
+  std::uint64_t missing_files = 0;
+  std::string missing;
   /// More is missing than the one record that a kill or a power failure cuts short.
   bool damaged = false;
 };
@@ -64,16 +70,26 @@ class RecordLog {
   std::vector<std::uint8_t> read(const Place& place) const;
 
   /// Replaces everything by the records that `keep` passes to its argument, which returns their new
-  /// places.
+  /// places. Their old places are valid until remove_compacted().
   void compact(
       const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep);
+  void remove_compacted();
 
   std::uint64_t bytes() const { return bytes_; }
   const Recovery& recovery() const { return recovery_; }
 
  private:
+  /// Numbers of the newest base (0: none) and of the segments after it, ascending.
+  struct Files {
+    std::uint64_t base = 0;
+    std::vector<std::uint64_t> segments;
+  };
   std::filesystem::path path_of(std::uint64_t number, bool base) const;
+  Files files() const;
+  /// Opens all files, so that they remain readable; for kRead.
+  Files open_files();
   void recover(const OnRecord& on_record);
+  void note_missing(std::uint64_t before, std::uint64_t next);
   /// True: complete; false: cut off at a bad record.
   bool read_segment(std::uint64_t number, bool base, const OnRecord& on_record);
   void open_segment();
@@ -84,6 +100,8 @@ class RecordLog {
   std::unique_ptr<FolderLock> lock_;
   LogLimits limits_;
   Recovery recovery_;
+  /// (number, is a base) -> file; for kRead
+  std::map<std::pair<std::uint64_t, bool>, ReadFile> opened_;
   AppendFile segment_;
   std::uint64_t number_ = 0;
   std::uint64_t unsynced_ = 0;

@@ -113,7 +113,8 @@ void StoreStage::say_recovery() const {
     stage_.degraded("damaged", config_.path + " is damaged: " + std::to_string(r.cut_bytes) +
                                    " bytes and " + std::to_string(r.ignored_segments) +
                                    " files (*.ignored) of the map can't be read; restore it from a "
-                                   "copy or map again, and remove *.ignored");
+                                   "copy or map again, and remove *.ignored" +
+                                   (r.missing.empty() ? "" : "; missing: " + r.missing));
   }
 }
 

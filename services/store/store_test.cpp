@@ -121,7 +121,7 @@ TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
       ends.push_back(store.log_bytes());
     }
   }
-  const std::vector<std::uint8_t> whole = read_file(last_segment(root_ / "whole"));
+  const std::vector<std::uint8_t> whole = ReadFile(last_segment(root_ / "whole")).all();
   ASSERT_EQ(whole.size(), ends.back());
   for (std::size_t cut = 0; cut <= whole.size(); ++cut) {
     const fs::path folder = root_ / "cut";
@@ -152,7 +152,7 @@ TEST_F(Store, AFlippedBitEndsTheLogThere) {
     for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
   }
   const fs::path segment = last_segment(root_);
-  const std::vector<std::uint8_t> whole = read_file(segment);
+  const std::vector<std::uint8_t> whole = ReadFile(segment).all();
   const std::size_t record = whole.size() / 3;
   // A record that seems to be longer than the file looks like one that a kill cut short, and so does
   // the last record.
@@ -191,7 +191,7 @@ TEST_F(Store, ZerosAfterAPowerFailureAreNoRecords) {
 TEST_F(Store, ARecordThatAPowerFailureFilledUpWithZerosIsNoDamage) {
   { TileStore(root_, {}).put(message("a", 1)); }
   const fs::path segment = last_segment(root_);
-  const std::vector<std::uint8_t> record = read_file(segment);
+  const std::vector<std::uint8_t> record = ReadFile(segment).all();
   std::ofstream(segment, std::ios::binary | std::ios::app)
           .write(reinterpret_cast<const char*>(record.data()),
                  static_cast<std::streamsize>(record.size() / 2))
@@ -244,6 +244,92 @@ TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
     EXPECT_EQ(store.get(key)->payload, m.payload);
     EXPECT_EQ(store.get(key)->encoding, "flat");
   }
+}
+
+TEST_F(Store, AReaderKeepsTheMapThatAWriterCompacts) {
+  TileStore store(root_, {});
+  for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
+  const TileStore reader(root_, {}, Access::kRead);
+  store.put(message("a", 2));
+  store.compact();
+  ASSERT_FALSE(fs::exists(root_ / "00000001.log"));
+  for (const char* key : {"a", "b", "c"}) {
+    EXPECT_EQ(reader.get(message(key, 1).key)->payload, message(key, 1).payload);
+  }
+}
+
+TEST_F(Store, AFileThatIsMissingIsNamed) {
+  StoreLimits small;
+  small.log.segment_bytes = 100;
+  const auto fill = [&](const fs::path& folder, bool compacted) {
+    TileStore store(folder, small);
+    for (const char* key : {"a", "b", "c", "d"}) store.put(message(key, 1));
+    if (compacted) store.compact();
+    for (const char* key : {"e", "f"}) store.put(message(key, 1));
+  };
+  struct Case {
+    const char* removed;
+    bool compacted;
+    std::size_t left;
+  };
+  for (const Case& c : {Case{"00000002.log", false, 5}, Case{"00000004.base", true, 2},
+                        Case{"00000005.log", true, 5}}) {
+    for (const Access access : {Access::kRead, Access::kWrite}) {
+      const fs::path folder = root_ / c.removed / std::to_string(static_cast<int>(access));
+      fs::create_directories(folder);
+      fill(folder, c.compacted);
+      EXPECT_EQ(TileStore(folder, small, Access::kRead).recovery().missing, "");
+      ASSERT_TRUE(fs::remove(folder / c.removed));
+      const TileStore store(folder, small, access);
+      EXPECT_TRUE(store.recovery().damaged);
+      EXPECT_EQ(store.recovery().missing, c.removed);
+      EXPECT_EQ(store.recovery().missing_files, 1U);
+      EXPECT_EQ(store.keys().size(), c.left);
+    }
+  }
+}
+
+TEST_F(Store, TheNumberOfAFileThatWasSetAsideIsUsedAgain) {
+  StoreLimits small;
+  small.log.segment_bytes = 100;
+  {
+    TileStore store(root_, small);
+    for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
+  }
+  fs::resize_file(root_ / "00000001.log", 10);
+  TileStore(root_, small).put(message("d", 1));
+  // As the store advises.
+  for (const char* number : {"00000002", "00000003"}) {
+    ASSERT_TRUE(fs::remove(root_ / (std::string(number) + ".log.ignored")));
+  }
+  const TileStore store(root_, small);
+  EXPECT_FALSE(store.recovery().damaged) << store.recovery().missing;
+  EXPECT_THAT(store.keys(), ElementsAre(message("d", 1).key));
+}
+
+// A folder where the next segment should be: it can't be created, as on a full disk.
+TEST_F(Store, WhatIsStoredAfterASegmentCouldNotBeCreatedIsReadable) {
+  StoreLimits small;
+  small.log.segment_bytes = 200;
+  TileStore store(root_, small);
+  store.put(message("a", 1));
+  fs::create_directory(root_ / "00000002.log");
+  EXPECT_THROW(store.put(message("b", 1, 150)), std::system_error);
+  store.put(message("c", 1, 0));
+  EXPECT_EQ(store.get(message("c", 1).key)->payload.size(), 0U);
+  store.compact();
+  EXPECT_THROW(store.put(message("b", 1, 150)), std::system_error);
+  fs::remove(root_ / "00000002.log");
+  store.put(message("b", 1, 150));
+  store.compact();
+  store.put(message("d", 1));
+  for (const char* key : {"a", "d"}) {
+    EXPECT_EQ(store.get(message(key, 1).key)->payload, message(key, 1).payload);
+  }
+  EXPECT_EQ(store.get(message("b", 1).key)->payload, message("b", 1, 150).payload);
+  const TileStore again(root_, small, Access::kRead);
+  EXPECT_EQ(again.keys().size(), 4U);
+  EXPECT_FALSE(again.recovery().damaged) << again.recovery().missing;
 }
 
 constexpr int kPuts = 30;

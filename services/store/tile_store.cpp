@@ -142,6 +142,7 @@ void TileStore::compact() {
     for (auto& [key, entry] : moved) entry.place = write(log_.read(entry.place));
   });
   entries_ = std::move(moved);
+  log_.remove_compacted();
 }
 
 }  // namespace zloam::store

@@ -149,6 +149,18 @@ def test_a_damaged_map_is_told_and_what_is_left_of_it_is_used(
     assert f"{damaged} is damaged: {told}" in merged.said
 
 
+def test_a_file_that_is_missing_is_named(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    """A copy that broke off: the newest files are there, the first one is not."""
+    copy = tmp_path / "map"
+    copy.mkdir()
+    (copy / "00000002.log").write_bytes((folders[0] / "00000001.log").read_bytes())
+    done = map_command(build, "info", copy)
+    assert done.code == 1
+    assert "00000001.base" in done.said
+
+
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
     none = map_command(build, "info", tmp_path)
     assert none.code == 1
