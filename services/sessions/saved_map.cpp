@@ -49,7 +49,8 @@ SavedMap read_saved_map(const fs::path& folder) {
   if (out.submaps.empty()) {
     throw SavedMapError(
         folder.string() +
-        ": the map has no submaps; they are kept while mapping.submap_m is above 0");
+        ": the map has no submaps: its run ended before the first 10 m, or its mapping was "
+        "another method's (--method)");
   }
   std::ranges::sort(out.submaps, {}, &Submap::instant_ns);
   return out;

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -159,6 +161,18 @@ def test_a_file_that_is_missing_is_named(
     done = map_command(build, "info", copy)
     assert done.code == 1
     assert "00000001.base" in done.said
+
+
+def test_a_map_without_submaps_leads_to_no_key_that_does_not_exist(
+    build: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "00000001.log").touch()
+    done = map_command(build, "info", tmp_path)
+    assert done.code == 1
+    assert "has no submaps" in done.said
+    command = [build / "bin" / "zloam-mapping", "--describe-config"]
+    described = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert all(key in described.stdout for key in re.findall(r"mapping\.\w+", done.said))
 
 
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
