@@ -3,7 +3,13 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <iostream>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
 
 #include "sessions/merged_files.hpp"
 
@@ -42,12 +48,25 @@ Options parse(int argc, char** argv) {
   return options;
 }
 
+/// A map and its copy would confirm each other everywhere, and be counted as two drives.
+void refuse_same(const std::vector<SavedMap>& maps, const SavedMap& map) {
+  for (const SavedMap& other : maps) {
+    const bool is_same =
+        other.run == map.run && other.submaps.front().instant_ns == map.submaps.front().instant_ns;
+    if (!is_same) continue;
+    throw SavedMapError(other.folder.string() + " and " + map.folder.string() +
+                        " are one map, which the same run began: name it once");
+  }
+}
+
 Merged merged(const Options& options) {
   Merged out{{}, graph::LoopGraph(graph::GraphConfig{})};
   std::size_t total = 0, done = 0;
   for (const std::string& folder : options.maps) {
-    out.maps.push_back(read_saved_map(folder));
-    total += out.maps.back().submaps.size();
+    SavedMap map = read_saved_map(folder);
+    refuse_same(out.maps, map);
+    total += map.submaps.size();
+    out.maps.push_back(std::move(map));
   }
   for (std::size_t session = 0; session < out.maps.size(); ++session) {
     for (const Submap& submap : out.maps[session].submaps) {
@@ -61,13 +80,18 @@ Merged merged(const Options& options) {
   return out;
 }
 
-/// Throws if a file can't be written.
+/// Throws if a file can't be written; nothing is left of a folder that was new. The report is the
+/// last file, so that it stands for a whole result.
 void write(const Merged& found, const std::filesystem::path& folder) {
-  for (const std::string& error :
-       {write_submap_poses(found, folder), write_g2o(found, folder / "graph.g2o"),
-        write_points(found, folder / "map.pcd"), write_report(found, folder / "sessions.json")}) {
-    if (!error.empty()) throw std::runtime_error(error);
-  }
+  const bool is_new = !std::filesystem::exists(folder);
+  std::string error = write_submap_poses(found, folder);
+  if (error.empty()) error = write_g2o(found, folder / "graph.g2o");
+  if (error.empty()) error = write_points(found, folder / "map.pcd");
+  if (error.empty()) error = write_report(found, folder / "sessions.json");
+  if (error.empty()) return;
+  std::error_code ignored;
+  if (is_new) std::filesystem::remove_all(folder, ignored);
+  throw std::runtime_error(error);
 }
 
 int verdict(const Merged& found) {

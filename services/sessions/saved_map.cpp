@@ -35,6 +35,7 @@ SavedMap read_saved_map(const fs::path& folder) {
   out.unread_files = store.recovery().ignored_segments + store.recovery().missing_files;
   out.missing = store.recovery().missing;
   out.damaged = store.recovery().damaged;
+  std::int64_t begun_ns = 0;
   for (const std::string& key : store.keys()) {
     if (!Keys::is_kept_submap(key)) continue;
     const auto message = store.get(key);
@@ -43,7 +44,9 @@ SavedMap read_saved_map(const fs::path& folder) {
     }
     const auto& submap = message_of<msg::Submap>(message->payload);
     out.robot = submap.header()->robot()->str();
-    out.run = submap.header()->run();
+    const bool is_first = out.submaps.empty() || submap.instant_ns() < begun_ns;
+    if (is_first) begun_ns = submap.instant_ns();
+    if (is_first) out.run = submap.header()->run();
     out.submaps.push_back(standing(submap_of(submap)));
   }
   if (out.submaps.empty()) {

@@ -20,6 +20,7 @@ class SavedMapError : public std::runtime_error {
 struct SavedMap {
   std::filesystem::path folder;
   std::string robot;
+  /// that began the map
   std::uint64_t run = 0;
   /// in the order of their instants, without moving points
   std::vector<Submap> submaps;

@@ -145,7 +145,7 @@ def test_a_damaged_map_is_told_and_what_is_left_of_it_is_used(
     assert 0 < left["submaps"] < whole["submaps"]
     assert left["unread_bytes"] > 0
     assert (left["damaged"], whole["damaged"]) == (True, False)
-    merged = map_command(build, "merge", folders[0], damaged, "--out", tmp_path / "both")
+    merged = map_command(build, "merge", folders[1], damaged, "--out", tmp_path / "both")
     assert merged.code == 1, merged.said
     told = f"{left['unread_bytes']} bytes and {left['unread_files']} files"
     assert f"{damaged} is damaged: {told}" in merged.said
@@ -170,9 +170,23 @@ def test_a_map_without_submaps_leads_to_no_key_that_does_not_exist(
     done = map_command(build, "info", tmp_path)
     assert done.code == 1
     assert "has no submaps" in done.said
-    command = [build / "bin" / "zloam-mapping", "--describe-config"]
+    command = [str(build / "bin" / "zloam-mapping"), "--describe-config"]
     described = subprocess.run(command, capture_output=True, text=True, check=True)
     assert all(key in described.stdout for key in re.findall(r"mapping\.\w+", done.said))
+
+
+def test_nothing_is_left_of_a_merge_that_could_not_be_written(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    """A limit of 64 KiB per file, which only the points exceed, is like a full disk."""
+    out = tmp_path / "merged"
+    limited = ["bash", "-c", 'trap "" XFSZ; ulimit -f 64; exec "$@"', "-"]
+    merge = [build / "bin" / "zloam-sessions", folders[0], "--out", out]
+    command = [*limited, *map(str, merge)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert "map.pcd" in done.stderr
+    assert not out.exists()
 
 
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
@@ -185,3 +199,9 @@ def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path)
     taken = map_command(build, "merge", folders[0], folders[1], "--out", folders[0])
     assert taken.code == 1
     assert "name a new folder" in taken.said
+    shutil.copytree(folders[0], tmp_path / "copy")
+    for same in (folders[0], tmp_path / "copy"):
+        twice = map_command(build, "merge", folders[0], same, "--out", tmp_path / "twice")
+        assert twice.code == 1
+        assert f"{folders[0]} and {same} are one map" in twice.said
+        assert not (tmp_path / "twice").exists()
