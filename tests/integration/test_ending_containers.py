@@ -1,8 +1,9 @@
 """Containers end after a replay and never during a live run: the script that ends them, and the
-Compose layers."""
+Compose layers. A service of systemd ends as `zloam run` does."""
 
 from __future__ import annotations
 
+import configparser
 import os
 import signal
 import subprocess
@@ -108,3 +109,13 @@ def test_in_a_live_run_none_does(layer: str) -> None:
         assert live[name]["restart"] == "unless-stopped", name
     for name in ("simulate", "monitor", "result"):
         assert live[name]["profiles"] == ["replay"]
+
+
+def test_systemd_leaves_the_stages_to_zloam_run() -> None:
+    """By default it would send SIGTERM to the stages, too: then zloam run's own SIGTERM is their
+    second, at which a stage ends at once and loses what it has not written."""
+    unit = configparser.ConfigParser(interpolation=None, strict=False)
+    unit.read(ROOT / "deploy/debian/zenoh-loam.service")
+    assert unit["Service"]["KillMode"] == "mixed"
+    # The main process is zloam run itself, not a shell that waits for it.
+    assert "exec /usr/bin/zloam run" in unit["Service"]["ExecStart"]
