@@ -99,12 +99,12 @@ std::vector<std::string> settings_of(const zenoh::Query& query) {
 
 LiveConfig::LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Keys& keys,
                        zenoh::Session& session, std::shared_ptr<Shared> bell,
-                       std::function<void(std::function<void()>)> post)
+                       std::function<bool(std::function<void()>)> offer)
     : setup_(std::move(setup)),
       keys_(keys),
       session_(session),
       bell_(std::move(bell)),
-      post_(std::move(post)),
+      offer_(std::move(offer)),
       effective_(std::move(at_start)) {
   for (const StageRow& row : stage_list()) schedules_[row.name];
   schedules_[setup_.identity.stage];
@@ -137,24 +137,24 @@ void LiveConfig::declare() {
   });
   tokens_ =
       session_.declare_liveliness_subscriber(keys_.alive("*", "*"), [this](zenoh::Sample&& sample) {
-        post_([this, key = sample.key, there = sample.kind == zenoh::SampleKind::kPut] {
-          hear_token(key, there);
-        });
+        const bool there = sample.kind == zenoh::SampleKind::kPut;
+        // Ask for the changes that were made while there was no link to this instance.
+        if (there) hinted_ = true;
+        offer_([this, key = sample.key, there] { hear_token(key, there); });
       });
   if (setup_.parameters == nullptr) return;
   queryables_.push_back(session_.declare_queryable(
       keys_.command(setup_.identity.stage, kVerb), [this](zenoh::Query&& query) {
         if (*setup_.muted || refused_for_size(query)) return;
         const auto shared = std::make_shared<zenoh::Query>(std::move(query));
-        post_([this, shared] { answer_set(shared); });
+        if (offer_([this, shared] { answer_set(shared); })) return;
+        refuse_as_busy(*shared, keys_.command(setup_.identity.stage, kVerb));
       }));
 }
 
 void LiveConfig::hear_token(const std::string& key, bool there) {
   if (there) {
     lives_.came(key, steady_ns());
-    // Ask for the changes that were made while there was no link to this instance.
-    hinted_ = true;
     return;
   }
   const auto found = schedules_.find(stage_of_token(key));
@@ -167,7 +167,7 @@ void LiveConfig::hear_token(const std::string& key, bool there) {
 void LiveConfig::withdraw(const std::string& stage, std::uint32_t rev) {
   log_error("a stage has ended again and again with a revision, which is withdrawn",
             {{"stage", stage}, {"rev", rev}});
-  schedules_.find(stage)->second.withdraw(rev);
+  schedules_.find(stage)->second.withdraw(rev, steady_ns());
   {
     const std::lock_guard lock(mutex_);
     kept_.erase({stage, rev});
@@ -289,6 +289,7 @@ bool LiveConfig::deaf_to(const Revision& revision) const {
 bool LiveConfig::accept(const Revision& revision) {
   const auto schedule = schedules_.find(revision.stage);
   if (schedule == schedules_.end() || schedule->second.all().size() >= kMostRevisions) return false;
+  if (schedule->second.is_withdrawn(revision, steady_ns())) return false;
   const bool is_own = revision.stage == setup_.identity.stage;
   if (is_own && !usable(revision)) return false;
   if (!schedule->second.add(revision)) return false;

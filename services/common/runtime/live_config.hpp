@@ -59,10 +59,10 @@ struct EffectiveValues {
 
 class LiveConfig {
  public:
-  /// post: runs a task on the worker.
+  /// offer: runs a task on the worker; false: too many wait there already.
   LiveConfig(LiveConfigSetup setup, EffectiveValues at_start, const Keys& keys,
              zenoh::Session& session, std::shared_ptr<Shared> bell,
-             std::function<void(std::function<void()>)> post);
+             std::function<bool(std::function<void()>)> offer);
 
   /// Asks the others for their revisions before it returns.
   void begin_run(std::uint64_t run);
@@ -97,7 +97,7 @@ class LiveConfig {
   void keep(const Revision& revision);
   void publish(const Revision& revision);
   void remind(std::string_view stage);
-  /// A stage that dies on a revision does not get it again.
+  /// A stage that dies on a revision does not get it again, unless it lives with it elsewhere.
   void hear_token(const std::string& key, bool there);
   void withdraw(const std::string& stage, std::uint32_t rev);
   void answer_set(const std::shared_ptr<zenoh::Query>& query);
@@ -123,7 +123,7 @@ class LiveConfig {
   Keys keys_;
   zenoh::Session& session_;
   std::shared_ptr<Shared> bell_;
-  std::function<void(std::function<void()>)> post_;
+  std::function<bool(std::function<void()>)> offer_;
   std::function<bool(std::uint64_t)> mine_;
   std::function<void(const Revision&)> on_revision_, on_late_;
   /// values of the live parameters at the start of the stage

@@ -14,4 +14,9 @@ bool refused_for_size(zenoh::Query& query) {
   return true;
 }
 
+void refuse_as_busy(zenoh::Query& query, std::string_view key) {
+  query.reply(key, zenoh::Bytes::own(build(CommandReplyFields{false, kBusy})),
+              encoding_of(Key::kCommand));
+}
+
 }  // namespace zloam::runtime

@@ -14,15 +14,19 @@ void RevisionSchedule::begin_run(std::uint64_t run) {
   known_at_begin_ = revisions_.empty() ? 0 : revisions_.back().rev;
 }
 
-void RevisionSchedule::withdraw(std::uint32_t rev) {
-  std::erase_if(revisions_, [this, rev](const Revision& r) {
-    if (r.rev == rev) withdrawn_.emplace(r.rev, r.by, r.at_ns);
+void RevisionSchedule::withdraw(std::uint32_t rev, std::int64_t now_ns) {
+  std::erase_if(revisions_, [&](const Revision& r) {
+    if (r.rev == rev) withdrawn_ns_.insert_or_assign({r.rev, r.by, r.at_ns}, now_ns);
     return r.rev == rev;
   });
 }
 
+bool RevisionSchedule::is_withdrawn(const Revision& revision, std::int64_t now_ns) const {
+  const auto found = withdrawn_ns_.find({revision.rev, revision.by, revision.at_ns});
+  return found != withdrawn_ns_.end() && now_ns - found->second < kWithdrawn_ns;
+}
+
 bool RevisionSchedule::add(Revision revision) {
-  if (withdrawn_.contains({revision.rev, revision.by, revision.at_ns})) return false;
   // An instance that has not seen a run yet issues revisions without one.
   if (revision.run == 0) revision.run = run_;
   const auto at =

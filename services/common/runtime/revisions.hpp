@@ -1,10 +1,10 @@
 #pragma once
 // Which revision of a stage's configuration is in force at which sweep (docs/protocol.md, section
 // 13). Without clock, threads or transport: all instances that know the same revisions and runs
-// give the same result.
+// give the same result. Times are of any monotonic clock, ns.
 
 #include <cstdint>
-#include <set>
+#include <map>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -17,6 +17,8 @@ using Revision = ConfigRevisionFields;
 
 class RevisionSchedule {
  public:
+  static constexpr std::int64_t kWithdrawn_ns = 10'000'000'000;
+
   /// A run begins: changes made in earlier runs are in force in all of it; changes made outside a
   /// run belong to it.
   void begin_run(std::uint64_t run);
@@ -24,8 +26,11 @@ class RevisionSchedule {
   /// False: known already. If two instances issued the same number, the revision of the greater
   /// instance counts, everywhere.
   bool add(Revision revision);
-  /// Removes the revision as if it never existed; it is not added again.
-  void withdraw(std::uint32_t rev);
+  /// Removes the revision as if it never existed.
+  void withdraw(std::uint32_t rev, std::int64_t now_ns);
+  /// It was withdrawn less than kWithdrawn_ns ago. By then all who saw its stage die have withdrawn
+  /// it: if a process still keeps it, links were lost here and not lives.
+  bool is_withdrawn(const Revision& revision, std::int64_t now_ns) const;
 
   /// Null: the configuration at the stage's start.
   const Revision* in_force(std::uint64_t run, std::uint64_t sweep) const;
@@ -39,8 +44,9 @@ class RevisionSchedule {
   bool applies(const Revision& revision, std::uint64_t run, std::uint64_t sweep) const;
 
   std::vector<Revision> revisions_;
-  /// (rev, by, at_ns): a restarted instance, even with the same name, may issue the number again
-  std::set<std::tuple<std::uint32_t, std::string, std::int64_t>> withdrawn_;
+  /// (rev, by, at_ns) -> when it was withdrawn: a restarted instance, even with the same name, may
+  /// issue the number again
+  std::map<std::tuple<std::uint32_t, std::string, std::int64_t>, std::int64_t> withdrawn_ns_;
   /// 0: none yet
   std::uint64_t run_ = 0;
   /// revisions up to this number, of other runs than run_, were known when it began

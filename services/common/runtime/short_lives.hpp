@@ -1,8 +1,13 @@
 #pragma once
-// Detects a stage that keeps dying on its newest revision: consecutive instances that end soon
-// after their start. Without clock or transport; times are of any monotonic clock, ns.
+// Detects a stage that keeps dying on its newest revision: lives that are short and in a row, each
+// begun after the one before had ended. Without clock or transport; times are of any monotonic
+// clock, ns.
+//
+// A link that breaks looks like the end of everyone behind it: those end together, and so count as
+// one life.
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <string>
 
@@ -23,12 +28,16 @@ class ShortLives {
             std::int64_t now_ns) {
     const auto came = since_.find(key);
     if (came == since_.end()) return false;
-    const bool is_short = now_ns - came->second < kShort_ns;
+    const std::int64_t came_ns = came->second;
     since_.erase(came);
     Row& row = rows_[stage];
-    if (!is_short || row.rev != rev) row = {rev, 0};
-    if (!is_short || rev == 0) return false;
-    return ++row.count == kMost;
+    const bool is_short = now_ns - came_ns < kShort_ns;
+    if (!is_short || row.rev != rev) row = {.rev = rev};
+    if (!is_short || rev == 0 || came_ns < row.ended_ns) return false;
+    row.ended_ns = now_ns;
+    if (++row.count < kMost) return false;
+    row.count = 0;
+    return true;
   }
 
  private:
@@ -36,6 +45,8 @@ class ShortLives {
   struct Row {
     std::uint32_t rev = 0;
     int count = 0;
+    /// end of the life counted last
+    std::int64_t ended_ns = std::numeric_limits<std::int64_t>::min();
   };
   std::map<std::string, std::int64_t> since_;
   std::map<std::string, Row> rows_;

@@ -35,7 +35,7 @@ StageCore::StageCore(StageSetup setup, zenoh::Session& session)
                        setup_.presets,  setup_.fault_deaf_sweeps,  muted_};
   live_ = std::make_unique<LiveConfig>(
       std::move(live), EffectiveValues{0, setup_.values_json, setup_.result_json}, keys_, session_,
-      bell_, [this](std::function<void()> task) { post(std::move(task)); });
+      bell_, [this](std::function<void()> task) { return offer(std::move(task)); });
   live_->on_revision([this](const Revision&) {
     // Queued messages may come from another revision than the one now known.
     for (const auto& inlet : inlets_) inlet->check_again();
@@ -158,14 +158,6 @@ void StageCore::handler_threw(const std::string& key, std::uint64_t sweep,
   log_error("a sweep could not be handled", {{"key", key}, {"sweep", sweep}, {"what", what}});
   handler_threw_ns_ = steady_ns();
   degraded("handler", "sweep " + std::to_string(sweep) + " could not be handled: " + what);
-}
-
-void StageCore::post(std::function<void()> task) {
-  {
-    const std::lock_guard lock(tasks_mutex_);
-    tasks_.push_back(std::move(task));
-  }
-  bell_->notify();
 }
 
 bool StageCore::offer(std::function<void()> task) {

@@ -155,8 +155,7 @@ class StageCore final : public Stage, private InletEvents {
   void drain();
   void run_timers();
   void wait();
-  void post(std::function<void()> task);
-  /// For requests that anyone may send without end: false when too many wait already.
+  /// Runs a task on the worker. Anyone may send requests without end: false when too many wait.
   bool offer(std::function<void()> task);
   void status_loop();
   void watch_overload();

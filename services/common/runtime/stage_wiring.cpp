@@ -24,8 +24,6 @@ SequencerLimits limits_of(const RecoveryConfig& c, const InletOptions& options) 
   return l;
 }
 
-constexpr const char* kBusy = "too many questions wait already: ask again later";
-
 class QueryAnswer final : public Answer {
  public:
   explicit QueryAnswer(zenoh::Query& query) : query_(query) {}
@@ -166,7 +164,7 @@ void StageCore::command(const std::string& verb, CommandHandler handler) {
           log_info("command", {{"verb", verb}, {"ok", r.ok}, {"message", r.message}});
           reply(r);
         });
-        if (!taken) reply({false, kBusy});
+        if (!taken) refuse_as_busy(*shared_query, keys_.command(setup_.identity.stage, verb));
       }));
 }
 

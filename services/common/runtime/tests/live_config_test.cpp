@@ -44,6 +44,7 @@ struct Worker {
       const auto work = [this, &core, &out](const Received<msg::Sweep>& sweep) {
         core.configure_for(sweep);
         used.change([&](Used& u) { u.emplace_back(sweep.sweep(), points); });
+        holds.wait([](bool held) { return !held; });
         const HeaderFields header = out.header(sweep);
         out.publish(header, build(header, FeaturesFields{}));
       };
@@ -56,6 +57,8 @@ struct Worker {
   int points = 10, rings = 16;
   Parameters parameters;
   Watched<Used> used;
+  /// while it is set, the worker hangs in its sweep
+  Watched<bool> holds;
   std::unique_ptr<RunningStage> stage;
 };
 
@@ -209,70 +212,143 @@ TEST_F(LiveConfiguration, AChangeNamesAReplayOnlyFromTheNextRunOn) {
   while (hash() == before) std::this_thread::yield();
 }
 
-TEST_F(LiveConfiguration, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing) {
-  std::vector<std::uint64_t> taken;
-  Watched<std::size_t> count;
-  Inlet* inlet = nullptr;
-  RunningStage reader(network.open(1), setup("odometry"), [&](Stage& core) {
-    InletOptions options;
-    options.replicas = true;
-    options.admit = [&core](const Message& m) {
-      return core.revision_agrees("registration", *m.header);
-    };
-    inlet = &core.inlet<msg::Features>(Key::kFeatures, options,
-                                       [&](const Received<msg::Features>& features) {
-                                         taken.push_back(features.sweep());
-                                         count.change([](std::size_t& n) { ++n; });
-                                       });
-  });
-  zenoh::PublisherOptions o;
-  o.congestion_control = zenoh::CongestionControl::kBlock;
-  o.encoding = encoding_of(Key::kFeatures);
-  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kFeatures), o);
-  while (!out.matching()) std::this_thread::yield();
-  const auto features = [&](std::uint64_t n, std::uint32_t rev) {
+// A worker that restores a map, or hangs, must not let the memory grow.
+TEST_F(LiveConfiguration, ChangesThatWaitForABusyWorkerHaveALimit) {
+  Worker worker(network.open(1), "w");
+  worker.holds.change([](bool& held) { held = true; });
+  sweep(0);
+  ASSERT_TRUE(worker.wait_for(1));
+  zenoh::GetOptions o;
+  o.timeout = std::chrono::duration_cast<std::chrono::milliseconds>(kPatience);
+  o.payload = zenoh::Bytes::copy_of(std::string_view("registration.points=20"));
+  // Shared with the callbacks, which may outlive this test.
+  const auto refused = std::make_shared<Watched<int>>();
+  for (int i = 0; i < 2000; ++i) {
+    source.get(
+        kKeys.command("registration", "set"),
+        [refused](zenoh::Reply&& reply) {
+          if (!reply.ok()) return;
+          const zenoh::AlignedBytes bytes = zenoh::view_aligned(reply.sample->payload);
+          const auto* r = flatbuffers::GetRoot<msg::CommandReply>(bytes.data().data());
+          const bool is_busy =
+              !r->ok() && r->message()->str().find("too many") != std::string::npos;
+          if (is_busy) refused->change([](int& n) { ++n; });
+        },
+        [] {}, o);
+  }
+  EXPECT_TRUE(refused->wait([](int n) { return n > 0; }));
+  worker.holds.change([](bool& held) { held = false; });
+  sweep(1);
+  ASSERT_TRUE(worker.wait_for(2));
+  EXPECT_TRUE(set("registration.points=30").ok);
+}
+
+/// Takes odometry's place: takes the features that agree with registration's revision in force.
+struct Reader {
+  explicit Reader(zenoh::Session session)
+      : stage(std::move(session), setup("odometry"), [this](Stage& core) {
+          InletOptions options;
+          options.replicas = true;
+          options.admit = [&core](const Message& m) {
+            return core.revision_agrees("registration", *m.header);
+          };
+          core.inlet<msg::Features>(
+              Key::kFeatures, options, [this](const Received<msg::Features>& features) {
+                taken.change([&](Sweeps& all) { all.push_back(features.sweep()); });
+              });
+        }) {}
+  bool wait_for(std::size_t count) {
+    return taken.wait([count](const Sweeps& all) { return all.size() >= count; });
+  }
+  std::uint64_t invalid() {
+    return stage->accounts().at(0).dropped[static_cast<std::size_t>(Drop::kInvalid)];
+  }
+
+  using Sweeps = std::vector<std::uint64_t>;
+  // Before the stage, whose worker uses it.
+  Watched<Sweeps> taken;
+  RunningStage stage;
+};
+
+struct Revisions : LiveConfiguration {
+  Revisions() {
+    options.encoding = encoding_of(Key::kConfigRevision);
+    zenoh::PublisherOptions o;
+    o.congestion_control = zenoh::CongestionControl::kBlock;
+    o.encoding = encoding_of(Key::kFeatures);
+    out = source.declare_publisher(kKeys.of(Key::kFeatures), o);
+    while (!out->matching()) std::this_thread::yield();
+  }
+  void features(std::uint64_t n, std::uint32_t rev) {
     HeaderFields h = sweep_header(kRun, n, true);
     h.config_rev = rev;
-    out.put(zenoh::Bytes::own(build(h, FeaturesFields{})));
-  };
-  const auto invalid = [&] {
-    return reader->accounts().at(0).dropped[static_cast<std::size_t>(Drop::kInvalid)];
-  };
-  features(0, 0);
-  ASSERT_TRUE(count.wait([](std::size_t n) { return n == 1; }));
-  features(1, 1);  // made with an unknown revision
-  while (invalid() < 1) std::this_thread::yield();
-  zenoh::PublisherOptions c;
-  c.encoding = encoding_of(Key::kConfigRevision);
-  const Buffer revision = build(ConfigRevisionFields{
-      .stage = "registration", .rev = 1, .run = kRun, .from_sweep = 1, .by = "x"});
-  const zenoh::Bytes bytes = zenoh::Bytes::copy_of(std::span(revision.data(), revision.size()));
-  // A put alone changes nothing: no process answers with this revision.
-  source.put(kKeys.config_revision("registration"), bytes, c);
-  features(1, 1);
-  while (invalid() < 2) std::this_thread::yield();
-  EXPECT_EQ(count.get(), 1U);
-  const zenoh::Queryable keeper = source.declare_queryable(
-      kKeys.config_revision("*"),
-      [&](zenoh::Query&& query) {
-        query.reply(kKeys.config_revision("registration"), bytes, c.encoding);
-      },
-      false);
-  // Once the revision is in force, the same sweep is accepted: it was refused before, so it is not
-  // a second copy.
-  for (std::uint64_t tries = 0; count.get() < 2; ++tries) {
-    features(1, 1);
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    ASSERT_LT(tries, 1000U);
+    out->put(zenoh::Bytes::own(build(h, FeaturesFields{})));
   }
-  const std::uint64_t before = invalid();
+  /// Publishes the sweep again and again until `count` have been taken: it was refused before, so
+  /// it is not a second copy.
+  bool is_taken(std::uint64_t n, std::uint32_t rev, std::size_t count) {
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (reader.taken.get().size() < count && std::chrono::steady_clock::now() < until) {
+      features(n, rev);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return reader.taken.get().size() >= count;
+  }
+  /// Another process, which keeps the revision.
+  zenoh::Queryable keeper() {
+    return source.declare_queryable(
+        kKeys.config_revision("*"),
+        [this](zenoh::Query&& query) {
+          query.reply(kKeys.config_revision("registration"), revision, options.encoding);
+        },
+        false);
+  }
+
+  Reader reader{network.open(1)};
+  zenoh::PublisherOptions options;
+  std::optional<zenoh::Publisher> out;
+  zenoh::Bytes revision = [] {
+    const Buffer buffer = build(ConfigRevisionFields{
+        .stage = "registration", .rev = 1, .run = kRun, .from_sweep = 1, .by = "x"});
+    return zenoh::Bytes::copy_of(std::span(buffer.data(), buffer.size()));
+  }();
+};
+
+TEST_F(Revisions, WhatWasMadeWithAnotherRevisionIsDroppedAndStaysMissing) {
+  features(0, 0);
+  ASSERT_TRUE(reader.wait_for(1));
+  features(1, 1);  // made with an unknown revision
+  while (reader.invalid() < 1) std::this_thread::yield();
+  // A put alone changes nothing: no process answers with this revision.
+  source.put(kKeys.config_revision("registration"), revision, options);
+  features(1, 1);
+  while (reader.invalid() < 2) std::this_thread::yield();
+  EXPECT_EQ(reader.taken.get().size(), 1U);
+  const zenoh::Queryable kept = keeper();
+  // Once the revision is in force, the same sweep is accepted.
+  ASSERT_TRUE(is_taken(1, 1, 2));
+  const std::uint64_t before = reader.invalid();
   features(2, 0);  // made with a revision that is no longer in force
-  while (invalid() == before) std::this_thread::yield();
+  while (reader.invalid() == before) std::this_thread::yield();
   features(2, 1);
-  ASSERT_TRUE(count.wait([](std::size_t n) { return n == 3; }));
-  reader.stop();
-  EXPECT_EQ(taken, (std::vector<std::uint64_t>{0, 1, 2}));
-  EXPECT_TRUE(reader->accounts().at(0).balanced());
+  ASSERT_TRUE(reader.wait_for(3));
+  reader.stage.stop();
+  EXPECT_EQ(reader.taken.get(), (Reader::Sweeps{0, 1, 2}));
+  EXPECT_TRUE(reader.stage->accounts().at(0).balanced());
+}
+
+TEST_F(Revisions, ALinkThatBreaksThreeTimesDoesNotWithdrawOneForGood) {
+  features(0, 0);
+  ASSERT_TRUE(reader.wait_for(1));
+  const zenoh::Queryable kept = keeper();
+  ASSERT_TRUE(is_taken(1, 1, 2));
+  for (int i = 0; i < 3; ++i) {
+    const auto token = source.declare_liveliness_token(kKeys.alive("registration", "x"));
+  }
+  // It has been withdrawn: three lives in a row were short.
+  ASSERT_TRUE(is_taken(2, 0, 3));
+  // The stage lives and keeps its revision.
+  ASSERT_TRUE(is_taken(3, 1, 4));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@ namespace zloam::runtime {
 namespace {
 
 constexpr std::uint64_t kRun = 7, kNextRun = 8;
+constexpr std::int64_t kSecond = 1'000'000'000;
 
 Revision revision(std::uint32_t rev, std::uint64_t from, std::uint64_t run = kRun,
                   const std::string& by = "a") {
@@ -120,21 +121,31 @@ TEST(Schedule, WhatIsWithdrawnNeverWas) {
   EXPECT_TRUE(s.add(first));
   EXPECT_TRUE(s.add(second));
   EXPECT_EQ(s.rev_at(1, 30), 2U);
-  s.withdraw(2);
+  s.withdraw(2, 0);
   EXPECT_EQ(s.rev_at(1, 30), 1U);
-  EXPECT_FALSE(s.add(second));
-  EXPECT_EQ(s.rev_at(1, 30), 1U);
-  RevisionSchedule named_alike = s;
+  EXPECT_TRUE(s.is_withdrawn(second, 9 * kSecond));
+  EXPECT_FALSE(s.is_withdrawn(first, 9 * kSecond));
   Revision again = second;
   again.at_ns = 5;  // issued by an instance started later under the same name
-  EXPECT_TRUE(named_alike.add(again));
-  EXPECT_EQ(named_alike.rev_at(1, 30), 2U);
-  second.by = "b";  // issued by an instance started later
-  EXPECT_TRUE(s.add(second));
-  EXPECT_EQ(s.rev_at(1, 30), 2U);
+  EXPECT_FALSE(s.is_withdrawn(again, 0));
+  again = second;
+  again.by = "b";  // issued by an instance started later
+  EXPECT_FALSE(s.is_withdrawn(again, 0));
 }
 
-constexpr std::int64_t kSecond = 1'000'000'000;
+// Links broke: the stage lives, and still answers with the revision.
+TEST(Schedule, WhatIsStillKeptLongAfterItWasWithdrawnIsTakenBack) {
+  RevisionSchedule s;
+  s.begin_run(kRun);
+  const Revision kept = revision(1, 30);
+  for (const std::int64_t now : {0 * kSecond, 100 * kSecond}) {
+    EXPECT_FALSE(s.is_withdrawn(kept, now));
+    EXPECT_TRUE(s.add(kept));
+    s.withdraw(1, now);
+    EXPECT_TRUE(s.is_withdrawn(kept, now + 10 * kSecond - 1));
+    EXPECT_FALSE(s.is_withdrawn(kept, now + 10 * kSecond));
+  }
+}
 
 TEST(ShortLives, TheThirdShortLifeInARowWithARevisionIsEnough) {
   ShortLives lives;
@@ -158,6 +169,33 @@ TEST(ShortLives, TheThirdShortLifeInARowWithARevisionIsEnough) {
   EXPECT_FALSE(life(1, 6));
   EXPECT_FALSE(life(1, 7));
   for (int i = 0; i < 10; ++i) EXPECT_FALSE(life(1, 0));
+}
+
+TEST(ShortLives, ReplicasThatALinkTakesAwayTogetherAreOneLife) {
+  ShortLives lives;
+  const auto phase_of_the_link = [&](std::int64_t from) {
+    bool is_enough = false;
+    for (const char* key : {"a", "b", "c"}) lives.came(key, from * kSecond);
+    for (const char* key : {"a", "b", "c"}) {
+      is_enough |= lives.went(key, "registration", 1, (from + 1) * kSecond);
+    }
+    return is_enough;
+  };
+  EXPECT_FALSE(phase_of_the_link(0));
+  EXPECT_FALSE(phase_of_the_link(10));
+  // A link that comes and goes like this is still taken for a stage that dies; what its other side
+  // keeps is taken back (RevisionSchedule::is_withdrawn).
+  EXPECT_TRUE(phase_of_the_link(20));
+}
+
+TEST(ShortLives, AStageThatGoesOnDyingIsReportedAgain) {
+  ShortLives lives;
+  int reports = 0;
+  for (std::int64_t now = 0; now < 6 * kSecond; now += kSecond) {
+    lives.came("a", now);
+    if (lives.went("a", "registration", 1, now + kSecond)) ++reports;
+  }
+  EXPECT_EQ(reports, 2);
 }
 
 }  // namespace
