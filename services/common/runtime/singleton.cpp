@@ -42,6 +42,14 @@ Singleton::Singleton(zenoh::Session& session, const Keys& keys, const std::strin
   subscriber_ = session_.declare_liveliness_subscriber(all_, [this](zenoh::Sample&& sample) {
     hear(sample.key, sample.kind == zenoh::SampleKind::kPut);
   });
+}
+
+void Singleton::enter() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (has_entered_) return;
+    has_entered_ = true;
+  }
   declare(own_.term);
 }
 
@@ -69,6 +77,10 @@ void Singleton::hear(const std::string& key, bool there) {
              is_plausible_term(other->term, std::max(own_.term, greatest_))) {
     others_.insert(*other);
     greatest_ = std::max(greatest_, other->term);
+    constexpr std::int64_t kLast_ns = std::numeric_limits<std::int64_t>::max() - 1;
+    if (!has_entered_) {
+      own_.since_ns = std::max(own_.since_ns, std::min(other->since_ns, kLast_ns) + 1);
+    }
   }
   *muted_ = held_ || elder_locked();
 }

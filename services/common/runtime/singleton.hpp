@@ -3,7 +3,8 @@
 // (docs/protocol.md, sections 6 and 15): standbys, two drivers of one sensor, two robots of one
 // name whose networks were joined. Each declares a liveliness token with its term and its start
 // time. The greatest term works; among equal terms the earliest start. All see the same tokens and
-// so agree, and each reports what it sees.
+// so agree, and each reports what it sees. Who comes later is younger, whatever the hosts' clocks
+// say: its start time is later than that of every token that it found.
 
 #include <atomic>
 #include <cstdint>
@@ -45,7 +46,7 @@ std::optional<Seniority> seniority_of(const std::string& key);
 
 class Singleton {
  public:
-  /// Declares the token and subscribes to others'. muted: kept up to date from then on.
+  /// Subscribes to others' tokens. muted: kept up to date from then on.
   Singleton(zenoh::Session& session, const Keys& keys, const std::string& stage, Seniority own,
             std::shared_ptr<std::atomic<bool>> muted);
 
@@ -53,6 +54,8 @@ class Singleton {
   void ask();
 
   // Worker only, not for callbacks.
+  /// Declares the token, later than all that have been heard. Once only: later calls do nothing.
+  void enter();
   /// Takes a term above all terms received: instances with lower terms no longer take precedence,
   /// here or, once they receive the new term, there.
   void take_over();
@@ -92,6 +95,7 @@ class Singleton {
   /// of all tokens received, also of those that are gone
   std::uint32_t greatest_ = 0;
   bool held_ = false;
+  bool has_entered_ = false;
   std::optional<zenoh::LivelinessToken> token_;
   // Last: its callback must end before the members it uses are destroyed.
   std::optional<zenoh::Subscriber> subscriber_;

@@ -259,6 +259,8 @@ void StageCore::drain() {
 }
 
 int StageCore::run() {
+  // For one that did not call stand_by().
+  if (singleton_) singleton_->enter();
   declare_handover();
   declare_service();
   while (!stopping_.load() && !begins_again_) {

@@ -124,12 +124,15 @@ bool StageCore::has_elder() {
   const auto linked = [this] {
     return stopping_.load() || !session_.liveliness_get(keys_.alive("*", "*"), kLinkWait).empty();
   };
-  if (!wait_for_links(linked, wait(kLinkWait))) return false;
   const auto found = [this] {
     singleton_->ask();
     return stopping_.load() || muted_->load();
   };
-  return wait_for_links(found, wait(kElderWait));
+  const bool is_linked = wait_for_links(linked, wait(kLinkWait));
+  if (is_linked) wait_for_links(found, wait(kElderWait));
+  singleton_->enter();
+  // Another may have entered at the same time.
+  return is_linked && wait_for_links(found, kElderWait);
 }
 
 bool StageCore::stand_by() {

@@ -176,6 +176,25 @@ TEST(HandOver, TheOneThatStandsByGoesOnWithAGreaterTerm) {
   EXPECT_FALSE(younger.stage->begins_again());
 }
 
+// Its host has no clock that runs while it is off, or its clock was set back.
+TEST(HandOver, WhoComesLaterStandsByThoughItsClockIsBehind) {
+  const Network network(2);
+  zenoh::Session one = network.open(0), other = network.open(1);
+  const auto silent_first = std::make_shared<std::atomic<bool>>(false);
+  const auto silent_second = std::make_shared<std::atomic<bool>>(false);
+  Singleton first(one, kKeys, "mapping", {1, 1000, "first"}, silent_first);
+  first.enter();
+  Singleton second(other, kKeys, "mapping", {1, 1, "second"}, silent_second);
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (!second.elder() && std::chrono::steady_clock::now() < until) second.ask();
+  second.enter();
+  while (first.others().empty() && std::chrono::steady_clock::now() < until) first.ask();
+  EXPECT_EQ(second.elder(), (Seniority{1, 1000, "first"}));
+  EXPECT_TRUE(*silent_second);
+  EXPECT_THAT(first.juniors(), testing::ElementsAre("second"));
+  EXPECT_FALSE(*silent_first);
+}
+
 TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   const Network network(2);
   Chain chain(network.open(1));
