@@ -155,6 +155,8 @@ void IntegrationStage::process(const OdometryMessage& message) {
   odometry_.push_back({pose.instant_ns, pose.T_odom_base});
   waiting_.emplace(pose.sweep, message.raw());
   publish(integrator_.add(pose), message.raw().started_ns);
+  // A replay's pose waits for its correction.
+  if (waiting_.contains(pose.sweep)) ack_.waits(message.run());
 }
 
 void IntegrationStage::take(const CorrectionMessage& message) {

@@ -14,6 +14,9 @@ class FlowAck {
   /// Reports every sweep below the number as finished here, whatever its result. Publishes; a
   /// number that is not greater than the last of the run is ignored.
   virtual void done_below(std::uint64_t run, std::uint64_t sweep) = 0;
+  /// A sweep of the run was taken, and waits for another stage: repeats the last report, so that a
+  /// standby sees that this instance works.
+  virtual void waits(std::uint64_t run) = 0;
 };
 
 /// The driver's side.

@@ -63,6 +63,14 @@ void FlowAckCore::done_below(std::uint64_t run, std::uint64_t sweep) {
   publish();
 }
 
+void FlowAckCore::waits(std::uint64_t run) {
+  const std::lock_guard lock(mutex_);
+  if (!any_ || run != run_) done_below_ = 0;
+  any_ = true;
+  run_ = run;
+  publish();
+}
+
 void FlowAckCore::publish_again(std::uint64_t run) {
   const std::lock_guard lock(mutex_);
   if (any_ && run == run_) publish();

@@ -24,6 +24,7 @@ class FlowAckCore final : public FlowAck {
   FlowAckCore(const Keys& keys, std::string sink, std::string instance, zenoh::Session& session,
               std::shared_ptr<const std::atomic<bool>> muted);
   void done_below(std::uint64_t run, std::uint64_t sweep) override;
+  void waits(std::uint64_t run) override;
   /// Repeats the last acknowledgement if it is of that run: the driver may lack it.
   void publish_again(std::uint64_t run);
 

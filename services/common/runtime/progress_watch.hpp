@@ -15,10 +15,10 @@ class ProgressWatch {
 
   /// Another instance is active from now on: it gets time to restore the state of the one before.
   void begin();
-  /// A sweep for it arrived, or an output of it.
+  /// A sweep for it arrived, or a sign that it works on them.
   void input(std::int64_t now_ns);
   void output();
-  /// Sweeps arrive, and there has been no output for too long.
+  /// Sweeps arrive, and there has been no sign of work for too long.
   bool stalls(std::int64_t now_ns) const;
 
  private:

@@ -64,8 +64,8 @@ struct StageSpec {
   /// called after the configuration is read and the session is open: declares everything and
   /// returns. An exception ends the process: ConfigError 2, IoError 3, anything else 1.
   std::function<void(Stage&)> wire;
-  /// longest time for one sweep: when sweeps produce no output for longer, a standby instance takes
-  /// over
+  /// longest time for one sweep: when sweeps come and none is done for longer, a standby instance
+  /// takes over
   std::chrono::milliseconds longest_work{1000};
   /// the largest block that the heap keeps for the next sweep when it is freed, at most 32 MiB.
   /// Mapping and clearing a dense sweep's blocks again each time takes a fifth of a stage's time.

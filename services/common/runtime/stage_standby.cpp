@@ -33,7 +33,8 @@ std::optional<std::uint64_t> run_of(std::string_view key) {
   return whole_number<std::uint64_t>(key.substr(key.rfind('/') + 1));
 }
 
-/// A standby's watch over the active instance: subscribes to its first input and its first output.
+/// A standby's watch over the active instance: subscribes to its first input, and to what it
+/// publishes for each sweep.
 class Listener {
  public:
   Listener(zenoh::Session& session, const Keys& keys, const StageRow& row,
@@ -47,8 +48,13 @@ class Listener {
     };
     input_ = session.declare_subscriber(full(row.reads.front()),
                                         [this](zenoh::Sample&&) { watch_.input(steady_ns()); });
-    output_ = session.declare_subscriber(full(row.writes.front()),
-                                         [this](zenoh::Sample&&) { watch_.output(); });
+    // A stage that acknowledges sweeps also does so for those of which it publishes nothing else
+    // (mapping.every).
+    const std::vector<std::string> sinks = acknowledging_stages();
+    const bool acknowledges = std::find(sinks.begin(), sinks.end(), row.name) != sinks.end();
+    output_ = session.declare_subscriber(
+        acknowledges ? keys.flow_ack(row.name) : full(row.writes.front()),
+        [this](zenoh::Sample&&) { watch_.output(); });
   }
 
   bool stalls(const std::optional<Seniority>& elder) {

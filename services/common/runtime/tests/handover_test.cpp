@@ -22,10 +22,11 @@ using test::sweep_header;
 using test::wait_for_reader;
 using test::Watched;
 
-/// An instance of integration that publishes a pose for each odometry; while `hold` is set, it
-/// hangs in a sweep.
+/// An instance of integration that publishes a pose for every `every`-th odometry, and reports of
+/// the others that they wait; while `hold` is set, it hangs in a sweep.
 struct Instance {
-  Instance(zenoh::Session opened, const std::string& name) : session(std::move(opened)) {
+  Instance(zenoh::Session opened, const std::string& name, std::uint64_t every_sweep = 1)
+      : session(std::move(opened)), every(every_sweep) {
     StageSetup s = setup("integration", name);
     s.shared.recovery.standby = true;
     stage = std::make_unique<StageCore>(std::move(s), session);
@@ -47,16 +48,20 @@ struct Instance {
       left.change([leaves](std::vector<bool>& all) { all.push_back(leaves); });
     });
     Outlet& out = stage->outlet(Key::kPose);
-    stage->inlet<msg::Odometry>(Key::kOdometry, {},
-                                [this, &out](const Received<msg::Odometry>& odometry) {
-                                  hold.wait([](bool held) { return !held; });
-                                  HeaderFields h = out.header(odometry);
-                                  h.frame = "map";
-                                  out.publish(h, build(h, MapPoseFields{}));
-                                });
+    FlowAck& ack = stage->flow_ack("integration");
+    const auto work = [this, &out, &ack](const Received<msg::Odometry>& odometry) {
+      hold.wait([](bool held) { return !held; });
+      HeaderFields h = out.header(odometry);
+      h.frame = "map";
+      if (odometry.sweep() % every != 0) return ack.waits(odometry.run());
+      out.publish(h, build(h, MapPoseFields{}));
+      ack.done_below(odometry.run(), odometry.sweep() + 1);
+    };
+    stage->inlet<msg::Odometry>(Key::kOdometry, {}, work);
   }
 
   zenoh::Session session;
+  std::uint64_t every;
   std::unique_ptr<StageCore> stage;
   Watched<bool> works, ended, hold;
   Watched<std::vector<bool>> left;
@@ -281,6 +286,20 @@ TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {
     EXPECT_THAT(who, testing::ElementsAre(std::pair<std::string, std::uint32_t>("younger", 2)))
         << sweep;
   }
+}
+
+// Mapping publishes seldom with a great mapping.every, and integration when mapping searches for
+// its place in a replay. Here two seconds lie between two poses, and one is a stall.
+TEST(HandOver, OneThatPublishesSeldomAndAcknowledgesEachSweepIsNotOvertaken) {
+  const Network network(3);
+  Chain chain(network.open(2));
+  Instance elder(network.open(0), "elder", 100);
+  ASSERT_TRUE(chain.hears("elder", 1));
+  Instance younger(network.open(1), "younger");
+  ASSERT_TRUE(waits(younger));
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(chain.hears("elder", 1));
+  EXPECT_EQ(younger.stage->status().reason, "standing by");
+  EXPECT_FALSE(elder.stage->begins_again());
 }
 
 TEST(HandOver, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
