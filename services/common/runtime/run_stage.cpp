@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <iterator>
+#include <optional>
 
 #include "common/runtime/fault.hpp"
 #include "common/runtime/health_query.hpp"
@@ -184,7 +185,8 @@ int work(const StageSpec& spec, StageSetup setup) {
   int code = kExitFailure;
   {
     StageCore stage(std::move(setup), session);
-    const SignalWatch watch([&stage](const char* cause) {
+    std::optional<SignalWatch> watch;
+    watch.emplace([&stage](const char* cause) {
       log_info("stopping", {{"cause", cause}});
       stage.stop();
     });
@@ -196,6 +198,8 @@ int work(const StageSpec& spec, StageSetup setup) {
       code = kExitOk;
     }
     const bool closed = session.close();
+    // A signal that comes from here on stays pending: it is for the process that begins again.
+    watch.reset();
     if (stage.begins_again()) {
       log_info("another instance has taken over: beginning again, to stand by");
       start_again();

@@ -62,8 +62,9 @@ class StageCore final : public Stage, private InletEvents {
   int run();
   /// Undeclares everything; the session may be closed afterwards.
   void close();
-  /// Another instance has taken over; this one is to restart and stand by.
-  bool begins_again() const { return begins_again_; }
+  /// Another instance has taken over; this one is to restart and stand by, unless it was told to
+  /// stop meanwhile.
+  bool begins_again() const { return begins_again_ && !stopping_.load(); }
 
   const Identity& identity() const override { return setup_.identity; }
   const SharedConfig& shared() const override { return setup_.shared; }

@@ -248,13 +248,13 @@ bool StageCore::is_overtaken() const {
   return overtaken_ || (replaceable_ && singleton_->overtaken());
 }
 
-/// Restarts an overtaken instance whose worker hangs.
+/// Restarts an overtaken instance whose worker hangs. One that was told to stop has a deadline.
 void StageCore::watch_overtaken() {
   const bool is_over = is_overtaken();
   looks_overtaken_ = is_over ? looks_overtaken_ + 1 : 0;
   if (!is_over) return;
   notify();
-  if (looks_overtaken_ < kLooksAtHang || !setup_.start_again) return;
+  if (looks_overtaken_ < kLooksAtHang || !setup_.start_again || stopping_.load()) return;
   log_error("another instance has taken over, and the worker hangs: beginning again");
   setup_.start_again();
 }

@@ -29,6 +29,7 @@ struct Instance {
       : session(std::move(opened)), every(every_sweep) {
     StageSetup s = setup("integration", name);
     s.shared.recovery.standby = true;
+    s.start_again = [this] { restarts.change([](int& n) { ++n; }); };
     stage = std::make_unique<StageCore>(std::move(s), session);
     thread = std::thread([this] {
       if (!stage->stand_by()) return;
@@ -64,6 +65,7 @@ struct Instance {
   std::uint64_t every;
   std::unique_ptr<StageCore> stage;
   Watched<bool> works, ended, hold;
+  Watched<int> restarts;
   Watched<std::vector<bool>> left;
   std::thread thread;
 };
@@ -179,6 +181,9 @@ TEST(HandOver, TheOneThatStandsByGoesOnWithAGreaterTerm) {
   ASSERT_TRUE(elder.ended.wait(kYes));
   EXPECT_TRUE(elder.stage->begins_again());
   EXPECT_FALSE(younger.stage->begins_again());
+  // A signal may come while it ends.
+  elder.stage->stop();
+  EXPECT_FALSE(elder.stage->begins_again());
 }
 
 // Its host has no clock that runs while it is off, or its clock was set back.
@@ -286,6 +291,26 @@ TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {
     EXPECT_THAT(who, testing::ElementsAre(std::pair<std::string, std::uint32_t>("younger", 2)))
         << sweep;
   }
+}
+
+TEST(HandOver, OneThatHangsAndIsToldToStopDoesNotBeginAgain) {
+  const Network network(3);
+  Chain chain(network.open(2));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  Instance younger(network.open(1), "younger");
+  ASSERT_TRUE(waits(younger));
+  ASSERT_TRUE(chain.hears("elder", 1));
+  elder.hold.change([](bool& held) { held = true; });
+  ASSERT_TRUE(chain.hears("younger", 2));
+  elder.stage->stop();
+  Watched<int> looks;
+  const auto statuses = chain.session().declare_subscriber(
+      kKeys.status("integration", "elder"),
+      [&looks](zenoh::Sample&&) { looks.change([](int& n) { ++n; }); });
+  // At the sixth look it would.
+  EXPECT_TRUE(looks.wait([](int n) { return n >= 8; }));
+  EXPECT_EQ(elder.restarts.get(), 0);
 }
 
 // Mapping publishes seldom with a great mapping.every, and integration when mapping searches for
