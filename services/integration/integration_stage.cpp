@@ -209,9 +209,9 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   // Written after publishing: if this process is killed in between, the next instance publishes the
   // pose again, and readers drop the copy. Written before the acknowledgement, because acknowledged
   // sweeps are not requested again.
-  note_journal(journal_.append({header.run, fused.sweep, fused.instant_ns, header.odom_epoch,
-                                fused.T_map_base,
-                                pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base())}));
+  note_journal(journal_.append(
+      {header.run, fused.sweep, fused.instant_ns, header.odom_epoch, fused.T_map_base,
+       pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base()), header.replay}));
   if (header.last_packet_ns > 0) {
     stage_.latency("end_to_end",
                    1e-6 * static_cast<double>(stage_.now_ns() - header.last_packet_ns));

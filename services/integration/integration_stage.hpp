@@ -32,7 +32,7 @@ class IntegrationStage {
   void take_up(const std::vector<JournalPose>& poses, bool same_run);
   /// Continues bit-exactly; false: no state was left, or it is not of this program.
   bool resume(std::vector<JournalPose>& poses);
-  /// Writes the poses that a killed instance left of a run that does not continue.
+  /// Writes the poses that a killed instance left of a live run that does not continue.
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
   void begin_journal();

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <array>
@@ -14,9 +15,14 @@
 namespace zloam::integration {
 namespace {
 
-// Written and read on one machine, so the native byte order suffices.
-constexpr std::size_t kNumbers = 4 + 2 * 12;
+// Written and read on one machine, so the native byte order suffices. The last number is a checksum
+// of the others: a power failure may leave zeros, or old bytes of the disk.
+constexpr std::size_t kNumbers = 5 + 2 * 12 + 1;
 using Record = std::array<std::uint64_t, kNumbers>;
+
+std::uint64_t checksum(const Record& record) {
+  return XXH64(record.data(), sizeof record - sizeof record.back(), 0);
+}
 
 std::uint64_t* put(std::uint64_t* out, const Pose& pose) {
   for (int row = 0; row < 3; ++row) {
@@ -36,8 +42,9 @@ const std::uint64_t* take(const std::uint64_t* in, Pose& pose) {
 
 Record record_of(const JournalPose& pose) {
   Record record{pose.run, pose.sweep, std::bit_cast<std::uint64_t>(pose.instant_ns),
-                pose.odom_epoch};
-  put(put(record.data() + 4, pose.T_map_base), pose.T_odom_base);
+                pose.odom_epoch, pose.replay};
+  put(put(record.data() + 5, pose.T_map_base), pose.T_odom_base);
+  record.back() = checksum(record);
   return record;
 }
 
@@ -47,7 +54,8 @@ JournalPose pose_of(const Record& record) {
   pose.sweep = record[1];
   pose.instant_ns = std::bit_cast<std::int64_t>(record[2]);
   pose.odom_epoch = static_cast<std::uint32_t>(record[3]);
-  take(take(record.data() + 4, pose.T_map_base), pose.T_odom_base);
+  pose.replay = record[4] != 0;
+  take(take(record.data() + 5, pose.T_map_base), pose.T_odom_base);
   return pose;
 }
 
@@ -67,6 +75,7 @@ std::vector<JournalPose> Journal::read() const {
   std::ifstream file(path_, std::ios::binary);
   Record record;
   while (!path_.empty() && file.read(reinterpret_cast<char*>(record.data()), sizeof record)) {
+    if (record.back() != checksum(record)) break;
     poses.push_back(pose_of(record));
   }
   return poses;

@@ -1,7 +1,7 @@
 #pragma once
 // Keeps the poses of a run on disk while it lasts, so that an integration that is killed and
 // started again continues the trajectory. A private format: the poses are exact to the bit. Nothing
-// is synced: the journal survives the process, not a power failure.
+// is synced: of a power failure the journal survives up to the first record that the disk lacks.
 
 #include <cstdint>
 #include <string>
@@ -18,6 +18,7 @@ struct JournalPose {
   std::uint32_t odom_epoch = 0;
   Pose T_map_base = Pose::Identity();
   Pose T_odom_base = Pose::Identity();
+  bool replay = false;
 };
 
 /// Drops the poses after the one of this run and sweep: each run counts its sweeps from 0. False,
@@ -32,7 +33,7 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  /// The poses on disk, up to the first record that was cut short.
+  /// The poses on disk, up to the first record that was cut short or is damaged.
   std::vector<JournalPose> read() const;
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <fstream>
 
 namespace zloam::integration {
 namespace {
@@ -31,6 +32,7 @@ JournalPose pose(std::uint64_t sweep) {
   motion << 0.1, -0.2, 0.3, 0.4, 0.5, -0.6;
   p.T_map_base = exp_se3(static_cast<double>(sweep + 1) / 3.0 * motion);
   p.T_odom_base = p.T_map_base.inverse();
+  p.replay = sweep % 2 == 1;
   return p;
 }
 
@@ -41,6 +43,7 @@ void expect_equal(const JournalPose& a, const JournalPose& b) {
   EXPECT_EQ(a.odom_epoch, b.odom_epoch);
   EXPECT_EQ(a.T_map_base.matrix(), b.T_map_base.matrix());
   EXPECT_EQ(a.T_odom_base.matrix(), b.T_odom_base.matrix());
+  EXPECT_EQ(a.replay, b.replay);
 }
 
 TEST_F(JournalTest, GivesBackToTheBitWhatAProcessBeforeWrote) {
@@ -66,6 +69,44 @@ TEST_F(JournalTest, CutAtAnyByteItHoldsTheRecordsBefore) {
     const auto poses = Journal(path_).read();
     ASSERT_EQ(poses.size(), cut / record) << cut;
     for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], pose(i));
+  }
+}
+
+// The size of a file may reach the disk before its contents.
+TEST_F(JournalTest, TheZerosThatAPowerFailureLeavesAreNoPoses) {
+  {
+    Journal journal(path_);
+    ASSERT_EQ(journal.begin({pose(0), pose(1), pose(2)}), "");
+  }
+  const auto size = std::filesystem::file_size(path_);
+  for (const std::uintmax_t kept : {3U, 2U, 1U, 0U}) {
+    // Sets to zero what comes after.
+    std::filesystem::resize_file(path_, kept * size / 3);
+    std::filesystem::resize_file(path_, 2 * size);
+    const auto poses = Journal(path_).read();
+    ASSERT_EQ(poses.size(), kept);
+    for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], pose(i));
+  }
+}
+
+TEST_F(JournalTest, ADamagedByteEndsIt) {
+  {
+    Journal journal(path_);
+    ASSERT_EQ(journal.begin({pose(0), pose(1), pose(2)}), "");
+  }
+  const auto record = std::filesystem::file_size(path_) / 3;
+  for (std::uintmax_t at = record; at < 2 * record; ++at) {
+    const auto flip = [&] {
+      std::fstream file(path_, std::ios::in | std::ios::out | std::ios::binary);
+      file.seekg(static_cast<std::streamoff>(at));
+      const char byte = static_cast<char>(file.get() ^ 0x40);
+      file.seekp(static_cast<std::streamoff>(at));
+      file.put(byte);
+    };
+    flip();
+    EXPECT_EQ(Journal(path_).read().size(), 1U) << at;
+    flip();
+    EXPECT_EQ(Journal(path_).read().size(), 3U) << at;
   }
 }
 

@@ -23,11 +23,7 @@ void IntegrationStage::restart(const msg::Header& first) {
           : same_run || (!poses.empty() && runtime::goes_on(first, poses.back().instant_ns,
                                                             runtime::kLongestSearch_ns));
   if (!goes_on) {
-    if (!first.replay()) write_left(poses);
-    if (first.replay() && !poses.empty() && !same_run) {
-      runtime::log_warning("poses of another run in the journal are given up: this is a replay",
-                           {{"poses", poses.size()}, {"run", poses.back().run}});
-    }
+    if (!same_run) write_left(poses);
     begin_journal();
     return;
   }
@@ -47,6 +43,11 @@ void IntegrationStage::restart(const msg::Header& first) {
 
 void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
   if (poses.empty()) return;
+  if (poses.back().replay) {
+    runtime::log_warning("poses of another replay in the journal are dropped: it can be repeated",
+                         {{"poses", poses.size()}, {"run", poses.back().run}});
+    return;
+  }
   Trajectory trajectory, odometry;
   for (const JournalPose& pose : poses) {
     trajectory.push_back({pose.instant_ns, pose.T_map_base});

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.integration.conftest import Capture, digests, monitor, simulate
+from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from tests.integration.live_run import (
     BRIDGING,
     KILL_AT,
@@ -197,6 +197,24 @@ def test_integration_goes_on_with_the_trajectory(
     assert 0 <= lost <= len(before) + given_up(statuses)
     assert_as_good(found, undisturbed, drive, stamps[last.sweep])
     assert_books(statuses, STAGES)
+
+
+def test_a_replay_into_the_folder_of_a_live_run_that_was_killed_keeps_its_poses(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    """Only the journal has them; containers write all runs into one folder."""
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False)
+    with run:
+        run.until_poses(KILL_AT)
+        kill(run.chain, "integration")
+        first_ns = min(pose.instant_ns for pose in run.poses.values())
+    assert not (tmp_path / "trajectory.tum").exists()
+    replayed(build, robot_file, sources.from_pcap(drive.pcap), tmp_path, None)
+    rescued, replay = (read(tmp_path / f"trajectory{n}.tum") for n in ("", "_2"))
+    assert rescued.stamps_ns is not None
+    assert abs(int(rescued.stamps_ns[0]) - first_ns) < 1_000_000
+    # The last pose may have been published and not yet written when integration was killed.
+    assert KILL_AT - 1 <= len(rescued) < len(replay)
 
 
 def test_all_are_killed_and_the_store_has_the_map(
