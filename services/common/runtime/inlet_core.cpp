@@ -123,15 +123,16 @@ void InletCore::accept(Raw raw) {
     return;
   }
   // Recovered messages pass: what an instance published before it was overtaken remains valid.
-  if (!raw.recovered && fence_.refuses(message.header->term(), steady_ns())) {
-    report_drop(Drop::kFenced, "sweep " + std::to_string(message.header->sweep()) + " of " +
-                                   message.header->instance()->str() +
+  const msg::Header& header = *message.header;
+  if (!raw.recovered && fence_.refuses(header.run(), header.term(), steady_ns())) {
+    report_drop(Drop::kFenced, "sweep " + std::to_string(header.sweep()) + " of " +
+                                   header.instance()->str() +
                                    ", which another instance has overtaken");
     return;
   }
   if (!admitted(message) || !plausible(message)) return;
-  const std::uint64_t run = message.header->run();
-  const std::uint64_t sweep = message.header->sweep();
+  const std::uint64_t run = header.run();
+  const std::uint64_t sweep = header.sweep();
   // In a replay, a duplicate means that its publisher sees no progress and wants the output again.
   // A recovered copy that arrives after the original does not mean that.
   const bool echo = message.header->replay() && !raw.recovered;
@@ -146,7 +147,7 @@ void InletCore::accept(Raw raw) {
     if (*drop == Drop::kDuplicate && echo) events_.second_copy(run, sweep);
     return;
   }
-  if (!raw.recovered) fence_.took(kept.header->term(), steady_ns());
+  if (!raw.recovered) fence_.took(run, header.term(), steady_ns());
   keep(kept, bytes, raw.sample.encoding);
   events_.saw(run, sweep);
   note_seen(raw.recovered);

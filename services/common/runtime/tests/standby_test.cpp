@@ -77,18 +77,20 @@ TEST(ProgressWatch, WhoHasJustBegunIsGivenTimeToReadAMap) {
 }
 
 TEST(TermFence, RefusesALesserTermAsLongAsTheGreaterIsHeard) {
+  constexpr std::uint64_t kRun = 5;
   TermFence fence;
-  EXPECT_FALSE(fence.refuses(0, 0));
-  fence.took(1, 0);
-  fence.took(2, 10);
-  EXPECT_TRUE(fence.refuses(1, 20));
-  EXPECT_FALSE(fence.refuses(2, 20));
-  EXPECT_FALSE(fence.refuses(3, 20));
-  EXPECT_TRUE(fence.refuses(1, 10 + 2 * kStall_ns - 1));
-  EXPECT_FALSE(fence.refuses(1, 10 + 2 * kStall_ns));
+  EXPECT_FALSE(fence.refuses(kRun, 0, 0));
+  fence.took(kRun, 1, 0);
+  fence.took(kRun, 2, 10);
+  EXPECT_TRUE(fence.refuses(kRun, 1, 20));
+  EXPECT_FALSE(fence.refuses(kRun, 2, 20));
+  EXPECT_FALSE(fence.refuses(kRun, 3, 20));
+  EXPECT_FALSE(fence.refuses(kRun + 1, 1, 20));
+  EXPECT_TRUE(fence.refuses(kRun, 1, 10 + 2 * kStall_ns - 1));
+  EXPECT_FALSE(fence.refuses(kRun, 1, 10 + 2 * kStall_ns));
   // The term of an accepted message counts from then on, so a forged greater term is forgotten.
-  fence.took(1, 10 + 2 * kStall_ns);
-  EXPECT_FALSE(fence.refuses(1, 20 + 2 * kStall_ns));
+  fence.took(kRun, 1, 10 + 2 * kStall_ns);
+  EXPECT_FALSE(fence.refuses(kRun, 1, 20 + 2 * kStall_ns));
 }
 
 }  // namespace
