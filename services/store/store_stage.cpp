@@ -81,6 +81,7 @@ StoreStage::StoreStage(runtime::Stage& stage, const StoreConfig& config)
   stage.on_end_of_run([this](std::uint64_t) {
     fetches_left_ = kFetches;
     // This fetch also requests the tiles that were lost at the end of an earlier run.
+    not_fetched_.clear();
     stage_.degraded("map", "");
     fetch();
   });
@@ -447,10 +448,11 @@ void StoreStage::take_fetched() {
   if (fetches_left_ > 0) {
     fetch();
   } else {
-    stage_.degraded("map",
-                    std::to_string(lost) +
-                        " answers with tiles of the map were lost on their way from mapping: "
-                        "the map at rest may lack them");
+    not_fetched_ =
+        std::to_string(lost) +
+        " answers with tiles of the map were lost on their way from mapping: the map in " +
+        config_.path + " may lack them";
+    stage_.degraded("map", not_fetched_);
   }
 }
 
@@ -469,9 +471,11 @@ void StoreStage::finish_fetch() {
     }
     take_fetched();
   }
-  if (ended) return;
-  throw std::runtime_error("mapping did not send its map in time: tiles of it may be missing in " +
-                           config_.path);
+  if (!ended) {
+    throw std::runtime_error(
+        "mapping did not send its map in time: tiles of it may be missing in " + config_.path);
+  }
+  if (!not_fetched_.empty()) throw runtime::IoError(not_fetched_);
 }
 
 void StoreStage::every_period() {

@@ -89,6 +89,8 @@ class StoreStage {
   TileStore store_;
   Generations generations_;
   int fetches_left_ = 0;
+  /// What the last fetch lacked; empty: nothing.
+  std::string not_fetched_;
   std::shared_ptr<Fetched> fetched_ = std::make_shared<Fetched>();
   std::uint64_t old_ = 0;
   /// keys of messages that could not be written, and why the last one could not
