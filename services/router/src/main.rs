@@ -16,7 +16,7 @@ use options::{parse, Action, Options, HELP};
 
 const EXIT_FAILURE: u8 = 1;
 const EXIT_USAGE: u8 = 2;
-const EXIT_PORT: u8 = 3;
+const EXIT_START: u8 = 3;
 /// Closing can hang on a bad link (eclipse-zenoh/zenoh#2675); a router has nothing to save.
 const CLOSE_DEADLINE: Duration = Duration::from_secs(4);
 const HEALTH_DEADLINE: Duration = Duration::from_secs(3);
@@ -42,7 +42,11 @@ fn main() -> ExitCode {
         Err(e) => return complain(EXIT_FAILURE, &e.to_string()),
     };
     if let Action::Health(endpoint) = &options.action {
-        return match runtime.block_on(health(endpoint, &options)) {
+        let config = match client_configuration(endpoint, &options.settings) {
+            Ok(config) => config,
+            Err(text) => return complain(EXIT_USAGE, &text),
+        };
+        return match runtime.block_on(health(endpoint, config)) {
             Ok(()) => ExitCode::SUCCESS,
             Err(text) => complain(EXIT_FAILURE, &text),
         };
@@ -76,18 +80,24 @@ fn configuration(options: &Options) -> Result<Config, String> {
     if !is_set(&config, "mode") {
         config.insert_json5("mode", "\"router\"").map_err(|e| e.to_string())?;
     }
-    for (key, value) in &options.settings {
-        let refused =
-            |e: &dyn std::fmt::Display| format!("--set {key}: value '{value}' is refused: {e}");
+    set(&mut config, &options.settings)?;
+    check_rest(&config)?;
+    Ok(config)
+}
+
+/// The settings of `--set`, in their order.
+fn set(config: &mut Config, settings: &[(String, String)]) -> Result<(), String> {
+    for (key, value) in settings {
         // Bare words are taken as strings, because shells remove quotes.
         let json = match json5::from_str::<serde_json::Value>(value) {
             Ok(_) => value.clone(),
             Err(_) => serde_json::Value::from(value.as_str()).to_string(),
         };
-        config.insert_json5(key, &json).map_err(|e| refused(&e))?;
+        config
+            .insert_json5(key, &json)
+            .map_err(|e| format!("--set {key}: value '{value}' is refused: {e}"))?;
     }
-    check_rest(&config)?;
-    Ok(config)
+    Ok(())
 }
 
 fn is_set(config: &Config, key: &str) -> bool {
@@ -127,7 +137,7 @@ async fn route(config: Config) -> ExitCode {
     let listen = config.get_json("listen/endpoints").unwrap_or_default();
     let runtime = match start(config).await {
         Ok(runtime) => runtime,
-        Err(text) => return complain(EXIT_PORT, &text),
+        Err(text) => return complain(EXIT_START, &text),
     };
     eprintln!("zloam-router: ready, id {}, listening on {listen}", runtime.zid());
     tokio::select! { _ = term.recv() => {}, _ = tokio::signal::ctrl_c() => {} }
@@ -159,21 +169,24 @@ async fn start(config: Config) -> Result<Runtime, String> {
     Ok(runtime)
 }
 
+/// The configuration of a client of the router at the endpoint.
+fn client_configuration(endpoint: &str, settings: &[(String, String)]) -> Result<Config, String> {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_string()),
+        ("connect/endpoints", serde_json::json!([endpoint]).to_string()),
+        ("scouting/multicast/enabled", "false".to_string()),
+        ("transport/shared_memory/enabled", "false".to_string()),
+    ] {
+        config.insert_json5(key, &value).map_err(|e| e.to_string())?;
+    }
+    set(&mut config, settings)?;
+    Ok(config)
+}
+
 /// Asks a running router for its admin space, as any client would.
-async fn health(endpoint: &str, options: &Options) -> Result<(), String> {
+async fn health(endpoint: &str, config: Config) -> Result<(), String> {
     let ask = async {
-        let mut config = Config::default();
-        for (key, value) in [
-            ("mode", "\"client\"".to_string()),
-            ("connect/endpoints", serde_json::json!([endpoint]).to_string()),
-            ("scouting/multicast/enabled", "false".to_string()),
-            ("transport/shared_memory/enabled", "false".to_string()),
-        ] {
-            config.insert_json5(key, &value).map_err(|e| e.to_string())?;
-        }
-        for (key, value) in &options.settings {
-            config.insert_json5(key, value).map_err(|e| e.to_string())?;
-        }
         let session = zenoh::open(config).await.map_err(|e| e.to_string())?;
         let replies = session.get("@/*/router").await.map_err(|e| e.to_string())?;
         let reply = replies.recv_async().await.map_err(|_| "no answer".to_string())?;
@@ -182,5 +195,33 @@ async fn health(endpoint: &str, options: &Options) -> Result<(), String> {
     match tokio::time::timeout(HEALTH_DEADLINE, ask).await {
         Ok(result) => result.map_err(|e| format!("{endpoint}: {e}")),
         Err(_) => Err(format!("{endpoint}: no answer in {} s", HEALTH_DEADLINE.as_secs())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(words: &[(&str, &str)]) -> Vec<(String, String)> {
+        words.iter().map(|(key, value)| (key.to_string(), value.to_string())).collect()
+    }
+
+    #[test]
+    fn health_takes_bare_words_as_the_router_does() {
+        let certificate =
+            ("transport/link/tls/root_ca_certificate", "/etc/zloam/tls/authority.crt");
+        let words = settings(&[certificate, ("transport/link/tx/lease", "3000")]);
+        let config = client_configuration("tls/robot:7448", &words).unwrap();
+        assert_eq!(config.get_json(certificate.0).unwrap(), format!("\"{}\"", certificate.1));
+        assert_eq!(config.get_json("transport/link/tx/lease").unwrap(), "3000");
+        assert_eq!(config.get_json("mode").unwrap(), "\"client\"");
+    }
+
+    #[test]
+    fn a_refused_setting_is_named() {
+        for words in [settings(&[("mode", "none")]), settings(&[("nothing/here", "1")])] {
+            let text = client_configuration("tcp/robot:7447", &words).unwrap_err();
+            assert!(text.contains(&format!("--set {}", words[0].0)), "{text}");
+        }
     }
 }

@@ -4,16 +4,18 @@ pub const HELP: &str = "\
 zloam-router: a Zenoh router with memory storages and REST linked in
 
 usage: zloam-router [--config FILE] [--set KEY=VALUE]... [--check]
-       zloam-router --health [ENDPOINT]
+       zloam-router --health [ENDPOINT] [--set KEY=VALUE]...
 
   --config FILE       Zenoh configuration (JSON5), e.g. deploy/zenoh/router.json5
   --set KEY=VALUE     overrides one value, e.g. plugins/rest/http_port=127.0.0.1:8000; may be repeated
   --check             print what holds and end
-  --health [ENDPOINT] ask a running router (default tcp/127.0.0.1:7447); exit code 0: it answers
+  --health [ENDPOINT] ask a running router (default tcp/127.0.0.1:7447); exit code 0: it answers.
+                      --set gives what the link needs, e.g. transport/link/tls/root_ca_certificate=FILE
   --version, --help
 
 Storages and REST run when the configuration names them under plugins/. RUST_LOG sets the log.
-Exit codes: 0 ended as asked; 2 command line or configuration; 3 a port is taken; 1 anything else.
+Exit codes: 0 ended as asked; 2 command line or configuration; 3 it could not start, as a port is
+taken or a file can't be read; 1 anything else.
 ";
 
 const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -57,6 +59,9 @@ pub fn parse(arguments: impl Iterator<Item = String>) -> Result<Options, String>
             other => return Err(format!("{other} is unknown")),
         }
     }
+    if options.config.is_some() && matches!(options.action, Action::Health(_)) {
+        return Err("--config is not read by --health: give what the link needs by --set".into());
+    }
     Ok(options)
 }
 
@@ -83,5 +88,7 @@ mod tests {
         assert!(of(&["--set", "mode"]).is_err());
         assert!(of(&["--config"]).is_err());
         assert!(of(&["--colour"]).is_err());
+        assert!(of(&["--config", "a.json5", "--health"]).is_err());
+        assert!(of(&["--health", "tls/h:1", "--config", "a.json5"]).is_err());
     }
 }
