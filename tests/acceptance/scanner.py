@@ -126,7 +126,7 @@ def _calibrated(setting: Setting, world: str) -> Measured:
             return Measured(f"seed {seed}: {done.stderr.strip()}", held=False)
         found = yaml.safe_load(done.stdout)
         off_deg = np.subtract(found["scanner"]["rpy_deg"][1:], simulated.MOUNT_DEG)
-        off_ms = found["motor"]["delay_ms"] - (simulated.DELAY_MS - simulated.RECEIVED_LATE_MS)
+        off_ms = found["motor"]["delay_ms"] - simulated.DELAY_MS
         worst_deg = max(worst_deg, float(np.abs(off_deg).max()))
         worst_ms = max(worst_ms, abs(off_ms))
     return Measured(

@@ -11,6 +11,11 @@ from pathlib import Path
 MOUNT_DEG, MOUNT_M, DELAY_MS = (0.6, -0.9), (0.015, -0.03), 7.5
 #: Stamps of lines are late by the time that their transmission takes.
 RECEIVED_LATE_MS = 2.0
+#: The simulator's options for the errors above.
+MOUNTED: tuple[object, ...] = (
+    *("--scanner-rpy-deg", 0, *MOUNT_DEG, "--scanner-xyz", 0, *MOUNT_M),
+    *("--encoder-delay", 1e-3 * DELAY_MS),
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,5 @@ def session(build: Path, stem: Path, *options: object) -> Session:
 
 def at_rest(build: Path, stem: Path, world: str, seed: int) -> Session:
     """A minute at rest with the mount above."""
-    mount = ["--scanner-rpy-deg", 0, *MOUNT_DEG, "--scanner-xyz", 0, *MOUNT_M]
-    mount += ["--encoder-delay", 1e-3 * DELAY_MS]
     where = ["--world", world, "--seed", seed, "--still", "--duration", 60]
-    return session(build, stem, *where, *mount)
+    return session(build, stem, *where, *MOUNTED)

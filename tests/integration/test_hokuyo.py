@@ -4,6 +4,7 @@ over a serial line with the faults that may occur there."""
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -171,9 +172,11 @@ def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Session, tmp_pa
     assert "motor.delay_s" in done.stderr
 
 
-def calibrated(build: Path, session: Path) -> tuple[int, dict[str, dict[str, Any]], str]:
+def calibrated(
+    build: Path, session: Path, *more: object
+) -> tuple[int, dict[str, dict[str, Any]], str]:
     """Exit code, the calibration found, and the messages."""
-    command = [str(build / "bin" / "zloam-calibrate"), str(session)]
+    command = [str(build / "bin" / "zloam-calibrate"), str(session), *map(str, more)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.returncode, yaml.safe_load(done.stdout) or {}, done.stderr
 
@@ -185,8 +188,28 @@ def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None
     assert code == 0, said
     assert found["scanner"]["rpy_deg"][1:] == pytest.approx(simulated.MOUNT_DEG, abs=0.05)
     assert found["scanner"]["xyz_m"][1:] == pytest.approx(simulated.MOUNT_M, abs=0.005)
-    delay_ms = simulated.DELAY_MS - simulated.RECEIVED_LATE_MS
-    assert found["motor"]["delay_ms"] == pytest.approx(delay_ms, abs=1.0)
+    # The robot file's offset takes off what the lines are received late.
+    assert found["motor"]["delay_ms"] == pytest.approx(simulated.DELAY_MS, abs=1.0)
+
+
+def test_a_calibration_assumes_the_offset_of_the_robots_file(build: Path) -> None:
+    command = [str(build / "bin" / "zloam-calibrate"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    offset_us = yaml.safe_load(ROBOT.read_text())["driver"]["stamp_offset_us"]
+    assert offset_us == -1e3 * simulated.RECEIVED_LATE_MS
+    assert re.search(rf"--stamp-offset-us\s+FLOAT\s+\[{offset_us}\]", done.stdout), done.stdout
+
+
+def test_a_drive_with_its_own_calibration(build: Path, tmp_path: Path) -> None:
+    still = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
+    command = [str(build / "bin" / "zloam-calibrate"), str(still.log)]
+    mount = tmp_path / "mount.yaml"
+    mount.write_bytes(subprocess.run(command, capture_output=True, check=True).stdout)
+    where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
+    drive = simulated.session(build, tmp_path / "drive", *where, *simulated.MOUNTED)
+    out = tmp_path / "out"
+    replay(build, drive, out, "--imu", drive.imu, "--set", f"driver.metadata={mount}")
+    assert error_m(drive, out) <= 0.05
 
 
 def test_a_platform_that_moves_is_not_calibrated(build: Path, drive: Session) -> None:

@@ -20,6 +20,8 @@ constexpr int kNotFound = 1, kUsage = 2, kUnreadable = 3;
 struct Options {
   std::string session, angles;
   double seconds = 60.0;
+  /// as in deploy/robots/hokuyo.yaml, so that the delay found is the encoder's alone
+  double stamp_offset_us = -2000.0;
 };
 
 Recording read(const Options& options) {
@@ -31,6 +33,7 @@ Recording read(const Options& options) {
   }
   scip::ClientConfig config;
   config.asks = false;
+  config.stamp_offset_ns = std::llround(1e3 * options.stamp_offset_us);
   scip::Client client(config);
   client.connected(0);
   const auto link = open_scip_session(options.session);
@@ -85,6 +88,9 @@ Options parse(int argc, char** argv) {
   app.add_option("--angles", options.angles,
                  "the motor's angles; default: the .csv beside the session");
   app.add_option("--seconds", options.seconds, "seconds of the session that are used")
+      ->capture_default_str();
+  app.add_option("--stamp-offset-us", options.stamp_offset_us,
+                 "driver.stamp_offset_us of the robot's file: the delay found holds for this value")
       ->capture_default_str();
   app.set_version_flag("--version", "zloam-calibrate " ZLOAM_VERSION);
   try {

@@ -280,13 +280,15 @@ void Client::tie_clock() {
   for (const Scan& scan : first_) arrivals.push_back(arrival(scan));
   clock_.emplace(parameters_->turn_ns(), arrivals);
   if (tie_) clock_->tie(tie_->counter_ms, tie_->host_ns);
+  // TM1 tells the time of the counter itself; receive times are later by the transmission.
+  offset_ns_ = tie_ ? 0 : config_.stamp_offset_ns;
   for (Scan& scan : std::exchange(first_, {})) place(std::move(scan));
 }
 
 void Client::place(Scan scan) {
   const std::uint64_t steps = clock_->steps();
   TimedScan timed;
-  timed.stamp_ns = clock_->place(arrival(scan)) + config_.stamp_offset_ns;
+  timed.stamp_ns = clock_->place(arrival(scan)) + offset_ns_;
   timed.clock_step = clock_->steps() != steps;
   if (timed.clock_step) say("the scanner's counter was set: was it started again?");
   const ScanRequest& request = scan.request;

@@ -27,7 +27,7 @@ struct ClientConfig {
   int cluster = 1;
   /// scans skipped between two
   int skipped = 0;
-  /// added to the scans' stamps
+  /// added to the stamps of scans that are tied to their receive times; not if TM1 ties them
   std::int64_t stamp_offset_ns = 0;
 };
 
@@ -118,6 +118,8 @@ class Client {
   /// until there are enough scans to tie the clock
   std::vector<Scan> first_;
   std::optional<LineClock> clock_;
+  /// added to its times
+  std::int64_t offset_ns_ = 0;
   /// of the TM1 with the least round trip
   struct Tie {
     std::uint32_t counter_ms = 0;

@@ -103,6 +103,49 @@ TEST_F(ScipClient, LinesHaveTheTimeOfTheirCounter) {
   }
 }
 
+/// Times of 60 lines, each received 2 ms after its last step, against those of the counter.
+std::vector<double> off_ms(bool tells_counter) {
+  ClientConfig config;
+  config.from_deg = -90.0;
+  config.to_deg = 90.0;
+  config.stamp_offset_ns = -2 * kMs;
+  Client client(config);
+  TestDevice device;
+  if (!tells_counter) device.broken_command = "TM0";
+  device.broken_answer = answer("TM0", "0E");
+  constexpr std::int64_t kZeroNs = 1'700'000'000 * kSecond;
+  const auto give = [&](const std::string& bytes, std::int64_t received_ns) {
+    client.add({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, received_ns);
+  };
+  client.connected(kZeroNs);
+  std::int64_t now_ns = kZeroNs;
+  for (std::string asked = client.take_output(); !asked.empty(); asked = client.take_output()) {
+    device.counter_ms = static_cast<std::uint32_t>((now_ns - kZeroNs) / kMs);
+    give(device.respond(asked), now_ns);
+    now_ns += 1'000;
+  }
+  std::vector<double> off;
+  for (int i = 0; i < 60; ++i) {
+    const std::int64_t step0_ns = kZeroNs + (100 + 25 * i) * kMs;
+    device.counter_ms = static_cast<std::uint32_t>(100 + 25 * i);
+    // Step 900 ends 15.625 ms after step 0.
+    give(device.scan(), step0_ns + 15'625'000 + 2 * kMs);
+    while (auto scan = client.take_scan()) {
+      const std::int64_t true_ns = kZeroNs + scan->scan.counter_ms * kMs;
+      off.push_back(1e-6 * static_cast<double>(scan->stamp_ns - true_ns));
+    }
+  }
+  return off;
+}
+
+TEST(ScipClientOffset, TheReceiveDelayIsTakenOffOnlyWhereReceiveTimesTieTheClock) {
+  for (const bool tells_counter : {true, false}) {
+    const std::vector<double> off = off_ms(tells_counter);
+    ASSERT_EQ(off.size(), 60U);
+    for (const double ms : off) EXPECT_NEAR(ms, 0.0, 0.6) << tells_counter;
+  }
+}
+
 TEST_F(ScipClient, EvenReceiveTimesAreNoDrift) {
   // One minute in which the host's clock and the counter run at the same rate and every line has
   // the same delay.
