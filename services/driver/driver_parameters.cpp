@@ -4,9 +4,7 @@
 #include <cstdlib>
 #include <functional>
 
-#include "driver/io/metadata_file.hpp"
 #include "driver/io/scip_link.hpp"
-#include "driver/spinning/mount_file.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -278,15 +276,8 @@ PointLimits point_limits(const DriverConfig& config, const Pose& T_base_lidar) {
 
 ScipSourceConfig scip_source_config(const DriverConfig& config, const Pose& T_base_lidar) {
   const PointLimits limits = point_limits(config, T_base_lidar);
-  ScipSourceConfig source;
+  ScipSourceConfig source = read_mount_file(config.metadata);
   spinning::SpinningConfig& spinning = source.spinning;
-  if (!config.metadata.empty()) {
-    try {
-      spinning::read_mount(text_of_metadata(config.metadata), source.client, spinning);
-    } catch (const std::invalid_argument& error) {
-      throw SourceError(config.metadata + ": " + error.what());
-    }
-  }
   source.client.stamp_offset_ns = std::llround(1e3 * config.stamp_offset_us);
   spinning.min_range_m = limits.min_range_m;
   spinning.max_range_m = limits.max_range_m;

@@ -4,13 +4,16 @@
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <string>
 
 #include "driver/calibration/mount_calibration.hpp"
 #include "driver/io/packet_source.hpp"
 #include "driver/io/scip_link.hpp"
 #include "driver/io/scip_source.hpp"
+#include "driver/spinning/mount_file.hpp"
 
 namespace zloam::driver::calibration {
 namespace {
@@ -18,22 +21,31 @@ namespace {
 constexpr int kNotFound = 1, kUsage = 2, kUnreadable = 3;
 
 struct Options {
-  std::string session, angles;
+  std::string session, angles, mount;
   double seconds = 60.0;
   /// as in deploy/robots/hokuyo.yaml, so that the delay found is the encoder's alone
   double stamp_offset_us = -2000.0;
 };
 
-Recording read(const Options& options) {
+ScipSourceConfig configured(const Options& options) {
+  ScipSourceConfig config = read_mount_file(options.mount);
+  if (config.spinning.profile) {
+    throw SourceError(options.mount +
+                      ": motor.profile takes the place of readings, but calibration needs those of "
+                      "an encoder: take the section out");
+  }
+  config.client.asks = false;
+  config.client.stamp_offset_ns = std::llround(1e3 * options.stamp_offset_us);
+  return config;
+}
+
+Recording read(const Options& options, const scip::ClientConfig& config) {
   Recording recording;
   const std::string angles =
       options.angles.empty() ? angles_beside(options.session) : options.angles;
   for (const spinning::AngleReading& reading : read_angle_file(angles)) {
     recording.angles.add(reading);
   }
-  scip::ClientConfig config;
-  config.asks = false;
-  config.stamp_offset_ns = std::llround(1e3 * options.stamp_offset_us);
   scip::Client client(config);
   client.connected(0);
   const auto link = open_scip_session(options.session);
@@ -62,16 +74,18 @@ Recording read(const Options& options) {
   return recording;
 }
 
-void print(const MountCalibration& found) {
+/// told: config is that of a file, not the defaults.
+void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
   std::printf("# %.0f %% of the points on %zu planes, %.1f mm thick before, %.1f mm after\n",
               100.0 * found.flat_share, found.planes, 1e3 * found.before_m, 1e3 * found.after_m);
-  std::printf("scanner:\n");
-  std::printf("  rpy_deg: [0, %.4f, %.4f]  # one sigma: %.4f, %.4f\n", found.pitch_deg.value,
-              found.yaw_deg.value, found.pitch_deg.sigma, found.yaw_deg.sigma);
-  std::printf("  xyz_m: [0, %.4f, %.4f]  # one sigma: %.4f, %.4f; x: measure it\n", found.y_m.value,
-              found.z_m.value, found.y_m.sigma, found.z_m.sigma);
-  std::printf("motor:\n  delay_ms: %.3f  # one sigma: %.3f\n", found.delay_ms.value,
-              found.delay_ms.sigma);
+  std::printf(
+      "# One sigma across the motor's axis: %.4f and %.4f degrees, %.4f and %.4f m; delay: %.3f "
+      "ms.\n# No recording determines motor.axis, motor.zero_deg, motor.backward and the scanner's "
+      "place along the axis: here %s. With a wrong motor.backward, pitch and z have the wrong sign.\n",
+      found.pitch_deg.sigma, found.yaw_deg.sigma, found.y_m.sigma, found.z_m.sigma,
+      found.delay_ms.sigma, told ? "as in the file of --mount" : "assumed (there is no --mount)");
+  config.spinning.mount = found.mount;
+  std::fputs(spinning::mount_text(config.client, config.spinning).c_str(), stdout);
 }
 
 Options parse(int argc, char** argv) {
@@ -87,6 +101,9 @@ Options parse(int argc, char** argv) {
       ->required();
   app.add_option("--angles", options.angles,
                  "the motor's angles; default: the .csv beside the session");
+  app.add_option("--mount", options.mount,
+                 "mount file with what is known: the motor's axis, zero and direction, the "
+                 "scanner's nominal pose; all of it is printed again with the values found");
   app.add_option("--seconds", options.seconds, "seconds of the session that are used")
       ->capture_default_str();
   app.add_option("--stamp-offset-us", options.stamp_offset_us,
@@ -108,8 +125,9 @@ int main(int argc, char** argv) {
   using namespace zloam::driver::calibration;
   const Options options = parse(argc, argv);
   try {
-    const MountCalibration found = calibrate(read(options), {});
-    print(found);
+    const auto config = configured(options);
+    const MountCalibration found = calibrate(read(options, config.client), config.spinning.mount);
+    print(found, config, !options.mount.empty());
     if (found.objection.empty()) return 0;
     std::cerr << "zloam-calibrate: " << found.objection << "\n";
     return kNotFound;

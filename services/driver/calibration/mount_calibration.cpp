@@ -14,7 +14,9 @@ namespace zloam::driver::calibration {
 namespace {
 
 constexpr std::size_t kUnknowns = 5;
-using Vector = std::array<double, kUnknowns>;  // pitch and yaw, degrees; y and z, m; delay, ms
+// Pitch and yaw, degrees, and y and z, m, that correct the initial mount, in a frame whose x lies
+// along the motor's axis; delay, ms.
+using Vector = std::array<double, kUnknowns>;
 
 constexpr std::size_t kMostPoints = 60'000;
 constexpr std::size_t kLeastInVoxel = 30;
@@ -37,7 +39,7 @@ struct Stage {
 constexpr std::array kStages = {Stage{2.0, 0.25, 3, false}, Stage{1.5, 0.1, 3, false},
                                 Stage{1.0, 0.05, 3, false}, Stage{1.0, 0.05, 5, true}};
 
-/// One return, in the scanner's frame.
+/// One return, placed by the initial mount, in a frame whose x lies along the motor's axis.
 struct Ray {
   Eigen::Vector3d point;
   std::int64_t at_ns;
@@ -47,6 +49,9 @@ class Points {
  public:
   Points(const Recording& recording, spinning::Mount start)
       : recording_(recording), start_(std::move(start)) {
+    R_lidar_across_.linear() =
+        Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitX(), start_.axis)
+            .toRotationMatrix();
     std::size_t echoes = 0;
     for (const scip::TimedScan& line : recording.lines) echoes += line.scan.echoes.size();
     const std::size_t stride = std::max<std::size_t>(1, echoes / kMostPoints);
@@ -75,26 +80,33 @@ class Points {
     }
     const double part = 0.5 + 0.5 * rest_ns / static_cast<double>(kSpan_ns);
     const double angle_rad = before + part * (after - before);
-    p = spinning::turned(start_, angle_rad, mounted(x) * ray.point);
+    p = spinning::turned(start_, angle_rad, R_lidar_across_ * (correction(x) * ray.point));
     return true;
   }
 
+  /// T_motor_scanner with these unknowns: corrections across the axis to the initial one.
+  Pose mounted(const Vector& x) const {
+    return R_lidar_across_ * correction(x) * R_lidar_across_.inverse() * start_.T_motor_scanner;
+  }
+
  private:
+  static Pose correction(const Vector& x) {
+    return pose_from_xyz_rpy_deg({0.0, x[2], x[3]}, {0.0, x[0], x[1]});
+  }
+
   void add(const scip::TimedScan& line, const scip::Echo& echo) {
     const scip::Parameters& scanner = recording_.scanner;
     if (const auto point = spinning::in_scanner(scanner, echo)) {
-      rays_.push_back({*point, line.stamp_ns + scanner.step_ns(echo.step)});
+      const Eigen::Vector3d placed = start_.T_motor_scanner * *point;
+      const std::int64_t at_ns = line.stamp_ns + scanner.step_ns(echo.step);
+      rays_.push_back({R_lidar_across_.inverse() * placed, at_ns});
     }
-  }
-
-  Pose mounted(const Vector& x) const {
-    Pose pose = pose_from_xyz_rpy_deg({0.0, x[2], x[3]}, {0.0, x[0], x[1]});
-    pose.translation().x() = start_.T_motor_scanner.translation().x();
-    return pose;
   }
 
   const Recording& recording_;
   spinning::Mount start_;
+  /// from a frame whose x lies along the motor's axis
+  Pose R_lidar_across_ = Pose::Identity();
   std::vector<Ray> rays_;
 };
 
@@ -338,7 +350,9 @@ std::string objection_to(const MountCalibration& found) {
   }
   if (missing.empty()) return {};
   return "the recording does not tell " + missing +
-         ": take one of a minute, where walls, floor and ceiling are near";
+         " (in a frame whose x lies along motor.axis): take one of a minute, where walls, floor "
+         "and ceiling are near; --mount names a file with the motor's axis and the scanner's "
+         "nominal pose";
 }
 
 }  // namespace
@@ -347,9 +361,7 @@ MountCalibration calibrate(const Recording& recording, const spinning::Mount& st
   if (recording.lines.empty()) throw std::invalid_argument("there is no line in the recording");
   if (recording.angles.received() == 0) throw std::invalid_argument("there is no angle");
   const Points points(recording, start);
-  const Eigen::Vector3d place = start.T_motor_scanner.translation();
-  const Vector known = {0.0, 0.0, place.y(), place.z(),
-                        1e-6 * static_cast<double>(start.angle_delay_ns)};
+  const Vector known = {0.0, 0.0, 0.0, 0.0, 1e-6 * static_cast<double>(start.angle_delay_ns)};
   MountCalibration out;
   out.before_m = thickness_m(points, patches_of(points, known, kStages.front()), known);
   Solved solved{with_best_delay(points, known), {}, false};
@@ -376,6 +388,9 @@ MountCalibration calibrate(const Recording& recording, const spinning::Mount& st
   out.y_m = unknown(2);
   out.z_m = unknown(3);
   out.delay_ms = unknown(4);
+  out.mount = start;
+  out.mount.T_motor_scanner = points.mounted(solved.x);
+  out.mount.angle_delay_ns = std::llround(1e6 * solved.x[4]);
   out.objection = objection_to(out);
   return out;
 }

@@ -32,8 +32,8 @@ struct Unknown {
 };
 
 struct MountCalibration {
-  Unknown pitch_deg, yaw_deg;  ///< of the scanner in the frame that the motor rotates
-  Unknown y_m, z_m;            ///< its position there
+  /// corrections of the initial mount across the motor's axis, in a frame whose x lies along it
+  Unknown pitch_deg, yaw_deg, y_m, z_m;
   Unknown delay_ms;            ///< of the angles' stamps against the lines'
   /// of the points about their planes, one sigma, before and after the calibration
   double before_m = 0.0;
@@ -42,6 +42,8 @@ struct MountCalibration {
   /// share of all returns that lie on planes
   double flat_share = 0.0;
   std::size_t planes = 0;
+  /// the initial mount with what was found
+  spinning::Mount mount;
   /// empty: all unknowns are found; else why not
   std::string objection;
 
@@ -50,8 +52,9 @@ struct MountCalibration {
   }
 };
 
-/// start: initial values; its axis, zero and direction are kept. Throws std::invalid_argument for a
-/// recording without lines or angles.
+/// start: initial values; its axis, zero and direction are kept, which no recording determines:
+/// with the opposite direction, a mirrored world is just as flat. Throws std::invalid_argument for
+/// a recording without lines or angles.
 MountCalibration calibrate(const Recording& recording, const spinning::Mount& start);
 
 }  // namespace zloam::driver::calibration

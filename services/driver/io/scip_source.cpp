@@ -5,11 +5,14 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <stdexcept>
 #include <thread>
 #include <utility>
 
+#include "driver/io/metadata_file.hpp"
 #include "driver/io/scip_link.hpp"
 #include "driver/io/stamped_table.hpp"
+#include "driver/spinning/mount_file.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -246,6 +249,17 @@ class RecordedScanner : public ScannerSweeps {
 };
 
 }  // namespace
+
+ScipSourceConfig read_mount_file(const std::string& path) {
+  ScipSourceConfig config;
+  if (path.empty()) return config;
+  try {
+    spinning::read_mount(text_of_metadata(path), config.client, config.spinning);
+  } catch (const std::invalid_argument& error) {
+    throw SourceError(path + ": " + error.what());
+  }
+  return config;
+}
 
 std::unique_ptr<ScipSource> sweeps_of_scanner(const std::string& device,
                                               const ScipSourceConfig& config, int timeout_ms) {

@@ -17,6 +17,10 @@ struct ScipSourceConfig {
   spinning::SpinningConfig spinning;
 };
 
+/// As a mount file (driver.metadata) says; the defaults if the path is empty. Throws SourceError
+/// that names file and key.
+ScipSourceConfig read_mount_file(const std::string& path);
+
 /// A source that also takes a motor's readings.
 class ScipSource : public SweepSource {
  public:

@@ -2,7 +2,9 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -13,6 +15,15 @@ namespace zloam::driver::spinning {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
+
+/// Roll, pitch, yaw of R = Rz(yaw) * Ry(pitch) * Rx(roll).
+Eigen::Vector3d rpy_deg_of(const Pose& pose) {
+  const Eigen::Matrix3d R = pose.linear();
+  return Eigen::Vector3d(std::atan2(R(2, 1), R(2, 2)),
+                         std::atan2(-R(2, 0), std::hypot(R(0, 0), R(1, 0))),
+                         std::atan2(R(1, 0), R(0, 0))) /
+         kDegree;
+}
 
 using Readers = std::map<std::string, std::function<void(const YAML::Node&)>>;
 
@@ -150,6 +161,25 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
   mount.zero_rad = zero_deg * kDegree;
   mount.direction = backward ? -1.0 : 1.0;
   mount.angle_delay_ns = std::llround(1e6 * delay_ms);
+}
+
+std::string mount_text(const scip::ClientConfig& client, const SpinningConfig& spinning) {
+  const Mount& mount = spinning.mount;
+  const Eigen::Vector3d rpy_deg = rpy_deg_of(mount.T_motor_scanner);
+  const Eigen::Vector3d xyz_m = mount.T_motor_scanner.translation();
+  const auto word = [](bool on) { return on ? "true" : "false"; };
+  std::array<char, 1024> text{};
+  std::snprintf(text.data(), text.size(),
+                "scanner:\n  rpy_deg: [%.4f, %.4f, %.4f]\n  xyz_m: [%.4f, %.4f, %.4f]\n"
+                "  from_deg: %.9g\n  to_deg: %.9g\n  intensities: %s\n  several_echoes: %s\n"
+                "  sweep_s: %.9g\nmotor:\n  axis: [%.9g, %.9g, %.9g]\n  zero_deg: %.9g\n"
+                "  backward: %s\n  delay_ms: %.3f\n  turn_s: %.9g\n",
+                rpy_deg.x(), rpy_deg.y(), rpy_deg.z(), xyz_m.x(), xyz_m.y(), xyz_m.z(),
+                client.from_deg, client.to_deg, word(client.intensities),
+                word(client.several_echoes), spinning.sweep_s, mount.axis.x(), mount.axis.y(),
+                mount.axis.z(), mount.zero_rad / kDegree, word(mount.direction < 0.0),
+                1e-6 * static_cast<double>(mount.angle_delay_ns), spinning.turn_s);
+  return text.data();
 }
 
 }  // namespace zloam::driver::spinning

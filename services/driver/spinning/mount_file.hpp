@@ -32,4 +32,7 @@ namespace zloam::driver::spinning {
 /// Sets the fields that the text contains. Throws std::invalid_argument that names the key.
 void read_mount(const std::string& text, scip::ClientConfig& client, SpinningConfig& spinning);
 
+/// The same as text with all keys, except motor.profile.
+std::string mount_text(const scip::ClientConfig& client, const SpinningConfig& spinning);
+
 }  // namespace zloam::driver::spinning

@@ -267,6 +267,28 @@ TEST(MountFileTest, AProfileIsReadWhole) {
   EXPECT_DOUBLE_EQ(spinning.turn_s, 1.05);
 }
 
+TEST(MountFileTest, WhatIsWrittenIsReadAgain) {
+  const std::string text =
+      "scanner: {rpy_deg: [90, -1.25, 2.5], xyz_m: [0.1, -0.02, 0.03], from_deg: -90, to_deg: 120,"
+      " intensities: false, several_echoes: true, sweep_s: 0.2}\n"
+      "motor: {axis: [0, 0, 2], zero_deg: 30.5, backward: true, delay_ms: 7.5, turn_s: 1.5}";
+  scip::ClientConfig client, again_client;
+  SpinningConfig spinning, again;
+  read_mount(text, client, spinning);
+  read_mount(mount_text(client, spinning), again_client, again);
+  EXPECT_TRUE(again.mount.T_motor_scanner.isApprox(spinning.mount.T_motor_scanner, 1e-6));
+  EXPECT_TRUE(again.mount.axis.isApprox(Eigen::Vector3d::UnitZ()));
+  EXPECT_NEAR(again.mount.zero_rad, 30.5 * kDegree, 1e-6);
+  EXPECT_EQ(again.mount.direction, -1.0);
+  EXPECT_EQ(again.mount.angle_delay_ns, 7'500'000);
+  EXPECT_DOUBLE_EQ(again.turn_s, 1.5);
+  EXPECT_DOUBLE_EQ(again.sweep_s, 0.2);
+  EXPECT_DOUBLE_EQ(again_client.from_deg, -90.0);
+  EXPECT_DOUBLE_EQ(again_client.to_deg, 120.0);
+  EXPECT_FALSE(again_client.intensities);
+  EXPECT_TRUE(again_client.several_echoes);
+}
+
 TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
   const std::vector<std::pair<std::string, std::string>> wrong = {
       {"motor: {profile: {speed_deg_s: 180}}", "motor.profile.from_s"},
