@@ -65,7 +65,7 @@ class Device : public ScipLink {
     pollfd waiting{fd_.get(), POLLIN, 0};
     if (poll(&waiting, 1, timeout_ms) <= 0) return Read::kNothing;
     const ssize_t size = ::read(fd_.get(), buffer_.data(), buffer_.size());
-    received_ns = wall_ns();
+    received_ns = even_ns();
     if (size < 0 && (errno == EAGAIN || errno == EINTR)) return Read::kNothing;
     if (size <= 0) {
       why_ = size == 0 ? "the other side closed the connection" : std::strerror(errno);

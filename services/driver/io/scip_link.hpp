@@ -9,9 +9,19 @@
 
 namespace zloam::driver {
 
-/// This host's clock, which stamps received bytes: ns since the Unix epoch.
+/// This host's clock, ns since the Unix epoch.
 inline std::int64_t wall_ns() {
   return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+/// The same as it was at the first call, continued evenly: setting the clock does not move it. It
+/// stamps received bytes.
+inline std::int64_t even_ns() {
+  const auto steady_ns = [] {
+    return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+  };
+  static const std::int64_t base_ns = wall_ns() - steady_ns();
+  return base_ns + steady_ns();
 }
 
 class ScipLink {
@@ -19,7 +29,7 @@ class ScipLink {
   enum class Read : std::uint8_t { kBytes, kNothing, kClosed };
 
   virtual ~ScipLink() = default;
-  /// Waits up to timeout_ms. received_ns: ns since the Unix epoch. kClosed: the connection is lost,
+  /// Waits up to timeout_ms. received_ns: of even_ns(). kClosed: the connection is lost,
   /// why() tells the reason; of a file: its end.
   virtual Read read(std::vector<std::uint8_t>& bytes, std::int64_t& received_ns,
                     int timeout_ms) = 0;

@@ -12,6 +12,7 @@
 #include "driver/io/metadata_file.hpp"
 #include "driver/io/scip_link.hpp"
 #include "driver/io/stamped_table.hpp"
+#include "driver/spinning/host_steps.hpp"
 #include "driver/spinning/mount_file.hpp"
 
 namespace zloam::driver {
@@ -23,8 +24,10 @@ constexpr std::int64_t kLongestPauseNs = 4'000'000'000;
 constexpr std::int64_t kKeptAnglesNs = 10'000'000'000;
 // Whoever looks each second must see a connection that was lost for a moment.
 constexpr std::int64_t kToldNs = 2'000'000'000;
-// If the motor's clock was set back by more than this, the angles start again.
+// If the angles' stamps go back by more than this, the angles start again.
 constexpr std::int64_t kRestartNs = 1'000'000'000;
+// Two clocks that were read within this time were read together.
+constexpr std::int64_t kReadTogetherNs = 100'000;
 // Lines without an angle in a row before it is reported: one second of them.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
@@ -119,11 +122,12 @@ class LiveScanner : public ScannerSweeps {
   LiveScanner(std::string device, const ScipSourceConfig& config, int timeout_ms)
       : ScannerSweeps(config), device_(std::move(device)), timeout_ms_(timeout_ms) {
     link_ = open_scip_device(device_);
-    client_.connected(wall_ns());
+    client_.connected(even_ns());
   }
 
   Pull pull(DecodedSweep& sweep) override {
-    if (sweeps_.take(sweep)) return Pull::kSweep;
+    look_at_clock();
+    if (take(sweep)) return Pull::kSweep;
     if (!link_ && !reconnected()) return Pull::kNothing;
     send();
     std::int64_t received_ns = 0;
@@ -138,19 +142,28 @@ class LiveScanner : public ScannerSweeps {
         lost(device_ + ": " + link_->why());
         return Pull::kNothing;
     }
-    client_.look(wall_ns());
+    client_.look(even_ns());
     if (!client_.refusal().empty()) throw SourceError(device_ + ": " + client_.refusal());
     send();
     if (client_.take_reconnect()) lost(device_ + ": the scanner is silent");
-    return sweeps_.take(sweep) ? Pull::kSweep : Pull::kNothing;
+    return take(sweep) ? Pull::kSweep : Pull::kNothing;
   }
 
   void add(const spinning::AngleReading& reading) override {
-    // A clock that was set back, or one reading from far ahead: the readings start again.
-    if (reading.stamp_ns < newest_angle_ns_ - kRestartNs) sweeps_.forget_angles();
-    newest_angle_ns_ = reading.stamp_ns;
-    ScannerSweeps::add(reading);
-    sweeps_.forget_angles_before(reading.stamp_ns - kKeptAnglesNs);
+    look_at_clock();
+    const std::int64_t stamp_ns = host_steps_.even_ns(reading.stamp_ns, even_ns());
+    // One reading from far ahead, or a motor's program with another clock: the readings start
+    // again.
+    if (stamp_ns < newest_angle_ns_ - kRestartNs) sweeps_.forget_angles();
+    newest_angle_ns_ = stamp_ns;
+    ScannerSweeps::add({stamp_ns, reading.angle_rad});
+    sweeps_.forget_angles_before(stamp_ns - kKeptAnglesNs);
+  }
+
+  NamedCounts counts() const override {
+    NamedCounts all = ScannerSweeps::counts();
+    all.emplace_back("host_clock_steps", host_steps_.count());
+    return all;
   }
 
   std::vector<std::string> troubles() const override {
@@ -162,6 +175,24 @@ class LiveScanner : public ScannerSweeps {
   void flush() override { sweeps_.flush(); }
 
  private:
+  void look_at_clock() {
+    const std::int64_t before_ns = even_ns();
+    const std::int64_t host_ns = wall_ns();
+    const std::int64_t took_ns = even_ns() - before_ns;
+    // Interrupted between the readings of both clocks: the next look tells.
+    if (took_ns > kReadTogetherNs) return;
+    host_steps_.look(host_ns - before_ns - took_ns / 2);
+    sweeps_.set_host_ahead(host_steps_.ahead_ns());
+  }
+
+  /// A sweep tells of a step, and when its last bytes came by the clock of those who read it.
+  bool take(DecodedSweep& sweep) {
+    if (!sweeps_.take(sweep)) return false;
+    sweep.host_clock_step_ns += host_steps_.take_step_ns();
+    sweep.last_packet_ns += host_steps_.ahead_ns();
+    return true;
+  }
+
   void send() {
     if (const std::string output = client_.take_output(); !output.empty()) link_->write(output);
   }
@@ -186,7 +217,7 @@ class LiveScanner : public ScannerSweeps {
     }
     ++reconnects_;
     told_until_ns_ = steady_ns() + kToldNs;
-    client_.connected(wall_ns());
+    client_.connected(even_ns());
     return true;
   }
 
@@ -200,6 +231,7 @@ class LiveScanner : public ScannerSweeps {
   std::string lost_why_;
   std::int64_t told_until_ns_ = 0;
   std::int64_t newest_angle_ns_ = 0;
+  spinning::HostSteps host_steps_;
 };
 
 class RecordedScanner : public ScannerSweeps {

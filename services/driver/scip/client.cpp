@@ -291,6 +291,10 @@ void Client::place(Scan scan) {
   timed.stamp_ns = clock_->place(arrival(scan)) + offset_ns_;
   timed.clock_step = clock_->steps() != steps;
   if (timed.clock_step) say("the scanner's counter was set: was it started again?");
+  if (clock_->take_host_step_ns() != 0 && !config_.asks) {
+    say("the clock of the host that received the scans was set during the session: from then on, "
+        "angles stamped by it do not fit the lines");
+  }
   const ScanRequest& request = scan.request;
   if (request.continuous) {
     const std::int64_t apart = 1 + request.skipped;

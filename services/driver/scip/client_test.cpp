@@ -146,6 +146,45 @@ TEST(ScipClientOffset, TheReceiveDelayIsTakenOffOnlyWhereReceiveTimesTieTheClock
   }
 }
 
+/// A recorded session of 400 lines; after 200 the host's clock was set.
+void read_session(Client& client, std::int64_t host_step_ns) {
+  TestDevice device;
+  device.measured = "MD0180090001000";
+  std::int64_t received_ns = 1'700'000'000 * kSecond;
+  const auto give = [&](const std::string& bytes) {
+    client.add({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, received_ns);
+  };
+  client.connected(0);
+  give(answer("PP", "00", TestDevice::parameters()));
+  for (int i = 0; i < 400; ++i) {
+    received_ns += 25 * kMs + (i == 200 ? host_step_ns : 0);
+    device.counter_ms += 25;
+    give(device.scan());
+  }
+  client.flush();
+}
+
+TEST(ScipSession, ASetClockOfTheHostIsNoneOfTheScanner) {
+  for (const std::int64_t step_ns : {-2 * kSecond, 5 * kSecond, -3600 * kSecond}) {
+    SCOPED_TRACE(step_ns);
+    ClientConfig config;
+    config.asks = false;
+    Client client(config);
+    read_session(client, step_ns);
+    std::vector<std::int64_t> stamps_ns;
+    while (auto scan = client.take_scan()) {
+      EXPECT_FALSE(scan->clock_step);
+      stamps_ns.push_back(scan->stamp_ns);
+    }
+    ASSERT_EQ(stamps_ns.size(), 400U);
+    for (std::size_t i = 1; i < stamps_ns.size(); ++i) {
+      EXPECT_NEAR(static_cast<double>(stamps_ns[i] - stamps_ns[i - 1]), 25e6, 0.1e6) << i;
+    }
+    ASSERT_EQ(client.remarks().size(), 1U);
+    EXPECT_NE(client.remarks().front().find("host"), std::string::npos) << client.remarks().front();
+  }
+}
+
 TEST_F(ScipClient, EvenReceiveTimesAreNoDrift) {
   // One minute in which the host's clock and the counter run at the same rate and every line has
   // the same delay.

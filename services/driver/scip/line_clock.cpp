@@ -49,6 +49,12 @@ void LineClock::tie(std::uint32_t counter_ms, std::int64_t host_ns) {
 
 void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_ns) {
   const std::int64_t apart_ms = counters_apart_ms(line.counter_ms, phase.counter_ms);
+  const bool host_went_back = line.received_ns != 0 && line.received_ns < phase.received_ns;
+  if (host_went_back) {
+    // Its clock was set, and tells the time that elapses only from here on.
+    phase.first_ms = phase.unwrapped_ms;
+    phase.first_received_ns = line.received_ns;
+  }
   const bool known = line.received_ns != 0 && phase.first_received_ns != 0;
   const std::int64_t passed_ms = (line.received_ns - phase.first_received_ns) / kMillisecondNs;
   const std::int64_t counted_ms = phase.unwrapped_ms + apart_ms - phase.first_ms;
@@ -58,7 +64,8 @@ void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_
   }
   // The device was restarted: its time continues by the time that elapsed on the host.
   ++phase.steps;
-  const std::int64_t since_ns = known ? line.received_ns - phase.received_ns : turn_ns;
+  const std::int64_t since_ns =
+      known && !host_went_back ? line.received_ns - phase.received_ns : turn_ns;
   phase.unwrapped_ms += std::max<std::int64_t>(1, since_ns / kMillisecondNs);
   phase.first_ms = phase.unwrapped_ms;
   phase.first_received_ns = line.received_ns;

@@ -36,6 +36,8 @@ class LineClock {
 
   /// Revolutions between the last two lines; 1 when none is missing.
   std::int64_t turns() const { return phase_.turns; }
+  /// What the clock of the receive times was set by since the last call; 0: nothing.
+  std::int64_t take_host_step_ns() { return clock_.take_host_step_ns(); }
   /// Number of times the counter was set, as by a restart of the device.
   std::uint64_t steps() const { return phase_.steps; }
 

@@ -82,7 +82,8 @@ bool SpinningSweeps::angles_of(const Line& line) {
   for (std::size_t i = 0; i < echoes.size(); ++i) {
     const std::int64_t at_ns = line.scan.stamp_ns + line.scanner.step_ns(echoes[i].step);
     if (config_.profile) {
-      angles_rad_[i] = config_.profile->angle_rad(at_ns + config_.mount.angle_delay_ns);
+      angles_rad_[i] =
+          config_.profile->angle_rad(at_ns + config_.mount.angle_delay_ns + host_ahead_ns_);
     } else if (track_.at(at_ns, angles_rad_[i]) != Angle::kKnown) {
       return false;
     }

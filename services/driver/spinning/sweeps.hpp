@@ -61,6 +61,8 @@ class SpinningSweeps {
   void add(AngleReading reading);
   /// Later readings may have earlier stamps.
   void forget_angles() { track_.clear(); }
+  /// The host's clock, by which a motor with a profile runs, is ahead of the lines' time by this.
+  void set_host_ahead(std::int64_t ahead_ns) { host_ahead_ns_ = ahead_ns; }
   /// No more lines from before then will come.
   void forget_angles_before(std::int64_t stamp_ns) { track_.forget_before(stamp_ns); }
   bool take(DecodedSweep& sweep);
@@ -96,6 +98,7 @@ class SpinningSweeps {
   PointMask mask_;
   AngleTrack track_;
   TurnWatch turn_watch_;
+  std::int64_t host_ahead_ns_ = 0;
   std::deque<Line> waiting_;
   /// of the line's echoes
   std::vector<double> angles_rad_;
