@@ -26,7 +26,7 @@ bool well(const Head& head) { return head.status == "00"; }
 void Client::connected(std::int64_t now_ns) {
   reader_.clear();
   output_.clear();
-  tie_.reset();
+  untie();
   unanswered_ = 0;
   heard_ns_ = now_ns;
   if (!config_.asks) {
@@ -34,6 +34,14 @@ void Client::connected(std::int64_t now_ns) {
     return;
   }
   begin(now_ns);
+}
+
+/// Whoever was away may have been started again: each connection has a clock of its own.
+void Client::untie() {
+  tie_.reset();
+  first_.clear();
+  if (clock_) steps_before_ += clock_->steps();
+  clock_.reset();
 }
 
 void Client::begin(std::int64_t now_ns) {
@@ -144,7 +152,7 @@ void Client::on_parameters(const RawReply& reply) {
   bad_checksum_ += static_cast<std::uint64_t>(damaged);
   try {
     const Parameters now = parameters_of(values);
-    if (parameters_ && parameters_->turn_ns() != now.turn_ns()) clock_.reset();
+    if (parameters_ && parameters_->turn_ns() != now.turn_ns()) untie();
     parameters_ = now;
   } catch (const std::invalid_argument& error) {
     say(std::string("the scanner can't be used: ") + error.what());
@@ -279,6 +287,7 @@ void Client::tie_clock() {
   std::vector<LineArrival> arrivals;
   for (const Scan& scan : first_) arrivals.push_back(arrival(scan));
   clock_.emplace(parameters_->turn_ns(), arrivals);
+  first_of_clock_ = true;
   if (tie_) clock_->tie(tie_->counter_ms, tie_->host_ns);
   // TM1 tells the time of the counter itself; receive times are later by the transmission.
   offset_ns_ = tie_ ? 0 : config_.stamp_offset_ns;
@@ -298,11 +307,19 @@ void Client::place(Scan scan) {
   const ScanRequest& request = scan.request;
   if (request.continuous) {
     const std::int64_t apart = 1 + request.skipped;
-    timed.turns = std::max<std::int64_t>(1, (clock_->turns() + apart / 2) / apart);
+    timed.turns = std::max<std::int64_t>(1, (turns_to(timed.stamp_ns) + apart / 2) / apart);
   }
+  last_stamp_ns_ = timed.stamp_ns;
   scans_lost_ += static_cast<std::uint64_t>(timed.turns - 1);
   timed.scan = std::move(scan);
   scans_.push_back(std::move(timed));
+}
+
+/// Revolutions from the line before, which may be of an earlier connection.
+std::int64_t Client::turns_to(std::int64_t stamp_ns) {
+  if (!std::exchange(first_of_clock_, false) || last_stamp_ns_ == 0) return clock_->turns();
+  const std::int64_t turn_ns = parameters_->turn_ns();
+  return (stamp_ns - last_stamp_ns_ + turn_ns / 2) / turn_ns;
 }
 
 void Client::flush() {
@@ -329,7 +346,7 @@ std::vector<std::pair<std::string_view, std::uint64_t>> Client::counts() const {
           {"answers_missing", timeouts_},
           {"device_faults", faults_},
           {"restarts", restarts_},
-          {"clock_steps", clock_ ? clock_->steps() : 0}};
+          {"clock_steps", steps_before_ + (clock_ ? clock_->steps() : 0)}};
 }
 
 }  // namespace zloam::driver::scip

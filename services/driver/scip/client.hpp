@@ -45,7 +45,7 @@ class Client {
  public:
   explicit Client(const ClientConfig& config) : config_(config) {}
 
-  /// A new connection: the dialogue restarts.
+  /// A new connection: the dialogue restarts, and its first lines tie the clock again.
   void connected(std::int64_t now_ns);
   void add(std::span<const std::uint8_t> bytes, std::int64_t received_ns);
   /// Checks for timeouts.
@@ -87,6 +87,7 @@ class Client {
 
   void ask(const std::string& command, State state, std::int64_t now_ns);
   void begin(std::int64_t now_ns);
+  void untie();
   void on_reply(const RawReply& reply);
   void on_answer(const RawReply& reply, const Head& head);
   void on_scan(const RawReply& reply, const Head& head);
@@ -96,6 +97,7 @@ class Client {
   void on_started(const Head& head, std::int64_t now_ns);
   void tie_clock();
   void place(Scan scan);
+  std::int64_t turns_to(std::int64_t stamp_ns);
   LineArrival arrival(const Scan& scan) const;
   void after_adjusting(std::int64_t now_ns);
   void bad_message(std::int64_t now_ns);
@@ -118,6 +120,11 @@ class Client {
   /// until there are enough scans to tie the clock
   std::vector<Scan> first_;
   std::optional<LineClock> clock_;
+  /// of the clocks before
+  std::uint64_t steps_before_ = 0;
+  bool first_of_clock_ = false;
+  /// of the line placed last
+  std::int64_t last_stamp_ns_ = 0;
   /// added to its times
   std::int64_t offset_ns_ = 0;
   /// of the TM1 with the least round trip

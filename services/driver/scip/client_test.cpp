@@ -222,6 +222,34 @@ TEST_F(ScipClient, ARestartedCounterGoesOn) {
   EXPECT_EQ(count("clock_steps"), 1U);
 }
 
+TEST_F(ScipClient, AScannerThatWasStartedAgainIsTiedAgain) {
+  measure(60);
+  const std::int64_t off_s = 20;
+  now_ns_ += off_s * kSecond;
+  device_.counter_ms = 300;
+  client_.connected(now_ns_);
+  talk();
+  const std::int64_t zero_ns = now_ns_ - device_.counter_ms * kMs;
+  taken();
+  for (int i = 0; i < 60; ++i) {
+    pass(25 * kMs);
+    // The connection's first line comes 10 ms late.
+    const std::string scan = device_.scan();
+    now_ns_ += i == 0 ? 10 * kMs : 0;
+    give(scan);
+    now_ns_ -= i == 0 ? 10 * kMs : 0;
+  }
+  const auto scans = taken();
+  ASSERT_EQ(scans.size(), 60U);
+  for (const TimedScan& scan : scans) {
+    const std::int64_t true_ns = zero_ns + scan.scan.counter_ms * kMs;
+    EXPECT_NEAR(static_cast<double>(scan.stamp_ns - true_ns), 0.0, 1.1e6);
+  }
+  // 25 ms a revolution.
+  EXPECT_NEAR(static_cast<double>(scans.front().turns), 40.0 * off_s, 4.0);
+  EXPECT_EQ(scans[1].turns, 1);
+}
+
 TEST_F(ScipClient, LostLinesAreCountedByTheCounter) {
   measure(50);
   pass(75 * kMs);
