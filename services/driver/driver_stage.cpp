@@ -25,6 +25,8 @@ constexpr int kSocketWaitMs = 5;
 // credible. Packets that are merely late, over a radio link or from a busy host, still join their
 // sweep.
 constexpr std::int64_t kFlushAfterNs = 1'000'000'000;
+// Every sensor gives several sweeps in this time; the first one of a scanner takes longest.
+constexpr double kNoSweepSeconds = 3.0;
 constexpr int kProgressSeconds = 5;
 // How long the health status reports that a clock was set.
 constexpr int kStepSaidSeconds = 10;
@@ -61,7 +63,7 @@ DriverStage::DriverStage(runtime::Stage& stage, const DriverConfig& config)
     throw runtime::IoError(error.what());
   }
   say_remarks();
-  last_datagram_ns_ = steady_ns();
+  last_datagram_ns_ = no_sweep_since_ns_ = steady_ns();
   stage_.every(std::chrono::seconds(1), [this] { every_second(); });
   stage_.on_poll([this] { return window_.replay() ? poll_replay() : poll_live(); });
   stage_.ready(true, "");
@@ -232,6 +234,7 @@ Poll DriverStage::poll_live() {
   publish_waiting();
   publish_positions();
   watch_quiet(came);
+  watch_sweeps(came);
   if (waiting_ && !source_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   return came || source_ || waiting_ ? Poll::kAgain : Poll::kWait;
 }
@@ -368,6 +371,26 @@ void DriverStage::watch_quiet(bool sweep_came) {
                            advice_on_silence();
   runtime::log_warning(text);
   stage_.degraded("packets", text);
+}
+
+/// Reports data that come but give no sweep, as when all of them are damaged.
+void DriverStage::watch_sweeps(bool sweep_came) {
+  const std::int64_t now_ns = steady_ns();
+  const bool data_come = now_ns - last_datagram_ns_ <= kFlushAfterNs;
+  if (sweep_came || !data_come) no_sweep_since_ns_ = now_ns;
+  if (sweep_came && no_sweep_) {
+    no_sweep_ = false;
+    runtime::log_info("sweeps come again");
+    stage_.degraded("sweeps", "");
+  }
+  const double least_s = std::max(config_.quiet_s, kNoSweepSeconds);
+  if (no_sweep_ || static_cast<double>(now_ns - no_sweep_since_ns_) < 1e9 * least_s) return;
+  no_sweep_ = true;
+  const std::string text = "data come on " + place() + ", but no sweep for " +
+                           std::to_string(static_cast<int>(least_s)) +
+                           " s. Seen so far: " + counted(counts());
+  runtime::log_warning(text);
+  stage_.degraded("sweeps", text);
 }
 
 /// Where the sensor's data come in.

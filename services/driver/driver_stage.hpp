@@ -52,6 +52,7 @@ class DriverStage {
   void report_steps(const DecodedSweep& sweep);
   void report_step(const std::string& whose, std::int64_t step_ns);
   void watch_quiet(bool sweep_came);
+  void watch_sweeps(bool sweep_came);
   void every_second();
   void say_remarks();
   void say_troubles();
@@ -90,6 +91,9 @@ class DriverStage {
   /// of this host, before this stage started
   std::uint64_t to_closed_ports_before_ = datagrams_to_closed_ports();
   bool quiet_ = false;
+  /// data that come since then have given no sweep
+  std::int64_t no_sweep_since_ns_ = 0;
+  bool no_sweep_ = false;
   bool flushed_ = true;
   std::vector<std::string> remarks_said_, troubles_;
   int seconds_ = 0;

@@ -367,6 +367,19 @@ def test_live(
         assert live.asked.count(b"TM1") == 10
 
 
+def test_live_with_damaged_scans_only_is_degraded(
+    build: Path, drive: Session, tmp_path: Path
+) -> None:
+    device = TcpDevice(drive.log, LIVE_SECONDS)
+    device.spoil = lambda number, data: data[: len(data) // 2] + b"~" + data[len(data) // 2 + 1 :]
+    with Live(build, device, drive, tmp_path) as live:
+        live.until_sent()
+        status = live.chain.link.stage("driver")
+        assert status.figures["replies_bad_checksum"] > 100
+        assert status.health == "degraded"
+        assert "but no sweep for 3 s" in status.reason
+
+
 def test_live_with_a_lost_connection_and_damaged_scans(
     build: Path, drive: Session, tmp_path: Path
 ) -> None:

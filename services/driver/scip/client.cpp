@@ -109,7 +109,6 @@ void Client::on_reply(const RawReply& reply) {
     unexpected_ += state_ == State::kStopping ? 0 : 1;
     return;
   }
-  unanswered_ = 0;
   on_answer(reply, *head);
 }
 
@@ -202,6 +201,7 @@ void Client::after_adjusting(std::int64_t now_ns) {
 
 void Client::on_started(const Head& head, std::int64_t now_ns) {
   if (well(head)) {
+    unanswered_ = 0;
     state_ = State::kMeasuring;
     return;
   }

@@ -111,6 +111,7 @@ class Client {
   std::string asked_;
   std::int64_t asked_ns_ = 0;
   std::int64_t heard_ns_ = 0;
+  /// commands without an answer since the scanner measured last, or was connected
   int unanswered_ = 0;
   int bad_in_row_ = 0;
   std::string output_;

@@ -317,6 +317,27 @@ TEST_F(ScipClient, WhatNeverAnswersIsGivenUp) {
   EXPECT_NE(client_.remarks().front().find("driver.path"), std::string::npos);
 }
 
+TEST_F(ScipClient, ADialogueThatNeverEndsIsGivenUp) {
+  for (const std::string command : {"VV", "II", "TM0", "ME0180090001000"}) {
+    SCOPED_TRACE(command);
+    device_.broken_command = command;
+    device_.broken_answer = "";
+    Client client(half_circle());
+    client.connected(now_ns_);
+    bool gives_up = false;
+    for (int i = 0; i < 400 && !gives_up; ++i) {
+      const std::string said = device_.respond(client.take_output());
+      client.add({reinterpret_cast<const std::uint8_t*>(said.data()), said.size()}, now_ns_);
+      now_ns_ += 10 * kMs;
+      client.look(now_ns_);
+      gives_up = client.take_reconnect();
+    }
+    EXPECT_TRUE(gives_up);
+    ASSERT_EQ(client.remarks().size(), 1U);
+    EXPECT_NE(client.remarks().front().find("no answer to " + command), std::string::npos);
+  }
+}
+
 TEST_F(ScipClient, WithoutIntensitiesItMeasuresDistances) {
   device_.broken_command = "ME0180090001000";
   device_.broken_answer = answer("ME0180090001000", "0E");

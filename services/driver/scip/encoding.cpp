@@ -7,18 +7,35 @@ constexpr unsigned char kLeast = 0x30;
 constexpr unsigned char kMost = 0x6F;
 constexpr unsigned kSixBits = 0x3F;
 constexpr std::size_t kMostCharacters = 5;
+constexpr std::size_t kMillisecondCharacters = 4, kMicrosecondCharacters = 11;
+constexpr std::uint64_t kCounterMask = 0xFFFFFF;
+
+/// The lower 64 bits.
+std::optional<std::uint64_t> decode_long(std::string_view characters) {
+  std::uint64_t value = 0;
+  for (const char c : characters) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte < kLeast || byte > kMost) return std::nullopt;
+    value = (value << 6) | static_cast<std::uint64_t>(byte - kLeast);
+  }
+  return value;
+}
 
 }  // namespace
 
 std::optional<std::uint32_t> decode(std::string_view characters) {
   if (characters.empty() || characters.size() > kMostCharacters) return std::nullopt;
-  std::uint32_t value = 0;
-  for (const char c : characters) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < kLeast || byte > kMost) return std::nullopt;
-    value = (value << 6) | static_cast<std::uint32_t>(byte - kLeast);
-  }
-  return value;
+  const auto value = decode_long(characters);
+  if (!value) return std::nullopt;
+  return static_cast<std::uint32_t>(*value);
+}
+
+std::optional<std::uint32_t> decode_counter_ms(std::string_view characters) {
+  if (characters.size() == kMillisecondCharacters) return decode(characters);
+  if (characters.size() != kMicrosecondCharacters) return std::nullopt;
+  const auto value_us = decode_long(characters);
+  if (!value_us) return std::nullopt;
+  return static_cast<std::uint32_t>(*value_us / 1000 & kCounterMask);
 }
 
 char checksum(std::string_view text) {

@@ -12,6 +12,10 @@ namespace zloam::driver::scip {
 /// one is another character.
 std::optional<std::uint32_t> decode(std::string_view characters);
 
+/// A time stamp in milliseconds, 24 bits: four characters of milliseconds, or, of newer firmware,
+/// eleven of microseconds, of which the rest is dropped.
+std::optional<std::uint32_t> decode_counter_ms(std::string_view characters);
+
 /// Checksum of a line without its own checksum and end.
 char checksum(std::string_view text);
 

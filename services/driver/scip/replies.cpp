@@ -13,7 +13,6 @@ namespace {
 
 constexpr std::size_t kStatusLine = 1;
 constexpr std::size_t kFirstLine = 2;
-constexpr std::size_t kCounterCharacters = 4;
 
 // Prefixes of commands with three characters; all others have two.
 constexpr std::array<std::string_view, 3> kLong = {"TM", "%S", "SC"};
@@ -165,8 +164,7 @@ Parameters parameters_of(const std::map<std::string, std::string>& values) {
 std::optional<std::uint32_t> counter_of(const RawReply& reply) {
   if (reply.lines.size() <= kFirstLine) return std::nullopt;
   const auto text = checked(reply.lines[kFirstLine]);
-  if (!text || text->size() != kCounterCharacters) return std::nullopt;
-  return decode(*text);
+  return text ? decode_counter_ms(*text) : std::nullopt;
 }
 
 }  // namespace zloam::driver::scip

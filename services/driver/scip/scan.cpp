@@ -11,7 +11,6 @@ namespace zloam::driver::scip {
 namespace {
 
 constexpr std::size_t kStampLine = 2;
-constexpr std::size_t kCounterCharacters = 4;
 constexpr std::size_t kIntensityCharacters = 3;
 // Lengths of the parameters: SSSSEEEECC, and INN more for continuous commands.
 constexpr std::size_t kSingle = 10;
@@ -78,7 +77,7 @@ ScanError read_scan(const RawReply& reply, const Head& head, Scan& scan) {
   const auto stamp = checked(reply.lines[kStampLine]);
   std::string data;
   if (!stamp || !joined(reply, data)) return ScanError::kChecksum;
-  const auto counter = stamp->size() == kCounterCharacters ? decode(*stamp) : std::nullopt;
+  const auto counter = decode_counter_ms(*stamp);
   if (!counter) return ScanError::kCharacters;
   scan = {*request, *counter, {}, reply.received_ns};
   const auto range_size = static_cast<std::size_t>(request->range_characters);

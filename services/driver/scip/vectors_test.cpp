@@ -124,6 +124,18 @@ TEST(ScipVectors, Parameters) {
 
 TEST(ScipVectors, Counter) { EXPECT_EQ(counter_of(only_reply("TM1\n00P\n_65>8\n\n")), 12345678U); }
 
+TEST(ScipVectors, ACounterInMicroseconds) {
+  const std::uint64_t us = 1'700'000'000'123'456;
+  std::string text;
+  for (std::uint64_t rest = us; text.size() < 11; rest /= 64) {
+    text.insert(text.begin(), static_cast<char>('0' + rest % 64));
+  }
+  EXPECT_EQ(decode_counter_ms(text), 1'700'000'000'123ULL % (1ULL << 24));
+  EXPECT_EQ(decode_counter_ms("_65>"), 12345678U);
+  EXPECT_FALSE(decode_counter_ms("0_65>").has_value());
+  EXPECT_FALSE(decode_counter_ms("0000000000p").has_value());
+}
+
 TEST(ScipVectors, Distances) {
   const Scan scan = only_scan(kDistances);
   EXPECT_EQ(scan.counter_ms, 12345678U);

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from fake_stage import SWEEPS, loop
-from zloam_monitor import cli, clouds, messages, trajectory
+from zloam_monitor import cli, clouds, live, messages, trajectory
 from zloam_monitor.chain import BinariesMissing, binary
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
@@ -190,6 +190,16 @@ def test_live_run_says_what_is_missing_and_writes_at_the_end(
     assert (build / "out" / "report.json").exists()
     # No empty file may look like a drive.
     assert not list((build / "out").glob("*.tum"))
+
+
+def test_where_data_are_missing_is_the_drivers_place() -> None:
+    scanner = {"driver.source": "scip", "driver.path": "/dev/ttyACM0", "driver.port": 2368}
+    place, advice = live.data_place({"mapping": {}, "driver": scanner})
+    assert place == "/dev/ttyACM0"
+    assert "UDP" not in advice
+    place, advice = live.data_place({"driver": {"driver.source": "udp", "driver.port": 7502}})
+    assert place == "UDP 7502"
+    assert "firewall" in advice
 
 
 def test_interrupted_live_run_writes_what_it_has(build: Path) -> None:

@@ -25,6 +25,11 @@ NO_PACKETS_HELP = (
     "check that the sensor has power and spins, that its web page names this host as destination, "
     "that the port is the same, and that no firewall drops UDP"
 )
+NO_SCANNER_HELP = (
+    "check that the scanner has power and is connected, that driver.path is its address or device, "
+    "and what the driver's log says of its replies"
+)
+NO_MESSAGES_HELP = "check that a program publishes the sensor's packets there"
 
 
 @dataclass(frozen=True)
@@ -51,11 +56,22 @@ class LiveOptions:
     beside: tuple[str, ...] = ()
 
 
+def data_place(configs: dict[str, dict[str, Any]]) -> tuple[str, str]:
+    """Where the sensor's data come in by the stages' configurations, and what to check there."""
+    driver = {k: v for config in configs.values() for k, v in config.items()}
+    source = driver.get("driver.source")
+    if source == "scip":
+        return str(driver.get("driver.path")), NO_SCANNER_HELP
+    if source == "zenoh":
+        return "the sensor's key packets", NO_MESSAGES_HELP
+    return f"UDP {driver.get('driver.port', 2368)}", NO_PACKETS_HELP
+
+
 class Diagnosis:
     """Finds what is missing from what the link receives, and describes it as texts."""
 
-    def __init__(self, port: Any) -> None:
-        self._port = port
+    def __init__(self, place: str, advice: str) -> None:
+        self._place, self._advice = place, advice
         self._sweeps = 0
         self._moved = self._began = time.monotonic()
 
@@ -72,7 +88,7 @@ class Diagnosis:
         quiet = now - self._moved
         if quiet > QUIET_SECONDS and not any(each.startswith("driver:") for each in said):
             what = "no packets" if self._sweeps == 0 else "no more sweeps"
-            said.insert(0, f"{what} on UDP {self._port} for {quiet:.0f} s: {NO_PACKETS_HELP}")
+            said.insert(0, f"{what} on {self._place} for {quiet:.0f} s: {self._advice}")
         return said
 
 
@@ -90,16 +106,7 @@ def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Rem
     line = ProgressLine()
     logs = Logs(outputs.Files(options.out).logs)
     supervisor = Supervisor(chain)
-    port = next(
-        (
-            v
-            for c in chain.link.query_configs().values()
-            for k, v in c.items()
-            if k == "driver.port"
-        ),
-        2368,
-    )
-    diagnosis = Diagnosis(port)
+    diagnosis = Diagnosis(*data_place(chain.link.query_configs()))
     began = time.monotonic()
     print("running; Ctrl-C writes trajectory and map and ends")
     while not interrupt.asked:
