@@ -97,9 +97,9 @@ class Points {
   void add(const scip::TimedScan& line, const scip::Echo& echo) {
     const scip::Parameters& scanner = recording_.scanner;
     if (const auto point = spinning::in_scanner(scanner, echo)) {
-      const Eigen::Vector3d placed = start_.T_motor_scanner * *point;
+      const Eigen::Vector3d in_motor = start_.T_motor_scanner * *point;
       const std::int64_t at_ns = line.stamp_ns + scanner.step_ns(echo.step);
-      rays_.push_back({R_lidar_across_.inverse() * placed, at_ns});
+      rays_.push_back({R_lidar_across_.inverse() * in_motor, at_ns});
     }
   }
 

@@ -101,6 +101,8 @@ class SweepAssembler {
   static Held held_copy(const Packet& packet);
   bool accepted(const PacketTail& tail);
   void order(const Packet& packet);
+  std::int64_t received_after_us(const Packet& packet) const;
+  std::int64_t stamped_after_us(const Packet& packet) const;
   bool clock_stepped(const Packet& packet, std::int64_t ahead_us) const;
   void suspect_step(const Packet& packet);
   void confirm_step();

@@ -179,8 +179,46 @@ TEST(AssemblerClock, PacketsThatWereHeldUpChangeNoTime) {
   }
 }
 
+/// 300 packets before a silence of the sensor, and 300 after it.
+std::vector<DecodedSweep> across_silence(std::int64_t silent_ns, bool was_off,
+                                         PacketCounts* counts) {
+  TurningSensor sensor;
+  SweepAssembler assembler(test::decoder(), {});
+  for (std::int64_t i = 0; i < 600; ++i) {
+    if (i == 300) {
+      sensor.time_us = was_off ? 7e6 : sensor.time_us + 1e-3 * static_cast<double>(silent_ns);
+    }
+    assembler.add(sensor.next(), kStartNs + kPacketNs * (i + 1) + (i >= 300 ? silent_ns : 0));
+  }
+  assembler.flush();
+  *counts = assembler.counts();
+  return sweeps_of(assembler);
+}
+
+TEST(AssemblerClock, ASilenceOfHoursTakesItsTime) {
+  for (const std::int64_t silent_s : {1700LL, 2700LL, 3500LL, 3660LL, 5500LL, 10'000LL}) {
+    for (const bool was_off : {false, true}) {
+      SCOPED_TRACE(silent_s);
+      SCOPED_TRACE(was_off);
+      PacketCounts counts;
+      const auto sweeps = across_silence(silent_s * kSecondNs, was_off, &counts);
+      if (!was_off) {
+        EXPECT_EQ(counts.clock_steps, 0U);
+      }
+      EXPECT_EQ(counts.host_clock_steps, 0U);
+      expect_in_time_order(sweeps);
+      const std::int64_t lasted_ns = sweeps.back().stamp_ns - sweeps.front().stamp_ns;
+      // 600 packets are almost eight revolutions of 0.1 s.
+      const double off_s = 1e-9 * static_cast<double>(lasted_ns) - static_cast<double>(silent_s);
+      if (!was_off || silent_s > 1800) {
+        EXPECT_NEAR(off_s, 0.75, 0.1);
+      }
+    }
+  }
+}
+
 TEST(AssemblerClock, AHostThatIsSetIsSaidAndMovesNoStamp) {
-  for (const std::int64_t step_s : {2LL, -1LL, -30LL, 1'700'000'000LL}) {
+  for (const std::int64_t step_s : {2LL, -1LL, -30LL, 3600LL, 7200LL, 1'700'000'000LL}) {
     SCOPED_TRACE(step_s);
     PacketCounts counts;
     const auto sweeps = received_as(

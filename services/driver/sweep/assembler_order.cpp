@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "driver/sweep/assembler.hpp"
 #include "driver/sweep/azimuth.hpp"
@@ -12,6 +13,9 @@ namespace {
 
 // A packet older than the newest by more than this is not late: the sensor's clock was set back.
 constexpr std::int64_t kClockStepUs = 500'000;
+constexpr std::int64_t kHalfHourUs = 1'800'000'000;
+// Two clocks drift apart by less than one part in this.
+constexpr std::int64_t kClocksAgree = 1000;
 // After this many packets in a row that are older than the newest, the clock was set back as well.
 constexpr int kLateInARow = 16;
 // A longer wait by the receiver's clock means that the receiver's clock was set meanwhile.
@@ -33,8 +37,28 @@ void SweepAssembler::process_first_held() {
   release_contiguous();
 }
 
+/// Time since the packet before by the receiver's clock; 0: unknown.
+std::int64_t SweepAssembler::received_after_us(const Packet& packet) const {
+  if (packet.received_ns == 0 || last_received_ns_ == 0) return 0;
+  const std::int64_t waited_ns = packet.received_ns - last_received_ns_;
+  return waited_ns > kLongestOutageNs ? 0 : waited_ns / 1000;
+}
+
+/// The same by the sensor's stamps. They begin again with each hour: after a longer silence the
+/// receiver's clock tells the whole hours. A small step forward is no silence: that clock was set.
+std::int64_t SweepAssembler::stamped_after_us(const Packet& packet) const {
+  const std::int64_t by_stamps_us = toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  const std::int64_t waited_us = received_after_us(packet);
+  const bool small = by_stamps_us >= 0 && by_stamps_us <= kClockStepUs;
+  if (small || waited_us <= kHalfHourUs) return by_stamps_us;
+  const std::int64_t hours = (waited_us - by_stamps_us + kHalfHourUs) / (2 * kHalfHourUs);
+  return by_stamps_us + hours * 2 * kHalfHourUs;
+}
+
 void SweepAssembler::order(const Packet& packet) {
-  const std::int64_t ahead_us = toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  // Stamps from before a long silence have no order with later ones.
+  if (received_after_us(packet) > kHalfHourUs) release_held(0);
+  const std::int64_t ahead_us = stamped_after_us(packet);
   if (clock_stepped(packet, ahead_us)) {
     suspect_step(packet);
     return;
@@ -59,6 +83,10 @@ bool SweepAssembler::clock_stepped(const Packet& packet, std::int64_t ahead_us) 
   if (ahead_us < 0 && late_in_a_row_ >= kLateInARow) return true;
   if (ahead_us <= kClockStepUs || packet.received_ns == 0 || last_received_ns_ == 0) return false;
   const std::int64_t waited_us = (packet.received_ns - last_received_ns_) / 1000;
+  if (received_after_us(packet) > kHalfHourUs) {
+    // The hours were counted by the wait: a sensor that was on meanwhile agrees with it.
+    return std::abs(ahead_us - waited_us) > kClockStepUs + waited_us / kClocksAgree;
+  }
   const bool host_went_back = waited_us < 0;
   const bool waited_as_long = ahead_us - waited_us <= kClockStepUs;
   const bool delayed_less =
@@ -98,7 +126,7 @@ void SweepAssembler::confirm_step() {
   suspect_.clear();
   const Packet packet{first.payload, first.tail, first.received_ns};
   const std::int64_t ahead_ns = elapsed_ns(packet);
-  const std::int64_t by_stamps_ns = 1000 * toh_difference_us(first.tail.toh_us, last_toh_us_);
+  const std::int64_t by_stamps_ns = 1000 * stamped_after_us(packet);
   restart(packet, ahead_ns);
   sweep_.sensor_clock_step_ns += by_stamps_ns - ahead_ns;
 }
@@ -149,7 +177,7 @@ bool SweepAssembler::across_view_gap(const PacketTail& tail) const {
 }
 
 bool SweepAssembler::contiguous(const Packet& packet) const {
-  const std::int64_t ahead_ns = 1000 * toh_difference_us(packet.tail.toh_us, last_toh_us_);
+  const std::int64_t ahead_ns = 1000 * stamped_after_us(packet);
   return ahead_ns < expected_ahead_ns_ + decoder_->packet_period_ns(packet.tail.mode) / 2 ||
          across_view_gap(packet.tail);
 }
@@ -174,8 +202,8 @@ void SweepAssembler::release_held(std::size_t keep) {
   while (held_.size() > keep) {
     const Held held = held_.front();
     held_.erase(held_.begin());
-    process({held.payload, held.tail, held.received_ns},
-            1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+    const Packet packet{held.payload, held.tail, held.received_ns};
+    process(packet, 1000 * stamped_after_us(packet));
     release_contiguous();
   }
 }
@@ -194,7 +222,7 @@ void SweepAssembler::release_contiguous() {
     const Packet packet{held.payload, held.tail, held.received_ns};
     if (!contiguous(packet)) return;
     held_.erase(held_.begin());
-    process(packet, 1000 * toh_difference_us(held.tail.toh_us, last_toh_us_));
+    process(packet, 1000 * stamped_after_us(packet));
   }
 }
 
