@@ -35,6 +35,10 @@ constexpr const char* kNoAngles =
     "lines come, but no angle of the motor for their times: does it publish "
     "(lidar/<sensor>/angle), and by the same clock?";
 
+constexpr const char* kStands =
+    "the motor does not show all directions within motor.turn_s of the file in driver.metadata: "
+    "does it turn? From one plane no motion in three dimensions can be found";
+
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -49,7 +53,10 @@ class ScannerSweeps : public ScipSource {
   explicit ScannerSweeps(const ScipSourceConfig& config)
       : client_(config.client), sweeps_(config.spinning) {}
 
-  void add(const spinning::AngleReading& reading) override { sweeps_.add(reading); }
+  void add(const spinning::AngleReading& reading) override {
+    sweeps_.add(reading);
+    watch_motor();
+  }
   void record(bool on) override { recorded_.record(on); }
   std::vector<RawPacket> take_packets() override { return recorded_.take(); }
 
@@ -63,8 +70,10 @@ class ScannerSweeps : public ScipSource {
   }
 
   std::vector<std::string> troubles() const override {
-    if (sweeps_.without_angle_in_row() < kSaidAfterLines) return {};
-    return {kNoAngles};
+    std::vector<std::string> all;
+    if (sweeps_.without_angle_in_row() >= kSaidAfterLines) all.emplace_back(kNoAngles);
+    if (!motor_trouble_.empty()) all.push_back(motor_trouble_);
+    return all;
   }
 
   std::vector<std::string> remarks() const override {
@@ -83,20 +92,22 @@ class ScannerSweeps : public ScipSource {
 
   void pass_on() {
     while (auto scan = client_.take_scan()) sweeps_.add(std::move(*scan), *client_.parameters());
-    watch_motor();
     was_without_angles_ = was_without_angles_ || sweeps_.without_angle_in_row() >= kSaidAfterLines;
   }
 
+  /// A trouble keeps its text until it ends, whatever is measured meanwhile.
   void watch_motor() {
     const std::optional<double> turn_s = sweeps_.other_turn_s();
-    if (!turn_s || turn_said_) return;
-    turn_said_ = true;
+    const bool stands = sweeps_.stands();
+    if (!turn_s && !stands) motor_trouble_.clear();
+    if ((!turn_s && !stands) || !motor_trouble_.empty()) return;
     std::array<char, 200> text{};
     std::snprintf(text.data(), text.size(),
                   "the motor shows all directions in %.2f s, which is not motor.turn_s of the file "
                   "in driver.metadata: the pose depends on it",
-                  *turn_s);
-    say(text.data());
+                  turn_s.value_or(0.0));
+    motor_trouble_ = stands ? kStands : text.data();
+    if (motor_was_.empty()) motor_was_ = motor_trouble_;
   }
 
   void say(const std::string& text) {
@@ -109,10 +120,11 @@ class ScannerSweeps : public ScipSource {
   spinning::SpinningSweeps sweeps_;
   std::uint64_t reconnects_ = 0;
   bool was_without_angles_ = false;
+  /// what is wrong with the motor's motion, and what was first
+  std::string motor_trouble_, motor_was_;
 
  private:
   PacketsForRecorder recorded_;
-  bool turn_said_ = false;
   std::uint64_t chunks_ = 0;
   std::vector<std::string> remarks_;
 };
@@ -272,6 +284,7 @@ class RecordedScanner : public ScannerSweeps {
     pass_on();
     sweeps_.flush();
     if (was_without_angles_) say(kNoAngles);
+    if (!motor_was_.empty()) say(motor_was_);
   }
 
   std::string path_;

@@ -8,7 +8,6 @@ namespace zloam::driver::spinning {
 namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
-constexpr std::int64_t kGapNs = 50'000'000;
 // Readings on either side of a time, to which a line is fitted.
 constexpr std::size_t kSide = 5;
 // A reading is within half a step of the encoder from the angle; the fitted line's own error adds
@@ -47,7 +46,7 @@ bool AngleTrack::reaches(std::int64_t stamp_ns) const {
       std::lower_bound(readings_.begin(), readings_.end(), stamp_ns,
                        [](const AngleReading& r, std::int64_t ns) { return r.stamp_ns < ns; });
   return readings_.end() - after >= static_cast<std::ptrdiff_t>(kSide) ||
-         readings_.back().stamp_ns > stamp_ns + kGapNs;
+         readings_.back().stamp_ns > stamp_ns + kAngleGapNs;
 }
 
 /// Fits a line to the readings around a time. It is more precise than any single reading, but valid
@@ -56,7 +55,7 @@ std::optional<double> AngleTrack::on_line(std::size_t after, std::int64_t stamp_
   if (after < kSide || after + kSide > readings_.size()) return std::nullopt;
   double n = 0.0, st = 0.0, sa = 0.0, stt = 0.0, sta = 0.0;
   for (std::size_t i = after - kSide; i < after + kSide; ++i) {
-    if (i > after - kSide && readings_[i].stamp_ns - readings_[i - 1].stamp_ns > kGapNs) {
+    if (i > after - kSide && readings_[i].stamp_ns - readings_[i - 1].stamp_ns > kAngleGapNs) {
       return std::nullopt;
     }
     const double t = 1e-9 * static_cast<double>(readings_[i].stamp_ns - stamp_ns);
@@ -91,7 +90,7 @@ Angle AngleTrack::at(std::int64_t stamp_ns, double& angle_rad) const {
   }
   const AngleReading& b = *after;
   const AngleReading& a = *(after - 1);
-  if (b.stamp_ns - a.stamp_ns > kGapNs) return Angle::kMissing;
+  if (b.stamp_ns - a.stamp_ns > kAngleGapNs) return Angle::kMissing;
   if (const auto smooth = on_line(static_cast<std::size_t>(after - readings_.begin()), stamp_ns)) {
     angle_rad = *smooth;
     return Angle::kKnown;

@@ -13,6 +13,9 @@ struct AngleReading {
   double angle_rad = 0.0;
 };
 
+/// No angle is known within a longer gap between readings.
+inline constexpr std::int64_t kAngleGapNs = 50'000'000;
+
 enum class Angle : std::uint8_t { kKnown, kNotYet, kMissing };
 
 class AngleTrack {

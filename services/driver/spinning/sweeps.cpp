@@ -12,6 +12,8 @@ constexpr std::int64_t kAngleLateNs = 1'000'000'000;
 // Lines are numbered modulo this; lines near enough to be confused with each other differ.
 constexpr std::uint16_t kLineNumbers = 64;
 constexpr double kMetresPerMm = 1e-3;
+// A motor's time that differs by a smaller share makes hardly a difference to the pose.
+constexpr double kShare = 0.25;
 
 }  // namespace
 
@@ -161,10 +163,13 @@ void SpinningSweeps::close() {
 }
 
 std::optional<double> SpinningSweeps::other_turn_s() const {
-  constexpr double kShare = 0.25;
   const std::optional<double> measured = turn_watch_.turn_s();
   if (!measured || std::abs(*measured - config_.turn_s) < kShare * config_.turn_s) return {};
   return measured;
+}
+
+bool SpinningSweeps::stands() const {
+  return waits_for_readings() && turn_watch_.open_s() > (1.0 + kShare) * config_.turn_s;
 }
 
 void SpinningSweeps::flush() {

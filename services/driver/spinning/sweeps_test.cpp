@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <stdexcept>
 #include <string>
@@ -342,35 +341,6 @@ TEST(AngleTrackTest, AWrappedEncoderGoesOn) {
   double angle = 0.0;
   ASSERT_EQ(track.at(kZero + 101 * kMs, angle), Angle::kKnown);
   EXPECT_NEAR(angle, 5.05, 1e-9);
-}
-
-/// The time that TurnWatch measures for a motor with this angle over time, read every 2 ms.
-std::optional<double> watched(double seconds, const std::function<double(double)>& degrees) {
-  TurnWatch watch;
-  for (int i = 0; i < static_cast<int>(500.0 * seconds); ++i) {
-    watch.add({kZero + 2 * kMs * i, kDegree * degrees(0.002 * i)});
-  }
-  return watch.turn_s();
-}
-
-TEST(TurnWatchTest, ASwingFromReversalToReversal) {
-  // 90 degrees to either side, at 120 degrees per second.
-  const auto swing = [](double t_s) {
-    const double phase = std::fmod(t_s + 0.4, 3.0);
-    return phase < 1.5 ? -90.0 + 120.0 * phase : 90.0 - 120.0 * (phase - 1.5);
-  };
-  ASSERT_TRUE(watched(10.0, swing).has_value());
-  EXPECT_NEAR(*watched(10.0, swing), 1.5, 0.01);
-}
-
-TEST(TurnWatchTest, ATurningMotorForHalfATurn) {
-  const auto turn = [](double t_s) { return -250.0 * t_s; };
-  ASSERT_TRUE(watched(5.0, turn).has_value());
-  EXPECT_NEAR(*watched(5.0, turn), 0.72, 0.01);
-}
-
-TEST(TurnWatchTest, AMotorThatStandsStillShowsNothing) {
-  EXPECT_FALSE(watched(10.0, [](double t_s) { return 0.25 * (t_s > 5.0); }).has_value());
 }
 
 TEST(AngleTrackTest, WhatCantBeIsRefused) {
