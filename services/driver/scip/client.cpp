@@ -86,7 +86,8 @@ void Client::say(const std::string& remark) {
 }
 
 void Client::bad_message(std::int64_t now_ns) {
-  if (!config_.asks || state_ == State::kStopping || ++bad_in_row_ < kMostBad) return;
+  const bool expected = state_ == State::kStopping || state_ == State::kRebooting;
+  if (!config_.asks || expected || ++bad_in_row_ < kMostBad) return;
   ++restarts_;
   begin(now_ns);
 }
@@ -174,7 +175,9 @@ void Client::on_status(const RawReply& reply) {
   const auto values = values_of(reply, damaged);
   const auto status = values.find("STAT");
   if (status != values.end() && status->second.find("abnormal") != std::string::npos) {
+    ++faults_;
     say("the scanner says of itself: " + status->second);
+    return reboot(reply.received_ns);
   }
   ask("TM0", State::kAdjusting, reply.received_ns);
 }
@@ -221,7 +224,8 @@ void Client::fault(const Head& head, std::int64_t now_ns) {
   say("the scanner reports a fault: " + meaning(head));
   // 21 to 49: the scanner checks itself, and reports 98 when it has finished.
   const bool checks = head.status >= "21" && head.status <= "49";
-  if (!checks) reboot(now_ns);
+  // A device may repeat its status until it reboots, or for ever.
+  if (!checks && state_ != State::kRebooting) reboot(now_ns);
 }
 
 void Client::reboot(std::int64_t now_ns) {
