@@ -66,6 +66,29 @@ def test_a_real_session_byte_by_byte(decode: Path, shared: Path, tmp_path: Path,
     )
 
 
+def test_a_decoded_session_has_its_mount(decode: Path, shared: Path, tmp_path: Path) -> None:
+    session, mount = shared / "data" / "hokuyo" / "urg_04lx.logr", tmp_path / "mount.yaml"
+    mount.write_text("scanner: {rpy_deg: [90, 0, 0], xyz_m: [1, 2, 3]}\n")
+    xyz_m = []
+    for more in ([], ["--metadata", str(mount)]):
+        out = tmp_path / "points"
+        command = [str(decode), "--session", str(session), "--out", str(out), *more]
+        subprocess.run(command, capture_output=True, check=True)
+        xyz_m.append(np.fromfile(out, POINT)["xyz"])
+    # Rolled by 90 degrees: y is z, z is -y.
+    turned = np.stack([xyz_m[0][:, 0], -xyz_m[0][:, 2], xyz_m[0][:, 1]], axis=1)
+    np.testing.assert_allclose(xyz_m[1], turned + np.array([1.0, 2.0, 3.0]), atol=1e-5)
+
+
+def test_points_that_can_not_be_written_are_no_success(decode: Path, shared: Path) -> None:
+    session = shared / "data" / "hokuyo" / "urg_04lx.logr"
+    command = [str(decode), "--session", str(session), "--out", "/dev/full"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert "/dev/full" in done.stderr
+    assert not done.stdout
+
+
 def told_bad() -> tuple[str, ...]:
     return ("too_long", "bad_status", "bad_checksum", "bad_characters", "bad_length", "unexpected")
 

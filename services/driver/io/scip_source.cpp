@@ -319,9 +319,10 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
 
 std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourceConfig config) {
   const std::filesystem::path angles = angles_path(path);
-  config.spinning.turns = std::filesystem::exists(angles);
+  const bool has_profile = config.spinning.profile.has_value();
+  config.spinning.turns = has_profile || std::filesystem::exists(angles);
   std::vector<spinning::AngleReading> readings;
-  if (config.spinning.turns) readings = read_angle_file(angles.string());
+  if (config.spinning.turns && !has_profile) readings = read_angle_file(angles.string());
   return sweeps_of_session(path, readings, config);
 }
 

@@ -37,8 +37,8 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path,
                                               const std::vector<spinning::AngleReading>& angles,
                                               const ScipSourceConfig& config);
 
-/// For viewing a session alone: with the angles beside it, or as a scanner that does not rotate if
-/// there are none. Throws SourceError.
+/// For viewing a session alone: with its motor's profile or the angles beside it, or as a scanner
+/// that does not rotate if there are none. Throws SourceError.
 std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourceConfig config);
 
 /// "drive.csv" of "drive.logr". Throws SourceError when it is missing: without the motor's angles a

@@ -83,7 +83,8 @@ Options parse(int argc, char** argv) {
                                        "model of the sensor; default: from the packets");
   app.add_option(
       "--metadata", options.metadata,
-      "file with the sensor's description of itself; default: the .json beside a capture");
+      "file with the sensor's description of itself; default: the .json beside a capture; of a "
+      "session: its mount file");
   app.add_option("--seam", options.assembler.seam_azimuth_deg, "azimuth of the cut, degrees");
   app.add_flag("!--no-offsets", options.decoding.vertical_offsets,
                "ignore the lasers' vertical offsets");
@@ -162,6 +163,13 @@ std::ofstream open_file(const std::string& path) {
   return file;
 }
 
+/// Throws SourceError if something that was written is not in the file.
+void close_file(std::ofstream& file, const std::string& path) {
+  if (!file.is_open()) return;
+  file.close();
+  if (!file) throw SourceError(path + ": not all of it could be written; is the disk full?");
+}
+
 double cpu_seconds() {
   std::timespec now{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
@@ -184,7 +192,9 @@ std::unique_ptr<SweepSource> open_source(const Options& options,
     return sweeps_of_scans(open_kitti(options.path, {TimeModel::kClockwise, 0.1, 180.0}));
   }
   if (options.kind == "--scans") return sweeps_of_scans(open_synth(options.path));
-  if (options.kind == "--session") return sweeps_of_session(options.path, {});
+  if (options.kind == "--session") {
+    return sweeps_of_session(options.path, read_mount_file(options.metadata));
+  }
   PacketStreamConfig stream;
   stream.decoding = options.decoding;
   stream.assembler = options.assembler;
@@ -220,6 +230,8 @@ void run_once(const Options& options, std::span<const std::uint8_t> in_memory, O
     totals.complete += sweep.complete;
     ++totals.sweeps;
   }
+  // Those after the last sweep.
+  if (out.readings.is_open()) write_readings(out.readings, source->take_imu());
   totals.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   totals.cpu_seconds += cpu_seconds() - cpu_begin_s;
   totals.counts = source->counts();
@@ -258,6 +270,8 @@ int main(int argc, char** argv) {
     std::vector<std::uint8_t> in_memory;
     if (options.in_memory) in_memory = read_file(options.path);
     for (int i = 0; i < options.repeat; ++i) run_once(options, in_memory, out, totals);
+    close_file(out.points, options.out);
+    close_file(out.readings, options.imu_out);
     print(totals);
   } catch (const std::exception& error) {
     std::cerr << "zloam-decode: " << error.what() << "\n";
