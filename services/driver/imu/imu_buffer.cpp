@@ -8,6 +8,10 @@ namespace {
 
 // If the clock was set back by more than this, the readings start again.
 constexpr std::int64_t kRestart_ns = 1'000'000'000;
+// The verdict on the units is final after this time, or after more readings than a sensor gives in
+// it.
+constexpr std::int64_t kJudge_ns = 1'000'000'000;
+constexpr std::size_t kMostJudged = 5'000;
 constexpr double kGravity_mps2 = 9.80665;
 // A platform's acceleration changes the mean force of a second by less than half of g.
 constexpr double kLeastForce_mps2 = 0.5 * kGravity_mps2;
@@ -21,23 +25,25 @@ std::string with_value(const char* format, double value) {
 
 }  // namespace
 
-void ImuBuffer::add(const ImuReading& reading) {
+bool ImuBuffer::add(const ImuReading& reading) {
   ++received_;
   if (!reading.force_mps2.allFinite() || !reading.rate_radps.allFinite()) {
     ++invalid_;
-    return;
+    return false;
   }
   ImuReading shifted = reading;
   shifted.stamp_ns -= delay_ns_;
   if (!readings_.empty() && shifted.stamp_ns <= readings_.back().stamp_ns) {
     ++out_of_order_;
-    if (readings_.back().stamp_ns - shifted.stamp_ns < kRestart_ns) return;
+    if (readings_.back().stamp_ns - shifted.stamp_ns < kRestart_ns) return false;
     readings_.clear();
   }
   readings_.push_back(shifted);
-  if (readings_.size() <= most_) return;
-  readings_.pop_front();
-  ++unused_;
+  if (readings_.size() > most_) {
+    readings_.pop_front();
+    ++unused_;
+  }
+  return true;
 }
 
 std::vector<ImuReading> ImuBuffer::covering(std::int64_t begin_ns, std::int64_t end_ns) {
@@ -81,6 +87,17 @@ std::string wrong_units(const std::vector<ImuReading>& readings,
         mean.z());
   }
   return {};
+}
+
+void UnitsJudge::add(const ImuReading& reading) {
+  if (judged_) return;
+  if (!first_.empty() && reading.stamp_ns <= first_.back().stamp_ns) first_.clear();
+  first_.push_back(reading);
+  wrong_ = wrong_units(first_, R_base_imu_);
+  const bool second = reading.stamp_ns - first_.front().stamp_ns >= kJudge_ns;
+  if (!second && first_.size() < kMostJudged) return;
+  judged_ = true;
+  first_ = {};
 }
 
 }  // namespace zloam::driver

@@ -5,6 +5,7 @@
 #include <deque>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/geometry/imu_reading.hpp"
@@ -19,8 +20,8 @@ class ImuBuffer {
       : delay_ns_(delay_ns), most_(most) {}
 
   /// Takes readings in ascending order of their stamps. One out of order or not finite is dropped
-  /// and counted; after a jump back by a second all earlier readings are dropped.
-  void add(const ImuReading& reading);
+  /// and counted; after a jump back by a second all earlier readings are dropped. False: dropped.
+  bool add(const ImuReading& reading);
   /// Readings from begin to end with the margin on either side; drops the earlier ones.
   std::vector<ImuReading> covering(std::int64_t begin_ns, std::int64_t end_ns);
   /// Whether all readings of a sweep that ends then have arrived.
@@ -51,5 +52,25 @@ class ImuBuffer {
 /// up, in a robot's first seconds. R_base_imu: rotates vectors of the sensor into
 /// base_link.
 std::string wrong_units(const std::vector<ImuReading>& readings, const Eigen::Matrix3d& R_base_imu);
+
+/// Judges a live sensor by its first second, with a provisional verdict before.
+class UnitsJudge {
+ public:
+  explicit UnitsJudge(Eigen::Matrix3d R_base_imu) : R_base_imu_(std::move(R_base_imu)) {}
+
+  /// Takes readings that the buffer has accepted: one with an earlier stamp is the first of a clock
+  /// that was set back.
+  void add(const ImuReading& reading);
+  /// The verdict is final.
+  bool judged() const { return judged_; }
+  /// What is wrong by the readings so far, a sentence; empty: nothing.
+  const std::string& wrong() const { return wrong_; }
+
+ private:
+  Eigen::Matrix3d R_base_imu_;
+  std::vector<ImuReading> first_;
+  bool judged_ = false;
+  std::string wrong_;
+};
 
 }  // namespace zloam::driver

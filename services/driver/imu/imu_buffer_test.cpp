@@ -104,6 +104,48 @@ TEST(WrongUnits, UnitsOfGravityAndItsSignAreNamed) {
   EXPECT_NE(said_of({0.0, 0.0, 33000.0}).find("uncalibrated"), std::string::npos);
 }
 
+/// Verdict on readings that a buffer accepts.
+UnitsJudge judged(const std::vector<ImuReading>& readings) {
+  ImuBuffer buffer(0, 20'000);
+  UnitsJudge units(Eigen::Matrix3d::Identity());
+  for (const ImuReading& r : readings) {
+    if (buffer.add(r)) units.add(r);
+  }
+  return units;
+}
+
+std::vector<ImuReading> two_seconds(double force_mps2) {
+  std::vector<ImuReading> readings;
+  for (int t = 0; t < 2000; t += 5) readings.push_back(at(t, {0.0, 0.0, force_mps2}));
+  return readings;
+}
+
+TEST(UnitsJudge, AReadingFromAnotherTimePutsNothingOff) {
+  std::vector<ImuReading> readings = two_seconds(1.0);
+  readings.insert(readings.begin(), at(3'600'000, {0.0, 0.0, 1.0}));
+  const UnitsJudge units = judged(readings);
+  EXPECT_TRUE(units.judged());
+  EXPECT_NE(units.wrong().find("in g"), std::string::npos);
+}
+
+TEST(UnitsJudge, WrongReadingsAreKnownBeforeTheSecondIsOver) {
+  std::vector<ImuReading> readings = two_seconds(1.0);
+  readings.resize(3);
+  EXPECT_FALSE(judged(readings).judged());
+  EXPECT_NE(judged(readings).wrong(), "");
+  EXPECT_EQ(judged(two_seconds(kG)).wrong(), "");
+  EXPECT_TRUE(judged(two_seconds(kG)).judged());
+}
+
+TEST(UnitsJudge, StampsThatHardlyAdvanceEndTheTrialToo) {
+  std::vector<ImuReading> readings(10'000, at(0, {0.0, 0.0, 1.0}));
+  EXPECT_FALSE(judged(readings).judged()) << "a single reading is accepted";
+  for (std::size_t i = 0; i < readings.size(); ++i) {
+    readings[i].stamp_ns = static_cast<std::int64_t>(i);
+  }
+  EXPECT_TRUE(judged(readings).judged());
+}
+
 TEST(WrongUnits, TheMountingIsTakenIntoAccount) {
   EXPECT_EQ(said_of({0.0, 0.0, -9.81}, {180.0, 0.0, 0.0}), "");
   EXPECT_NE(said_of({0.0, 0.0, 9.81}, {180.0, 0.0, 0.0}), "");

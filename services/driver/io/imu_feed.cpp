@@ -39,7 +39,8 @@ ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
     : stage_(stage),
       config_(config),
       R_base_imu_(stage.shared().mounting.T_base_imu().linear()),
-      buffer_(std::llround(1e6 * config.imu_delay_ms), most_readings(config.imu)) {
+      buffer_(std::llround(1e6 * config.imu_delay_ms), most_readings(config.imu)),
+      units_(R_base_imu_) {
   if (config_.imu == ImuChoice::kFile) {
     const std::vector<ImuReading> readings = read_imu_file(config_.imu_path);
     refuse_wrong_units(of_first(readings, kJudge_ns));
@@ -85,37 +86,30 @@ void ImuFeed::add(const std::vector<ImuReading>& readings) {
 
 void ImuFeed::on_readings(const std::vector<ImuReading>& readings) {
   for (const ImuReading& r : readings) {
-    if (!judged_) first_.push_back(r);
-    buffer_.add(r);
+    if (buffer_.add(r)) units_.add(r);
   }
-  if (judged_ || first_.empty() || first_.back().stamp_ns - first_.front().stamp_ns < kJudge_ns) {
-    return;
-  }
-  judged_ = true;
-  const std::string wrong = wrong_units(first_, R_base_imu_);
-  first_.clear();
-  usable_ = wrong.empty();
-  if (usable_) return;
-  const std::string text = "the inertial sensor is not used: " + wrong;
+  if (units_said_ || !units_.judged() || usable()) return;
+  units_said_ = true;
+  const std::string text = "the inertial sensor is not used: " + units_.wrong();
   runtime::log_warning(text);
   stage_.degraded("imu", text);
 }
 
 bool ImuFeed::lacks(std::int64_t end_ns) const {
   const bool live = config_.imu == ImuChoice::kZenoh || config_.imu == ImuChoice::kSensor;
-  return live && usable_ && !buffer_.empty() && !buffer_.reaches(end_ns) &&
+  return live && usable() && !buffer_.empty() && !buffer_.reaches(end_ns) &&
          end_ns - buffer_.last_ns() < kSilent_ns;
 }
 
 std::span<const msg::ImuSample> ImuFeed::over(std::int64_t begin_ns, std::int64_t end_ns) {
   samples_.clear();
-  if (on() && usable_) {
+  if (on() && usable()) {
     for (const ImuReading& r : buffer_.covering(begin_ns, end_ns)) {
       samples_.push_back(zloam::to_message(r));
     }
   }
   incomplete_ = on() && (samples_.empty() || samples_.back().stamp_ns() < end_ns);
-  if (on() && usable_) note_missing();
+  if (on() && usable()) note_missing();
   return samples_;
 }
 

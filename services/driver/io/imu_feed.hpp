@@ -34,6 +34,7 @@ class ImuFeed {
   void refuse_wrong_units(const std::vector<ImuReading>& first) const;
   void note_missing();
   void on_readings(const std::vector<ImuReading>& readings);
+  bool usable() const { return units_.wrong().empty(); }
 
   runtime::Stage& stage_;
   DriverConfig config_;
@@ -43,10 +44,9 @@ class ImuFeed {
   bool incomplete_ = false;
   std::uint64_t sweeps_without_ = 0;
   std::uint64_t without_in_row_ = 0;
-  /// live: readings to check the units, until known; wrong readings are not used
-  std::vector<ImuReading> first_;
-  bool judged_ = false;
-  bool usable_ = true;
+  /// of readings that come during the run; wrong ones are not used
+  UnitsJudge units_;
+  bool units_said_ = false;
 };
 
 }  // namespace zloam::driver
