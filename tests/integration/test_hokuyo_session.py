@@ -1,0 +1,74 @@
+"""A session recorded from a scanner by the example is one that the decoder reads."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.hokuyo import peer
+from tests.hokuyo.device import SerialDevice, TcpDevice, answer, encoded, summed
+from tests.integration.conftest import ROOT
+
+EXAMPLE = ROOT / "services" / "monitor" / "examples" / "record_session.py"
+PARAMETERS = (
+    *("MODL:UTM-30LX-EW", "DMIN:23", "DMAX:60000", "ARES:1440"),
+    *("AMIN:0", "AMAX:1080", "AFRT:540", "SCAN:2400"),
+)
+SCANS = 400
+
+
+def scan(number: int) -> bytes:
+    """All ranges 2 m, all intensities 100."""
+    data = 1081 * (encoded(2000, 3) + encoded(100, 3))
+    lines = [summed(encoded(1_000_000 + 25 * number, 4))]
+    lines += [summed(data[at : at + 64]) for at in range(0, len(data), 64)]
+    return answer(b"ME0000108001000", b"99", lines)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """What the simulated scanner sends."""
+    told = [t.encode() + b";" + bytes([peer.checksum(t.encode())]) for t in PARAMETERS]
+    path = tmp_path / "source.logr"
+    with path.open("wb") as file:
+        for number, data in enumerate([answer(b"PP", b"00", told), *map(scan, range(SCANS))]):
+            milliseconds = 25 * number
+            stamp = (1_700_000_000 + milliseconds // 1000, 1000 * (milliseconds % 1000))
+            file.write(struct.pack(">III", *stamp, len(data)) + data)
+    return path
+
+
+@pytest.mark.parametrize("kind", [TcpDevice, SerialDevice])
+def test_a_session_is_recorded(
+    decode: Path, source: Path, tmp_path: Path, kind: type[TcpDevice] | type[SerialDevice]
+) -> None:
+    device, log = kind(source, 25e-3 * SCANS), tmp_path / "drive.logr"
+    device.begin()
+    command = [sys.executable, str(EXAMPLE), device.name, "2", str(log)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    device.close()
+    assert done.returncode == 0, done.stderr
+    told = subprocess.run(
+        [str(decode), "--session", str(log)], capture_output=True, text=True, check=True
+    )
+    counts = json.loads(told.stdout)
+    # Each scan that was received whole has its points.
+    whole = sum(reply[0][:2] == b"ME" and len(reply) > 2 for reply in peer.replies(log)[:-1])
+    assert counts["scans_read"] >= whole > 0
+    assert counts["points"] == 1081 * counts["scans_read"]
+    assert counts["scans_lost"] == 0
+
+
+def test_a_scanner_that_does_not_answer_is_named(tmp_path: Path, source: Path) -> None:
+    device = TcpDevice(source, 1.0)
+    device._answer = lambda command: b""  # type: ignore[method-assign]
+    command = [sys.executable, str(EXAMPLE), device.name, "2", str(tmp_path / "drive.logr")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    device.close()
+    assert done.returncode == 1
+    assert "no answer to QT" in done.stderr
