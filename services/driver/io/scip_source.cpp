@@ -36,8 +36,8 @@ constexpr const char* kNoAngles =
     "(lidar/<sensor>/angle), and by the same clock?";
 
 constexpr const char* kStands =
-    "the motor does not show all directions within motor.turn_s of the file in driver.metadata: "
-    "does it turn? From one plane no motion in three dimensions can be found";
+    "the motor has not shown all directions in twice the motor.turn_s of the file in "
+    "driver.metadata: does it turn? From one plane no motion in three dimensions can be found";
 
 std::int64_t steady_ns() {
   return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();

@@ -35,7 +35,7 @@ std::optional<std::uint32_t> decode_counter_ms(std::string_view characters) {
   if (characters.size() != kMicrosecondCharacters) return std::nullopt;
   const auto value_us = decode_long(characters);
   if (!value_us) return std::nullopt;
-  return static_cast<std::uint32_t>(*value_us / 1000 & kCounterMask);
+  return static_cast<std::uint32_t>((*value_us / 1000) & kCounterMask);
 }
 
 char checksum(std::string_view text) {

@@ -74,7 +74,7 @@ TEST(HostStepsTest, AMotorThatRunsByTheClockFollowsItsStep) {
   // Step 900 is 90 degrees to the left, 15.625 ms after step 0.
   line.stamp_ns = kZero + 1000 * kMs - 15'625'000;
   line.scan.request.first_step = line.scan.request.last_step = 900;
-  line.scan.echoes = {{900, 0, 4000, 0}};
+  line.scan.echoes.push_back({900, 0, 4000, 0});
   sweeps.add(line, scanner);
   sweeps.flush();
   DecodedSweep sweep;

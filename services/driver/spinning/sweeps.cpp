@@ -14,6 +14,8 @@ constexpr std::uint16_t kLineNumbers = 64;
 constexpr double kMetresPerMm = 1e-3;
 // A motor's time that differs by a smaller share makes hardly a difference to the pose.
 constexpr double kShare = 0.25;
+// A motor that has not shown all directions in this many of its turns stands, or all but stands.
+constexpr double kStandsTurns = 2.0;
 
 }  // namespace
 
@@ -169,7 +171,7 @@ std::optional<double> SpinningSweeps::other_turn_s() const {
 }
 
 bool SpinningSweeps::stands() const {
-  return waits_for_readings() && turn_watch_.open_s() > (1.0 + kShare) * config_.turn_s;
+  return waits_for_readings() && turn_watch_.open_s() > kStandsTurns * config_.turn_s;
 }
 
 void SpinningSweeps::flush() {

@@ -72,7 +72,7 @@ class SpinningSweeps {
   std::vector<std::pair<std::string_view, std::uint64_t>> counts() const;
   /// The motor's measured time, if it differs from turn_s.
   std::optional<double> other_turn_s() const;
-  /// The motor has been for longer than turn_s where it is, or on its way.
+  /// The motor has not shown all directions for twice turn_s.
   bool stands() const;
   /// Lines dropped for lack of an angle, in a row until now; see counts().
   std::uint64_t without_angle_in_row() const { return without_angle_in_row_; }
