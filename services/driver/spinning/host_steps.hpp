@@ -1,6 +1,6 @@
 #pragma once
-// Steps of the host's clock. Lines keep an even time base, which no step moves; the motor's readings
-// are stamped by the host's clock and are moved to that base as they arrive.
+// Steps of the host's clock. Lines keep an even time base, which no step moves; the motor's
+// readings are stamped by the host's clock and are moved to that base as they arrive.
 
 #include <cstdint>
 #include <utility>

@@ -1,0 +1,101 @@
+"""The calibration of a scanner on its motor, from simulated sessions at rest."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.hokuyo import simulated
+from tests.integration.conftest import ROOT, monitor
+from zloam_monitor import evaluation, trajectory
+
+ROBOT = ROOT / "deploy" / "robots" / "hokuyo.yaml"
+#: length of the simulated drives
+SECONDS = 40
+
+
+def calibrated(
+    build: Path, session: Path, *more: object
+) -> tuple[int, dict[str, dict[str, Any]], str]:
+    """Exit code, the calibration found, and the messages."""
+    command = [str(build / "bin" / "zloam-calibrate"), str(session), *map(str, more)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, yaml.safe_load(done.stdout) or {}, done.stderr
+
+
+@pytest.mark.parametrize(("world", "seed"), [("indoor", 7), ("handheld", 3)])
+def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None:
+    session = simulated.at_rest(build, tmp_path / "still", world, seed)
+    code, found, said = calibrated(build, session.log)
+    assert code == 0, said
+    assert found["scanner"]["rpy_deg"][1:] == pytest.approx(simulated.MOUNT_DEG, abs=0.05)
+    assert found["scanner"]["xyz_m"][1:] == pytest.approx(simulated.MOUNT_M, abs=0.005)
+    # The robot file's offset takes off what the lines are received late.
+    assert found["motor"]["delay_ms"] == pytest.approx(simulated.DELAY_MS, abs=1.0)
+
+
+def test_calibration_of_an_encoder_that_counts_backward(build: Path, tmp_path: Path) -> None:
+    session = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
+    rows = np.loadtxt(session.angles, delimiter=",", skiprows=1)
+    head = session.angles.read_text().splitlines()[0]
+    lines = [f"{int(stamp_ns)},{-angle_rad:.9f}" for stamp_ns, angle_rad in rows]
+    session.angles.write_text("\n".join([head, *lines]) + "\n")
+    mount = tmp_path / "mount.yaml"
+    mount.write_text("scanner: {to_deg: 120}\nmotor: {backward: true, turn_s: 1.5}\n")
+    code, found, said = calibrated(build, session.log, "--mount", mount)
+    assert code == 0, said
+    assert found["scanner"]["rpy_deg"][1:] == pytest.approx(simulated.MOUNT_DEG, abs=0.05)
+    assert found["scanner"]["xyz_m"][1:] == pytest.approx(simulated.MOUNT_M, abs=0.005)
+    # What was known is in the result too.
+    assert found["scanner"]["to_deg"] == 120
+    assert found["motor"]["backward"] is True
+    assert found["motor"]["turn_s"] == 1.5
+
+
+def test_a_calibration_without_a_mount_says_what_it_assumes(build: Path, tmp_path: Path) -> None:
+    session = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
+    command = [str(build / "bin" / "zloam-calibrate"), str(session.log)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert yaml.safe_load(done.stdout)["motor"]["backward"] is False
+    assert re.search(r"motor\.backward.*assumed", done.stdout), done.stdout
+
+
+def test_a_calibration_assumes_the_offset_of_the_robots_file(build: Path) -> None:
+    command = [str(build / "bin" / "zloam-calibrate"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    offset_us = yaml.safe_load(ROBOT.read_text())["driver"]["stamp_offset_us"]
+    assert offset_us == -1e3 * simulated.RECEIVED_LATE_MS
+    assert re.search(rf"--stamp-offset-us FLOAT\W*?{offset_us}\b", done.stdout), done.stdout
+
+
+def test_a_drive_with_its_own_calibration(build: Path, tmp_path: Path) -> None:
+    still = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
+    command = [str(build / "bin" / "zloam-calibrate"), str(still.log)]
+    mount = tmp_path / "mount.yaml"
+    mount.write_bytes(subprocess.run(command, capture_output=True, check=True).stdout)
+    where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
+    drive = simulated.session(build, tmp_path / "drive", *where, *simulated.MOUNTED)
+    out = tmp_path / "out"
+    done = monitor(
+        *("demo", "--preset-dir", build, "--session", drive.log, "--imu", drive.imu, "--out", out),
+        *("--set", f"driver.metadata={mount}"),
+    )
+    assert done.code == 0, done.said
+    found = trajectory.read(out / "trajectory.tum")
+    ate_m = evaluation.evaluate(found, trajectory.read(drive.truth)).ate_rmse_m
+    assert ate_m is not None
+    assert ate_m <= 0.05
+
+
+def test_a_platform_that_moves_is_not_calibrated(build: Path, tmp_path: Path) -> None:
+    where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
+    drive = simulated.session(build, tmp_path / "drive", *where)
+    code, _, said = calibrated(build, drive.log)
+    assert code == 1
+    assert "move" in said
