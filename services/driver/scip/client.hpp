@@ -121,13 +121,13 @@ class Client {
   /// until there are enough scans to tie the clock
   std::vector<Scan> first_;
   std::optional<LineClock> clock_;
-  /// of the clocks before
+  /// added to the clock's times
+  std::int64_t offset_ns_ = 0;
+  /// steps of the clocks before
   std::uint64_t steps_before_ = 0;
   bool first_of_clock_ = false;
   /// of the line placed last
   std::int64_t last_stamp_ns_ = 0;
-  /// added to its times
-  std::int64_t offset_ns_ = 0;
   /// of the TM1 with the least round trip
   struct Tie {
     std::uint32_t counter_ms = 0;

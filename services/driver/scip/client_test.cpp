@@ -236,7 +236,7 @@ TEST_F(ScipClient, WhatNeverAnswersIsGivenUp) {
 }
 
 TEST_F(ScipClient, ADialogueThatNeverEndsIsGivenUp) {
-  for (const std::string command : {"VV", "II", "TM0", "ME0180090001000"}) {
+  for (const char* const command : {"VV", "II", "TM0", "ME0180090001000"}) {
     SCOPED_TRACE(command);
     device_.broken_command = command;
     device_.broken_answer = "";
@@ -252,7 +252,8 @@ TEST_F(ScipClient, ADialogueThatNeverEndsIsGivenUp) {
     }
     EXPECT_TRUE(gives_up);
     ASSERT_EQ(client.remarks().size(), 1U);
-    EXPECT_NE(client.remarks().front().find("no answer to " + command), std::string::npos);
+    EXPECT_NE(client.remarks().front().find(std::string("no answer to ") + command),
+              std::string::npos);
   }
 }
 
