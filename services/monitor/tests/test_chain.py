@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +132,31 @@ def test_a_refused_configuration_keeps_its_exit_code(
     assert "driver.speed: unknown key" in capsys.readouterr().err
 
 
+def run(build: Path, *more: str) -> int:
+    words = ["run", "--preset-dir", str(build), "--config", str(build / "robot.yaml")]
+    return cli.main([*words, "--out", str(build / "out"), "--seconds", "1", *more])
+
+
+@pytest.mark.parametrize("start", [demo, run])
+@pytest.mark.parametrize(
+    ("refuses", "option"), [("odometry", ()), ("", ("--record", "robot.yaml"))]
+)
+def test_a_start_that_is_refused_leaves_the_files_of_the_run_before(
+    build: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    start: Callable[..., int],
+    refuses: str,
+    option: tuple[str, ...],
+) -> None:
+    assert demo(build) == 0
+    before = {p: p.read_bytes() for p in (build / "out").rglob("*") if p.is_file()}
+    assert build / "out/map.pcd" in before
+    monkeypatch.setenv("FAKE_REFUSES", refuses)
+    monkeypatch.chdir(build)
+    assert start(build, *option) in (2, 3)
+    assert {p: p.read_bytes() for p in (build / "out").rglob("*") if p.is_file()} == before
+
+
 def test_a_bad_exit_code_fails_the_run(
     build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,20 +195,7 @@ def test_live_run_says_what_is_missing_and_writes_at_the_end(
     build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FAKE_QUIET", "driver")
-    code = cli.main(
-        [
-            "run",
-            "--preset-dir",
-            str(build),
-            "--config",
-            str(build / "robot.yaml"),
-            "--out",
-            str(build / "out"),
-            "--seconds",
-            "1",
-        ]
-    )
-    assert code == 1  # No sweep came, so nothing is accounted for.
+    assert run(build) == 1  # No sweep came, so nothing is accounted for.
     said = capsys.readouterr().out
     assert "no packets on UDP 2368 for 3 s" in said
     assert "accounted for: NO: no sweep came: there is nothing to account for" in said

@@ -12,6 +12,7 @@ from zloam_monitor import claims, cli
 from zloam_monitor.claims import NotOurs, claim
 
 NAMES = ("trajectory.tum", "logs/driver.log")
+PATTERNS = ("trajectory_[0-9]*.tum", "logs/*.log")
 
 
 @pytest.fixture(autouse=True)
@@ -21,20 +22,58 @@ def _let_go() -> None:
 
 def a_run(folder: Path, further: tuple[str, ...] = ()) -> None:
     """Claims, writes and records files, as another process would."""
-    run = claim(folder, NAMES)
-    (folder / "logs").mkdir(exist_ok=True)
-    for name in (*NAMES, *further):
-        (folder / name).write_text("ours")
-    run.record(("trajectory_[0-9]*.tum",))
+    with claim(folder, NAMES, patterns=PATTERNS) as run:
+        run.begin()
+        (folder / "logs").mkdir(exist_ok=True)
+        for name in (*NAMES, *further):
+            (folder / name).write_text("ours")
     claims.let_go()
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of the folder, without this program's own lock."""
+    found = {str(p.relative_to(folder)): p for p in folder.rglob("*") if p.is_file()}
+    return {name: path.read_bytes() for name, path in found.items() if name != claims.LOCK}
+
+
 def test_what_an_earlier_run_made_is_removed(tmp_path: Path) -> None:
-    a_run(tmp_path, ("trajectory_2.tum",))
+    a_run(tmp_path, ("trajectory_2.tum", "logs/mapping-standby.log"))
     (tmp_path / "notes.txt").write_text("mine")
-    claim(tmp_path, NAMES)
-    left = {p.name for p in tmp_path.rglob("*") if p.is_file()}
-    assert left == {"notes.txt", claims.MARKER, claims.LOCK}
+    (tmp_path / "logs/mine.log").write_text("mine")
+    with claim(tmp_path, NAMES, patterns=PATTERNS) as run:
+        run.begin()
+        assert set(contents(tmp_path)) == {"notes.txt", "logs/mine.log", claims.MARKER}
+
+
+def test_a_run_that_does_not_begin_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    a_run(tmp_path, ("trajectory_2.tum",))
+    before = contents(tmp_path)
+    with claim(tmp_path, (*NAMES, "map.pcd"), (), PATTERNS):
+        assert not (tmp_path / "trajectory.tum").exists()
+        for name in ("trajectory.tum", "map.pcd", "logs/mapping-standby.log"):
+            (tmp_path / name).write_text("of the attempt")
+    assert contents(tmp_path) == before
+
+
+def test_a_start_that_was_killed_loses_nothing(tmp_path: Path) -> None:
+    a_run(tmp_path)
+    before = contents(tmp_path)
+    claim(tmp_path, NAMES, patterns=PATTERNS)
+    (tmp_path / "trajectory.tum").write_text("of the attempt")
+    claims.let_go()  # As by SIGKILL: nothing was put back.
+    with claim(tmp_path, NAMES, patterns=PATTERNS):
+        pass
+    assert contents(tmp_path) == before
+
+
+def test_a_first_start_that_fails_keeps_its_logs(tmp_path: Path) -> None:
+    with claim(tmp_path, NAMES):
+        (tmp_path / "logs").mkdir()
+        (tmp_path / "logs/driver.log").write_text("why")
+    assert (tmp_path / "logs/driver.log").read_text() == "why"
+    (tmp_path / "trajectory.tum").write_text("mine")
+    with pytest.raises(NotOurs, match=r"trajectory\.tum"):
+        claim(tmp_path, NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -69,7 +108,7 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     a_run(tmp_path, ("trajectory_2.tum",))
     with pytest.raises(NotOurs, match="input of this run"):
         claim(tmp_path, NAMES, [tmp_path / "logs" / ".." / "trajectory.tum"])
-    claim(tmp_path, NAMES, [tmp_path / "trajectory_2.tum"])
+    claim(tmp_path, NAMES, [tmp_path / "trajectory_2.tum"], PATTERNS)
     assert (tmp_path / "trajectory_2.tum").exists()
 
 

@@ -43,9 +43,11 @@ def test_what_comes_again_after_a_while_is_news() -> None:
 
 
 def test_warnings_of_logs_line_by_line(tmp_path: Path) -> None:
+    stamp = "2026-11-25T10:00:00.123456Z"
+    earlier = tmp_path / "mapping-standby.log"
+    earlier.write_text(f"{stamp} warning mapping: the disk is full\n")
     log, logs = tmp_path / "driver.log", Logs(tmp_path)
     assert logs.new_warnings() == []
-    stamp = "2026-11-25T10:00:00.123456Z"
     log.write_text(f"{stamp} info    driver: ready\n{stamp} warning driver: the product byte lies")
     assert logs.new_warnings() == []  # The line is not complete yet.
     with log.open("a") as more:
@@ -55,3 +57,6 @@ def test_warnings_of_logs_line_by_line(tmp_path: Path) -> None:
         "driver: gone",
     ]
     assert logs.new_warnings() == []
+    with earlier.open("a") as more:
+        more.write(f"{stamp} warning mapping: slow\n")
+    assert logs.new_warnings() == ["mapping: slow"]

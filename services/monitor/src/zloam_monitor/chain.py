@@ -209,9 +209,10 @@ class Chain:
             self.link.poll(0.1)
             self.processes.check(may_end=("driver",))
             if time.monotonic() > deadline:
+                said = [self.processes.running[stage].last_lines() for stage in missing]
                 raise ChainError(
-                    f"no sign of {', '.join(missing)} within {READY_SECONDS:.0f} s; "
-                    f"see {self._logs}/*.log"
+                    f"no sign of {', '.join(missing)} within {READY_SECONDS:.0f} s:\n"
+                    + "\n".join(said)
                 )
 
     def finished(self) -> bool:

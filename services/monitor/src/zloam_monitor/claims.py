@@ -1,7 +1,8 @@
 """Decides which files of a folder a run may replace: only those that an earlier run wrote there.
 
 A marker file in the folder lists them. A file that is not listed, or that was changed since, is
-never touched; neither is an input of the run.
+never touched; neither is an input of the run. The earlier run's files are only set aside until the
+new run has begun, so that a run that is refused or fails to start leaves the folder as it was.
 """
 
 from __future__ import annotations
@@ -9,14 +10,20 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
 
 from zloam_monitor.files import written_whole
 
+if TYPE_CHECKING:
+    from typing import Self
+
 MARKER = ".zloam-files.json"
 LOCK = ".zloam-lock"
+#: Folder with the earlier run's files and marker, until the new run has begun.
+BEFORE = ".zloam-before"
 
 #: Size and modification time in ns. None: claimed by a run that did not reach its end.
 Stamp = tuple[int, int] | None
@@ -66,6 +73,7 @@ def _hold(folder: Path) -> None:
         os.close(descriptor)
         raise NotOurs(f"{folder}: another run writes here: choose another folder (OUT=)") from error
     _held[folder] = descriptor
+    _put_back(folder)  # If the last run was killed before it had begun.
 
 
 def let_go() -> None:
@@ -74,32 +82,57 @@ def let_go() -> None:
         os.close(_held.popitem()[1])
 
 
-@dataclass(frozen=True)
 class Claim:
-    """Names in a folder that are reserved for this run until record()."""
+    """Names in a folder that are reserved for a run. Leaving the block marks the files of a run
+    that has begun; if it has not, the files of the run before are put back."""
 
-    folder: Path
-    names: tuple[str, ...]
-    #: Files that were in the folder when the names were claimed.
-    others: frozenset[str]
+    def __init__(self, folder: Path, names: tuple[str, ...], patterns: tuple[str, ...]) -> None:
+        self._folder, self._names, self._patterns = folder, names, patterns
+        self._others = self._matching()
+        self._begun = False
 
-    def record(self, patterns: Iterable[str] = ()) -> None:
-        """Marks the files of this run: those claimed, and new files that match a pattern."""
-        found = {n for n in self.names if (self.folder / n).is_file()}
-        for pattern in patterns:
-            matching = self.folder.glob(pattern)
-            found |= {str(p.relative_to(self.folder)) for p in matching} - self.others
-        marked = {n: s for n, s in _marked(self.folder).items() if n not in self.names}
-        _mark(self.folder, marked | {n: _stamp(self.folder / n) for n in found})
+    def _matching(self) -> set[str]:
+        """Files in the folder that match a pattern."""
+        found = (path for pattern in self._patterns for path in self._folder.glob(pattern))
+        return {str(path.relative_to(self._folder)) for path in found}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._begun and (self._folder / BEFORE).is_dir():
+            for name in self._made():
+                (self._folder / name).unlink()
+            _put_back(self._folder)
+        else:
+            # Without an earlier run, the files of a failed start stay, e.g. its logs.
+            self._record()
+
+    def begin(self) -> None:
+        """The run has begun: removes the files of the run before."""
+        self._begun = True
+        _discard(self._folder / BEFORE)
+
+    def _made(self) -> set[str]:
+        """Files of this run: those claimed, and new files that match a pattern."""
+        claimed = {n for n in self._names if (self._folder / n).is_file()}
+        return claimed | (self._matching() - self._others)
+
+    def _record(self) -> None:
+        marked = {n: s for n, s in _marked(self._folder).items() if n not in self._names}
+        _mark(self._folder, marked | {n: _stamp(self._folder / n) for n in self._made()})
 
 
-def claim(folder: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Claim:
-    """Removes files that an earlier run left under these names. Refuses if such a file was not
-    written by a run, or is an input of this run."""
+def claim(
+    folder: Path, names: Iterable[str], inputs: Iterable[Path] = (), patterns: Iterable[str] = ()
+) -> Claim:
+    """Sets aside the files that an earlier run left under these names, and those that it marked and
+    that match a pattern. Refuses if a file under such a name was not written by a run, or is an
+    input of this run."""
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     _hold(folder)
-    wanted = tuple(names)
+    wanted, matched = tuple(names), tuple(patterns)
     marked = _marked(folder)
     read = {path.resolve() for path in inputs}
     there = [n for n in wanted if os.path.lexists(folder / n)]
@@ -113,23 +146,49 @@ def claim(folder: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Cl
             f"{folder}: {', '.join(others)} would be replaced, but no earlier run made it, or it "
             "was changed since: move it away or choose another folder (OUT=)"
         )
-    for name in there:
-        (folder / name).unlink()
-    _remove_numbered(folder, marked, wanted, read)
-    everything = {str(p.relative_to(folder)) for p in (*folder.glob("*"), *folder.glob("*/*"))}
+    further = [
+        n
+        for n in marked
+        if n not in there
+        and any(PurePath(n).match(pattern) for pattern in matched)
+        and _is_ours(folder / n, marked, n)
+        and (folder / n).resolve() not in read
+    ]
+    _set_aside(folder, [*there, *further], marked)
     kept = {n: s for n, s in marked.items() if os.path.lexists(folder / n) and n not in wanted}
     _mark(folder, kept | dict.fromkeys(wanted))
-    return Claim(folder, wanted, frozenset(everything))
+    return Claim(folder, wanted, matched)
 
 
-def _remove_numbered(
-    folder: Path, marked: dict[str, Stamp], wanted: tuple[str, ...], read: set[Path]
-) -> None:
-    """Removes numbered files of an earlier run, e.g. trajectory_2.tum beside trajectory.tum."""
-    stems = {(Path(n).stem, Path(n).suffix) for n in wanted}
-    for name in marked:
-        path = folder / name
-        stem, _, number = path.stem.rpartition("_")
-        of_ours = number.isdecimal() and (stem, path.suffix) in stems
-        if of_ours and _is_ours(path, marked, name) and path.resolve() not in read:
-            path.unlink()
+def _set_aside(folder: Path, names: list[str], marked: dict[str, Stamp]) -> None:
+    """Moves files to BEFORE. The marker there comes first, so that a program that is killed between
+    two files loses none."""
+    if not names:
+        return
+    before = folder / BEFORE
+    before.mkdir()
+    _mark(before, {n: marked[n] for n in names})
+    for name in names:
+        (before / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).replace(before / name)
+
+
+def _put_back(folder: Path) -> None:
+    """Moves the files in BEFORE back to the folder; files of a run that did not begin give way."""
+    before = folder / BEFORE
+    earlier = _marked(before)
+    back = {n: s for n, s in earlier.items() if os.path.lexists(before / n)}
+    for name in back:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (before / name).replace(folder / name)
+    if back:
+        now = {n: s for n, s in _marked(folder).items() if os.path.lexists(folder / n)}
+        _mark(folder, now | back)
+    _discard(before)
+
+
+def _discard(before: Path) -> None:
+    """Removes the folder BEFORE, its marker first: without it, nothing is put back from there."""
+    if before.is_dir():
+        (before / MARKER).unlink(missing_ok=True)
+        shutil.rmtree(before)

@@ -12,6 +12,7 @@ from typing import Any
 
 from zloam_monitor import beside_run, outputs, recorder, references, remarks, report
 from zloam_monitor.chain import Chain, ChainError
+from zloam_monitor.claims import Claim
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
@@ -115,8 +116,13 @@ def _stalled(chain: Chain, patience_s: float) -> str:
 
 def run(options: DemoOptions) -> dict[str, Any]:
     """Runs the demo and returns the report; raises if something goes wrong."""
+    with outputs.claim(options.out, [*options.truth, *options.source.files]) as claim:
+        return outputs.write_all(options.out, options.source.title, _heard(options, claim))
+
+
+def _heard(options: DemoOptions, claim: Claim) -> Run:
+    """Runs all stages, and returns what was received from them until the end of the recording."""
     files = outputs.Files(options.out)
-    claim = outputs.claim(options.out, [*options.truth, *options.source.files])
     settings = [
         *outputs.stage_settings(options.out),
         *options.source.driver_settings(options.rate),
@@ -140,6 +146,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         chain.wait_ready()
         if recording:
             recording.begin()
+        claim.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         configs = chain.link.query_configs()
         with beside_run.shown(chain.ports.endpoint, options.out, options.view) as unseen:
@@ -155,11 +162,7 @@ def run(options: DemoOptions) -> dict[str, Any]:
         truths, no_reference = references.of_base(options.truth, configs)
         noted.news([*remarks.reasons(chain.statuses().values()), *logs.new_warnings()], 0.0)
         seen = Run.heard(chain.link, wall_s, codes, truths, chain.pss_mib)
-        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks, no_reference=no_reference)
-    try:
-        return outputs.write_all(options.out, options.source.title, seen)
-    finally:
-        claim.record(outputs.FURTHER)
+        return replace(seen, remarks=noted.summary(), not_recorded=lacks, no_reference=no_reference)
 
 
 def finish(found: dict[str, Any], out: Path) -> int:

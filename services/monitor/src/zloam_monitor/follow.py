@@ -127,7 +127,14 @@ def follow(options: FollowOptions) -> dict[str, Any]:
 
 def _follow(options: FollowOptions) -> dict[str, Any]:
     references.check(options.truth)
-    claim = outputs.claim_own(options.out, options.truth)
+    with outputs.claim_own(options.out, options.truth) as claim:
+        seen = _heard(options)
+        claim.begin()
+        return outputs.write_all(options.out, options.title, seen, stages_write_here=False)
+
+
+def _heard(options: FollowOptions) -> Run:
+    """What was received from the stages until the end of the run."""
     line = ProgressLine()
     session = open_session(options.connect)
     link = Link(session, options.keys)
@@ -142,12 +149,7 @@ def _follow(options: FollowOptions) -> dict[str, Any]:
         link.poll()
         configs = link.query_configs()
         truths, lacks = references.of_base(options.truth, configs)
-        seen = replace(Run.heard(link, wall_s, truths=truths), no_reference=lacks)
+        return replace(Run.heard(link, wall_s, truths=truths), no_reference=lacks)
     finally:
         link.close()
         session.close()
-    try:
-        found = outputs.write_all(options.out, options.title, seen, stages_write_here=False)
-    finally:
-        claim.record()
-    return found

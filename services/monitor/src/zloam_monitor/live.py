@@ -10,6 +10,7 @@ from typing import Any
 
 from zloam_monitor import ending, outputs, recorder, remarks
 from zloam_monitor.chain import Chain
+from zloam_monitor.claims import Claim
 from zloam_monitor.link import Link
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
@@ -102,9 +103,10 @@ class _Interrupt:
         self.asked = True
 
 
-def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Remarks) -> float:
+def _watch(
+    chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Remarks, logs: Logs
+) -> float:
     line = ProgressLine()
-    logs = Logs(outputs.Files(options.out).logs)
     supervisor = Supervisor(chain)
     diagnosis = Diagnosis(*data_place(chain.link.query_configs()))
     began = time.monotonic()
@@ -125,10 +127,16 @@ def _watch(chain: Chain, options: LiveOptions, interrupt: _Interrupt, noted: Rem
 
 def run(options: LiveOptions) -> dict[str, Any]:
     """Runs until Ctrl-C and returns the report; raises if a stage dies."""
-    claim = outputs.claim(options.out, [options.config])
+    with outputs.claim(options.out, [options.config]) as claim:
+        return outputs.write_all(options.out, "live run", _heard(options, claim))
+
+
+def _heard(options: LiveOptions, claim: Claim) -> Run:
+    """Starts the stages, and returns what was received from them until Ctrl-C."""
     settings = [*outputs.stage_settings(options.out), *options.settings]
     if options.standby:
         settings.append("recovery.standby=true")
+    logs = Logs(outputs.Files(options.out).logs)
     chain = Chain(
         options.build,
         options.config,
@@ -147,18 +155,15 @@ def run(options: LiveOptions) -> dict[str, Any]:
             chain.start_standbys()
         if recording:
             recording.begin()
+        claim.begin()
         print(chain.ports.announcement(options.robot), flush=True)
         interrupt, noted = _Interrupt(), Remarks()
         with ending.handled(interrupt.ask, ending.TOLD):
-            wall_s = _watch(chain, options, interrupt, noted)
+            wall_s = _watch(chain, options, interrupt, noted, logs)
             print("writing trajectory and map", flush=True)
             chain.link.query_statuses()
             chain.link.query_revisions()
             codes = chain.stop()
             lacks = recording.end() if recording else []
         seen = Run.heard(chain.link, wall_s, codes, pss_mib=chain.pss_mib)
-        seen = replace(seen, remarks=noted.summary(), not_recorded=lacks)
-    try:
-        return outputs.write_all(options.out, "live run", seen)
-    finally:
-        claim.record(outputs.FURTHER)
+        return replace(seen, remarks=noted.summary(), not_recorded=lacks)

@@ -27,11 +27,12 @@ class _Remark:
 
 
 class Logs:
-    """New warnings and errors in the log files of a folder."""
+    """New warnings and errors in the log files of a folder. Lines that are in a file already belong
+    to an earlier run."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._read: dict[Path, int] = {}
+        self._read = {path: path.stat().st_size for path in folder.glob("*.log")}
 
     def new_warnings(self) -> list[str]:
         found = []

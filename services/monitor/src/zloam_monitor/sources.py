@@ -274,7 +274,6 @@ def simulated(
     """
     recorded = ("session.logr", "session.csv") if hokuyo else ("capture.pcap",)
     made = (*recorded, "simulated_truth.tum", *(("imu.csv",) if imu else ()))
-    claim = claims.claim(out, made, inputs)
     capture, truth, readings = out / made[0], out / "simulated_truth.tum", out / "imu.csv"
     wanted = ["--out", str(capture)]
     if hokuyo:
@@ -292,12 +291,13 @@ def simulated(
         *(["--imu", str(readings)] if imu else []),
         *extra,
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    claim.record()
-    if done.returncode != 0:
-        raise SourceError(
-            f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
-        )
+    with claims.claim(out, made, inputs) as claim:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise SourceError(
+                f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
+            )
+        claim.begin()
     title = f"{world}, seed {seed}, simulated"
     source = Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
     if hokuyo:
