@@ -55,6 +55,8 @@ cd /tmp
 /venv/bin/zloam --version
 /venv/bin/zloam demo {LENGTH} --set zenoh.base_port=0
 /venv/bin/zloam calibrate --version
+if /venv/bin/zloam demo {LENGTH} --graph 2> refused; then exit 1; fi
+if grep 'make ' refused; then exit 1; fi
 ls out/demo
 /venv/bin/zloam config check vlp16-indoor
 /venv/bin/pip uninstall --quiet --yes zloam
@@ -79,9 +81,10 @@ apt-get install -y -qq --no-install-recommends /packages/DEB >/dev/null 2>&1
 if command -v gcc; then exit 1; fi
 cd /tmp
 zloam --version
-zloam demo {LENGTH} --graph --set zenoh.base_port=0
+zloam demo {LENGTH} --graph --set zenoh.base_port=0 --record drive.mcap
+zloam demo --bag drive.mcap --view --out out/again --set zenoh.base_port=0
 zloam calibrate --version
-ls out/demo
+ls out/demo out/again
 zloam config check vlp16-indoor
 apt-get purge -y -qq --auto-remove zenoh-loam >/dev/null 2>&1
 find / -xdev \\( -iname '*zloam*' -o -iname '*zenoh-loam*' \\) -not -path '/tmp/*'
@@ -93,9 +96,10 @@ def test_the_debian_package_runs_the_demo_without_a_compiler() -> None:
     (package,) = packages("zenoh-loam_*.deb")
     suite = os.environ.get("ZLOAM_SUITE") or suite_of_this_machine()
     said = in_container(f"debian:{suite}-slim", DEB.replace("DEB", package.name))
-    assert "accounted for: yes" in said
     assert "picture.png" in said
     assert "trajectory_world.tum" in said
+    assert said.count("accounted for: yes") == 2, "the replayed recording, too"
+    assert "run.mcap" in said
     # nothing is left after the removal
     left = said.split("accepted by all stages")[1].splitlines()
     assert [line for line in left if line.startswith("/")] == []

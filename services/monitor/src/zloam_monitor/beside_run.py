@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from zloam_monitor import places
+from zloam_monitor import extras, places
 from zloam_monitor.processes import Processes, describe_code, free_port, is_free
 
 PAGE_PORT = 8080
@@ -36,7 +36,7 @@ def shown(endpoint: str, out: Path, wanted: bool) -> Iterator[list[str]]:
         views.start("view", keep, logs / "view.log")
         made["view"] = str(out / RERUN)
     else:
-        print(f"no {RERUN}: rerun-sdk is not installed (make view-tools)", flush=True)
+        print(f"no {RERUN}: rerun-sdk is not installed ({extras.advice('rerun-sdk')})", flush=True)
     try:
         yield lacks
     finally:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from zloam_monitor import robot_file
+from zloam_monitor import places, robot_file
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
@@ -47,8 +47,16 @@ def binary(build: Path, name: str) -> Path:
     if not path.is_file():
         # Optional programs have make targets of their own.
         target = next((t for n, t in TARGETS.items() if name.startswith(n)), "build")
-        raise BinariesMissing(f"{path} does not exist: build it first (make {target})")
+        raise BinariesMissing(f"{path} does not exist: {_source(build, target)}")
     return path
+
+
+def _source(build: Path, target: str) -> str:
+    """Advice on how to get a program."""
+    if build != places.BUNDLED:
+        return f"build it first (make {target})"
+    packages = {"aloam": "a checkout has it", "graph": "the Debian package and a checkout have it"}
+    return f"this package does not contain it; {packages.get(target, 'install the package again')}"
 
 
 class Chain:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from zloam_monitor import places
+
 
 class Missing(RuntimeError):
     """A package is not installed; the text says how to get it."""
@@ -20,6 +22,16 @@ def needed(module: str, package: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise Missing(
-            f"the Python package {package} is needed for this: make view-tools in a checkout, or "
-            f"pip install 'zloam[view]'"
+            f"the Python package {package} is needed for this: {advice(package)}"
         ) from error
+
+
+def advice(package: str) -> str:
+    """How to install an optional package for this installation of zloam."""
+    if places.checkout() is not None:
+        return "make view-tools"
+    # The Debian package uses the system's Python, into which pip installs nothing.
+    return (
+        f"pip install 'zloam[view]'; for the Debian package pip install --target FOLDER {package}, "
+        "and PYTHONPATH=FOLDER"
+    )
