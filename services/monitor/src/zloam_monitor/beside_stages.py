@@ -14,6 +14,13 @@ class BesideError(ValueError):
     """The map folder cannot be used in this way; the text says why."""
 
 
+def has_map(folder: Path) -> bool:
+    """True if the tile store has written something to this folder. When it opens a folder, it
+    creates an empty log (services/store/record_log.cpp)."""
+    files = [path for path in folder.glob("[0-9]*") if path.stem.isdigit()]
+    return any(path.suffix in (".base", ".log") and path.stat().st_size > 0 for path in files)
+
+
 @dataclass(frozen=True)
 class Beside:
     """The optional stages that the user asked for."""
@@ -34,14 +41,17 @@ class Beside:
             return
         if self.localize and self.extend:
             raise BesideError("--localize leaves the map as it is, --extend maps on: choose one")
-        has_map = self.map.is_dir() and any(self.map.iterdir())
-        if self.mode != "map" and not has_map:
-            raise BesideError(f"{self.map} holds no map: a run with --map leaves one there")
-        if self.mode == "map" and has_map:
+        if self.mode != "map" and not has_map(self.map):
+            raise BesideError(
+                f"{self.map} holds no map: name the folder of --map FOLDER (MAP=) of an earlier run"
+            )
+        if self.mode == "map" and has_map(self.map):
             raise BesideError(
                 f"{self.map} holds a map already: name a new folder, or find the robot in it "
                 "with --localize, or with --extend to map on"
             )
+        if self.mode == "map" and self.map.exists() and any(self.map.iterdir()):
+            raise BesideError(f"{self.map} is not empty, but holds no map: name a new folder")
 
     def _check_other_mapping(self, program: str) -> None:
         """Another mapping begins a map in any case, which deletes the stored one, and makes no
