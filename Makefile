@@ -135,7 +135,7 @@ bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans
 packages: graph ## wheel and Debian packages with the programs inside: out/packages
 	@$(STEP) "packages" deploy/build/packages.sh $(BUILD) out/packages
 
-reference: build ## deploy/robots: REFERENCE.md and schema.json from what the programs say
+reference: graph ## deploy/robots: REFERENCE.md and schema.json from what the programs say
 	@bin/zloam robot-files
 
 # The unit tests of code that uses threads, to be run under TSan.

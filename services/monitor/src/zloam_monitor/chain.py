@@ -15,7 +15,7 @@ from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
 from zloam_monitor.processes import Processes, free_base_port, free_port
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import CONFIGURED, STAGES
 
 if TYPE_CHECKING:
     from typing import Self
@@ -49,6 +49,14 @@ def binary(build: Path, name: str) -> Path:
         target = next((t for n, t in TARGETS.items() if name.startswith(n)), "build")
         raise BinariesMissing(f"{path} does not exist: {_source(build, target)}")
     return path
+
+
+def readers(build: Path) -> dict[str, Path]:
+    """Stage -> program, of the stages that read a robot's file. Those beside the chain are left out
+    if they are not built."""
+    beside = [stage for stage in CONFIGURED if stage not in STAGES]
+    built = [stage for stage in beside if (build / "bin" / f"zloam-{stage}").is_file()]
+    return {stage: binary(build, stage) for stage in (*STAGES, *built)}
 
 
 def _source(build: Path, target: str) -> str:

@@ -137,7 +137,7 @@ def config_schema(preset_dir: common.PresetDir = None) -> int:
     """Print the JSON Schema of robot files (deploy/robots/schema.json)."""
     from zloam_monitor import robot_files as files
 
-    print(files.schema_text(files.described(common.kept(preset_dir))), end="")
+    print(files.schema_text(common.kept(preset_dir)), end="")
     return 0
 
 

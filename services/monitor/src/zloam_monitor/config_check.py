@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor.chain import binary
-from zloam_monitor.stages import STAGES
+from zloam_monitor.chain import readers
 
 #: Time, level and program at the beginning of a line in a stage's log.
 _LOG_HEAD = re.compile(r"^\S+Z \w+\s+\w+: ")
@@ -29,8 +28,8 @@ def check(build: Path, config: Path, settings: Sequence[str]) -> Verdict:
     """Runs the check of every stage; a refusal by several stages is listed once."""
     refusals: dict[str, None] = {}
     values: dict[str, Any] = {}
-    for stage in STAGES:
-        command = [str(binary(build, stage)), "--config", str(config), "--check-config"]
+    for stage, program in readers(build).items():
+        command = [str(program), "--config", str(config), "--check-config"]
         for setting in settings:
             command += ["--set", setting]
         done = subprocess.run(command, capture_output=True, text=True, check=False)

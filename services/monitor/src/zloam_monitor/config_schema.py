@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
 _RANGE = r"(?P<low>\S+) to (?P<high>\S+)"
@@ -47,8 +48,11 @@ def leaf(said: dict[str, Any]) -> dict[str, Any]:
     return {**found, "default": said["default"], "description": f"{unit}{said['doc']}.{live}"}
 
 
-def schema(said: dict[str, dict[str, Any]], about: dict[str, str]) -> dict[str, Any]:
-    """Schema of all keys; `about`: section -> its purpose."""
+def schema(
+    said: dict[str, dict[str, Any]], about: dict[str, str], unknown: Sequence[str]
+) -> dict[str, Any]:
+    """Schema of all keys; `about`: section -> its purpose; `unknown`: sections of stages that are
+    not built, in which any key is accepted."""
     root: dict[str, Any] = {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "A robot's file of zenoh-loam",
@@ -72,4 +76,6 @@ def schema(said: dict[str, dict[str, Any]], about: dict[str, str]) -> dict[str, 
                 },
             )
         place["properties"][name] = leaf(each)
+    for section in unknown:
+        root["properties"][section] = {"type": ["object", "null"], "description": about[section]}
     return root

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor import config_schema
-from zloam_monitor.chain import binary
-from zloam_monitor.stages import ROWS, STAGES
+from zloam_monitor.chain import binary, readers
+from zloam_monitor.stages import CONFIGURED, ROWS
 
 #: File in the folder of the robot files.
 SCHEMA = "schema.json"
@@ -59,7 +59,7 @@ SECTIONS = {
     "mounting": "Poses of the lidar (T_base_lidar) and the IMU in base_link. All published poses"
     " are poses of base_link; with zeros base_link is the lidar itself. For a lidar that is mounted"
     " upside down set rpy_deg to [180, 0, 0].",
-    **{stage: ROWS[stage].summary for stage in STAGES},
+    **{stage: ROWS[stage].summary for stage in CONFIGURED},
     "zenoh": "Links between the stages.",
     "flow": "Pacing of a replay.",
     "recovery": "Lost messages and queues.",
@@ -70,9 +70,9 @@ SECTIONS = {
 def described(build: Path) -> dict[str, dict[str, Any]]:
     """Key -> the stages' description of it, in their order."""
     found: dict[str, dict[str, Any]] = {}
-    for stage in STAGES:
+    for program in readers(build).values():
         done = subprocess.run(
-            [binary(build, stage), "--describe-config"], capture_output=True, text=True, check=True
+            [program, "--describe-config"], capture_output=True, text=True, check=True
         )
         for each in json.loads(done.stdout):
             found.setdefault(each["key"], each)
@@ -125,15 +125,19 @@ def reference(said: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def schema_text(said: dict[str, dict[str, Any]]) -> str:
+def schema_text(build: Path) -> str:
     """JSON Schema of the robot files, as text."""
-    return json.dumps(config_schema.schema(said, SECTIONS), indent=1, ensure_ascii=False) + "\n"
+    unknown = [stage for stage in CONFIGURED if stage not in readers(build)]
+    found = config_schema.schema(described(build), SECTIONS, unknown)
+    return json.dumps(found, indent=1, ensure_ascii=False) + "\n"
 
 
 def refresh(build: Path, folder: Path, check: bool) -> list[Path]:
     """Updates the files that are out of date, or with `check` only returns them."""
-    said = described(build)
-    wanted = {folder / "REFERENCE.md": reference(said), folder / SCHEMA: schema_text(said)}
+    for stage in CONFIGURED:
+        binary(build, stage)  # Raises if one is missing, whose keys the files would lose.
+    text = reference(described(build))
+    wanted = {folder / "REFERENCE.md": text, folder / SCHEMA: schema_text(build)}
     stale = [p for p, text in wanted.items() if not p.exists() or p.read_text() != text]
     for path in () if check else stale:
         path.write_text(wanted[path])

@@ -57,5 +57,7 @@ ROWS = _rows()
 PORT_ORDER = tuple(ROWS)
 #: The chain from the sensor to pose and map.
 STAGES = tuple(name for name, row in ROWS.items() if row.in_chain)
+#: Stages that read a robot's file: the chain, and those beside it. The simulator does not.
+CONFIGURED = tuple(name for name, row in ROWS.items() if row.in_chain or row.reads)
 #: Stages that each pose passes. Mapping is not among them: sweeps that it skips have poses, too.
 POSE_PATH = _pose_path()
