@@ -86,8 +86,22 @@ DEMO_ARGS = $(call passed,PCAP,--pcap) $(call passed,BAG,--bag) $(call passed,TO
   $(if $(filter hokuyo,$(SENSOR)),--hokuyo) $(call passed,SESSION,--session) \
   $(call passed,CONFIG,--config) $(call passed,RATE,--rate) $(call passed,SET_AT,--settings-at) $(if $(VIEW),--view) $(CHAIN_ARGS)
 
-# An unknown SENSOR is an error, not the default.
+# A mistyped variable would run something else: with demo and run, each variable of the command line must be one of
+# theirs, and a switch is 1 or not given.
+SWITCHES := GRAPH LOCALIZE EXTEND VIEW STANDBY
+OF_BOTH := METHOD GRAPH MAP LOCALIZE EXTEND OUT RECORD LISTEN SET CONFIG
+OF_demo := PCAP BAG TOPIC BIN KITTI SCANS SESSION IMU TRUTH SENSOR RATE SET_AT VIEW
+OF_run := STANDBY
+OF_GOALS := $(OF_BOTH) $(foreach goal,$(MAKECMDGOALS),$(OF_$(goal)))
+OF_BUILD := PRESET BUILD JOBS STEP PY ZLOAM ZLOAM_SHARED
+GIVEN := $(foreach v,$(.VARIABLES),$(if $(findstring command line,$(origin $(v))),$(v)))
+ifneq ($(filter demo run,$(MAKECMDGOALS)),)
+ifeq ($(filter-out build demo run,$(MAKECMDGOALS)),)
+$(foreach v,$(filter-out $(OF_GOALS) $(OF_BUILD),$(GIVEN)),$(error $(v)=: make $(MAKECMDGOALS) has no such variable; it has $(OF_GOALS)))
+endif
+$(foreach v,$(filter $(OF_GOALS),$(SWITCHES)),$(if $(filter-out 1,$($(v))),$(error $(v)=$($(v)): 1 switches it on; leave it out otherwise)))
 $(if $(filter-out vlp16 hokuyo,$(SENSOR)),$(error SENSOR=$(SENSOR): vlp16 (the default) or hokuyo is simulated))
+endif
 
 demo: build $(if $(METHOD),aloam) $(if $(GRAPH),graph) ## simulate a city loop (or replay PCAP=, BAG=, BIN=, KITTI=, SCANS=) and map it: out/demo
 	@$(ZLOAM) demo $(DEMO_ARGS)

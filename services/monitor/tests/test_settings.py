@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from itertools import pairwise
@@ -62,6 +63,18 @@ def test_names_of_files_are_the_longest_that_exist(tmp_path: Path) -> None:
     assert [p.name for p in existing_files(text)] == ["a b c.tum", "d", "a", "none"]
 
 
+def make(*words: str) -> subprocess.CompletedProcess[str]:
+    """Runs make without the variables of the `make test` that may run this test."""
+    return subprocess.run(
+        ["make", "-s", "-o", "build", *words],
+        cwd=ROOT,
+        env={n: v for n, v in os.environ.items() if not n.startswith("MAKE")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
 def test_make_passes_texts_as_they_are(tmp_path: Path) -> None:
     truth = tmp_path / "my truth.tum"
     truth.touch()
@@ -70,19 +83,42 @@ def test_make_passes_texts_as_they_are(tmp_path: Path) -> None:
     said.chmod(0o755)
     capture = '/d/my "run" #2: `x`.pcap'
     settings = "mounting.xyz_m=[0, 0, 1] driver.path=/a b"
-    done = subprocess.run(
-        [
-            *("make", "-s", "-o", "build", "demo", f"ZLOAM={said}", f"PCAP={capture}"),
-            *(f"SET={settings}", f"TRUTH={truth}", "SET_AT=5:a.b=[1, 2]"),
-        ],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    variables = (f"SET={settings}", f"TRUTH={truth}", "SET_AT=5:a.b=[1, 2]")
+    done = make("demo", f"ZLOAM={said}", f"PCAP={capture}", *variables)
+    assert done.returncode == 0, done.stderr
     passed = json.loads(done.stdout)
     given = dict(pairwise(passed))
     assert given["--pcap"] == capture
     assert given["--settings"] == settings
     assert given["--truths"] == str(truth)
     assert given["--settings-at"] == "5:a.b=[1, 2]"
+
+
+@pytest.mark.parametrize(
+    ("goal", "given"),
+    [
+        *(("demo", given) for given in ("PACP=drive.pcap", "STANDBY=1", "SEED=3", "SENSOR=vlp")),
+        *(("run", f"{name}=x") for name in ("PCAP", "RATE", "TRUTH", "SET_AT", "SENSOR")),
+        *(("demo", f"{name}=0") for name in ("GRAPH", "LOCALIZE", "EXTEND", "VIEW")),
+        *(("run", given) for given in ("STANDBY=0", "STANDBY=no", "GRAPH=0", "VIEW=1")),
+    ],
+)
+def test_make_refuses_what_it_would_not_use(goal: str, given: str) -> None:
+    done = make("-n", goal, given)
+    assert done.returncode == 2, done.stdout
+    assert f"*** {given.partition('=')[0]}=" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("demo", "SENSOR=hokuyo"), "--hokuyo"),
+        (("demo", "VIEW=1", "JOBS=2", "PRESET=debug"), "--view"),
+        (("demo", "MAP=m", "EXTEND=1"), "--extend"),
+        (("demo", "MAP=m", "LOCALIZE=1"), "--localize"),
+        (("run", "STANDBY=1"), "--standby"),
+    ],
+)
+def test_make_takes_the_variables_of_its_goal(words: tuple[str, ...], option: str) -> None:
+    done = make("-n", *words)
+    assert option in done.stdout, done.stderr
