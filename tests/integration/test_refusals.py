@@ -34,8 +34,10 @@ def stage(build: Path, name: str, *arguments: object) -> subprocess.CompletedPro
         ("flow:\n  window: many\n", ["flow.window", "many", ":2"]),
         ("flow:\n  window: 100000\n", ["flow.window", "100000", "1000", ":2"]),
         ("robot: [\n", [":"]),
+        ("zenoh.host: 0.0.0.0\n", ["zenoh.host", "write zenoh: {host: ", ":1"]),
+        ("zenoh:\n  host: 127.0.0.1\nzenoh.host: 0.0.0.0\n", ["write zenoh: {host: ", ":3"]),
     ],
-    ids=["unknown key", "wrong type", "out of range", "no YAML"],
+    ids=["unknown key", "wrong type", "out of range", "no YAML", "dot", "dot beside section"],
 )
 def test_wrong_configuration(
     build: Path, tmp_path: Path, name: str, text: str, words: list[str]

@@ -94,6 +94,11 @@ struct Parameters::Loader {
       const std::string key = within(prefix, leaf);
       if (!seen.insert(leaf).second) {
         complain(place, key, "stands here a second time");
+      } else if (const auto dot = leaf.find('.'); dot != std::string::npos) {
+        // Whoever reads only sections would miss it, and it could contradict the section.
+        complain(place, key,
+                 "a file has sections, not keys with dots: write " + leaf.substr(0, dot) + ": {" +
+                     leaf.substr(dot + 1) + ": ...}");
       } else if (is_foreign(key)) {
         continue;
       } else if (is_prefix(key)) {

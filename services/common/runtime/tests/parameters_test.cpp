@@ -180,6 +180,18 @@ TEST_F(ParameterFile, BrokenYamlAndDoubleKeysNameTheLine) {
   EXPECT_THAT(error("- a\n"), HasSubstr("a map of sections is expected"));
 }
 
+TEST_F(ParameterFile, KeysWithDotsAreNoSections) {
+  EXPECT_EQ(error("stage.on: true\n"),
+            "robot.yaml:1: stage.on: a file has sections, not keys with dots: write stage: {on: "
+            "...}");
+  EXPECT_FALSE(c.on);
+  EXPECT_THAT(error("stage:\n  on: false\nstage.on: true\n"),
+              HasSubstr("robot.yaml:3: stage.on: "));
+  EXPECT_THAT(error("stage:\n  deep.count: 4\n"),
+              HasSubstr("stage.deep.count: a file has sections, not keys with dots: write deep: "));
+  EXPECT_THAT(error("other.key: 1\n"), HasSubstr("robot.yaml:1: other.key: a file has sections"));
+}
+
 TEST_F(ParameterFile, FileThatIsNotThereIsAnIoError) {
   EXPECT_THROW(p.load("/nowhere/robot.yaml", {}), IoError);
   EXPECT_THROW(p.load(std::filesystem::temp_directory_path().string(), {}), IoError);
