@@ -94,13 +94,47 @@ def test_a_taken_port_is_refused_with_its_number() -> None:
     refused = pytest.raises(ports.PortTaken, match=f"mapping can't listen on .*:{base + 3}; ")
     with socket.create_server(("127.0.0.1", base + 3)), refused:
         ports.configured(RobotNames(base_port=base))
+    with socket.create_server(("127.0.0.1", base + 6)):
+        assert ports.configured(RobotNames(base_port=base)).base == base
+        with pytest.raises(ports.PortTaken, match=f"store can't listen on .*:{base + 6}; "):
+            ports.configured(RobotNames(base_port=base), beside=("store",))
+
+
+@pytest.mark.parametrize("host", ["[::1]", "[::]"])
+def test_an_address_of_ip_6_is_one_of_this_machine(host: str) -> None:
+    if not socket.has_dualstack_ipv6():
+        pytest.skip("no IPv6 here")
+    base = free_base_port()
+    assert ports.configured(RobotNames(base_port=base, host=host)).host == host
+    taken = pytest.raises(ports.PortTaken, match="another program listens there: end it")
+    with socket.create_server(("::1", base + 4), family=socket.AF_INET6), taken:
+        ports.configured(RobotNames(base_port=base, host=host))
+
+
+@pytest.mark.parametrize(
+    ("host", "why"),
+    [
+        ("192.0.2.1", "Cannot assign requested address: name an address of this machine"),
+        ("no such address", r"name an address of this machine by zenoh\.host or --listen"),
+    ],
+)
+def test_an_address_of_another_machine_is_not_called_taken(host: str, why: str) -> None:
+    with pytest.raises(ports.PortTaken, match=why) as refused:
+        ports.configured(RobotNames(base_port=free_base_port(), host=host))
+    assert "listens there" not in str(refused.value)
 
 
 def test_what_is_open_to_the_network_says_so() -> None:
     inside = ports.Ports(7460)
     assert inside.announcement("car") == "robot car listens on tcp/127.0.0.1:7464"
     outside = ports.Ports(7460, "0.0.0.0").announcement("car")
-    assert "open to the network: whoever reaches ports 7460 to 7464" in outside
+    assert "open to the network: whoever reaches ports 7460 to 7464 reads" in outside
+    beside = ports.Ports(7460, "0.0.0.0", ("graph", "store")).announcement("car")
+    assert "whoever reaches ports 7460 to 7464, 7466, 7468 reads" in beside
+    for host in ("localhost", "127.0.0.2", "[::1]"):
+        assert "open" not in ports.Ports(7460, host).announcement("car")
+    for host in ("[::]", "192.0.2.1"):
+        assert "open to the network" in ports.Ports(7460, host).announcement("car")
 
 
 def test_without_endpoints_this_machine_is_searched() -> None:

@@ -39,9 +39,11 @@ def test_endpoints_are_a_list_in_the_file_or_in_a_setting(tmp_path: Path) -> Non
         b"zenoh: {base_port: x}",
         # Found by tests/fuzz/readers.py.
         b"zenoh: {base_port: [7460]}",
+        b"zenoh: {base_port: 65001}",
+        b"zenoh: {base_port: -1}",
         b"robot: " + b"[" * 100_000,
     ],
-    ids=["open", "encoding", "port", "list of ports", "nested"],
+    ids=["open", "encoding", "port", "list of ports", "high port", "port < 0", "nested"],
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "r.yaml").write_bytes(data)

@@ -58,16 +58,31 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def listen_error(port: int, host: str = "127.0.0.1") -> OSError | None:
+    """Why no program could listen on this port; None: one could. IPv6 addresses stand in brackets,
+    as in an endpoint."""
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), None, type=socket.SOCK_STREAM)
+    except OSError as error:
+        return error
+    last = None
+    # Like Zenoh, which listens on the first of a name's addresses that can be used.
+    for family, kind, _, _, address in found:
+        with socket.socket(family, kind) as probe:
+            # Like a listener's socket, which may use a port in TIME_WAIT.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((address[0], port, *address[2:]))
+            except OSError as error:
+                last = error
+            else:
+                return None
+    return last
+
+
 def is_free(port: int, host: str = "127.0.0.1") -> bool:
     """True if a program could listen on this port."""
-    with socket.socket() as probe:
-        # Like a listener's socket, which may use a port in TIME_WAIT.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError):
-            return False
-        return True
+    return listen_error(port, host) is None
 
 
 def endpoints(base_port: int) -> list[str]:

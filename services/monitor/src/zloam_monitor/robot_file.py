@@ -14,6 +14,10 @@ class RobotFileError(RuntimeError):
     """The file cannot be read. Its contents are checked by the stages themselves."""
 
 
+#: Range of zenoh.base_port (services/common/runtime/config.cpp).
+BASE_PORTS = range(65001)
+
+
 @dataclass(frozen=True)
 class RobotNames:
     """Names in the robot's keys, and addresses on which the stages listen."""
@@ -65,6 +69,10 @@ def names(path: Path, settings: list[str]) -> RobotNames:
     plain = RobotNames()
     port = _value(tree, settings, "zenoh.base_port", plain.base_port)
     try:
+        if int(port) not in BASE_PORTS:
+            raise RobotFileError(
+                f"{path}: zenoh.base_port {port}: 0 to {BASE_PORTS[-1]} is expected"
+            )
         return RobotNames(
             robot=str(_value(tree, settings, "robot", plain.robot)),
             sensor=str(_value(tree, settings, "sensor.name", plain.sensor)),
