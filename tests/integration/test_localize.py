@@ -118,13 +118,13 @@ def test_maps_are_neither_overwritten_nor_invented(
 ) -> None:
     given = ("demo", "--preset-dir", build, "--pcap", first.pcap, "--out", tmp_path / "out")
     over = monitor(*given, "--map", mapped / "map")
-    assert over.code == 1
+    assert over.code == 2
     assert "holds a map already" in over.said
     nothing = monitor(*given, "--map", tmp_path / "none", "--localize")
-    assert nothing.code == 1
+    assert nothing.code == 2
     assert "holds no map" in nothing.said
     nowhere = monitor(*given, "--localize")
-    assert nowhere.code == 1
+    assert nowhere.code == 2
     assert "--map FOLDER" in nowhere.said
 
 
@@ -210,8 +210,8 @@ def test_a_map_is_either_extended_or_left_as_it_is(
 ) -> None:
     given = ("demo", "--preset-dir", build, "--pcap", first.pcap, "--out", tmp_path / "out")
     both = monitor(*given, "--map", mapped / "map", "--localize", "--extend")
-    assert both.code == 1
+    assert both.code == 2
     assert "choose one" in both.said
     nothing = monitor(*given, "--map", tmp_path / "none", "--extend")
-    assert nothing.code == 1
+    assert nothing.code == 2
     assert "holds no map" in nothing.said

@@ -73,7 +73,7 @@ def test_thinned_and_as_json(driven: tuple[str, Path], tmp_path: Path) -> None:
 def test_what_can_not_be_is_said(driven: tuple[str, Path], tmp_path: Path) -> None:
     endpoint, _ = driven
     no_format = monitor("map", "save", tmp_path / "town.xyz", "--connect", endpoint)
-    assert no_format.code == 1
+    assert no_format.code == 2
     assert ".laz is expected" in no_format.said
     nobody = monitor("map", "save", tmp_path / "town.pcd", "--connect", "127.0.0.1:1")
     assert nobody.code == 1

@@ -191,13 +191,13 @@ def test_nothing_is_left_of_a_merge_that_could_not_be_written(
 
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
     none = map_command(build, "info", tmp_path)
-    assert none.code == 1
+    assert none.code == 3
     assert "holds no map" in none.said
     unknown = map_command(build, "export", folders[0], tmp_path / "map.xyz")
-    assert unknown.code == 1
+    assert unknown.code == 2
     assert ".g2o or .tum is expected" in unknown.said
     taken = map_command(build, "merge", folders[0], folders[1], "--out", folders[0])
-    assert taken.code == 1
+    assert taken.code == 3
     assert "name a new folder" in taken.said
     shutil.copytree(folders[0], tmp_path / "copy")
     for same in (folders[0], tmp_path / "copy"):

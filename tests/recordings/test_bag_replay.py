@@ -182,7 +182,7 @@ def test_a_bag_as_a_capture_is_answered_by_what_to_do(
 ) -> None:
     path = variants.write(tmp_path / "bag", drive.scans[:2], PLAIN)
     done = monitor("demo", "--preset-dir", build, "--pcap", path, "--out", tmp_path / "out")
-    assert (done.code, f"--bag {path}" in done.said) == (1, True), done.said
+    assert (done.code, f"--bag {path}" in done.said) == (3, True), done.said
 
 
 def test_what_is_refused_is_refused_before_anything_runs(
@@ -191,7 +191,7 @@ def test_what_is_refused_is_refused_before_anything_runs(
     layout = variants.REFUSED["no time"][0]
     path = variants.write(tmp_path / "bag", drive.scans[:4], layout)
     done = monitor("demo", "--preset-dir", build, "--bag", path, "--out", tmp_path / "out")
-    assert done.code == 1
+    assert done.code == 3
     assert "driver.time_model" in done.said
     assert not (tmp_path / "out" / "logs").exists()
 

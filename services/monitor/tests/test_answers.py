@@ -91,7 +91,7 @@ def test_a_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_mistake_is_told_beside_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["compare", str(tmp_path), str(tmp_path), "--json"]) == 1
+    assert cli.main(["compare", str(tmp_path), str(tmp_path), "--json"]) == 3
     said = capsys.readouterr()
     assert said.out == ""
     assert "No such file" in said.err

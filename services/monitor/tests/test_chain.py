@@ -185,7 +185,7 @@ def test_a_file_that_a_stage_did_not_write_fails_the_run(
 def test_missing_binaries_and_truth_are_said_before_the_start(
     build: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert demo(build, "--truth", str(build / "none.tum")) == 1
+    assert demo(build, "--truth", str(build / "none.tum")) == 3
     assert "none.tum" in capsys.readouterr().err
     assert cli.main(["demo", "--preset-dir", str(tmp_path / "none")]) == 1
     assert "build it first (make build)" in capsys.readouterr().err

@@ -151,8 +151,8 @@ def test_a_demo_refuses_before_it_starts_anything(
     (tmp_path / "drive.pcap").write_text("x")
     arguments = ["demo", "--pcap", f"{tmp_path}/drive.pcap", "--out", str(tmp_path)]
     code = cli.main([*arguments, "--truth", f"{tmp_path}/ground_truth.tum"])
-    assert code == 1
+    assert code == 3
     assert "is an input of this run" in capsys.readouterr().err
-    assert cli.main(arguments) == 1
+    assert cli.main(arguments) == 3
     assert "ground_truth.tum" in capsys.readouterr().err
     assert {p.name for p in tmp_path.iterdir()} >= {"ground_truth.tum", "drive.pcap"}

@@ -37,7 +37,7 @@ def test_what_is_no_endpoint_is_said_without_a_trace(
     text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for command in (["watch"], ["status"], ["set", "odometry", "a=1"], ["save"], ["robots"]):
-        assert cli.main([*command, "--connect", text]) == 1
+        assert cli.main([*command, "--connect", text]) == 2
         assert f"'{text}' is no endpoint" in capsys.readouterr().err
 
 

@@ -239,7 +239,7 @@ def test_a_captures_faults(counts: dict[str, float], words: str) -> None:
 
 
 def test_what_is_no_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["doctor", str(tmp_path / "none.pcap")]) == 1
+    assert cli.main(["doctor", str(tmp_path / "none.pcap")]) == 3
     assert "none.pcap" in capsys.readouterr().err
 
 

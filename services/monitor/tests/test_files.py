@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from zloam_monitor import cli, files, sessions
+from zloam_monitor.failures import Misuse
 from zloam_monitor.maps import MapError
-from zloam_monitor.sessions import SessionsError
 
 
 @pytest.fixture
@@ -58,9 +58,9 @@ def test_what_can_not_be_exported_is_refused_before_the_work(
         ("town.xyz", (), "town.xyz: .pcd, .ply, .las, .laz, .g2o or .tum is expected"),
         ("town.pcd", ("--voxel", "0"), "--voxel: 0 m is no edge of a cube"),
     ):
-        assert cli.main(["map", "export", str(tmp_path), str(tmp_path / to), *more]) == 1
+        assert cli.main(["map", "export", str(tmp_path), str(tmp_path / to), *more]) == 2
         assert said in capsys.readouterr().err
-    with pytest.raises(SessionsError):
+    with pytest.raises(Misuse):
         sessions.exportable(Path("town"), 0.2)
     with pytest.raises(MapError):
         sessions.exportable(Path("town.las"), float("nan"))

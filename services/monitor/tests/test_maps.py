@@ -102,17 +102,21 @@ def test_mistakes_are_told(
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
         "end_header\n1 2\n"
     )
-    for words, said in (
-        (("map", "info", "none.pcd"), "none.pcd: No such file"),
-        (("map", "info", "map.txt"), ".pcd, .ply, .las or .laz is expected"),
-        (("map", "info", tmp_path / "broken.las"), "broken.las: cannot be read"),
-        (("map", "info", tmp_path / "flat.ply"), "has no z"),
-        (("map", "convert", source, tmp_path / "a.xyz"), ".pcd, .ply, .las or .laz is expected"),
-        (("map", "convert", source, tmp_path / "a.ply", "--layer", "roof"), "none of edge, plane"),
-        (("map", "convert", source, tmp_path / "a.ply", "--voxel", 0), "no edge of a cube"),
-        (("map", "crop", source, tmp_path / "a.ply", "--x", 0, 1), "nothing written"),
+    for words, code, said in (
+        (("map", "info", "none.pcd"), 3, "none.pcd: No such file"),
+        (("map", "info", "map.txt"), 2, ".pcd, .ply, .las or .laz is expected"),
+        (("map", "info", tmp_path / "broken.las"), 3, "broken.las: cannot be read"),
+        (("map", "info", tmp_path / "flat.ply"), 3, "has no z"),
+        (("map", "convert", source, tmp_path / "a.xyz"), 2, ".pcd, .ply, .las or .laz is expected"),
+        (
+            ("map", "convert", source, tmp_path / "a.ply", "--layer", "roof"),
+            2,
+            "none of edge, plane",
+        ),
+        (("map", "convert", source, tmp_path / "a.ply", "--voxel", 0), 2, "no edge of a cube"),
+        (("map", "crop", source, tmp_path / "a.ply", "--x", 0, 1), 1, "nothing written"),
     ):
-        assert run(*words) == 1
+        assert run(*words) == code
         assert said in capsys.readouterr().err, words
     assert not (tmp_path / "a.ply").exists()
 
@@ -134,7 +138,7 @@ def test_coordinates_that_would_be_rounded_are_refused(
     to = tmp_path / "to.pcd"
     for source in (utm, huge):
         for words in (("map", "info", source), ("map", "convert", source, to)):
-            assert run(*words) == 1
+            assert run(*words) == 3
             assert f"{source}: its coordinates reach" in (said := capsys.readouterr().err)
             assert "subtract an origin" in said
     assert not to.exists()
@@ -167,7 +171,7 @@ def test_points_that_reach_too_far_for_las_are_refused(
     near = float64_ply(tmp_path / "near.ply", np.array([[-107_000.0, 0, 0], [107_000.0, 0, 0]]))
     for suffix in (".las", ".laz"):
         to = tmp_path / f"map{suffix}"
-        assert run("map", "convert", far, to) == 1
+        assert run("map", "convert", far, to) == 3
         assert f"{to}: the points reach 220000 m far" in capsys.readouterr().err
         assert not to.exists()
         assert run("map", "convert", near, to) == 0

@@ -33,7 +33,7 @@ def test_what_is_not_there_is_refused_with_what_is(text: str, said: str) -> None
 def test_a_wrong_method_ends_the_command_before_it_simulates(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert cli.main(["demo", "--method", "floam"]) == 1
+    assert cli.main(["demo", "--method", "floam"]) == 2
     assert "no method 'floam'" in capsys.readouterr().err
 
 

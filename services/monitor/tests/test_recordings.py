@@ -73,5 +73,5 @@ def test_times_that_can_not_be_read_name_their_file(folder: Path, data: bytes, s
 def test_a_time_model_that_there_is_not(
     folder: Path, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["recording", str(folder), "--time-model", "foo", *more]) == 1
+    assert cli.main(["recording", str(folder), "--time-model", "foo", *more]) == 2
     assert "driver.time_model: foo is none of none, clockwise" in capsys.readouterr().err

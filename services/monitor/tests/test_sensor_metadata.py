@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from fake_sensor import sensor
-from zloam_monitor import cli, sensor_metadata, sources
+from zloam_monitor import cli, sensor_metadata
 
 DESCRIPTION = {
     "sensor_info": {"prod_line": "OS-1-128", "status": "RUNNING"},
@@ -50,7 +50,7 @@ def test_parts_of_older_firmware() -> None:
 def test_what_is_no_description_is_refused(page: Any, why: str) -> None:
     with (
         sensor({sensor_metadata.PATH: page}) as host,
-        pytest.raises(sources.SourceError, match=why),
+        pytest.raises(sensor_metadata.SensorError, match=why),
     ):
         sensor_metadata.fetched(host)
 

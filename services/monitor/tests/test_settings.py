@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from zloam_monitor.chain import ChainError
+from zloam_monitor.failures import Misuse
 from zloam_monitor.records import RevisionRecord
 from zloam_monitor.settings import as_set_at, existing_files, pairs, several
 
@@ -29,7 +29,7 @@ def test_pairs_keep_the_value_as_it_was_typed() -> None:
 
 @pytest.mark.parametrize("text", ["a", "=1", ""])
 def test_what_is_no_pair_is_refused(text: str) -> None:
-    with pytest.raises(ChainError, match="key=value is expected"):
+    with pytest.raises(Misuse, match="key=value is expected"):
         pairs([text])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from zloam_monitor import cli, clouds, sources
+from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import MAP_POINT
 
 
@@ -29,7 +30,7 @@ def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str
 
 
 def test_a_setting_that_is_no_number_is_named() -> None:
-    with pytest.raises(sources.SourceError, match=r"driver\.scan_period_s: '10 Hz': a number"):
+    with pytest.raises(Misuse, match=r"driver\.scan_period_s: '10 Hz': a number"):
         sources.asked({"driver.scan_period_s": "10 Hz"})
 
 

@@ -84,7 +84,7 @@ def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[st
     with pytest.raises(TrajectoryError, match=r"report\.json: No such file"):
         comparison.read(tmp_path)
     (tmp_path / "report.json").write_text("[1, 2")
-    assert cli.main(["compare", str(tmp_path), str(tmp_path)]) == 1
+    assert cli.main(["compare", str(tmp_path), str(tmp_path)]) == 3
     assert "report.json: cannot be read" in capsys.readouterr().err
 
 
@@ -103,7 +103,7 @@ def test_another_ending_is_refused(
     tmp_path: Path, to: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trajectory.write_tum(tmp_path / "a.tum", drive(3))
-    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / to)]) == 1
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / to)]) == 2
     assert ".tum, .kitti, .csv is expected" in capsys.readouterr().err
 
 
@@ -129,9 +129,9 @@ def test_the_file_for_support_holds_no_geometry(tmp_path: Path) -> None:
 def test_a_folder_of_nothing_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "s.zip"
     words = ["support", str(tmp_path), "--out", str(out), "--connect", "tcp/127.0.0.1:1"]
-    assert cli.main(words) == 1
+    assert cli.main(words) == 3
     assert "neither report.json nor logs" in capsys.readouterr().err
-    assert cli.main(["support", str(tmp_path / "none"), "--out", str(out), *words[4:]]) == 1
+    assert cli.main(["support", str(tmp_path / "none"), "--out", str(out), *words[4:]]) == 3
     assert not out.exists()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fake_session import FakeSession
-from zloam_monitor import cli, cli_common, foxglove_server, rerun_view
+from zloam_monitor import cli, foxglove_server, rerun_view
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.mcap_file import RecordingError
@@ -41,7 +41,7 @@ def test_a_server_that_can_not_listen_is_told(address: str) -> None:
         port = taken.getsockname()[1]
         with pytest.raises(PortTaken, match=f"can't listen on {address}:{port}: ") as told:
             foxglove_server.serve(linked(), address, port, 0.0)
-    assert cli_common._failed(told.value) == 3
+    assert told.value.exit_code == 3
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_file_that_can_not_be_written_is_told(tmp_path: Path, name: str, why: 
     path = tmp_path / name
     with pytest.raises(RecordingError, match=f"^{path} {why}") as told:
         rerun_view.view(linked(), rerun_view.Options(save=path), 0.0)
-    assert cli_common._failed(told.value) == 3
+    assert told.value.exit_code == 3
     assert (tmp_path / "old.rrd").read_text() == "precious"
 
 

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from zloam_monitor.failures import Misuse
+
 #: Longer than a tile store on a slow disk takes to start.
 STORE_LINK_S = 10.0
 
 
-class BesideError(ValueError):
+class BesideError(Misuse):
     """The map folder cannot be used in this way; the text says why."""
 
 

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from zloam_monitor import places, robot_file
+from zloam_monitor.failures import Explained
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
@@ -29,11 +30,11 @@ READY_SECONDS = 60.0
 LAST_WORDS_SECONDS = 0.3
 
 
-class ChainError(RuntimeError):
+class ChainError(Explained):
     """The chain does not work as it should; the text says what is known."""
 
 
-class BinariesMissing(RuntimeError):
+class BinariesMissing(Explained):
     """The stages are not built."""
 
 

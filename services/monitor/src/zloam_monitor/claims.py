@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
+from zloam_monitor.failures import FileTrouble
 from zloam_monitor.files import written_whole
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ Stamp = tuple[int, int] | None
 _held: dict[Path, int] = {}
 
 
-class NotOurs(RuntimeError):
+class NotOurs(FileTrouble):
     """A file or another run is in the way; the text says which, and what to do."""
 
 

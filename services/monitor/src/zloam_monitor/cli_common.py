@@ -7,20 +7,20 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
 from zloam_monitor import ending, places
+from zloam_monitor.failures import Explained, FileTrouble, Misuse
 from zloam_monitor.stages import PORT_ORDER, STAGES
+
+if TYPE_CHECKING:
+    from zloam_monitor.recordings.sweeps import Timing
 
 #: Headings under which `zloam --help` lists the commands.
 RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Running robots", "Files", "Programs (each has a --help)"
 P = ParamSpec("P")
-#: Exit code if a file could not be read or written; the stages use the same one.
-FILE_MISSING = 3
-#: Exit code if a command line or a configuration is wrong, as the stages'.
-REFUSED = 2
 #: Number of poses that a command keeps which may run for days: ten minutes at 10 Hz.
 NEWEST = 6000
 #: Placeholder in an endpoint for the name of each stage.
@@ -29,53 +29,6 @@ STAGE = "<stage>"
 
 def said(error: object) -> None:
     print(f"\n{error}", file=sys.stderr)
-
-
-def _failed(error: BaseException) -> int | None:
-    """Exit code of a failure that its text explains; None: an error in this program."""
-    from zloam_monitor.beside_stages import BesideError
-    from zloam_monitor.chain import BinariesMissing, ChainError
-    from zloam_monitor.claims import NotOurs
-    from zloam_monitor.discovery import NothingAnswers
-    from zloam_monitor.extras import Missing, ViewerError
-    from zloam_monitor.keys import KeyNameError
-    from zloam_monitor.link import LinkError
-    from zloam_monitor.maps import MapError
-    from zloam_monitor.mcap_file import RecordingError
-    from zloam_monitor.messages import SchemasMissing
-    from zloam_monitor.methods import MethodError
-    from zloam_monitor.ports import PortTaken
-    from zloam_monitor.pose_rows import TrajectoryError
-    from zloam_monitor.processes import StageDied
-    from zloam_monitor.robot_file import RobotFileError
-    from zloam_monitor.sessions import SessionsError
-    from zloam_monitor.sources import SourceError
-    from zloam_monitor.support import SupportError
-
-    if isinstance(error, StageDied):
-        return error.code if error.code in (2, FILE_MISSING) else 1
-    if isinstance(error, KeyNameError):
-        return REFUSED
-    if isinstance(error, (PortTaken, RecordingError)):
-        return FILE_MISSING
-    expected = (
-        BesideError,
-        BinariesMissing,
-        ChainError,
-        LinkError,
-        MapError,
-        MethodError,
-        Missing,
-        NothingAnswers,
-        NotOurs,
-        RobotFileError,
-        SessionsError,
-        SupportError,
-        ViewerError,
-    )
-    if isinstance(error, (*expected, SchemasMissing, SourceError, TrajectoryError)):
-        return 1
-    return None
 
 
 def command(run: Callable[P, int]) -> Callable[P, None]:
@@ -104,13 +57,10 @@ def _code(run: Callable[[], int]) -> int:
         return 1
     except OSError as error:
         said(f"cannot be read or written: {error}")
-        return FILE_MISSING
-    except Exception as error:
-        code = _failed(error)
-        if code is None:
-            raise
+        return FileTrouble.exit_code
+    except Explained as error:
         said(error)
-        return code
+        return error.exit_code
 
 
 def examples(*lines: str) -> str:
@@ -145,6 +95,17 @@ def robot_names() -> list[str]:
 
 def stage_names() -> list[str]:
     return list(STAGES)
+
+
+def timing(model: str, period_s: float, seam_deg: float, field: str) -> Timing:
+    """Times of a cloud's points by the options below."""
+    from zloam_monitor import recordings
+    from zloam_monitor.recordings.sweeps import Timing
+
+    try:
+        return Timing(model, period_s, seam_deg, field)
+    except recordings.Refused as refused:
+        raise Misuse(str(refused)) from refused
 
 
 def robot_path(text: str) -> Path:

@@ -11,6 +11,7 @@ import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
+from zloam_monitor.failures import Explained
 from zloam_monitor.stages import ROWS
 
 #: Programs that parse their own options.
@@ -52,7 +53,7 @@ def evaluate(
         for remark in trajectory.remarks(path, found):
             common.said(remark)
     if reason := evaluation.not_joinable(of_estimate, of_sensor):
-        raise trajectory.TrajectoryError(
+        raise Explained(
             f"{estimate}, {truth}: a file without times (KITTI) is joined line by line, but "
             f"{reason}: give both with times (TUM)"
         )
@@ -158,10 +159,9 @@ def recording(
     """List the topics or clouds of a bag or folder, and how the driver would read them."""
     from zloam_monitor import recordings, sources
     from zloam_monitor.recordings import stream as frames
-    from zloam_monitor.recordings.sweeps import Timing
 
+    timing = common.timing(time_model, period_s, seam_deg, time_field)
     try:
-        timing = Timing(time_model, period_s, seam_deg, time_field)
         if stream:
             wanted = imu_topic if imu else None
             return frames.write(file, topic, timing, sys.stdout.buffer, wanted)

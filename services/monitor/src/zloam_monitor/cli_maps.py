@@ -10,6 +10,7 @@ import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
+from zloam_monitor.failures import FileTrouble, Misuse
 
 if TYPE_CHECKING:
     from zloam_monitor.maps import PointMap
@@ -88,7 +89,7 @@ def map_merge(
     from zloam_monitor import answers, sessions
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise sessions.SessionsError(f"{out}: exists already; name a new folder")
+        raise FileTrouble(f"{out}: exists already; name a new folder")
     merged = sessions.merge(common.kept(preset_dir), folders, out, not sys.stderr.isatty())
     answers.give(as_json, merged.report, sessions.lines(merged))
     return 0 if merged.complete else 1
@@ -229,7 +230,7 @@ def trajectory(
         ".csv": trajectories.write_csv,
     }
     if to.suffix.lower() not in written:
-        raise trajectories.TrajectoryError(f"{to}: {', '.join(written)} is expected")
+        raise Misuse(f"{to}: {', '.join(written)} is expected")
     found = trajectories.read(source)
     for remark in trajectories.remarks(source, found):
         common.said(remark)

@@ -10,6 +10,7 @@ import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
+from zloam_monitor.failures import Misuse
 
 if TYPE_CHECKING:
     from zloam_monitor.sources import Source
@@ -40,11 +41,9 @@ class _Recorded:
 
         named = [name for name in RECORDED if getattr(self, name)]
         if len(named) > 1:
-            raise sources.SourceError(f"only one of --{' and --'.join(named)} can be replayed")
+            raise Misuse(f"only one of --{' and --'.join(named)} can be replayed")
         if named and self.imu == SIMULATED_IMU:
-            raise sources.SourceError(
-                f"--imu {SIMULATED_IMU}: the recording's own are wanted, a file"
-            )
+            raise Misuse(f"--imu {SIMULATED_IMU}: the recording's own are wanted, a file")
         if self.pcap:
             return sources.from_pcap(self.pcap)
         if self.bin:
@@ -164,7 +163,7 @@ def demo(
         settings.append(f"driver.topic={topic}")
     source = _Recorded(pcap, bin, kitti, scans, bag, session, imu, settings, config).source()
     if hokuyo and source is not None:
-        raise sources.SourceError("--hokuyo simulates a scanner: it goes with no recording")
+        raise Misuse("--hokuyo simulates a scanner: it goes with no recording")
     build = common.kept(preset_dir)
     binary(build, "driver")
     if source is None:
@@ -327,12 +326,11 @@ def ros_lidar(
     driver."""
     from zloam_monitor import discovery, places, recordings, robot_file, ros_lidar, sources
     from zloam_monitor.keys import Keys
-    from zloam_monitor.recordings.sweeps import Timing
 
     if distro not in ros_lidar.DISTROS:
-        raise sources.SourceError(f"--distro {distro}: one of {', '.join(ros_lidar.DISTROS)}")
+        raise Misuse(f"--distro {distro}: one of {', '.join(ros_lidar.DISTROS)}")
     if not topic.startswith("/"):
-        raise sources.SourceError(f"{topic}: a topic begins with '/'")
+        raise Misuse(f"{topic}: a topic begins with '/'")
     robot = robot_file.names(config or places.robot_file("vlp16-outdoor"), [])
     stages = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
     try:
@@ -341,7 +339,7 @@ def ros_lidar(
             ros=ros or ["tcp/127.0.0.1:7447"],
             connect=stages or discovery.candidates(),
             keys=Keys(robot.robot, robot.sensor),
-            timing=Timing(time_model, period_s, seam_deg, time_field),
+            timing=common.timing(time_model, period_s, seam_deg, time_field),
             domain=domain,
             distro=distro,
         )

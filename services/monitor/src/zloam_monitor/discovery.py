@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from zloam_monitor.failures import Explained, Misuse
 from zloam_monitor.keys import Keys, name_error
 from zloam_monitor.link import Link, LinkError, open_client, open_session
 from zloam_monitor.stages import STAGES
@@ -41,8 +42,12 @@ _PLAIN = re.compile(r"^(?P<host>\[[0-9a-fA-F:]+\]|[^\s/:]+)(:(?P<port>\d+))?$")
 _ALIVE_KEY = re.compile(r"^loam/(?P<robot>[^/]+)/service/(?P<stage>[^/]+)/(?P<instance>[^/]+)/")
 
 
-class NothingAnswers(RuntimeError):
+class NothingAnswers(Explained):
     """No robot, or not the requested one, answers; the text says what to check."""
+
+
+class NoEndpoint(NothingAnswers, Misuse):
+    """The text is no endpoint."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ def endpoint_of(text: str) -> str:
         port = match["port"] or str(DEFAULT_PORTS[0])
         _checked_port(text, port)
         return f"tcp/{match['host']}:{port}"
-    raise NothingAnswers(
+    raise NoEndpoint(
         f"'{text}' is no endpoint: PROTOCOL/HOST:PORT is expected, e.g. "
         f"tcp/{HOST}:{DEFAULT_PORTS[0]}"
     )
@@ -82,7 +87,7 @@ def endpoint_of(text: str) -> str:
 
 def _checked_port(text: str, port: str) -> None:
     if not 0 < int(port) < 65536:
-        raise NothingAnswers(f"'{text}' is no endpoint: port {port} is not in 1 to 65535")
+        raise NoEndpoint(f"'{text}' is no endpoint: port {port} is not in 1 to 65535")
 
 
 def _listening() -> dict[int, int]:

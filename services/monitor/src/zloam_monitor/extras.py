@@ -6,13 +6,14 @@ import importlib
 from typing import Any
 
 from zloam_monitor import places
+from zloam_monitor.failures import Explained
 
 
-class Missing(RuntimeError):
+class Missing(Explained):
     """A package is not installed; the text says how to get it."""
 
 
-class ViewerError(RuntimeError):
+class ViewerError(Explained):
     """The program of an optional package did not start; the text says why."""
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from zloam_monitor.failures import Misuse
 from zloam_monitor.stages import ROWS
 
 #: Below the robot's key: the keys of all tiles begin with it.
 TILES = "map/tile"
 
 
-class KeyNameError(ValueError):
+class KeyNameError(Misuse, ValueError):
     """A user's name of something can't be part of a key; the text says why."""
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from zloam_monitor import records
 from zloam_monitor.clouds import POINT_LAYERS, Tile
+from zloam_monitor.failures import Explained
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
@@ -40,7 +41,7 @@ STANDING_BY = "standing by"
 T = TypeVar("T")
 
 
-class LinkError(RuntimeError):
+class LinkError(Explained):
     """Zenoh could not open the session."""
 
 

@@ -15,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from zloam_monitor.files import written_whole
-from zloam_monitor.maps import MapError, PointMap, write
+from zloam_monitor.maps import MapError, MapFileError, MapOptionError, PointMap, write
 
 #: Pixel values that map_server reads as occupied, free and unknown with the thresholds below.
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205
@@ -46,9 +46,9 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     was seen; unknown otherwise."""
     low_m, high_m = height
     if not cell_m > 0.0:
-        raise MapError(f"--cell: {cell_m:g} m is no edge of a cell")
+        raise MapOptionError(f"--cell: {cell_m:g} m is no edge of a cell")
     if not 0.0 < low_m < high_m:
-        raise MapError(f"--height: {low_m:g} to {high_m:g} m is nothing above the ground")
+        raise MapOptionError(f"--height: {low_m:g} to {high_m:g} m is nothing above the ground")
     if not len(found):
         raise MapError("the map has no points: nothing written")
     xyz = found.xyz
@@ -57,7 +57,7 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     at = np.floor((xyz[:, :2] - low) / cell_m).astype(np.int64)
     columns, rows = at.max(axis=0) + 1
     if rows * columns > MOST_CELLS:
-        raise MapError(f"{columns} x {rows} cells: a larger --cell is needed")
+        raise MapOptionError(f"{columns} x {rows} cells: a larger --cell is needed")
     obstacle = (above_m >= low_m) & (above_m <= high_m)
     # Closing (dilation, then erosion) by half a voxel fills the gaps between the points of a wall.
     steps = math.ceil(0.5 * PLANE_LEAF_M / cell_m)
@@ -110,7 +110,7 @@ def _ground(xyz: Array) -> Array:
 def write_grid(path: Path, grid: Grid) -> Path:
     """Writes YAML to `path`, which ends with .yaml, and the image beside it; returns the image."""
     if path.suffix.lower() not in {".yaml", ".yml"}:
-        raise MapError(f"{path}: .yaml is expected; the image is written beside it")
+        raise MapOptionError(f"{path}: .yaml is expected; the image is written beside it")
     image = path.with_suffix(".pgm")
     rows, columns = grid.cells.shape
     with written_whole(image, "wb") as out:
@@ -133,9 +133,9 @@ def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
     """Writes the tiles, their metadata, and a local projector, as the map is not georeferenced.
     Returns the number of tiles."""
     if not tile_m > 0.0:
-        raise MapError(f"--tile: {tile_m:g} m is no edge of a tile")
+        raise MapOptionError(f"--tile: {tile_m:g} m is no edge of a tile")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise MapError(f"{folder}: exists already; name a folder that does not")
+        raise MapFileError(f"{folder}: exists already; name a folder that does not")
     if not len(found):
         raise MapError("the map has no points: nothing written")
     tiles, which = np.unique(

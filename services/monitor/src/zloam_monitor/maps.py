@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import clouds
+from zloam_monitor.failures import Explained, FileTrouble, Misuse
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.point_files import READERS
@@ -28,8 +29,16 @@ LARGEST_LOSS_M = 0.005
 LAS_USER, LAS_NOTES = "zenoh-loam", 1
 
 
-class MapError(ValueError):
+class MapError(Explained, ValueError):
     """A map cannot be read, written or cut as requested; the text says why."""
+
+
+class MapFileError(MapError, FileTrouble):
+    """A file cannot be read, or cannot hold the map."""
+
+
+class MapOptionError(MapError, Misuse):
+    """An option's value is none."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +65,13 @@ class PointMap:
 def read(path: Path) -> PointMap:
     """Reads a map, or another file of points."""
     if path.suffix.lower() not in READERS:
-        raise MapError(f"{path}: {_endings()} is expected")
+        raise MapOptionError(f"{path}: {_endings()} is expected")
     if not path.is_file():
-        raise MapError(f"{path}: No such file")
+        raise MapFileError(f"{path}: No such file")
     try:
         found, _, _ = READERS[path.suffix.lower()](path)
     except Exception as error:  # Each library has error types of its own.
-        raise MapError(f"{path}: cannot be read: {error}") from error
+        raise MapFileError(f"{path}: cannot be read: {error}") from error
     return _map_of(found, path)
 
 
@@ -70,7 +79,7 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     names = found.dtype.names or ()
     missing = [axis for axis in "xyz" if axis not in names]
     if missing:
-        raise MapError(f"{path}: has no {', '.join(missing)}")
+        raise MapFileError(f"{path}: has no {', '.join(missing)}")
     xyz = np.column_stack([found[axis].astype(np.float64) for axis in "xyz"])
     finite = np.isfinite(xyz).all(axis=1)
     found, xyz = found[finite], xyz[finite]
@@ -91,7 +100,7 @@ def _refuse_if_rounded(xyz: NDArray[np.float64], path: Path) -> None:
     with np.errstate(over="ignore"):
         loss_m = np.abs(xyz - xyz.astype(np.float32)).max(initial=0.0)
     if loss_m > LARGEST_LOSS_M:
-        raise MapError(
+        raise MapFileError(
             f"{path}: its coordinates reach {np.abs(xyz).max():.9g} m, where the 32-bit numbers "
             f"of a map are up to {loss_m:.3g} m off: subtract an origin from them first"
         )
@@ -125,7 +134,7 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
     header.offsets = np.floor(xyz.min(axis=0)) if len(found) else np.zeros(3)
     reach_m = float((xyz - header.offsets).max(initial=0.0))
     if reach_m > LAS_REACH_M:
-        raise MapError(
+        raise MapFileError(
             f"{path}: the points reach {reach_m:.9g} m far, and LAS at steps of {LAS_STEP_M:g} m "
             f"only {LAS_REACH_M:.0f} m: crop the map, or write .pcd or .ply"
         )
@@ -149,7 +158,7 @@ WRITERS: dict[str, Callable[[Path, PointMap, Sequence[str]], None]] = {
 def writable(path: Path) -> None:
     """Raises if the extension has no writer, so that a command can refuse before its work."""
     if path.suffix.lower() not in WRITERS:
-        raise MapError(f"{path}: {_endings()} is expected")
+        raise MapOptionError(f"{path}: {_endings()} is expected")
 
 
 def write(path: Path, found: PointMap, notes: Sequence[str] = ()) -> None:
@@ -168,21 +177,21 @@ def cropped(found: PointMap, limits: dict[str, tuple[float, float]]) -> PointMap
     keep = np.ones(len(found), bool)
     for axis, (low, high) in limits.items():
         if not low <= high:
-            raise MapError(f"--{axis}: {low:g} is above {high:g}")
+            raise MapOptionError(f"--{axis}: {low:g} is above {high:g}")
         keep &= (found.points[axis] >= low) & (found.points[axis] <= high)
     return found.kept(keep)
 
 
 def of_layer(found: PointMap, layer: str) -> PointMap:
     if layer not in clouds.POINT_LAYERS:
-        raise MapError(f"--layer: '{layer}' is none of {', '.join(clouds.POINT_LAYERS)}")
+        raise MapOptionError(f"--layer: '{layer}' is none of {', '.join(clouds.POINT_LAYERS)}")
     return found.kept(found.layers == clouds.POINT_LAYERS.index(layer))
 
 
 def check_voxel(voxel_m: float) -> None:
     """Raises if it is no edge of a cube, so that a command can refuse before its work."""
     if not 0.0 < voxel_m < np.inf:
-        raise MapError(f"--voxel: {voxel_m:g} m is no edge of a cube")
+        raise MapOptionError(f"--voxel: {voxel_m:g} m is no edge of a cube")
 
 
 def thinned(found: PointMap, voxel_m: float) -> PointMap:

@@ -20,13 +20,14 @@ from typing import Any
 
 from zloam_monitor import replaced_end
 from zloam_monitor.ending import TOLD
+from zloam_monitor.failures import FileTrouble
 
 CHUNK_BYTES = 4 << 20
 #: Time between writes: the most that is lost when the writer is killed.
 SYNC_SECONDS = 0.5
 
 
-class RecordingError(RuntimeError):
+class RecordingError(FileTrouble):
     """The file could not be written; the text says why, and what it contains."""
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zloam_monitor import places
+from zloam_monitor.failures import Explained
 
 VEC3 = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
 QUAT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("w", "<f8")])
@@ -116,7 +117,7 @@ class MessageError(ValueError):
     """The bytes are not a message of the expected kind."""
 
 
-class SchemasMissing(RuntimeError):
+class SchemasMissing(Explained):
     """The generated Python code was not found."""
 
 

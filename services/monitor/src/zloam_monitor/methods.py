@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from zloam_monitor.failures import Misuse
+
 #: Stages that a method may replace, in the order of the data flow.
 REPLACEABLE = ("registration", "odometry", "mapping")
 #: Method -> stages that it replaces.
 METHODS = {"aloam": REPLACEABLE}
 
 
-class MethodError(ValueError):
+class MethodError(Misuse):
     """No such method, or not for this stage; the text lists the possible ones."""
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from zloam_monitor import discovery
+from zloam_monitor.failures import FileTrouble
 from zloam_monitor.processes import free_base_port, listen_error
 from zloam_monitor.robot_file import RobotNames
 from zloam_monitor.stages import PORT_ORDER, STAGES
@@ -20,7 +21,7 @@ ANY_HOSTS = ("0.0.0.0", "[::]")
 FREE_PORTS_VARIABLE = "ZLOAM_FREE_PORTS"
 
 
-class PortTaken(RuntimeError):
+class PortTaken(FileTrouble):
     """A stage cannot listen; the text says where, and which program does."""
 
 

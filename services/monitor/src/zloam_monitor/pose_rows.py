@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from zloam_monitor.failures import FileTrouble
+
 Array = NDArray[np.float64]
 
 #: Largest stamp in 64 bits.
@@ -25,7 +27,7 @@ LARGEST_SECONDS = 1e11
 UNIT_TOLERANCE = 0.01
 
 
-class TrajectoryError(ValueError):
+class TrajectoryError(FileTrouble, ValueError):
     """A trajectory file that cannot be used, with the reason."""
 
 

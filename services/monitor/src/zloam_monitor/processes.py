@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from zloam_monitor.failures import Explained
 from zloam_monitor.stages import PORT_ORDER
 
 LOG_LINES = 12
@@ -25,13 +26,14 @@ _PSS_LINE = re.compile(r"^Pss:\s+(\d+) kB$", re.MULTILINE)
 EXIT_CODES = {0: "ended well", 1: "failed", 2: "configuration refused", 3: "file or port"}
 
 
-class StageDied(RuntimeError):
+class StageDied(Explained):
     """A stage ended on its own; the text shows its last log lines."""
 
     def __init__(self, stage: str, code: int, log: str) -> None:
         super().__init__(f"{stage} ended with {describe_code(code)}:\n{log}")
         self.stage = stage
         self.code = code
+        self.exit_code = code if code in (2, 3) else 1
 
 
 def describe_code(code: int) -> str:

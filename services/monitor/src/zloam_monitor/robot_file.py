@@ -9,9 +9,11 @@ from typing import Any
 
 import yaml
 
+from zloam_monitor.failures import FileTrouble, Misuse
 
-class RobotFileError(RuntimeError):
-    """The file cannot be read. Its contents are checked by the stages themselves."""
+
+class RobotFileError(Misuse):
+    """The file is no YAML, or a name in it is none. The stages check all else."""
 
 
 #: Range of zenoh.base_port (services/common/runtime/config.cpp).
@@ -56,7 +58,7 @@ def _tree(path: Path) -> Any:
         # The stages read values as texts, so `01` is a name and not a number.
         return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
     except OSError as error:
-        raise RobotFileError(f"{path}: {error.strerror}") from error
+        raise FileTrouble(f"{path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise RobotFileError(f"{path}: {error}") from error
     except RecursionError as error:

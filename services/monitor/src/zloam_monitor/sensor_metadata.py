@@ -13,7 +13,7 @@ import urllib.request
 from collections.abc import Callable
 from typing import Any
 
-from zloam_monitor.sources import SourceError
+from zloam_monitor.failures import Explained
 
 PATH = "/api/v1/sensor/metadata"
 PARTS = (
@@ -30,6 +30,10 @@ NEEDED = ("beam_intrinsics", "lidar_data_format")
 FAILURES = (urllib.error.URLError, OSError, http.client.HTTPException, ValueError)
 
 
+class SensorError(Explained):
+    """The sensor does not answer, or not as expected; the text says how."""
+
+
 def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, Any]:
     """The sensor's description; `host`: name or address, with the port if it is not 80."""
     ask = get or _get
@@ -38,18 +42,18 @@ def fetched(host: str, get: Callable[[str], bytes] | None = None) -> dict[str, A
         found = _document(ask, base + PATH)
     except urllib.error.HTTPError as error:
         if error.code != 404:
-            raise SourceError(f"{base + PATH}: {error}") from error
+            raise SensorError(f"{base + PATH}: {error}") from error
         found = _assembled(ask, base)
     except FAILURES as error:
         reason = getattr(error, "reason", None) or str(error).strip() or type(error).__name__
-        raise SourceError(f"{base}: no answer ({reason}); is it the sensor's address?") from error
+        raise SensorError(f"{base}: no answer ({reason}); is it the sensor's address?") from error
     lacking = [name for name in NEEDED if name not in found]
     if lacking:
-        raise SourceError(f"{base + PATH}: says nothing of {' and '.join(lacking)}")
+        raise SensorError(f"{base + PATH}: says nothing of {' and '.join(lacking)}")
     info = found.get("sensor_info")
     status = info.get("status", "RUNNING") if isinstance(info, dict) else "RUNNING"
     if status not in ("RUNNING", "STANDBY"):
-        raise SourceError(f"{base}: the sensor is {status}: ask again when it is RUNNING")
+        raise SensorError(f"{base}: the sensor is {status}: ask again when it is RUNNING")
     return found
 
 
@@ -58,7 +62,7 @@ def _assembled(ask: Callable[[str], bytes], base: str) -> dict[str, Any]:
         parts = {name: _document(ask, f"{base}{PATH}/{name}") for name in PARTS}
         parts["config_params"] = _document(ask, base + CONFIGURATION)
     except FAILURES as error:
-        raise SourceError(f"{base}{PATH}: {error}") from error
+        raise SensorError(f"{base}{PATH}: {error}") from error
     return parts
 
 
@@ -67,9 +71,9 @@ def _document(ask: Callable[[str], bytes], url: str) -> dict[str, Any]:
     try:
         found = json.loads(answer)
     except (ValueError, RecursionError) as error:
-        raise SourceError(f"{url}: is no JSON: {error}") from error
+        raise SensorError(f"{url}: is no JSON: {error}") from error
     if not isinstance(found, dict):
-        raise SourceError(f"{url}: is no JSON object")
+        raise SensorError(f"{url}: is no JSON object")
     return found
 
 
@@ -77,5 +81,5 @@ def _get(url: str) -> bytes:
     with urllib.request.urlopen(url, timeout=PATIENCE_S) as answer:
         data: bytes = answer.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
-        raise SourceError(f"{url}: more than 1 MiB, which no sensor's description is")
+        raise SensorError(f"{url}: more than 1 MiB, which no sensor's description is")
     return data

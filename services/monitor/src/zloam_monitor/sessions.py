@@ -15,6 +15,7 @@ from typing import Any
 
 from zloam_monitor import maps
 from zloam_monitor.chain import binary
+from zloam_monitor.failures import Explained, Misuse
 from zloam_monitor.files import written_whole
 
 POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
@@ -22,8 +23,12 @@ POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
 INCOMPLETE = 1
 
 
-class SessionsError(RuntimeError):
-    """A map cannot be read, merged or written; the text says why."""
+class SessionsError(Explained):
+    """A map cannot be read or merged; zloam-sessions has said why."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.exit_code = code if code > 0 else 1
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,8 @@ def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merge
     command = [str(binary(build, "sessions")), *map(str, folders), "--out", str(out)]
     done = subprocess.run([*command, *(["--quiet"] if quiet else [])], check=False)
     if done.returncode not in (0, INCOMPLETE):
-        raise SessionsError("nothing was written" if done.returncode > 0 else "zloam-sessions died")
+        said = "nothing was written" if done.returncode > 0 else "zloam-sessions died"
+        raise SessionsError(said, done.returncode)
     report = json.loads((out / REPORT).read_text(encoding="utf-8"))
     return Merged(out, report, done.returncode == 0)
 
@@ -84,7 +90,7 @@ COPIED = {".g2o": GRAPH, ".tum": "submaps_1.tum"}
 def exportable(to: Path, voxel_m: float) -> None:
     """Raises if nothing could be written, so that a command can refuse before its work."""
     if to.suffix.lower() not in (*maps.WRITERS, *COPIED):
-        raise SessionsError(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
+        raise Misuse(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
     maps.check_voxel(voxel_m)
 
 

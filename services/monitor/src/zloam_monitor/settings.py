@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor.chain import ChainError
+from zloam_monitor.failures import Misuse
 from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import ROWS
@@ -45,7 +46,7 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not key or not equals:
-            raise ChainError(f"set: '{text}': key=value is expected")
+            raise Misuse(f"set: '{text}': key=value is expected")
         found[key] = value
     return found
 

@@ -13,7 +13,8 @@ from itertools import islice
 from pathlib import Path
 
 from zloam_monitor import claims, files, places, recordings, robot_file
-from zloam_monitor.processes import describe_code
+from zloam_monitor.failures import FileTrouble, Misuse
+from zloam_monitor.processes import StageDied
 from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
 
@@ -28,7 +29,7 @@ HOKUYO_SPEED_FACTOR = 0.35
 SIMULATED_IMU = "simulated"
 
 
-class SourceError(RuntimeError):
+class SourceError(FileTrouble):
     """The source cannot be used; the text says why, and what would help."""
 
 
@@ -150,7 +151,7 @@ def _number(values: dict[str, str], name: str, default: float) -> float:
     try:
         return float(text)
     except ValueError:
-        raise SourceError(f"driver.{name}: '{text}': a number is expected") from None
+        raise Misuse(f"driver.{name}: '{text}': a number is expected") from None
 
 
 def asked(values: dict[str, str]) -> tuple[str, Timing]:
@@ -294,9 +295,7 @@ def simulated(
     with claims.claim(out, made, inputs) as claim:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise SourceError(
-                f"zloam-simulator ended with {describe_code(done.returncode)}:\n{done.stderr}"
-            )
+            raise StageDied("zloam-simulator", done.returncode, done.stderr)
         claim.begin()
     title = f"{world}, seed {seed}, simulated"
     source = Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])

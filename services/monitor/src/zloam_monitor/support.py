@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from zloam_monitor.failures import FileTrouble
 from zloam_monitor.files import written_whole
 from zloam_monitor.link import LinkError
 from zloam_monitor.messages import DECODE_ERRORS
@@ -32,7 +33,7 @@ MOST_LOG_BYTES = 5_000_000
 VANISHED: tuple[type[Exception], ...] = (LinkError, zenoh.ZError, *DECODE_ERRORS)
 
 
-class SupportError(ValueError):
+class SupportError(FileTrouble):
     """There is nothing to collect; the text says why."""
 
 
