@@ -1,5 +1,6 @@
-"""Commands of README.md and deploy/README.md that are not run: their programs have the subcommands
-and options, and the files that they name exist. Excluded commands have a reason."""
+"""Commands of README.md and deploy/README.md that are not run, and those of the other documents'
+listings: their programs have the subcommands and options, and the files that they name exist.
+Excluded commands have a reason."""
 
 from __future__ import annotations
 
@@ -23,7 +24,19 @@ FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind,
 #: environment variables without which a Compose layer is refused
 LAYER_VARIABLES = {"ZLOAM_PCAP": "/drive.pcap", "ZLOAM_IMU": "/imu.csv"}
 #: options that take a value
-VALUED = ("-f", "-n", "-k", "--scale", "--voxel", "--x", "--y", "--yaw", "--from", "--connect")
+VALUED = (
+    "-f",
+    "-n",
+    "-k",
+    "--scale",
+    "--voxel",
+    "--x",
+    "--y",
+    "--yaw",
+    "--from",
+    "--connect",
+    "--config",
+)
 #: commands with subcommands
 GROUPS = ("map", "config")
 
@@ -161,11 +174,18 @@ def kubectl(words: list[str]) -> None:
         assert re.search(rf"{re.escape(label)}: [\"']?{value}\b", text)
 
 
+def python(words: list[str]) -> None:
+    """Checks a script that is run by the packages of `make build`."""
+    assert words[0] == ".venv/bin/python", "the system's Python lacks the packages"
+    assert (ROOT / words[1]).is_file()
+
+
 CHECKS: dict[str, Callable[[list[str]], None]] = {
     "make": make,
     "docker": docker,
     "kubectl": kubectl,
     "pytest": pytest_files,
+    **dict.fromkeys(("python", "python3", ".venv/bin/python"), python),
     "zloam": zloam,
     "bin/zloam": zloam,
 }
@@ -175,6 +195,26 @@ def check_of(first: str) -> Callable[[list[str]], None]:
     if first in CHECKS:
         return CHECKS[first]
     return script if first.startswith("deploy/") else program
+
+
+def listed() -> list[str]:
+    """The commands of the other documents' listings, as far as they can be checked."""
+    documents = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("services/*/README.md")])
+    found = [
+        command
+        for document in documents
+        for language, lines in texts.listings(document.read_text())
+        if language in ("sh", "bash")
+        for command in texts.commands_of_listing(lines)
+    ]
+    known = (*CHECKS, "zloam-")
+    return [each for each in dict.fromkeys(found) if texts.words(each)[0].startswith(known)]
+
+
+@pytest.mark.parametrize("command", listed())
+def test_the_words_of_a_listing_are_known(command: str) -> None:
+    words = texts.words(command)
+    check_of(words[0])(words)
 
 
 @pytest.mark.parametrize("command", FORMS)
@@ -198,6 +238,8 @@ def test_its_words_are_known(command: str) -> None:
         "zloam-mapping --strong",
         "deploy/build/none.sh",
         "pytest tests/none.py",
+        "python services/monitor/examples/publish_sweeps.py tcp/127.0.0.1:7461",
+        ".venv/bin/python services/monitor/examples/none.py",
         "kubectl apply -k deploy/kubernetes/none",
         "kubectl -n zenoh-loam scale deployment none --replicas=3",
         "kubectl label node NODE zenoh-loam/sensor=none",

@@ -226,7 +226,8 @@ class Chain:
             self.link.poll(0.1)
             self.processes.check(may_end=("driver",))
             if time.monotonic() > deadline:
-                said = [self.processes.running[stage].last_lines() for stage in missing]
+                known = self.processes.running
+                said = [known[stage].last_lines() for stage in missing if stage in known]
                 raise ChainError(
                     f"no sign of {', '.join(missing)} within {READY_SECONDS:.0f} s:\n"
                     + "\n".join(said)
