@@ -211,12 +211,22 @@ def test_packets_to_another_port_are_told_beside_their_absence() -> None:
     assert findings(changed(well(), "driver", figures=noisy)) == []
 
 
-def test_the_end_of_a_replay_is_no_fault() -> None:
-    heard = replace(well(), poses=[])
+def ended(heard: Heard) -> Heard:
+    """The same robot after the end of its run."""
     for stage in STAGES:
         same = status(stage).figures
         heard = changed(heard, stage, end_of_run=True, figures=same)
-    assert findings(heard) == []
+    return heard
+
+
+def test_the_end_of_a_replay_is_no_fault() -> None:
+    assert findings(ended(replace(well(), poses=[]))) == []
+
+
+def test_lost_poses_are_found_in_a_recording_that_has_the_end_of_its_run() -> None:
+    lost = [pose(n, "lost") for n in range(50)]
+    found = [finding.what for finding in findings(ended(replace(well(), poses=lost)))]
+    assert found == ["50 of 50 poses are lost"]
 
 
 GOOD = {"points": 1e6, "sweeps": 50, "complete": 48, "packets_received": 3800, "packets_lost": 0}

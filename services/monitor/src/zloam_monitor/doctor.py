@@ -220,13 +220,14 @@ def is_stuck(before: Input, after: Input) -> bool:
 
 
 def _poses(heard: Heard) -> Iterator[Finding]:
-    if any(s.end_of_run for s in heard.alive()):
-        return
     if not heard.poses:
-        yield Finding(
-            f"no pose came within {heard.seconds:.0f} s",
-            "what is said above comes first; else zloam status shows how far sweeps get",
-        )
+        # After the end of a run none is due. A recording of a whole replay also ends so, and the
+        # poses in it count.
+        if not any(s.end_of_run for s in heard.alive()):
+            yield Finding(
+                f"no pose came within {heard.seconds:.0f} s",
+                "what is said above comes first; else zloam status shows how far sweeps get",
+            )
         return
     for state, do in (
         ("lost", "drive back to where it was, or zloam place --x X --y Y --yaw DEG"),
