@@ -199,6 +199,16 @@ def test_each_fault_is_named_alone(name: str) -> None:
     assert len(found) == 1, found
 
 
+def test_a_clock_that_is_set_back_makes_no_stage_young() -> None:
+    """Of one that was started before, the age is below zero, and unknown."""
+    young = {"started_ns": 30 * 10**9, "stamp_ns": 60 * 10**9}
+    heard = changed(well(), "mapping", **young)
+    for stage in STAGES:
+        if stage != "mapping":
+            heard = changed(heard, stage, **{**young, "started_ns": 3600 * 10**9})
+    assert findings(heard) == []
+
+
 def test_packets_to_another_port_are_told_beside_their_absence() -> None:
     quiet = figures(packets_received=75_400.0, datagrams_to_closed_ports=3770.0)
     found = [finding.what for finding in findings(changed(well(), "driver", figures=quiet))]

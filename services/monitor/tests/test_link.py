@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -62,6 +63,60 @@ def test_a_living_stage_that_does_not_answer_is_named(
     capsys.readouterr()
     assert cli.main(["get", "odometry", "x"]) == 1
     assert "no key x" in capsys.readouterr().err
+
+
+HOUR_NS = 3600 * 10**9
+
+
+def a_status(stamp_ns: int, instance: str = "mapping-1") -> bytes:
+    return compose.status("mapping", stamp_ns, 1, 1, [], {"pose": 1}, instance=instance)
+
+
+def test_a_robot_whose_clock_is_set_back_is_not_silent(session: FakeSession) -> None:
+    """Nor late, and a router's answer from before does not take the place of what is published."""
+    hearing = Link(session, session.keys)
+    status_key = session.keys.below("service/mapping/mapping-1/status")
+    session.rounds[status_key] = [[a_status(HOUR_NS)]]
+    for stamp_ns in (HOUR_NS, 10**9, 2 * 10**9):
+        session.publish(status_key, a_status(stamp_ns))
+        hearing.poll()
+        hearing.heard["mapping", "mapping-1"] -= 100.0
+        hearing.query_statuses()
+    kept = hearing.stage("mapping")
+    assert kept is not None
+    assert kept.stamp_ns == 2 * 10**9
+    session.publish(status_key, a_status(3 * 10**9))
+    hearing.poll()
+    assert hearing.silent_s(hearing.newest_statuses()["mapping"], time.monotonic()) < 50.0
+    assert hearing.late.seconds({("mapping", "mapping-1")}) < 1.0
+
+
+def test_a_stage_started_after_its_clock_was_set_back_is_the_newest(session: FakeSession) -> None:
+    hearing = Link(session, session.keys)
+    session.publish(session.keys.below("service/mapping/old/status"), a_status(HOUR_NS, "old"))
+    session.publish(session.keys.below("service/mapping/new/status"), a_status(10**9, "new"))
+    hearing.poll()
+    assert hearing.newest_statuses()["mapping"].instance == "new"
+
+
+def test_of_two_that_only_answer_the_stamp_decides(session: FakeSession) -> None:
+    """A router keeps the last status of an instance that has ended."""
+    for instance, stamp_ns in (("new", 9), ("old", 8)):
+        key = session.keys.below(f"service/mapping/{instance}/status")
+        session.rounds[key] = [[a_status(stamp_ns, instance)]]
+    asking = linked(session)
+    asking.query_statuses()
+    assert asking.newest_statuses()["mapping"].instance == "new"
+
+
+def test_a_published_status_that_waited_for_an_answer_is_older(session: FakeSession) -> None:
+    hearing = Link(session, session.keys)
+    status_key = session.keys.below("service/mapping/mapping-1/status")
+    session.rounds[status_key] = [[a_status(6)]]
+    session.publish(status_key, a_status(5))
+    hearing.query_statuses()
+    hearing.poll()
+    assert hearing.newest_statuses()["mapping"].stamp_ns == 6
 
 
 def test_what_can_not_be_read_is_counted_and_left_out(session: FakeSession) -> None:

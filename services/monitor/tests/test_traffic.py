@@ -52,6 +52,17 @@ def test_a_rate_is_that_of_now() -> None:
     assert published.kb_s() == {"x": pytest.approx(5.0 / OVER_SECONDS)}
 
 
+def test_rates_go_on_when_the_robot_s_clock_is_set_back() -> None:
+    """The last status of one that has gone has a stamp of the time before."""
+    published = Published()
+    for second in range(3):
+        published.take(a_status("gone", 3600.0 + second, {"y": 1000 * second}))
+        published.take(a_status("a", 3600.0 + second, {"x": 1000 * second}))
+    for second in range(3, 6):
+        published.take(a_status("a", float(second), {"x": 1000 * second}))
+    assert published.kb_s() == {"x": pytest.approx(1.0)}
+
+
 def test_who_has_gone_publishes_nothing() -> None:
     published = Published()
     for second in range(3):
@@ -92,3 +103,12 @@ def test_lateness_is_the_backlog_of_most_whatever_the_clocks() -> None:
     living = {(stage, a_status(stage, 0.0, {}).instance) for stage in names}
     assert late.seconds(living) == pytest.approx(14.5)
     assert late.seconds(set()) == 0.0
+
+
+def test_a_clock_that_is_set_back_is_no_delay() -> None:
+    late = Lateness()
+    for second in range(20):
+        stamp_s = 3600.0 + second if second < 10 else second
+        late.take(a_status("a", stamp_s, {}), round(1e9 * (second + 0.01 * second)))
+    living = {("a", a_status("a", 0.0, {}).instance)}
+    assert late.seconds(living) == pytest.approx(0.09)

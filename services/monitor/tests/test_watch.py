@@ -113,11 +113,11 @@ def test_a_status_asked_for_again_is_not_heard_anew() -> None:
     """A status with a newer stamp is."""
     link = Link(SimpleNamespace(), Keys("robot"), newest=0)
     who = ("mapping", "mapping-1")
-    link._keep_status(a_status(stamp_ns=10))
+    link._take_answer(a_status(stamp_ns=10))
     first_s = link.heard[who] = link.heard[who] - 100.0
-    link._keep_status(a_status(stamp_ns=10))
+    link._take_answer(a_status(stamp_ns=10))
     assert link.heard[who] == first_s
-    link._keep_status(a_status(stamp_ns=11))
+    link._take_answer(a_status(stamp_ns=11))
     assert link.heard[who] > first_s
 
 

@@ -204,6 +204,7 @@ def status(
     health: int = 1,
     reason: str = "",
     published_bytes: dict[str, int] | None = None,
+    instance: str | None = None,
 ) -> bytes:
     """A Status message with the fields that a monitor reads."""
     b = flatbuffers.Builder(0)
@@ -218,7 +219,7 @@ def status(
         o.OutputAccountAddBytes(b, (published_bytes or {}).get(key, 0))
         outs.append(o.OutputAccountEnd(b))
     out_vector = _table_vector(b, outs)
-    texts = [b.CreateString(t) for t in (stage, stage + "-1", reason)]
+    texts = [b.CreateString(t) for t in (stage, instance or f"{stage}-1", reason)]
     s.StatusStart(b)
     s.StatusAddStage(b, texts[0])
     s.StatusAddInstance(b, texts[1])

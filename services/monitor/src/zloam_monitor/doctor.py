@@ -23,8 +23,7 @@ SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
 SHARED = ("robot", "sensor.", "mounting.")
 #: Mean size of a message below which shared memory is not worthwhile.
 LARGE_BYTES = 16384
-#: Delay of statuses that is reported. They come once a second, and are read between queries that
-#: take seconds.
+#: Delay of statuses that is reported. They come once a second.
 LATE_SECONDS = 3.0
 #: A stage that is younger than YOUNG_S and started APART_S after the oldest one was restarted.
 YOUNG_S, APART_S = 60.0, 10.0
@@ -124,15 +123,16 @@ def _late(heard: Heard) -> Iterator[Finding]:
         yield Finding(
             f"what the robot publishes arrives {heard.late_s:.0f} s later than at first",
             "the link carries less than the views here take: start zloam preview on the robot and "
-            "the views with --thin (if the clock of its host was set back: start this again)",
+            "the views with --thin",
         )
 
 
 def _restarts(heard: Heard) -> Iterator[Finding]:
+    # An age below zero: the host's clock was set back since, so the age is unknown.
     ages = {
         status.stage: 1e-9 * (status.stamp_ns - status.started_ns)
         for status in heard.alive()
-        if status.started_ns and status.reason != STANDING_BY
+        if 0 < status.started_ns <= status.stamp_ns and status.reason != STANDING_BY
     }
     oldest = max(ages.values(), default=0.0)
     for stage, age in ages.items():

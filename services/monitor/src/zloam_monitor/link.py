@@ -6,6 +6,7 @@ Zenoh's callbacks only queue a sample; poll() reads it on the caller's thread.
 from __future__ import annotations
 
 import json
+import math
 import queue
 import secrets
 import time
@@ -128,6 +129,10 @@ class Link:
         #: (stage, instance) -> when its newest status came, by this host's monotonic clock,
         #: because the robot's clock may be set differently.
         self.heard: dict[tuple[str, str], float] = {}
+        #: The same for its newest status that was published; answers to queries don't count.
+        self._published_s: dict[tuple[str, str], float] = {}
+        #: Its greatest stamp so far, in ns.
+        self._greatest_ns: dict[tuple[str, str], int] = {}
         #: Number of messages that could not be read.
         self.garbage = 0
         self.run: int | None = None
@@ -137,9 +142,11 @@ class Link:
         self.revisions: list[RevisionRecord] = []
         #: Living stages that did not answer the last query_configs().
         self.unanswered: set[str] = set()
-        self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes]] = (
+        self._incoming: queue.SimpleQueue[tuple[Callable[[bytes], None], bytes, float]] = (
             queue.SimpleQueue()
         )
+        #: Monotonic time at which the message that poll() reads came.
+        self._came_s = 0.0
         self._subscribers = [] if newest == 0 else self._all_subscribed()
 
     def _all_subscribed(self) -> list[Any]:
@@ -163,7 +170,7 @@ class Link:
 
     def _subscribe(self, key: str, read: Callable[[bytes], None]) -> Any:
         def hand_over(sample: Any) -> None:
-            self._incoming.put((read, sample.payload.to_bytes()))
+            self._incoming.put((read, sample.payload.to_bytes(), time.monotonic()))
 
         return self.session.declare_subscriber(key, hand_over)
 
@@ -173,13 +180,13 @@ class Link:
         while True:
             wait = deadline - time.monotonic()
             try:
-                read, payload = (
+                read, payload, self._came_s = (
                     self._incoming.get(timeout=wait) if wait > 0 else (self._incoming.get_nowait())
                 )
             except queue.Empty:
                 return
             deadline = 0.0
-            self.taken.take(len(payload), time.monotonic())
+            self.taken.take(len(payload), self._came_s)
             try:
                 read(payload)
             except DECODE_ERRORS:
@@ -230,22 +237,41 @@ class Link:
         self._keep(self.mapped, records.map_pose(payload))
 
     def _on_status(self, payload: bytes) -> None:
-        self._keep_status(records.status(payload))
+        self._take_published(records.status(payload), self._came_s)
 
-    def _keep_status(self, status: StatusRecord) -> None:
+    def _take_published(self, status: StatusRecord, came_s: float) -> None:
+        """What is published is new whatever its stamp: the robot's clock may have been set back.
+        It may only have waited here while an answer to a query came."""
         who = (status.stage, status.instance)
-        kept = self.statuses.get(who)
-        # The same status again is one that a router keeps: it says nothing of the instance now.
-        if kept is None or status.stamp_ns > kept.stamp_ns:
-            self.statuses[who] = status
-            self.heard[who] = time.monotonic()
-            self.late.take(status, time.monotonic_ns())
-            self.published.take(status)
+        self._published_s[who] = came_s
+        if came_s >= self.heard.get(who, came_s):
+            self._keep_status(status, came_s)
+
+    def _take_answer(self, status: StatusRecord) -> None:
+        """An answer may be an old status that a router keeps: it says nothing of the instance now.
+        Only a stamp that was not reached before is new for certain."""
+        if status.stamp_ns > self._greatest_ns.get((status.stage, status.instance), -1):
+            self._keep_status(status, time.monotonic())
+
+    def _keep_status(self, status: StatusRecord, came_s: float) -> None:
+        who = (status.stage, status.instance)
+        self._greatest_ns[who] = max(status.stamp_ns, self._greatest_ns.get(who, 0))
+        self.statuses[who] = status
+        self.heard[who] = came_s
+        self.late.take(status, round(1e9 * came_s))
+        self.published.take(status)
 
     def stage(self, stage: str) -> StatusRecord | None:
-        """The newest status of a stage; that of a standby only if no other instance was heard."""
+        """The newest status of a stage; that of a standby only if no other instance was heard. An
+        instance that published later is newer, as the robot's clock may have been set back; stamps
+        decide between those that only answered."""
+
+        def age(status: StatusRecord) -> tuple[bool, float, int]:
+            published_s = self._published_s.get((status.stage, status.instance), -math.inf)
+            return status.reason != STANDING_BY, published_s, status.stamp_ns
+
         found = [s for (name, _), s in self.statuses.items() if name == stage]
-        return max(found, key=lambda s: (s.reason != STANDING_BY, s.stamp_ns), default=None)
+        return max(found, key=age, default=None)
 
     def silent_s(self, status: StatusRecord, now: float) -> float:
         """Seconds since the status came; now: monotonic clock."""
@@ -290,7 +316,7 @@ class Link:
     def query_statuses(self) -> None:
         """Asks all stages for their status now."""
         for status in self.answering():
-            self._keep_status(status)
+            self._take_answer(status)
 
     def living_instances(self) -> set[tuple[str, str]]:
         """(stage, instance) of all liveliness tokens."""

@@ -22,9 +22,11 @@ class Published:
         self._seen: dict[tuple[str, str], deque[StatusRecord]] = {}
 
     def take(self, status: StatusRecord) -> None:
-        seen = self._seen.setdefault((status.stage, status.instance), deque())
-        if seen and status.stamp_ns <= seen[-1].stamp_ns:
-            return
+        who = (status.stage, status.instance)
+        if who in self._seen and status.stamp_ns < self._seen[who][-1].stamp_ns:
+            # The robot's clock was set back: times from before can't be compared with those after.
+            self._seen.clear()
+        seen = self._seen.setdefault(who, deque())
         seen.append(status)
         while status.stamp_ns - seen[0].stamp_ns > 1e9 * OVER_SECONDS and len(seen) > 2:
             seen.popleft()
@@ -81,6 +83,7 @@ class Lateness:
     the difference counts, as the clocks of the two hosts may differ."""
 
     def __init__(self) -> None:
+        self._stamp_ns: dict[tuple[str, str], int] = {}
         self._least_ns: dict[tuple[str, str], int] = {}
         self._newest_ns: dict[tuple[str, str], int] = {}
 
@@ -88,8 +91,11 @@ class Lateness:
         """came_ns: monotonic clock of this host."""
         who = (status.stage, status.instance)
         took_ns = came_ns - status.stamp_ns
-        self._newest_ns[who] = took_ns
-        self._least_ns[who] = min(took_ns, self._least_ns.get(who, took_ns))
+        # No link lets stamps go back: if they do, the clock of the robot was set.
+        was_set = status.stamp_ns < self._stamp_ns.get(who, status.stamp_ns)
+        least_ns = took_ns if was_set else self._least_ns.get(who, took_ns)
+        self._stamp_ns[who], self._newest_ns[who] = status.stamp_ns, took_ns
+        self._least_ns[who] = min(took_ns, least_ns)
 
     def seconds(self, living: Container[tuple[str, str]]) -> float:
         """Median over these instances, s."""
