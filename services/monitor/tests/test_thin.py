@@ -76,7 +76,7 @@ def test_it_takes_the_preview_and_statuses_alone(link: Link) -> None:
         assert state["path"] == [[3.0, 2.0], [4.0, 2.0]]
         assert {s["name"]: s["health"] for s in state["stages"]}["driver"] == "ready"
         assert not any("driver is not there" in each["what"] for each in state["findings"])
-        assert link.taken.bytes == sent + len(status)
+        assert link.taken.total == sent + len(status)
         assert state["kb_s"] is not None
     finally:
         view.close()

@@ -88,7 +88,7 @@ def test_what_comes_here_is_counted() -> None:
     for tenth in range(1, 101):
         taken.take(1000, 10.0 + 0.1 * tenth)
     assert taken.kb_s(20.0) == pytest.approx(10.0, rel=0.03)
-    assert taken.bytes == 101_000
+    assert taken.total == 101_000
     assert taken.kb_s(30.0) == 0.0
 
 

@@ -8,12 +8,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from zloam_monitor import watch
+from fake_session import FakeSession, needs_schemas
+from zloam_monitor import compose, link, watch
+from zloam_monitor.compose import HeaderValues
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import PoseRecord, StatusRecord
 from zloam_monitor.stages import STAGES
-from zloam_monitor.traffic import Published, Taken
+from zloam_monitor.traffic import Published, Rate, Taken
 
 
 def a_pose() -> PoseRecord:
@@ -36,7 +38,7 @@ class Linking:
     def __init__(self, reachable: int) -> None:
         self._reachable, self._heard, self._looks = reachable, 0, 0
         self.poses: dict[int, object] = {}
-        self.published, self.taken = Published(), Taken()
+        self.published, self.taken, self.posed = Published(), Taken(), Rate()
         #: Stages whose instance was killed.
         self.killed: set[str] = set()
         self.health = "ready"
@@ -119,6 +121,29 @@ def test_a_status_asked_for_again_is_not_heard_anew() -> None:
     assert link.heard[who] == first_s
     link._take_answer(a_status(stamp_ns=11))
     assert link.heard[who] > first_s
+
+
+@pytest.mark.parametrize("kept", [6000, None])
+def test_the_rate_of_poses_is_that_of_now(
+    kept: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An hour after the begin too, though a view keeps the poses of ten minutes, and a run that
+    began again those of its newest part."""
+    needs_schemas()
+    session, now_s = FakeSession(), 0.0
+    monkeypatch.setattr(link, "time", SimpleNamespace(monotonic=lambda: now_s))
+    hearing = Link(session, session.keys, kept)
+    for number in [0, *range(36_000, 36_100)]:
+        now_s = 0.1 * number
+        run = 1 if number < 36_080 else 2
+        at_ns, head = number * 10**8, HeaderValues(run, number, number)
+        payload = compose.pose("MapPose", head, at_ns, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+        session.publish(session.keys.pose, payload)
+        hearing.poll()
+    assert watch.state_line(hearing, now_s) == "sweep 36099, 10.0 poses/s, at 1.00 2.00 3.00 m"
+    assert watch.looked(hearing, now_s)["poses_per_s"] == pytest.approx(10.0)
+    # None come any more.
+    assert "sweep 36099, 0.0 poses/s" in watch.state_line(hearing, now_s + 60.0)
 
 
 def test_what_subscribers_take_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,7 @@ from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
 from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.watch import rate_text
 
 #: Interval at which received messages are read. In a fast replay, waking up for each message took
 #: a sixth of a core from the stages; this takes a tenth.
@@ -55,11 +56,9 @@ class DemoOptions:
     beside: tuple[str, ...] = ()
 
 
-def _line(chain: Chain, source: Source, began: float) -> str:
+def _line(chain: Chain, source: Source, now: float) -> str:
     link = chain.link
     newest = max(link.poses, default=-1)
-    seconds = time.monotonic() - began
-    rate = len(link.poses) / seconds if seconds > 0 else 0.0
     drops = sum(
         count
         for status in link.statuses.values()
@@ -68,7 +67,7 @@ def _line(chain: Chain, source: Source, began: float) -> str:
         if reason != "duplicate"
     )
     whole = f" of {source.sweeps}" if source.sweeps else ""
-    return f"sweep {newest + 1}{whole}, {rate:.1f} poses/s, {drops} dropped"
+    return f"sweep {newest + 1}{whole}, {rate_text(link, now)}{drops} dropped"
 
 
 def _patience_s(configs: Mapping[str, Mapping[str, Any]]) -> float:
@@ -102,7 +101,7 @@ def _follow(
         for news in noted.news(said, now):
             line.end()
             print(news, flush=True)
-        line.show(_line(chain, source, began))
+        line.show(_line(chain, source, now))
     return time.monotonic() - began
 
 

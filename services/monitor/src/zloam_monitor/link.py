@@ -28,7 +28,7 @@ from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
 from zloam_monitor.tokens import Claim, claim_of
-from zloam_monitor.traffic import Lateness, Published, Taken
+from zloam_monitor.traffic import Lateness, Published, Rate, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
@@ -119,6 +119,8 @@ class Link:
         #: Traffic: what one subscriber of each key costs the robot, and what this link receives.
         self.published = Published()
         self.taken = Taken()
+        #: Fused poses that come here.
+        self.posed = Rate()
         #: How much later than at first statuses arrive here.
         self.late = Lateness()
         self._newest = newest
@@ -204,7 +206,10 @@ class Link:
             self._ahead.clear()
 
     def _add(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
-        kept.setdefault(pose.sweep, pose)
+        if pose.sweep not in kept:
+            kept[pose.sweep] = pose
+            if kept is self.poses:
+                self.posed.take(1, self._came_s)
         while self._newest is not None and len(kept) > self._newest:
             kept.pop(next(iter(kept)))
 

@@ -120,7 +120,7 @@ def _watch(
         for news in (*supervisor.look(now), *noted.news(said, now)):
             line.end()
             print(news, flush=True)
-        line.show(state_line(chain.link, began, now))
+        line.show(state_line(chain.link, now))
     line.end()
     return time.monotonic() - began
 

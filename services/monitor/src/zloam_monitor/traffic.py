@@ -49,33 +49,43 @@ class Published:
         return dict(sorted(found.items(), key=lambda each: -each[1]))
 
 
-class Taken:
-    """kB/s that this link receives."""
+class Rate:
+    """What comes here per second."""
 
     def __init__(self) -> None:
         self._came: deque[tuple[float, int]] = deque()
         self._began_s: float | None = None
-        self.bytes = 0
+        self.total = 0
 
     def take(self, count: int, now_s: float) -> None:
-        """Counts received bytes; now_s: monotonic clock."""
+        """now_s: monotonic clock."""
+        self.total += count
         if self._began_s is None:
+            # How long the first one took to come is not known: it only begins the time.
             self._began_s = now_s
+            return
         self._came.append((now_s, count))
-        self.bytes += count
         self._forget(now_s)
 
     def _forget(self, now_s: float) -> None:
-        while self._came and now_s - self._came[0][0] > OVER_SECONDS:
+        while self._came and now_s - self._came[0][0] >= OVER_SECONDS:
             self._came.popleft()
 
-    def kb_s(self, now_s: float) -> float | None:
+    def per_s(self, now_s: float) -> float | None:
         """The rate; None if the time is too short."""
         if self._began_s is None or now_s - self._began_s < LEAST_SECONDS:
             return None
         self._forget(now_s)
         over_s = min(OVER_SECONDS, now_s - self._began_s)
-        return 1e-3 * sum(count for _, count in self._came) / over_s
+        return sum(count for _, count in self._came) / over_s
+
+
+class Taken(Rate):
+    """Bytes that this link receives."""
+
+    def kb_s(self, now_s: float) -> float | None:
+        rate = self.per_s(now_s)
+        return None if rate is None else 1e-3 * rate
 
 
 class Lateness:

@@ -14,23 +14,24 @@ from zloam_monitor.stages import STAGES
 
 #: Age at which a status is stale: they come once a second, and several in a row are rarely lost.
 STALE_SECONDS = 5.0
-#: Shortest time from which a rate of poses is computed.
-RATE_SECONDS = 0.5
 #: Links to further stages come up one after another after the first one answers.
 ALL_SECONDS = 1.5
 
 
-def state_line(link: Link, began: float, now: float) -> str:
+def rate_text(link: Link, now: float) -> str:
+    """The rate of poses with a comma; empty after a time too short for a rate."""
+    rate = link.posed.per_s(now)
+    return "" if rate is None else f"{rate:.1f} poses/s, "
+
+
+def state_line(link: Link, now: float) -> str:
     """One line: position of the robot, and rate of poses."""
     if not link.poses:
         return "no pose yet"
     newest = link.poses[max(link.poses)]
     x, y, z = newest.translation
-    # A rate over a moment would be arbitrary.
-    listened_s = now - began
-    rate = f"{len(link.poses) / listened_s:.1f} poses/s, " if listened_s >= RATE_SECONDS else ""
     marks = ", degenerate" if newest.degenerate else ""
-    return f"sweep {newest.sweep}, {rate}at {x:.2f} {y:.2f} {z:.2f} m{marks}"
+    return f"sweep {newest.sweep}, {rate_text(link, now)}at {x:.2f} {y:.2f} {z:.2f} m{marks}"
 
 
 def _stage_line(status: StatusRecord, silent_s: float) -> str:
@@ -70,9 +71,9 @@ def _kb(rate: float) -> str:
     return f"{rate:.1f}" if rate < 100.0 else f"{rate:.0f}"
 
 
-def view(link: Link, began: float, now: float) -> Iterator[str]:
+def view(link: Link, now: float) -> Iterator[str]:
     """Lines of one update."""
-    yield f"robot {link.keys.robot}: {state_line(link, began, now)}"
+    yield f"robot {link.keys.robot}: {state_line(link, now)}"
     for stage in STAGES:
         status = link.stage(stage)
         if status is None:
@@ -86,15 +87,14 @@ def view(link: Link, began: float, now: float) -> Iterator[str]:
         yield f"{link.garbage} messages could not be read"
 
 
-def looked(link: Link, began: float, now: float) -> dict[str, Any]:
+def looked(link: Link, now: float) -> dict[str, Any]:
     """One update as plain values, for JSON."""
     newest = link.poses[max(link.poses)] if link.poses else None
     stages = link.newest_statuses()
     return {
         "robot": link.keys.robot,
         "pose": newest,
-        "poses": len(link.poses),
-        "seconds": now - began,
+        "poses_per_s": link.posed.per_s(now),
         "stages": stages,
         "silent_s": {name: link.silent_s(status, now) for name, status in stages.items()},
         "health": pose_health.judge(link.poses.values()).as_dict() if newest else None,
@@ -104,11 +104,11 @@ def looked(link: Link, began: float, now: float) -> dict[str, Any]:
     }
 
 
-def _show(link: Link, began: float, now: float, as_json: bool) -> None:
+def _show(link: Link, now: float, as_json: bool) -> None:
     if as_json:
-        print(answers.text(looked(link, began, now)), flush=True)
+        print(answers.text(looked(link, now)), flush=True)
     else:
-        print("\n".join(view(link, began, now)), flush=True)
+        print("\n".join(view(link, now)), flush=True)
 
 
 def _dead(link: Link) -> list[StatusRecord]:
@@ -137,7 +137,7 @@ def look(link: Link, as_json: bool = False) -> int:
         if late or (whole and not dead):
             break
         link.poll(0.2)
-    _show(link, now, now, as_json)
+    _show(link, now, as_json)
     for status in dead:
         print(
             f"{status.stage}: {status.instance} is not alive; its status above is its last one, "
@@ -161,7 +161,7 @@ def watch(link: Link, seconds: float | None, every_s: float, as_json: bool = Fal
             now = time.monotonic()
             if now - shown >= every_s:
                 shown = now
-                _show(link, began, now, as_json)
+                _show(link, now, as_json)
                 if not as_json:
                     print(flush=True)
             link.poll(0.2)

@@ -24,8 +24,6 @@ LISTEN_SECONDS = 10.0
 THIN_SECONDS = 1.0
 #: Time covered by the history of latency and rate.
 HISTORY_SECONDS = 120
-#: The rate is computed from the poses of this time.
-RATE_SECONDS = 5.0
 #: Limits on the points of the path and on the cells of the map; both are thinned to them.
 MOST_PATH = 600
 MOST_CELLS = 20_000
@@ -150,24 +148,12 @@ class RobotView:
             "robot": self.name,
             "pose": _pose(newest) if newest is not None else None,
             "age_s": round(now - self._newest_s, 1),
-            "rate": self._rate(),
+            "rate": link.posed.per_s(now),
             "path": [[x, y] for _, x, y in self._path],
             "stages": [_stage(stage, link.stage(stage), link, now) for stage in STAGES],
             "thin": link.thin,
             "kb_s": link.taken.kb_s(now),
         }
-
-    def _rate(self) -> float | None:
-        """Poses per second, by the instants of the newest."""
-        poses = self._link.poses
-        if not poses:
-            return None
-        newest = poses[max(poses)].instant_ns
-        within = [
-            p.instant_ns for p in poses.values() if newest - p.instant_ns < 1e9 * RATE_SECONDS
-        ]
-        span_s = 1e-9 * (newest - min(within))
-        return round((len(within) - 1) / span_s, 2) if span_s > 0 else None
 
     def _latency(self) -> dict[str, float]:
         """Time of each stage for the newest pose, ms."""
