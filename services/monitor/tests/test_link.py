@@ -99,6 +99,21 @@ def test_a_stage_started_after_its_clock_was_set_back_is_the_newest(session: Fak
     assert hearing.newest_statuses()["mapping"].instance == "new"
 
 
+def test_instances_that_ended_long_ago_are_forgotten(session: FakeSession) -> None:
+    """Each start of a stage has a name of its own. The newest one of each stage stays."""
+    hearing = Link(session, session.keys)
+    session.publish(session.keys.below("service/driver/driver-1/status"), a_status(1, "driver-1"))
+    for number in range(50):
+        name = f"mapping-{number}"
+        session.publish(session.keys.below(f"service/mapping/{name}/status"), a_status(1, name))
+        hearing.poll()
+        if number == 20:
+            hearing.heard = {who: at - 1000.0 for who, at in hearing.heard.items()}
+    assert len(hearing.statuses) == 29
+    assert hearing.newest_statuses()["mapping"].instance == "mapping-49"
+    assert hearing.late.seconds(set(hearing.statuses)) >= 0.0
+
+
 def test_of_two_that_only_answer_the_stamp_decides(session: FakeSession) -> None:
     """A router keeps the last status of an instance that has ended."""
     for instance, stamp_ns in (("new", 9), ("old", 8)):

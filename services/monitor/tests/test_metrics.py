@@ -26,7 +26,18 @@ OBSERVABILITY = ROOT / "deploy/observability"
 #: Words of PromQL, and names of labels.
 WORDS = {
     *("max", "sum", "count", "rate", "by", "on", "unless", "or", "and", "count_over_time"),
-    *("predict_linear", "robot", "stage", "instance", "state", "reason", "name", "quantile"),
+    *(
+        "min_over_time",
+        "resets",
+        "predict_linear",
+        "robot",
+        "stage",
+        "instance",
+        "state",
+        "reason",
+        "name",
+        "quantile",
+    ),
 }
 
 
@@ -57,9 +68,11 @@ class Heard:
         self.mapped: dict[int, PoseRecord] = {}
         self.run = 1
         self.silent = 0.5
+        #: Instance -> age of its status, if it is another.
+        self.silent_of: dict[str, float] = {}
 
-    def silent_s(self, _status: StatusRecord, _now: float) -> float:
-        return self.silent
+    def silent_s(self, status: StatusRecord, _now: float) -> float:
+        return self.silent_of.get(status.instance, self.silent)
 
 
 def samples(heard: Heard, seen: Seen | None = None) -> dict[tuple[str, str], float]:
@@ -105,6 +118,42 @@ def test_silence_is_down() -> None:
     assert found[("zloam_up", "a,mapping")] == 0.0
     assert found[("zloam_status_age_seconds", "a,mapping")] == 6.0
     assert ("zloam_pose_age_seconds", "") not in found
+
+
+def instances(found: dict[tuple[str, str], float], name: str) -> dict[str, float]:
+    return {labels: value for (own, labels), value in found.items() if own == name}
+
+
+def test_a_stage_that_was_restarted_no_longer_says_what_it_said_before() -> None:
+    """Neither by its killed instance nor by the one before, whose stamp is of the time before the
+    robot's clock was set back."""
+    heard = Heard(
+        [
+            status("mapping", "first", health="failed", stamp_ns=10**18),
+            status("mapping", "killed", health="degraded"),
+            status("mapping", "new"),
+        ],
+        [],
+    )
+    heard.silent_of = {"first": 3600.0, "killed": 60.0}
+    found = samples(heard)
+    of_mapping = {k: v for k, v in instances(found, "zloam_up").items() if k.endswith("mapping")}
+    assert of_mapping == {"new,mapping": 1.0}
+    health = instances(found, "zloam_health")
+    assert {labels for labels, value in health.items() if value} == {"new,mapping,ready"}
+    # While none is there, its newest one is the silent one, and says nothing of its health.
+    heard.silent_of["new"] = 6.0
+    found = samples(heard)
+    assert instances(found, "zloam_status_age_seconds") == {"new,mapping": 6.0}
+    assert found[("zloam_up", "new,mapping")] == 0.0
+    assert instances(found, "zloam_health") == instances(found, "zloam_uptime_seconds") == {}
+
+
+def test_the_time_since_a_start_is_by_the_robot_s_clock() -> None:
+    given = {"a": (7 * 10**9, 3 * 10**9), "set back": (3 * 10**9, 7 * 10**9)}
+    heard = [status("driver", n, stamp_ns=s, started_ns=b) for n, (s, b) in given.items()]
+    found = instances(samples(Heard(heard, [])), "zloam_uptime_seconds")
+    assert found == {"a,driver": 4.0, "set back,driver": 0.0}
 
 
 def test_poses_are_counted_once_and_forgotten() -> None:

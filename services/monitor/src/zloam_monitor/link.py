@@ -39,6 +39,8 @@ BUSY_SECONDS = 15.0
 #: Reason in the status of a standby, which takes over when the working instance ends
 #: (recovery.standby).
 STANDING_BY = "standing by"
+#: An instance that was silent for this long is forgotten when another one of its stage comes.
+FORGOTTEN_SECONDS = 600.0
 T = TypeVar("T")
 
 
@@ -260,11 +262,23 @@ class Link:
 
     def _keep_status(self, status: StatusRecord, came_s: float) -> None:
         who = (status.stage, status.instance)
+        if who not in self.statuses:
+            self._forget_ended(status.stage, came_s)
         self._greatest_ns[who] = max(status.stamp_ns, self._greatest_ns.get(who, 0))
         self.statuses[who] = status
         self.heard[who] = came_s
         self.late.take(status, round(1e9 * came_s))
         self.published.take(status)
+
+    def _forget_ended(self, stage: str, now_s: float) -> None:
+        """At the first status of another instance: forgets those that ended long ago, because each
+        start of a stage has a name of its own."""
+        for who in [each for each in self.statuses if each[0] == stage]:
+            if now_s - self.heard[who] > FORGOTTEN_SECONDS:
+                for kept in (self.statuses, self.heard, self._published_s, self._greatest_ns):
+                    kept.pop(who, None)
+                self.late.forget(who)
+                self.published.forget(who)
 
     def stage(self, stage: str) -> StatusRecord | None:
         """The newest status of a stage; that of a standby only if no other instance was heard. An

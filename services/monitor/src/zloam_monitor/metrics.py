@@ -44,7 +44,7 @@ class Seen:
         """Copies the link's state, and removes old poses from the link."""
         now = time.monotonic()
         with self._lock:
-            self._statuses = [(s, link.silent_s(s, now)) for s in _newest(link)]
+            self._statuses = _present(link, now)
             if link.poses:
                 self._count(link, now)
         for kept in (link.poses, link.odometry, link.mapped):
@@ -65,26 +65,53 @@ class Seen:
         with self._lock:
             statuses = list(self._statuses)
             pose, heard, total = self._pose, self._pose_heard, self._poses_total
-        yield from _of_stages(self.robot, statuses)
+        yield from _of_presence(self.robot, statuses)
+        fresh = [status for status, age in statuses if _is_fresh(age)]
+        yield from _of_stages(self.robot, fresh)
+        yield from _of_messages(self.robot, fresh)
         yield from _of_pose(self.robot, pose, time.monotonic() - heard, total)
 
 
-def _newest(link: Link) -> list[StatusRecord]:
-    by_stage: dict[str, list[StatusRecord]] = {}
-    for (stage, _), status in link.statuses.items():
-        by_stage.setdefault(stage, []).append(status)
+def _is_fresh(age_s: float) -> bool:
+    return age_s <= STALE_SECONDS
+
+
+def _present(link: Link, now: float) -> list[tuple[StatusRecord, float]]:
+    """Statuses that are not stale, with their ages in s; of a stage without one, the newest. Other
+    instances have ended: what they said last would never end."""
+    by_stage: dict[str, list[tuple[StatusRecord, float]]] = {}
+    for status in link.statuses.values():
+        by_stage.setdefault(status.stage, []).append((status, link.silent_s(status, now)))
     found = []
     for each in by_stage.values():
-        found += sorted(each, key=lambda s: -s.stamp_ns)[:MOST_INSTANCES]
+        each.sort(key=lambda of: of[1])
+        fresh = [of for of in each if _is_fresh(of[1])]
+        found += fresh[:MOST_INSTANCES] or each[:1]
     return found
 
 
-def _of_stages(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterator[Metric]:
+def _of_presence(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterator[Metric]:
+    """The figures that a silent stage has, too."""
     who = ["robot", "stage", "instance"]
     up = GaugeMetricFamily("zloam_up", "1: its status is not older than 5 s.", labels=who)
     silent = GaugeMetricFamily(
         "zloam_status_age_seconds", "Since its last status came.", labels=who
     )
+    # A stage that was never heard is reported as down.
+    heard = {status.stage for status, _ in statuses}
+    for stage in STAGES:
+        if stage not in heard:
+            up.add_metric([robot, stage, ""], 0.0)
+    for status, age in statuses:
+        own = [robot, status.stage, status.instance]
+        up.add_metric(own, float(_is_fresh(age)))
+        silent.add_metric(own, age)
+    yield from (up, silent)
+
+
+def _of_stages(robot: str, statuses: list[StatusRecord]) -> Iterator[Metric]:
+    who = ["robot", "stage", "instance"]
+    uptime = GaugeMetricFamily("zloam_uptime_seconds", "Since it was started.", labels=who)
     health = GaugeMetricFamily(
         "zloam_health", "1 of the state that it says to be in.", labels=[*who, "state"]
     )
@@ -99,15 +126,10 @@ def _of_stages(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterat
     figure = GaugeMetricFamily(
         "zloam_figure", "A stage's own figures, by name.", labels=[*who, "name"]
     )
-    # A stage that was never heard is reported as down.
-    heard = {status.stage for status, _ in statuses}
-    for stage in STAGES:
-        if stage not in heard:
-            up.add_metric([robot, stage, ""], 0.0)
-    for status, age in statuses:
+    for status in statuses:
         own = [robot, status.stage, status.instance]
-        up.add_metric(own, float(age <= STALE_SECONDS))
-        silent.add_metric(own, age)
+        # By its own host's clock, which may have been set back since.
+        uptime.add_metric(own, max(0.0, 1e-9 * (status.stamp_ns - status.started_ns)))
         for state in SERVICE_HEALTH:
             health.add_metric([*own, state], float(state == status.health))
         cpu.add_metric(own, status.cpu_ms / 1000.0)
@@ -118,8 +140,7 @@ def _of_stages(robot: str, statuses: list[tuple[StatusRecord, float]]) -> Iterat
                 latency.add_metric([*own, name, label], found[quantile] / 1000.0)
         for name, value in status.figures.items():
             figure.add_metric([*own, name], value)
-    yield from (up, silent, health, cpu, rss, rev, latency, figure)
-    yield from _of_messages(robot, [status for status, _ in statuses])
+    yield from (uptime, health, cpu, rss, rev, latency, figure)
 
 
 def _of_messages(robot: str, statuses: list[StatusRecord]) -> Iterator[Metric]:

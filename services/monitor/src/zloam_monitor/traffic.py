@@ -31,6 +31,9 @@ class Published:
         while status.stamp_ns - seen[0].stamp_ns > 1e9 * OVER_SECONDS and len(seen) > 2:
             seen.popleft()
 
+    def forget(self, who: tuple[str, str]) -> None:
+        self._seen.pop(who, None)
+
     def kb_s(self) -> dict[str, float]:
         """The greatest rate first. Keys without traffic are left out: they have no subscriber, or
         are not published now."""
@@ -106,6 +109,10 @@ class Lateness:
         least_ns = took_ns if was_set else self._least_ns.get(who, took_ns)
         self._stamp_ns[who], self._newest_ns[who] = status.stamp_ns, took_ns
         self._least_ns[who] = min(took_ns, least_ns)
+
+    def forget(self, who: tuple[str, str]) -> None:
+        for kept in (self._stamp_ns, self._least_ns, self._newest_ns):
+            kept.pop(who, None)
 
     def seconds(self, living: Container[tuple[str, str]]) -> float:
         """Median over these instances, s."""
