@@ -1,10 +1,15 @@
-"""What Foxglove is shown, from the state of one robot."""
+"""What Foxglove and Rerun are shown, from the state of one robot."""
 
 from __future__ import annotations
 
-import numpy as np
+import importlib
+from types import SimpleNamespace
+from typing import Any
 
-from zloam_monitor import messages
+import numpy as np
+import pytest
+
+from zloam_monitor import messages, rerun_scene
 from zloam_monitor.clouds import Tile
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.keys import Keys
@@ -20,10 +25,51 @@ def topics(scene: Scene) -> list[str]:
     return [each.topic for each in scene.whole(1)]
 
 
-def test_tiles_from_before_the_first_pose_are_of_its_run() -> None:
+def tile(number: int, map_id: int) -> Tile:
+    return Tile("plane", (number, 0, 0), 1, np.zeros(5, messages.MAP_POINT), map_id)
+
+
+def drawn_by_foxglove(scene: Scene) -> int:
+    """Number of the map's points."""
+    message = importlib.import_module("foxglove_schemas_flatbuffer.PointCloud").PointCloud
+    return int(message.GetRootAs(scene.map(1).data).DataLength()) // 16
+
+
+def test_tiles_stay_while_the_map_is_the_same() -> None:
+    """Those from before the first pose, and those of the run before, as mapping keeps its map when
+    the driver is restarted. Tiles of another map, e.g. after a reset within the run, end it."""
+    pytest.importorskip("foxglove_schemas_flatbuffer")
     scene = Scene(Keys("r"), 0.0, np.eye(4))
-    scene.keep(Tile("plane", (0, 0, 0), 1, np.zeros(5, messages.MAP_POINT)))
+    scene.keep(tile(0, map_id=7))
     list(scene._pose(pose(run=7)))
     assert topics(scene) == ["/map"]
     list(scene._pose(pose(run=8)))
-    assert topics(scene) == []
+    scene.keep(tile(1, map_id=7))
+    assert drawn_by_foxglove(scene) == 10
+    scene.keep(tile(0, map_id=8))
+    assert drawn_by_foxglove(scene) == 5
+
+
+def test_rerun_clears_the_tiles_of_another_map() -> None:
+    rr = pytest.importorskip("rerun")
+    shown: dict[str, Any] = {}
+
+    def log(entity: str, what: Any, **_: Any) -> None:
+        if isinstance(what, rr.Clear):
+            for below in [each for each in shown if each.startswith(f"{entity}/")]:
+                del shown[below]
+        else:
+            shown[entity] = what
+
+    recording = SimpleNamespace(log=log, set_time=lambda *_, **__: None)
+    scene = rerun_scene.Scene(Keys("r"), recording, np.eye(4))
+    for number in (0, 1):
+        scene.keep(tile(number, map_id=7))
+    scene._pose(pose(run=7))
+    scene._pose(pose(run=8))
+    assert {each for each in shown if "tiles" in each} == {
+        "map/tiles/plane/0_0_0",
+        "map/tiles/plane/1_0_0",
+    }
+    scene.keep(tile(0, map_id=8))
+    assert {each for each in shown if "tiles" in each} == {"map/tiles/plane/0_0_0"}

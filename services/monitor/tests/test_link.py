@@ -99,6 +99,20 @@ def test_a_stage_started_after_its_clock_was_set_back_is_the_newest(session: Fak
     assert hearing.newest_statuses()["mapping"].instance == "new"
 
 
+def test_tiles_of_two_maps_are_not_mixed(session: FakeSession) -> None:
+    """A new map begins with version 1; the store still answers with the one before, too."""
+    points = np.zeros(5, MAP_POINT)
+    old, new = (HeaderValues(1, 0, 0, map_id=number) for number in (7, 8))
+    session.rounds[session.keys.below("map/tile/plane/0/0/0")] = [
+        [
+            compose.tile(new, "plane", (0, 0, 0), points, version=1),
+            compose.tile(old, "plane", (0, 0, 0), points, version=40),
+        ]
+    ]
+    found = linked(session).query_tiles(["plane"])
+    assert [(tile.map_id, tile.version) for tile in found] == [(7, 40), (8, 1)]
+
+
 def test_instances_that_ended_long_ago_are_forgotten(session: FakeSession) -> None:
     """Each start of a stage has a name of its own. The newest one of each stage stays."""
     hearing = Link(session, session.keys)

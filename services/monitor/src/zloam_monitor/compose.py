@@ -114,7 +114,13 @@ def path(v: HeaderValues, poses: NDArray[Any]) -> bytes:
     return _finish(b, "Path", m.PathEnd(b))
 
 
-def tile(v: HeaderValues, layer: str, index: tuple[int, int, int], points: NDArray[Any]) -> bytes:
+def tile(
+    v: HeaderValues,
+    layer: str,
+    index: tuple[int, int, int],
+    points: NDArray[Any],
+    version: int = 1,
+) -> bytes:
     """A MapTile message; points: MAP_POINT."""
     b = flatbuffers.Builder(0)
     head, name, m = header(b, v), b.CreateString(layer), module("MapTile")
@@ -126,7 +132,7 @@ def tile(v: HeaderValues, layer: str, index: tuple[int, int, int], points: NDArr
     m.MapTileAddJ(b, index[1])
     m.MapTileAddK(b, index[2])
     m.MapTileAddEdgeM(b, 50.0)
-    m.MapTileAddVersion(b, 1)
+    m.MapTileAddVersion(b, version)
     m.MapTileAddPoints(b, vector)
     return _finish(b, "MapTile", m.MapTileEnd(b))
 

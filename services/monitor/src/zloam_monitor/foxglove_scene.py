@@ -78,6 +78,7 @@ class Scene:
         self._every_nth = 1
         self._poses = 0
         self._tiles: dict[tuple[str, tuple[int, int, int]], Tile] = {}
+        self._map_id: int | None = None
         self._map_grew = False
         self._said: dict[tuple[str, str], tuple[str, str]] = {}
         self._weak = False
@@ -131,14 +132,10 @@ class Scene:
             self._extend(pose["translation"].tolist(), pose["rotation"].tolist())
 
     def _begin(self, run: int) -> None:
-        """Begins a new run: forgets everything of the one before."""
-        is_first = self._run is None
+        """Begins a new run: forgets the poses of the one before. The map may be the same."""
         self._run = run
         self._frame.clear()
         self._path.clear()
-        # Before the first run is known, there are tiles that were queried.
-        if not is_first:
-            self._tiles.clear()
         self._poses, self._every_nth = 0, 1
 
     def _is_due(self, topic: str) -> bool:
@@ -180,7 +177,11 @@ class Scene:
         yield Shown("/weak_direction", pose.instant_ns, made)
 
     def keep(self, tile: Tile) -> None:
-        """Adds a tile without a message, e.g. one from before this program's start."""
+        """Adds a tile without a message, e.g. one from before this program's start. The first tile
+        of another map ends the one before."""
+        if tile.map_id != self._map_id:
+            self._map_id = tile.map_id
+            self._tiles.clear()
         if tile.layer in POINT_LAYERS:
             self._tiles[(tile.layer, tile.index)] = tile
             self._map_grew = True

@@ -395,15 +395,17 @@ class Link:
         return next(self._decoded(records.command_reply, replies), None)
 
     def query_tiles(self, layers: Sequence[str] = POINT_LAYERS) -> list[Tile]:
-        """All tiles of these layers of the map; each in its greatest version."""
-        newest: dict[tuple[str, tuple[int, int, int]], Tile] = {}
+        """All tiles of these layers of the map; each in its greatest version. While a new map
+        begins, the answers may be of two: then those of the greater map_id are last."""
+        newest: dict[tuple[int, str, tuple[int, int, int]], Tile] = {}
         for layer in layers:
             answers = self.get(self.keys.tiles_of(layer), seconds=60.0)
             for tile in self._decoded(records.tile, answers):
-                kept = newest.get((tile.layer, tile.index))
+                which = (tile.map_id, tile.layer, tile.index)
+                kept = newest.get(which)
                 if kept is None or tile.version > kept.version:
-                    newest[(tile.layer, tile.index)] = tile
-        return list(newest.values())
+                    newest[which] = tile
+        return sorted(newest.values(), key=lambda tile: tile.map_id)
 
     def trajectory(self) -> Trajectory:
         """Fused poses T_map_base that were received."""

@@ -27,6 +27,8 @@ FEATURES = {
 }
 REJECTED = (150, 60, 150)
 LAYERS = {"edge": (230, 150, 60), "plane": (120, 130, 140)}
+#: Entity above those of the map's tiles.
+TILES = "map/tiles"
 POSE_COLOUR, ODOMETRY_COLOUR = (40, 170, 90), (160, 160, 60)
 WEAK_COLOUR = (214, 39, 40)
 #: Poses in a piece of the path. Only the last piece is sent again with each new pose.
@@ -55,6 +57,7 @@ class Scene:
         self._pieces: dict[str, list[NDArray[np.float64]]] = {"map/path": [], "odom/path": []}
         self._numbers: dict[str, int] = {}
         self._said: dict[tuple[str, str], tuple[str, str]] = {}
+        self._map_id: int | None = None
         self._preview = PreviewMap()
         self._last_preview = (-1, -1)
         self._log("map", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -232,9 +235,13 @@ class Scene:
             self._extend("map/path", at, POSE_COLOUR)
 
     def keep(self, tile: Tile) -> None:
-        """Draws a tile of the map in place of its previous version."""
+        """Draws a tile of the map in place of its previous version. The first tile of another map
+        ends the one before."""
+        if tile.map_id != self._map_id:
+            self._map_id = tile.map_id
+            self._log(TILES, self._rr.Clear(recursive=True))
         if tile.layer in POINT_LAYERS:
-            entity = f"map/tiles/{tile.layer}/{'_'.join(map(str, tile.index))}"
+            entity = f"{TILES}/{tile.layer}/{'_'.join(map(str, tile.index))}"
             self._points(entity, tile.points, LAYERS[tile.layer], 0.05)
 
     def _points(

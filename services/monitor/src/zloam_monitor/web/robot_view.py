@@ -202,8 +202,9 @@ def _map_points(link: Link) -> NDArray[Any]:
     """Points as rows x, y, z; on a thin link those received so far."""
     if link.thin:
         return link.preview.spread_points()
-    tiles = [t for t in link.query_tiles() if len(t.points)]
-    found = [np.stack([t.points[axis] for axis in ("x", "y", "z")], axis=-1) for t in tiles]
+    tiles = link.query_tiles()
+    points = [t.points for t in tiles if t.map_id == tiles[-1].map_id and len(t.points)]
+    found = [np.stack([each[axis] for axis in ("x", "y", "z")], axis=-1) for each in points]
     return np.concatenate(found) if found else np.empty((0, 3))
 
 
