@@ -18,7 +18,7 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from zloam_monitor.keys import Keys
-from zloam_monitor.metrics import KEPT_POSES, Seen
+from zloam_monitor.metrics import Seen
 from zloam_monitor.records import Input, PoseRecord, StatusRecord
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -64,8 +64,6 @@ class Heard:
         self.keys = Keys("robot")
         self.statuses = {(s.stage, s.instance): s for s in statuses}
         self.poses = {p.sweep: p for p in poses}
-        self.odometry: dict[int, PoseRecord] = dict(self.poses)
-        self.mapped: dict[int, PoseRecord] = {}
         self.run = 1
         self.silent = 0.5
         #: Instance -> age of its status, if it is another.
@@ -156,10 +154,9 @@ def test_the_time_since_a_start_is_by_the_robot_s_clock() -> None:
     assert found == {"a,driver": 4.0, "set back,driver": 0.0}
 
 
-def test_poses_are_counted_once_and_forgotten() -> None:
+def test_poses_are_counted_once() -> None:
     heard, seen = Heard([], [pose(n) for n in range(1000)]), Seen("robot")
     samples(heard, seen)
-    assert len(heard.poses) == len(heard.odometry) == KEPT_POSES
     heard.poses[1000] = pose(1000, health=9)
     found = samples(heard, seen)
     assert found[("zloam_poses_total", "")] == 1001

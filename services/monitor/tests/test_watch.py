@@ -11,6 +11,7 @@ import pytest
 from fake_session import FakeSession, needs_schemas
 from zloam_monitor import compose, link, watch
 from zloam_monitor.compose import HeaderValues
+from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import PoseRecord, StatusRecord
@@ -37,7 +38,7 @@ class Linking:
 
     def __init__(self, reachable: int) -> None:
         self._reachable, self._heard, self._looks = reachable, 0, 0
-        self.poses: dict[int, object] = {}
+        self.poses = KeptPoses()
         self.published, self.taken, self.posed = Published(), Taken(), Rate()
         #: Stages whose instance was killed.
         self.killed: set[str] = set()
@@ -47,7 +48,7 @@ class Linking:
         self._heard = min(self._heard + 1, self._reachable)
         self._looks += 1
         if self._looks > len(STAGES) + 1:  # The pose comes after the last stage.
-            self.poses[7] = a_pose()
+            self.poses.add(a_pose())
 
     def poll(self, _seconds: float = 0.0) -> None: ...
 
@@ -103,7 +104,8 @@ def test_a_status_that_a_router_keeps_is_no_sign_of_life(
 ) -> None:
     monkeypatch.setattr(watch, "ALL_SECONDS", 0.1)
     link: Any = Linking(len(STAGES))
-    link._heard, link.poses[7] = len(STAGES), a_pose()
+    link._heard = len(STAGES)
+    link.poses.add(a_pose())
     link.killed, link.health = {"odometry"}, health
     assert watch.look(link) == code
     said = capsys.readouterr().err

@@ -197,7 +197,7 @@ def metrics(
     from zloam_monitor import discovery
     from zloam_monitor import metrics as exporter
 
-    with discovery.linked(robot, common.endpoints(connect), common.NEWEST) as link:
+    with discovery.linked(robot, common.endpoints(connect), exporter.KEPT_POSES) as link:
         return exporter.serve(link, address, port, seconds)
 
 

@@ -58,7 +58,7 @@ class DemoOptions:
 
 def _line(chain: Chain, source: Source, now: float) -> str:
     link = chain.link
-    newest = max(link.poses, default=-1)
+    newest = link.poses.last()
     drops = sum(
         count
         for status in link.statuses.values()
@@ -67,7 +67,9 @@ def _line(chain: Chain, source: Source, now: float) -> str:
         if reason != "duplicate"
     )
     whole = f" of {source.sweeps}" if source.sweeps else ""
-    return f"sweep {newest + 1}{whole}, {rate_text(link, now)}{drops} dropped"
+    return (
+        f"sweep {newest.sweep + 1 if newest else 0}{whole}, {rate_text(link, now)}{drops} dropped"
+    )
 
 
 def _patience_s(configs: Mapping[str, Mapping[str, Any]]) -> float:

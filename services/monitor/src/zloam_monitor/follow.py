@@ -72,9 +72,9 @@ def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
         link.poll(0.2)
         if ready is None and _all_heard(link, options.ready_file):
             ready = time.monotonic()
-        if link.poses:
+        if newest := link.poses.last():
             began = began or time.monotonic()
-            line.show(f"sweep {max(link.poses) + 1}, {len(link.poses)} poses")
+            line.show(f"sweep {newest.sweep + 1}, {len(link.poses)} poses")
         elif ready and options.patience_s and time.monotonic() - ready > options.patience_s:
             raise ChainError(
                 f"no pose within {options.patience_s:.0f} s after all stages were ready: "

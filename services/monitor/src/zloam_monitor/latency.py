@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from zloam_monitor.stages import STAGES
 Percentiles = dict[str, float] | None
 
 
-def percentiles(samples_ms: list[float]) -> Percentiles:
+def percentiles(samples_ms: Sequence[float]) -> Percentiles:
     """p50, p95, p99, or None without samples."""
     if not samples_ms:
         return None
@@ -26,10 +28,12 @@ def by_stage(
 ) -> tuple[dict[str, Percentiles], dict[str, Percentiles]]:
     """(received to published, started to published) of each stage. The times of mapping are taken
     from mapped poses, those of the other stages from fused poses."""
-    whole: dict[str, list[float]] = defaultdict(list)
-    work: dict[str, list[float]] = defaultdict(list)
-    steps = [(step, False) for pose in poses for step in pose.trace]
-    steps += [(step, True) for pose in mapped for step in pose.trace]
+    whole: dict[str, array[float]] = defaultdict(lambda: array("d"))
+    work: dict[str, array[float]] = defaultdict(lambda: array("d"))
+    steps = chain(
+        ((step, False) for pose in poses for step in pose.trace),
+        ((step, True) for pose in mapped for step in pose.trace),
+    )
     for step, of_mapping in steps:
         if (step.stage == "mapping") != of_mapping or step.published_ns == 0:
             continue
@@ -45,11 +49,11 @@ def by_stage(
 
 def from_last_packet(poses: Iterable[PoseRecord], stage: str) -> Percentiles:
     """Time from a sweep's last packet to its publication by a stage; None in a fast replay."""
-    samples = [
+    samples = (
         (step.published_ns - pose.last_packet_ns) * 1e-6
         for pose in poses
         if pose.last_packet_ns > 0
         for step in pose.trace
         if step.stage == stage and step.published_ns > 0
-    ]
-    return percentiles(samples)
+    )
+    return percentiles(array("d", samples))

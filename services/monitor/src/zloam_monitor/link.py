@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from zloam_monitor import records
 from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.failures import Explained
+from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
 from zloam_monitor.preview_map import PreviewMap
@@ -125,10 +127,9 @@ class Link:
         self.posed = Rate()
         #: How much later than at first statuses arrive here.
         self.late = Lateness()
-        self._newest = newest
-        self.poses: dict[int, PoseRecord] = {}
-        self.odometry: dict[int, PoseRecord] = {}
-        self.mapped: dict[int, PoseRecord] = {}
+        self.poses = KeptPoses(newest)
+        self.odometry = KeptPoses(newest, _without_errors)
+        self.mapped = KeptPoses(newest, _of_mapping)
         self.statuses: dict[tuple[str, str], StatusRecord] = {}
         #: (stage, instance) -> when its newest status came, by this host's monotonic clock,
         #: because the robot's clock may be set differently.
@@ -141,7 +142,7 @@ class Link:
         self.garbage = 0
         self.run: int | None = None
         #: Odometry and mapped poses of a run of which no fused pose has come yet.
-        self._ahead: deque[tuple[dict[int, PoseRecord], PoseRecord]] = deque(maxlen=64)
+        self._ahead: deque[tuple[KeptPoses, PoseRecord]] = deque(maxlen=64)
         #: Result of the last query_revisions().
         self.revisions: list[RevisionRecord] = []
         #: Living stages that did not answer the last query_configs().
@@ -207,15 +208,11 @@ class Link:
                     self._add(kept, pose)
             self._ahead.clear()
 
-    def _add(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
-        if pose.sweep not in kept:
-            kept[pose.sweep] = pose
-            if kept is self.poses:
-                self.posed.take(1, self._came_s)
-        while self._newest is not None and len(kept) > self._newest:
-            kept.pop(next(iter(kept)))
+    def _add(self, kept: KeptPoses, pose: PoseRecord) -> None:
+        if kept.add(pose) and kept is self.poses:
+            self.posed.take(1, self._came_s)
 
-    def _keep(self, kept: dict[int, PoseRecord], pose: PoseRecord) -> None:
+    def _keep(self, kept: KeptPoses, pose: PoseRecord) -> None:
         """Only fused poses begin a new run, because stages refuse messages of other runs."""
         if self.run is None:
             self._new_run(pose.run)
@@ -421,7 +418,18 @@ class Link:
         return next(self._decoded(records.path, answers), (0, np.empty(0, STAMPED_POSE)))
 
 
-def _heard(poses: dict[int, PoseRecord]) -> Trajectory:
+def _without_errors(pose: PoseRecord) -> PoseRecord:
+    """Of old odometry only the trajectory is needed."""
+    return replace(pose, covariance=(), trace=())
+
+
+def _of_mapping(pose: PoseRecord) -> PoseRecord:
+    """Of old mapped poses only mapping's times are needed; fused poses have those of the others."""
+    trace = tuple(step for step in pose.trace if step.stage == "mapping")
+    return replace(pose, covariance=(), trace=trace)
+
+
+def _heard(poses: KeptPoses) -> Trajectory:
     if not poses:
         return Trajectory(np.empty((0, 4, 4)), np.empty(0, np.int64))
     return from_records({n: (p.instant_ns, p.translation, p.quaternion) for n, p in poses.items()})

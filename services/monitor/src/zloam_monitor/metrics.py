@@ -20,7 +20,7 @@ from zloam_monitor.watch import STALE_SECONDS
 
 #: Limit on instances of one stage; messages of more come from a stranger.
 MOST_INSTANCES = 16
-#: Number of newest poses that are kept.
+#: Number of newest poses that its link keeps.
 KEPT_POSES = 600
 #: Name of a quantile in statuses -> value of the label.
 QUANTILES = {"p50": "0.5", "p95": "0.95", "p99": "0.99"}
@@ -41,15 +41,12 @@ class Seen:
         self._pose_heard = 0.0
 
     def take(self, link: Link) -> None:
-        """Copies the link's state, and removes old poses from the link."""
+        """Copies the link's state."""
         now = time.monotonic()
         with self._lock:
             self._statuses = _present(link, now)
             if link.poses:
                 self._count(link, now)
-        for kept in (link.poses, link.odometry, link.mapped):
-            for sweep in sorted(kept)[:-KEPT_POSES]:
-                del kept[sweep]
 
     def _count(self, link: Link, now: float) -> None:
         if link.run != self._run:

@@ -202,7 +202,8 @@ def write_poses(path: Path, run: Run) -> None:
     with written_whole(path) as out:
         columns = ["sweep", "instant_ns", "health", "degenerate", "weak_x", "weak_y", "weak_z"]
         out.write(",".join([*columns, *cells]) + "\n")
-        for sweep, pose in sorted(run.poses.items()):
+        for sweep in sorted(run.poses):
+            pose = run.poses[sweep]
             covariance = pose.covariance if len(pose.covariance) == 36 else (0.0,) * 36
             said = (sweep, pose.instant_ns, pose.health, int(pose.degenerate))
             numbers = [f"{v:.9g}" for v in (*pose.weak_translation, *covariance)]

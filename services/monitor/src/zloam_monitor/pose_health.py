@@ -51,28 +51,34 @@ def _position_sigma_m(pose: PoseRecord) -> float | None:
     return float(np.sqrt(max(np.linalg.eigvalsh(position)[-1], 0.0)))
 
 
-def _weak_axis(poses: Iterable[PoseRecord]) -> str:
-    found = Counter(
-        AXES[int(np.argmax(np.abs(pose.weak_translation)))]
-        for pose in poses
-        if pose.degenerate and any(pose.weak_translation)
-    )
-    return found.most_common(1)[0][0] if found else ""
+def _weak_axis(pose: PoseRecord) -> list[str]:
+    """The least constrained axis; empty if there is none."""
+    if not pose.degenerate or not any(pose.weak_translation):
+        return []
+    return [AXES[int(np.argmax(np.abs(pose.weak_translation)))]]
 
 
 def judge(poses: Iterable[PoseRecord]) -> PoseHealth:
     """Counts the health of a run's poses, in any order."""
-    every = sorted(poses, key=lambda pose: pose.sweep)
-    counts = Counter(pose_health(pose.health) for pose in every)
-    sure = [(sigma, pose.sweep) for pose in every if (sigma := _position_sigma_m(pose)) is not None]
-    least = max(sure, default=(None, None), key=lambda each: each[0] or 0.0)
+    counts: Counter[str] = Counter()
+    axes: Counter[str] = Counter()
+    jumps = 0
+    # Of equals, the first sweep.
+    least: tuple[float, int] | None = None
+    for pose in poses:
+        counts[pose_health(pose.health)] += 1
+        axes.update(_weak_axis(pose))
+        jumps += pose.jump
+        if (sigma_m := _position_sigma_m(pose)) is not None:
+            own = (sigma_m, -pose.sweep)
+            least = own if least is None else max(least, own)
     return PoseHealth(
-        poses=len(every),
+        poses=counts.total(),
         counts=dict(sorted(counts.items(), key=lambda each: (each[0] != OK, each[0]))),
-        jumps=sum(pose.jump for pose in every),
-        weak_axis=_weak_axis(every),
-        least_sure_m=least[0],
-        least_sure_sweep=least[1],
+        jumps=jumps,
+        weak_axis=min(axes, key=lambda axis: (-axes[axis], axis), default=""),
+        least_sure_m=least[0] if least else None,
+        least_sure_sweep=-least[1] if least else None,
     )
 
 

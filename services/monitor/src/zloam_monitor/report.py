@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,8 @@ class Run:
 
     keys: Keys
     statuses: dict[str, StatusRecord]
-    poses: dict[int, PoseRecord]
-    mapped: dict[int, PoseRecord]
+    poses: Mapping[int, PoseRecord]
+    mapped: Mapping[int, PoseRecord]
     trajectory: Trajectory
     odometry: Trajectory
     wall_s: float
@@ -70,8 +71,8 @@ class Run:
         return cls(
             keys=link.keys,
             statuses=link.newest_statuses(),
-            poses=dict(link.poses),
-            mapped=dict(link.mapped),
+            poses=link.poses,
+            mapped=link.mapped,
             trajectory=link.trajectory(),
             odometry=link.odometry_trajectory(),
             wall_s=wall_s,
@@ -98,14 +99,15 @@ def _data_seconds(poses: Trajectory) -> float:
     return float(stamps[-1] - stamps[0]) * 1e-9 * len(stamps) / (len(stamps) - 1)
 
 
-def _went_back(poses: dict[int, PoseRecord]) -> list[int]:
+def _went_back(poses: Mapping[int, PoseRecord]) -> list[int]:
     """Sweeps whose instant is not later than those of all sweeps before."""
     latest, found = None, []
-    for sweep, pose in sorted(poses.items()):
-        if latest is not None and pose.instant_ns <= latest:
+    for sweep in sorted(poses):
+        instant_ns = poses[sweep].instant_ns
+        if latest is not None and instant_ns <= latest:
             found.append(sweep)
         else:
-            latest = pose.instant_ns
+            latest = instant_ns
     return found
 
 

@@ -26,9 +26,9 @@ def rate_text(link: Link, now: float) -> str:
 
 def state_line(link: Link, now: float) -> str:
     """One line: position of the robot, and rate of poses."""
-    if not link.poses:
+    newest = link.poses.last()
+    if newest is None:
         return "no pose yet"
-    newest = link.poses[max(link.poses)]
     x, y, z = newest.translation
     marks = ", degenerate" if newest.degenerate else ""
     return f"sweep {newest.sweep}, {rate_text(link, now)}at {x:.2f} {y:.2f} {z:.2f} m{marks}"
@@ -89,7 +89,7 @@ def view(link: Link, now: float) -> Iterator[str]:
 
 def looked(link: Link, now: float) -> dict[str, Any]:
     """One update as plain values, for JSON."""
-    newest = link.poses[max(link.poses)] if link.poses else None
+    newest = link.poses.last()
     stages = link.newest_statuses()
     return {
         "robot": link.keys.robot,

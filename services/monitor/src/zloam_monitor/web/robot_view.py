@@ -142,8 +142,7 @@ class RobotView:
 
     def _described(self, now: float) -> dict[str, Any]:
         link = self._link
-        poses = link.poses
-        newest = poses[max(poses)] if poses else None
+        newest = link.poses.last()
         return {
             "robot": self.name,
             "pose": _pose(newest) if newest is not None else None,
@@ -157,12 +156,12 @@ class RobotView:
 
     def _latency(self) -> dict[str, float]:
         """Time of each stage for the newest pose, ms."""
-        poses = self._link.poses
-        if not poses:
+        newest = self._link.poses.last()
+        if newest is None:
             return {}
         return {
             step.stage: round(1e-6 * (step.published_ns - step.received_ns), 2)
-            for step in poses[max(poses)].trace
+            for step in newest.trace
             if step.published_ns and step.received_ns
         }
 
