@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 from zloam_monitor import latency
 from zloam_monitor.doctor_sensor import of_sensor
@@ -15,6 +17,7 @@ from zloam_monitor.link import STANDING_BY, Link
 from zloam_monitor.records import Input, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.tokens import Claim
+from zloam_monitor.traffic import Lateness
 from zloam_monitor.watch import STALE_SECONDS
 
 #: Plausible revolutions per second of a spinning lidar.
@@ -43,35 +46,74 @@ DROPS = {
 }
 
 
-def listen(link: Link, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> Heard:
-    """Listens to a robot for some seconds; calls `goes_on` several times a second."""
+class Hearing:
+    """What a link hears from its construction on; it waits for no answers."""
+
+    def __init__(self, link: Link) -> None:
+        self._link, self._before = link, dict(link.statuses)
+        self._begun_s = time.monotonic()
+        # Separately for each key: a stage that is behind still publishes sweeps from before.
+        self._posed, self._mapped = (max(kept, default=-1) for kept in (link.poses, link.mapped))
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._begun_s
+
+    def heard(self) -> Heard:
+        """All but answers to queries."""
+        link, now = self._link, time.monotonic()
+        return Heard(
+            link.keys.robot,
+            self.seconds,
+            self._before,
+            dict(link.statuses),
+            {who: link.silent_s(status, now) for who, status in link.statuses.items()},
+            set(),
+            [pose for sweep, pose in sorted(link.poses.items()) if sweep > self._posed],
+            {},
+            link.garbage,
+            [pose for sweep, pose in sorted(link.mapped.items()) if sweep > self._mapped],
+        )
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Answers of a robot to queries. Each may take seconds if a stage does not answer."""
+
+    living: set[tuple[str, str]]
+    configs: dict[str, dict[str, Any]]
+    unanswered: frozenset[str]
+    strangers: frozenset[Claim]
+
+    @classmethod
+    def of(cls, link: Link, claims: set[Claim]) -> Answers:
+        """claims: those from the beginning; a token that has gone since is no stranger's."""
+        living, configs = link.living_instances(), link.query_configs()
+        strangers = _strangers(claims & link.claims(), link.answering())
+        return cls(living, configs, frozenset(link.unanswered), strangers)
+
+    def added_to(self, heard: Heard, late: Lateness) -> Heard:
+        return replace(
+            heard,
+            living=self.living,
+            configs=self.configs,
+            late_s=late.seconds(self.living),
+            strangers=self.strangers,
+            unanswered=self.unanswered,
+        )
+
+
+def listen(link: Link, seconds: float) -> Heard:
+    """Listens to a robot for some seconds."""
     link.query_statuses()
     link.poll()
-    before, claims = dict(link.statuses), link.claims()
-    begun = time.monotonic()
-    # Separately for each key: a stage that is behind still publishes sweeps from before.
-    posed, mapped = (max(kept, default=-1) for kept in (link.poses, link.mapped))
-    while goes_on() and (left := begun + seconds - time.monotonic()) > 0:
+    hearing, claims = Hearing(link), link.claims()
+    while (left := seconds - hearing.seconds) > 0:
         link.poll(min(left, 0.2))
     link.query_statuses()
     link.poll()
-    now = time.monotonic()
-    living = link.living_instances()
-    return Heard(
-        link.keys.robot,
-        seconds,
-        before,
-        dict(link.statuses),
-        {who: link.silent_s(status, now) for who, status in link.statuses.items()},
-        living,
-        [pose for sweep, pose in sorted(link.poses.items()) if sweep > posed],
-        link.query_configs(),
-        link.garbage,
-        [pose for sweep, pose in sorted(link.mapped.items()) if sweep > mapped],
-        link.late.seconds(living),
-        _strangers(claims & link.claims(), link.answering()),
-        frozenset(link.unanswered),
-    )
+    heard = hearing.heard()
+    return Answers.of(link, claims).added_to(heard, link.late)
 
 
 def _strangers(claims: set[Claim], answering: list[StatusRecord]) -> frozenset[Claim]:

@@ -291,7 +291,11 @@ class Link:
 
     def silent_s(self, status: StatusRecord, now: float) -> float:
         """Seconds since the status came; now: monotonic clock."""
-        return max(0.0, now - self.heard[(status.stage, status.instance)])
+        return max(0.0, now - self.heard_s(status))
+
+    def heard_s(self, status: StatusRecord) -> float:
+        """Time at which the status came, by the monotonic clock."""
+        return self.heard[(status.stage, status.instance)]
 
     def newest_statuses(self) -> dict[str, StatusRecord]:
         """The newest status of each stage of the chain that was heard."""

@@ -4,6 +4,7 @@ and whether messages arrive later than at first."""
 from __future__ import annotations
 
 import statistics
+import threading
 from collections import deque
 from collections.abc import Container
 
@@ -53,22 +54,24 @@ class Published:
 
 
 class Rate:
-    """What comes here per second."""
+    """What comes here per second; for several threads."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._came: deque[tuple[float, int]] = deque()
         self._began_s: float | None = None
         self.total = 0
 
     def take(self, count: int, now_s: float) -> None:
         """now_s: monotonic clock."""
-        self.total += count
-        if self._began_s is None:
-            # How long the first one took to come is not known: it only begins the time.
-            self._began_s = now_s
-            return
-        self._came.append((now_s, count))
-        self._forget(now_s)
+        with self._lock:
+            self.total += count
+            if self._began_s is None:
+                # How long the first one took to come is not known: it only begins the time.
+                self._began_s = now_s
+                return
+            self._came.append((now_s, count))
+            self._forget(now_s)
 
     def _forget(self, now_s: float) -> None:
         while self._came and now_s - self._came[0][0] >= OVER_SECONDS:
@@ -76,11 +79,12 @@ class Rate:
 
     def per_s(self, now_s: float) -> float | None:
         """The rate; None if the time is too short."""
-        if self._began_s is None or now_s - self._began_s < LEAST_SECONDS:
-            return None
-        self._forget(now_s)
-        over_s = min(OVER_SECONDS, now_s - self._began_s)
-        return sum(count for _, count in self._came) / over_s
+        with self._lock:
+            if self._began_s is None or now_s - self._began_s < LEAST_SECONDS:
+                return None
+            self._forget(now_s)
+            over_s = min(OVER_SECONDS, now_s - self._began_s)
+            return sum(count for _, count in self._came) / over_s
 
 
 class Taken(Rate):

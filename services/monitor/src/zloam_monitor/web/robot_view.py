@@ -6,9 +6,12 @@ import base64
 import threading
 import time
 from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import zenoh
 from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3, thin
@@ -31,12 +34,26 @@ MOST_CELLS = 20_000
 CELLS_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
+@dataclass(frozen=True)
+class _Look:
+    """What was heard of the robot until now. Times are of this host's monotonic clock."""
+
+    pose: PoseRecord | None
+    #: Time at which the newest pose came.
+    posed_s: float
+    path: list[list[float]]
+    #: Stage -> its newest status, and when it came.
+    stages: dict[str, tuple[StatusRecord, float]]
+
+
 class RobotView:
     """Follows one robot in a thread of its own; state() and map_view() may be called from any
-    thread."""
+    thread. Another thread waits for answers, which may take minutes if a stage hangs."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
+        #: For queries: a link may be used by one thread only.
+        self._asking = Link(link.session, link.keys, newest=0)
         self._lock = threading.Lock()
         self._ends = threading.Event()
         self._path: list[tuple[int, float, float]] = []
@@ -48,7 +65,7 @@ class RobotView:
         self._noted_s = 0.0
         self._findings: list[dict[str, Any]] = []
         self._judged = False
-        self._state: dict[str, Any] = {"robot": link.keys.robot}
+        self._looked = _Look(None, self._newest_s, [], {})
         self._map: dict[str, Any] = {"version": 0, "cells": ""}
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
@@ -62,8 +79,17 @@ class RobotView:
         self._thread.join()
 
     def state(self) -> dict[str, Any]:
+        """Ages are those at the call, so that what no longer moves is seen to be old."""
+        now = time.monotonic()
         with self._lock:
-            return self._state
+            look = self._looked
+            more = {
+                "history": list(self._history),
+                "map_version": self._map["version"],
+                "findings": self._findings,
+                "judged": self._judged,
+            }
+        return {**self._described(look, now), **more}
 
     def map_view(self) -> dict[str, Any]:
         with self._lock:
@@ -77,13 +103,31 @@ class RobotView:
         if self._link.thin:
             self._follow_thin()
             return
-        self._draw_map()
-        while not self._ends.is_set():
-            heard = doctor.listen(self._link, LISTEN_SECONDS, self._look)
-            if self._ends.is_set():
-                return
-            self._judge(doctor.findings(heard))
-            self._draw_map()
+        # The first look compares with what the stages counted before.
+        self._link.query_statuses()
+        with ThreadPoolExecutor(1) as waiting:
+            while not self._ends.is_set():
+                hearing, answers = doctor.Hearing(self._link), waiting.submit(self._ask)
+                while self._look() and (hearing.seconds < LISTEN_SECONDS or not answers.done()):
+                    self._link.poll(0.2)
+                if not self._ends.is_set():
+                    self._judge(self._found(hearing, answers))
+
+    def _ask(self) -> doctor.Answers:
+        """Asks the robot for its map, and for what the doctor needs after LISTEN_SECONDS."""
+        claims = self._asking.claims()
+        self._draw_map(_map_points(self._asking))
+        self._ends.wait(LISTEN_SECONDS)
+        return doctor.Answers.of(self._asking, claims)
+
+    def _found(self, hearing: doctor.Hearing, answers: Future[doctor.Answers]) -> list[Finding]:
+        heard = hearing.heard()
+        try:
+            said = answers.result()
+        except zenoh.ZError as error:
+            return [Finding(f"no query can be sent: {error}", "see the link to the robot")]
+        heard = replace(heard, garbage=heard.garbage + self._asking.garbage)
+        return doctor.findings(said.added_to(heard, self._link.late))
 
     def _follow_thin(self) -> None:
         link, drawn = self._link, -1
@@ -96,33 +140,33 @@ class RobotView:
             self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
             if link.preview.version != drawn:
                 drawn = link.preview.version
-                self._draw_map()
+                self._draw_map(link.preview.spread_points())
 
     def _judge(self, findings: list[Finding]) -> None:
         found = [{"what": each.what, "do": each.do, "fault": each.is_fault} for each in findings]
         with self._lock:
             self._findings, self._judged = found, True
 
-    def _draw_map(self) -> None:
+    def _draw_map(self, xyz: NDArray[Any]) -> None:
         """Updates the map; keeps the previous one if nobody answers."""
-        drawn = _top_view(_map_points(self._link))
+        drawn = _top_view(xyz)
         with self._lock:
             if drawn["cells"] and drawn["cells"] != self._map["cells"]:
                 self._map = {**drawn, "version": self._map["version"] + 1}
 
     def _look(self) -> bool:
-        """Updates the state; called several times a second. False ends the listening."""
+        """Updates what state() shows; called several times a second. False: the view ends."""
         self._extend_path()
-        now = time.monotonic()
-        state = self._described(now)
-        if now - self._noted_s >= 1.0:
-            self._noted_s = now
-            self._history.append({"stages": self._latency(), "rate": state["rate"]})
-        state["history"] = list(self._history)
+        link, now = self._link, time.monotonic()
+        stages = {s: (status, link.heard_s(status)) for s, status in link.newest_statuses().items()}
+        path = [[x, y] for _, x, y in self._path]
+        look = _Look(link.poses.last(), self._newest_s, path, stages)
         with self._lock:
-            state["map_version"] = self._map["version"]
-            state["findings"], state["judged"] = self._findings, self._judged
-            self._state = state
+            self._looked = look
+            if now - self._noted_s >= 1.0:
+                self._noted_s = now
+                noted = {"stages": _latency(look.pose), "rate": link.posed.per_s(now)}
+                self._history.append(noted)
         return not self._ends.is_set()
 
     def _extend_path(self) -> None:
@@ -140,30 +184,29 @@ class RobotView:
             self._every *= 2
             self._path = [point for point in self._path if point[0] % self._every == 0]
 
-    def _described(self, now: float) -> dict[str, Any]:
+    def _described(self, look: _Look, now: float) -> dict[str, Any]:
         link = self._link
-        newest = link.poses.last()
+        rates = [link.taken.kb_s(now), self._asking.taken.kb_s(now)]
+        known = [rate for rate in rates if rate is not None]
         return {
             "robot": self.name,
-            "pose": _pose(newest) if newest is not None else None,
-            "age_s": round(now - self._newest_s, 1),
+            "pose": _pose(look.pose) if look.pose is not None else None,
+            "age_s": round(now - look.posed_s, 1),
             "rate": link.posed.per_s(now),
-            "path": [[x, y] for _, x, y in self._path],
-            "stages": [_stage(stage, link.stage(stage), link, now) for stage in STAGES],
+            "path": look.path,
+            "stages": [_stage(stage, look.stages.get(stage), now) for stage in STAGES],
             "thin": link.thin,
-            "kb_s": link.taken.kb_s(now),
+            "kb_s": sum(known) if known else None,
         }
 
-    def _latency(self) -> dict[str, float]:
-        """Time of each stage for the newest pose, ms."""
-        newest = self._link.poses.last()
-        if newest is None:
-            return {}
-        return {
-            step.stage: round(1e-6 * (step.published_ns - step.received_ns), 2)
-            for step in newest.trace
-            if step.published_ns and step.received_ns
-        }
+
+def _latency(pose: PoseRecord | None) -> dict[str, float]:
+    """Time of each stage for a pose, ms."""
+    return {
+        step.stage: round(1e-6 * (step.published_ns - step.received_ns), 2)
+        for step in (pose.trace if pose is not None else ())
+        if step.published_ns and step.received_ns
+    }
 
 
 def _pose(pose: PoseRecord) -> dict[str, Any]:
@@ -179,11 +222,13 @@ def _pose(pose: PoseRecord) -> dict[str, Any]:
     }
 
 
-def _stage(stage: str, status: StatusRecord | None, link: Link, now: float) -> dict[str, Any]:
+def _stage(stage: str, heard: tuple[StatusRecord, float] | None, now: float) -> dict[str, Any]:
+    """heard: the stage's newest status, and when it came."""
     said: dict[str, Any] = {"name": stage, "about": ROWS[stage].summary, "health": "silent"}
-    if status is None:
+    if heard is None:
         return {**said, "reason": "nothing heard of it"}
-    silent_s = link.silent_s(status, now)
+    status, came_s = heard
+    silent_s = max(0.0, now - came_s)
     stale = silent_s > STALE_SECONDS
     dropped = {r: n for each in status.inputs for r, n in each.dropped.items() if n}
     return {
@@ -198,9 +243,7 @@ def _stage(stage: str, status: StatusRecord | None, link: Link, now: float) -> d
 
 
 def _map_points(link: Link) -> NDArray[Any]:
-    """Points as rows x, y, z; on a thin link those received so far."""
-    if link.thin:
-        return link.preview.spread_points()
+    """Points of the map that answers to a query have, as rows x, y, z."""
     tiles = link.query_tiles()
     points = [t.points for t in tiles if t.map_id == tiles[-1].map_id and len(t.points)]
     found = [np.stack([each[axis] for axis in ("x", "y", "z")], axis=-1) for each in points]

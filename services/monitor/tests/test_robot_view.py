@@ -1,0 +1,112 @@
+"""The page's figures are of now, also while the robot does not answer."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import zenoh
+
+from fake_session import FakeSession, needs_schemas
+from zloam_monitor import compose
+from zloam_monitor.compose import HeaderValues
+from zloam_monitor.link import Link
+from zloam_monitor.web import robot_view
+from zloam_monitor.web.robot_view import RobotView
+
+PATIENCE_S = 20.0
+
+
+class Hanging(FakeSession):
+    """A robot of which nobody answers queries for tiles until `answers` is set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.answers = threading.Event()
+        self.asked = threading.Event()
+        self.fails = False
+
+    def get(self, selector: str, **more: Any) -> Iterator[Any]:
+        if "/map/tile/" in selector:
+            self.asked.set()
+            self.answers.wait(PATIENCE_S)
+            if self.fails:
+                raise zenoh.ZError("session closed")
+        return super().get(selector, **more)
+
+
+def until(holds: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def session() -> Iterator[Hanging]:
+    needs_schemas()
+    made = Hanging()
+    yield made
+    made.answers.set()
+
+
+@pytest.fixture
+def view(session: Hanging, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobotView]:
+    monkeypatch.setattr(robot_view, "LISTEN_SECONDS", 0.1)
+    made = RobotView(Link(session, session.keys, 100))
+    yield made
+    session.answers.set()
+    made.close()
+
+
+def drive(session: Hanging, sweep: int) -> None:
+    """Publishes a pose and a status."""
+    position, upright = (float(sweep), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    head = HeaderValues(1, sweep, sweep)
+    session.publish(
+        session.keys.pose, compose.pose("MapPose", head, sweep * 10**8, position, upright)
+    )
+    status = compose.status("driver", sweep * 10**8, 1, sweep, [], {}, reason=f"sweep {sweep}")
+    session.publish(session.keys.below("service/driver/driver-1/status"), status)
+
+
+def driver(state: dict[str, Any]) -> dict[str, Any]:
+    return next(stage for stage in state["stages"] if stage["name"] == "driver")
+
+
+def test_the_robot_is_followed_while_nobody_answers(session: Hanging, view: RobotView) -> None:
+    assert session.asked.wait(PATIENCE_S)
+    for sweep in (1, 2):
+        drive(session, sweep)
+        until(lambda: (view.state()["pose"] or {}).get("sweep") == sweep)  # noqa: B023
+        until(lambda: driver(view.state())["reason"] == f"sweep {sweep}")  # noqa: B023
+    assert not session.answers.is_set()
+    session.answers.set()
+    until(lambda: view.state()["judged"])
+
+
+def test_what_no_longer_moves_is_seen_to_be_old(
+    session: Hanging, view: RobotView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even if the thread that follows the robot has ended."""
+    drive(session, 1)
+    until(lambda: view.state()["pose"] and driver(view.state())["health"] == "ready")
+    session.answers.set()
+    view.close()
+    now_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now_s + 30.0)
+    state = view.state()
+    assert state["age_s"] >= 30.0
+    assert driver(state)["health"] == "silent"
+    assert state["rate"] == 0.0
+
+
+def test_a_query_that_can_not_be_sent_is_a_finding(session: Hanging, view: RobotView) -> None:
+    session.fails = True
+    session.answers.set()
+    until(lambda: any("no query can be sent" in each["what"] for each in view.state()["findings"]))
+    drive(session, 1)
+    until(lambda: view.state()["pose"])
