@@ -12,15 +12,26 @@ const byId = (id) => document.getElementById(id);
 let robots = [];
 let chosen = null;
 let state = null;
-let map = { version: -1, cells: new Int16Array(), cell_m: 1, origin: [0, 0] };
+let map = noMap();
+// Ends what is under way for the robot that was chosen before.
+let asking = new AbortController();
+let timer = null;
+// The signal of the request for a map that is under way.
+let mapAsked = null;
 let view = { x: 0, y: 0, scale: 8, follow: true };
+
+function noMap() {
+  return { version: -1, cells: new Int16Array(), cell_m: 1, origin: [0, 0] };
+}
 
 const kindOf = (health) => (GOOD.includes(health) ? "good" : BAD.includes(health) ? "bad" : "warn");
 
-async function asked(path) {
-  const answer = await fetch(path, { cache: "no-store" });
+async function asked(path, signal) {
+  const answer = await fetch(path, { cache: "no-store", signal });
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  return answer.json();
+  const said = await answer.json();
+  signal.throwIfAborted();
+  return said;
 }
 
 function element(name, text, className) {
@@ -31,12 +42,15 @@ function element(name, text, className) {
 }
 
 function choose(name) {
+  asking.abort();
+  clearTimeout(timer);
+  asking = new AbortController();
   chosen = name;
   state = null;
-  map = { version: -1, cells: new Int16Array(), cell_m: 1, origin: [0, 0] };
+  map = noMap();
   view.follow = true;
   showRobots();
-  look();
+  lookAgain(asking.signal);
 }
 
 function showRobots() {
@@ -51,27 +65,47 @@ function showRobots() {
   byId("robots").replaceChildren(...tabs);
 }
 
-async function look() {
+// Looks until another robot is chosen, a second after the answers to the look before.
+async function lookAgain(signal) {
+  await look(signal);
+  if (!signal.aborted) timer = setTimeout(() => lookAgain(signal), 1000);
+}
+
+async function look(signal) {
   try {
-    const found = await asked("robots.json");
+    const found = await asked("robots.json", signal);
     if (String(found.robots) !== String(robots)) {
       robots = found.robots;
-      if (!robots.includes(chosen)) chosen = robots[0] ?? null;
+      if (!robots.includes(chosen)) return choose(robots[0] ?? null);
       showRobots();
     }
     if (chosen !== null) {
-      const name = encodeURIComponent(chosen);
-      state = await asked(`robots/${name}/state.json`);
-      if (state.map_version !== map.version) map = unpacked(await asked(`robots/${name}/map.json`));
+      const path = `robots/${encodeURIComponent(chosen)}`;
+      state = await asked(`${path}/state.json`, signal);
+      if (state.map_version !== map.version && mapAsked !== signal) askForMap(`${path}/map.json`, signal);
     }
     const taken = state && state.kb_s !== null ? `; this view takes ${state.kb_s.toFixed(1)} kB/s` : "";
     byId("connection").textContent = `connected, zloam ${found.version}${taken}`;
     byId("connection").className = "";
   } catch (error) {
+    if (signal.aborted) return;
     byId("connection").textContent = "no connection: what is shown is old";
     byId("connection").className = "lost";
   }
   show();
+}
+
+// The next looks don't wait for the map, which may take long over a slow link.
+async function askForMap(path, signal) {
+  mapAsked = signal;
+  try {
+    map = unpacked(await asked(path, signal));
+    show();
+  } catch (error) {
+    // The next look says that the connection is lost, or asks for the map again.
+  } finally {
+    if (mapAsked === signal) mapAsked = null;
+  }
 }
 
 function unpacked(said) {
@@ -265,5 +299,4 @@ byId("nearer").addEventListener("click", () => scaled(1.25));
 byId("farther").addEventListener("click", () => scaled(0.8));
 byId("follow").addEventListener("click", follow);
 window.addEventListener("resize", show);
-look();
-setInterval(look, 1000);
+lookAgain(asking.signal);

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -73,6 +73,11 @@ class _Handler(BaseHTTPRequestHandler):
     robots: Robots
 
     def do_GET(self) -> None:
+        # A browser no longer waits for what it has aborted.
+        with suppress(ConnectionError):
+            self._serve()
+
+    def _serve(self) -> None:
         path = self.path.partition("?")[0]
         if path in FILES:
             name, kind = FILES[path]
