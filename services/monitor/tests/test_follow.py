@@ -16,6 +16,7 @@ import pytest
 from fake_session import FakeSession
 from zloam_monitor import compose, follow, link, messages, references, report
 from zloam_monitor.chain import ChainError
+from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.trajectory import TrajectoryError
@@ -121,7 +122,7 @@ def test_an_interrupt_ends_nobody_else(tmp_path: Path, monkeypatch: pytest.Monke
 class Silent:
     """A link that hears all stages, but no pose."""
 
-    poses: ClassVar[dict[int, object]] = {}
+    poses: ClassVar[KeptPoses] = KeptPoses()
 
     def __init__(self) -> None:
         self.polls = 0
