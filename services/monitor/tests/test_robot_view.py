@@ -29,13 +29,13 @@ class Hanging(FakeSession):
         self.asked = threading.Event()
         self.fails = False
 
-    def get(self, selector: str, **more: Any) -> Iterator[Any]:
+    def get(self, selector: str, handler: Any = None, **more: Any) -> list[Any]:
         if "/map/tile/" in selector:
             self.asked.set()
             self.answers.wait(PATIENCE_S)
             if self.fails:
                 raise zenoh.ZError("session closed")
-        return super().get(selector, **more)
+        return super().get(selector, handler, **more)
 
 
 def until(holds: Callable[[], Any]) -> None:

@@ -26,14 +26,23 @@ def percentiles(samples_ms: Sequence[float]) -> Percentiles:
 def by_stage(
     poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]
 ) -> tuple[dict[str, Percentiles], dict[str, Percentiles]]:
-    """(received to published, started to published) of each stage. The times of mapping are taken
-    from mapped poses, those of the other stages from fused poses."""
-    whole: dict[str, array[float]] = defaultdict(lambda: array("d"))
-    work: dict[str, array[float]] = defaultdict(lambda: array("d"))
-    steps = chain(
-        ((step, False) for pose in poses for step in pose.trace),
-        ((step, True) for pose in mapped for step in pose.trace),
+    """(received to published, started to published) of each stage."""
+    whole, work = samples(poses, mapped)
+    return (
+        {stage: percentiles(whole[stage]) for stage in STAGES},
+        {stage: percentiles(work[stage]) for stage in STAGES},
     )
+
+
+def samples(
+    poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]
+) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """(received to published, started to published) of each stage and sweep, in ms. The times of
+    mapping are taken from mapped poses, those of the other stages from fused poses."""
+    whole: dict[str, list[float]] = defaultdict(list)
+    work: dict[str, list[float]] = defaultdict(list)
+    steps = [(step, False) for pose in poses for step in pose.trace]
+    steps += [(step, True) for pose in mapped for step in pose.trace]
     for step, of_mapping in steps:
         if (step.stage == "mapping") != of_mapping or step.published_ns == 0:
             continue
@@ -41,10 +50,7 @@ def by_stage(
             whole[step.stage].append((step.published_ns - step.received_ns) * 1e-6)
         if step.started_ns:
             work[step.stage].append((step.published_ns - step.started_ns) * 1e-6)
-    return (
-        {stage: percentiles(whole[stage]) for stage in STAGES},
-        {stage: percentiles(work[stage]) for stage in STAGES},
-    )
+    return whole, work
 
 
 def from_last_packet(poses: Iterable[PoseRecord], stage: str) -> Percentiles:
