@@ -196,7 +196,8 @@ void MappingStage::process(const Sweep& sweep) {
     input.unwatched_s = watch_.take();
     covariance_since_.setZero();
     const MappingResult result = mapper_.process(input);
-    told_.reset();
+    // A map that comes late is searched from there.
+    if (!lacks_map_) told_.reset();
     publish_pose(sweep, result);
     note_figures(result);
     unsaved_ |= result.inserted;

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "common/runtime/recall.hpp"
+#include "common/runtime/shared.hpp"
 #include "mapping/mapping_stage.hpp"
 #include "mapping/voxel_tiles.hpp"
 
@@ -279,16 +280,19 @@ void MappingStage::do_without_map(const msg::Header& first, SavedMap& saved) {
 }
 
 void MappingStage::ask_for_map(const msg::Header& now) {
-  if (now.replay() || stage_.now_ns() - asked_ns_ < kAskAgain_ns) return;
-  asked_ns_ = stage_.now_ns();
+  if (now.replay() || runtime::steady_ns() - asked_ns_ < kAskAgain_ns) return;
+  asked_ns_ = runtime::steady_ns();
   if (!runtime::is_there(stage_, "store")) return;
   restart(now);
-  if (!lacks_map_) declare_tiles();
+  if (lacks_map_) return;
+  declare_tiles();
+  place_as_told();
 }
 
 void MappingStage::restart(const msg::Header& first) {
   SavedMap saved;
   next_sweep_ = 0;
+  asked_ns_ = runtime::steady_ns();
   if (first.sweep() > 0) {
     runtime::wait_for_links([this] { return correction_.matching(); },
                             first.replay() ? kReplayLinks : kLiveLinks);
@@ -299,7 +303,6 @@ void MappingStage::restart(const msg::Header& first) {
   wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
   std::string refused;
   const bool has_map = take_back(first, saved, refused);
-  stage_.degraded("map", refused);
   bool found_before = false;
   // The stored pose is of this run.
   bool moved_from_there = next_sweep_ > 0;
@@ -324,7 +327,7 @@ void MappingStage::restart(const msg::Header& first) {
     if (!lacked) do_without_map(first, saved);
     return;
   }
-  if (lacked) stage_.degraded("map", "");
+  stage_.degraded("map", refused);
   if (!has_map && !take_pose(first, saved)) return;
   if (!has_map) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
