@@ -13,11 +13,14 @@ constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kAnswerNs = kSecondNs;
 constexpr std::int64_t kSilentNs = kSecondNs;
 constexpr std::int64_t kRebootNs = 10 * kSecondNs;
-constexpr int kMostUnanswered = 3;
+constexpr int kMostUnfinished = 3;
 constexpr int kMostBad = 3;
 constexpr int kCounterReadings = 10;
 // Lines of this much time tie the clock.
 constexpr std::int64_t kTieNs = kSecondNs;
+// Status of a measurement that goes on after a self-check.
+constexpr const char* kHasChecked = "98";
+constexpr const char* kChecked = "the scanner stopped to check itself, and measures again";
 
 bool well(const Head& head) { return head.status == "00"; }
 
@@ -27,7 +30,7 @@ void Client::connected(std::int64_t now_ns) {
   reader_.clear();
   output_.clear();
   untie();
-  unanswered_ = 0;
+  unfinished_ = 0;
   heard_ns_ = now_ns;
   if (!config_.asks) {
     state_ = State::kMeasuring;
@@ -53,6 +56,7 @@ void Client::ask(const std::string& command, State state, std::int64_t now_ns) {
   output_ += command + "\n";
   asked_ = command;
   asked_ns_ = now_ns;
+  is_answered_ = false;
   state_ = state;
 }
 
@@ -72,9 +76,13 @@ void Client::look(std::int64_t now_ns) {
     return;
   }
   if (now_ns - asked_ns_ < kAnswerNs) return;
-  ++timeouts_;
-  if (++unanswered_ < kMostUnanswered) return begin(now_ns);
-  say("no answer to " + asked_ + " from what is at driver.path: is it a Hokuyo scanner (SCIP 2)?");
+  if (!is_answered_) ++timeouts_;
+  if (++unfinished_ < kMostUnfinished) return begin(now_ns);
+  // What was wrong with an answer has been said when it came.
+  if (!is_answered_) {
+    say("no answer to " + asked_ +
+        " from what is at driver.path: is it a Hokuyo scanner (SCIP 2)?");
+  }
   state_ = State::kIdle;
   reconnect_ = true;
 }
@@ -105,6 +113,7 @@ void Client::on_reply(const RawReply& reply) {
   const bool data = scan_request(*head) && reply.lines.size() > 2;
   if (data) return ours ? on_scan(reply, *head) : void();
   if (!config_.asks) return head->command == "PP" ? on_parameters(reply) : void();
+  is_answered_ = is_answered_ || head->command + head->parameters == asked_;
   if (is_fault(*head)) return fault(*head, reply.received_ns);
   if (head->command + head->parameters != asked_) {
     unexpected_ += state_ == State::kStopping ? 0 : 1;
@@ -142,7 +151,7 @@ void Client::on_answer(const RawReply& reply, const Head& head) {
     case State::kStarting:
       return on_started(head, now_ns);
     default:
-      if (head.status == "98") say("the scanner stopped to check itself, and measures again");
+      if (head.status == kHasChecked) say(kChecked);
   }
 }
 
@@ -203,8 +212,10 @@ void Client::after_adjusting(std::int64_t now_ns) {
 }
 
 void Client::on_started(const Head& head, std::int64_t now_ns) {
-  if (well(head)) {
-    unanswered_ = 0;
+  const bool has_checked = head.status == kHasChecked;
+  if (has_checked) say(kChecked);
+  if (well(head) || has_checked) {
+    unfinished_ = 0;
     state_ = State::kMeasuring;
     return;
   }
@@ -222,8 +233,10 @@ void Client::on_started(const Head& head, std::int64_t now_ns) {
 void Client::fault(const Head& head, std::int64_t now_ns) {
   ++faults_;
   say("the scanner reports a fault: " + meaning(head));
-  // 21 to 49: the scanner checks itself, and reports 98 when it has finished.
+  // 21 to 49: the scanner checks itself, and reports kHasChecked when it has finished.
   const bool checks = head.status >= "21" && head.status <= "49";
+  // However long it takes: if it checks itself when it is to start, it is asked again each second.
+  if (checks) unfinished_ = 0;
   // A device may repeat its status until it reboots, or for ever.
   if (!checks && state_ != State::kRebooting) reboot(now_ns);
 }

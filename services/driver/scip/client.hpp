@@ -111,8 +111,11 @@ class Client {
   std::string asked_;
   std::int64_t asked_ns_ = 0;
   std::int64_t heard_ns_ = 0;
-  /// commands without an answer since the scanner measured last, or was connected
-  int unanswered_ = 0;
+  /// a reply to the last command has come, whatever it says
+  bool is_answered_ = false;
+  /// dialogues that did not get to the end since the scanner measured last, checked itself, or was
+  /// connected
+  int unfinished_ = 0;
   int bad_in_row_ = 0;
   std::string output_;
   bool reconnect_ = false;

@@ -314,6 +314,37 @@ TEST_F(ScipClient, ASelfCheckIsWaitedFor) {
   EXPECT_EQ(taken().size(), 48U);
 }
 
+TEST_F(ScipClient, ASelfCheckAtTheStartIsWaitedFor) {
+  device_.broken_command = "ME0180090001000";
+  device_.broken_answer = answer("ME0180090001000", "30");
+  client_.connected(now_ns_);
+  talk();
+  for (int i = 0; i < 8; ++i) {
+    pass(1100 * kMs);
+    EXPECT_FALSE(client_.take_reconnect()) << i;
+  }
+  EXPECT_FALSE(client_.measuring());
+  ASSERT_EQ(client_.remarks().size(), 1U);
+  EXPECT_NE(client_.remarks().front().find("status 30"), std::string::npos);
+  EXPECT_EQ(count("answers_missing"), 0U);
+  device_.broken_command.clear();
+  pass(1100 * kMs);
+  EXPECT_TRUE(client_.measuring());
+}
+
+TEST_F(ScipClient, AfterASelfCheckAtTheStartItMeasures) {
+  device_.broken_command = "ME0180090001000";
+  device_.broken_answer = answer("ME0180090001000", "30");
+  client_.connected(now_ns_);
+  talk();
+  device_.measured = "ME0180090001000";
+  give(answer("ME0180090001000", "98"));
+  EXPECT_EQ(client_.refusal(), "");
+  EXPECT_TRUE(client_.measuring());
+  measure(45);
+  EXPECT_EQ(taken().size(), 45U);
+}
+
 TEST_F(ScipClient, ARefusalNamesTheReason) {
   device_.broken_command = "ME0180090001000";
   device_.broken_answer = answer("ME0180090001000", "04");
@@ -329,6 +360,15 @@ TEST_F(ScipClient, ParametersThatCantBeAreSaid) {
   talk();
   ASSERT_FALSE(client_.remarks().empty());
   EXPECT_NE(client_.remarks().front().find("ARES"), std::string::npos);
+  // It is tried again, and never called silent.
+  bool gives_up = false;
+  for (int i = 0; i < 5 && !gives_up; ++i) {
+    pass(1100 * kMs);
+    gives_up = client_.take_reconnect();
+  }
+  EXPECT_TRUE(gives_up);
+  EXPECT_EQ(client_.remarks().size(), 1U);
+  EXPECT_EQ(count("answers_missing"), 0U);
 }
 
 }  // namespace
