@@ -13,6 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 constexpr std::size_t kHead = 8;
+// A file that is not complete yet; removed at the start.
 constexpr const char* kTemporary = "compaction.tmp";
 constexpr const char* kSetAside = ".ignored";
 // Attempts to open all files between two compactions of another process.
@@ -77,12 +78,22 @@ std::uint64_t count_set_aside(const fs::path& folder) {
       [](const fs::directory_entry& entry) { return entry.path().extension() == kSetAside; }));
 }
 
+/// Name for what is set aside of a file. Numbers are used again, but nothing replaces what an
+/// earlier damage left.
+fs::path set_aside_name(const fs::path& path) {
+  fs::path name = path.string() + kSetAside;
+  for (int n = 2; fs::exists(name); ++n) name = path.string() + "." + std::to_string(n) + kSetAside;
+  return name;
+}
+
 /// Keeps what is cut off a damaged segment: as evidence, and for whoever wants to rescue it.
 void set_aside(std::span<const std::uint8_t> rest, const fs::path& path) {
-  fs::remove(path);
-  AppendFile file(path);
+  const fs::path temporary = path.parent_path() / kTemporary;
+  AppendFile file(temporary);
   file.append(rest);
   file.sync();
+  file.close();
+  rename_file(temporary, set_aside_name(path));
 }
 
 }  // namespace
@@ -154,7 +165,7 @@ void RecordLog::recover(const OnRecord& on_record) {
       continue;
     }
     const fs::path path = path_of(n, false);
-    if (writes) rename_file(path, path.string() + kSetAside);
+    if (writes) rename_file(path, set_aside_name(path));
     ++recovery_.ignored_segments;
     recovery_.damaged = true;
   }
@@ -191,7 +202,7 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
   const bool damaged = !is_torn_write(rest, limits_.record_bytes);
   recovery_.damaged = recovery_.damaged || damaged;
   if (access_ == Access::kRead) return false;
-  if (damaged) set_aside(rest, path.string() + kSetAside);
+  if (damaged) set_aside(rest, path);
   truncate_file(path, at);
   return false;
 }

@@ -39,14 +39,17 @@ StoredMessage message(const std::string& key, std::uint64_t version, std::size_t
   return m;
 }
 
-fs::path last_segment(const fs::path& folder) {
-  fs::path last;
+/// Segments that hold records, ascending.
+std::vector<fs::path> filled_segments(const fs::path& folder) {
+  std::vector<fs::path> filled;
   for (const auto& e : fs::directory_iterator(folder)) {
-    const bool filled = e.path().extension() == ".log" && e.file_size() > 0;
-    if (filled && e.path() > last) last = e.path();
+    if (e.path().extension() == ".log" && e.file_size() > 0) filled.push_back(e.path());
   }
-  return last;
+  std::sort(filled.begin(), filled.end());
+  return filled;
 }
+
+fs::path last_segment(const fs::path& folder) { return filled_segments(folder).back(); }
 
 std::vector<std::uint8_t> bytes_of(std::string_view text) { return {text.begin(), text.end()}; }
 
@@ -305,6 +308,35 @@ TEST_F(Store, TheNumberOfAFileThatWasSetAsideIsUsedAgain) {
   const TileStore store(root_, small);
   EXPECT_FALSE(store.recovery().damaged) << store.recovery().missing;
   EXPECT_THAT(store.keys(), ElementsAre(message("d", 1).key));
+}
+
+TEST_F(Store, WhatAnEarlierDamageLeftIsNotReplaced) {
+  StoreLimits small;
+  small.log.segment_bytes = 200;
+  std::map<std::string, std::vector<std::uint8_t>> left;
+  for (const std::uint64_t version : {1U, 2U}) {
+    {
+      TileStore store(root_, small);
+      for (const char* key : {"a", "b", "c", "d", "e", "f", "g", "h"}) {
+        store.put(message(key, version));
+      }
+    }
+    // In the first of two records, before the three other segments.
+    const fs::path first = filled_segments(root_).front();
+    std::fstream file(first, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(50);
+    file.put('\0');
+    file.close();
+    EXPECT_TRUE(TileStore(root_, small).keys().empty());
+    for (const auto& entry : fs::directory_iterator(root_)) {
+      if (entry.path().extension() != ".ignored") continue;
+      const std::vector<std::uint8_t> bytes = ReadFile(entry.path()).all();
+      const auto [known, is_new] = left.try_emplace(entry.path().filename().string(), bytes);
+      EXPECT_EQ(known->second, bytes) << entry.path();
+    }
+    EXPECT_EQ(left.size(), 4 * version);
+    EXPECT_EQ(TileStore(root_, small, Access::kRead).recovery().ignored_segments, 4 * version);
+  }
 }
 
 // A folder where the next segment should be: it can't be created, as on a full disk.
