@@ -277,4 +277,11 @@ void RecordLog::compact(
 
 void RecordLog::remove_compacted() { remove_up_to(files().base, true); }
 
+void RecordLog::forget_missing() {
+  recovery_.missing.clear();
+  recovery_.missing_files = 0;
+  // All other damage has left such a file.
+  recovery_.damaged = count_set_aside(folder_) > 0;
+}
+
 }  // namespace zloam::store

@@ -74,6 +74,8 @@ class RecordLog {
   void compact(
       const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep);
   void remove_compacted();
+  /// After a compaction: what the folder lacks is no longer wanted.
+  void forget_missing();
 
   std::uint64_t bytes() const { return bytes_; }
   const Recovery& recovery() const { return recovery_; }

@@ -110,13 +110,23 @@ void StoreStage::say_recovery() const {
     runtime::log_warning("the log ended in a broken record, which was cut off",
                          {{"bytes", r.cut_bytes}, {"segments_set_aside", r.ignored_segments}});
   }
-  if (r.damaged) {
-    stage_.degraded("damaged", config_.path + " is damaged: " + std::to_string(r.cut_bytes) +
-                                   " bytes and " + std::to_string(r.ignored_segments) +
-                                   " files (*.ignored) of the map can't be read; restore it from a "
-                                   "copy or map again, and remove *.ignored" +
-                                   (r.missing.empty() ? "" : "; missing: " + r.missing));
+  say_damage();
+}
+
+void StoreStage::say_damage() const {
+  const Recovery& r = store_.recovery();
+  if (!r.damaged) return stage_.degraded("damaged", "");
+  std::string text;
+  const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
+  if (r.cut_bytes > 0) add(std::to_string(r.cut_bytes) + " bytes can't be read");
+  if (r.ignored_segments > 0) {
+    add(std::to_string(r.ignored_segments) + " files (*.ignored) are not used");
   }
+  if (r.missing_files > 0) add(r.missing + " is missing");
+  const bool has_ignored = r.ignored_segments + r.cut_bytes > 0;
+  stage_.degraded("damaged", config_.path + " is damaged: " + text +
+                                 "; restore it from a copy or map again" +
+                                 (has_ignored ? ", and remove *.ignored" : ""));
 }
 
 runtime::Outcome StoreStage::take_or_hold(const TileMessage& tile) {
@@ -483,7 +493,10 @@ void StoreStage::every_period() {
   sync();
   say_disk();
   try {
-    if (store_.compact_if_due()) runtime::log_info("compacted", {{"mib", mib(store_.log_bytes())}});
+    if (store_.compact_if_due()) {
+      runtime::log_info("compacted", {{"mib", mib(store_.log_bytes())}});
+      say_damage();
+    }
     stage_.degraded("compaction", "");
   } catch (const std::system_error& e) {
     stage_.degraded("compaction", e.what());

@@ -68,6 +68,7 @@ class StoreStage {
   void begin_again(const msg::Header& header);
   void not_stored(const std::string& key, const std::string& why);
   void say_recovery() const;
+  void say_damage() const;
 
   /// Results of a get's callbacks; outlives the stage when an answer is late.
   struct Fetched {

@@ -292,6 +292,31 @@ TEST_F(Store, AFileThatIsMissingIsNamed) {
   }
 }
 
+TEST_F(Store, AFolderThatLacksAFileIsWholeAgainWithANewMap) {
+  StoreLimits small;
+  small.log.segment_bytes = 100;
+  {
+    TileStore store(root_, small);
+    for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
+  }
+  ASSERT_TRUE(fs::remove(root_ / "00000002.log"));
+  StoredMessage next = message("a", 1);
+  {
+    TileStore store(root_, small);
+    store.put(message("d", 1));
+    EXPECT_FALSE(store.compact_if_due()) << "the map that lacks a part is still there";
+    next.rank.map_id = 2;
+    store.put(next);
+    EXPECT_TRUE(store.compact_if_due());
+    EXPECT_FALSE(store.recovery().damaged);
+    EXPECT_EQ(store.recovery().missing, "");
+    EXPECT_FALSE(store.compact_if_due());
+  }
+  const TileStore store(root_, small, Access::kRead);
+  EXPECT_FALSE(store.recovery().damaged) << store.recovery().missing;
+  EXPECT_THAT(store.keys(), ElementsAre(next.key));
+}
+
 TEST_F(Store, TheNumberOfAFileThatWasSetAsideIsUsedAgain) {
   StoreLimits small;
   small.log.segment_bytes = 100;

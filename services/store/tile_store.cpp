@@ -105,7 +105,9 @@ PutResult TileStore::put(const StoredMessage& message) {
   const auto found = entries_.find(message.key);
   const bool known = found != entries_.end() && !(found->second.rank < message.rank);
   if (known || message.rank.map_id < newest_map_) return PutResult::kOld;
-  note(message.key, message.rank, log_.append(pack(message)));
+  const Place place = log_.append(pack(message));
+  lacks_only_older_ = lacks_only_older_ || message.rank.map_id > newest_map_;
+  note(message.key, message.rank, place);
   return PutResult::kStored;
 }
 
@@ -129,8 +131,9 @@ std::vector<std::string> TileStore::keys() const {
 
 bool TileStore::compact_if_due() {
   const auto large = static_cast<double>(live_bytes_) * limits_.garbage_factor;
-  if (log_.bytes() < limits_.compact_bytes || static_cast<double>(log_.bytes()) < large)
-    return false;
+  const bool is_large =
+      log_.bytes() >= limits_.compact_bytes && static_cast<double>(log_.bytes()) >= large;
+  if (!is_large && !(lacks_only_older_ && !recovery().missing.empty())) return false;
   compact();
   return true;
 }
@@ -143,6 +146,7 @@ void TileStore::compact() {
   });
   entries_ = std::move(moved);
   log_.remove_compacted();
+  if (lacks_only_older_) log_.forget_missing();
 }
 
 }  // namespace zloam::store

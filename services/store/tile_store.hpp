@@ -57,7 +57,8 @@ class TileStore {
 
   void sync() { log_.sync(); }
   std::uint64_t unsynced_bytes() const { return log_.unsynced_bytes(); }
-  /// Compacts if the limits require it; true: done.
+  /// Compacts if the limits require it, or a new map was begun in a folder that lacks files, which
+  /// would be missed at each start; true: done.
   bool compact_if_due();
   void compact();
 
@@ -82,6 +83,8 @@ class TileStore {
   std::uint64_t live_bytes_ = 0;
   std::uint64_t newest_map_ = 0;
   std::uint64_t unreadable_ = 0;
+  /// only an earlier map can be in the files that the folder lacks
+  bool lacks_only_older_ = false;
   RecordLog log_;
 };
 
