@@ -73,13 +73,17 @@ void GraphStage::begin(std::uint64_t map_id) {
   path_.clear();
   last_.reset();
   unsaved_ = false;
+  is_lost_ = true;
 }
 
 bool GraphStage::follow_map(const msg::Header& header, std::int64_t instant_ns) {
   if (header.map_id() == map_id_) return true;
   if (!path_.empty() && instant_ns <= path_.back().instant_ns) return false;
-  runtime::log_warning("mapping began a new map: so does the graph", {{"sweep", header.sweep()}});
-  if (unsaved_) stage_.lost_output(write_files());
+  // Poses of a mapping whose map had not come are of no map: the files are those of the drive.
+  if (!is_lost_) {
+    runtime::log_warning("mapping began a new map: so does the graph", {{"sweep", header.sweep()}});
+    if (unsaved_) stage_.lost_output(write_files());
+  }
   begin(header.map_id());
   return true;
 }
@@ -93,6 +97,7 @@ void GraphStage::recall_path() {
     for (const msg::StampedPose& p : structs_of(path->poses())) {
       if (!path_.empty() && p.instant_ns() <= path_.back().instant_ns) continue;
       path_.push_back({p.instant_ns(), p.sweep(), pose_of(p.pose())});
+      is_lost_ = false;
     }
   }
 }
@@ -157,6 +162,7 @@ void GraphStage::take(const SubmapMessage& message) {
     stage_.degraded("points", missing ? points_missing() : "");
     publish(message, update);
     unsaved_ = true;
+    is_lost_ = false;
   }
   if (message.end_of_run()) {
     submaps_end_ = true;
@@ -169,6 +175,7 @@ void GraphStage::take(const PoseMessage& message) {
   if (is_of_map && (path_.empty() || message->instant_ns() > path_.back().instant_ns)) {
     path_.push_back({message->instant_ns(), message.sweep(), pose_of(message->pose_map_base())});
     unsaved_ = true;
+    is_lost_ = is_lost_ && health_of(message->health()) == Health::kLost;
   }
   if (message.end_of_run()) {
     poses_end_ = true;

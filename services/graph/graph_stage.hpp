@@ -73,6 +73,8 @@ class GraphStage {
   std::uint64_t map_id_ = 0;
   bool submaps_end_ = false, poses_end_ = false;
   bool unsaved_ = false;
+  /// all poses of this map so far
+  bool is_lost_ = true;
   std::uint64_t run_ = 0;
   bool replay_ = false;
 };

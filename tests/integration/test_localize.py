@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
-from tests.integration.live_run import LOST, LiveRun, store_command
+from tests.integration.live_run import LOST, LiveRun, beside_command, store_command
 from zloam_monitor import clouds, se3, trajectory
 from zloam_monitor.records import HEALTH
 
@@ -155,6 +155,8 @@ def test_a_store_that_comes_late_keeps_its_map(
     out.mkdir()
     more = (f"mapping.mode={mode}",)
     run = LiveRun(build, robot_file, again, out, store=False, seconds=30.0, more=more)
+    graph = beside_command(build, robot_file, run.chain, "graph", f"graph.output_dir={out}")
+    run.chain.processes.start("graph", graph, out / "graph.log")
 
     def says_so() -> bool:
         return any("no tile store has a map" in reason for reason in run.reasons())
@@ -167,6 +169,9 @@ def test_a_store_that_comes_late_keeps_its_map(
         run._until(lambda: list(run.poses.values())[-1].health == HEALTH.index("ok"))
         run._until(lambda: not says_so())
         run.end()
+    # The poses before the map came are of no map: the drive has the good name.
+    assert len(trajectory.read(out / "trajectory_world.tum")) > 0
+    assert not (out / "trajectory_world_2.tum").exists()
     after = map_info(build, folder)
     # Nothing was lost; only an extension may add submaps.
     assert after["submaps"] >= before["submaps"] > 10
