@@ -183,6 +183,8 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
     runtime::log_info("the stored map is of another time or run: creating a new one");
     return false;
   }
+  // What does not come now is asked for again soon, and sweeps wait meanwhile.
+  const int tries = lacks_map_ ? 1 : kTries;
   // The store and the previous instance may both send a cube: the newer one is kept.
   using TileMessage = runtime::Received<msg::MapTile>;
   std::map<std::tuple<std::string, int, int, int>, TileMessage> newest;
@@ -190,7 +192,7 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
     return std::pair(tile.header().term(), tile->version());
   };
   for (TileMessage& tile :
-       runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
+       runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), tries, false)) {
     if (tile.header().map_id() != pose.header().map_id()) continue;
     const std::tuple at(tile->layer()->str(), tile->i(), tile->j(), tile->k());
     const auto [kept, is_new] = newest.try_emplace(at, tile);
@@ -293,7 +295,8 @@ void MappingStage::restart(const msg::Header& first) {
   SavedMap saved;
   next_sweep_ = 0;
   asked_ns_ = runtime::steady_ns();
-  if (first.sweep() > 0) {
+  // Whoever asks again has given the links their time.
+  if (first.sweep() > 0 && !lacks_map_) {
     runtime::wait_for_links([this] { return correction_.matching(); },
                             first.replay() ? kReplayLinks : kLiveLinks);
   }
