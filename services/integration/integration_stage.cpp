@@ -26,7 +26,8 @@ Weak weak_of(const Table& table) {
 
 void bind(runtime::Parameters& p, IntegrationConfig& c) {
   // Mapping's own key: the two must never disagree, or a replay would wait for ever.
-  p.add("mapping.every", &c.mapping_every, {1, 1000}, "", "map every n-th sweep by number");
+  p.add("mapping.every", &c.mapping_every, {1, 1000}, "",
+        "map every n-th sweep by number, and the last one; slices are all mapped");
   p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
         "replay: minimum number of sweeps by which a pose's correction is older than the pose");
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",

@@ -15,7 +15,8 @@ void bind_map(Parameters& p, MappingConfig& c) {
          {"extend", MappingMode::kExtend}},
         "map: begin a new map; localize: find the robot in the tile store's map without changing "
         "it; extend: find the robot in that map and continue mapping");
-  p.add("mapping.every", &c.every, {1, 1000}, "", "map every n-th sweep by number");
+  p.add("mapping.every", &c.every, {1, 1000}, "",
+        "map every n-th sweep by number, and the last one; slices are all mapped");
   p.add("mapping.tile_edge_m", &c.tile_edge_m, {2.0, 1000.0}, "m", "edge of a tile of the map");
   p.add("mapping.window_tiles", &c.window_tiles, {1, 1001}, "",
         "tiles kept in memory around the sensor: x, y, z, odd numbers");
