@@ -179,6 +179,23 @@ def test_a_store_that_comes_late_keeps_its_map(
     assert (after["submaps"] == before["submaps"]) or mode == "extend"
 
 
+@pytest.mark.parametrize("mode", ["localize", "extend"])
+def test_a_store_without_a_map_is_named_as_long_as_it_has_none(
+    build: Path, robot_file: Path, again: Capture, tmp_path: Path, mode: str
+) -> None:
+    """Mapping asks it again each second, as with a wrong store.path."""
+    run = LiveRun(build, robot_file, again, tmp_path, seconds=12.0, more=(f"mapping.mode={mode}",))
+
+    def says_so() -> bool:
+        return any("no tile store has a map" in reason for reason in run.reasons())
+
+    with run:
+        run._until(says_so)
+        run.wait(4.0)
+        assert says_so(), run.reasons()
+        run.end()
+
+
 def test_a_map_is_extended_from_where_the_robot_is_found(
     build: Path, first: Capture, mapped: Path, tmp_path: Path
 ) -> None:
