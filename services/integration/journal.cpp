@@ -8,9 +8,11 @@
 #include <array>
 #include <bit>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <system_error>
 
 namespace zloam::integration {
 namespace {
@@ -79,6 +81,20 @@ std::vector<JournalPose> Journal::read() const {
     poses.push_back(pose_of(record));
   }
   return poses;
+}
+
+std::string Journal::keep_unread() const {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (path_.empty() || !fs::is_regular_file(path_, error)) return {};
+  // Less is what a kill leaves of the first pose.
+  const std::uintmax_t bytes = fs::file_size(path_, error);
+  if (error || bytes < sizeof(Record) || !read().empty()) return {};
+  std::string name = path_ + ".unread";
+  for (int n = 2; fs::exists(name, error); ++n) {
+    name = path_ + "." + std::to_string(n) + ".unread";
+  }
+  return std::rename(path_.c_str(), name.c_str()) == 0 ? name : std::string();
 }
 
 std::string Journal::begin(const std::vector<JournalPose>& poses) {

@@ -35,6 +35,9 @@ class Journal {
 
   /// The poses on disk, up to the first record that was cut short or is damaged.
   std::vector<JournalPose> read() const;
+  /// A journal of which nothing can be read, such as one of another version, gets another name,
+  /// which is returned; empty: there is none.
+  std::string keep_unread() const;
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);
   /// Empty, or a sentence that says what failed.

@@ -5,6 +5,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <string>
 
 namespace zloam::integration {
 namespace {
@@ -107,6 +109,26 @@ TEST_F(JournalTest, ADamagedByteEndsIt) {
     EXPECT_EQ(Journal(path_).read().size(), 1U) << at;
     flip();
     EXPECT_EQ(Journal(path_).read().size(), 3U) << at;
+  }
+}
+
+// As one of a version with other records.
+TEST_F(JournalTest, OneThatCannotBeReadIsKept) {
+  const auto text_of = [](const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  Journal journal(path_);
+  EXPECT_EQ(journal.keep_unread(), "");
+  for (const std::string name : {".unread", ".2.unread"}) {
+    ASSERT_EQ(journal.begin({pose(0), pose(1)}), "");
+    EXPECT_EQ(journal.keep_unread(), "") << "it can be read";
+    const std::string other = name + text_of(path_);
+    std::ofstream(path_, std::ios::binary) << other;
+    EXPECT_EQ(journal.keep_unread(), path_ + name);
+    ASSERT_EQ(journal.begin({}), "");
+    EXPECT_EQ(journal.keep_unread(), "") << "there is nothing in it";
+    EXPECT_EQ(text_of(path_ + name), other);
   }
 }
 

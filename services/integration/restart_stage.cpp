@@ -14,6 +14,12 @@ constexpr int kTries = 5;
 }  // namespace
 
 void IntegrationStage::restart(const msg::Header& first) {
+  if (const std::string unread = journal_.keep_unread(); !unread.empty()) {
+    runtime::log_warning(
+        "the poses of an earlier run can't be read, as those of another version of this program: "
+        "its journal is kept",
+        {{"file", unread}});
+  }
   std::vector<JournalPose> poses = journal_.read();
   const bool same_run = !poses.empty() && poses.back().run == first.run();
   // A replay that begins at its first sweep is a new one, or starts over.
