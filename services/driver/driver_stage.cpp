@@ -378,9 +378,10 @@ void DriverStage::watch_sweeps(bool sweep_came) {
   const std::int64_t now_ns = steady_ns();
   const bool data_come = now_ns - last_datagram_ns_ <= kFlushAfterNs;
   if (sweep_came || !data_come) no_sweep_since_ns_ = now_ns;
-  if (sweep_came && no_sweep_) {
+  // If no data come either, that is what is told.
+  if (no_sweep_ && (sweep_came || quiet_)) {
     no_sweep_ = false;
-    runtime::log_info("sweeps come again");
+    if (sweep_came) runtime::log_info("sweeps come again");
     stage_.degraded("sweeps", "");
   }
   const double least_s = std::max(config_.quiet_s, kNoSweepSeconds);

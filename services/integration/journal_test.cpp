@@ -120,7 +120,7 @@ TEST_F(JournalTest, OneThatCannotBeReadIsKept) {
   };
   Journal journal(path_);
   EXPECT_EQ(journal.keep_unread(), "");
-  for (const std::string name : {".unread", ".2.unread"}) {
+  for (const char* name : {".unread", ".2.unread"}) {
     ASSERT_EQ(journal.begin({pose(0), pose(1)}), "");
     EXPECT_EQ(journal.keep_unread(), "") << "it can be read";
     const std::string other = name + text_of(path_);

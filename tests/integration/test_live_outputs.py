@@ -180,3 +180,20 @@ def test_a_place_told_before_the_first_sweep_holds(
     first = run.mapped[min(run.mapped)]
     assert np.allclose(first.translation, (12.0, -3.5, 0.0), atol=0.5)
     assert np.allclose(np.abs(first.quaternion[2:]), np.sqrt(0.5), atol=0.05)
+
+
+def test_data_without_sweeps_are_told_only_while_data_come(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    def cut_short(seconds: float, payload: bytes) -> bytes:
+        return payload if seconds < 2.0 else payload[:1000]
+
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, seconds=8.0, change=cut_short)
+
+    def reason() -> str:
+        status = run.chain.link.stage("driver")
+        return status.reason if status is not None else ""
+
+    with run:
+        run._until(lambda: "but no sweep for" in reason())
+        run._until(lambda: "no packets on" in reason() and "but no sweep for" not in reason())
