@@ -193,7 +193,7 @@ class LiveScanner : public ScannerSweeps {
     const std::int64_t took_ns = even_ns() - before_ns;
     // Interrupted between the readings of both clocks: the next look tells.
     if (took_ns > kReadTogetherNs) return;
-    host_steps_.look(host_ns - before_ns - took_ns / 2);
+    host_steps_.look(host_ns - before_ns - took_ns / 2, before_ns);
     sweeps_.set_host_ahead(host_steps_.ahead_ns());
   }
 

@@ -9,8 +9,8 @@ namespace zloam::driver::spinning {
 
 class HostSteps {
  public:
-  /// ahead_ns: of the host's clock against the even time base, at present.
-  void look(std::int64_t ahead_ns);
+  /// ahead_ns: of the host's clock against the even time base, at now_ns of that base.
+  void look(std::int64_t ahead_ns, std::int64_t now_ns);
   /// Moves the stamp of a reading that arrives at now_ns of the even time base. Takes readings in
   /// order: those stamped before a step may arrive after it.
   std::int64_t even_ns(std::int64_t stamp_ns, std::int64_t now_ns);
@@ -25,6 +25,8 @@ class HostSteps {
   std::int64_t ahead_ns_ = 0;
   /// before the last step
   std::int64_t before_ns_ = 0;
+  /// of the even time base, when the last step was seen
+  std::int64_t stepped_ns_ = 0;
   /// a reading stamped after the last step has arrived
   bool passed_ = true;
   std::int64_t step_ns_ = 0;

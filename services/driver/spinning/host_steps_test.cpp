@@ -31,7 +31,7 @@ struct Motor {
     std::vector<std::int64_t> off;
     for (std::int64_t taken_ns = kZero; taken_ns < kZero + 10'000 * kMs; taken_ns += 2 * kMs) {
       const std::int64_t arrives_ns = taken_ns + 3 * kMs;
-      steps.look(wall_ns(arrives_ns) - arrives_ns);
+      steps.look(wall_ns(arrives_ns) - arrives_ns, arrives_ns);
       off.push_back(steps.even_ns(wall_ns(taken_ns), arrives_ns) - taken_ns);
     }
     return off;
@@ -50,9 +50,21 @@ TEST(HostStepsTest, EveryReadingKeepsItsTimeAcrossAStep) {
   }
 }
 
+TEST(HostStepsTest, AfterAStepShorterThanTheDelayTheTimesAreRightAgainWithinASecond) {
+  HostSteps steps;
+  const std::vector<std::int64_t> off_ns = Motor(2 * kMs).off_ns(steps);
+  ASSERT_EQ(off_ns.size(), 5000U);
+  for (std::size_t i = 0; i < off_ns.size(); ++i) {
+    if (i < 2500 || i > 3000) {
+      ASSERT_EQ(off_ns[i], 0) << i;
+    }
+  }
+  EXPECT_EQ(steps.count(), 1U);
+}
+
 TEST(HostStepsTest, AnErrorOfReadingBothClocksIsNoStep) {
   HostSteps steps;
-  for (const std::int64_t error_ns : {90'000, -90'000, 0}) steps.look(error_ns);
+  for (const std::int64_t error_ns : {90'000, -90'000, 0}) steps.look(error_ns, kZero);
   EXPECT_EQ(steps.count(), 0U);
   EXPECT_EQ(steps.even_ns(kZero, kZero + kMs), kZero);
 }
