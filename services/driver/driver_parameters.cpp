@@ -104,7 +104,7 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.multicast_group", &c.udp.multicast_group,
         "IPv4 multicast group to join; empty: unicast and broadcast", Effect::kNone);
   p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s",
-        "live: warn after this long without packets", Effect::kNone);
+        "live: warn after this long without packets, or (at least 3 s) without a sweep of them", Effect::kNone);
 }
 
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
@@ -140,7 +140,8 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
         "time base; auto: receive or capture times; utc: the sensor has a locked GPS; free: the "
         "sensor's own clock");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
-        "offset added to stamps, e.g. of a sensor that stamps a packet's last firing");
+        "offset added to stamps, e.g. of a sensor that stamps a packet's last firing; of a scanner "
+        "on a motor only where receive times tie its clock");
 }
 
 void bind_limits(runtime::Parameters& p, DriverConfig& c) {

@@ -81,8 +81,8 @@ void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
   std::printf(
       "# One sigma across the motor's axis: %.4f and %.4f degrees, %.4f and %.4f m; delay: %.3f "
       "ms.\n# No recording determines motor.axis, motor.zero_deg, motor.backward and the scanner's "
-      "place along the axis: here %s. With a wrong motor.backward, pitch and z have the wrong "
-      "sign.\n",
+      "place along the axis, nor motor.turn_s and the scanner's other keys: here %s. With a wrong "
+      "motor.backward, pitch and z have the wrong sign.\n",
       found.pitch_deg.sigma, found.yaw_deg.sigma, found.y_m.sigma, found.z_m.sigma,
       found.delay_ms.sigma, told ? "as in the file of --mount" : "assumed (there is no --mount)");
   config.spinning.mount = found.mount;
