@@ -4,7 +4,8 @@
 // name whose networks were joined. Each declares a liveliness token with its term and its start
 // time. The greatest term works; among equal terms the earliest start. All see the same tokens and
 // so agree, and each reports what it sees. Who comes later is younger, whatever the hosts' clocks
-// say: its start time is later than that of every token that it found.
+// say, as long as it hears the others before it declares its own token: its start time is later
+// than that of every token that it found. Over a link that takes longer the clocks decide.
 
 #include <atomic>
 #include <cstdint>
