@@ -104,7 +104,8 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.multicast_group", &c.udp.multicast_group,
         "IPv4 multicast group to join; empty: unicast and broadcast", Effect::kNone);
   p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s",
-        "live: warn after this long without packets, or (at least 3 s) without a sweep of them", Effect::kNone);
+        "live: warn after this long without packets, or (at least 3 s) without a sweep of them",
+        Effect::kNone);
 }
 
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
