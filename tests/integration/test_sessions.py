@@ -168,7 +168,7 @@ def test_a_map_without_submaps_leads_to_no_key_that_does_not_exist(
 ) -> None:
     (tmp_path / "00000001.log").touch()
     done = map_command(build, "info", tmp_path)
-    assert done.code == 1
+    assert done.code == 3
     assert "has no submaps" in done.said
     command = [str(build / "bin" / "zloam-mapping"), "--describe-config"]
     described = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -202,6 +202,6 @@ def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path)
     shutil.copytree(folders[0], tmp_path / "copy")
     for same in (folders[0], tmp_path / "copy"):
         twice = map_command(build, "merge", folders[0], same, "--out", tmp_path / "twice")
-        assert twice.code == 1
+        assert twice.code == 3
         assert f"{folders[0]} and {same} are one map" in twice.said
         assert not (tmp_path / "twice").exists()

@@ -142,7 +142,7 @@ def test_a_damaged_bag_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], damaged: Callable[[Path], Path]
 ) -> None:
     bag = damaged(tmp_path)
-    assert cli.main(["recording", str(bag)]) == 1
+    assert cli.main(["recording", str(bag)]) == 3
     said = capsys.readouterr().err.strip()
     assert "cannot be read: " in said
     assert "\n" not in said

@@ -11,8 +11,10 @@ import pytest
 
 from zloam_monitor import demo, sources
 from zloam_monitor.chain import ChainError
+from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.traffic import Rate
 
 LOOKS = 4
 
@@ -24,7 +26,7 @@ def a_chain_that_stands() -> Any:
         finished=lambda: next(looks) >= LOOKS,
         progress=lambda: (7, 7),
         check=lambda: None,
-        link=SimpleNamespace(poll=lambda: None, poses={}, statuses={}),
+        link=SimpleNamespace(poll=lambda: None, poses=KeptPoses(), posed=Rate(), statuses={}),
     )
 
 

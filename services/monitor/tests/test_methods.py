@@ -46,6 +46,6 @@ def test_another_mapping_leaves_a_map_alone(
     """It would begin a map in the store, which deletes the one that is there."""
     there = ["--map", str(tmp_path)] if option != "--graph" else []
     (tmp_path / "00000001.log").write_text("a map")
-    assert cli.main([command, option, *there, "--method", method]) == 1
+    assert cli.main([command, option, *there, "--method", method]) == 2
     assert f"{option} needs mapping itself, not aloam-mapping" in capsys.readouterr().err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["a map"]
