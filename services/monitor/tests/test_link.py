@@ -148,6 +148,30 @@ def test_a_published_status_that_waited_for_an_answer_is_older(session: FakeSess
     assert hearing.newest_statuses()["mapping"].stamp_ns == 6
 
 
+@pytest.mark.parametrize("before", [[], [4]])
+def test_a_published_status_that_an_answer_overtook_is_older(
+    session: FakeSession, before: list[int]
+) -> None:
+    """Answers have a greater priority on the way than what is published."""
+    hearing = Link(session, session.keys)
+    who = ("mapping", "mapping-1")
+    status_key = session.keys.below("service/mapping/mapping-1/status")
+    at = {stamp_s: a_status(stamp_s * 10**9) for stamp_s in range(10)}
+    for stamp_s in before:
+        session.publish(status_key, at[stamp_s])
+        hearing.poll()
+    session.rounds[status_key] = [[at[6]]]
+    hearing.query_statuses()
+    late_before = hearing.late.seconds({who})
+    session.publish(status_key, at[5])
+    hearing.poll()
+    assert hearing.newest_statuses()["mapping"].stamp_ns == 6 * 10**9
+    assert hearing.late.seconds({who}) == late_before
+    session.publish(status_key, at[7])
+    hearing.poll()
+    assert hearing.newest_statuses()["mapping"].stamp_ns == 7 * 10**9
+
+
 def test_what_can_not_be_read_is_counted_and_left_out(session: FakeSession) -> None:
     """Every query, of configurations too; a command takes the next reply."""
     points = np.zeros(5, MAP_POINT)

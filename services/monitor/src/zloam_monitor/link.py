@@ -43,6 +43,9 @@ BUSY_SECONDS = 15.0
 STANDING_BY = "standing by"
 #: An instance that was silent for this long is forgotten when another one of its stage comes.
 FORGOTTEN_SECONDS = 600.0
+#: An answer overtakes the first status that is published if that one is older by less than this.
+#: Statuses are published once a second.
+OVERTAKEN_NS = 2 * 10**9
 T = TypeVar("T")
 
 
@@ -134,8 +137,9 @@ class Link:
         #: (stage, instance) -> when its newest status came, by this host's monotonic clock,
         #: because the robot's clock may be set differently.
         self.heard: dict[tuple[str, str], float] = {}
-        #: The same for its newest status that was published; answers to queries don't count.
-        self._published_s: dict[tuple[str, str], float] = {}
+        #: The same for its newest status that was published, and the stamp of that one in ns;
+        #: answers to queries don't count.
+        self._published: dict[tuple[str, str], tuple[float, int]] = {}
         #: Its greatest stamp so far, in ns.
         self._greatest_ns: dict[tuple[str, str], int] = {}
         #: Number of messages that could not be read.
@@ -244,11 +248,16 @@ class Link:
         self._take_published(records.status(payload), self._came_s)
 
     def _take_published(self, status: StatusRecord, came_s: float) -> None:
-        """What is published is new whatever its stamp: the robot's clock may have been set back.
-        It may only have waited here while an answer to a query came."""
+        """What is published is new even if its stamp is less than that of an answer: the robot's
+        clock may have been set back. It is old only if an answer came here while it waited, or
+        overtook it on the way, which answers can, as their priority is greater: then the stamps
+        of what is published have not gone back."""
         who = (status.stage, status.instance)
-        self._published_s[who] = came_s
-        if came_s >= self.heard.get(who, came_s):
+        kept_ns = self.statuses[who].stamp_ns if who in self.statuses else status.stamp_ns
+        _, before_ns = self._published.get(who, (0.0, kept_ns - OVERTAKEN_NS))
+        self._published[who] = came_s, status.stamp_ns
+        overtaken = before_ns < status.stamp_ns < kept_ns
+        if came_s >= self.heard.get(who, came_s) and not overtaken:
             self._keep_status(status, came_s)
 
     def _take_answer(self, status: StatusRecord) -> None:
@@ -272,7 +281,7 @@ class Link:
         start of a stage has a name of its own."""
         for who in [each for each in self.statuses if each[0] == stage]:
             if now_s - self.heard[who] > FORGOTTEN_SECONDS:
-                for kept in (self.statuses, self.heard, self._published_s, self._greatest_ns):
+                for kept in (self.statuses, self.heard, self._published, self._greatest_ns):
                     kept.pop(who, None)
                 self.late.forget(who)
                 self.published.forget(who)
@@ -283,7 +292,8 @@ class Link:
         decide between those that only answered."""
 
         def age(status: StatusRecord) -> tuple[bool, float, int]:
-            published_s = self._published_s.get((status.stage, status.instance), -math.inf)
+            who = (status.stage, status.instance)
+            published_s, _ = self._published.get(who, (-math.inf, 0))
             return status.reason != STANDING_BY, published_s, status.stamp_ns
 
         found = [s for (name, _), s in self.statuses.items() if name == stage]

@@ -108,7 +108,7 @@ class Lateness:
         """came_ns: monotonic clock of this host."""
         who = (status.stage, status.instance)
         took_ns = came_ns - status.stamp_ns
-        # No link lets stamps go back: if they do, the clock of the robot was set.
+        # The link keeps no status that was overtaken: if stamps go back, the robot's clock was set.
         was_set = status.stamp_ns < self._stamp_ns.get(who, status.stamp_ns)
         least_ns = took_ns if was_set else self._least_ns.get(who, took_ns)
         self._stamp_ns[who], self._newest_ns[who] = status.stamp_ns, took_ns
