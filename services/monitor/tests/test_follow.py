@@ -11,16 +11,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from fake_session import FakeSession
-from zloam_monitor import compose, follow, link, messages, references, report
+from zloam_monitor import compose, follow, link, messages, outputs, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
+from zloam_monitor.link import LinkError
+from zloam_monitor.records import PoseRecord
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.trajectory import TrajectoryError
 
+#: The original, as `ended` replaces it.
+WAIT = follow._wait
 REPORT: dict[str, Any] = {"poses": 1}
 WITH_RUN = Path(__file__).resolve().parents[3] / "deploy/docker/with-run"
 SAVING = """
@@ -143,7 +148,7 @@ def test_a_source_that_never_begins_is_not_waited_for(tmp_path: Path) -> None:
     )
     link: Any = Silent()
     with pytest.raises(ChainError, match="no pose within 0 s after all stages were ready"):
-        follow._wait(link, wanted, ProgressLine())
+        follow._wait(link, wanted, ProgressLine(), outputs.claim_own(tmp_path))
     assert (tmp_path / "ready").exists()
     assert link.polls > 1
 
@@ -240,6 +245,43 @@ def test_a_bad_reference_is_refused_before_the_run(
     assert said.startswith(f"the reference {truth} can't be read (")
     with pytest.raises(TrajectoryError):
         follow.follow(wanted)
+
+
+class BreaksOff(Silent):
+    """A link that hears one pose, or none, before its robot is lost."""
+
+    def __init__(self, poses: int) -> None:
+        super().__init__()
+        self.poses = KeptPoses()  # type: ignore[misc]
+        self._first = [
+            PoseRecord(1, n, 0, np.zeros(3), np.array([0, 0, 0, 1.0]), 0, 0, False, ())
+            for n in range(poses)
+        ]
+
+    def poll(self, seconds: float) -> None:
+        super().poll(seconds)
+        if self.polls > 1:
+            raise LinkError("the robot is lost")
+        for pose in self._first:
+            self.poses.add(pose)
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.usefixtures("ended")
+@pytest.mark.parametrize("poses", [0, 1])
+def test_no_earlier_report_stands_for_a_run_that_has_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, poses: int
+) -> None:
+    wanted = options(tmp_path, None)
+    follow.follow(wanted)
+    earlier = (tmp_path / "report.json").read_bytes()
+    monkeypatch.setattr(follow, "_wait", WAIT)
+    monkeypatch.setattr(follow, "Link", lambda *_: BreaksOff(poses))
+    with pytest.raises(LinkError):
+        follow.follow(wanted)
+    left = [path.read_bytes() for path in tmp_path.glob("report.json")]
+    assert left == ([] if poses else [earlier])
 
 
 def test_references_of_one_name_are_both_kept(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from zloam_monitor import outputs, references, report
 from zloam_monitor.chain import ChainError
+from zloam_monitor.claims import Claim
 from zloam_monitor.files import written_whole
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
@@ -64,8 +65,9 @@ def _finished(link: Link) -> bool:
     return all(s is not None and s.end_of_run for s in found) and bool(link.poses)
 
 
-def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
-    """Waits for the end of the run; returns the wall time since its first pose, s."""
+def _wait(link: Link, options: FollowOptions, line: ProgressLine, claim: Claim) -> float:
+    """Waits for the end of the run, which begins with its first pose; returns the wall time since
+    then, s."""
     ready: float | None = None
     began: float | None = None
     while not _finished(link):
@@ -73,7 +75,10 @@ def _wait(link: Link, options: FollowOptions, line: ProgressLine) -> float:
         if ready is None and _all_heard(link, options.ready_file):
             ready = time.monotonic()
         if newest := link.poses.last():
-            began = began or time.monotonic()
+            if began is None:
+                began = time.monotonic()
+                # Its stages write here, too: no earlier report may come beside their files.
+                claim.begin()
             line.show(f"sweep {newest.sweep + 1}, {len(link.poses)} poses")
         elif ready and options.patience_s and time.monotonic() - ready > options.patience_s:
             raise ChainError(
@@ -128,18 +133,17 @@ def follow(options: FollowOptions) -> dict[str, Any]:
 def _follow(options: FollowOptions) -> dict[str, Any]:
     references.check(options.truth)
     with outputs.claim_own(options.out, options.truth) as claim:
-        seen = _heard(options)
-        claim.begin()
+        seen = _heard(options, claim)
         return outputs.write_all(options.out, options.title, seen, stages_write_here=False)
 
 
-def _heard(options: FollowOptions) -> Run:
+def _heard(options: FollowOptions, claim: Claim) -> Run:
     """What was received from the stages until the end of the run."""
     line = ProgressLine()
     session = open_session(options.connect)
     link = Link(session, options.keys)
     try:
-        wall_s = _wait(link, options, line)
+        wall_s = _wait(link, options, line, claim)
         line.end()
         settled = time.monotonic() + SETTLE_SECONDS
         while time.monotonic() < settled:
