@@ -5,20 +5,25 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
-from backports import zstd
 from rosbags.rosbag2 import StoragePlugin
 
 from tests.recordings import made, variants
 from tests.recordings.made import streamed, texts
 from tests.recordings.test_bag_clouds import assert_same, read
 from tests.recordings.variants import PLAIN, Container
-from zloam_monitor.recordings import bags, stream
+from zloam_monitor.recordings import bags, parts, stream
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 KINDS = (
     Container("sqlite3", compression="file"),
@@ -81,6 +86,17 @@ def test_a_file_that_does_not_fit_is_refused_with_what_helps(
     assert f"does not fit into {scratch}: " in said
     assert "TMPDIR" in said
     assert not list(scratch.iterdir())
+
+
+def test_later_pythons_have_zstd_themselves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (packed := tmp_path / "part.db3.zstd").write_bytes(zstd.compress(b"messages"))
+    monkeypatch.setitem(sys.modules, "compression", SimpleNamespace(zstd=zstd))
+    monkeypatch.setitem(sys.modules, "backports", None)
+    monkeypatch.setattr(sys, "version_info", (3, 14))
+    (folder := tmp_path / "unpacked").mkdir()
+    assert parts._unpacked(packed, folder).read_bytes() == b"messages"
 
 
 def test_what_is_whole_before_a_damaged_file_is_used(bag: Path, scratch: Path) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -88,7 +89,10 @@ class Parts:
 
 def _unpacked(file: Path, folder: Path) -> Path:
     """The file, unpacked into the folder; refused if it does not fit."""
-    from backports import zstd
+    if sys.version_info >= (3, 14):  # For which rosbags does not install backports.zstd.
+        from compression import zstd
+    else:
+        from backports import zstd
 
     with file.open("rb") as packed:
         size = zstd.get_frame_info(packed.read(FRAME_HEAD_BYTES)).decompressed_size or 0
