@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import socket
 from collections.abc import Iterator
 
@@ -11,7 +13,7 @@ import zenoh
 
 from zloam_monitor import cli, discovery, ports
 from zloam_monitor.discovery import NothingAnswers, endpoint_of
-from zloam_monitor.processes import endpoints, free_base_port, free_port
+from zloam_monitor.processes import endpoints, free_base_port, free_port, listen_error
 from zloam_monitor.robot_file import RobotNames
 
 
@@ -115,6 +117,7 @@ def test_an_address_of_ip_6_is_one_of_this_machine(host: str) -> None:
     ("host", "why"),
     [
         ("192.0.2.1", "Cannot assign requested address: name an address of this machine"),
+        ("a..b", r"label empty.*: name an address of this machine by zenoh\.host or --listen"),
         ("no such address", r"name an address of this machine by zenoh\.host or --listen"),
     ],
 )
@@ -122,6 +125,36 @@ def test_an_address_of_another_machine_is_not_called_taken(host: str, why: str) 
     with pytest.raises(ports.PortTaken, match=why) as refused:
         ports.configured(RobotNames(base_port=free_base_port(), host=host))
     assert "listens there" not in str(refused.value)
+
+
+def test_without_ip_6_in_the_kernel_a_name_s_other_addresses_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The name may still have one of IPv6 in /etc/hosts."""
+    both = [
+        (family, socket.SOCK_STREAM, 6, "", (host, 0))
+        for family, host in ((socket.AF_INET6, "::1"), (socket.AF_INET, "127.0.0.1"))
+    ]
+    original = socket.socket
+
+    def made(family: int = socket.AF_INET, *more: int) -> socket.socket:
+        if family == socket.AF_INET6:
+            raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+        return original(family, *more)
+
+    base = free_base_port()
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: both)
+    monkeypatch.setattr(socket, "socket", made)
+    assert listen_error(base, "localhost") is None
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: both[:1])
+    refused = listen_error(base, "localhost")
+    assert refused is not None
+    assert refused.errno == errno.EAFNOSUPPORT
+
+
+def test_what_is_no_name_of_a_host_is_told() -> None:
+    assert "label empty" in str(discovery.refusal("tcp/a..b:7464"))
+    assert "open to the network" in ports.Ports(7460, "a..b").announcement("car")
 
 
 def test_what_is_open_to_the_network_says_so() -> None:

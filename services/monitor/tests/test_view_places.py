@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fake_session import FakeSession
-from zloam_monitor import cli, foxglove_server, rerun_view
+from zloam_monitor import cli, foxglove_server, metrics, rerun_view
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.mcap_file import RecordingError
@@ -42,6 +42,12 @@ def test_a_server_that_can_not_listen_is_told(address: str) -> None:
         with pytest.raises(PortTaken, match=f"can't listen on {address}:{port}: ") as told:
             foxglove_server.serve(linked(), address, port, 0.0)
     assert told.value.exit_code == 3
+
+
+def test_metrics_name_an_address_that_is_none() -> None:
+    registry = pytest.importorskip("prometheus_client").CollectorRegistry()
+    with pytest.raises(PortTaken, match=r"can't listen on a\.\.b:0: .*label empty"):
+        metrics._started(0, "a..b", registry)
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,8 @@ def refusal(endpoint: str) -> str | None:
             outcome.append(None)
         except OSError as error:
             outcome.append(error.strerror or str(error))
+        except UnicodeError as error:  # Of a name like a..b.
+            outcome.append(str(error))
 
     # Name resolution has no time limit, so it runs in a thread that can be left behind.
     attempt = threading.Thread(target=connect, daemon=True)

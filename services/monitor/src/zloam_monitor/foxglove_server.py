@@ -12,7 +12,7 @@ from zloam_monitor.extras import needed
 from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
-from zloam_monitor.ports import PortTaken
+from zloam_monitor.ports import not_listening
 from zloam_monitor.terminal import ProgressLine
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
@@ -43,7 +43,7 @@ class Server:
                 name=f"zloam: {robot}", host=address, port=port, context=self._context
             )
         except RuntimeError as error:
-            raise PortTaken(f"can't listen on {address}:{port}: {error}") from error
+            raise not_listening(address, port, error) from error
         self.port: int = self._server.port
         mounting = se3.mounting_shown(link.query_configs())
         self._scene = Scene(link.keys, SCENE_SECONDS, mounting)

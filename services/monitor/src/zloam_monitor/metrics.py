@@ -13,7 +13,7 @@ from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from zloam_monitor.link import Link
-from zloam_monitor.ports import PortTaken
+from zloam_monitor.ports import not_listening
 from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.stages import STAGES
 from zloam_monitor.watch import STALE_SECONDS
@@ -226,5 +226,5 @@ def serve(link: Link, address: str, port: int, seconds: float | None = None) -> 
 def _started(port: int, address: str, registry: CollectorRegistry) -> tuple[Any, threading.Thread]:
     try:
         return start_http_server(port, addr=address, registry=registry)
-    except OSError as error:
-        raise PortTaken(f"can't listen on {address}:{port}: {error.strerror or error}") from error
+    except (OSError, UnicodeError) as error:  # UnicodeError: of a name like a..b.
+        raise not_listening(address, port, error) from error

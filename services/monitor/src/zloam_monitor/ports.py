@@ -22,7 +22,12 @@ FREE_PORTS_VARIABLE = "ZLOAM_FREE_PORTS"
 
 
 class PortTaken(FileTrouble):
-    """A stage cannot listen; the text says where, and which program does."""
+    """A program cannot listen; the text says where, and which other one does if that is known."""
+
+
+def not_listening(address: str, port: int, error: Exception) -> PortTaken:
+    """For a server of this program that could not listen."""
+    return PortTaken(f"can't listen on {address}:{port}: {getattr(error, 'strerror', '') or error}")
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ def is_loopback(host: str) -> bool:
     """True if only programs of this machine reach the host."""
     try:
         found = socket.getaddrinfo(host.strip("[]"), None, type=socket.SOCK_STREAM)
-    except OSError:
+    except (OSError, UnicodeError):
         return False
     return all(ipaddress.ip_address(str(address[0])).is_loopback for *_, address in found)
 

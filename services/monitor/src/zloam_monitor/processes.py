@@ -67,18 +67,21 @@ def listen_error(port: int, host: str = "127.0.0.1") -> OSError | None:
         found = socket.getaddrinfo(host.strip("[]"), None, type=socket.SOCK_STREAM)
     except OSError as error:
         return error
+    except UnicodeError as error:  # Of a name like a..b.
+        return OSError(f"no name of a host: {error}")
     last = None
     # Like Zenoh, which listens on the first of a name's addresses that can be used.
     for family, kind, _, _, address in found:
-        with socket.socket(family, kind) as probe:
-            # Like a listener's socket, which may use a port in TIME_WAIT.
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
+        try:
+            # A kernel without IPv6 refuses the socket itself.
+            with socket.socket(family, kind) as probe:
+                # Like a listener's socket, which may use a port in TIME_WAIT.
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 probe.bind((address[0], port, *address[2:]))
-            except OSError as error:
-                last = error
-            else:
-                return None
+        except OSError as error:
+            last = error
+        else:
+            return None
     return last
 
 

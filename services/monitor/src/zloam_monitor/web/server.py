@@ -17,7 +17,7 @@ from typing import Any
 
 from zloam_monitor import discovery, ending
 from zloam_monitor.discovery import Found
-from zloam_monitor.ports import PortTaken
+from zloam_monitor.ports import not_listening
 from zloam_monitor.version import version
 from zloam_monitor.web.robot_view import RobotView
 
@@ -131,9 +131,9 @@ def serve(
     handler = type("Handler", (_Handler,), {"robots": robots})
     try:
         server = ThreadingHTTPServer((address, port), handler)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # UnicodeError: of a name like a..b.
         robots.close()
-        raise PortTaken(f"can't listen on {address}:{port}: {error.strerror or error}") from error
+        raise not_listening(address, port, error) from error
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     searched = time.monotonic()
