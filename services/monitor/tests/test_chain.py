@@ -157,6 +157,37 @@ def test_a_start_that_is_refused_leaves_the_files_of_the_run_before(
     assert {p: p.read_bytes() for p in (build / "out").rglob("*") if p.is_file()} == before
 
 
+SIMULATOR = """#!/bin/sh
+seed=$4
+while [ $# -gt 0 ]; do
+    case $1 in
+        --out|--imu) echo "$seed" > "$2" ;;
+        --truth) cp "$(dirname "$0")/../truth.tum" "$2"; echo "# $seed" >> "$2" ;;
+    esac
+    shift
+done
+"""
+
+
+@pytest.mark.parametrize("wrong", [(), ("--set", "zenoh.base_port=none"), ("--config", "none")])
+def test_a_start_that_is_refused_leaves_the_simulated_recording_of_the_run_before(
+    build: Path, monkeypatch: pytest.MonkeyPatch, wrong: tuple[str, ...]
+) -> None:
+    (build / "bin/zloam-simulator").write_text(SIMULATOR)
+    (build / "bin/zloam-simulator").chmod(0o755)
+    write_truth(build / "truth.tum")
+    words = ["demo", "--preset-dir", str(build), "--out", str(build / "out"), "--imu", "simulated"]
+    assert cli.main([*words, "--seed", "3"]) == 0
+    before = {p: p.read_bytes() for p in (build / "out").rglob("*") if p.is_file()}
+    assert before[build / "out/capture.pcap"] == before[build / "out/imu.csv"] == b"3\n"
+    monkeypatch.setenv("FAKE_REFUSES", "odometry")
+    assert cli.main([*words, "--seed", "4", *wrong]) in (2, 3)
+    assert {p: p.read_bytes() for p in (build / "out").rglob("*") if p.is_file()} == before
+    monkeypatch.delenv("FAKE_REFUSES")
+    assert cli.main([*words, "--seed", "4"]) == 0
+    assert (build / "out/capture.pcap").read_text() == "4\n"
+
+
 def test_a_bad_exit_code_fails_the_run(
     build: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -168,13 +168,9 @@ def demo(
     binary(build, "driver")
     if source is None:
         world = world or (INDOOR if hokuyo else CITY)
-        print(f"simulating {world}, seed {seed}", flush=True)
         with_imu = imu == SIMULATED_IMU
         simulator = binary(build, "simulator")
-        inputs = [*(truth or []), *([config] if config else [])]
-        source = sources.simulated(
-            simulator, out, world, seed, simulate or [], with_imu, inputs, hokuyo
-        )
+        source = sources.simulated(simulator, out, world, seed, simulate or [], with_imu, hokuyo)
     if imu and imu != SIMULATED_IMU:
         source = sources.with_imu(source, Path(imu))
     robot = names(config or source.config, settings)
@@ -195,7 +191,7 @@ def demo(
         view=view,
         beside=beside.stages(),
     )
-    for path in options.truth:
+    for path in source.there(options.truth):
         trajectory.read(path)  # Reports a bad file before the run instead of after it.
     return runner.finish(runner.run(options), out)
 

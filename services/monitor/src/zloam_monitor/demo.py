@@ -117,7 +117,10 @@ def _stalled(chain: Chain, patience_s: float) -> str:
 
 def run(options: DemoOptions) -> dict[str, Any]:
     """Runs the demo and returns the report; raises if something goes wrong."""
-    with outputs.claim(options.out, [*options.truth, *options.source.files]) as claim:
+    source = options.source
+    inputs = [*source.there(options.truth), *source.files, options.config]
+    with outputs.claim(options.out, inputs, [path.name for path in source.made]) as claim:
+        source.make()
         return outputs.write_all(options.out, options.source.title, _heard(options, claim))
 
 

@@ -101,9 +101,10 @@ FURTHER = (
 )
 
 
-def claim(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
-    """Claims all files of a run, so that none of an earlier run is taken for a new one."""
-    return claims.claim(folder, (*MADE_BY_STAGES, *MADE_HERE), inputs, FURTHER)
+def claim(folder: Path, inputs: Iterable[Path] = (), recording: Iterable[str] = ()) -> Claim:
+    """Claims all files of a run, so that none of an earlier run is taken for a new one; also those
+    of the recording if the run makes it."""
+    return claims.claim(folder, (*MADE_BY_STAGES, *MADE_HERE, *recording), inputs, FURTHER)
 
 
 def claim_own(folder: Path, inputs: Iterable[Path] = ()) -> Claim:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from zloam_monitor import claims, files, places, recordings, robot_file
+from zloam_monitor import files, places, recordings, robot_file
 from zloam_monitor.failures import FileTrouble, Misuse
 from zloam_monitor.processes import StageDied
 from zloam_monitor.recordings import bags, folders, mounting, robot_log, stream
@@ -27,6 +27,8 @@ IMU_JUDGED_SWEEPS = 20
 HOKUYO_SPEED_FACTOR = 0.35
 #: Given instead of a file with IMU readings: use those of the simulator.
 SIMULATED_IMU = "simulated"
+#: End of a simulated recording's title.
+SIMULATED = ", simulated"
 
 
 class SourceError(FileTrouble):
@@ -50,11 +52,27 @@ class Source:
     readings: list[Path] = field(default_factory=list)
     #: Recorded changes, SWEEP:KEY=VALUE.
     changes: list[str] = field(default_factory=list)
+    #: Command that makes the recording, and the files that it makes; empty if it is there.
+    simulation: list[str] = field(default_factory=list)
+    made: list[Path] = field(default_factory=list)
 
     @property
     def files(self) -> list[Path]:
-        """All files that the replay reads."""
-        return [self.path, self.config, *self.truth, *self.readings]
+        """All files that must be there, and that the replay reads."""
+        return self.there([self.path, self.config, *self.truth, *self.readings])
+
+    def there(self, paths: Iterable[Path]) -> list[Path]:
+        """Those of these files that make() does not make."""
+        return [path for path in paths if path not in self.made]
+
+    def make(self) -> None:
+        """Makes a simulated recording."""
+        if not self.simulation:
+            return
+        print(f"simulating {self.title.removesuffix(SIMULATED)}", flush=True)
+        done = subprocess.run(self.simulation, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise StageDied("zloam-simulator", done.returncode, done.stderr)
 
     def driver_settings(self, rate: str) -> list[str]:
         """The driver's options --set."""
@@ -266,19 +284,17 @@ def simulated(
     seed: int,
     extra: Iterable[str],
     imu: bool = False,
-    inputs: Iterable[Path] = (),
     hokuyo: bool = False,
 ) -> Source:
-    """A capture made by the simulator, its truth, and its IMU readings if wanted.
+    """A capture that the simulator makes, its truth, and its IMU readings if wanted.
 
     hokuyo: a session of a scanner on a motor, with the motor's angles, instead of the capture.
     """
-    recorded = ("session.logr", "session.csv") if hokuyo else ("capture.pcap",)
-    made = (*recorded, "simulated_truth.tum", *(("imu.csv",) if imu else ()))
-    capture, truth, readings = out / made[0], out / "simulated_truth.tum", out / "imu.csv"
+    capture, angles = out / ("session.logr" if hokuyo else "capture.pcap"), out / "session.csv"
+    truth, readings = out / "simulated_truth.tum", out / "imu.csv"
     wanted = ["--out", str(capture)]
     if hokuyo:
-        wanted = ["--hokuyo", "--session", str(capture), "--angles", str(out / made[1])]
+        wanted = ["--hokuyo", "--session", str(capture), "--angles", str(angles)]
         wanted += ["--speed-factor", str(HOKUYO_SPEED_FACTOR)]
     command = [
         str(simulator),
@@ -292,13 +308,15 @@ def simulated(
         *(["--imu", str(readings)] if imu else []),
         *extra,
     ]
-    with claims.claim(out, made, inputs) as claim:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise StageDied("zloam-simulator", done.returncode, done.stderr)
-        claim.begin()
-    title = f"{world}, seed {seed}, simulated"
-    source = Source(title, "pcap", capture, ROBOTS / "vlp16-outdoor.yaml", [truth])
-    if hokuyo:
-        source = replace(from_session(capture), title=title, truth=[truth])
+    kind, config = ("scip_log", "hokuyo") if hokuyo else ("pcap", "vlp16-outdoor")
+    source = Source(
+        f"{world}, seed {seed}{SIMULATED}",
+        kind,
+        capture,
+        ROBOTS / f"{config}.yaml",
+        [truth],
+        readings=[angles] if hokuyo else [],
+        simulation=command,
+        made=[capture, truth, *([angles] if hokuyo else []), *([readings] if imu else [])],
+    )
     return with_imu(source, readings) if imu else source
