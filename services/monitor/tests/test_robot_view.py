@@ -27,14 +27,19 @@ class Hanging(FakeSession):
         super().__init__()
         self.answers = threading.Event()
         self.asked = threading.Event()
-        self.fails = False
+        self.failure: Exception | None = None
+        #: The query for tiles has ended.
+        self.done = threading.Event()
+        self.selectors: list[str] = []
 
     def get(self, selector: str, handler: Any = None, **more: Any) -> list[Any]:
+        self.selectors.append(selector)
         if "/map/tile/" in selector:
             self.asked.set()
             self.answers.wait(PATIENCE_S)
-            if self.fails:
-                raise zenoh.ZError("session closed")
+            self.done.set()
+            if self.failure is not None:
+                raise self.failure
         return super().get(selector, handler, **more)
 
 
@@ -104,9 +109,30 @@ def test_what_no_longer_moves_is_seen_to_be_old(
     assert state["rate"] == 0.0
 
 
-def test_a_query_that_can_not_be_sent_is_a_finding(session: Hanging, view: RobotView) -> None:
-    session.fails = True
+def test_the_view_ends_while_nobody_answers(
+    session: Hanging, view: RobotView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_view, "CLOSE_SECONDS", 0.5)
+    assert session.asked.wait(PATIENCE_S)
+    view.close()
+    assert not session.done.is_set()
+    before = len(session.selectors)
     session.answers.set()
-    until(lambda: any("no query can be sent" in each["what"] for each in view.state()["findings"]))
+    assert view._asker is not None
+    view._asker.join(PATIENCE_S)
+    # Only the other layers of the map, of which it had begun to ask.
+    assert all("/map/tile/" in each for each in session.selectors[before:])
+
+
+@pytest.mark.parametrize(
+    ("failure", "words"),
+    [(zenoh.ZError("closed"), "no query can be sent"), (KeyError("x"), "can't be judged: KeyErr")],
+)
+def test_a_query_that_fails_is_a_finding(
+    session: Hanging, view: RobotView, failure: Exception, words: str
+) -> None:
+    session.failure = failure
+    session.answers.set()
+    until(lambda: any(words in each["what"] for each in view.state()["findings"]))
     drive(session, 1)
     until(lambda: view.state()["pose"])

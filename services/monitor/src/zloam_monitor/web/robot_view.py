@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import sys
 import threading
 import time
+import traceback
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +27,8 @@ from zloam_monitor.watch import STALE_SECONDS
 LISTEN_SECONDS = 10.0
 #: Interval of a thin view's findings, which use received messages only.
 THIN_SECONDS = 1.0
+#: close() waits at most this long for each of the view's threads: a stage may hang.
+CLOSE_SECONDS = 5.0
 #: Time covered by the history of latency and rate.
 HISTORY_SECONDS = 120
 #: Limits on the points of the path and on the cells of the map; both are thinned to them.
@@ -67,6 +71,7 @@ class RobotView:
         self._judged = False
         self._looked = _Look(None, self._newest_s, [], {})
         self._map: dict[str, Any] = {"version": 0, "cells": ""}
+        self._asker: threading.Thread | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
@@ -76,7 +81,9 @@ class RobotView:
 
     def close(self) -> None:
         self._ends.set()
-        self._thread.join()
+        self._thread.join(CLOSE_SECONDS)
+        if self._asker is not None:
+            self._asker.join(CLOSE_SECONDS)
 
     def state(self) -> dict[str, Any]:
         """Ages are those at the call, so that what no longer moves is seen to be old."""
@@ -105,19 +112,33 @@ class RobotView:
             return
         # The first look compares with what the stages counted before.
         self._link.query_statuses()
-        with ThreadPoolExecutor(1) as waiting:
-            while not self._ends.is_set():
-                hearing, answers = doctor.Hearing(self._link), waiting.submit(self._ask)
-                while self._look() and (hearing.seconds < LISTEN_SECONDS or not answers.done()):
-                    self._link.poll(0.2)
-                if not self._ends.is_set():
-                    self._judge(self._found(hearing, answers))
+        while not self._ends.is_set():
+            hearing, answers = doctor.Hearing(self._link), self._asked()
+            while self._look() and (hearing.seconds < LISTEN_SECONDS or not answers.done()):
+                self._link.poll(0.2)
+            if not self._ends.is_set():
+                self._judge(self._found(hearing, answers))
+
+    def _asked(self) -> Future[doctor.Answers]:
+        """The answers that _ask() will have; its thread does not keep this program from ending."""
+        answers: Future[doctor.Answers] = Future()
+
+        def ask() -> None:
+            try:
+                answers.set_result(self._ask())
+            except Exception as error:
+                answers.set_exception(error)
+
+        self._asker = threading.Thread(target=ask, daemon=True)
+        self._asker.start()
+        return answers
 
     def _ask(self) -> doctor.Answers:
         """Asks the robot for its map, and for what the doctor needs after LISTEN_SECONDS."""
         claims = self._asking.claims()
         self._draw_map(_map_points(self._asking))
-        self._ends.wait(LISTEN_SECONDS)
+        if self._ends.wait(LISTEN_SECONDS):
+            raise CancelledError
         return doctor.Answers.of(self._asking, claims)
 
     def _found(self, hearing: doctor.Hearing, answers: Future[doctor.Answers]) -> list[Finding]:
@@ -126,6 +147,12 @@ class RobotView:
             said = answers.result()
         except zenoh.ZError as error:
             return [Finding(f"no query can be sent: {error}", "see the link to the robot")]
+        except Exception as error:  # The robot is followed on.
+            told = "".join(traceback.format_exception(error))
+            print(f"{self.name}: an error in this program:\n{told}", file=sys.stderr, flush=True)
+            return [
+                Finding(f"its answers can't be judged: {error!r}", "see what zloam web printed")
+            ]
         heard = replace(heard, garbage=heard.garbage + self._asking.garbage)
         return doctor.findings(said.added_to(heard, self._link.late))
 
