@@ -28,9 +28,11 @@ def opened(session: FakeSession, most_bytes: int = MIB) -> Intake:
     return Intake(session, [session.keys.below("**")], most_bytes, leave_out="oldest")
 
 
-def publish(session: FakeSession, *numbers: int, key: str = "pose", instance: str = "one") -> None:
+def publish(
+    session: FakeSession, *numbers: int, key: str = "pose", instance: str = "one", run: int = 1
+) -> None:
     for n in numbers:
-        header = compose.HeaderValues(1, n, n, instance=instance)
+        header = compose.HeaderValues(run, n, n, instance=instance)
         message = compose.pose("MapPose", header, n, (0, 0, 0), (0, 0, 0, 1))
         session.publish(session.keys.below(key), message)
 
@@ -116,3 +118,21 @@ def test_a_step_of_the_clock_is_none_in_the_times(
     publish(session, 1)
     first, second = (sample.received_ns for sample in intake.taken())
     assert 0 <= second - first <= time.monotonic_ns() - before
+
+
+@pytest.mark.parametrize(
+    ("in_second_run", "lost"),
+    [
+        ((0, 1, 3), 1),  # A program with a fixed name that was started again.
+        ((1, 0, 2), 0),
+        ((6, 7, 8), 1),  # A stage that goes on.
+        ((5, 6, 4, 7), 0),
+    ],
+)
+def test_numbers_go_on_in_another_run_or_begin_again(
+    session: FakeSession, in_second_run: tuple[int, ...], lost: int
+) -> None:
+    intake = opened(session)
+    publish(session, 0, 1, 2, 3, 4)
+    publish(session, *in_second_run, run=2)
+    assert intake.lost() == ({"loam/robot/pose": lost} if lost else {})

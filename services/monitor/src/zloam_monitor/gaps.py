@@ -18,6 +18,8 @@ class Number:
 
     instance: bytes
     seq: int
+    #: 0: not set.
+    run: int = 0
 
 
 def number_of(payload: bytes) -> Number | None:
@@ -25,16 +27,19 @@ def number_of(payload: bytes) -> Number | None:
     with contextlib.suppress(*messages.DECODE_ERRORS):
         header = messages.header_of(payload)
         if header is not None:
-            return Number(header.Instance() or b"", header.Seq())
+            return Number(header.Instance() or b"", header.Seq(), header.Run())
     return None
 
 
 class Numbers:
-    """The numbers of one publisher's messages on one key, which are consecutive."""
+    """The numbers of one publisher's messages on one key, which are consecutive. It may go on
+    counting in another run, as the stages do, or begin again from 0, as it does at its start: a
+    program with a fixed name has the same one after it."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, first: Number) -> None:
         self._lost_before = 0
-        self._begin(number)
+        self._runs = {first.run}
+        self._begin(first.seq)
 
     def _begin(self, number: int) -> None:
         self._first = self._newest = number
@@ -42,15 +47,18 @@ class Numbers:
         #: Bit n is set if the message with the number newest - n has arrived.
         self._seen = 1
 
-    def take(self, number: int) -> None:
+    def take(self, taken: Number) -> None:
         """Counts a message, also one that was overtaken; not one that comes again, nor one from
         before the first."""
+        number = taken.seq
         ahead = number - self._newest
+        in_new_run = taken.run not in self._runs
+        self._runs.add(taken.run)
         if ahead > 0:
             self._newest = number
             self._seen = (self._seen << min(ahead, WINDOW) | 1) & ((1 << WINDOW) - 1)
             self._arrived += 1
-        elif ahead <= -WINDOW:
+        elif in_new_run or ahead <= -WINDOW:
             self._lost_before = self.lost
             self._begin(number)
         elif number >= self._first and not self._seen >> -ahead & 1:
@@ -71,8 +79,8 @@ class Gaps:
 
     def take(self, topic: str, number: Number) -> None:
         """Counts a message that has arrived."""
-        known = self._numbers.setdefault((topic, number.instance), Numbers(number.seq))
-        known.take(number.seq)  # The first one a second time, which counts once.
+        known = self._numbers.setdefault((topic, number.instance), Numbers(number))
+        known.take(number)  # The first one a second time, which counts once.
 
     def lost(self) -> Counter[str]:
         """Topic -> number of messages that have not arrived, where there are such."""
