@@ -23,7 +23,7 @@ SHADOWS = ("yaml", "typer", "queue")
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
     """The command in the Debian package's folders (cmake/packages.cmake); its programs write their
-    arguments and end."""
+    arguments and fail: integration, as of a wrong configuration, before the others."""
     try:
         schemas = messages.schemas_path()
     except messages.SchemasMissing as missing:
@@ -39,7 +39,9 @@ def installed(tmp_path: Path) -> Path:
     (package / "bundled/bin").mkdir()
     for stage in STAGES:
         program = package / f"bundled/bin/zloam-{stage}"
-        program.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > "$0.arguments"\nexit 2\n')
+        # What fails first ends the others, which then may have written nothing yet.
+        end = "exit 2" if stage == "integration" else "exec sleep 60"
+        program.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > "$0.arguments"\n{end}\n')
         program.chmod(0o755)
     return command
 
