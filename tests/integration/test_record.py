@@ -239,7 +239,7 @@ def test_a_part_that_is_not_there_is_said(
     recorded: Recorded, options: tuple[object, ...], words: str
 ) -> None:
     done = Replaying(recorded.mcap, *options).ended()
-    assert done.code == 3
+    assert done.code == 2
     assert words in done.said
     assert "Traceback" not in done.said
 

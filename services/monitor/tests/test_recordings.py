@@ -9,7 +9,8 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from zloam_monitor import cli, clouds
+from zloam_monitor import cli, clouds, sources
+from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.recordings import Refused, bags, folders
 
@@ -75,3 +76,15 @@ def test_a_time_model_that_there_is_not(
 ) -> None:
     assert cli.main(["recording", str(folder), "--time-model", "foo", *more]) == 2
     assert "driver.time_model: foo is none of none, clockwise" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("by_file", [True, False])
+def test_a_time_model_that_there_is_not_is_a_wrong_configuration(
+    folder: Path, tmp_path: Path, by_file: bool
+) -> None:
+    (robot := tmp_path / "robot.yaml").write_text(
+        f"driver:\n  time_model: {'foo' if by_file else 'none'}\n"
+    )
+    settings = [] if by_file else ["driver.time_model=foo"]
+    with pytest.raises(Misuse, match=r"driver\.time_model: foo is none of none, clockwise"):
+        sources.from_bag(folder, settings, robot)

@@ -12,6 +12,7 @@ import pytest
 
 from fake_session import needs_schemas
 from zloam_monitor import compose, messages, replayer
+from zloam_monitor.failures import Misuse
 from zloam_monitor.mcap_file import CHUNK_BYTES, McapFile
 from zloam_monitor.recorder import schema_of
 from zloam_monitor.recordings.robot_log import Logged, RobotLog
@@ -152,3 +153,12 @@ def test_the_search_ends_when_it_is_told_to(log: RobotLog) -> None:
 
     assert numbers(replayer._from(log, 7 * SECOND_NS, 8 * SECOND_NS, goes_on)) == []
     assert len(asked) == 3
+
+
+@pytest.mark.parametrize(("begin_s", "end_s"), [(1000.0, None), (2.0, 1.0)])
+def test_a_part_that_is_not_there_is_a_wrong_command_line(
+    log: RobotLog, begin_s: float, end_s: float | None
+) -> None:
+    wanted = Options(log.parts[0], begin_s=begin_s, end_s=end_s)
+    with pytest.raises(Misuse, match=rf"run\.mcap is 7\.5 s long: nothing lies from {begin_s:g} s"):
+        replayer.replay(wanted)

@@ -7,16 +7,13 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
+from typing import Annotated, Any, ParamSpec
 
 import typer
 
 from zloam_monitor import ending, places
-from zloam_monitor.failures import Explained, FileTrouble, Misuse
+from zloam_monitor.failures import Explained, FileTrouble
 from zloam_monitor.stages import PORT_ORDER, STAGES
-
-if TYPE_CHECKING:
-    from zloam_monitor.recordings.sweeps import Timing
 
 #: Headings under which `zloam --help` lists the commands.
 RUNS, ROBOTS, FILES, PROGRAMS = "Run", "Running robots", "Files", "Programs (each has a --help)"
@@ -95,17 +92,6 @@ def robot_names() -> list[str]:
 
 def stage_names() -> list[str]:
     return list(STAGES)
-
-
-def timing(model: str, period_s: float, seam_deg: float, field: str) -> Timing:
-    """Times of a cloud's points by the options below."""
-    from zloam_monitor import recordings
-    from zloam_monitor.recordings.sweeps import Timing
-
-    try:
-        return Timing(model, period_s, seam_deg, field)
-    except recordings.Refused as refused:
-        raise Misuse(str(refused)) from refused
 
 
 def robot_path(text: str) -> Path:

@@ -159,8 +159,9 @@ def recording(
     """List the topics or clouds of a bag or folder, and how the driver would read them."""
     from zloam_monitor import recordings, sources
     from zloam_monitor.recordings import stream as frames
+    from zloam_monitor.recordings.sweeps import Timing
 
-    timing = common.timing(time_model, period_s, seam_deg, time_field)
+    timing = Timing(time_model, period_s, seam_deg, time_field)
     try:
         if stream:
             wanted = imu_topic if imu else None

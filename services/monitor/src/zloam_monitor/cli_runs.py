@@ -322,6 +322,7 @@ def ros_lidar(
     driver."""
     from zloam_monitor import discovery, places, recordings, robot_file, ros_lidar, sources
     from zloam_monitor.keys import Keys
+    from zloam_monitor.recordings.sweeps import Timing
 
     if distro not in ros_lidar.DISTROS:
         raise Misuse(f"--distro {distro}: one of {', '.join(ros_lidar.DISTROS)}")
@@ -335,7 +336,7 @@ def ros_lidar(
             ros=ros or ["tcp/127.0.0.1:7447"],
             connect=stages or discovery.candidates(),
             keys=Keys(robot.robot, robot.sensor),
-            timing=common.timing(time_model, period_s, seam_deg, time_field),
+            timing=Timing(time_model, period_s, seam_deg, time_field),
             domain=domain,
             distro=distro,
         )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from zloam_monitor import ending, messages, records
+from zloam_monitor.failures import Misuse
 from zloam_monitor.keys import TILES, Keys
 from zloam_monitor.link import open_session
 from zloam_monitor.recordings import Refused
@@ -149,9 +150,9 @@ def replay(options: Options) -> int:
     if options.end_s is not None:
         end_ns = min(end_ns, extent.begin_ns + round(1e9 * options.end_s))
     if begin_ns >= end_ns:
-        raise Refused(
-            f"it is {extent.seconds:.1f} s long: nothing lies from {options.begin_s:g} s "
-            f"to {1e-9 * (end_ns - extent.begin_ns):g} s"
+        raise Misuse(
+            f"{options.path} is {extent.seconds:.1f} s long: nothing lies from "
+            f"{options.begin_s:g} s to {1e-9 * (end_ns - extent.begin_ns):g} s"
         )
     stand = Stand(log, options)
     try:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import POINT
 from zloam_monitor.recordings import Refused, fields, livox, rings, times
 from zloam_monitor.recordings.fields import Cloud, Names
@@ -43,7 +44,7 @@ class Timing:
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
-            raise Refused(f"driver.time_model: {self.model} is none of {', '.join(MODELS)}")
+            raise Misuse(f"driver.time_model: {self.model} is none of {', '.join(MODELS)}")
 
 
 @dataclass(frozen=True)
