@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -64,6 +65,21 @@ def test_a_start_that_was_killed_loses_nothing(tmp_path: Path) -> None:
     with claim(tmp_path, NAMES, patterns=PATTERNS):
         pass
     assert contents(tmp_path) == before
+
+
+def test_what_was_set_aside_is_not_deleted_if_its_list_is_spoilt(tmp_path: Path) -> None:
+    a_run(tmp_path)
+    claim(tmp_path, NAMES, patterns=PATTERNS)
+    before = tmp_path / claims.BEFORE
+    (before / claims.MARKER).write_bytes(b"")
+    claims.let_go()  # As by a power failure.
+    for _ in range(2):
+        with pytest.raises(NotOurs, match=f"{before}.* can't be read"):
+            claim(tmp_path, NAMES, patterns=PATTERNS)
+    assert (before / "trajectory.tum").read_text() == "ours"
+    shutil.rmtree(before)
+    with claim(tmp_path, NAMES, patterns=PATTERNS):
+        pass
 
 
 def test_a_first_start_that_fails_keeps_its_logs(tmp_path: Path) -> None:

@@ -73,8 +73,12 @@ def _hold(folder: Path) -> None:
     except OSError as error:
         os.close(descriptor)
         raise NotOurs(f"{folder}: another run writes here: choose another folder (OUT=)") from error
+    try:
+        _put_back(folder)  # If the last run was killed before it had begun.
+    except BaseException:
+        os.close(descriptor)
+        raise
     _held[folder] = descriptor
-    _put_back(folder)  # If the last run was killed before it had begun.
 
 
 def let_go() -> None:
@@ -175,9 +179,15 @@ def _set_aside(folder: Path, names: list[str], marked: dict[str, Stamp]) -> None
 
 
 def _put_back(folder: Path) -> None:
-    """Moves the files in BEFORE back to the folder; files of a run that did not begin give way."""
+    """Moves the files in BEFORE back to the folder; files of a run that did not begin give way.
+    Refuses if it can't be known which they are, as they are nowhere else."""
     before = folder / BEFORE
     earlier = _marked(before)
+    if not earlier and (before / MARKER).exists():
+        raise NotOurs(
+            f"{before / MARKER} can't be read, which lists the files of an earlier run that were "
+            f"set aside: move what you need out of {before}, and remove that folder"
+        )
     back = {n: s for n, s in earlier.items() if os.path.lexists(before / n)}
     for name in back:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
