@@ -15,6 +15,9 @@ constexpr double kLongestGap_s = 5.0;
 // In a fixed map the sensor may have been carried away during a longer time without odometry: it is
 // searched for.
 constexpr double kWatched_s = 1.0;
+// After a longer time without odometry, a map to be extended is fixed again and searched as a
+// whole: the same as between two runs (runtime::kLongestSearch_ns).
+constexpr double kCarriedAway_s = 3.0;
 // A new odometry knows the motion of its first sweep only from the second one, and distorted sweeps
 // must not enter the map: this many sweeps must be matched before one is inserted.
 constexpr std::uint32_t kSettling = 3;
@@ -58,9 +61,9 @@ Prediction Mapper::State::predict(const MappingInput& input) {
     T_map_odom = normalised(moved * input.T_odom_base.inverse());
   }
   if (told) T_map_odom = normalised(*told * input.T_odom_base.inverse());
-  const bool stays = is_fixed();
-  const bool unwatched = input.unwatched_s.value_or(gap_s) > kWatched_s;
-  if (new_frame || break_expected || told || (stays && unwatched)) {
+  const double unwatched_s = input.unwatched_s.value_or(gap_s);
+  if (new_frame && unwatched_s > kCarriedAway_s) search_whole_map();
+  if (new_frame || break_expected || told || (is_fixed() && unwatched_s > kWatched_s)) {
     // A pose given by the user is valid now, however long the motion was unobserved.
     unseen_s = told ? 0.0 : bridging ? unseen_s + gap_s : gap_s;
     agreement.reset();
@@ -117,6 +120,14 @@ Match Mapper::State::near_odometry(Match match, const Prediction& prediction) {
     match.T_map_base = prediction.T_map_base;
   }
   return match;
+}
+
+// A map that is extended stays as it is until the robot is found in it again. The relocalizer's
+// walls are those of the map before it grew.
+void Mapper::State::search_whole_map() {
+  if (config.mode != MappingMode::kExtend || tiles.point_count() < config.founding_points) return;
+  found_in_map = false;
+  relocalizer = Relocalizer();
 }
 
 void Mapper::State::begin_search() {
@@ -354,12 +365,7 @@ void Mapper::place(const Pose& T_map_base) {
   State& s = *state_;
   s.told = T_map_base;
   s.lost = false;
-  if (s.config.mode == MappingMode::kExtend && s.tiles.point_count() >= s.config.founding_points) {
-    // The map stays as it is until the robot is found in it again. The relocalizer's walls are those
-    // of the map before it grew.
-    s.found_in_map = false;
-    s.relocalizer = Relocalizer();
-  }
+  s.search_whole_map();
   s.method->not_found();
 }
 

@@ -98,6 +98,7 @@ struct Mapper::State {
   bool is_elsewhere(const MappingInput& input, const Match& match, const Prediction& prediction);
   void judge(const MappingInput& input, const Match& match, MappingResult& result);
   static Match near_odometry(Match match, const Prediction& prediction);
+  void search_whole_map();
   void begin_search();
   Match searched(const MappingInput& input, const Prediction& prediction);
   Match searched_everywhere(const MappingInput& input, const Prediction& prediction);
