@@ -165,7 +165,8 @@ void bind_scans(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.time_model", &c.scan.model, kTimeModels,
         "scans without point times: direction of rotation, from which the times follow; or "
         "deskewed, if all points are moved to one instant");
-  p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 10.0}, "s",
+  // Sweeps have their period and their points' times with 32 bits in ns (LONGEST_NS in sweeps.py).
+  p.add("driver.scan_period_s", &c.scan.period_s, {0.01, 3.9}, "s",
         "period of one revolution in scans without point times");
   p.add("driver.scan_seam_deg", &c.scan.seam_deg, {-360.0, 360.0}, "deg",
         "azimuth at which a revolution begins in scans without point times, counter-clockwise from "
