@@ -98,12 +98,21 @@ def test_a_clock_that_is_set_back_is_refused() -> None:
         read([made.table(scan) for scan in scans], stamps_ns)
 
 
-def test_a_cloud_that_comes_twice_counts_once() -> None:
+@pytest.mark.parametrize("odd", [0, 3, ODD])
+@pytest.mark.parametrize("late", [0, 2], ids=["twice", "late"])
+def test_a_cloud_that_comes_twice_or_late_counts_once(odd: int, late: int) -> None:
     scans = made.scans(COUNT)
-    twice = [*scans[: ODD + 1], *scans[ODD:]]
-    sweeps, remarks = read([made.table(s) for s in twice], [s.stamp_ns for s in twice])
+    sent = [*scans[: odd + late + 1], *scans[odd : odd + 1], *scans[odd + late + 1 :]]
+    sweeps, remarks = read([made.table(s) for s in sent], [s.stamp_ns for s in sent])
     assert steps_ns(sweeps) == STEPS_NS
     assert remarks == ["1 clouds left out, as they came twice or late by their times"]
+
+
+@pytest.mark.parametrize("count", [2, 3, COUNT])
+def test_stamps_that_stand_still_are_refused(count: int) -> None:
+    points = [made.table(scan) for scan in made.scans(count)]
+    with pytest.raises(Refused, match="do not ascend"):
+        read(points, [made.BEGIN_NS] * count)
 
 
 @pytest.mark.parametrize("odd", [3, ODD])

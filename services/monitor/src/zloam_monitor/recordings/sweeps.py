@@ -59,6 +59,29 @@ class Sweep:
     points: NDArray[Any]
 
 
+def _is_late(number: int, last_ns: int | None, stamp_ns: int) -> bool:
+    """Whether a cloud came twice or late; refused if a clock was set."""
+    back_ns = -1 if last_ns is None else last_ns - stamp_ns
+    if back_ns > LATE_NS:
+        raise Refused(
+            f"cloud {number}, counted from 0: its time is {1e-9 * back_ns:.3f} s before that of "
+            "the cloud before, as if a clock had been set: what follows is another run"
+        )
+    return back_ns >= 0
+
+
+def _ascending_stamps(clouds: list[Cloud]) -> list[Cloud]:
+    """The clouds without those that came twice or late, by the headers' stamps; refused if these
+    are half of them: then the stamps tell nothing."""
+    kept: list[Cloud] = []
+    for number, cloud in enumerate(clouds):
+        if not _is_late(number, kept[-1].stamp_ns if kept else None, cloud.stamp_ns):
+            kept.append(cloud)
+    if len(clouds) > 1 and 2 * len(kept) <= len(clouds):
+        raise Refused("the headers' stamps do not ascend")
+    return kept
+
+
 @dataclass
 class Sweeper:
     """Infers from the first clouds how all are read; `said`: texts about that."""
@@ -80,7 +103,7 @@ class Sweeper:
         first clouds, which are old when the inference is done."""
         clouds = (self._cloud(m) for m in messages)
         first = list(islice(clouds, JUDGED))
-        self._settle(first)
+        self._settle(_ascending_stamps(first))
         if live:
             return self._measured_before(self._ascending(clouds))
         return self._measured(self._ascending(c for each in (first, clouds) for c in each))
@@ -136,8 +159,6 @@ class Sweeper:
             raise Refused("there is no return in the first clouds")
         self.lasers = rings.settle(full)
         self.said.append(str(self.lasers) if self.lasers else NO_RINGS)
-        if (np.diff([c.stamp_ns for c in first]) <= 0).any():
-            raise Refused("the headers' stamps do not ascend")
         self.period_ns = times.middle_step_ns(first) or int(1e9 * self.timing.period_s)
         if self.timing.model != "none":
             self.said.append(f"points' times by driver.time_model={self.timing.model}")
@@ -196,14 +217,7 @@ class Sweeper:
         last_ns: int | None = None
         for number, cloud in enumerate(clouds):
             sweep = self._sweep(cloud)
-            back_ns = -1 if last_ns is None else last_ns - sweep.stamp_ns
-            if back_ns > LATE_NS:
-                raise Refused(
-                    f"cloud {number}, counted from 0: its time is {1e-9 * back_ns:.3f} s before "
-                    "that of the cloud before, as if a clock had been set: what follows is another "
-                    "run"
-                )
-            if back_ns >= 0:
+            if _is_late(number, last_ns, sweep.stamp_ns):
                 self.late += 1
                 continue
             last_ns = sweep.stamp_ns
