@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,6 +44,27 @@ def test_help_has_examples_that_name_the_command(
     said = capsys.readouterr().out
     assert f"zloam {command}" in said.split("Examples:")[1]
     assert "ZLOAM_FAULT" not in said
+
+
+def keys_of(schema: dict[str, Any], begin: str = "") -> set[str]:
+    """Keys of robot files, and sections of keys."""
+    found = set()
+    for name, each in schema.get("properties", {}).items():
+        found |= {begin + name, *keys_of(each, f"{begin}{name}.")}
+    return found
+
+
+def test_keys_in_help_are_those_of_robot_files(capsys: pytest.CaptureFixture[str]) -> None:
+    keys = keys_of(json.loads((ROOT / "deploy/robots/schema.json").read_text()))
+    sections = {key.partition(".")[0] for key in keys if "." in key}
+    named = set()
+    for command in COMMANDS:
+        assert cli.main([command, "--help"]) == 0
+        said = capsys.readouterr().out
+        named |= set(re.findall(r"(?<![\w./])[a-z_]+\.[a-z0-9_.]*[a-z0-9]", said))
+    meant = {name for name in named if name.partition(".")[0] in sections}
+    assert {"mapping.voxel_planes", "odometry.kernel_m", "driver.time_field"} <= meant
+    assert meant <= keys
 
 
 def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,7 +62,7 @@ def get(
         typer.Argument(autocompletion=common.stage_names, help="Default: all stages."),
     ] = None,
     key: Annotated[
-        str | None, typer.Argument(help="A key, or the beginning of several keys.")
+        str | None, typer.Argument(help="A key, or a section of keys, e.g. mapping.voxel_planes.")
     ] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
@@ -245,7 +245,7 @@ def add(app: typer.Typer) -> None:
         (robots, "robots", ("zloam robots", "zloam robots --connect 192.168.1.5")),
         (status, "status", ("zloam status",)),
         (watch, "watch", ("zloam watch", "zloam watch --connect 192.168.1.5 --every 1")),
-        (get, "get", ("zloam get odometry", "zloam get mapping mapping.voxel_m")),
+        (get, "get", ("zloam get odometry", "zloam get mapping mapping.voxel_planes")),
         (set_, "set", ("zloam set odometry odometry.kernel_m=0.2",)),
         (save, "save", ("zloam save", "zloam save maps/today")),
         (reset, "reset", ("zloam reset", "zloam reset mapping")),
