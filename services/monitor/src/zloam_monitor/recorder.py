@@ -38,11 +38,14 @@ from zloam_monitor.version import version
 #: Limit on messages waiting to be written.
 MOST_WAITING_BYTES = 256 * MIB
 TOO_FAST = "they came faster than they could be written (a slower rate, or a faster disk)"
-LOST = "they were lost on their way here (record on the robot itself, or over a faster link)"
+LOST = (
+    "they did not come here (record on the robot itself: over TLS its router sends clouds and "
+    "packets once a second, and a slow link loses more)"
+)
 #: Map and path are written at most this often, if they grew.
 SCENE_SECONDS = 5.0
 #: Keys below the robot's with messages that the stages can compute again from the sweeps, or that
-#: show the contents of other keys in another form.
+#: show the contents of other keys in another form: recorded with Options.everything.
 DERIVED = (
     "lidar/*/features",
     "lidar/*/rejected",
@@ -52,6 +55,8 @@ DERIVED = (
     "map/cloud",
     "sweep/registered",
     "odometry/sweep",
+    "map/submap",
+    "preview",
 )
 #: Health of instances that may have no configuration to ask for: standbys have none.
 WITHOUT_CONFIG = ("starting", "stopping")
@@ -89,6 +94,7 @@ def expressions(keys: Keys, scene: bool) -> list[str]:
     wanted = [
         keys.below("lidar/*/packets"),
         keys.below("lidar/*/sweep"),
+        keys.below("lidar/*/angle"),
         keys.below("imu/*"),
         keys.below("gnss/*"),
         keys.odometry,
@@ -96,6 +102,8 @@ def expressions(keys: Keys, scene: bool) -> list[str]:
         keys.map_correction,
         keys.map_odometry,
         keys.tiles,
+        keys.graph_loop,
+        keys.graph_poses,
         keys.every_status,
         keys.every_revision,
     ]
