@@ -156,7 +156,7 @@ ForSeconds = Annotated[
 Record = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="Record all published messages to MCAP, as `zloam record` does."
+        metavar="FILE", help="Record what the robot publishes to MCAP, as `zloam record` does."
     ),
 ]
 Map = Annotated[
@@ -172,7 +172,7 @@ Localize = Annotated[
     typer.Option(
         "--localize",
         help="Localize the robot in the map of --map without changing it. The search starts where "
-        "that run ended; if the robot is elsewhere, use `zloam place`.",
+        "that run ended and goes on in the whole map; `zloam place` helps where places look alike.",
     ),
 ]
 Extend = Annotated[
