@@ -210,6 +210,11 @@ COMMANDS: dict[str, Kind] = {
     "deploy/zenoh/certificates.sh out/tls robot 10.0.0.2": Runs(
         r"router\.crt", tuple(f"out/tls/{name}" for name in CERTIFICATES)
     ),
+    "zloam watch --connect "
+    '"tls/10.0.0.2:7448#root_ca_certificate_file=authority.crt;connect_certificate_file=monitor.crt;'
+    'connect_private_key_file=monitor.key;enable_mtls=true"': Form(
+        "services/monitor/tests/test_discovery.py"
+    ),
     "zloam-mapping --health": Form("the health checks"),
     "ulimit -l": Runs(r"^(\d+|unlimited)\n$"),
     # The sensor's network.

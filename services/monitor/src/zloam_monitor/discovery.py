@@ -255,6 +255,11 @@ def _is_known(endpoint: str, instances: set[tuple[str, str, str]]) -> bool:
 def _nobody(endpoints: Sequence[str]) -> str:
     reasons = {endpoint: refusal(endpoint) for endpoint in endpoints}
     taken = [endpoint for endpoint, reason in reasons.items() if reason is None]
+    if any(endpoint.startswith("tls/") for endpoint in taken):
+        return (
+            f"nothing of a robot answers at {', '.join(taken)}: check that its router listens "
+            "there and accepts the certificates that the endpoint names (deploy/README.md)"
+        )
     if taken:
         return (
             f"nothing of a robot answers at {', '.join(taken)}, though connections are taken: "
