@@ -96,6 +96,17 @@ std::string numbering_text(Numbering numbering) {
   return "?";
 }
 
+/// Liveliness tokens have no content.
+std::string size_text(const KeyRow& row) {
+  if (row.schema.empty()) return "-";
+  std::size_t size = row.max_bytes >> 10;
+  for (const char* unit : {" KiB", " MiB", " GiB"}) {
+    if (size < 1024) return std::to_string(size) + unit;
+    size >>= 10;
+  }
+  return "?";
+}
+
 TEST(KeyTable, IsTheOneOfTheReadme) {
   const auto rows = readme_rows();
   ASSERT_EQ(rows.size(), key_table().size());
@@ -105,7 +116,7 @@ TEST(KeyTable, IsTheOneOfTheReadme) {
         std::string(row.pattern),   row.schema.empty() ? "-" : std::string(row.schema),
         std::string(row.publisher), congestion_text(row.congestion),
         std::string(row.priority),  numbering_text(row.numbering),
-        std::string(row.queue)};
+        std::string(row.queue),     size_text(row)};
     EXPECT_EQ(rows[i], expected) << row.pattern;
   }
 }

@@ -51,7 +51,7 @@ def published_keys() -> list[str]:
     """Keys of schemas/README.md on which stages publish, `<...>` as `*`; tiles as one."""
     text = (Path(__file__).parents[3] / "schemas" / "README.md").read_text()
     rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines()]
-    table = [row for row in rows if len(row) == 9 and row[1].startswith("`")]
+    table = [row for row in rows if len(row) == 10 and row[1].startswith("`")]
     assert len(table) > 30
     # The others are answered to queries, or are tokens.
     return [re.sub("<[a-z_]+>", "*", row[1].strip("`")) for row in table if row[4] != "-"]
