@@ -60,7 +60,10 @@ class Beside:
         submaps."""
         asked = "--graph" if self.graph else f"--{self.mode}" if self.mode != "map" else ""
         if asked:
-            raise BesideError(f"{asked} needs mapping itself, not {program}: leave out --method")
+            raise BesideError(
+                f"{asked} needs mapping itself, not {program}: leave out --method, or name by it "
+                "only the other stages, as in --method registration=aloam,odometry=aloam"
+            )
 
     @property
     def mode(self) -> str:
