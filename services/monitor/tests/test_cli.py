@@ -77,6 +77,13 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert listed == [*COMMANDS, "map", "config", *(name for name, _ in PROGRAMS)]
 
 
+def test_the_readme_lists_every_command() -> None:
+    text = (ROOT / "services/monitor/README.md").read_text()
+    cells = re.findall(r"^\| (`.*?`) \| ", text, re.MULTILINE)
+    listed = {name for cell in cells for name in re.findall(r"`([a-z-]+)", cell)}
+    assert {*COMMANDS, "map", "config", "calibrate"} - listed == set()
+
+
 def test_the_version_is_that_of_the_programs(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     said = capsys.readouterr().out.strip()
