@@ -213,7 +213,7 @@ COMMANDS: dict[str, Kind] = {
     "zloam watch --connect "
     '"tls/10.0.0.2:7448#root_ca_certificate_file=authority.crt;connect_certificate_file=monitor.crt;'
     'connect_private_key_file=monitor.key;enable_mtls=true"': Form(
-        "services/monitor/tests/test_discovery.py"
+        "services/monitor/tests/test_tls_door.py"
     ),
     "zloam-mapping --health": Form("the health checks"),
     "ulimit -l": Runs(r"^(\d+|unlimited)\n$"),

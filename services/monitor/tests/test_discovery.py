@@ -5,11 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
-import re
 import socket
-import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import zenoh
@@ -70,10 +67,8 @@ def test_who_takes_connections_and_says_nothing_is_no_robot(
     assert f"nothing of a robot answers at tcp/127.0.0.1:{deaf}" in said
 
 
-def opened(mode: str, tls: object = None, **endpoints_of: list[str]) -> zenoh.Session:
+def opened(mode: str, **endpoints_of: list[str]) -> zenoh.Session:
     config = zenoh.Config()
-    if tls is not None:
-        config.insert_json5("transport/link/tls", json.dumps(tls))
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("scouting/multicast/enabled", "false")
     for which, named in endpoints_of.items():
@@ -93,33 +88,6 @@ def test_a_router_answers_for_stages_that_only_it_reaches() -> None:
         with discovery.linked_to(found, newest=0) as link:
             assert list(link.session.info.routers_zid())
             assert link.living() == {"odometry"}
-
-
-def test_a_robot_behind_tls_is_reached_as_the_text_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    root = Path(__file__).parents[3]
-    text = (root / "deploy/README.md").read_text()
-    (told,) = re.findall(r'^zloam watch --connect "(tls/.*)"$', text, re.MULTILINE)
-    script = root / "deploy/zenoh/certificates.sh"
-    subprocess.run([script, tmp_path, "car"], check=True, capture_output=True)
-    monkeypatch.chdir(tmp_path)
-    where = f"tls/localhost:{free_port()}"
-    endpoint = where + "#" + told.partition("#")[2]
-    router = {
-        "root_ca_certificate": "authority.crt",
-        "listen_certificate": "router.crt",
-        "listen_private_key": "router.key",
-        "enable_mtls": True,
-    }
-    with (
-        opened("router", router, listen=[where]) as behind,
-        behind.liveliness().declare_token("loam/car/service/odometry/odometry-1/alive"),
-    ):
-        (found,) = discovery.present([endpoint])
-        assert (found.robot, found.stages, found.router) == ("car", ["odometry"], True)
-        assert cli.main(["watch", "--connect", where]) == 1
-    assert "accepts the certificates that the endpoint names" in capsys.readouterr().err
 
 
 def test_a_taken_port_is_refused_with_its_number() -> None:

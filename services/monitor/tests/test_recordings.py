@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,21 +9,13 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from zloam_monitor import cli, clouds, places, sources
+from zloam_monitor import cli, clouds, sources
 from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.recordings import Refused, bags, folders
-from zloam_monitor.recordings.sweeps import LONGEST_NS
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STAMP_NS = 10**18
-
-
-def test_the_driver_takes_the_periods_that_a_sweep_can_have() -> None:
-    schema = json.loads((places.robots() / "schema.json").read_text())
-    period_s = schema["properties"]["driver"]["properties"]["scan_period_s"]
-    assert period_s["maximum"] == LONGEST_NS / 1e9
-    assert LONGEST_NS < 2**32
 
 
 def a_bag(path: Path, starts: dict[str, int]) -> Path:

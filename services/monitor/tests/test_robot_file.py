@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from zloam_monitor import places
+from zloam_monitor.recordings.sweeps import LONGEST_NS
 from zloam_monitor.robot_file import RobotFileError, RobotNames, connects, names
 
 
@@ -49,3 +52,10 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "r.yaml").write_bytes(data)
     with pytest.raises(RobotFileError, match=r"r\.yaml"):
         names(tmp_path / "r.yaml", [])
+
+
+def test_the_driver_takes_the_periods_that_a_sweep_can_have() -> None:
+    schema = json.loads((places.robots() / "schema.json").read_text())
+    period_s = schema["properties"]["driver"]["properties"]["scan_period_s"]
+    assert period_s["maximum"] == LONGEST_NS / 1e9
+    assert LONGEST_NS < 2**32
