@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from test_doctor import status
 from test_report import STEP_NS, run_with
 from zloam_monitor import comparison, outputs, report, trajectory
+from zloam_monitor.report import Run
 
 
 def test_what_a_stage_could_not_write_is_not_written(tmp_path: Path) -> None:
     run = run_with([n * STEP_NS for n in range(1, 20)])
     reason = "imu: none comes; map file: cannot write out/map.pcd: No space left on device"
     said = status("mapping", health="degraded", reason=reason)
-    found = outputs.write_all(
-        tmp_path, "a run", replace(run, statuses={"mapping": said}), stages_write_here=False
-    )
+    run = replace(run, statuses={"mapping": said})
+    found = outputs.write_all(tmp_path, "a run", run, stages_write_here=False)
     assert found["not_written"] == [
         "mapping: map file: cannot write out/map.pcd: No space left on device"
     ]
@@ -40,3 +42,47 @@ def test_the_report_names_the_file_of_its_own_run(tmp_path: Path) -> None:
 
 def test_a_run_without_poses_names_no_file(tmp_path: Path) -> None:
     assert outputs.write_all(tmp_path, "nothing", run_with([]))["trajectory_file"] is None
+
+
+def moved(run: Run, factor: float) -> Run:
+    """The same recording with another outcome: the instants stay."""
+    poses = run.trajectory.transforms.copy()
+    poses[:, 0, 3] *= factor
+    path = replace(run.trajectory, transforms=poses)
+    return replace(run, trajectory=path, odometry=path)
+
+
+def followed(folder: Path, run: Run) -> dict[str, Any]:
+    with outputs.claim_own(folder) as claim:
+        claim.begin()
+        return outputs.write_all(folder, "followed", run, stages_write_here=False)
+
+
+@pytest.mark.parametrize("later_ns", [0, 3600 * 10**9])
+def test_a_second_followed_run_is_reported_with_its_own_poses(
+    tmp_path: Path, later_ns: int
+) -> None:
+    """Also where the recording, and so each instant, is the same."""
+    first = run_with([n * STEP_NS for n in range(1, 20)])
+    second = moved(run_with([n * STEP_NS + later_ns for n in range(1, 20)]), 10.0)
+    assert followed(tmp_path, first)["path_m"] == pytest.approx(18.0)
+    found = followed(tmp_path, second)
+    assert found["path_m"] == pytest.approx(180.0)
+    assert found["trajectory_file"] == "heard.tum"
+    for name, is_of in (("heard.tum", second.trajectory), ("heard_odometry.tum", second.odometry)):
+        written = trajectory.read(tmp_path / name)
+        np.testing.assert_array_equal(written.stamps_ns, is_of.stamps_ns)
+        np.testing.assert_allclose(written.positions, is_of.positions, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["trajectory", "odometry", "trajectory_world"])
+def test_files_of_an_earlier_run_of_the_stages_are_not_the_run(tmp_path: Path, name: str) -> None:
+    run = run_with([n * STEP_NS for n in range(1, 20)])
+    trajectory.write_tum(tmp_path / f"{name}.tum", moved(run, 3.0).trajectory)
+    before = (tmp_path / f"{name}.tum").read_bytes()
+    truth = {"truth.tum": run.trajectory}
+    found = followed(tmp_path, replace(run, truths=truth))
+    assert found["path_m"] == pytest.approx(18.0)
+    errors = found["references"]["truth.tum"]
+    assert [each["ate_rmse_m"] for each in errors.values()] == pytest.approx([0.0, 0.0])
+    assert (tmp_path / f"{name}.tum").read_bytes() == before

@@ -38,6 +38,9 @@ class Files:
             "trajectory_tum": "trajectory.tum",
             "trajectory_kitti": "trajectory.kitti",
             "odometry_tum": "odometry.tum",
+            "heard_tum": "heard.tum",
+            "heard_kitti": "heard.kitti",
+            "heard_odometry": "heard_odometry.tum",
             "world_tum": "trajectory_world.tum",
             "world_map": "map_world.pcd",
             "ground_truth": "ground_truth.tum",
@@ -86,6 +89,7 @@ MADE_BY_STAGES = (
 )
 MADE_HERE = (
     *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
+    *("heard.tum", "heard.kitti", "heard_odometry.tum"),
     *(beside_run.MCAP, beside_run.RERUN, "logs/web.log", "logs/view.log"),
 )
 #: Files of further runs that the stages saw, and of further instances.
@@ -112,6 +116,10 @@ def claim_own(folder: Path, inputs: Iterable[Path] = ()) -> Claim:
     return claims.claim(folder, MADE_HERE, inputs)
 
 
+#: A pose of a file is a received one if it has its instant and is this close to it.
+SAME_POSE_M = 1e-3
+
+
 def numbered(path: Path, heard: Trajectory) -> Trajectory:
     """A stage's file, with the sweep of each pose found by the instants of the received poses."""
     written = trajectory.read(path)
@@ -119,42 +127,64 @@ def numbered(path: Path, heard: Trajectory) -> Trajectory:
         return written
     sweep_at = {int(t): int(n) for t, n in zip(heard.stamps_ns, heard.sweeps, strict=True)}
     sweeps = np.array([sweep_at.get(int(t), -1) for t in written.stamps_ns], np.int64)
-    return Trajectory(written.transforms, written.stamps_ns, sweeps)
+    return replace(written, sweeps=sweeps)
 
 
-def of_run(plain: Path, heard: Trajectory) -> Path:
-    """The one of a stage's files, one for each run, that contains most of the received poses."""
+def _in_common(path: Path, heard: Trajectory, within_m: float) -> int:
+    """Number of received poses that the file contains; 0 if it cannot be read, or has other poses
+    at most of their instants: each run of a recording begins at the same place."""
+    try:
+        written = trajectory.read(path)
+    except TrajectoryError:
+        return 0
+    if heard.stamps_ns is None or written.stamps_ns is None:
+        return 0
+    _, own, of_heard = np.intersect1d(written.stamps_ns, heard.stamps_ns, return_indices=True)
+    apart_m = np.linalg.norm(written.positions[own] - heard.positions[of_heard], axis=1)
+    same = int((apart_m <= within_m).sum())
+    return same if 2 * same > len(own) else 0
 
-    def common(path: Path) -> int:
-        try:
-            return int((numbered(path, heard).sweeps >= 0).sum())
-        except TrajectoryError:
-            return -1
 
+def _each_run(plain: Path) -> list[Path]:
+    """A stage's existing files, one for each run."""
     further = sorted(plain.parent.glob(f"{plain.stem}_[0-9]*{plain.suffix}"))
-    found = [path for path in (plain, *further) if path.exists()]
-    return plain if len(found) < 2 else max(found, key=common)
+    return [path for path in (plain, *further) if path.exists()]
+
+
+def of_run(plain: Path, heard: Trajectory, within_m: float = SAME_POSE_M) -> Path | None:
+    """The one of a stage's files, one for each run, that contains most of the received poses.
+    None: all are of other runs, also of one that replayed the same recording."""
+    counts = {path: _in_common(path, heard, within_m) for path in _each_run(plain)}
+    most = max(counts.values(), default=0)
+    return next((path for path, count in counts.items() if count == most > 0), None)
+
+
+def _world_file(folder: Path, run: Run) -> Path | None:
+    """The graph's file with this run's poses, which it has moved: only the instants are common."""
+    if run.graph is None:
+        return None
+    return of_run(Files(folder).world_tum, run.trajectory, np.inf)
 
 
 def collected(folder: Path, run: Run) -> Run:
-    """The run with the trajectories that the stages wrote, or else the received poses."""
+    """The run with the trajectories that the stages wrote, or else the received poses, which are
+    then written to files of their own."""
     files = Files(folder)
     if not len(run.trajectory):
         return run  # An empty file would look like a drive.
-    written = of_run(files.trajectory_tum, run.trajectory)
-    if written.exists():
-        run = replace(run, trajectory=numbered(written, run.trajectory))
-    else:
-        trajectory.write_tum(files.trajectory_tum, run.trajectory)
-        trajectory.write_kitti(files.trajectory_kitti, run.trajectory)
-    written = of_run(files.odometry_tum, run.odometry)
-    if not written.exists():
-        trajectory.write_tum(files.odometry_tum, run.odometry)
+    world = _world_file(folder, run)
+    if world is not None:
+        run = replace(run, world=numbered(world, run.trajectory))
+    odometry = of_run(files.odometry_tum, run.odometry)
+    if odometry is not None:
+        run = replace(run, odometry=numbered(odometry, run.odometry))
     elif len(run.odometry):
-        run = replace(run, odometry=numbered(written, run.odometry))
-    written = of_run(files.world_tum, run.trajectory)
-    if written.exists():
-        run = replace(run, world=numbered(written, run.trajectory))
+        trajectory.write_tum(files.heard_odometry, run.odometry)
+    written = of_run(files.trajectory_tum, run.trajectory)
+    if written is not None:
+        return replace(run, trajectory=numbered(written, run.trajectory))
+    trajectory.write_tum(files.heard_tum, run.trajectory)
+    trajectory.write_kitti(files.heard_kitti, run.trajectory)
     return run
 
 
@@ -162,15 +192,15 @@ def trajectory_file(folder: Path, run: Run) -> str | None:
     """Name of the file with the reported run's poses; None: the run has none."""
     if not len(run.trajectory):
         return None
-    return of_run(Files(folder).trajectory_tum, run.trajectory).name
+    files = Files(folder)
+    return (of_run(files.trajectory_tum, run.trajectory) or files.heard_tum).name
 
 
 def earlier_runs(folder: Path, run: Run) -> list[str]:
     """Files with poses of runs before the reported one."""
     plain = Files(folder).trajectory_tum
     own = of_run(plain, run.trajectory)
-    named = [plain, *sorted(plain.parent.glob(f"{plain.stem}_[0-9]*{plain.suffix}"))]
-    return [f"{p.name} ({len(trajectory.read(p))} poses)" for p in named if p.exists() and p != own]
+    return [f"{p.name} ({len(trajectory.read(p))} poses)" for p in _each_run(plain) if p != own]
 
 
 def map_points(folder: Path) -> np.ndarray[Any, Any]:
@@ -215,11 +245,13 @@ def missing_files(folder: Path, run: Run) -> list[str]:
     """The stages' files that are missing although there was something to write."""
     files = Files(folder)
     missing = []
-    if len(run.trajectory) and not files.trajectory_tum.exists():
-        missing.append(f"{files.trajectory_tum} by integration (what was heard is in its place)")
+    if len(run.trajectory) and of_run(files.trajectory_tum, run.trajectory) is None:
+        missing.append(
+            f"{files.trajectory_tum} by integration (what was heard is in {files.heard_tum.name})"
+        )
     if run.mapped and not files.map.exists():
         missing.append(f"{files.map} by mapping")
-    if len(run.trajectory) and run.graph is not None and not files.world_tum.exists():
+    if len(run.trajectory) and run.graph is not None and _world_file(folder, run) is None:
         missing.append(f"{files.world_tum} by graph")
     return missing
 
@@ -251,8 +283,12 @@ def write_all(
             trajectory.write_tum(files.ground_truth, stamped)
     write_poses(files.poses, run)
     found = report.build(run)
-    found["not_written"] = missing + unwritten(run) + run.not_recorded
     found["trajectory_file"] = trajectory_file(folder, run)
+    found["not_written"] = [
+        *missing,
+        *unwritten(run),
+        *run.not_recorded,
+    ]
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
     report.write(files.report, found)
     write_picture(folder, title, run)
