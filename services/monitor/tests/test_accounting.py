@@ -119,6 +119,36 @@ def test_poses_that_the_listener_missed_are_poses() -> None:
     assert found.sweeps_accounted
 
 
+def test_a_driver_that_began_again_is_accounted_over_all_runs() -> None:
+    """In 200 sweeps of the runs before, odometry lost 3 that are in its count still."""
+    whole = SWEEPS + 200
+    later = ("odometry", "mapping", "integration")
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", whole),
+        *(status(stage, whole - 3, lost=3 * (stage == "odometry")) for stage in later),
+        poses=SWEEPS,
+    )
+    assert found.several_runs
+    assert (found.sweeps, found.poses, found.given_up) == (whole, whole - 3, {"odometry.lost": 3})
+    assert found.complaints() == []
+
+
+def test_losses_of_earlier_runs_excuse_none_of_the_last() -> None:
+    """60 were lost in the runs before; in the last one, 60 more have no reason."""
+    whole = SWEEPS + 200
+    found = books(
+        status("driver", SWEEPS),
+        status("registration", whole),
+        status("odometry", whole - 120, lost=60, silent=60),
+        status("mapping", whole - 120),
+        status("integration", whole - 120),
+        poses=SWEEPS - 60,
+    )
+    assert found.given_up == {"odometry.lost": 60}
+    assert not found.sweeps_accounted
+
+
 @pytest.mark.parametrize("out", [20, 200])
 def test_a_stage_that_counts_from_a_later_start_is_judged_by_its_drops(out: int) -> None:
     found = books(

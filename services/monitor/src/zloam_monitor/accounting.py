@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from zloam_monitor.keys import Keys
@@ -39,6 +39,13 @@ class Accounts:
     given_up: dict[str, int]
     unbalanced: list[str] = field(default_factory=list)
     without_status: list[str] = field(default_factory=list)
+    #: The driver began again while the other stages went on counting: all counts, `sweeps` and
+    #: `poses` too, are of more runs than the driver's last one.
+    several_runs: bool = False
+
+    def sweeps_of(self, stage: str) -> int:
+        """Number of sweeps that the stage's other figures are of."""
+        return self.stages[stage].came_in if stage == "driver" else self.sweeps
 
     @property
     def inputs_balanced(self) -> bool:
@@ -141,13 +148,30 @@ def _given_up(
     return _nonzero(found)
 
 
+def _of_all_runs(stages: dict[str, StageSweeps]) -> StageSweeps | None:
+    """The driver's sweeps in all runs that the other stages have counted, as its reader saw them;
+    None if they have counted no more than the driver's last run."""
+    if any(stage not in stages for stage in POSE_PATH):
+        return None
+    driver, *others = (stages[stage] for stage in POSE_PATH)
+    if any(stage.went_out <= driver.came_in for stage in others):
+        return None
+    # `came_in` has no second copies. What comes late was counted as lost before.
+    foreign = {"late", *NO_SWEEP_GIVEN_UP} - {"duplicate"}
+    all_sweeps = others[0].came_in + others[0].lost
+    all_sweeps -= sum(n for reason, n in others[0].dropped.items() if reason in foreign)
+    return replace(driver, came_in=all_sweeps, went_out=all_sweeps)
+
+
 def account(
     statuses: dict[str, StatusRecord], keys: Keys, poses: int, predicted_for_dropped: int = 0
 ) -> Accounts:
     """Accounts from the last status of each stage and the number of distinct sweeps for which a
     pose was received."""
     stages = {s: _stage_sweeps(s, statuses[s], keys) for s in STAGES if s in statuses}
-    sweeps = stages["driver"].came_in if "driver" in stages else 0
+    driver = _of_all_runs(stages)
+    counted = stages if driver is None else {**stages, "driver": driver}
+    sweeps = counted["driver"].came_in if "driver" in counted else 0
     published = stages["integration"].went_out if "integration" in stages else 0
     # A subscriber may miss some poses.
     if poses < published <= sweeps:
@@ -162,7 +186,8 @@ def account(
         stages,
         sweeps,
         poses,
-        _given_up(stages, sweeps, poses, predicted_for_dropped),
+        _given_up(counted, sweeps, poses, predicted_for_dropped),
         unbalanced,
         [s for s in STAGES if s not in statuses],
+        driver is not None,
     )

@@ -25,6 +25,10 @@ from zloam_monitor.trajectory import Trajectory
 FILE_CODE = 3
 #: Kind of trajectory in the report -> its name in the table.
 KINDS = {"pose": "pose", "odometry": "odometry", "world": "pose with loops closed"}
+#: Line of the table if the counts and the poses are not of the same runs.
+SEVERAL_RUNS = (
+    "the driver began again: the counts are of all its runs, health and latency of the last one"
+)
 #: Names of errors, both in the report and in Scores.
 SCORE_NAMES = ("ate_rmse_m", "drift_percent", "rpe_1m_m")
 
@@ -153,11 +157,11 @@ def build(run: Run) -> dict[str, Any]:
     whole, work = latency.by_stage(run.poses.values(), run.mapped.values())
     end_to_end = latency.from_last_packet(run.poses.values(), "integration")
     mapped_pose = latency.from_last_packet(run.mapped.values(), "mapping")
-    sweeps = max(accounts.sweeps, 1)
     went_back = _went_back(run.poses)
     poses = _without(run.trajectory, went_back)
     seconds = _data_seconds(poses)
     known = [stage for stage in STAGES if stage in run.statuses]
+    sweeps = {stage: max(accounts.sweeps_of(stage), 1) for stage in known}
     report: dict[str, Any] = {
         "sweeps": {
             stage: {
@@ -172,6 +176,7 @@ def build(run: Run) -> dict[str, Any]:
         "identities": {
             "inputs_balanced": accounts.inputs_balanced,
             "sweeps_accounted": accounts.sweeps_accounted,
+            "several_runs": accounts.several_runs,
             "sweeps": accounts.sweeps,
             "poses": accounts.poses,
             "given_up": accounts.given_up,
@@ -179,13 +184,13 @@ def build(run: Run) -> dict[str, Any]:
         },
         "latency_ms": {**whole, "end_to_end": end_to_end, "mapped_pose": mapped_pose},
         "work_ms": work,
-        "cpu_ms_per_sweep": {stage: run.statuses[stage].cpu_ms / sweeps for stage in known},
+        "cpu_ms_per_sweep": {stage: run.statuses[stage].cpu_ms / sweeps[stage] for stage in known},
         "rss_mib": {stage: run.statuses[stage].rss_mib for stage in known},
         "pss_mib": run.pss_mib,
         "bytes": {stage: run.statuses[stage].memory for stage in known},
         "bytes_per_sweep": {
             stage: {
-                name.removeprefix("bytes_"): count / sweeps
+                name.removeprefix("bytes_"): count / sweeps[stage]
                 for name, count in run.statuses[stage].memory.items()
                 if name.startswith("bytes_")
             }
@@ -314,6 +319,8 @@ def table(report: dict[str, Any]) -> str:
         lines.append(f"{loops['loops']} loops in force between {loops['submaps']} submaps")
     lines.append(latency_line(report))
     lines.append(summary_line(report))
+    if report["identities"]["several_runs"]:
+        lines.append(SEVERAL_RUNS)
     lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
