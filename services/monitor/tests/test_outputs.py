@@ -12,7 +12,13 @@ import pytest
 from test_doctor import status
 from test_report import STEP_NS, run_with
 from zloam_monitor import comparison, outputs, report, trajectory
+from zloam_monitor.keys import Keys
+from zloam_monitor.records import Input, StatusRecord
 from zloam_monitor.report import Run
+from zloam_monitor.stages import STAGES
+from zloam_monitor.trajectory import Trajectory
+
+KEYS = Keys("robot", "lidar")
 
 
 def test_what_a_stage_could_not_write_is_not_written(tmp_path: Path) -> None:
@@ -86,3 +92,48 @@ def test_files_of_an_earlier_run_of_the_stages_are_not_the_run(tmp_path: Path, n
     errors = found["references"]["truth.tum"]
     assert [each["ate_rmse_m"] for each in errors.values()] == pytest.approx([0.0, 0.0])
     assert (tmp_path / f"{name}.tum").read_bytes() == before
+
+
+def counted(run: int, poses: int, driver: int | None = None) -> dict[str, StatusRecord]:
+    """Statuses of stages that published so many sweeps each; the driver may have begun again."""
+    found = {}
+    for stage in STAGES:
+        count = driver if stage == "driver" and driver is not None else poses
+        name = KEYS.main_input(stage)
+        inputs = (Input(name, count, count, 0, 0, 0, {}, 0, 0),) if name else ()
+        made = status(stage, run=run, last_sweep=count - 1, inputs=inputs, cpu_ms=10.0 * count)
+        found[stage] = replace(made, published={KEYS.main_output(stage): count})
+    return found
+
+
+@pytest.mark.parametrize("came", [12, 20])
+def test_a_file_with_a_part_of_the_poses_is_no_good_end(tmp_path: Path, came: int) -> None:
+    """All figures of the trajectory are then of that part."""
+    run = run_with([n * STEP_NS for n in range(20)])
+    kept = {n: pose for n, pose in run.poses.items() if n < came}
+    some = run_with([n * STEP_NS for n in range(came)]).trajectory
+    run = replace(run, poses=kept, trajectory=some, statuses=counted(1, 20))
+    found = followed(tmp_path, run)
+    lacks = [] if came == 20 else ["8 of 20 poses in heard.tum"]
+    assert found["not_written"] == lacks
+    assert report.exit_code(found) == (3 if lacks else 0)
+    assert ("not written: 8 of 20 poses in heard.tum" in report.table(found)) == bool(lacks)
+
+
+def test_the_stages_file_has_what_did_not_come_here(tmp_path: Path) -> None:
+    whole = run_with([n * STEP_NS for n in range(20)])
+    trajectory.write_tum(tmp_path / "trajectory.tum", whole.trajectory)
+    some = run_with([n * STEP_NS for n in range(12)])
+    found = followed(tmp_path, replace(some, statuses=counted(1, 20)))
+    assert (found["not_written"], found["trajectory_file"]) == ([], "trajectory.tum")
+    assert found["path_m"] == pytest.approx(19.0)
+
+
+def test_a_driver_that_began_again_spoils_no_figure(tmp_path: Path) -> None:
+    """55 sweeps, 5 of them since the driver was started again; each cost every stage 10 ms."""
+    run = replace(run_with([n * STEP_NS for n in range(5)]), statuses=counted(2, 55, driver=5))
+    found = followed(tmp_path, run)
+    assert (found["identities"]["sweeps"], found["identities"]["poses"]) == (55, 55)
+    assert (report.complaints(found), report.exit_code(found)) == ([], 0)
+    assert found["cpu_ms_per_sweep"] == dict.fromkeys(STAGES, pytest.approx(10.0))
+    assert report.SEVERAL_RUNS in report.table(found)

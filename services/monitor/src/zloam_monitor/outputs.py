@@ -256,6 +256,18 @@ def missing_files(folder: Path, run: Run) -> list[str]:
     return missing
 
 
+def missing_poses(run: Run, found: dict[str, Any]) -> list[str]:
+    """Says that the reported file has fewer poses than were published, as when some of them did not
+    come here: all figures of the trajectory are then of a part of the run."""
+    if found["identities"]["several_runs"]:
+        return []  # Each run has its own file.
+    published = found["identities"]["poses"]
+    missing = published - len(run.trajectory) - run.trajectory.left_out
+    if found["trajectory_file"] is None or missing <= 0:
+        return []
+    return [f"{missing} of {published} poses in {found['trajectory_file']}"]
+
+
 #: Topics of a stage's health that tell of a result that is not in a file.
 FILE_TOPICS = ("map file", "trajectory", "journal", "files", "points", "disk", "lost output")
 
@@ -286,6 +298,7 @@ def write_all(
     found["trajectory_file"] = trajectory_file(folder, run)
     found["not_written"] = [
         *missing,
+        *missing_poses(run, found),
         *unwritten(run),
         *run.not_recorded,
     ]
