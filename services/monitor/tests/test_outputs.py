@@ -137,3 +137,21 @@ def test_a_driver_that_began_again_spoils_no_figure(tmp_path: Path) -> None:
     assert (report.complaints(found), report.exit_code(found)) == ([], 0)
     assert found["cpu_ms_per_sweep"] == dict.fromkeys(STAGES, pytest.approx(10.0))
     assert report.SEVERAL_RUNS in report.table(found)
+
+
+@pytest.mark.parametrize(("poses", "error_known"), [(20, True), (12, True), (60, False)])
+def test_a_reference_by_sweep_number_is_of_this_drive(
+    tmp_path: Path, poses: int, error_known: bool
+) -> None:
+    run = replace(run_with([n * STEP_NS for n in range(20)]), statuses=counted(1, 20))
+    truth = Trajectory(np.tile(np.eye(4), (poses, 1, 1)), None, np.arange(poses))
+    truth.transforms[:, 0, 3] = np.arange(poses) - 0.5
+    found = followed(tmp_path, replace(run, truths={"07.txt": truth}))
+    assert list(found["references"]) == (["07.txt"] if error_known else [])
+    said = "the reference 07.txt has no times and 60 poses, the run 20 sweeps: no error against it"
+    assert found["no_reference"] == ([] if error_known else [said])
+    assert (said in report.table(found)) != error_known
+    if error_known:
+        remark = "no truth for 8 of 20 poses, which do not count"
+        assert found["references"]["07.txt"]["pose"]["remark"] == (remark if poses < 20 else None)
+        assert found["ate_rmse_m"]["pose"] == pytest.approx(0.0, abs=1e-9)

@@ -16,6 +16,7 @@ from zloam_monitor import (
     evaluation,
     html_report,
     picture,
+    references,
     report,
     trajectory,
 )
@@ -289,6 +290,9 @@ def write_all(
     files = Files(folder)
     missing = missing_files(folder, run) if stages_write_here else []
     run = collected(folder, run)
+    sweeps = max(report.accounts_of(run).sweeps, len(run.trajectory))
+    truths, lacks = references.of_drive(run.truths, sweeps)
+    run = replace(run, truths=truths, no_reference=[*run.no_reference, *lacks])
     for truth in list(run.truths.values())[:1]:
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:

@@ -21,6 +21,24 @@ def check(paths: Iterable[Path]) -> None:
             trajectory.read(path)
 
 
+def of_drive(
+    truths: Mapping[str, Trajectory], sweeps: int
+) -> tuple[dict[str, Trajectory], list[str]]:
+    """(references that can be of a drive with so many sweeps, remarks about the others). One
+    without times (KITTI) has a pose for each sweep: with more of them it is of another drive."""
+    others = {
+        name: len(truth)
+        for name, truth in truths.items()
+        if truth.stamps_ns is None and len(truth) > sweeps
+    }
+    remarks = [
+        f"the reference {name} has no times and {poses} poses, the run {sweeps} sweeps: no error "
+        "against it"
+        for name, poses in others.items()
+    ]
+    return {name: truth for name, truth in truths.items() if name not in others}, remarks
+
+
 def of_base(
     paths: Iterable[Path], configs: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Trajectory], list[str]]:
