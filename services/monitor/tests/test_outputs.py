@@ -13,7 +13,7 @@ from test_doctor import status
 from test_report import STEP_NS, run_with
 from zloam_monitor import comparison, outputs, report, trajectory
 from zloam_monitor.keys import Keys
-from zloam_monitor.records import Input, StatusRecord
+from zloam_monitor.records import HEALTH, Input, StatusRecord
 from zloam_monitor.report import Run
 from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
@@ -155,3 +155,26 @@ def test_a_reference_by_sweep_number_is_of_this_drive(
         remark = "no truth for 8 of 20 poses, which do not count"
         assert found["references"]["07.txt"]["pose"]["remark"] == (remark if poses < 20 else None)
         assert found["ate_rmse_m"]["pose"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_comparison_shows_health_and_losses(tmp_path: Path) -> None:
+    well = replace(run_with([n * STEP_NS for n in range(20)]), statuses=counted(1, 20))
+    lost = {n: replace(pose, health=HEALTH.index("lost")) for n, pose in well.poses.items()}
+    dropped = Input(str(KEYS.main_input("odometry")), 20, 15, 0, 0, 0, {"queue_full": 5}, 0, 0)
+    statuses = counted(1, 15)
+    statuses |= {stage: counted(1, 20)[stage] for stage in ("driver", "registration")}
+    statuses["odometry"] = replace(statuses["odometry"], inputs=(dropped,))
+    ill = replace(well, poses=lost, statuses=statuses)
+    folders = [tmp_path / name for name in ("well", "ill")]
+    for folder, run in zip(folders, (well, ill), strict=True):
+        folder.mkdir()
+        outputs.write_all(folder, folder.name, run)
+    first, second = map(comparison.read, folders)
+    figures = comparison.compared(first, second).figures
+    assert figures["health: lost"] == (0.0, 20.0)
+    assert figures["health: ok"] == (20.0, 0.0)
+    assert figures["given up"] == (0.0, 5.0)
+    assert figures["jumps"] == (0.0, 0.0)
+    said = comparison.lines(comparison.compared(first, second))
+    assert any(line.split() == ["health:", "lost", "0", "20"] for line in said)
+    assert not any("health: degenerate" in line for line in said)

@@ -28,7 +28,7 @@ def drive(count: int = 50, off_m: float = 0.0, begin_ns: int = 10**18) -> Trajec
 def a_run(folder: Path, poses: Trajectory, **more: Any) -> Path:
     folder.mkdir(parents=True)
     trajectory.write_tum(folder / "trajectory.tum", poses)
-    report = {"identities": {"sweeps": 50, "poses": 50, "given_up": 0}, "path_m": 24.5, **more}
+    report = {"identities": {"sweeps": 50, "poses": 50, "given_up": {}}, "path_m": 24.5, **more}
     (folder / "report.json").write_text(json.dumps(report))
     return folder
 

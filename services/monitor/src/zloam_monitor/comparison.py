@@ -27,6 +27,7 @@ FIGURES = (
     ("latency p50, ms", ("latency_ms", "end_to_end", "p50"), 1),
     ("latency p99, ms", ("latency_ms", "end_to_end", "p99"), 1),
     ("wall time, s", ("wall_s",), 1),
+    ("jumps", ("health", "jumps"), 0),
 )
 
 
@@ -82,6 +83,8 @@ def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
     value: Any = report
     for name in where:
         value = value.get(name) if isinstance(value, dict) else None
+    if isinstance(value, dict):  # Counts by reason.
+        value = sum(value.values())
     return float(value) if isinstance(value, (int, float)) else None
 
 
@@ -110,17 +113,23 @@ def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None,
     wheres = {name: where for name, where, _ in FIGURES}
     for stage in first.report.get("cpu_ms_per_sweep", {}):
         wheres[f"CPU of {stage}, ms"] = ("cpu_ms_per_sweep", stage)
-    states = {*first.report.get("health", {}), *second.report.get("health", {})}
-    health = {f"health: {name}": ("health", name) for name in sorted(states)}
     pairs = {
         name: (_figure(first.report, where), _figure(second.report, where))
-        for name, where in {**wheres, **health}.items()
+        for name, where in wheres.items()
     }
-    return {
-        name: (a, b)
-        for name, (a, b) in pairs.items()
-        if (a is not None or b is not None) and (name not in health or a != b)
-    }
+    counted = [_health(each.report) for each in (first, second)]
+    for state in sorted({state for counts in counted for state in counts or ()}):
+        a, b = (None if counts is None else float(counts.get(state, 0)) for counts in counted)
+        if a != b:
+            pairs[f"health: {state}"] = a, b
+    return {name: pair for name, pair in pairs.items() if pair != (None, None)}
+
+
+def _health(report: dict[str, Any]) -> dict[str, int] | None:
+    """Number of poses by their health; those that do not occur are left out. None: not reported."""
+    health = report.get("health")
+    counts = health.get("counts") if isinstance(health, dict) else None
+    return counts if isinstance(counts, dict) else None
 
 
 def compared(first: Finished, second: Finished) -> Compared:
@@ -158,6 +167,6 @@ def lines(found: Compared) -> list[str]:
     rows = [("", found.first.name, found.second.name)]
     known = {figure: digits for figure, _, digits in FIGURES}
     for name, (a, b) in found.figures.items():
-        digits = known.get(name, 3 if name.startswith("health") else 1)
+        digits = known.get(name, 0 if name.startswith("health") else 1)
         rows.append((name, number_text(a, digits), number_text(b, digits)))
     return [f"trajectories: {_apart(found)}", *(f"{n:<24}{a:>14}{b:>14}" for n, a, b in rows)]
