@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +16,8 @@ import numpy as np
 import pytest
 
 from fake_session import FakeSession
+from test_doctor import status
+from test_report import run_with
 from zloam_monitor import compose, follow, link, messages, outputs, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.kept_poses import KeptPoses
@@ -151,6 +154,18 @@ def test_a_source_that_never_begins_is_not_waited_for(tmp_path: Path) -> None:
         follow._wait(link, wanted, ProgressLine(), outputs.claim_own(tmp_path))
     assert (tmp_path / "ready").exists()
     assert link.polls > 1
+
+
+def test_the_end_of_the_run_before_is_not_the_end() -> None:
+    """Stages that stay say it until their first status in the next run."""
+    run = run_with([0])
+    ends: dict[str, Any] = {}
+    link: Any = types.SimpleNamespace(poses=run.poses, run=2, stage=ends.get)
+    for of_run, ended, finished in ((1, True, False), (2, False, False), (2, True, True)):
+        ends.update({s: status(s, run=of_run, end_of_run=ended) for s in follow.SINKS})
+        assert follow._finished(link) == finished
+    link.poses = {}
+    assert not follow._finished(link)
 
 
 def test_who_does_not_end_is_told(

@@ -61,8 +61,12 @@ def _all_heard(link: Link, ready_file: Path | None) -> bool:
 
 
 def _finished(link: Link) -> bool:
+    """The sinks have said the end of the run whose poses came: stages that stay after a run say the
+    end of that one until their first status in the next."""
+    if not link.poses:
+        return False
     found = [link.stage(stage) for stage in SINKS]
-    return all(s is not None and s.end_of_run for s in found) and bool(link.poses)
+    return all(s is not None and s.end_of_run and s.run == link.run for s in found)
 
 
 def _wait(link: Link, options: FollowOptions, line: ProgressLine, claim: Claim) -> float:
