@@ -48,8 +48,17 @@ def test_other_programs_read_them(made: PointMap, tmp_path: Path) -> None:
         las = laspy.read(tmp_path / f"map{suffix}")
         assert str(las.header.version) == "1.4"
         assert np.abs(np.asarray(las.x) - made.points["x"]).max() < 1e-3
-        assert (np.asarray(las.user_data) == made.layers).all()
+        assert (np.asarray(las["layer"]) == made.layers).all()
     assert (tmp_path / "map.laz").stat().st_size < (tmp_path / "map.las").stat().st_size
+
+
+def test_points_of_a_file_without_layers_are_plane(made: PointMap, tmp_path: Path) -> None:
+    """LAS files have user data for each point, which other programs leave 0 or use as they like."""
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.x, las.y, las.z = made.xyz.T
+    las.user_data = np.arange(len(made)) % 3
+    las.write(tmp_path / "survey.las")
+    assert set(maps.read(tmp_path / "survey.las").layers) == {1}
 
 
 def test_a_map_that_mapping_wrote_is_read(made: PointMap, tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Map files: reads and writes PCD, PLY, LAS and LAZ; crops, thins and describes maps.
 
 A map's points have x, y, z in m (frame map), an intensity and the layer (0 edge, 1 plane). Formats:
-PCD 0.7 (Point Cloud Library), PLY (Turk 1994), LAS 1.4 (ASPRS), which holds the layer as user data.
+PCD 0.7 (Point Cloud Library), PLY (Turk 1994), LAS 1.4 (ASPRS), in which the layer is an extra
+dimension.
 """
 
 from __future__ import annotations
@@ -90,8 +91,8 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     intensity = next((n for n in ("intensity", "reflectivity") if n in names), None)
     if intensity:
         points["intensity"] = found[intensity]
-    layer = next((n for n in ("layer", "user_data") if n in names), None)
-    layers = found[layer].astype(np.uint8) if layer else np.ones(len(found), np.uint8)
+    # LAS files of other programs have no layer; each has user data, which may be anything.
+    layers = found["layer"].astype(np.uint8) if "layer" in names else np.ones(len(found), np.uint8)
     return PointMap(points, layers, int((~finite).sum()))
 
 
@@ -127,6 +128,7 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
 
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, LAS_STEP_M)
+    header.add_extra_dim(laspy.ExtraBytesParams("layer", np.uint8, "0 edge, 1 plane"))
     if notes:
         text = "\n".join(notes).encode()
         header.vlrs.append(laspy.VLR(LAS_USER, LAS_NOTES, "frame and parameters", text))
@@ -141,7 +143,7 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
     las = laspy.LasData(header)
     las.x, las.y, las.z = xyz.T
     las.intensity = np.clip(np.rint(found.points["intensity"]), 0, 65535).astype(np.uint16)
-    las.user_data = found.layers
+    las["layer"] = found.layers
     # laspy chooses between LAS and LAZ by the file's name, but for a stream by do_compress.
     with written_whole(path, "wb") as out:
         las.write(out, do_compress=path.suffix.lower() == ".laz")
