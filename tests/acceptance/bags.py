@@ -92,10 +92,8 @@ def _written(s: Setting, name: str, scans: list[Scan], **how: object) -> Path:
     return variants.write(path, scans, **how)  # type: ignore[arg-type]
 
 
-def _ended(demo: Demo) -> Path:
-    if demo.code != 0:
-        raise RuntimeError(f"exit code {demo.code}: {demo.last_words()}")
-    return demo.out / "trajectory.tum"
+def _trajectory(demo: Demo) -> Path:
+    return demo.results / "trajectory.tum"
 
 
 def _apart_m(a: Path, b: Path) -> float:
@@ -106,12 +104,12 @@ def _apart_m(a: Path, b: Path) -> float:
 
 
 def _layouts(s: Setting) -> Measured:
-    direct = _ended(s.demo("bags-direct", "--pcap", _capture(s)))
+    direct = _trajectory(s.demo("bags-direct", "--pcap", _capture(s)))
     scans = _scans(s)
     apart_m = []
     for number, (layout, _) in enumerate(READABLE.values()):
         bag = _written(s, f"layout{number}", scans, layout=layout)
-        apart_m.append(_apart_m(direct, _ended(s.demo(f"bags-layout{number}", "--bag", bag))))
+        apart_m.append(_apart_m(direct, _trajectory(s.demo(f"bags-layout{number}", "--bag", bag))))
     within = sum(each <= LIMIT_M for each in apart_m)
     return Measured(
         f"{within} of {len(apart_m)}, at most {1000 * max(apart_m):.2f} mm", within == len(apart_m)
@@ -134,7 +132,7 @@ def _digests(s: Setting) -> Iterator[str]:
         name = f"{container.name}{'.bag' if container.version == 1 else ''}"
         bag = _written(s, name, scans, layout=PLAIN, container=container)
         demo = s.demo(f"bags-{container.name}", "--bag", bag)
-        yield hashlib.sha256(_ended(demo).read_bytes()).hexdigest()
+        yield hashlib.sha256(_trajectory(demo).read_bytes()).hexdigest()
 
 
 def _files(s: Setting) -> Measured:

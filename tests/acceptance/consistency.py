@@ -82,7 +82,7 @@ def _errors(s: Setting, world: str, seed: int) -> tuple[Array, Array]:
     """Right-tangent errors (translation, rotation) from the aligned poses to the truth, and the
     covariances."""
     demo = s.world(world, seed)
-    poses = trajectory.read(demo.out / "trajectory.tum")
+    poses = trajectory.read(demo.results / "trajectory.tum")
     compared = evaluation.compare(poses, trajectory.read(s.simulated(world, seed)[1]))
     if compared is None or poses.stamps_ns is None:
         raise RuntimeError("too few poses")

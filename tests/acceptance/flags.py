@@ -123,7 +123,9 @@ def _field(s: Setting, world: str, seed: int, imu: bool) -> Measured:
     outside = told[truth[:, 0, 3] > OPEN_FROM_X_M]
     # The last sweep is partial, as the capture ends within a revolution.
     last = slice(-END_POSES - 1, -1)
-    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum").transforms[last]
+    poses = trajectory.read(s.world(world, seed, imu=imu).results / "trajectory.tum").transforms[
+        last
+    ]
     true = truth[last]
     ours = se3.inverse(poses[:-1]) @ poses[1:]
     steps = se3.inverse(true[:-1]) @ true[1:]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -30,8 +31,16 @@ class Demo:
     out: Path
 
     @property
+    def results(self) -> Path:
+        """Folder with the files of a demo that ended well. Those of another may be of a part of the
+        drive, on which any limit is held easily."""
+        if self.code != 0:
+            raise RuntimeError(f"exit code {self.code}: {self.last_words()}")
+        return self.out
+
+    @property
     def report(self) -> dict[str, Any]:
-        path = self.out / "report.json"
+        path = self.results / "report.json"
         if not path.exists():
             raise RuntimeError(f"the demo left no report: {self.last_words()}")
         found: dict[str, Any] = json.loads(path.read_text())
@@ -85,8 +94,9 @@ class Setting:
         """Runs `make demo` with these options, once; its log lies beside its files."""
         if name not in self._demos:
             out = self.out / "accept" / name
-            out.mkdir(parents=True, exist_ok=True)
-            (out / "report.json").unlink(missing_ok=True)
+            # A demo that is refused would leave the files of an earlier one, also of another build.
+            shutil.rmtree(out, ignore_errors=True)
+            out.mkdir(parents=True)
             done = self.python(
                 "-m", "zloam_monitor", "demo", "--preset-dir", self.build, "--out", out, *arguments
             )
@@ -170,4 +180,4 @@ def write_later_part(capture: Path, out: Path, after_s: float) -> None:
 
 def said_of_poses(demo: Demo) -> NDArray[Any]:
     """poses.csv of a run, by column name."""
-    return np.genfromtxt(demo.out / "poses.csv", delimiter=",", names=True)
+    return np.genfromtxt(demo.results / "poses.csv", delimiter=",", names=True)

@@ -123,7 +123,7 @@ def _truth(s: Setting, world: str, seed: int) -> Trajectory:
 
 def _ate_m(s: Setting, world: str, seed: int, *, imu: bool, late_ms: float = 0.0) -> float:
     demo = s.world(world, seed, imu=imu, late_ms=late_ms)
-    poses = trajectory.read(demo.out / "trajectory.tum")
+    poses = trajectory.read(demo.results / "trajectory.tum")
     found = evaluation.evaluate(poses, _truth(s, world, seed)).ate_rmse_m
     if found is None:
         raise RuntimeError("too few poses")
@@ -141,7 +141,7 @@ def _late_beside_right(s: Setting, world: str, seed: int) -> Measured:
 
 
 def _compared(s: Setting, world: str, seed: int, *, imu: bool = False) -> Compared:
-    poses = trajectory.read(s.world(world, seed, imu=imu).out / "trajectory.tum")
+    poses = trajectory.read(s.world(world, seed, imu=imu).results / "trajectory.tum")
     compared = evaluation.compare(poses, _truth(s, world, seed))
     if compared is None:
         raise RuntimeError("too few poses")

@@ -1,0 +1,105 @@
+"""A row of the acceptance is held only by what was run for it, to its end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.acceptance import accuracy, consistency, flags, framework, worlds
+from tests.acceptance.framework import Check, Result
+from tests.acceptance.runs import Setting
+from zloam_monitor import trajectory
+from zloam_monitor.trajectory import Trajectory
+
+RIGHT = 1.0
+
+
+def path(factor: float, poses: int = 400) -> Trajectory:
+    """A bend of 400 poses, scaled."""
+    angle = np.linspace(0.0, 2.0, 400)[:poses]
+    transforms = np.tile(np.eye(4), (poses, 1, 1))
+    transforms[:, 0, 3] = 50.0 * factor * np.sin(angle)
+    transforms[:, 1, 3] = 50.0 * factor * (1.0 - np.cos(angle))
+    stamps_ns = 10**18 + np.arange(poses) * 10**8
+    return Trajectory(transforms, stamps_ns, np.arange(poses))
+
+
+def write_results(out: Path, poses: Trajectory) -> None:
+    """The files of a demo, with poses that hold each limit."""
+    out.mkdir(parents=True, exist_ok=True)
+    trajectory.write_tum(out / "trajectory.tum", poses)
+    cells = [f"c{i}{j}" for i in range(6) for j in range(6)]
+    columns = ["sweep", "instant_ns", "health", "degenerate", "weak_x", "weak_y", "weak_z"]
+    covariance = ["1" if cell[1] == cell[2] else "0" for cell in cells]
+    assert poses.stamps_ns is not None
+    rows = [[*map(str, (n, t, 0, 0, 0, 0, 0)), *covariance] for n, t in enumerate(poses.stamps_ns)]
+    lines = [",".join(row) for row in [[*columns, *cells], *rows]]
+    (out / "poses.csv").write_text("\n".join(lines) + "\n")
+    errors = {"ate_rmse_m": {"pose": 0.0}, "drift_percent": {"pose": 0.0}}
+    of_scene = {"gt_dense.tum": {"pose": {"ate_rmse_m": 0.0}}}
+    (out / "report.json").write_text(json.dumps({**errors, "references": of_scene}))
+
+
+@dataclass
+class Fake(Setting):
+    """A setting whose programs are stand-ins: `zloam demo` ends with `code` after `poses` poses;
+    with None it is refused before it writes anything."""
+
+    code: int = 0
+    poses: int | None = 400
+    calls: list[str] = field(default_factory=list)
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        words = [str(word) for word in arguments]
+        self.calls.append(" ".join(words))
+        if self.poses is not None:
+            write_results(Path(words[words.index("--out") + 1]), path(RIGHT, self.poses))
+        return subprocess.CompletedProcess(words, self.code, "a stage has died\n")
+
+    def simulated(self, world: str, seed: int) -> tuple[Path, Path]:
+        capture, truth = self.out / "world.pcap", self.out / "world.tum"
+        trajectory.write_tum(truth, path(RIGHT))
+        trajectory.write_tum(capture.with_suffix(".kiss.tum"), path(1.01))
+        return capture, truth
+
+    def synth_folder(self, scene: str = "city") -> Path:
+        return self.out / scene
+
+
+ROWS = ("kiss-city-1", "step-moving-4", "flat-z-flat-1", "flags-city-1", "nees-position-city")
+ROWS_OF_REPORT = ("world-city-1", "synth-ate-city")
+
+
+def result_of(setting: Setting, name: str) -> Result:
+    made: list[Check] = [
+        check for part in (accuracy, worlds, flags, consistency) for check in part.checks(setting)
+    ]
+    return framework.run(next(check for check in made if check.name == name))
+
+
+@pytest.mark.parametrize("name", [*ROWS, *ROWS_OF_REPORT])
+@pytest.mark.parametrize("poses", [30, None])
+def test_a_demo_that_failed_holds_no_row(tmp_path: Path, name: str, poses: int | None) -> None:
+    """Neither by the poses until it failed, nor by those of an earlier session."""
+    for world in ("world-city-1", "world-flat-1", "world-moving-4", "synth-city"):
+        write_results(tmp_path / "accept" / world, path(RIGHT))
+    for seed in consistency.SEEDS:
+        write_results(tmp_path / "accept" / f"world-city-{seed}", path(RIGHT))
+    found = result_of(Fake(tmp_path, tmp_path, tmp_path, code=1, poses=poses), name)
+    assert (found.verdict, "exit code 1" in found.figure) == (framework.NOT_HELD, True)
+
+
+@pytest.mark.parametrize("name", [row for row in (*ROWS, *ROWS_OF_REPORT) if "nees" not in row])
+def test_a_demo_that_ended_well_holds_them(tmp_path: Path, name: str) -> None:
+    assert result_of(Fake(tmp_path, tmp_path, tmp_path), name).verdict == framework.HELD
+
+
+def test_no_file_of_an_earlier_demo_is_left(tmp_path: Path) -> None:
+    write_results(tmp_path / "accept" / "drive", path(RIGHT))
+    demo = Fake(tmp_path, tmp_path, tmp_path, code=2, poses=None).demo("drive")
+    assert [each.name for each in demo.out.iterdir()] == ["demo.log"]
