@@ -25,12 +25,13 @@ LINES = {
 def _measure(setting: Setting, name: str) -> Measured:
     out = setting.out / "accept" / "bench" / name
     command = ("-m", "tests.bench", "--preset-dir", setting.build, "--only", name, "--out", out)
-    done = setting.python(*command)
     report = out / "report.json"
-    if not report.exists():
+    report.unlink(missing_ok=True)  # Of an earlier call.
+    done = setting.python(*command)
+    rows = json.loads(report.read_text())["benchmarks"] if report.exists() else []
+    row = next((r for r in rows if r["name"] == name), None)
+    if row is None or done.returncode not in (0, 1):
         raise RuntimeError(f"no report: {done.stdout.strip()[-200:]}")
-    rows = json.loads(report.read_text())["benchmarks"]
-    row = next(r for r in rows if r["name"] == name)
     if row["verdict"].startswith("skipped"):
         raise Skip(row["verdict"])
     figure = row["figure"] if row["figure"] != "–" else row["verdict"]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.acceptance import accuracy, consistency, flags, framework, worlds
+from tests.acceptance import accuracy, benches, consistency, flags, framework, worlds
 from tests.acceptance.framework import Check, Result
 from tests.acceptance.runs import Setting
 from zloam_monitor import trajectory
@@ -103,3 +103,39 @@ def test_no_file_of_an_earlier_demo_is_left(tmp_path: Path) -> None:
     write_results(tmp_path / "accept" / "drive", path(RIGHT))
     demo = Fake(tmp_path, tmp_path, tmp_path, code=2, poses=None).demo("drive")
     assert [each.name for each in demo.out.iterdir()] == ["demo.log"]
+
+
+@dataclass
+class Bench(Setting):
+    """A benchmark that ends with `code` and leaves these rows, or no report."""
+
+    code: int = 0
+    rows: tuple[str, ...] | None = None
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        if self.rows is not None:
+            write_bench(Path(str(arguments[-1])), self.rows)
+        return subprocess.CompletedProcess([], self.code, "ImportError: velodyne_decoder\n")
+
+
+def write_bench(out: Path, names: tuple[str, ...]) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [{"name": name, "figure": "3 ms", "verdict": "held"} for name in names]
+    (out / "report.json").write_text(json.dumps({"benchmarks": rows}))
+
+
+@pytest.mark.parametrize(
+    ("code", "rows"),
+    [(1, None), (0, ()), (0, ("decode-pcap",)), (-9, ("transport-shm",)), (2, None)],
+)
+def test_a_benchmark_that_did_not_run_holds_nothing(
+    tmp_path: Path, code: int, rows: tuple[str, ...] | None
+) -> None:
+    write_bench(tmp_path / "accept/bench/transport-shm", ("transport-shm",))
+    with pytest.raises(RuntimeError, match="ImportError"):
+        benches._measure(Bench(tmp_path, tmp_path, tmp_path, code=code, rows=rows), "transport-shm")
+
+
+def test_a_benchmark_that_ran_is_taken_over(tmp_path: Path) -> None:
+    setting = Bench(tmp_path, tmp_path, tmp_path, rows=("transport-shm",))
+    assert benches._measure(setting, "transport-shm").held
