@@ -31,6 +31,7 @@ from tests.acceptance import (
 )
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import ROOT, Demo, Setting
+from tests.acceptance.seen import Seen
 
 CITY_ATE_M, KITTI_ATE_M, SYNTH_ATE_M = 0.5, 0.15, 0.35
 KITTI_SWEEPS = 80
@@ -297,11 +298,9 @@ def _live(s: Setting) -> list[Check]:
 
 
 def _pytest(s: Setting, *files: str) -> Measured:
-    done = s.python("-m", "pytest", "-q", *files)
-    last = [line for line in done.stdout.splitlines() if line.strip()][-1]
-    if "skipped" in last and "passed" not in last:
-        raise Skip(last)
-    return Measured(last.strip("= "), done.returncode == 0)
+    seen = Seen()
+    seen.read_pytest(s, *files)
+    return seen.judged(seen.words())
 
 
 def _robustness(s: Setting) -> list[Check]:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Setting
+from tests.acceptance.seen import Seen
 
 ATTACK = "tests/attack/test_attack.py"
 OUTPUTS = "tests/integration/test_live_outputs.py"
@@ -203,44 +202,6 @@ LINES = {
 }
 
 
-@dataclass
-class Seen:
-    """Results of the tests of one line."""
-
-    held: int = 0
-    failed: list[str] = field(default_factory=list)
-    skipped: list[str] = field(default_factory=list)
-    figures: list[str] = field(default_factory=list)
-
-    def read(self, path: Path) -> None:
-        if not path.exists():
-            raise RuntimeError(f"{path.stem} ended without a result")
-        cases = list(ElementTree.parse(path).iter("testcase"))
-        if not cases:
-            raise RuntimeError(f"{path.stem}: no test of this name")
-        for case in cases:
-            name = case.get("name", "")
-            if case.find("failure") is not None or case.find("error") is not None:
-                self.failed.append(name)
-            elif (skipped := case.find("skipped")) is not None:
-                self.skipped.append(skipped.get("message", name))
-            else:
-                self.held += 1
-            self.figures += _figures(case)
-
-    def words(self) -> str:
-        parts = list(dict.fromkeys(self.figures))
-        parts.append(f"{self.held} tests held")
-        if self.failed:
-            parts.append(f"failed: {', '.join(self.failed)}")
-        return "; ".join(parts)
-
-
-def _figures(case: ElementTree.Element) -> Iterator[str]:
-    for each in case.iter("property"):
-        yield f"{each.get('name')}: {each.get('value')}"
-
-
 def _measure(setting: Setting, line: Line) -> Measured:
     seen = Seen()
     with tempfile.TemporaryDirectory() as folder:
@@ -255,13 +216,9 @@ def _measure(setting: Setting, line: Line) -> Measured:
                 check=False,
             )
             seen.read(found)
-        if line.nodes:
-            found = Path(folder) / "pytest.xml"
-            setting.python("-m", "pytest", "-q", f"--junitxml={found}", *line.nodes)
-            seen.read(found)
-    if not seen.held and not seen.failed:
-        raise Skip("; ".join(seen.skipped))
-    return Measured(seen.words(), not seen.failed)
+    if line.nodes:
+        seen.read_pytest(setting, *line.nodes)
+    return seen.judged(seen.words())
 
 
 def checks(setting: Setting) -> list[Check]:

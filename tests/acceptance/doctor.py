@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import functools
 import json
-import re
+from collections import Counter
 from pathlib import Path
 
 from tests.acceptance.framework import Check, Measured, Skip
 from tests.acceptance.runs import Setting
+from tests.acceptance.seen import Seen
 from tests.integration.robot_faults import FAULTS, HEALTHY, Fault
 
 TRIES = 20
@@ -22,32 +23,16 @@ CAPTURES = "data/**/*.pcap*"
 
 def _live(setting: Setting, faults: dict[str, Fault], tries: int) -> Measured:
     """Runs the tests `tries` times; each try starts a robot of its own."""
-    failed: dict[str, int] = {}
-    named = skipped = 0
+    seen = Seen()
+    chosen = [f"{TEST}::test_the_doctor_names_it[{name}]" for name in faults]
+    (setting.out / "accept").mkdir(parents=True, exist_ok=True)
     for _ in range(tries):
-        chosen = [f"{TEST}::test_the_doctor_names_it[{name}]" for name in faults]
-        done = setting.python(
-            "-m", "pytest", "-q", "-rfs", "-m", "slow or not slow", "-n", AT_ONCE, *chosen
-        )
-        (setting.out / "accept").mkdir(parents=True, exist_ok=True)
+        said = seen.read_pytest(setting, "-m", "slow or not slow", "-n", AT_ONCE, *chosen)
         with (setting.out / "accept" / "doctor.log").open("a") as log:
-            log.write(done.stdout)
-        for name in re.findall(r"^(?:FAILED|ERROR) .*?\[(.*?)\]", done.stdout, re.MULTILINE):
-            failed[name] = failed.get(name, 0) + 1
-        named += _counted("passed", done.stdout)
-        skipped += _counted("skipped", done.stdout)
-    made = len(faults) * tries - skipped
-    if not made:
-        raise Skip("the machine has not what the faults are made with")
+            log.write(said)
+    failed = Counter(name.partition("[")[2].rstrip("]") or name for name in seen.failed)
     which = "".join(f"; {name}: {count} not named" for name, count in failed.items())
-    return Measured(f"{named} of {made}{which}", named == made)
-
-
-def _counted(what: str, said: str) -> int:
-    """Count from the last line of pytest's output; a round that failed to start has none and counts
-    as 0."""
-    counts = re.findall(rf"\b(\d+) {what}\b", said.strip().rpartition("\n")[2])
-    return int(counts[0]) if counts else 0
+    return seen.judged(f"{seen.held} of {len(faults) * tries}{which}")
 
 
 def _files(setting: Setting) -> Measured:

@@ -10,13 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.acceptance import accuracy, benches, consistency, flags, framework, worlds
-from tests.acceptance.framework import Check, Result
+from tests.acceptance import accuracy, benches, consistency, doctor, flags, framework, worlds
+from tests.acceptance.framework import Check, Result, Skip
 from tests.acceptance.runs import Setting
+from tests.acceptance.seen import Seen
+from tests.integration.robot_faults import FAULTS
 from zloam_monitor import trajectory
 from zloam_monitor.trajectory import Trajectory
 
 RIGHT = 1.0
+TESTCASE = {
+    "held": '<testcase name="{0}"/>',
+    "failed": '<testcase name="{0}"><failure message="wrong"/></testcase>',
+    "skipped": '<testcase name="{0}"><skipped message="no tool"/></testcase>',
+}
 
 
 def path(factor: float, poses: int = 400) -> Trajectory:
@@ -139,3 +146,41 @@ def test_a_benchmark_that_did_not_run_holds_nothing(
 def test_a_benchmark_that_ran_is_taken_over(tmp_path: Path) -> None:
     setting = Bench(tmp_path, tmp_path, tmp_path, rows=("transport-shm",))
     assert benches._measure(setting, "transport-shm").held
+
+
+def seen(folder: Path, *kinds: str) -> Seen:
+    cases = "".join(TESTCASE[kind].format(f"{kind}_{n}") for n, kind in enumerate(kinds))
+    (folder / "pytest.xml").write_text(f"<testsuites><testsuite>{cases}</testsuite></testsuites>")
+    found = Seen()
+    found.read(folder / "pytest.xml")
+    return found
+
+
+def test_a_skipped_test_holds_no_row(tmp_path: Path) -> None:
+    with pytest.raises(Skip, match="skipped_1: no tool"):
+        seen(tmp_path, "held", "skipped").judged("1 of 2")
+    assert not seen(tmp_path, "held", "skipped", "failed").judged("1 of 3").held
+    assert "skipped: skipped_1: no tool" in seen(tmp_path, "held", "skipped", "failed").words()
+    assert seen(tmp_path, "held", "held").judged("2 of 2").held
+
+
+@dataclass
+class Doctor(Setting):
+    """A doctor's tests of which these end in these ways."""
+
+    kinds: tuple[str, ...] = ()
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        option = next(str(word) for word in arguments if str(word).startswith("--junitxml="))
+        seen(Path(option.partition("=")[2]).parent, *self.kinds)
+        return subprocess.CompletedProcess([], 0, "2 passed\n")
+
+
+def test_faults_that_were_not_made_are_named(tmp_path: Path) -> None:
+    faults = dict.fromkeys(("a", "b"), next(iter(FAULTS.values())))
+    for last in ("held", "failed"):
+        found = doctor._live(Doctor(tmp_path, tmp_path, tmp_path, kinds=("held", last)), faults, 3)
+        assert found.held == (last == "held")
+        assert found.figure == ("6 of 6" if last == "held" else "3 of 6; failed_1: 3 not named")
+    with pytest.raises(Skip, match="skipped_1: no tool"):
+        doctor._live(Doctor(tmp_path, tmp_path, tmp_path, kinds=("held", "skipped")), faults, 3)
