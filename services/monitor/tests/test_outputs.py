@@ -137,6 +137,7 @@ def test_a_driver_that_began_again_spoils_no_figure(tmp_path: Path) -> None:
     assert (report.complaints(found), report.exit_code(found)) == ([], 0)
     assert found["cpu_ms_per_sweep"] == dict.fromkeys(STAGES, pytest.approx(10.0))
     assert report.SEVERAL_RUNS in report.table(found)
+    assert report.SEVERAL_RUNS in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(("poses", "error_known"), [(20, True), (12, True), (60, False)])

@@ -25,7 +25,7 @@ from zloam_monitor.trajectory import Trajectory
 FILE_CODE = 3
 #: Kind of trajectory in the report -> its name in the table.
 KINDS = {"pose": "pose", "odometry": "odometry", "world": "pose with loops closed"}
-#: Line of the table if the counts and the poses are not of the same runs.
+#: What table and page say if the counts and the poses are not of the same runs.
 SEVERAL_RUNS = (
     "the driver began again: the counts are of all its runs, health and latency of the last one"
 )
@@ -319,8 +319,6 @@ def table(report: dict[str, Any]) -> str:
         lines.append(f"{loops['loops']} loops in force between {loops['submaps']} submaps")
     lines.append(latency_line(report))
     lines.append(summary_line(report))
-    if report["identities"]["several_runs"]:
-        lines.append(SEVERAL_RUNS)
     lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
@@ -338,6 +336,7 @@ def summary_line(report: dict[str, Any]) -> str:
         f"{report['identities']['sweeps']} sweeps, {report['identities']['poses']} poses, "
         f"path {report['path_m']:.1f} m, {report['wall_s']:.1f} s"
         + (f", {factor:.1f} × real time" if factor else "")
+        + (f"; {SEVERAL_RUNS}" if report["identities"].get("several_runs") else "")
     )
 
 
