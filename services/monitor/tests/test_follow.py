@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 
 from fake_session import FakeSession
-from test_doctor import status
-from test_report import run_with
 from zloam_monitor import compose, follow, link, messages, outputs, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.kept_poses import KeptPoses
@@ -158,11 +156,11 @@ def test_a_source_that_never_begins_is_not_waited_for(tmp_path: Path) -> None:
 
 def test_the_end_of_the_run_before_is_not_the_end() -> None:
     """Stages that stay say it until their first status in the next run."""
-    run = run_with([0])
     ends: dict[str, Any] = {}
-    link: Any = types.SimpleNamespace(poses=run.poses, run=2, stage=ends.get)
+    link: Any = types.SimpleNamespace(poses={0: "a pose"}, run=2, stage=ends.get)
     for of_run, ended, finished in ((1, True, False), (2, False, False), (2, True, True)):
-        ends.update({s: status(s, run=of_run, end_of_run=ended) for s in follow.SINKS})
+        said = types.SimpleNamespace(run=of_run, end_of_run=ended)
+        ends.update(dict.fromkeys(follow.SINKS, said))
         assert follow._finished(link) == finished
     link.poses = {}
     assert not follow._finished(link)
