@@ -87,6 +87,23 @@ def test_a_killed_program_is_started_again_and_every_pose_comes(
     assert found.sweeps.tolist() == list(range(len(found)))
 
 
+@pytest.mark.parametrize("mode", ["localize", "extend"])
+def test_its_mapping_refuses_to_find_the_robot_in_a_stored_map(
+    build: Path, robot_file: Path, tmp_path: Path, mode: str
+) -> None:
+    """Its first tile would replace that map."""
+    written = tmp_path / "robot.yaml"
+    written.write_text(f"mapping: {{mode: {mode}}}\n")
+    for words in (
+        ("--config", robot_file, "--set", f"mapping.mode={mode}"),
+        ("--config", written),
+    ):
+        command = [build / "bin" / f"zloam-{ALOAM['mapping']}", "--check", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 2, done.stderr
+        assert f"mapping.mode: {mode} needs the mapping stage itself" in done.stdout + done.stderr
+
+
 def test_only_they_are_linked_with_pcl_and_ceres(build: Path) -> None:
     def libraries(program: str) -> str:
         path = build / "bin" / f"zloam-{program}"

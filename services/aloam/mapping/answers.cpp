@@ -11,6 +11,13 @@ namespace zloam::aloam {
 
 void bind(runtime::Parameters& p, OutputConfig& c) {
   using runtime::Effect;
+  // Its first tile would replace the stored map that the robot is to be found in.
+  p.add("mapping.mode", &c.mode, {"map", "localize", "extend"},
+        "A-LOAM's mapping can only begin a new map: map");
+  p.check("mapping.mode", [&c]() -> std::string {
+    if (c.mode == "map") return {};
+    return c.mode + " needs the mapping stage itself: A-LOAM's mapping would replace the stored map";
+  });
   p.add("mapping.map_path", &c.map_path,
         "PCD file of the map, written at the end of a run; empty: no file", Effect::kNone);
   p.add("mapping.publish_every", &c.publish_every, {1, 10000}, "",

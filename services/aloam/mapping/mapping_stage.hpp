@@ -17,6 +17,7 @@ namespace zloam::aloam {
 
 /// Of section mapping: what the default stage reads under the same names and with the same meaning.
 struct OutputConfig {
+  std::string mode = "map";
   std::string map_path = "out/map.pcd";
   std::uint32_t publish_every = 5;
   std::uint32_t cloud_every = 50;
