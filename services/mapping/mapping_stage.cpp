@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <utility>
@@ -33,12 +32,6 @@ void append_in_map(std::vector<MapPoint>& out, PointSpan points, const Pose& T_m
   }
 }
 
-std::string folder_of(const std::string& map_path) {
-  if (map_path.empty()) return {};
-  const std::string folder = std::filesystem::path(map_path).parent_path().string();
-  return folder.empty() ? "." : folder;
-}
-
 // Odometry messages kept for a restarted odometry: its window of 20 sweeps, the sweep before it,
 // and the last one, which it publishes again. Each takes a megabyte.
 constexpr std::size_t kCommitsKept = 22;
@@ -62,7 +55,7 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
       registered_(stage.outlet(Key::kSweepRegistered)),
       submap_(stage.outlet(Key::kSubmap)),
       ack_(stage.flow_ack("mapping")),
-      files_(folder_of(output.map_path), ".zloam-map-runs") {
+      file_(stage, output.map_path, [this](const std::string& path) { return write_to(path); }) {
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
@@ -80,8 +73,8 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
   declare_commands();
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
-    // If the files cannot be written now, the stage tries again when it stops.
-    unsaved_ |= !write_files().empty();
+    // If the file cannot be written now, the stage tries again when it stops.
+    file_.write(file_run());
   });
   stage.on_hand_over([this](bool leaves) { leave_map(leaves); });
   stage.on_stop([this] {
@@ -89,8 +82,9 @@ MappingStage::MappingStage(runtime::Stage& stage, const MappingConfig& config,
       publish_map(*last_mapped_, true);
       if (const auto open = mapper_.finish_submap()) publish_submap(*last_mapped_, open);
     }
-    if (!unsaved_) return;
-    if (const std::string error = write_files(); !error.empty()) throw runtime::IoError(error);
+    if (!file_.unsaved()) return;
+    const std::string error = file_.write(file_run());
+    if (!error.empty()) throw runtime::IoError(error);
   });
 }
 
@@ -104,7 +98,8 @@ void MappingStage::declare_answers() {
 
 void MappingStage::declare_commands() {
   // {"path": "..."} for another file in the folder of mapping.map_path, or below.
-  stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
+  stage_.command("save",
+                 [this](const std::string& arguments) { return file_.save(arguments, file_run()); });
   // Empties the map; the next sweep initializes a new one where it is.
   stage_.command("reset", [this](const std::string&) { return reset(); });
   // {"x_m": 1.0, "y_m": 2.0, "yaw_deg": 90.0}: where base_link is in the map, for a robot that is
@@ -130,7 +125,7 @@ void MappingStage::begin_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  const std::string error = unsaved_ ? write_files() : std::string();
+  const std::string error = file_.unsaved() ? file_.write(file_run()) : std::string();
   if (was_in_run && config_.mode != MappingMode::kMap) {
     // The map is kept, but how the robot moved between the runs is unknown.
     mapper_.place(last_T_map_base_);
@@ -200,7 +195,7 @@ void MappingStage::process(const Sweep& sweep) {
     if (!lacks_map_) told_.reset();
     publish_pose(sweep, result);
     note_figures(result);
-    unsaved_ |= result.inserted;
+    file_.changed(result.inserted);
     unpublished_.insert(result.changed.begin(), result.changed.end());
     publish_submap(sweep, result.submap);
     publish_views(sweep, result);
@@ -399,26 +394,6 @@ void MappingStage::answer_path(runtime::Answer& answer) {
                build_path(last_header_, poses));
 }
 
-runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
-  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
-  std::string path, error;
-  if (arguments.contains("path")) {
-    const auto place = files_.place(arguments.at("path").get<std::string>());
-    path = place.path;
-    error = place.error.empty() ? files_.in_the_way(path) : place.error;
-    if (error.empty()) error = write_to(path);
-    if (error.empty()) error = files_.made(path, file_run());
-  } else if (files_.folder().empty()) {
-    error = "no file: mapping.map_path is not set";
-  } else {
-    error = write_files();
-    path = own_path();
-  }
-  if (!error.empty()) return {false, error, "{}"};
-  const nlohmann::json results = {{"path", path}, {"points", mapper_.point_count()}};
-  return {true, "map written to " + path, results.dump()};
-}
-
 runtime::CommandReply MappingStage::reset() {
   if (config_.mode == MappingMode::kLocalize) {
     return {false, "mapping.mode is localize: the map stays as it is", "{}"};
@@ -479,27 +454,6 @@ std::string MappingStage::write_to(const std::string& path) const {
 
 runtime::OutputFiles::Run MappingStage::file_run() const {
   return {map_id_, replay_, mapper_.point_count()};
-}
-
-/// Path of this map's file; each map has its own.
-std::string MappingStage::own_path() const {
-  const std::string name = std::filesystem::path(output_.map_path).filename().string();
-  return files_.path(name, files_.suffix(file_run(), {name}));
-}
-
-std::string MappingStage::write_files() {
-  if (output_.map_path.empty()) return {};
-  const std::string path = own_path();
-  std::string error = write_to(path);
-  if (error.empty()) error = files_.made(path, file_run());
-  stage_.degraded("map file", error);
-  if (!error.empty()) {
-    runtime::log_error("map not written", {{"reason", error}});
-    return error;
-  }
-  unsaved_ = false;
-  runtime::log_info("map written", {{"path", path}, {"points", mapper_.point_count()}});
-  return {};
 }
 
 }  // namespace zloam::mapping

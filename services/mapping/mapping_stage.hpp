@@ -7,7 +7,7 @@
 #include <set>
 
 #include "common/geometry/motion_check.hpp"
-#include "common/runtime/output_files.hpp"
+#include "common/runtime/map_output.hpp"
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
 #include "mapping/mapping_parameters.hpp"
@@ -65,15 +65,12 @@ class MappingStage {
   void leave_map(bool leaves);
   void answer_cloud(runtime::Answer& answer, Key key, bool whole);
   void answer_path(runtime::Answer& answer);
-  runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
   runtime::CommandReply place(const std::string& arguments_json);
   void place_as_told();
-  /// Empty when written; the stage is degraded until writing succeeds.
+  /// Empty when written.
   std::string write_to(const std::string& path) const;
   runtime::OutputFiles::Run file_run() const;
-  std::string own_path() const;
-  std::string write_files();
 
   struct ToldPlace {
     double x_m, y_m, yaw_rad;
@@ -120,8 +117,7 @@ class MappingStage {
   std::map<TileId, std::uint64_t> published_;
   std::optional<Sweep> last_mapped_;
   bool submaps_read_ = false;
-  bool unsaved_ = false;
-  runtime::OutputFiles files_;
+  runtime::MapOutput file_;
   // Of the last mapped sweep, for replies.
   HeaderFields last_header_;
   std::int64_t last_instant_ns_ = 0;

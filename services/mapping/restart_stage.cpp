@@ -347,7 +347,7 @@ void MappingStage::restart(const msg::Header& first) {
   if (config_.mode != MappingMode::kMap && !moved_from_there) mapper_.place(saved.T_map_base);
   // The previous instance may not have written its file: write it even if nothing is added to the
   // map.
-  unsaved_ = mapper_.point_count() > 0;
+  file_.changed(mapper_.point_count() > 0);
   if (first.replay()) {
     inlet_->continue_at(first.run(), next_sweep_);
     ack_.done_below(first.run(), next_sweep_);

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,9 @@ class LiveRun:
         seconds: float = SECONDS,
         change: live.Change = live.as_recorded,
         more: tuple[str, ...] = (),
+        programs: Mapping[str, str] | None = None,
     ) -> None:
+        """`programs`: stage -> program that replaces its own."""
         self.out, self.port = out, live.free_udp_port()
         robot = names(robot_file, [])
         settings = [
@@ -120,7 +122,8 @@ class LiveRun:
             f"mapping.store_link_s={STORE_LINK_S if store else 0}",
             *more,
         ]
-        self.chain = Chain(build, robot_file, robot.robot, settings, out, robot.sensor)
+        where = (build, robot_file, robot.robot, settings, out, robot.sensor)
+        self.chain = Chain(*where, programs=programs)
         self._store: list[str] = []
         self._subscribers: list[Any] = []
         if store:
@@ -265,6 +268,10 @@ class LiveRun:
         voxels to the store."""
         newest = VOXELS_EVERY * (count // VOXELS_EVERY)
         self._until(lambda: len(self.poses) >= count and len(self.mapped) > newest)
+
+    def until_runs(self, count: int) -> None:
+        """Waits for mapped poses of this many runs."""
+        self._until(lambda: len({run_id for run_id, _ in self.mapped}) >= count)
 
     def restart(self, *stages: str, away: int = 0) -> PoseRecord:
         """Kills the stages, starts them again `away` sweeps later, and returns the last pose

@@ -17,7 +17,7 @@ import pytest
 from tests.acceptance.live import free_udp_port
 from tests.integration.conftest import Capture, kill, monitor, simulate
 from tests.integration.live_run import PATIENCE_S, LiveRun
-from zloam_monitor import clouds, messages, report
+from zloam_monitor import clouds, messages, methods, report
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.report import Run
 from zloam_monitor.trajectory import read
@@ -29,6 +29,8 @@ AWAY_S = 4.5
 HANG_S, HANGS = 1.2, 3
 TRAJECTORIES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
 THEIRS = "notes of somebody"
+#: without a method, and A-LOAM's programs
+METHODS = ("", "aloam")
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,31 @@ def try_saves(run: LiveRun, out: Path) -> dict[str, Any]:
     return found | {f"mapping {f}": save(run, "mapping", f"{f}/map.pcd") for f in folders}
 
 
-@pytest.fixture(scope="module")
+def programs_of(build: Path, method: str) -> dict[str, str]:
+    chosen = methods.programs(method)
+    if not all((build / "bin" / f"zloam-{program}").is_file() for program in chosen.values()):
+        pytest.skip(f"{method} is not built in {build}")
+    return chosen
+
+
+@pytest.fixture(scope="module", params=METHODS)
 def left(
-    build: Path, robot_file: Path, drive: Capture, tmp_path_factory: pytest.TempPathFactory
+    build: Path,
+    robot_file: Path,
+    drive: Capture,
+    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest,
 ) -> Left:
+    programs = programs_of(build, request.param)
     out = tmp_path_factory.mktemp("lived") / "out"
     out.mkdir()
-    run = LiveRun(build, robot_file, drive, out, store=False, slower=1.0, seconds=SECONDS)
+    run = LiveRun(
+        *(build, robot_file, drive, out),
+        store=False,
+        slower=1.0,
+        seconds=SECONDS,
+        programs=programs,
+    )
     with run:
         run.until_poses(BEGINS_AT)
         saves = try_saves(run, out)
@@ -121,6 +141,34 @@ def test_a_save_leaves_what_is_others_alone(left: Left) -> None:
     theirs = {path.name: path.read_text() for path in (left.out / "theirs").iterdir()}
     assert theirs == {"map.pcd": THEIRS, "trajectory.tum": THEIRS}
     assert left.outside == {"elsewhere", "out"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_lost_map_is_in_the_exit_code(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
+) -> None:
+    """The first run's map can't be written before the second run begins; the second one's can."""
+    programs = programs_of(build, method)
+    maps = tmp_path / "maps"
+    maps.write_text("not a folder")
+    more = (f"mapping.map_path={maps / 'map.pcd'}",)
+    run = LiveRun(
+        *(build, robot_file, drive, tmp_path),
+        store=False,
+        slower=1.0,
+        more=more,
+        programs=programs,
+    )
+    with run:
+        run.until_poses(BEGINS_AT)
+        kill(run.chain, "driver")
+        time.sleep(AWAY_S)
+        run.chain.start("driver", "driver-again")
+        run.until_runs(2)
+        maps.unlink()
+        codes = run.chain.stop()
+    assert {stage: code for stage, code in codes.items() if code} == {"mapping": 3}
+    assert len(clouds.read_pcd(maps / "map.pcd")) > 0
 
 
 @pytest.mark.parametrize("stage", ["registration", "odometry", "mapping"])

@@ -38,8 +38,9 @@ void MappingStage::declare_answers() {
     a.reply(stage_.keys().of(Key::kPathMap), encoding_of(Key::kPathMap),
             build_path(last_header_, path_));
   });
-  // Arguments {"path": "..."} name another file than mapping.map_path.
-  stage_.command("save", [this](const std::string& arguments) { return save(arguments); });
+  // {"path": "..."} for another file in the folder of mapping.map_path, or below.
+  stage_.command("save",
+                 [this](const std::string& arguments) { return file_.save(arguments, file_run()); });
   // Empties the map; the next sweep begins a new one at its pose.
   stage_.command("reset", [this](const std::string&) { return reset(); });
 }
@@ -84,19 +85,6 @@ void MappingStage::answer_tiles(runtime::Answer& answer) {
   }
 }
 
-runtime::CommandReply MappingStage::save(const std::string& arguments_json) {
-  std::string path = output_.map_path;
-  if (!arguments_json.empty()) {
-    path = nlohmann::json::parse(arguments_json).value("path", path);
-  }
-  if (path.empty()) return {false, "no file: neither path nor mapping.map_path is set", "{}"};
-  const std::string error = write_to(path);
-  if (!error.empty()) return {false, error, "{}"};
-  if (path == output_.map_path) unsaved_ = false;
-  const nlohmann::json results = {{"path", path}, {"points", mapper_.map().point_count()}};
-  return {true, "map written to " + path, results.dump()};
-}
-
 runtime::CommandReply MappingStage::reset() {
   const Pose T_map_odom = mapper_.T_map_odom();
   mapper_ = ScanToMap(leaves_);
@@ -118,18 +106,8 @@ std::string MappingStage::write_to(const std::string& path) const {
   });
 }
 
-std::string MappingStage::write_file() {
-  if (output_.map_path.empty()) return {};
-  std::string error = write_to(output_.map_path);
-  stage_.degraded("map file", error);
-  if (!error.empty()) {
-    runtime::log_error("map not written", {{"reason", error}});
-    return error;
-  }
-  unsaved_ = false;
-  runtime::log_info("map written",
-                    {{"path", output_.map_path}, {"points", mapper_.map().point_count()}});
-  return {};
+runtime::OutputFiles::Run MappingStage::file_run() const {
+  return {map_id_, replay_, mapper_.map().point_count()};
 }
 
 }  // namespace zloam::aloam

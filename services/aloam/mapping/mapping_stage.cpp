@@ -25,7 +25,8 @@ MappingStage::MappingStage(runtime::Stage& stage, const OutputConfig& output)
       surround_(stage.outlet(Key::kMapSurround)),
       cloud_(stage.outlet(Key::kMapCloud)),
       registered_(stage.outlet(Key::kSweepRegistered)),
-      ack_(stage.flow_ack("mapping")) {
+      ack_(stage.flow_ack("mapping")),
+      file_(stage, output.map_path, [this](const std::string& path) { return write_to(path); }) {
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
   options.newest = 4;
@@ -36,12 +37,13 @@ MappingStage::MappingStage(runtime::Stage& stage, const OutputConfig& output)
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage.on_end_of_run([this](std::uint64_t) {
     // If writing fails, it is tried again when the stage stops.
-    unsaved_ |= !write_file().empty();
+    file_.write(file_run());
   });
   stage.on_stop([this] {
     if (last_mapped_ && tile_.matching()) publish_tiles(*last_mapped_);
-    if (!unsaved_) return;
-    if (const std::string error = write_file(); !error.empty()) throw runtime::IoError(error);
+    if (!file_.unsaved()) return;
+    const std::string error = file_.write(file_run());
+    if (!error.empty()) throw runtime::IoError(error);
   });
 }
 
@@ -53,7 +55,7 @@ void MappingStage::new_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  if (unsaved_) write_file();
+  if (file_.unsaved()) stage_.lost_output(file_.write(file_run()));
   mapper_ = ScanToMap(leaves_);
   path_.clear();
   unpublished_.clear();
@@ -61,6 +63,7 @@ void MappingStage::new_run(const msg::Header& first) {
   odom_epoch_.reset();
   mapped_ = 0;
   map_id_ = first.run();
+  replay_ = first.replay();
   if (was_in_run) return;
   if (!(first.replay() && first.sweep() == 0)) restart(first);
   // Declared last, as this stage can't answer queries for tiles while it requests them itself.
@@ -89,7 +92,7 @@ void MappingStage::process(const Sweep& sweep) {
   note_figures(mapped);
   const std::vector<CubeIndex> changed = mapper_.map().take_changed();
   unpublished_.insert(changed.begin(), changed.end());
-  unsaved_ |= !changed.empty();
+  file_.changed(!changed.empty());
   prev_sweep_ = sweep.sweep();
   last_mapped_ = sweep;
   ++mapped_;

@@ -11,6 +11,7 @@
 #include "aloam/core/scan_to_map.hpp"
 #include "aloam/core/sensor_defaults.hpp"
 #include "common/geometry/map_layer.hpp"
+#include "common/runtime/map_output.hpp"
 #include "common/runtime/stage.hpp"
 
 namespace zloam::aloam {
@@ -49,11 +50,10 @@ class MappingStage {
   Buffer tile_message(const HeaderFields& header, const CubeIndex& index, Layer layer) const;
   Buffer cloud_message(const HeaderFields& header, bool whole) const;
   void answer_tiles(runtime::Answer& answer);
-  runtime::CommandReply save(const std::string& arguments_json);
   runtime::CommandReply reset();
-  /// Empty when written; the stage is degraded until it succeeds.
+  /// Empty when written.
   std::string write_to(const std::string& path) const;
-  std::string write_file();
+  runtime::OutputFiles::Run file_run() const;
 
   runtime::Stage& stage_;
   const OutputConfig& output_;
@@ -75,7 +75,8 @@ class MappingStage {
   /// of this run: what is below was done by the instance before
   std::uint64_t next_sweep_ = 0;
   bool in_run_ = false;
-  bool unsaved_ = false;
+  bool replay_ = false;
+  runtime::MapOutput file_;
   std::optional<Sweep> last_mapped_;
   HeaderFields last_header_;
   std::int64_t last_instant_ns_ = 0;

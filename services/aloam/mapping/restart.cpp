@@ -52,7 +52,7 @@ void MappingStage::restart(const msg::Header& first) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
                                " is lost: no store has it; a new one begins in its frame");
   }
-  unsaved_ = points > 0;
+  file_.changed(points > 0);
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
   runtime::log_warning("resuming the map of the previous instance", {{"points", points}});
 }
