@@ -8,8 +8,11 @@ namespace zloam::aloam {
 struct Sigmas {
   double translation_m, rotation_rad;
 };
-/// of a step of the odometry, and of a mapped pose
-inline constexpr Sigmas kStep{0.05, 0.01}, kMapped{0.3, 0.02};
+/// Of a step of the odometry, and of a mapped pose, as in surroundings that hold the pose in every
+/// direction: A-LOAM does not detect others. Integration calls a pose degenerate whose sigma exceeds
+/// 0.1 m (integration.drift_limit): a guess above it would call every pose that, along no axis in
+/// particular. This one stays below it with several steps since the mapped pose, too.
+inline constexpr Sigmas kStep{0.02, 0.005}, kMapped{0.03, 0.005};
 
 inline Matrix6 nominal_covariance(const Sigmas& sigmas) {
   Matrix6 covariance = Matrix6::Zero();

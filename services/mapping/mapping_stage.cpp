@@ -98,8 +98,7 @@ void MappingStage::declare_answers() {
 
 void MappingStage::declare_commands() {
   // {"path": "..."} for another file in the folder of mapping.map_path, or below.
-  stage_.command("save",
-                 [this](const std::string& arguments) { return file_.save(arguments, file_run()); });
+  stage_.command("save", [this](const std::string& json) { return file_.save(json, file_run()); });
   // Empties the map; the next sweep initializes a new one where it is.
   stage_.command("reset", [this](const std::string&) { return reset(); });
   // {"x_m": 1.0, "y_m": 2.0, "yaw_deg": 90.0}: where base_link is in the map, for a robot that is

@@ -16,7 +16,7 @@ void bind(runtime::Parameters& p, OutputConfig& c) {
         "A-LOAM's mapping can only begin a new map: map");
   p.check("mapping.mode", [&c]() -> std::string {
     if (c.mode == "map") return {};
-    return c.mode + " needs the mapping stage itself: A-LOAM's mapping would replace the stored map";
+    return c.mode + " needs the mapping stage itself: A-LOAM's would replace the stored map";
   });
   p.add("mapping.map_path", &c.map_path,
         "PCD file of the map, written at the end of a run; empty: no file", Effect::kNone);
@@ -39,8 +39,7 @@ void MappingStage::declare_answers() {
             build_path(last_header_, path_));
   });
   // {"path": "..."} for another file in the folder of mapping.map_path, or below.
-  stage_.command("save",
-                 [this](const std::string& arguments) { return file_.save(arguments, file_run()); });
+  stage_.command("save", [this](const std::string& json) { return file_.save(json, file_run()); });
   // Empties the map; the next sweep begins a new one at its pose.
   stage_.command("reset", [this](const std::string&) { return reset(); });
 }
