@@ -8,10 +8,10 @@ namespace zloam::aloam {
 struct Sigmas {
   double translation_m, rotation_rad;
 };
-/// Of a step of the odometry, and of a mapped pose, as in surroundings that hold the pose in every
-/// direction: A-LOAM does not detect others. Integration calls a pose degenerate whose sigma exceeds
-/// 0.1 m (integration.drift_limit): a guess above it would call every pose that, along no axis in
-/// particular. This one stays below it with several steps since the mapped pose, too.
+/// Of a step of the odometry, and of a mapped pose, where the surroundings constrain the pose in
+/// every direction: A-LOAM does not detect others. Integration calls a pose degenerate if its sigma
+/// exceeds 0.1 m (integration.drift_limit). A guess above that would call every pose degenerate,
+/// along an arbitrary axis; this one stays below it also some steps after the mapped pose.
 inline constexpr Sigmas kStep{0.02, 0.005}, kMapped{0.03, 0.005};
 
 inline Matrix6 nominal_covariance(const Sigmas& sigmas) {

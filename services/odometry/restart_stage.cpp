@@ -60,13 +60,6 @@ std::vector<Features> kept_features(runtime::Stage& stage, std::uint64_t run, st
   return recall_features(stage, runtime::sweeps_from(run, first));
 }
 
-template <class Messages>
-void note_epochs(const Messages& messages, std::optional<std::uint32_t>& greatest) {
-  for (const auto& message : messages) {
-    greatest = std::max(greatest.value_or(0), message.header().odom_epoch());
-  }
-}
-
 }  // namespace
 
 void OdometryStage::restart(const msg::Header& first) {
@@ -99,12 +92,7 @@ void OdometryStage::go_on(const msg::Header& first) {
 }
 
 void OdometryStage::begin_frame(const msg::Header& first, const std::vector<Commit>& commits) {
-  // An epoch must not be used twice: mapping would apply the correction of the old frame to this
-  // one.
-  std::optional<std::uint32_t> used;
-  note_epochs(commits, used);
-  note_epochs(runtime::recall<msg::Odometry>(stage_, Key::kOdometry, runtime::kKept, 1), used);
-  note_epochs(runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1), used);
+  const auto used = runtime::used_odom_epoch(stage_, commits);
   if (!used) return;
   odom_epoch_ = *used + 1;
   runtime::log_warning("a new odom frame begins: the one before could not be continued",

@@ -8,9 +8,11 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.integration.conftest import Capture, digests, kill, monitor
+from tests.integration.conftest import Capture, digests, kill, monitor, simulate
+from tests.integration.live_run import LiveRun
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.methods import programs
@@ -87,6 +89,22 @@ def test_a_killed_program_is_started_again_and_every_pose_comes(
             chain.check()
         found = chain.link.trajectory()
     assert found.sweeps.tolist() == list(range(len(found)))
+
+
+def test_a_new_odometry_frame_goes_on_where_the_last_pose_was(
+    build: Path, robot_file: Path, tmp_path: Path
+) -> None:
+    """With mapping killed too, no stage keeps the odometry's commits. An epoch that was used twice
+    would let mapping apply the old frame's correction: the pose would jump to the start."""
+    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", "10")
+    run = LiveRun(build, robot_file, drive, tmp_path, programs=ALOAM)
+    last, _ = run.killed("odometry", "mapping")
+    assert "a new odom frame begins" in (tmp_path / "odometry-again.log").read_text()
+    way_m = np.linalg.norm(last.translation)
+    assert way_m > 5.0
+    after = [p for p in run.mapped.values() if p.instant_ns > last.instant_ns]
+    assert after
+    assert min(np.linalg.norm(p.translation) for p in after) > 0.5 * way_m
 
 
 @pytest.mark.parametrize("mode", ["localize", "extend"])

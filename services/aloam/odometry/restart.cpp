@@ -20,6 +20,13 @@ PointVector in_lidar(PointSpan points, const Pose& T_lidar_base) {
   return out;
 }
 
+/// Whether the frame of these commits continues in a run that begins with this sweep.
+bool continues(const msg::Header& first,
+               const std::vector<runtime::Received<msg::OdometryFeatures>>& commits) {
+  if (commits.empty() || commits.back().run() != first.run()) return false;
+  return first.replay() || runtime::goes_on(first, commits.back()->instant_ns());
+}
+
 }  // namespace
 
 void OdometryStage::restart(const msg::Header& first) {
@@ -27,17 +34,16 @@ void OdometryStage::restart(const msg::Header& first) {
   if (first.sweep() > 0) runtime::wait_for_links(linked, kLinks);
   const auto commits = runtime::recall<msg::OdometryFeatures>(
       stage_, Key::kOdometryFeatures, runtime::kKept, first.replay() ? kReplayTries : 1);
-  if (commits.empty()) return;
-  const Commit& last = commits.back();
-  odom_epoch_ = last.header().odom_epoch();
-  const bool reaches = first.replay() || runtime::goes_on(first, last->instant_ns());
-  if (last.run() == first.run() && reaches) {
+  if (continues(first, commits)) {
     restore(commits);
-    catch_up(first.run(), last.sweep() + 1);
+    catch_up(first.run(), commits.back().sweep() + 1);
     return;
   }
-  // An epoch must not be used twice.
-  ++odom_epoch_;
+  // In a replay the epoch is a function of the capture.
+  if (first.replay()) return;
+  const auto used = runtime::used_odom_epoch(stage_, commits);
+  if (!used) return;
+  odom_epoch_ = *used + 1;
   runtime::log_warning("a new odom frame begins: the one before could not be continued",
                        {{"odom_epoch", odom_epoch_}, {"sweep", first.sweep()}});
 }
@@ -54,6 +60,7 @@ void OdometryStage::restore(const std::vector<Commit>& commits) {
   odometry_.restore(T_lidar_base * T_odom_base * T_base_lidar_, T_lidar_base * step * T_base_lidar_,
                     in_lidar(points_of(last->edges()), T_lidar_base),
                     in_lidar(points_of(last->planes()), T_lidar_base));
+  odom_epoch_ = last.header().odom_epoch();
   prev_sweep_ = last.sweep();
   next_sweep_ = last.sweep() + 1;
   last_instant_ns_ = last->instant_ns();

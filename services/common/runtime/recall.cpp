@@ -22,6 +22,13 @@ constexpr std::chrono::milliseconds kLook{20};
 // The first sweep after a gap may begin before the last pose's instant.
 constexpr std::int64_t kOverlap_ns = 200 * kMs;
 
+template <class Messages>
+void note_epochs(const Messages& messages, std::optional<std::uint32_t>& greatest) {
+  for (const auto& message : messages) {
+    greatest = std::max(greatest.value_or(0), message.header().odom_epoch());
+  }
+}
+
 }  // namespace
 
 bool wait_for_links(const std::function<bool()>& there, std::chrono::milliseconds at_most) {
@@ -116,6 +123,15 @@ void sort_by_sweep(std::vector<Message>& messages) {
 bool goes_on(const msg::Header& first, std::int64_t instant_ns, std::int64_t longest_ns) {
   const std::int64_t gap_ns = first.stamp_ns() - instant_ns;
   return !first.replay() && gap_ns > -kOverlap_ns && gap_ns < longest_ns;
+}
+
+std::optional<std::uint32_t> used_odom_epoch(
+    Stage& stage, std::span<const Received<msg::OdometryFeatures>> commits) {
+  std::optional<std::uint32_t> used;
+  note_epochs(commits, used);
+  note_epochs(recall<msg::Odometry>(stage, Key::kOdometry, kKept, 1), used);
+  note_epochs(recall<msg::MapPose>(stage, Key::kMapOdometry, {}, 1), used);
+  return used;
 }
 
 bool Gap::add(std::uint64_t from, std::uint64_t until) {

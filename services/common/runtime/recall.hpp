@@ -4,7 +4,10 @@
 // (docs/protocol.md, section 7).
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
+#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -97,5 +100,10 @@ std::vector<Received<T>> recall(Stage& stage, Key key, std::string_view paramete
   return recall_at<T>(stage, parameters.empty() ? key_of : key_of + "?" + std::string(parameters),
                       tries, true);
 }
+
+/// Greatest epoch of an odom frame in `commits` and in the poses that other stages keep. A frame
+/// must not have it again: mapping would apply the correction of the old frame to it.
+std::optional<std::uint32_t> used_odom_epoch(
+    Stage& stage, std::span<const Received<msg::OdometryFeatures>> commits);
 
 }  // namespace zloam::runtime
