@@ -25,8 +25,7 @@ Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covari
 }
 
 PoseTree::Uncertainty PoseTree::add(const OdometryStep& step) {
-  const bool goes_on = !steps_.empty() && steps_.back().run == step.run &&
-                       steps_.back().epoch == step.epoch &&
+  const bool goes_on = !steps_.empty() && steps_.back().epoch == step.epoch &&
                        steps_.back().instant_ns < step.instant_ns;
   Uncertainty found;
   if (goes_on) {

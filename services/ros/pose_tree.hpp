@@ -37,7 +37,8 @@ Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covari
 class PoseTree {
  public:
   /// Covariance of T_odom_base in the odom frame (about_frame_axes), and of the twist in
-  /// (m/s, rad/s)^2. The first pose of an odom frame is exact; each step adds its covariance.
+  /// (m/s, rad/s)^2. The first pose of an odom frame is exact; each step adds its covariance. A
+  /// frame is its epoch: it may continue in another run.
   struct Uncertainty {
     Matrix6 pose = Matrix6::Zero();
     Matrix6 twist = Matrix6::Zero();

@@ -67,6 +67,20 @@ TEST(PoseTree, ANewFrameBeginsExactly) {
   EXPECT_EQ(tree.add(fresh).pose, Matrix6::Zero().eval());
 }
 
+TEST(PoseTree, AFrameThatContinuesInAnotherRunKeepsItsCovariance) {
+  PoseTree one_run, two_runs;
+  Pose pose = Pose::Identity();
+  PoseTree::Uncertainty whole, parted;
+  for (int n = 0; n <= kSteps; ++n, pose = pose * exp_se3(kStep)) {
+    OdometryStep step = step_at(n, pose);
+    whole = one_run.add(step);
+    step.run = n < kSteps / 2 ? 1 : 2;
+    parted = two_runs.add(step);
+  }
+  EXPECT_GT(whole.pose.trace(), 0.0);
+  EXPECT_EQ(parted.pose, whole.pose);
+}
+
 TEST(PoseTree, TheMapIsWhereBothPosesOfASweepSaySo) {
   const Pose T_map_odom = exp_se3((Vector6() << 3.0, -1.0, 0.5, 0.1, 0.0, 0.7).finished());
   const Pose T_odom_base = exp_se3(kStep);

@@ -10,6 +10,7 @@
 
 #include "common/runtime/log.hpp"
 #include "common/runtime/read.hpp"
+#include "common/runtime/recall.hpp"
 #include "common/zenoh/aligned.hpp"
 #include "schemas/status_generated.h"
 
@@ -99,7 +100,9 @@ void RosStage::wire() {
   options.order = runtime::Order::kAsTheyCome;
   stage_.inlet<msg::Odometry>(Key::kOdometry, options, [this](const auto& m) { take(m); });
   stage_.inlet<msg::MapPose>(Key::kPose, options, [this](const auto& m) { take(m); });
-  stage_.on_new_run([this](const msg::Header&) { new_run(); });
+  options.ends_run = false;
+  stage_.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const auto& m) { take_mapped(m); });
+  stage_.on_new_run([this](const msg::Header& first) { new_run(first); });
   stage_.every(kLook, [this] { say_points(); });
   stage_.every(kSecond, [this] {
     say_path();
@@ -118,19 +121,30 @@ void RosStage::wire() {
   }
 }
 
-void RosStage::new_run() {
-  tree_ = {};
+void RosStage::new_run(const msg::Header& first) {
+  // As odometry decides: its frame continues after a short gap.
+  if (!runtime::goes_on(first, last_odometry_ns_)) tree_ = {};
   path_of_run_.clear();
   placed_.clear();
   waiting_clouds_.clear();
-  // If the previous run's map was shown, an empty map must replace it.
-  map_grew_ = !map_tiles_.empty();
-  forget_map();
 }
 
-void RosStage::forget_map() {
+// The map may outlast the run. At the first sweep of the run that began the map, the map starts
+// from nothing: a replay of the same capture has the same map_id.
+void RosStage::take_mapped(const runtime::Received<msg::MapPose>& m) {
+  const std::uint64_t map_id = m.header().map_id();
+  if (map_id_ != map_id || (m.sweep() == 0 && map_id == m.run())) begin_map(map_id);
+}
+
+// All tiles are requested again: some of this map may have arrived, and been dropped, before it was
+// known to be the current one.
+void RosStage::begin_map(std::uint64_t map_id) {
+  map_id_ = map_id;
+  // If another map was shown, an empty one must replace it.
+  map_grew_ |= !map_tiles_.empty();
   map_tiles_.clear();
   stage_.degraded("map", {});
+  asks_tiles_ = true;
 }
 
 void RosStage::take(const runtime::Received<msg::Odometry>& m) {
@@ -141,6 +155,7 @@ void RosStage::take(const runtime::Received<msg::Odometry>& m) {
   step.instant_ns = m->instant_ns();
   step.T_odom_base = pose_of(m->pose_odom_base());
   step.step_covariance = covariance_of(m->covariance());
+  last_odometry_ns_ = step.instant_ns;
   const PoseTree::Uncertainty uncertainty = tree_.add(step);
 
   OdometryMessage out;
@@ -221,25 +236,30 @@ void RosStage::say_path() {
 void RosStage::take_tile(const zenoh::Sample& sample) {
   const runtime::Read<msg::MapTile> tile(Key::kMapTile, sample);
   if (!tile || tile->points() == nullptr) return;
-  if (tile->header()->map_id() != map_id_) {
-    map_id_ = tile->header()->map_id();
-    forget_map();
-  }
+  const msg::Header& header = *tile->header();
+  // Without a current run no pose names the map, so the first tile does.
+  if (!map_id_) map_id_ = header.map_id();
+  if (map_id_ != header.map_id()) return;
   if (map_tiles_.size() >= kMostTiles && !map_tiles_.contains(sample.key)) {
     stage_.degraded("map", "/map shows " + std::to_string(kMostTiles) + " tiles; there are more");
     return;
   }
   Tile& kept = map_tiles_[sample.key];
-  if (!kept.points.empty() && tile->version() <= kept.version) return;
+  const std::pair<std::uint64_t, std::uint64_t> rank{header.term(), tile->version()};
+  if (!kept.points.empty() && rank <= kept.rank) return;
   const auto points = map_points_of(tile->points());
-  kept.version = tile->version();
+  kept.rank = rank;
   kept.points.assign(points.begin(), points.end());
   map_grew_ = true;
 }
 
-// When /map gets a subscriber, requests all existing tiles; later ones arrive by subscription.
+// When /map gets a subscriber, or another map begins, requests all existing tiles; later ones
+// arrive by subscription.
 void RosStage::take_tiles() {
-  if (tiles_.want(map_->matching())) {
+  const bool wanted = map_->matching();
+  if (tiles_.want(wanted)) asks_tiles_ = true;
+  if (wanted && asks_tiles_ && !all_tiles_.started()) {
+    asks_tiles_ = false;
     all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
   }
   if (const auto asked = all_tiles_.take()) {

@@ -6,7 +6,9 @@
 #include <deque>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/runtime/async_get.hpp"
@@ -27,10 +29,11 @@ class RosStage {
 
  private:
   void wire();
-  void new_run();
-  void forget_map();
+  void new_run(const msg::Header& first);
+  void begin_map(std::uint64_t map_id);
   void take(const runtime::Received<msg::Odometry>& odometry);
   void take(const runtime::Received<msg::MapPose>& pose);
+  void take_mapped(const runtime::Received<msg::MapPose>& mapped);
   void say_corrections();
   void say_mounting();
   /// say_points(), take_imu() and take_places() run every 20 ms, the path, the map and the
@@ -53,7 +56,8 @@ class RosStage {
   Diagnostic of_pose() const;
 
   struct Tile {
-    std::uint64_t version = 0;
+    /// term and version: more is newer
+    std::pair<std::uint64_t, std::uint64_t> rank;
     std::vector<MapPoint> points;
   };
   struct Heard {
@@ -73,12 +77,14 @@ class RosStage {
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
   PoseTree tree_;
+  std::int64_t last_odometry_ns_ = 0;
   ThinnedPath path_of_run_;
   bool path_grew_ = false;
   PlacedSweeps placed_;
   std::deque<zenoh::Sample> waiting_clouds_;
   std::map<std::string, Tile> map_tiles_;
-  std::uint64_t map_id_ = 0;
+  std::optional<std::uint64_t> map_id_;
+  bool asks_tiles_ = false;
   bool map_grew_ = false;
   std::int64_t last_map_ns_ = 0;
   std::map<std::string, Heard> heard_;

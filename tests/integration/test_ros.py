@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tests.integration.conftest import Capture, WithoutDriver
+from tests.integration.conftest import Capture, WithoutDriver, kill, simulate
+from tests.integration.live_run import LiveRun
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.processes import free_port
@@ -33,6 +34,8 @@ qualities = pytest.importorskip("zenoh_ros2_sdk.qos")
 #: a ROS domain that no other node of this machine uses
 DOMAIN = 77
 PATIENCE_S = 30.0
+#: /map is published at most this often
+MAP_PERIOD_S = 5.0
 TOPICS = {
     "/odom": "nav_msgs/msg/Odometry",
     "/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -388,3 +391,35 @@ def test_an_imu_of_either_byte_order_becomes_the_robots(heard: Heard) -> None:
         assert stamp == 1_700_000_000_250_000_000
         assert tuple(force) == (1.5, -2.5, 9.75)
         assert tuple(rate) == (0.125, -0.25, 0.5)
+
+
+def test_the_map_stays_when_the_driver_starts_again(
+    build: Path, robot_file: Path, tmp_path: Path
+) -> None:
+    """In a map that is only localized in, no tile is published again."""
+    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", "10")
+    mapped = LiveRun(build, robot_file, drive, tmp_path)
+    with mapped:
+        mapped.end()
+    run = LiveRun(build, robot_file, drive, tmp_path, more=("mapping.mode=localize",))
+    port = free_port()
+    widths: list[int] = []
+
+    def note(sample: Any) -> None:
+        cloud: Any = TYPES.deserialize_cdr(sample.payload.to_bytes(), TOPICS["/map"])
+        widths.append(cloud.width)
+
+    with run:
+        ros = command(build, robot_file, run.chain, port)
+        run.chain.processes.start("ros", ros, tmp_path / "ros.log")
+        run._until(lambda: run.chain.link.stage("ros") is not None)
+        with session(port) as reader:
+            subscriber = reader.declare_subscriber(key_of("/map", TOPICS["/map"]), note)
+            run._until(lambda: bool(widths) and widths[-1] > 0)
+            before = widths[-1]
+            kill(run.chain, "driver")
+            run.chain.start("driver", "driver-again")
+            run.until_runs(2)
+            run.wait(2 * MAP_PERIOD_S)
+            del subscriber
+    assert widths[-1] == before
