@@ -136,19 +136,23 @@ class Ring {
   std::vector<std::size_t> order_;
 };
 
-bool is_wanted(const Point& p, double min_range_m, std::uint32_t rings) {
-  const bool stronger =
-      p.return_type == ReturnType::kStrongest || p.return_type == ReturnType::kBoth;
-  return stronger && p.ring < rings &&
-         p.position().cast<double>().squaredNorm() >= min_range_m * min_range_m;
+bool is_strongest(const Point& p) {
+  return p.return_type == ReturnType::kStrongest || p.return_type == ReturnType::kBoth;
+}
+
+bool is_within(const Point& p, double min_range_m, std::uint32_t rings) {
+  return p.ring < rings && p.position().cast<double>().squaredNorm() >= min_range_m * min_range_m;
 }
 
 }  // namespace
 
 ScanFeatures extract_features(PointSpan sweep, double min_range_m, std::uint32_t rings) {
+  // A sensor that reports only the last return of each firing has no strongest ones.
+  const bool has_strongest = std::ranges::any_of(sweep, is_strongest);
   std::map<std::uint16_t, TimedCloud> by_ring;
   for (const Point& p : sweep) {
-    if (!is_wanted(p, min_range_m, rings)) continue;
+    const bool stronger = has_strongest ? is_strongest(p) : p.return_type == ReturnType::kLast;
+    if (!stronger || !is_within(p, min_range_m, rings)) continue;
     TimedCloud& ring = by_ring[p.ring];
     ring.push_back(timed_point(p));
     // PCL removes points that are not finite only from clouds that are not marked as dense.

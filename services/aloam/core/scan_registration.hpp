@@ -8,7 +8,7 @@
 // What is no less sharp point is averaged ring by ring in voxels of 0.2 m: the less flat points.
 //
 // Differences, as the messages have what A-LOAM has to guess: ring and time are the sensor's own;
-// of two returns of a firing the stronger one is taken.
+// of two returns of a firing the stronger one is taken, and the last one where there is no other.
 
 #include <cstdint>
 #include <limits>

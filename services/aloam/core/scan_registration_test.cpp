@@ -120,6 +120,17 @@ TEST(ScanRegistration, LeavesOutWhatIsNearNotFiniteOrTheWeakerReturn) {
   EXPECT_EQ(f.sharp.size(), extract_features(square_ring(720), 0.3).sharp.size());
 }
 
+TEST(ScanRegistration, TakesTheLastReturnsOfASensorThatReportsNoOthers) {
+  const PointVector strongest = test::sweep_at(Pose::Identity(), 0.02);
+  PointVector last = strongest;
+  for (Point& p : last) p.return_type = ReturnType::kLast;
+  const ScanFeatures wanted = extract_features(strongest, 0.3), found = extract_features(last, 0.3);
+  EXPECT_EQ(found.rejected, wanted.rejected);
+  ASSERT_GT(wanted.sharp.size(), 0u);
+  EXPECT_EQ(found.sharp.size(), wanted.sharp.size());
+  EXPECT_EQ(found.less_flat.size(), wanted.less_flat.size());
+}
+
 TEST(ScanRegistration, TakesAnySweep) {
   EXPECT_TRUE(extract_features({}, 0.3).less_flat.empty());
   for (int n : {1, 5, 11, 16, 17, 18}) {
