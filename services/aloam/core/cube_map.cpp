@@ -5,12 +5,48 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
 
 namespace zloam::aloam {
 namespace {
 
 // Least number of cubes from the sensor's cube to the window's border.
 constexpr std::int32_t kMargin = 3;
+
+/// Where the window may begin, inclusive.
+struct Begins {
+  CubeIndex least, greatest;
+
+  /// Narrows them so that the window holds the cube; false, and unchanged, if it then can't begin
+  /// anywhere.
+  bool hold(const CubeIndex& cube) {
+    Begins narrowed = *this;
+    for (std::size_t a = 0; a < 3; ++a) {
+      narrowed.least.at[a] = std::max(least.at[a], cube.at[a] + 1 - kWindow[a]);
+      narrowed.greatest.at[a] = std::min(greatest.at[a], cube.at[a]);
+      if (narrowed.least.at[a] > narrowed.greatest.at[a]) return false;
+    }
+    *this = narrowed;
+    return true;
+  }
+};
+
+Begins begins_around(const CubeIndex& sensor) {
+  Begins begins;
+  for (std::size_t a = 0; a < 3; ++a) {
+    begins.least.at[a] = sensor.at[a] + kMargin + 1 - kWindow[a];
+    begins.greatest.at[a] = sensor.at[a] - kMargin;
+  }
+  return begins;
+}
+
+CubeIndex clamped(const CubeIndex& index, const Begins& begins) {
+  CubeIndex result;
+  for (std::size_t a = 0; a < 3; ++a) {
+    result.at[a] = std::clamp(index.at[a], begins.least.at[a], begins.greatest.at[a]);
+  }
+  return result;
+}
 
 }  // namespace
 
@@ -54,12 +90,11 @@ bool CubeMap::is_local(const CubeIndex& index) const {
 
 void CubeMap::follow(const Eigen::Vector3d& sensor) {
   centre_ = cube_index(sensor);
-  const CubeIndex before = first_;
-  for (std::size_t a = 0; a < 3; ++a) {
-    first_.at[a] = std::min(first_.at[a], centre_.at[a] - kMargin);
-    first_.at[a] = std::max(first_.at[a], centre_.at[a] + kMargin + 1 - kWindow[a]);
-  }
-  if (first_ == before) return;
+  const CubeIndex before = std::exchange(first_, clamped(first_, begins_around(centre_)));
+  if (first_ != before) forget_outside();
+}
+
+void CubeMap::forget_outside() {
   std::erase_if(cubes_, [this](const auto& entry) {
     const auto& [index, cube] = entry;
     if (in_window(index)) return false;
@@ -93,12 +128,13 @@ void CubeMap::insert(const Cloud& edges, const Cloud& planes) {
   for (const pcl::PointXYZI& p : planes) {
     if (Cube* cube = cube_at(p)) cube->planes->push_back(p);
   }
+  ++insertions_;
   const auto added = changed_.begin() + static_cast<std::ptrdiff_t>(before);
   std::sort(added, changed_.end());
   changed_.erase(std::unique(added, changed_.end()), changed_.end());
   for (auto at = changed_.begin() + static_cast<std::ptrdiff_t>(before); at != changed_.end();
        ++at) {
-    ++cubes_[*at].version;
+    cubes_[*at].version = insertions_;
   }
 }
 
@@ -110,7 +146,22 @@ void CubeMap::filter_local() {
   }
 }
 
-void CubeMap::restore(const CubeIndex& index, Cube cube) { cubes_[index] = std::move(cube); }
+void CubeMap::lay_window(const Eigen::Vector3d& sensor) {
+  std::vector<std::pair<std::uint64_t, CubeIndex>> newest_last;
+  for (const auto& [index, cube] : cubes_) newest_last.emplace_back(cube.version, index);
+  std::ranges::sort(newest_last);
+  Begins begins = begins_around(cube_index(sensor));
+  for (auto at = newest_last.rbegin(); at != newest_last.rend(); ++at) begins.hold(at->second);
+  first_ = clamped(first_, begins);
+}
+
+void CubeMap::restore(std::map<CubeIndex, Cube> cubes, const Eigen::Vector3d& sensor) {
+  cubes_ = std::move(cubes);
+  for (const auto& [index, cube] : cubes_) insertions_ = std::max(insertions_, cube.version);
+  lay_window(sensor);
+  forget_outside();
+  follow(sensor);
+}
 
 std::size_t CubeMap::point_count() const {
   std::size_t count = 0;

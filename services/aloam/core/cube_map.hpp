@@ -27,7 +27,8 @@ inline constexpr std::array<std::int32_t, 3> kLocal = {5, 5, 3};
 struct Cube {
   Cloud::Ptr edges{new Cloud};
   Cloud::Ptr planes{new Cloud};
-  /// counts the sweeps that added points
+  /// of the whole map, so that a cube that was forgotten and is seen again is newer than before:
+  /// the number of the last insertion that added points
   std::uint64_t version = 0;
 };
 
@@ -48,8 +49,9 @@ class CubeMap {
   void insert(const Cloud& edges, const Cloud& planes);
   /// One point a voxel again in each of the 5 x 5 x 3 cubes: the centroid of what is there.
   void filter_local();
-  /// Puts a cube in the window back as it was.
-  void restore(const CubeIndex& index, Cube cube);
+  /// Puts the cubes of another instance back, with the sensor where it left it. The window is laid
+  /// around them: of more than fit, the newest stay.
+  void restore(std::map<CubeIndex, Cube> cubes, const Eigen::Vector3d& sensor);
 
   const std::map<CubeIndex, Cube>& cubes() const { return cubes_; }
   bool is_local(const CubeIndex& index) const;
@@ -62,11 +64,14 @@ class CubeMap {
  private:
   bool in_window(const CubeIndex& index) const;
   Cube* cube_at(const pcl::PointXYZI& point);
+  void lay_window(const Eigen::Vector3d& sensor);
+  void forget_outside();
 
   float edge_leaf_m_, plane_leaf_m_;
   CubeIndex centre_, first_;
   std::map<CubeIndex, Cube> cubes_;
   std::vector<CubeIndex> changed_;
+  std::uint64_t insertions_ = 0;
   std::uint64_t forgotten_ = 0;
 };
 

@@ -90,6 +90,56 @@ TEST(CubeMap, NamesEachChangedCubeOnce) {
   EXPECT_EQ(map.cubes().at(cube_index({1.0, 1.0, 1.0})).version, 2u);
 }
 
+// A sweep from the middle of this cube, of one point there.
+void visit(CubeMap& map, int cube) {
+  const double x_m = kCube_m * (cube + 0.5);
+  map.follow({x_m, 0.0, 0.0});
+  Cloud seen;
+  seen.push_back(map_point(static_cast<float>(x_m), 0.0F, 0.0F, 0.0F));
+  map.insert(seen, {});
+}
+
+TEST(CubeMap, ACubeSeenAgainAfterItWasForgottenIsNewerThanBefore) {
+  CubeMap map(0.2, 0.4);
+  for (int i = 0; i < 5; ++i) visit(map, 0);
+  const std::uint64_t before = map.cubes().at(cube_index({25.0, 0.0, 0.0})).version;
+  visit(map, 20);
+  ASSERT_FALSE(map.cubes().contains(cube_index({25.0, 0.0, 0.0})));
+  visit(map, 0);
+  EXPECT_GT(map.cubes().at(cube_index({25.0, 0.0, 0.0})).version, before);
+}
+
+TEST(CubeMap, AnotherInstanceHasTheSameCubes) {
+  CubeMap map(0.2, 0.4);
+  for (int cube = 0; cube <= 20; ++cube) visit(map, cube);
+  for (int cube = 20; cube >= 10; --cube) visit(map, cube);
+  // Cubes 3 to 20 are left of 0 to 20.
+  ASSERT_EQ(map.cubes().size(), 18u);
+  CubeMap other(0.2, 0.4);
+  other.restore(map.cubes(), {525.0, 0.0, 0.0});
+  ASSERT_EQ(other.cubes().size(), 18u);
+  EXPECT_EQ(other.forgotten(), 0u);
+  visit(map, 10);
+  visit(other, 10);
+  for (const auto& [index, cube] : map.cubes()) {
+    ASSERT_TRUE(other.cubes().contains(index)) << index.at[0];
+    EXPECT_EQ(other.cubes().at(index).version, cube.version) << index.at[0];
+  }
+}
+
+TEST(CubeMap, OfMoreCubesThanFitTheNewestStay) {
+  CubeMap out(0.2, 0.4);
+  std::map<CubeIndex, Cube> stored;
+  for (int i = 0; i <= 30; ++i) {
+    visit(out, i);
+    for (const auto& [index, cube] : out.cubes()) stored[index] = cube;
+  }
+  CubeMap other(0.2, 0.4);
+  other.restore(stored, {1525.0, 0.0, 0.0});
+  EXPECT_EQ(other.cubes().size(), out.cubes().size());
+  for (const auto& [index, cube] : out.cubes()) EXPECT_TRUE(other.cubes().contains(index));
+}
+
 TEST(ScanToMap, CorrectsAnOdometryThatIsOff) {
   ScanToMap mapping({});
   const Pose per_sweep = exp_se3((Vector6() << 0.1, 0.02, 0.0, 0.0, 0.0, 0.01).finished());

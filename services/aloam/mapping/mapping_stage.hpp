@@ -38,7 +38,7 @@ class MappingStage {
   /// An instance before this one was in the middle of the run: goes on with what integration and
   /// the store keep; restart.cpp.
   void restart(const msg::Header& first);
-  void take_back_tiles(std::uint64_t map_id);
+  void take_back_tiles(std::uint64_t map_id, const Eigen::Vector3d& sensor);
   runtime::Outcome take(const Sweep& sweep);
   void process(const Sweep& sweep);
   void publish_pose(const Sweep& sweep, const Mapped& mapped, Health health);

@@ -15,7 +15,7 @@ constexpr int kTries = 5;
 
 }  // namespace
 
-void MappingStage::take_back_tiles(std::uint64_t map_id) {
+void MappingStage::take_back_tiles(std::uint64_t map_id, const Eigen::Vector3d& sensor) {
   std::map<CubeIndex, Cube> cubes;
   for (const auto& tile :
        runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
@@ -26,7 +26,7 @@ void MappingStage::take_back_tiles(std::uint64_t map_id) {
     (*layer == Layer::kEdge ? cube.edges : cube.planes) = points;
     cube.version = std::max(cube.version, tile->version());
   }
-  for (auto& [index, cube] : cubes) mapper_.map().restore(index, std::move(cube));
+  mapper_.map().restore(std::move(cubes), sensor);
 }
 
 void MappingStage::restart(const msg::Header& first) {
@@ -44,9 +44,10 @@ void MappingStage::restart(const msg::Header& first) {
   const Pose T_map_odom = pose_of((*last)->pose_map_odom());
   const auto poses =
       runtime::recall<msg::MapPose>(stage_, Key::kPose, runtime::sweeps_from(first.run(), 0), 1);
-  // T_map_base matters only if a new odom frame begins, so it may be missing.
-  mapper_.restore(poses.empty() ? T_map_odom : pose_of(poses.back()->pose_map_base()), T_map_odom);
-  take_back_tiles(map_id_);
+  // T_map_base matters only for a new odom frame and for which cubes stay, so it may be missing.
+  const Pose T_map_base = poses.empty() ? T_map_odom : pose_of(poses.back()->pose_map_base());
+  mapper_.restore(T_map_base, T_map_odom);
+  take_back_tiles(map_id_, T_map_base.translation());
   const std::size_t points = mapper_.map().point_count();
   if (points == 0) {
     stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
