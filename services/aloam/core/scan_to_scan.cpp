@@ -1,6 +1,7 @@
 #include "aloam/core/scan_to_scan.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "aloam/core/clouds.hpp"
@@ -13,27 +14,51 @@ namespace {
 constexpr int kRounds = 2;
 // A-LOAM only prints a warning below this; here a motion from fewer correspondences is rejected.
 constexpr std::uint32_t kFewest = 10;
+// The motion is not predicted over more missing sweeps than these.
+constexpr double kMostPredicted = 10.0;
 
 struct Target {
   RingTarget edges, planes;
   Pose T_odom_lidar;
+  std::int64_t instant_ns;
 };
 
-// Fraction of the motion, counted from the middle of the sweep before, at a point's time.
-double share_of(const Point& p, const ScanView& scan, bool deskew) {
-  if (!deskew || scan.deskewed || scan.period_ns == 0) return 1.0;
-  return 0.5 + std::clamp(static_cast<double>(p.time_ns) / scan.period_ns, 0.0, 1.0);
+std::int64_t instant_of(const ScanView& scan) {
+  return scan.stamp_ns + ScanToScan::instant_ns(scan);
+}
+
+double periods_since(std::int64_t before_ns, const ScanView& scan) {
+  return periods_between(before_ns, instant_of(scan), scan.period_ns);
+}
+
+// Fraction of a motion over so many periods, which ends in the middle of the sweep, at a point's
+// time.
+double share_of(const Point& p, const ScanView& scan, double periods) {
+  const double time = std::clamp(static_cast<double>(p.time_ns) / scan.period_ns, 0.0, 1.0);
+  return 1.0 + (time - 0.5) / periods;
 }
 
 }  // namespace
 
+double periods_between(std::int64_t before_ns, std::int64_t instant_ns, std::uint32_t period_ns) {
+  if (period_ns == 0) return 1.0;
+  const double periods = static_cast<double>(instant_ns - before_ns) / period_ns;
+  return std::max(1.0, std::round(periods));
+}
+
 struct ScanToScan::State {
   bool deskew = false;
   std::optional<Target> target;
+  // Of the sweep before: nothing before the first one.
+  std::optional<std::int64_t> instant_ns;
   Pose T_odom_lidar = Pose::Identity();
-  // motion of the sweep before
   Pose step = Pose::Identity();
+  double periods = 1.0;
 
+  bool in_motion(const ScanView& scan) const {
+    return deskew && !scan.deskewed && scan.period_ns > 0;
+  }
+  Pose step_over(double wanted_periods) const;
   void match(const ScanView& scan, ScanMotion& result);
   void solve(const ScanView& scan, Motion& motion, ScanMotion& result) const;
   PointVector at_instant(PointSpan points, const ScanView& scan) const;
@@ -42,8 +67,10 @@ struct ScanToScan::State {
 void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& result) const {
   MotionProblem problem(motion);
   result.lines = result.surfaces = 0;
+  const double since_target = periods_since(target->instant_ns, scan);
+  const bool moves = in_motion(scan);
   for (const Point& p : scan.sharp) {
-    const double share = share_of(p, scan, deskew);
+    const double share = moves ? share_of(p, scan, since_target) : 1.0;
     const Eigen::Vector3d point = position_of(p);
     const auto line = target->edges.line_near(motion.part(share) * point);
     if (!line) continue;
@@ -51,7 +78,7 @@ void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& 
     ++result.lines;
   }
   for (const Point& p : scan.flat) {
-    const double share = share_of(p, scan, deskew);
+    const double share = moves ? share_of(p, scan, since_target) : 1.0;
     const Eigen::Vector3d point = position_of(p);
     const auto plane = target->planes.plane_near(motion.part(share) * point);
     if (!plane) continue;
@@ -65,10 +92,18 @@ void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& 
   result.matched = true;
 }
 
+Pose ScanToScan::State::step_over(double wanted_periods) const {
+  // Without missing sweeps it is the last motion itself, as in A-LOAM.
+  if (wanted_periods == periods) return step;
+  return Motion::of(step).part(std::min(wanted_periods, kMostPredicted) / periods).pose();
+}
+
 // The target is the last sweep that had points, normally the sweep before.
 void ScanToScan::State::match(const ScanView& scan, ScanMotion& result) {
   if (!target) return;
-  const Pose predicted = T_odom_lidar * step;
+  const double since = instant_ns ? periods_since(*instant_ns, scan) : 1.0;
+  const Pose predicted = T_odom_lidar * step_over(since);
+  periods = since;
   Motion motion = Motion::of(target->T_odom_lidar.inverse() * predicted);
   for (int round = 0; round < kRounds; ++round) solve(scan, motion, result);
   const Pose found = result.matched ? target->T_odom_lidar * motion.pose() : predicted;
@@ -78,10 +113,10 @@ void ScanToScan::State::match(const ScanView& scan, ScanMotion& result) {
 
 PointVector ScanToScan::State::at_instant(PointSpan points, const ScanView& scan) const {
   PointVector out(points.begin(), points.end());
-  if (!deskew || scan.deskewed) return out;
+  if (!in_motion(scan)) return out;
   const Motion motion = Motion::of(step);
   const Pose back = step.inverse();
-  for (Point& p : out) p = moved(p, back * motion.part(share_of(p, scan, deskew)).pose());
+  for (Point& p : out) p = moved(p, back * motion.part(share_of(p, scan, periods)).pose());
   return out;
 }
 
@@ -94,12 +129,15 @@ ScanMotion ScanToScan::process(const ScanView& scan) {
   State& s = *state_;
   ScanMotion result;
   s.match(scan, result);
+  s.instant_ns = result.instant_ns = instant_of(scan);
   result.T_odom_lidar = s.T_odom_lidar;
   result.step = s.step;
+  result.periods = s.periods;
   result.edges = s.at_instant(scan.less_sharp, scan);
   result.planes = s.at_instant(scan.less_flat, scan);
   if (!result.edges.empty() || !result.planes.empty()) {
-    s.target.emplace(Target{RingTarget(result.edges), RingTarget(result.planes), s.T_odom_lidar});
+    s.target.emplace(Target{RingTarget(result.edges), RingTarget(result.planes), s.T_odom_lidar,
+                            result.instant_ns});
   }
   return result;
 }
@@ -108,11 +146,14 @@ std::uint32_t ScanToScan::instant_ns(const ScanView& scan) {
   return scan.deskewed ? scan.period_ns : scan.period_ns / 2;
 }
 
-void ScanToScan::restore(const Pose& T_odom_lidar, const Pose& step, PointSpan edges,
-                         PointSpan planes) {
-  state_->T_odom_lidar = T_odom_lidar;
-  state_->step = step;
-  state_->target.emplace(Target{RingTarget(edges), RingTarget(planes), T_odom_lidar});
+void ScanToScan::restore(const ScanMotion& last) {
+  State& s = *state_;
+  s.instant_ns = last.instant_ns;
+  s.T_odom_lidar = last.T_odom_lidar;
+  s.step = last.step;
+  s.periods = last.periods;
+  s.target.emplace(Target{RingTarget(last.edges), RingTarget(last.planes), last.T_odom_lidar,
+                          last.instant_ns});
 }
 
 void ScanToScan::reset() {

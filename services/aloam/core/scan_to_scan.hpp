@@ -26,6 +26,8 @@ namespace zloam::aloam {
 
 /// One sweep's features, frame lidar, ordered by ring. Read during the call only.
 struct ScanView {
+  /// of the first point
+  std::int64_t stamp_ns = 0;
   std::uint32_t period_ns = 100000000;
   /// all points hold for the sweep's end already
   bool deskewed = false;
@@ -33,10 +35,13 @@ struct ScanView {
 };
 
 struct ScanMotion {
-  /// at the instant that instant_ns() names
+  /// that instant_ns() names
+  std::int64_t instant_ns = 0;
+  /// at that instant
   Pose T_odom_lidar = Pose::Identity();
-  /// since the sweep before
+  /// since the sweep before, that many periods ago: more than one where sweeps are missing
   Pose step = Pose::Identity();
+  double periods = 1.0;
   /// less sharp and less flat points at that instant, frame lidar; time_ns is each point's own
   PointVector edges, planes;
   std::uint32_t lines = 0, surfaces = 0;
@@ -45,6 +50,9 @@ struct ScanMotion {
   /// false: the first sweep, or one without a match: the motion is the one before
   bool matched = false;
 };
+
+/// Whole number of periods between two sweeps' instants: 1 if none is missing.
+double periods_between(std::int64_t before_ns, std::int64_t instant_ns, std::uint32_t period_ns);
 
 class ScanToScan {
  public:
@@ -56,8 +64,8 @@ class ScanToScan {
   ScanMotion process(const ScanView& scan);
   /// Of a sweep's pose and clouds, after its first point.
   static std::uint32_t instant_ns(const ScanView& scan);
-  /// The next sweep follows a sweep with this pose, step and clouds.
-  void restore(const Pose& T_odom_lidar, const Pose& step, PointSpan edges, PointSpan planes);
+  /// The next sweep follows the one that had this result.
+  void restore(const ScanMotion& last);
   /// The next sweep is a first one.
   void reset();
 

@@ -12,9 +12,12 @@
 namespace zloam::aloam {
 namespace {
 
-ScanMotion feed(ScanToScan& odometry, const PointVector& sweep, bool deskewed = false) {
+/// `number` of the sweep since the start.
+ScanMotion feed(ScanToScan& odometry, const PointVector& sweep, int number) {
   const ScanFeatures f = extract_features(sweep, 0.3);
-  return odometry.process({test::kPeriod_ns, deskewed, f.sharp, f.less_sharp, f.flat, f.less_flat});
+  const std::int64_t stamp_ns = std::int64_t{number} * test::kPeriod_ns;
+  return odometry.process(
+      {stamp_ns, test::kPeriod_ns, false, f.sharp, f.less_sharp, f.flat, f.less_flat});
 }
 
 double shift_m(const Pose& a, const Pose& b) { return (a.translation() - b.translation()).norm(); }
@@ -27,7 +30,7 @@ TEST(ScanToScan, FindsTheMotionBetweenSweepsOfAStandingSensor) {
   ScanToScan odometry(false);
   Pose T = Pose::Identity();
   for (int k = 0; k < 6; ++k) {
-    const ScanMotion found = feed(odometry, test::sweep_at(T, 0.005, 1 + k));
+    const ScanMotion found = feed(odometry, test::sweep_at(T, 0.005, 1 + k), k);
     EXPECT_EQ(found.matched, k > 0);
     if (k > 0) {
       EXPECT_LT(shift_m(found.step, step), 0.025) << k;
@@ -56,8 +59,8 @@ TEST(ScanToScan, WithDeskewingFindsTheMotionWithinTheSweepsAndTheirMiddle) {
   ScanMotion found, without;
   for (int k = 0; k < 20; ++k) {
     const PointVector sweep = test::sweep([&](double s) { return begin * exp_se3(s * twist); });
-    found = feed(deskewing, sweep);
-    without = feed(rigid, sweep);
+    found = feed(deskewing, sweep, k);
+    without = feed(rigid, sweep, k);
     middle = begin * exp_se3(0.5 * twist);
     begin = begin * exp_se3(twist);
     if (k < 3) continue;
@@ -67,9 +70,27 @@ TEST(ScanToScan, WithDeskewingFindsTheMotionWithinTheSweepsAndTheirMiddle) {
   EXPECT_LT(off_surfaces_m(found.planes, middle), 0.5 * off_surfaces_m(without.planes, middle));
 }
 
+TEST(ScanToScan, AMissingSweepDistortsNoOther) {
+  const Vector6 twist = (Vector6() << 0.15, 0.03, 0.0, 0.0, 0.0, 0.06).finished();
+  constexpr int kMissing = 10;
+  ScanToScan deskewing(true), rigid(false);
+  for (int k = 0; k <= kMissing + 1; ++k) {
+    if (k == kMissing) continue;
+    const Pose begin = exp_se3(static_cast<double>(k) * twist);
+    const PointVector sweep = test::sweep([&](double s) { return begin * exp_se3(s * twist); });
+    const ScanMotion found = feed(deskewing, sweep, k);
+    const ScanMotion without = feed(rigid, sweep, k);
+    if (k <= kMissing) continue;
+    EXPECT_EQ(found.periods, 2.0);
+    EXPECT_LT(shift_m(found.step, exp_se3(2.0 * twist)), 0.05);
+    const Pose middle = begin * exp_se3(0.5 * twist);
+    EXPECT_LT(off_surfaces_m(found.planes, middle), 0.5 * off_surfaces_m(without.planes, middle));
+  }
+}
+
 TEST(ScanToScan, NamesTheInstantOfItsPose) {
-  const ScanView recorded{test::kPeriod_ns, false, {}, {}, {}, {}};
-  const ScanView moved_to_end{test::kPeriod_ns, true, {}, {}, {}, {}};
+  const ScanView recorded{0, test::kPeriod_ns, false, {}, {}, {}, {}};
+  const ScanView moved_to_end{0, test::kPeriod_ns, true, {}, {}, {}, {}};
   EXPECT_EQ(ScanToScan::instant_ns(recorded), test::kPeriod_ns / 2);
   EXPECT_EQ(ScanToScan::instant_ns(moved_to_end), test::kPeriod_ns);
 }
@@ -80,7 +101,7 @@ TEST(ScanToScan, GoesOnOverASweepWithoutPoints) {
   Pose T = Pose::Identity();
   for (int k = 0; k < 8; ++k) {
     const PointVector sweep = k == 5 ? PointVector{} : test::sweep_at(T);
-    const ScanMotion found = feed(odometry, sweep);
+    const ScanMotion found = feed(odometry, sweep, k);
     EXPECT_EQ(found.matched, k != 0 && k != 5) << k;
     EXPECT_LT(shift_m(found.T_odom_lidar, T), 0.08) << k;
     T = T * step;
@@ -92,10 +113,10 @@ TEST(ScanToScan, AnotherInstanceGoesOnWithTheSameBytes) {
   ScanToScan one(false), other(false);
   Pose T = Pose::Identity();
   ScanMotion last;
-  for (int k = 0; k < 4; ++k, T = T * step) last = feed(one, test::sweep_at(T));
-  other.restore(last.T_odom_lidar, last.step, last.edges, last.planes);
+  for (int k = 0; k < 4; ++k, T = T * step) last = feed(one, test::sweep_at(T), k);
+  other.restore(last);
   const PointVector next = test::sweep_at(T);
-  EXPECT_EQ(feed(one, next).T_odom_lidar.matrix(), feed(other, next).T_odom_lidar.matrix());
+  EXPECT_EQ(feed(one, next, 4).T_odom_lidar.matrix(), feed(other, next, 4).T_odom_lidar.matrix());
 }
 
 TEST(CostFunctions, AreTheDistancesFromLineAndPlane) {

@@ -27,9 +27,13 @@ void append(std::vector<MapPoint>& out, PointSpan points) {
 }
 
 ScanView view_of(const msg::Features& features) {
-  return {features.period_ns(),        features.deskewed(),
-          points_of(features.sharp()), points_of(features.less_sharp()),
-          points_of(features.flat()),  points_of(features.less_flat())};
+  return {features.header()->stamp_ns(),
+          features.period_ns(),
+          features.deskewed(),
+          points_of(features.sharp()),
+          points_of(features.less_sharp()),
+          points_of(features.flat()),
+          points_of(features.less_flat())};
 }
 
 }  // namespace
@@ -88,11 +92,11 @@ OdometryStage::Located OdometryStage::locate(const Features& features) {
   const ScanView view = view_of(*features);
   Located located;
   located.motion = odometry_.process(view);
-  located.instant_ns = features.header().stamp_ns() + ScanToScan::instant_ns(view);
+  located.instant_ns = located.motion.instant_ns;
   located.T_odom_base = T_base_lidar_ * located.motion.T_odom_lidar * T_base_lidar_.inverse();
   const Pose step = T_base_lidar_ * located.motion.step * T_base_lidar_.inverse();
   if (features->period_ns() > 0)
-    located.twist_per_s = log_se3(step) * (1e9 / features->period_ns());
+    located.twist_per_s = log_se3(step) * (1e9 / (located.motion.periods * features->period_ns()));
   const bool empty = view.less_sharp.empty() && view.less_flat.empty();
   located.health = empty                                    ? Health::kEmpty
                    : prev_sweep_ && !located.motion.matched ? Health::kPredicted

@@ -52,14 +52,19 @@ void OdometryStage::restore(const std::vector<Commit>& commits) {
   const Commit& last = commits.back();
   const Pose T_lidar_base = T_base_lidar_.inverse();
   const Pose T_odom_base = pose_of(last->pose_odom_base());
+  ScanMotion motion;
+  motion.instant_ns = last->instant_ns();
+  motion.T_odom_lidar = T_lidar_base * T_odom_base * T_base_lidar_;
   // If the last step is unknown, the search for the first one starts from rest.
-  Pose step = Pose::Identity();
   if (commits.size() > 1 && commits[commits.size() - 2].sweep() == last->prev_sweep()) {
-    step = pose_of(commits[commits.size() - 2]->pose_odom_base()).inverse() * T_odom_base;
+    const Commit& before = commits[commits.size() - 2];
+    const Pose step = pose_of(before->pose_odom_base()).inverse() * T_odom_base;
+    motion.step = T_lidar_base * step * T_base_lidar_;
+    motion.periods = periods_between(before->instant_ns(), motion.instant_ns, last->period_ns());
   }
-  odometry_.restore(T_lidar_base * T_odom_base * T_base_lidar_, T_lidar_base * step * T_base_lidar_,
-                    in_lidar(points_of(last->edges()), T_lidar_base),
-                    in_lidar(points_of(last->planes()), T_lidar_base));
+  motion.edges = in_lidar(points_of(last->edges()), T_lidar_base);
+  motion.planes = in_lidar(points_of(last->planes()), T_lidar_base);
+  odometry_.restore(motion);
   odom_epoch_ = last.header().odom_epoch();
   prev_sweep_ = last.sweep();
   next_sweep_ = last.sweep() + 1;

@@ -68,8 +68,8 @@ class Run {
     const double t0 = cpu_ms();
     const aloam::ScanFeatures f = aloam::extract_features(scan.points, defaults_.min_range_m);
     const double t1 = cpu_ms();
-    const aloam::ScanView view{scan.period_ns, scan.deskewed, f.sharp,
-                               f.less_sharp,   f.flat,        f.less_flat};
+    const aloam::ScanView view{scan.stamp_ns, scan.period_ns, scan.deskewed, f.sharp,
+                               f.less_sharp,  f.flat,         f.less_flat};
     const aloam::ScanMotion motion = odometry_.process(view);
     const double t2 = cpu_ms();
     const aloam::Mapped mapped = mapping_.process(motion.edges, motion.planes, motion.T_odom_lidar);
