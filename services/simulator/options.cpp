@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <functional>
 #include <iostream>
 #include <map>
 #include <numbers>
@@ -13,6 +14,8 @@ namespace zloam::simulator {
 namespace {
 
 constexpr int kUsageError = 2;
+// Three years: in nanoseconds it is far from the greatest number.
+constexpr double kLongest_s = 1e8;
 
 // Command line values that are converted after parsing.
 struct Raw {
@@ -59,6 +62,7 @@ void add_world_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--shift", raw.shift, "Shift world and truth: x y z in m");
   app.add_option("--mount-xyz", raw.mount_xyz, "Position of the lidar in base_link: x y z in m");
   app.add_option("--mount-rpy-deg", raw.mount_rpy_deg, "Its roll pitch yaw in degrees");
+  app.add_option("--epoch", raw.epoch, "UTC at the start, default 2024-01-01T00:00:10");
 }
 
 void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
@@ -89,12 +93,10 @@ void add_sensor_options(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--divergence-mrad", s.divergence_mrad,
                  "Full beam angle; above 0: mixed pixels, and second returns in mode dual")
       ->capture_default_str();
-  app.add_option("--epoch", raw.epoch, "UTC at the start, default 2024-01-01T00:00:10");
 }
 
 void add_scanner_options(CLI::App& app, Options& o, Raw& raw) {
   MotorConfig& m = o.scanner.motor;
-  app.add_flag("--hokuyo", o.scans, "Simulate a Hokuyo UTM-30LX on a motor instead of the VLP-16");
   app.add_option("--session", o.scanner_files.session,
                  "File of the scanner's replies as they were received, for driver.source scip_log");
   app.add_option("--angles", o.scanner_files.angles, "The motor's angles, CSV");
@@ -119,15 +121,22 @@ void add_scanner_options(CLI::App& app, Options& o, Raw& raw) {
       ->capture_default_str();
 }
 
-void add_outputs(CLI::App& app, Options& o, Raw& raw) {
-  app.add_option("--out", o.pcap, "Capture file (pcap)");
-  app.add_flag("--nanoseconds", o.nanoseconds, "Capture file with nanosecond stamps");
-  app.add_option("--bin", o.payloads, "File of bare data payloads, one after the other");
+void add_outputs(CLI::App& app, Options& o) {
   app.add_option("--truth", o.truth, "Trajectory of the lidar, TUM, 200 Hz");
   app.add_option("--truth-base", o.truth_base, "Trajectory of base_link, TUM, 200 Hz");
   app.add_option("--truth-sweeps", o.truth_sweeps,
                  "Pose of the lidar each time the rotor passes 0 degrees, TUM");
   app.add_option("--imu", o.imu, "Inertial measurements, CSV");
+  app.add_option("--threads", o.threads, "Threads; the output does not depend on it")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  app.add_flag("--quiet", o.quiet, "No progress line");
+}
+
+void add_packet_outputs(CLI::App& app, Options& o, Raw& raw) {
+  app.add_option("--out", o.pcap, "Capture file (pcap)");
+  app.add_flag("--nanoseconds", o.nanoseconds, "Capture file with nanosecond stamps");
+  app.add_option("--bin", o.payloads, "File of bare data payloads, one after the other");
   app.add_option("--returns", o.returns, "All returns as they were encoded, CSV (large)");
   app.add_option("--udp", raw.udp, "Send live to ADDRESS or ADDRESS:PORT");
   app.add_option("--udp-position-port", o.udp_position_port, "Port of the position packets")
@@ -135,10 +144,6 @@ void add_outputs(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--rate", o.rate, "Speed of sending against real time")
       ->check(CLI::Range(0.01, 1000.0))
       ->capture_default_str();
-  app.add_option("--threads", o.threads, "Threads; the output does not depend on it")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str();
-  app.add_flag("--quiet", o.quiet, "No progress line");
 }
 
 void add_zenoh_options(CLI::App& app, Options& o) {
@@ -199,10 +204,39 @@ void add_faults(CLI::App& app, Options& o, Raw& raw) {
   app.add_option("--fault-log", o.fault_log, "CSV of the injected faults and their packets");
 }
 
+/// The options that `add` declares.
+std::vector<CLI::Option*> added(CLI::App& app, const std::function<void()>& add) {
+  const std::size_t before = app.get_options().size();
+  add();
+  const std::vector<CLI::Option*> all = app.get_options();
+  return {all.begin() + static_cast<std::ptrdiff_t>(before), all.end()};
+}
+
+/// Declares all options. One that has no effect beside another one is refused, as what it asks for
+/// would be missing.
+void add_options(CLI::App& app, Options& o, Raw& raw) {
+  add_world_options(app, o, raw);
+  add_outputs(app, o);
+  add_imu_options(app, o, raw);
+  CLI::Option* hokuyo = app.add_flag(
+      "--hokuyo", o.scans, "Simulate a Hokuyo UTM-30LX on a motor instead of the VLP-16");
+  for (CLI::Option* option : added(app, [&] { add_scanner_options(app, o, raw); })) {
+    option->needs(hokuyo);
+  }
+  for (CLI::Option* option : added(app, [&] {
+         add_sensor_options(app, o, raw);
+         add_packet_outputs(app, o, raw);
+         add_zenoh_options(app, o);
+         add_faults(app, o, raw);
+       })) {
+    option->excludes(hokuyo);
+  }
+}
+
 double number(const std::string& text, const std::string& what) {
   double value = 0.0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) {
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value)) {
     throw std::invalid_argument(what + " is not a number: '" + text + "'");
   }
   return value;
@@ -225,8 +259,8 @@ void convert(const Raw& raw, Options& o) {
   }
   if (raw.duration != "full") {
     o.duration_s = number(raw.duration, "--duration");
-    if (!(o.duration_s > 0.0)) {
-      throw std::invalid_argument("--duration must be above 0 or 'full'");
+    if (!(o.duration_s > 0.0 && o.duration_s <= kLongest_s)) {
+      throw std::invalid_argument("--duration must be above 0 and at most 1e8, or 'full'");
     }
   }
   if (!raw.epoch.empty()) {
@@ -257,12 +291,19 @@ void convert(const Raw& raw, Options& o) {
   }
   const std::size_t colon = raw.udp.find(':');
   o.udp_address = raw.udp.substr(0, colon);
+  if (colon == 0) throw std::invalid_argument("--udp needs an address before the port");
   if (colon != std::string::npos) {
     const double port = number(raw.udp.substr(colon + 1), "the port of --udp");
     if (!(port >= 1.0 && port <= 65535.0)) {
       throw std::invalid_argument("the port of --udp must be from 1 to 65535");
     }
     o.udp_port = static_cast<std::uint16_t>(port);
+  }
+  const bool packets = !o.pcap.empty() || !o.payloads.empty() || !o.returns.empty() ||
+                       !o.udp_address.empty() || o.zenoh;
+  if (!o.fault_log.empty() && !packets) {
+    throw std::invalid_argument(
+        "--fault-log needs packets: --out, --bin, --returns, --udp or --zenoh");
   }
 }
 
@@ -275,13 +316,7 @@ std::optional<int> parse_options(int argc, char** argv, Options& options) {
   bool list = false;
   app.set_version_flag("--version", std::string("zloam-simulator ") + ZLOAM_VERSION);
   app.add_flag("--list-worlds", list, "Names and descriptions of the worlds");
-  add_world_options(app, options, raw);
-  add_sensor_options(app, options, raw);
-  add_scanner_options(app, options, raw);
-  add_outputs(app, options, raw);
-  add_zenoh_options(app, options);
-  add_imu_options(app, options, raw);
-  add_faults(app, options, raw);
+  add_options(app, options, raw);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

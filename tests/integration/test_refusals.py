@@ -83,6 +83,29 @@ def test_missing_capture(build: Path, tmp_path: Path) -> None:
     assert "none.pcap" in done.said
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("--hokuyo --out FILE", "--out"),
+        ("--hokuyo --session FILE --lose 0.05", "--lose"),
+        ("--hokuyo --session FILE --rpm 600", "--rpm"),
+        ("--hokuyo --session FILE --zenoh", "--zenoh"),
+        ("--session FILE", "--hokuyo"),
+        ("--truth FILE --lose 0.05 --fault-log FILE.csv", "--fault-log"),
+        ("--udp :2370", "--udp"),
+        ("--out FILE --duration inf", "--duration"),
+        ("--out FILE --duration 1e300", "--duration"),
+    ],
+)
+def test_the_simulator_refuses_what_would_have_no_effect(
+    build: Path, tmp_path: Path, words: str, named: str
+) -> None:
+    done = stage(build, "simulator", *words.replace("FILE", str(tmp_path / "made")).split())
+    assert done.returncode == REFUSED_CONFIG, done.stdout + done.stderr
+    assert named in done.stderr + done.stdout
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_is_no_capture(build: Path, tmp_path: Path) -> None:
     (tmp_path / "text.pcap").write_text("this is no capture\n" * 100)
     done = monitor(
