@@ -106,6 +106,50 @@ def test_the_simulator_refuses_what_would_have_no_effect(
     assert not list(tmp_path.iterdir())
 
 
+OFFLINE = ("offline", "aloam-offline")
+
+
+def offline(build: Path, program: str, *words: object) -> subprocess.CompletedProcess[str]:
+    if not (build / "bin" / f"zloam-{program}").is_file():
+        pytest.skip(f"zloam-{program} is not built in {build}")
+    return stage(build, program, *words)
+
+
+@pytest.mark.parametrize("program", OFFLINE)
+def test_an_offline_run_whose_poses_can_not_be_written(
+    build: Path, capture: Capture, tmp_path: Path, program: str
+) -> None:
+    (tmp_path / "est.tum").symlink_to("/dev/full")
+    done = offline(build, program, capture.pcap, tmp_path, "--count", 3)
+    assert done.returncode == REFUSED_CONFIG
+    assert str(tmp_path / "est.tum") in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("program", "words", "named"),
+    [
+        *((program, "--no-maping", "--no-maping") for program in OFFLINE),
+        ("offline", "--set mapping.every=5", "mapping.every"),
+        ("offline", "--map-gaps 5 10", "--map-gaps"),
+        ("offline", "--submaps nowhere/submaps.bin", "nowhere/submaps.bin"),
+        ("aloam-offline", "--model HDL64", "HDL64"),
+    ],
+)
+def test_an_offline_program_refuses_what_it_can_not_do(
+    build: Path, capture: Capture, tmp_path: Path, program: str, words: str, named: str
+) -> None:
+    out = tmp_path / "out"
+    done = offline(build, program, capture.pcap, out, "--count", 1, *words.split())
+    assert done.returncode == REFUSED_CONFIG, done.stdout + done.stderr
+    assert named in done.stderr
+
+
+def test_a_loam_offline_needs_the_model_of_scans_without_one(build: Path, tmp_path: Path) -> None:
+    done = offline(build, "aloam-offline", tmp_path, tmp_path / "out")
+    assert done.returncode == REFUSED_CONFIG
+    assert "--model" in done.stderr
+
+
 def test_a_file_that_is_no_capture(build: Path, tmp_path: Path) -> None:
     (tmp_path / "text.pcap").write_text("this is no capture\n" * 100)
     done = monitor(

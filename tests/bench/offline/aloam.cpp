@@ -1,12 +1,13 @@
 // zloam-aloam-offline INPUT OUT [--deskew] [--model NAME] [--first N] [--count N]
 //
+// --model: VLP-16 (default) or HDL-64E; a folder in KITTI's layout does not tell, so it is needed.
+//
 // Runs A-LOAM's stages over a capture or a folder of scans (scan_reader.hpp), in one process and
 // without messages. Writes the lidar's poses by odometry (odom.tum) and by mapping (est.tum),
 // stamped with the instant for which they are valid. Prints the CPU time of each stage per sweep.
 
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -23,11 +24,21 @@ namespace {
 
 struct Options {
   std::string input, out;
-  std::string model = "VLP-16";
+  std::string model;
   bool deskew = false;
   std::size_t first = 0;
   std::size_t count = SIZE_MAX;
 };
+
+/// The model, whose defaults A-LOAM's launch files have.
+std::string model_of(const std::string& asked, const std::filesystem::path& input) {
+  if (asked.starts_with("HDL-64E") || asked == "VLP-16") return asked;
+  if (!asked.empty()) throw std::invalid_argument("--model: VLP-16 or HDL-64E, not " + asked);
+  if (std::filesystem::is_directory(input) && !std::filesystem::exists(input / "stamps.txt")) {
+    throw std::invalid_argument("--model is needed for " + input.string() + ": VLP-16 or HDL-64E");
+  }
+  return "VLP-16";
+}
 
 Options parse_options(const std::vector<std::string>& args) {
   Options o;
@@ -42,7 +53,7 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--count") {
       o.count = std::stoul(args.at(++i));
     } else {
-      positional.push_back(args[i]);
+      add_positional(positional, args[i]);
     }
   }
   if (positional.size() != 2) {
@@ -50,6 +61,7 @@ Options parse_options(const std::vector<std::string>& args) {
   }
   o.input = positional[0];
   o.out = positional[1];
+  o.model = model_of(o.model, o.input);
   return o;
 }
 
@@ -60,8 +72,8 @@ class Run {
         odometry_(options.deskew),
         mapping_(defaults_.leaves) {
     std::filesystem::create_directories(options.out);
-    odom_file_.open(options.out + "/odom.tum");
-    est_file_.open(options.out + "/est.tum");
+    odom_file_.create(options.out + "/odom.tum");
+    est_file_.create(options.out + "/est.tum");
   }
 
   void sweep(const Scan& scan) {
@@ -83,6 +95,11 @@ class Run {
     ++sweeps_;
   }
 
+  void finish() {
+    odom_file_.finish();
+    est_file_.finish();
+  }
+
   void summary() const {
     const double n = sweeps_ == 0 ? 1.0 : static_cast<double>(sweeps_);
     std::printf(
@@ -95,7 +112,7 @@ class Run {
   aloam::SensorDefaults defaults_;
   aloam::ScanToScan odometry_;
   aloam::ScanToMap mapping_;
-  std::ofstream odom_file_, est_file_;
+  ResultFile odom_file_, est_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;
   double mapping_ms_ = 0.0;
@@ -112,6 +129,7 @@ int run(const std::vector<std::string>& args) {
     if (i - options.first >= options.count) break;
     run.sweep(scan);
   }
+  run.finish();
   run.summary();
   return 0;
 }

@@ -40,7 +40,7 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--points") {
       o.points = args.at(++i);
     } else {
-      positional.push_back(args[i]);
+      add_positional(positional, args[i]);
     }
   }
   if (positional.size() != 3) {
@@ -61,6 +61,7 @@ struct StampedPose {
 
 std::vector<StampedPose> read_tum(const std::string& path) {
   std::ifstream file(path);
+  if (!file) throw std::runtime_error(path + ": can't be read");
   std::vector<StampedPose> all;
   std::string line;
   while (std::getline(file, line)) {
@@ -112,7 +113,7 @@ class Drift {
 };
 
 void write_points(const std::string& path, const std::vector<Submap>& submaps) {
-  std::ofstream file(path, std::ios::binary);
+  ResultFile file(path, std::ios::binary);
   double spent_ms = 0.0;
   for (const Submap& submap : submaps) {
     const double before_ms = cpu_ms();
@@ -127,6 +128,7 @@ void write_points(const std::string& path, const std::vector<Submap>& submaps) {
       }
     }
   }
+  file.finish();
   std::printf("what moved: CPU ms/submap %.1f\n",
               spent_ms / static_cast<double>(std::max<std::size_t>(1, submaps.size())));
 }
@@ -137,7 +139,7 @@ int run(const std::vector<std::string>& args) {
   if (!options.points.empty()) write_points(options.points, submaps);
   std::vector<StampedPose> est = read_tum(options.est);
   graph::LoopGraph graph{graph::GraphConfig{}};
-  std::ofstream loops(options.out + "/loops.csv");
+  ResultFile loops(options.out + "/loops.csv");
   loops << "from,to,from_sweep,to_sweep,verdict,overlap,residual_m,chi2,x,y,z,qx,qy,qz,qw\n";
   Drift drift(options);
   std::vector<Pose> unspoilt;
@@ -160,9 +162,9 @@ int run(const std::vector<std::string>& args) {
     }
   }
   const double spent_ms = cpu_ms() - begin_ms;
-  std::ofstream chain(options.out + "/chain.tum"), corrected(options.out + "/graph.tum");
+  ResultFile chain(options.out + "/chain.tum"), corrected(options.out + "/graph.tum");
   const auto& nodes = graph.nodes();
-  std::ofstream submap_poses(options.out + "/submaps.tum");
+  ResultFile submap_poses(options.out + "/submaps.tum");
   for (const graph::Node& node : nodes) write_tum(submap_poses, node.instant_ns, node.T_map_submap);
   std::size_t next = 0;
   for (std::size_t sweep = 0; sweep < est.size(); ++sweep) {
@@ -171,6 +173,7 @@ int run(const std::vector<std::string>& args) {
     write_tum(chain, est[sweep].stamp_ns, spoilt);
     write_tum(corrected, est[sweep].stamp_ns, graph.corrected(est[sweep].stamp_ns, spoilt));
   }
+  for (ResultFile* file : {&loops, &chain, &corrected, &submap_poses}) file->finish();
   std::size_t accepted = 0;
   for (const graph::Loop& loop : graph.loops())
     accepted += loop.verdict == graph::Verdict::kAccepted;

@@ -13,7 +13,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <map>
 #include <numbers>
 #include <random>
@@ -150,7 +149,7 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--sweeps") {
       o.sweeps = std::stoul(args.at(++i));
     } else {
-      positional.push_back(args[i]);
+      add_positional(positional, args[i]);
     }
   }
   if (positional.size() != 4) {
@@ -186,6 +185,8 @@ class Robot {
     now_ns_ = saved.instant_ns;
     out_ << "kidnap,outside,heading_rad,since,instant_ns,health,x,y,z,qx,qy,qz,qw\n";
   }
+
+  void finish() { out_.finish(); }
 
   /// Puts the robot down somewhere on the drive.
   void carry(int kidnap, const std::vector<Sweep>& sweeps, bool is_outside) {
@@ -258,7 +259,7 @@ class Robot {
   const Options& o_;
   mapping::Mapper mapper_;
   std::mt19937 random_;
-  std::ofstream out_;
+  ResultFile out_;
   Pose T_odom_base_ = Pose::Identity();
   std::uint64_t number_ = 0;
   std::uint32_t epoch_ = 1;
@@ -277,6 +278,7 @@ int run(const std::vector<std::string>& args) {
     const bool is_outside = k % 10 == 9;
     robot.carry(k, is_outside ? outside : inside, is_outside);
   }
+  robot.finish();
   robot.summary();
   return 0;
 }

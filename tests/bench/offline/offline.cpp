@@ -113,11 +113,14 @@ Options parse_options(const std::vector<std::string>& args) {
     } else if (args[i] == "--imu") {
       o.imu = driver::read_imu_file(value());
     } else if (!parse_reading(args[i], value, o.reading)) {
-      positional.push_back(args[i]);
+      add_positional(positional, args[i]);
     }
   }
   if (positional.size() != 2) {
     throw std::invalid_argument("usage: zloam-offline INPUT OUT [--set key=value]...");
+  }
+  if (o.gap_every > 0 && o.gap_sweeps >= o.gap_every) {
+    throw std::invalid_argument("--map-gaps: SWEEPS must be below EVERY");
   }
   o.input = positional[0];
   o.out = positional[1];
@@ -142,21 +145,21 @@ class Run {
         integrator_(options.settings.integration) {
     std::filesystem::create_directories(o_.out);
     for (const ImuReading& r : o_.imu) imu_.add(r);
-    odom_file_.open(o_.out + "/odom.tum");
-    est_file_.open(o_.out + "/est.tum");
-    csv_.open(o_.out + "/sweeps.csv");
+    odom_file_.create(o_.out + "/odom.tum");
+    est_file_.create(o_.out + "/est.tum");
+    csv_.create(o_.out + "/sweeps.csv");
     csv_ << "sweep,health,iterations,planes,residual_m,prediction_error_m,"
             "prediction_error_rad,weak,weak_sigma,predicted_sigma,share,sharp,less_sharp,flat,"
             "less_flat,noise_m,map_health,map_residual_m,map_weak,map_weak_sigma,"
             "map_predicted_sigma,map_share,axis_x,axis_y,axis_z,inserted,odom_axis_x,odom_axis_y,"
             "odom_axis_z,map_iterations,imu_used,imu_contradictions\n";
-    if (!o_.submaps.empty()) submaps_file_.open(o_.submaps, std::ios::binary);
-    fused_file_.open(o_.out + "/fused.tum");
-    covariance_file_.open(o_.out + "/covariance.csv");
-    fused_csv_.open(o_.out + "/fused.csv");
+    if (!o_.submaps.empty()) submaps_file_.create(o_.submaps, std::ios::binary);
+    fused_file_.create(o_.out + "/fused.tum");
+    covariance_file_.create(o_.out + "/covariance.csv");
+    fused_csv_.create(o_.out + "/fused.csv");
     fused_csv_ << "sweep,health,degenerate,axis_x,axis_y,axis_z,jump\n";
-    fused_covariance_file_.open(o_.out + "/fused_covariance.csv");
-    cost_file_.open(o_.out + "/cost.csv");
+    fused_covariance_file_.create(o_.out + "/fused_covariance.csv");
+    cost_file_.create(o_.out + "/cost.csv");
     cost_file_ << "sweep,points,registration_ms,odometry_ms,mapping_ms,map_points\n";
   }
 
@@ -194,6 +197,10 @@ class Run {
 
   void finish() {
     if (const auto submap = mapper_.finish_submap()) write_submap(submaps_file_, *submap);
+    for (ResultFile* file : {&odom_file_, &est_file_, &fused_file_, &csv_, &covariance_file_,
+                             &fused_csv_, &fused_covariance_file_, &cost_file_, &submaps_file_}) {
+      file->finish();
+    }
   }
 
   void summary() const {
@@ -315,7 +322,7 @@ class Run {
   mapping::Mapper mapper_;
   integration::Integrator integrator_;
   std::uint32_t odom_epoch_ = 0;
-  std::ofstream odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
+  ResultFile odom_file_, est_file_, fused_file_, csv_, covariance_file_, fused_csv_,
       fused_covariance_file_, cost_file_, submaps_file_;
   double registration_ms_ = 0.0;
   double odometry_ms_ = 0.0;

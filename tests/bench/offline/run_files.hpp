@@ -1,5 +1,5 @@
 #pragma once
-// Functions that all offline programs share: CPU time, TUM files, main().
+// What all offline programs share: CPU time, result files, arguments, main().
 
 #include <time.h>
 
@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <exception>
 #include <fstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,34 @@ inline double cpu_ms() {
   timespec t{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
   return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
+}
+
+/// A file of results, which counts only once finish() has returned.
+class ResultFile : public std::ofstream {
+ public:
+  ResultFile() = default;
+  explicit ResultFile(const std::string& path, openmode mode = out) { create(path, mode); }
+
+  void create(const std::string& path, openmode mode = out) {
+    path_ = path;
+    open(path, mode);
+    if (!is_open()) throw std::runtime_error(path_ + ": can't be created");
+  }
+  /// Of one that was never created: nothing to do. Throws if anything could not be written.
+  void finish() {
+    if (path_.empty()) return;
+    close();
+    if (!good()) throw std::runtime_error(path_ + ": can't be written: is the disk full?");
+  }
+
+ private:
+  std::string path_;
+};
+
+/// Adds an argument that is no known option: a misspelt one is no file.
+inline void add_positional(std::vector<std::string>& positional, const std::string& argument) {
+  if (argument.starts_with("--")) throw std::invalid_argument("no such option: " + argument);
+  positional.push_back(argument);
 }
 
 /// One line of a TUM file.

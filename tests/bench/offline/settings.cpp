@@ -147,7 +147,6 @@ void add_plane_matcher(plane_map::MatcherConfig& c, Fields& fields) {
 }
 
 void add_mapping(mapping::MappingConfig& c, Fields& fields) {
-  ZLOAM_FIELD("mapping.", c, every);
   ZLOAM_FIELD("mapping.", c, leaf_edge_m);
   ZLOAM_FIELD("mapping.", c, leaf_plane_m);
   ZLOAM_FIELD("mapping.", c, drift_limit);

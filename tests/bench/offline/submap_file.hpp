@@ -4,7 +4,9 @@
 
 #include <cstdint>
 #include <fstream>
+#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/geometry/submap.hpp"
@@ -44,6 +46,7 @@ inline void write_submap(std::ofstream& file, const Submap& s) {
 inline std::vector<Submap> read_submaps(const std::string& path) {
   using submap_file::get;
   std::ifstream file(path, std::ios::binary);
+  if (!file) throw std::runtime_error(path + ": can't be read");
   std::vector<Submap> all;
   while (file.peek() != EOF) {
     Submap s;
@@ -67,6 +70,7 @@ inline std::vector<Submap> read_submaps(const std::string& path) {
     get(file, count);
     s.origins.resize(count);
     for (Eigen::Vector3d& origin : s.origins) get(file, origin);
+    if (!file) throw std::runtime_error(path + ": ends in the middle of a submap");
     all.push_back(std::move(s));
   }
   return all;

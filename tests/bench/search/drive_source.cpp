@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <stdexcept>
 
 #include "drive_file.hpp"
 
@@ -65,11 +66,14 @@ void DriveSource::write_truth(const std::filesystem::path& tum,
                   q.w());
     file << line;
   }
-  std::ofstream(motion) << "sweeps " << sweeps_ << "\nspeed_mps " << extremes_.speed_mps
-                        << "\nacceleration_mps2 " << extremes_.acceleration_mps2 << "\nrate_radps "
-                        << extremes_.rate_radps << "\nangular_acceleration_radps2 "
-                        << extremes_.angular_acceleration_radps2 << "\nnearest_m "
-                        << extremes_.nearest_m << "\n";
+  std::ofstream figures(motion);
+  figures << "sweeps " << sweeps_ << "\nspeed_mps " << extremes_.speed_mps << "\nacceleration_mps2 "
+          << extremes_.acceleration_mps2 << "\nrate_radps " << extremes_.rate_radps
+          << "\nangular_acceleration_radps2 " << extremes_.angular_acceleration_radps2
+          << "\nnearest_m " << extremes_.nearest_m << "\n";
+  file.close();
+  figures.close();
+  if (!file || !figures) throw std::runtime_error(tum.string() + ": the truth can't be written");
 }
 
 }  // namespace zloam::search
