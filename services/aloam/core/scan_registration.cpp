@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
+#include <numbers>
 #include <vector>
 
 #include "aloam/core/clouds.hpp"
@@ -140,19 +142,27 @@ bool is_strongest(const Point& p) {
   return p.return_type == ReturnType::kStrongest || p.return_type == ReturnType::kBoth;
 }
 
-bool is_within(const Point& p, double min_range_m, std::uint32_t rings) {
-  return p.ring < rings && p.position().cast<double>().squaredNorm() >= min_range_m * min_range_m;
+double elevation_deg(const Eigen::Vector3d& p) {
+  return std::atan2(p.z(), std::hypot(p.x(), p.y())) * 180.0 / std::numbers::pi;
+}
+
+bool is_within(const Eigen::Vector3d& p, double min_range_m, const Elevations& elevations) {
+  const double elevation = elevation_deg(p);
+  return p.squaredNorm() >= min_range_m * min_range_m && elevation >= elevations.least_deg &&
+         elevation <= elevations.greatest_deg;
 }
 
 }  // namespace
 
-ScanFeatures extract_features(PointSpan sweep, double min_range_m, std::uint32_t rings) {
+ScanFeatures extract_features(PointSpan sweep, double min_range_m, const Elevations& elevations,
+                              std::uint32_t rings) {
   // A sensor that reports only the last return of each firing has no strongest ones.
   const bool has_strongest = std::ranges::any_of(sweep, is_strongest);
   std::map<std::uint16_t, TimedCloud> by_ring;
   for (const Point& p : sweep) {
     const bool stronger = has_strongest ? is_strongest(p) : p.return_type == ReturnType::kLast;
-    if (!stronger || !is_within(p, min_range_m, rings)) continue;
+    if (!stronger || p.ring >= rings) continue;
+    if (!is_within(p.position().cast<double>(), min_range_m, elevations)) continue;
     TimedCloud& ring = by_ring[p.ring];
     ring.push_back(timed_point(p));
     // PCL removes points that are not finite only from clouds that are not marked as dense.

@@ -20,12 +20,19 @@ namespace zloam::aloam {
 struct ScanFeatures {
   /// frame lidar, each at its own time, ordered by ring; sharp is part of less_sharp
   PointVector sharp, less_sharp, flat, less_flat;
-  /// not finite, too near, or the weaker of two returns
+  /// not finite, too near, outside the elevations, or the weaker of two returns
   std::uint32_t rejected = 0;
+};
+
+/// Points outside are left out.
+struct Elevations {
+  double least_deg = -std::numeric_limits<double>::infinity();
+  double greatest_deg = std::numeric_limits<double>::infinity();
 };
 
 /// `rings`: what lies in a ring not below it is left out.
 ScanFeatures extract_features(PointSpan sweep, double min_range_m,
+                              const Elevations& elevations = {},
                               std::uint32_t rings = std::numeric_limits<std::uint16_t>::max());
 
 }  // namespace zloam::aloam

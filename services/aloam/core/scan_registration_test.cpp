@@ -10,6 +10,7 @@
 #include <set>
 #include <tuple>
 
+#include "aloam/core/sensor_defaults.hpp"
 #include "aloam/core/test_room.hpp"
 
 namespace zloam::aloam {
@@ -129,6 +130,24 @@ TEST(ScanRegistration, TakesTheLastReturnsOfASensorThatReportsNoOthers) {
   ASSERT_GT(wanted.sharp.size(), 0u);
   EXPECT_EQ(found.sharp.size(), wanted.sharp.size());
   EXPECT_EQ(found.less_flat.size(), wanted.less_flat.size());
+}
+
+TEST(ScanRegistration, LeavesOutTheLowestRingsOfAnHdl64eAsReleased) {
+  const SensorDefaults car = defaults_of("HDL-64E S2"), other = defaults_of("VLP-16");
+  const auto rejected = [](double elevation_deg, const SensorDefaults& sensor) {
+    const double rad = elevation_deg * M_PI / 180.0;
+    const Point p{static_cast<float>(8.0 * std::cos(rad)), 0.0F,
+                  static_cast<float>(8.0 * std::sin(rad)), 0.0F, 0, 0, ReturnType::kStrongest, 0};
+    return extract_features({&p, 1}, sensor.min_range_m, sensor.elevations).rejected;
+  };
+  // A-LOAM's ring of an elevation below -8.83 degrees; it uses rings 0 to 50.
+  for (const double elevation_deg : {-24.0, -20.0, -18.2, -18.0, -17.0, -9.0}) {
+    const int ring = 32 + static_cast<int>((-8.83 - elevation_deg) * 2.0 + 0.5);
+    EXPECT_EQ(rejected(elevation_deg, car), ring > 50 ? 1u : 0u) << elevation_deg;
+    EXPECT_EQ(rejected(elevation_deg, other), 0u) << elevation_deg;
+  }
+  EXPECT_EQ(rejected(2.1, car), 1u);
+  EXPECT_EQ(rejected(1.9, car), 0u);
 }
 
 TEST(ScanRegistration, TakesAnySweep) {

@@ -41,7 +41,8 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage)
 void RegistrationStage::process(const Sweep& sweep) {
   stage_.configure_for(sweep);
   const ScanFeatures found =
-      extract_features(points_of(sweep->points()), defaults_.min_range_m, sweep->rings());
+      extract_features(points_of(sweep->points()), defaults_.min_range_m, defaults_.elevations,
+                       sweep->rings());
   const HeaderFields header = features_.header(sweep);
   features_.publish(header, build(header, fields_of(*sweep, found)));
   last_ = header;

@@ -78,7 +78,8 @@ class Run {
 
   void sweep(const Scan& scan) {
     const double t0 = cpu_ms();
-    const aloam::ScanFeatures f = aloam::extract_features(scan.points, defaults_.min_range_m);
+    const aloam::ScanFeatures f =
+        aloam::extract_features(scan.points, defaults_.min_range_m, defaults_.elevations);
     const double t1 = cpu_ms();
     const aloam::ScanView view{scan.stamp_ns, scan.period_ns, scan.deskewed, f.sharp,
                                f.less_sharp,  f.flat,         f.less_flat};
