@@ -180,7 +180,9 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
   const bool of_now = first.replay() ? same_run : recent && away_ns >= -1'000'000'000;
   // A map in which the robot is to be found may be of any age and of any run.
   if (!of_now && config_.mode == MappingMode::kMap) {
-    runtime::log_info("the stored map is of another time or run: creating a new one");
+    runtime::log_info(
+        "the stored map is of another time or run: creating a new one; mapping.mode localize or "
+        "extend uses the stored one");
     return false;
   }
   // What does not come now is asked for again soon, and sweeps wait meanwhile.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <stdexcept>
 #include <utility>
 
@@ -303,6 +304,22 @@ void StoreStage::take(const SubmapMessage& submap) {
   put_early_pose();
 }
 
+/// A live drive can't be repeated. The map of a replay can be made again from its recording, and a
+/// copy for each replay would fill the disk.
+bool StoreStage::has_live_map() const {
+  const auto stored = store_.get(stage_.keys().of(Key::kMapOdometry));
+  if (!stored || !verify<msg::MapPose>(stored->payload, stored->encoding).ok()) return false;
+  return !message_of<msg::MapPose>(stored->payload).header()->replay();
+}
+
+void StoreStage::keep_earlier() {
+  if (!has_live_map()) return;
+  const std::filesystem::path folder =
+      std::filesystem::path(config_.path) / ("earlier-" + std::to_string(generations_.current()));
+  store_.copy_to(folder);
+  runtime::log_info("another map begins; the earlier one is kept", {{"path", folder.string()}});
+}
+
 void StoreStage::begin_again(const msg::Header& header) {
   try {
     generations_.begin(header.run(), header.map_id());
@@ -318,6 +335,7 @@ std::optional<std::uint64_t> StoreStage::generation_of(const msg::Header& header
                                                        const std::string& key) {
   try {
     const std::uint64_t before = generations_.current();
+    if (!generations_.is_current(header.run(), header.map_id())) keep_earlier();
     const std::uint64_t number = generations_.of(header.run(), header.map_id());
     // What an obsolete map lacks is of no interest.
     if (number != before) unstored_.clear();

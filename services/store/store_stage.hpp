@@ -65,6 +65,9 @@ class StoreStage {
   std::string lacks() const;
   void say_disk();
   std::optional<std::uint64_t> generation_of(const msg::Header& header, const std::string& key);
+  /// Copies a live run's map to a folder of its own before another map replaces it.
+  void keep_earlier();
+  bool has_live_map() const;
   void begin_again(const msg::Header& header);
   void not_stored(const std::string& key, const std::string& why);
   void say_recovery() const;

@@ -61,6 +61,9 @@ class TileStore {
   /// would be missed at each start; true: done.
   bool compact_if_due();
   void compact();
+  /// Writes all messages into a new folder, which replaces one of that name. Throws
+  /// std::system_error when it can't be written; then nothing has changed.
+  void copy_to(const std::filesystem::path& folder) const;
 
   std::uint64_t live_bytes() const { return live_bytes_; }
   std::uint64_t log_bytes() const { return log_.bytes(); }

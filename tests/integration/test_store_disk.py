@@ -1,13 +1,16 @@
 """A store says what its folder lacks, in its health and by its exit code: what a full disk did not
-take, and what mapping did not send."""
+take, and what mapping did not send. It deletes no map of a live run."""
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zenoh
 
@@ -56,14 +59,24 @@ def test_what_does_not_fit_on_the_disk_is_told_until_the_end(
 
 
 class Mapping:
-    """Stands in for a mapping that ends a run, and has no time for those who ask for its tiles."""
+    """Stands in for a mapping that has no time for those who ask for its tiles."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, *, replay: bool = False, end_of_run: bool = False) -> None:
         self.session, keys = open_session([], f"tcp/127.0.0.1:{port}"), Keys("robot")
         now_ns = time.time_ns()
         values = compose.HeaderValues(
-            now_ns, 0, 0, stamp_ns=now_ns, frame="map", instance="mapping-1", end_of_run=True
+            now_ns,
+            0,
+            0,
+            stamp_ns=now_ns,
+            frame="map",
+            instance="mapping-1",
+            end_of_run=end_of_run,
+            replay=replay,
         )
+        points = np.zeros(3, messages.MAP_POINT)
+        self.tile = compose.tile(values, "plane", (0, 0, 0), points)
+        self.tile_key = keys.below("map/tile/plane/0/0/0")
         self.pose = compose.pose("MapPose", values, now_ns, (0, 0, 0), (0, 0, 0, 1))
         self.key, self.asked = keys.map_odometry, 0
         self._kept = [
@@ -81,14 +94,80 @@ class Mapping:
     def publish(self) -> None:
         self.session.put(self.key, self.pose, encoding=messages.encoding("MapPose"))
 
+    def publish_tile(self) -> None:
+        self.session.put(self.tile_key, self.tile, encoding=messages.encoding("MapTile"))
+
+    def stored(self) -> set[bytes]:
+        """The tile that a store answers with."""
+        replies = self.session.get(self.tile_key, timeout=5.0)
+        return {r.ok.payload.to_bytes() for r in replies if r.ok is not None}
+
+
+@contextlib.contextmanager
+def store_on(build: Path, tiles: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+    """A store that connects to this port."""
+    settings = ("zenoh.base_port=0", f"zenoh.connect=[tcp/127.0.0.1:{port}]", f"store.path={tiles}")
+    command = [str(binary(build, "store")), *(w for s in settings for w in ("--set", s))]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as store:
+        try:
+            yield store
+        finally:
+            store.terminate()
+
+
+def map_in(build: Path, tiles: Path, *, replay: bool = False) -> bytes:
+    """Lets a store take a map of one tile into this folder; returns the tile."""
+    port = free_port()
+    mapping = Mapping(port, replay=replay)
+    try:
+        with store_on(build, tiles, port) as store:
+            deadline = time.monotonic() + PATIENCE_S
+            while mapping.tile not in mapping.stored() and time.monotonic() < deadline:
+                mapping.publish_tile()
+                # It has reached the store before the question about the tile does.
+                mapping.publish()
+                time.sleep(0.1)
+            assert mapping.tile in mapping.stored()
+            store.terminate()
+            assert store.wait(PATIENCE_S) == 0
+    finally:
+        mapping.session.close()
+    return mapping.tile
+
+
+def kept_in(build: Path, tiles: Path) -> set[bytes]:
+    """What a store on this folder answers with."""
+    port = free_port()
+    asks = open_session([], f"tcp/127.0.0.1:{port}")
+    found: set[bytes] = set()
+    try:
+        with store_on(build, tiles, port):
+            deadline = time.monotonic() + PATIENCE_S
+            while not found and time.monotonic() < deadline:
+                replies = asks.get(Keys("robot").tiles, timeout=5.0)
+                found = {r.ok.payload.to_bytes() for r in replies if r.ok is not None}
+    finally:
+        asks.close()
+    return found
+
+
+def test_the_map_of_a_live_run_is_kept_when_another_begins(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    monday, tuesday = map_in(build, tiles), map_in(build, tiles)
+    # A replay can be repeated, so its map is replaced.
+    map_in(build, tiles, replay=True)
+    again = map_in(build, tiles, replay=True)
+    assert sorted(p.name for p in tiles.iterdir() if p.is_dir()) == ["earlier-1", "earlier-2"]
+    assert kept_in(build, tiles / "earlier-1") == {monday}
+    assert kept_in(build, tiles / "earlier-2") == {tuesday}
+    assert kept_in(build, tiles) == {again}
+
 
 def test_tiles_that_mapping_did_not_send_are_in_the_exit_code(build: Path, tmp_path: Path) -> None:
     port, tiles = free_port(), tmp_path / "tiles"
-    mapping = Mapping(port)
-    settings = ("zenoh.base_port=0", f"zenoh.connect=[tcp/127.0.0.1:{port}]", f"store.path={tiles}")
-    command = [str(binary(build, "store")), *(w for s in settings for w in ("--set", s))]
+    mapping = Mapping(port, end_of_run=True)
     try:
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as store:
+        with store_on(build, tiles, port) as store:
             deadline = time.monotonic() + PATIENCE_S
             # It asks three times.
             while mapping.asked < 3 and time.monotonic() < deadline:
