@@ -25,12 +25,17 @@ std::string listen_address(const ZenohConfig& config) {
   return has_own_hosts(config) ? "0.0.0.0" : config.host;
 }
 
-/// The address at which a stage is reached; "all interfaces" is not a destination.
+/// "All interfaces" is not a destination: this host is meant.
+std::string_view destination(std::string_view host) {
+  if (host == "0.0.0.0") return "127.0.0.1";
+  return host == "[::]" ? "[::1]" : host;
+}
+
+/// The address at which a stage is reached.
 std::string address_of(const ZenohConfig& config, const std::string& stage) {
   std::string host = config.host;
   if (has_own_hosts(config)) return host.replace(host.find(kStage), kStage.size(), stage);
-  if (host == "0.0.0.0") return "127.0.0.1";
-  return host == "[::]" ? "[::1]" : host;
+  return std::string(destination(host));
 }
 
 struct HostPort {
@@ -54,7 +59,8 @@ std::optional<HostPort> host_and_port(std::string_view endpoint) {
 
 /// Whether the host is given as the numeric address of another host.
 bool is_address(std::string_view host) {
-  if (host.starts_with("127.") || host == "[::1]") return false;
+  const std::string_view to = destination(host);
+  if (to.starts_with("127.") || to == "[::1]") return false;
   return host.starts_with('[') || host.find_first_not_of("0123456789.") == std::string_view::npos;
 }
 

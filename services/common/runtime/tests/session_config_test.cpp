@@ -60,6 +60,10 @@ TEST(Endpoints, WithoutALinkAreThoseThatNoneLeadsTo) {
   EXPECT_THAT(missing({"tcp/10.0.0.9:7464"}), IsEmpty());
   // A peer on this host is no router on this host.
   EXPECT_THAT(missing({"tcp/127.0.0.1:7450"}), ElementsAre("tcp/127.0.0.1:7450"));
+  // "All interfaces" means this host.
+  EXPECT_THAT(missing({"tcp/0.0.0.0:40000"}), IsEmpty());
+  EXPECT_THAT(missing({"tcp/[::]:40000"}), IsEmpty());
+  EXPECT_THAT(missing({"tcp/0.0.0.0:7450"}), ElementsAre("tcp/0.0.0.0:7450"));
   EXPECT_THAT(missing({"tcp/10.0.0.8:7447"}), ElementsAre("tcp/10.0.0.8:7447"));
   // A stage on the router's host is no router.
   EXPECT_THAT(missing({"tcp/172.18.0.2:7463"}), ElementsAre("tcp/172.18.0.2:7463"));
