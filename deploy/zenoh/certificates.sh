@@ -6,7 +6,9 @@
 #   certificates.sh FOLDER ROBOT --role NAME [DAYS]   one more certificate NAME.ROBOT of the same authority
 # What exists is kept, so it can be run again. FOLDER/authority.key makes new members: keep it off the robot.
 set -euo pipefail
-[ $# -ge 2 ] || { sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+usage() { sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 2 ] || usage
+[ "${3:-}" != --role ] || [ -n "${4:-}" ] || usage
 folder=$1
 robot=$2
 shift 2
@@ -26,20 +28,24 @@ authority() {
   key authority.key
   openssl req -x509 -new -key authority.key -sha256 -days 3650 -subj "/CN=authority.$robot" \
     -addext "basicConstraints=critical,CA:TRUE" -addext "keyUsage=critical,keyCertSign,cRLSign" -out authority.crt
+  chmod 644 authority.crt
 }
+
+names() { openssl x509 -in "$1" -noout -ext subjectAltName | sed '1d; s/IP Address:/IP:/g; s/ //g'; }
 
 # kept NAME SUBJECT_ALT_NAMES: one that exists is good for these names, and still valid
 kept() {
   openssl x509 -in "$1.crt" -noout -checkend 0 > "$1.log" ||
     fail "$folder/$1.crt has expired: remove it and $1.key, and run this again"
   rm "$1.log"
-  local names name
-  names=$(openssl x509 -in "$1.crt" -noout -ext subjectAltName | sed '1d; s/IP Address:/IP:/g; s/ //g')
+  local name asks
   for name in ${2//,/ }; do
-    case ",$names," in
-      *",$name,"*) ;;
-      *) fail "$folder/$1.crt exists and is not valid for ${name#*:} (it is for $names): remove it and $1.key, and run this again" ;;
-    esac
+    asks=-checkhost
+    [ "${name%%:*}" = DNS ] || asks=-checkip
+    # openssl knows each spelling of an address, but tells the result by words only.
+    if [[ $(openssl x509 -in "$1.crt" -noout "$asks" "${name#*:}") != *"does match"* ]]; then
+      fail "$folder/$1.crt exists and is not valid for ${name#*:} (it is for $(names "$1.crt")): remove it and $1.key, and run this again"
+    fi
   done
   echo "certificates: $folder/$1.crt is kept: $(openssl x509 -in "$1.crt" -noout -enddate)"
 }
@@ -52,6 +58,7 @@ certificate() {
   openssl x509 -req -in "$1.csr" -CA authority.crt -CAkey authority.key -CAcreateserial -sha256 -days "$4" \
     -extfile <(printf 'basicConstraints=CA:FALSE\nkeyUsage=digitalSignature\nextendedKeyUsage=%s\nsubjectAltName=%s\n' "$3" "$5") \
     -out "$1.crt.part" 2> "$1.log" || fail "$1.crt: $(cat "$1.log")"
+  chmod 644 "$1.crt.part"
   mv "$1.crt.part" "$1.crt"
   rm "$1.csr" "$1.log"
   echo "certificates: $folder/$1.crt ($2)"
@@ -70,4 +77,3 @@ certificate router "router.$robot" serverAuth,clientAuth "$days" "$names"
 for role in monitor operator sensor; do
   certificate "$role" "$role.$robot" clientAuth "$days" "DNS:$role.$robot"
 done
-chmod 644 ./*.crt
