@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import configparser
 import os
+import re
 import signal
 import subprocess
 import time
@@ -119,3 +120,18 @@ def test_systemd_leaves_the_stages_to_zloam_run() -> None:
     assert unit["Service"]["KillMode"] == "mixed"
     # The main process is zloam run itself, not a shell that waits for it.
     assert "exec /usr/bin/zloam run" in unit["Service"]["ExecStart"]
+
+
+def test_systemd_tells_a_robot_file_that_is_missing_and_the_comment_puts_it_there(
+    tmp_path: Path,
+) -> None:
+    path = ROOT / "deploy/debian/zenoh-loam.service"
+    unit = configparser.ConfigParser(interpolation=None, strict=False)
+    unit.read(path)
+    file = unit["Unit"]["AssertPathExists"]
+    assert file in unit["Service"]["ExecStart"]
+    (command,) = re.findall(rf"^#   sudo (.* {file})$", path.read_text(), re.MULTILINE)
+    bundled = "/usr/lib/zenoh-loam/zloam_monitor/bundled/robots"
+    here = command.replace(bundled, str(ROOT / "deploy/robots")).replace(file, f"{tmp_path}{file}")
+    subprocess.run(here.split(), check=True)
+    assert Path(f"{tmp_path}{file}").is_file()

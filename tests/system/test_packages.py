@@ -86,6 +86,10 @@ zloam demo --bag drive.mcap --view --out out/again --set zenoh.base_port=0
 zloam calibrate --version
 ls out/demo out/again
 zloam config check vlp16-indoor
+unit=$(dpkg -L zenoh-loam | grep 'zenoh-loam.service$')
+eval "$(sed -n 's/^#   sudo \\(install .*\\)/\\1/p' "$unit")"
+grep robot: /etc/zenoh-loam/robot.yaml
+rm -r /etc/zenoh-loam
 apt-get purge -y -qq --auto-remove zenoh-loam >/dev/null 2>&1
 find / -xdev \\( -iname '*zloam*' -o -iname '*zenoh-loam*' \\) -not -path '/tmp/*'
 echo end
