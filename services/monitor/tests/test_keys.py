@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from zloam_monitor import cli, discovery
+from zloam_monitor import cli, discovery, follow
+from zloam_monitor.failures import Misuse
 from zloam_monitor.keys import KeyNameError, Keys, name_error
 
 BAD = ("", "a/b", "a*", "?", "a#b", "$x", "a b", "a\tb", "a\x7f", "@a")
@@ -39,6 +40,31 @@ def test_a_wrong_name_is_a_wrong_command_line(
     assert cli.main(["follow", "--robot", name, "--out", str(tmp_path)]) == 2
     assert "can't be part of a key" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        ([], ("robot", "lidar")),
+        (["--config", "FILE"], ("alpha", "top")),
+        (["--config", "FILE", "--settings", "mapping.mode=map robot=beta"], ("beta", "top")),
+        (["--config", "FILE", "--set", "sensor.name=rear", "--robot", "gamma"], ("gamma", "rear")),
+    ],
+)
+def test_follow_takes_the_names_of_the_robot_file(
+    words: list[str], wanted: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("robot: alpha\nsensor: {name: top}\n")
+    seen: list[follow.FollowOptions] = []
+
+    def followed(options: follow.FollowOptions) -> dict[str, Any]:
+        seen.append(options)
+        raise Misuse("seen")
+
+    monkeypatch.setattr(follow, "follow", followed)
+    cli.main(["follow", *(str(file) if word == "FILE" else word for word in words)])
+    assert seen[0].keys == Keys(*wanted)
 
 
 def test_a_token_of_such_a_name_is_no_robot() -> None:

@@ -254,8 +254,14 @@ def run(
 @command
 def follow(
     connect: common.Connect = None,
-    robot: Annotated[str, typer.Option(help="The robot's name.")] = "robot",
-    sensor: Annotated[str, typer.Option(help="The lidar's name.")] = "lidar",
+    config: common.Config = None,
+    settings: common.Settings = None,
+    robot: Annotated[
+        str | None, typer.Option(help="The robot's name. Default: that of the robot's file.")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(help="The lidar's name. Default: that of the robot's file.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = Path("out"),
     truth: Annotated[
         list[Path] | None, typer.Option(help="Reference: poses of the sensor; may be repeated.")
@@ -278,15 +284,20 @@ def follow(
             help="Seconds from all stages being heard until the first pose. Default: no limit."
         ),
     ] = None,
+    many_settings: common.ManySettings = "",
 ) -> int:
     """Follow one run of stages that were started elsewhere, and write picture and report."""
-    from zloam_monitor import discovery, report
+    from zloam_monitor import discovery, places, report, robot_file
     from zloam_monitor import follow as follower
     from zloam_monitor.keys import Keys
+    from zloam_monitor.settings import several
 
+    file = config or places.robot_file("vlp16-outdoor")
+    names = robot_file.names(file, [*(settings or []), *several(many_settings)])
+    keys = Keys(names.robot if robot is None else robot, names.sensor if sensor is None else sensor)
     endpoints = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
     options = follower.FollowOptions(
-        keys=Keys(robot, sensor),
+        keys=keys,
         connect=endpoints or discovery.candidates(),
         out=out,
         title=title,
