@@ -3,6 +3,7 @@ mirrors."""
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -101,6 +102,62 @@ def test_rendered_by_kubectl_it_still_fits(overlay: str) -> None:
     assert level == ("privileged" if overlay == "live" else "restricted")
 
 
+def _rendered(folder: Path, overlay: str, *components: str) -> list[Resource]:
+    """Rendered from a copy, with an overlay on top as a user writes it, and images of a registry of
+    one's own as kubernetes/images is meant to be edited."""
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed")
+    copy = folder / "kubernetes"
+    shutil.copytree(FOLDER, copy)
+    images = copy / "images/kustomization.yaml"
+    own = "newName: reg.example/loam\n    newTag: v9"
+    images.write_text(images.read_text().replace("newTag: latest", own, 1))
+    (copy / "mine").mkdir()
+    mine = {"resources": [f"../{overlay}"], "components": [f"../{c}" for c in components]}
+    (copy / "mine/kustomization.yaml").write_text(yaml.safe_dump(mine))
+    done = subprocess.run(
+        ["kubectl", "kustomize", copy / "mine"], capture_output=True, text=True, check=True
+    )
+    rendered = list(yaml.safe_load_all(done.stdout))
+    for resource in rendered:
+        kubernetes_validate.validate(resource, VERSION, strict=True)
+    return rendered
+
+
+def _documented_order(component: str) -> list[str]:
+    text = (FOLDER / component / "kustomization.yaml").read_text()
+    (listed,) = re.findall(r"components: \[([^]]+)\]", text.partition("\nkind:")[0])
+    return [each.strip().removeprefix("../") for each in listed.split(",")]
+
+
+@pytest.mark.parametrize("component", ["preview", "standby"])
+def test_images_of_another_registry_reach_every_pod(component: str, tmp_path: Path) -> None:
+    rendered = _rendered(tmp_path, "live", *_documented_order(component))
+    maps = {r["metadata"]["name"] for r in rendered if r["kind"] == "ConfigMap"}
+    workloads = [r for r in rendered if r["kind"] in WORKLOADS]
+    assert len(workloads) >= len(STAGES) + 2
+    for each in workloads:
+        name = each["metadata"]["name"]
+        wanted = "zenoh-loam-router:latest" if name == "router" else "reg.example/loam:v9"
+        assert _container(each)["image"] == wanted, name
+        assert each["metadata"]["namespace"] == "zenoh-loam", name
+        for source in _container(each).get("envFrom", []):
+            assert source["configMapRef"]["name"] in maps, name
+
+
+@pytest.mark.parametrize("overlay", OVERLAYS)
+def test_a_robot_file_of_ones_own_is_in_every_stage(overlay: str, tmp_path: Path) -> None:
+    rendered = _rendered(tmp_path, overlay, "preview", "robot-file")
+    (shared,) = (r["data"] for r in rendered if r["kind"] == "ConfigMap")
+    stages = [r for r in rendered if r["kind"] in WORKLOADS and r["metadata"]["name"] != "router"]
+    assert {r["metadata"]["name"] for r in stages} == {*STAGES, "store", "preview"}
+    for each in stages:
+        mounts = {m["name"]: m["mountPath"] for m in _container(each)["volumeMounts"]}
+        volumes = {v["name"]: v for v in each["spec"]["template"]["spec"]["volumes"]}
+        assert volumes["robot-file"]["configMap"] == {"name": "robot-file"}
+        assert shared["ZLOAM_CONFIG"] == f"{mounts['robot-file']}/robot.yaml"
+
+
 def _shared() -> dict[str, str]:
     """The environment common to all stages: the ConfigMap that the base generates."""
     listed = yaml.safe_load((FOLDER / "base/kustomization.yaml").read_text())
@@ -171,6 +228,10 @@ def test_the_live_driver_reads_the_sensor_as_in_compose() -> None:
         for r in _resources("live")
         if r["kind"] == "Deployment" and r["metadata"]["name"] == "driver"
     )
-    setting = _environment(driver)["ZLOAM_SET"]
-    assert setting in _compose("live")["driver"]["environment"]["ZLOAM_SET"]
+    # The robot's file says what the sensor is: a Hokuyo's has driver.source: scip.
+    for setting in (
+        _environment(driver)["ZLOAM_SET"],
+        _compose("live")["driver"]["environment"]["ZLOAM_SET"],
+    ):
+        assert "driver." not in setting
     assert driver["spec"]["template"]["spec"]["hostNetwork"] is True
