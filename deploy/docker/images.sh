@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the three images. On machines without an image registry, the base image is made from the distribution's
-# packages.
+# Builds the three images, and those of the layers in COMPOSE_FILE (.env), such as zenoh-loam-aloam. On machines without
+# an image registry, the base image is made from the distribution's packages.
 #   images.sh               Rust is compiled in the image's build
 #   images.sh --prebuilt    Rust is taken from this machine's cache (deploy/build/rust.sh), for machines that
 #                           have compiled it anyway; their C library must not be newer than the image's
@@ -15,5 +15,6 @@ if [ "${1:-}" = --prebuilt ]; then
   ZLOAM_KEEP_CARGO=1 deploy/build/rust.sh deploy/docker/prebuilt/libzloam_zenoh.so
   deploy/build/rust.sh --router deploy/docker/prebuilt/zloam-router
 fi
-docker compose build prepare router monitor
+# Under this profile compose/live.yml has the services of a replay, and so the monitor's image.
+docker compose --profile replay build
 docker image inspect --format '{{index .RepoTags 0}} {{.Size}} bytes' zenoh-loam zenoh-loam-router zenoh-loam-monitor

@@ -188,6 +188,7 @@ COMMANDS: dict[str, Kind] = {
     "docker compose up -d": Form(COMPOSE),
     "docker compose up -d driver": Form(COMPOSE),
     "docker compose down": Form(COMPOSE),
+    "docker compose restart": Form("Compose: the processes begin again"),
     "docker compose stop": Form("tests/system/live.py"),
     "docker compose up --scale registration=3": Form("tests/system/test_replicas.py"),
     "ZLOAM_WORLD=tunnel ZLOAM_RATE=realtime docker compose up": Form(COMPOSE),

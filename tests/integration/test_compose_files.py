@@ -1,0 +1,176 @@
+"""The Compose files as `docker compose` itself reads them, with layers and settings of users. No
+container is started."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from zloam_monitor.robot_file import names
+from zloam_monitor.settings import several
+
+ROOT = Path(__file__).resolve().parents[2]
+LAYERS = sorted(path.stem for path in (ROOT / "deploy/compose").glob("*.yml"))
+#: Compose's own, and what a shell sets
+VARIABLE = re.compile(r"(?<!\$)\$\{(\w+)")
+#: in .env; a comment shows one that has no default
+LISTED = re.compile(r"^#?(\w+)=", re.MULTILINE)
+Services = dict[str, dict[str, Any]]
+
+
+def compose(*words: str, **settings: str) -> str:
+    """Output of `docker compose`, without the settings of whoever runs the tests."""
+    kept = {n: v for n, v in os.environ.items() if not n.startswith(("ZLOAM_", "COMPOSE_", "ROS_"))}
+    try:
+        done = subprocess.run(
+            ["docker", "compose", *words],
+            cwd=ROOT,
+            env={**kept, "ZLOAM_PCAP": str(ROOT / ".env"), **settings},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    except FileNotFoundError:
+        pytest.skip("docker is not installed")
+    if "is not a docker command" in done.stderr:
+        pytest.skip("docker has no compose")
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def services(*layers: str, profile: str = "", **settings: str) -> Services:
+    files = ["docker-compose.yml", *(f"deploy/compose/{layer}.yml" for layer in layers)]
+    words = [word for file in files for word in ("-f", file)]
+    profiles = ["--profile", profile] if profile else []
+    found: Services = json.loads(
+        compose(*words, *profiles, "config", "--format", "json", **settings)
+    )["services"]
+    return found
+
+
+def stages(found: Services) -> Services:
+    return {n: s for n, s in found.items() if "ZLOAM_CONFIG" in s.get("environment", {})}
+
+
+def mounts(service: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {each["target"]: each for each in service["volumes"]}
+
+
+def test_env_lists_every_setting_of_the_compose_files() -> None:
+    listed = set(LISTED.findall((ROOT / ".env").read_text()))
+    files = [ROOT / "docker-compose.yml", *(ROOT / "deploy/compose").glob("*.yml")]
+    used = {name for file in files for name in VARIABLE.findall(file.read_text())}
+    assert len(used) > 30
+    assert used - listed == set()
+
+
+def test_the_deployment_is_what_compose_file_names() -> None:
+    """It stands in .env, so that a later command means the live deployment, too."""
+    plain = compose("config", "--services").split()
+    live = compose(
+        "config", "--services", COMPOSE_FILE="docker-compose.yml:deploy/compose/live.yml"
+    ).split()
+    assert re.search("^COMPOSE_FILE=docker-compose.yml$", (ROOT / ".env").read_text(), re.MULTILINE)
+    assert set(plain) - set(live) == {"simulate", "monitor", "result"}
+
+
+@pytest.mark.parametrize("layers", [(), ("live",), ("live", "aloam", "views", "observability")])
+def test_images_sh_builds_every_image_of_the_deployment(layers: tuple[str, ...]) -> None:
+    script = (ROOT / "deploy/docker/images.sh").read_text()
+    (command,) = re.findall("^docker compose (.*)build$", script, re.MULTILINE)
+    assert command.split() == ["--profile", "replay"]
+    found = services(*layers, profile="replay")
+    built = {s["image"] for s in found.values() if "build" in s}
+    assert built >= {"zenoh-loam", "zenoh-loam-router", "zenoh-loam-monitor"}
+    assert {s["image"] for s in found.values()} == built
+
+
+@pytest.mark.parametrize("layer", ["", *LAYERS])
+def test_the_robots_files_are_those_of_the_checkout(layer: str, tmp_path: Path) -> None:
+    """An image's own would be the files of the time when it was built."""
+    for settings, folder in (
+        ({}, ROOT / "deploy/robots"),
+        ({"ZLOAM_ROBOTS": "mine"}, ROOT / "mine"),
+    ):
+        layers = ["replay", layer] if layer == "imu" else [layer] if layer else []
+        found = stages(services(*layers, ZLOAM_IMU=str(tmp_path), **settings))
+        assert len(found) >= 6
+        for name, service in found.items():
+            mounted = mounts(service)["/etc/zloam"]
+            assert (mounted["type"], mounted["source"]) == ("bind", str(folder)), name
+            assert mounted["read_only"], name
+
+
+@pytest.mark.parametrize("layer", ["preview", "ros"])
+def test_layers_with_a_stage_are_among_them(layer: str) -> None:
+    assert layer in stages(services(layer))
+
+
+def test_the_source_of_a_live_driver_is_that_of_the_robot_file() -> None:
+    assert "driver." not in services("live")["driver"]["environment"]["ZLOAM_SET"]
+
+
+@pytest.mark.parametrize("folder", ["results", "capture", "tiles", "./out"])
+def test_the_folder_of_results_is_no_volume(folder: str) -> None:
+    found = services("two-robots", ZLOAM_OUT=folder)
+    wanted = {"": ROOT / folder, "2": ROOT / folder / "robot2"}
+    for number, path in wanted.items():
+        for stage in ("mapping", "integration"):
+            mounted = mounts(found[stage + number])["/out"]
+            assert (mounted["type"], mounted["source"]) == ("bind", str(path)), stage
+
+
+def test_two_robots_have_two_names_whatever_is_set() -> None:
+    found = stages(services("two-robots", ZLOAM_SET="robot=alpha mapping.mode=map"))
+    assert {n for n in found if n.endswith("2")} > {"driver2", "mapping2"}
+    for name, service in found.items():
+        settings = several(service["environment"]["ZLOAM_SET"])
+        robot = names(ROOT / "deploy/robots/vlp16-outdoor.yaml", settings).robot
+        assert robot == ("robot2" if name.endswith("2") else "alpha"), name
+
+
+def test_the_monitor_follows_the_robot_of_the_stages(tmp_path: Path) -> None:
+    found = services(ZLOAM_SET="robot=alpha sensor.name=top", ZLOAM_CONFIG="mine")
+    (tmp_path / "python3").write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    (tmp_path / "python3").chmod(0o755)
+    environment = {**found["monitor"]["environment"], "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    script = [ROOT / "deploy/docker/zloam-monitor", *found["monitor"]["command"]]
+    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
+    words = done.stdout.splitlines()
+    assert words[words.index("--config") + 1] == "/etc/zloam/mine.yaml"
+    assert "--settings=robot=alpha sensor.name=top" in words
+    assert words[-2:] == ["--ended-file", "/dev/shm/zloam-run-ended"]
+    assert "/etc/zloam" in mounts(found["monitor"])
+
+
+def test_with_tls_the_driver_finds_the_plain_port_where_it_is() -> None:
+    found = services("live", "secured", ZLOAM_ROUTER_PORT="127.0.0.1:7450")
+    ports = {p["target"]: (p.get("host_ip"), p["published"]) for p in found["router"]["ports"]}
+    assert ports == {7447: ("127.0.0.1", "7450"), 7448: (None, "7448")}
+    assert found["driver"]["environment"]["ZLOAM_CONNECT"] == "tcp/127.0.0.1:7450"
+
+
+@pytest.mark.parametrize(
+    ("port", "starts"),
+    [("127.0.0.1:7450", True), ("0.0.0.0:7447", False), ("7447", False), ("10.0.0.2:7447", False)],
+)
+def test_with_tls_an_open_plain_port_is_refused(port: str, starts: bool, tmp_path: Path) -> None:
+    router = services("secured", ZLOAM_ROUTER_PORT=port)["router"]
+    (tmp_path / "with-run").write_text('#!/bin/sh\necho "$@"\n')
+    (tmp_path / "with-run").chmod(0o755)
+    # `config` prints a dollar sign of the container as two.
+    command = [word.replace("$$", "$") for word in (*router["entrypoint"], *router["command"])]
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    environment = {**router["environment"], "PATH": path}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if starts:
+        assert done.stdout == "zloam-router --config /etc/zloam/secured.json5\n"
+    else:
+        assert done.returncode == 2
+        assert f"ZLOAM_ROUTER_PORT is {port}," in done.stderr
