@@ -94,6 +94,17 @@ def test_a_second_one_maps_it_again(fresh: Deployment) -> None:
     assert_all_ended(fresh)
 
 
+def test_it_takes_a_robot_file_of_ones_own(fresh: Deployment, tmp_path: Path) -> None:
+    """Nothing of it is in the images, not even the robot's name."""
+    robots = tmp_path / "robots"
+    robots.mkdir()
+    text = (ROOT / "deploy/robots/vlp16-outdoor.yaml").read_text()
+    (robots / "mine.yaml").write_text(text.replace("robot: robot", "robot: alpha"))
+    ended = typed(f"ZLOAM_ROBOTS={robots} ZLOAM_CONFIG=mine docker compose up", fresh)
+    assert ended.code == 0, ended.said
+    assert "accounted for: yes" in ended.lines()
+
+
 def test_it_fails_where_the_run_can_not_be_followed_and_all_end(fresh: Deployment) -> None:
     (fresh.out / "report.json").write_text("of somebody else\n")
     ended = typed("docker compose up", fresh)

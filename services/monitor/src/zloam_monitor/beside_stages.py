@@ -56,7 +56,7 @@ class Beside:
             raise BesideError(f"{self.map} is not empty, but holds no map: name a new folder")
 
     def _check_other_mapping(self, program: str) -> None:
-        """Another mapping begins a map in any case, which deletes the stored one, and makes no
+        """Another mapping begins a map in any case, which replaces the stored one, and makes no
         submaps."""
         asked = "--graph" if self.graph else f"--{self.mode}" if self.mode != "map" else ""
         if asked:
