@@ -34,6 +34,8 @@ struct SweepInfo {
   std::uint32_t period_ns = 100000000;
   /// rings of the sensor; a higher ring in the data extends it. 0: the points have none
   std::uint16_t rings = 16;
+  /// each firing has one return; it is used, whatever its type
+  bool one_return = false;
 };
 
 struct RegistrationDiagnostics {

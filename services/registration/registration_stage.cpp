@@ -138,7 +138,9 @@ void RegistrationStage::do_again(std::uint64_t run, std::uint64_t from_sweep) {
 void RegistrationStage::process(const Sweep& sweep) {
   if (kill_at_ && sweep.sweep() >= *kill_at_) std::raise(SIGKILL);
   stage_.configure_for(sweep);
-  const SweepInfo info{.period_ns = sweep->period_ns(), .rings = sweep->rings()};
+  const SweepInfo info{.period_ns = sweep->period_ns(),
+                       .rings = sweep->rings(),
+                       .one_return = has_one_return(*sweep)};
   const RegistrationResult result = extract_features(points_of(sweep->points()), info, config_);
   const HeaderFields header = features_.header(sweep);
   features_.publish(header, build(header, fields_of(*sweep, result, config_)));

@@ -352,6 +352,24 @@ TEST(Registration, WithoutRingsTheElevationStandsForThem) {
   EXPECT_EQ(with.diagnostics.points_used, result.diagnostics.points_used);
 }
 
+// In the mode "last" each firing has one return, of this type.
+TEST(Registration, TheOnlyReturnOfAFiringIsUsedWhateverItsType) {
+  RegistrationConfig config;
+  PointVector sweep = scan(square_room(7.0), {.noise_m = 0.02});
+  for (const ReturnType type : {ReturnType::kStrongest, ReturnType::kLast}) {
+    for (Point& p : sweep) p.return_type = type;
+    for (const auto returns : {ReturnSelection::kStrongest, ReturnSelection::kLast}) {
+      config.returns = returns;
+      const SweepInfo alone{.period_ns = kPeriod_ns, .rings = 16, .one_return = true};
+      EXPECT_EQ(extract_features(sweep, alone, config).diagnostics.points_used, sweep.size());
+      const bool wanted =
+          (type == ReturnType::kStrongest) == (returns == ReturnSelection::kStrongest);
+      EXPECT_EQ(extract_features(sweep, {kPeriod_ns, 16}, config).diagnostics.points_used,
+                wanted ? sweep.size() : 0U);
+    }
+  }
+}
+
 TEST(Registration, WithoutRingsTooFewPointsAreTooFew) {
   PointVector sweep = scan(square_room(7.0));
   sweep.resize(20);

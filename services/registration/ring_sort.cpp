@@ -36,12 +36,12 @@ void reject(const Point& point, RejectReason reason, RegistrationResult& result)
 }
 
 // Range of a usable point; negative if it was rejected.
-float usable_range(const Point& point, const RegistrationConfig& config,
+float usable_range(const Point& point, const SweepInfo& info, const RegistrationConfig& config,
                    RegistrationResult& result) {
   const float range = point.position().norm();
   if (!std::isfinite(range)) {
     reject(point, RejectReason::kNotFinite, result);
-  } else if (!wanted_return(point.return_type, config.returns)) {
+  } else if (!info.one_return && !wanted_return(point.return_type, config.returns)) {
     reject(point, RejectReason::kOtherReturn, result);
   } else if (range < config.min_range_m) {
     reject(point, RejectReason::kTooNear, result);
@@ -117,7 +117,7 @@ RingSorted sort_by_ring(PointSpan sweep, const SweepInfo& info, const Registrati
   std::vector<std::uint16_t> rings(sweep.size());
   std::vector<std::uint32_t> next(info.rings + 1U, 0);
   for (std::size_t i = 0; i < sweep.size(); ++i) {
-    ranges[i] = usable_range(sweep[i], config, result);
+    ranges[i] = usable_range(sweep[i], info, config, result);
     if (ranges[i] >= 0.0F) {
       rings[i] = info.rings == 0 ? elevation_step(sweep[i]) : sweep[i].ring;
       if (rings[i] + 2U > next.size()) {

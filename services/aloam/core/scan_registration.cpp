@@ -155,13 +155,10 @@ bool is_within(const Eigen::Vector3d& p, double min_range_m, const Elevations& e
 }  // namespace
 
 ScanFeatures extract_features(PointSpan sweep, double min_range_m, const Elevations& elevations,
-                              std::uint32_t rings) {
-  // A sensor that reports only the last return of each firing has no strongest ones.
-  const bool has_strongest = std::ranges::any_of(sweep, is_strongest);
+                              std::uint32_t rings, bool one_return) {
   std::map<std::uint16_t, TimedCloud> by_ring;
   for (const Point& p : sweep) {
-    const bool stronger = has_strongest ? is_strongest(p) : p.return_type == ReturnType::kLast;
-    if (!stronger || p.ring >= rings) continue;
+    if (!(one_return || is_strongest(p)) || p.ring >= rings) continue;
     if (!is_within(p.position().cast<double>(), min_range_m, elevations)) continue;
     TimedCloud& ring = by_ring[p.ring];
     ring.push_back(timed_point(p));

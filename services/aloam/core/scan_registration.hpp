@@ -30,9 +30,11 @@ struct Elevations {
   double greatest_deg = std::numeric_limits<double>::infinity();
 };
 
-/// `rings`: what lies in a ring not below it is left out.
+/// `rings`: what lies in a ring not below it is left out. `one_return`: each firing has one return,
+/// which is taken, whatever its type.
 ScanFeatures extract_features(PointSpan sweep, double min_range_m,
                               const Elevations& elevations = {},
-                              std::uint32_t rings = std::numeric_limits<std::uint16_t>::max());
+                              std::uint32_t rings = std::numeric_limits<std::uint16_t>::max(),
+                              bool one_return = false);
 
 }  // namespace zloam::aloam

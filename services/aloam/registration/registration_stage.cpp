@@ -42,7 +42,7 @@ void RegistrationStage::process(const Sweep& sweep) {
   stage_.configure_for(sweep);
   const ScanFeatures found =
       extract_features(points_of(sweep->points()), defaults_.min_range_m, defaults_.elevations,
-                       sweep->rings());
+                       sweep->rings(), has_one_return(*sweep));
   const HeaderFields header = features_.header(sweep);
   features_.publish(header, build(header, fields_of(*sweep, found)));
   last_ = header;

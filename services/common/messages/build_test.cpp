@@ -110,6 +110,17 @@ TEST(Build, SweepPointsAreReadInPlaceWithTheSameBytes) {
   EXPECT_EQ(m.points()->Get(1)->return_type(), msg::ReturnType::Last);
 }
 
+TEST(Build, OnlyTheModesWithOneReturnHaveNoneToSelect) {
+  const auto one_return = [](msg::ReturnMode mode) {
+    const Buffer buffer = build(sample_header(), SweepFields{.return_mode = mode});
+    return has_one_return(checked<msg::Sweep>(buffer));
+  };
+  EXPECT_TRUE(one_return(msg::ReturnMode::Strongest));
+  EXPECT_TRUE(one_return(msg::ReturnMode::Last));
+  EXPECT_FALSE(one_return(msg::ReturnMode::Dual));
+  EXPECT_FALSE(one_return(msg::ReturnMode::Unknown)) << "of points that carry their types";
+}
+
 TEST(Build, OdometryKeepsPoseTwistAndCovariance) {
   OdometryFields f;
   f.T_odom_base = sample_pose();

@@ -19,6 +19,7 @@
 #include "schemas/common_generated.h"
 #include "schemas/odometry_features_generated.h"
 #include "schemas/submap_generated.h"
+#include "schemas/sweep_generated.h"
 
 namespace zloam {
 
@@ -37,6 +38,13 @@ template <class Struct>
 std::span<const Struct> structs_of(const flatbuffers::Vector<const Struct*>* vector) {
   if (vector == nullptr) return {};
   return {reinterpret_cast<const Struct*>(vector->Data()), vector->size()};
+}
+
+/// Whether each firing of the sweep has one return, so that there is none to select, whatever type it
+/// has.
+inline bool has_one_return(const msg::Sweep& sweep) {
+  return sweep.return_mode() == msg::ReturnMode::Strongest ||
+         sweep.return_mode() == msg::ReturnMode::Last;
 }
 
 /// Empty when the field is absent.

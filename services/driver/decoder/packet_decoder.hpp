@@ -25,8 +25,8 @@ enum class ReturnMode : std::uint8_t { kUnknown = 0, kStrongest = 1, kLast = 2, 
 
 /// Selection from the two returns of one firing.
 enum class DualReturns : std::uint8_t {
-  kStrongest,  // one: the strongest, or the other one where that is empty
-  kLast,       // one: the last, or the other one where that is empty
+  kStrongest,  // one: the strongest, or the other one, as kBoth, where that is empty
+  kLast,       // one, as kBoth: the last, or the other one where that is empty
   kBoth,       // both, of equal type for the stages that follow (kBoth); equal distances once
   kTagged      // both, with their types; equal distances once, as kBoth
 };

@@ -24,8 +24,16 @@ inline PairChoice choose(bool last, bool strongest, bool same, DualReturns polic
   const bool both = policy == DualReturns::kBoth || same;
   PairChoice choice{last, strongest && !same, both ? ReturnType::kBoth : ReturnType::kLast,
                     both ? ReturnType::kBoth : ReturnType::kStrongest};
-  if (policy == DualReturns::kStrongest && choice.strongest) choice.last = false;
-  if (policy == DualReturns::kLast && choice.last) choice.strongest = false;
+  // Where one return stands for the firing, the stages that follow must not refuse it for its type:
+  // by default they take the strongest.
+  if (policy == DualReturns::kStrongest) {
+    if (choice.strongest) choice.last = false;
+    choice.last_type = ReturnType::kBoth;
+  }
+  if (policy == DualReturns::kLast) {
+    if (choice.last) choice.strongest = false;
+    choice.last_type = choice.strongest_type = ReturnType::kBoth;
+  }
   return choice;
 }
 

@@ -174,6 +174,7 @@ TEST(HesaiDecoder, PairsOfReturns) {
   EXPECT_EQ(first[0].intensity, 20.0F);
   ASSERT_EQ(pair_of(0x3C, 1000, 2000, DualReturns::kLast).size(), 1U);
   EXPECT_EQ(pair_of(0x3C, 1000, 2000, DualReturns::kLast)[0].intensity, 20.0F);
+  EXPECT_EQ(pair_of(0x3C, 1000, 2000, DualReturns::kLast)[0].return_type, ReturnType::kBoth);
   EXPECT_EQ(pair_of(0x39, 2000, 1000, DualReturns::kStrongest)[0].intensity, 20.0F);
   EXPECT_EQ(pair_of(0x39, 0, 1000).size(), 1U);
 }

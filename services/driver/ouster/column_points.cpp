@@ -144,6 +144,8 @@ PairRule pair_rule(ReturnOrder order, DualReturns policy) {
     rule.type_if_farther = {kBoth, kBoth};
     rule.type_if_nearer = {kBoth, kBoth};
   } else if (policy == DualReturns::kLast) {
+    // The only one kept of the firing: the stages that follow must not refuse it for its type.
+    rule.type_if_farther = {kBoth, kBoth};
     rule.kept_if_nearer = {false, false};
   } else if (policy == DualReturns::kStrongest) {
     rule.kept_if_farther = {by_strength, false};

@@ -147,7 +147,7 @@ TEST(OusterDecoder, TwoReturnsByStrength) {
   EXPECT_EQ(returns_of(dual(order, DualReturns::kStrongest)),
             (Expect{{1, kBoth}, {11, kStrongest}, {21, kBoth}, {32, kBoth}, {41, kBoth}}));
   EXPECT_EQ(returns_of(dual(order, DualReturns::kLast)),
-            (Expect{{1, kBoth}, {12, kLast}, {21, kBoth}, {32, kBoth}, {41, kBoth}}));
+            (Expect{{1, kBoth}, {12, kBoth}, {21, kBoth}, {32, kBoth}, {41, kBoth}}));
   EXPECT_EQ(returns_of(dual(order, DualReturns::kBoth)).size(), 7U);
 }
 
@@ -162,6 +162,8 @@ TEST(OusterDecoder, TwoReturnsByDistance) {
                                                                      {41, kBoth}}));
     EXPECT_EQ(returns_of(dual(order, DualReturns::kStrongest)),
               (Expect{{2, kStrongest}, {11, kStrongest}, {21, kBoth}, {32, kBoth}, {41, kBoth}}));
+    EXPECT_EQ(returns_of(dual(order, DualReturns::kLast)),
+              (Expect{{1, kBoth}, {12, kBoth}, {21, kBoth}, {32, kBoth}, {41, kBoth}}));
   }
 }
 

@@ -42,9 +42,9 @@ TEST(Decoder, DualReturnPolicies) {
   EXPECT_EQ(decoded(DualReturns::kBoth),
             (Expect{{50, kBoth}, {200, kBoth}, {9, kBoth}, {66, kBoth}, {67, kBoth}}));
   EXPECT_EQ(decoded(DualReturns::kStrongest),
-            (Expect{{200, kStrongest}, {9, kBoth}, {66, kLast}, {67, kStrongest}}));
+            (Expect{{200, kStrongest}, {9, kBoth}, {66, kBoth}, {67, kStrongest}}));
   EXPECT_EQ(decoded(DualReturns::kLast),
-            (Expect{{50, kLast}, {9, kBoth}, {66, kLast}, {67, kStrongest}}));
+            (Expect{{50, kBoth}, {9, kBoth}, {66, kBoth}, {67, kBoth}}));
 }
 
 TEST(Decoder, RangeLimitsBelongToTheRange) {
