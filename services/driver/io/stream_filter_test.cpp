@@ -137,6 +137,50 @@ TEST(PacketStream, ASensorThatWasNamedIsNoOther) {
   EXPECT_EQ(stream.other_sender(), kOther);
 }
 
+PacketStreamConfig of_port_2368() {
+  PacketStreamConfig config;
+  config.port = 2368;
+  config.decoding.declared_model = "VLP-16";
+  return config;
+}
+
+// Anybody can send to the port: nmap -sU does so without payload.
+TEST(PacketStream, WhatIsNoPacketOfTheSensorIsOnlyCounted) {
+  const Bytes nothing, noise(100, 0xFF);
+  for (const std::size_t probes : {1U, 7U, 30U}) {
+    SCOPED_TRACE(probes);
+    PacketStream stream(of_port_2368());
+    for (std::size_t i = 0; i < probes; ++i) stream.add({nothing, kStartNs, 2368, kOther});
+    stream.add({noise, kStartNs, 2368, kOther});
+    EXPECT_EQ(points_with_address_changed_at(1000, true, stream), 1000U * 384U);
+    EXPECT_EQ(count_of(stream.counts(), "packets_foreign"), probes + 1);
+    EXPECT_EQ(count_of(stream.counts(), "packets_received"), probes + 1001);
+  }
+  PacketStream silent(of_port_2368());
+  for (int i = 0; i < 7; ++i) silent.add({nothing, kStartNs, 2368, kOther});
+  silent.flush();
+  EXPECT_EQ(count_of(silent.counts(), "packets_foreign"), 7U);
+}
+
+TEST(PacketStream, AMalformedPacketHidesNoMislabelledModel) {
+  for (const std::size_t malformed : {0U, 1U, 7U}) {
+    SCOPED_TRACE(malformed);
+    PacketStream stream(of_port_2368());
+    const Bytes noise(100, 0x22);
+    for (std::size_t i = 0; i < malformed; ++i) stream.add({noise, kStartNs, 2368, kFirst});
+    TurningSensor sensor;
+    sensor.product_id = 0x21;  // an HDL-32E's, at the rate of a VLP-16
+    for (int i = 0; i < 300; ++i) {
+      const Payload payload = sensor.next();
+      stream.add({payload, kStartNs + kPacketNs * (i + 1), 2368, kFirst});
+    }
+    stream.flush();
+    DecodedSweep sweep;
+    ASSERT_TRUE(stream.take(sweep));
+    EXPECT_EQ(sweep.model, "vlp16");
+  }
+}
+
 /// An ideal sensor's recording; received_ns maps the send time to the receive time.
 class Recording : public PacketSource {
  public:

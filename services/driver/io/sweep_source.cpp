@@ -10,6 +10,9 @@ namespace {
 constexpr int kPacketsPerPull = 8;
 // Packets buffered of a sender that may be the sensor.
 constexpr std::size_t kMostOfNewcomer = 2048;
+// Packets, malformed ones among them, after which a stream begins with fewer data packets than
+// would make its model certain.
+constexpr std::size_t kMostFirst = 256;
 
 class PacketSweeps : public SweepSource {
  public:
@@ -129,25 +132,45 @@ void PacketStream::add(const Datagram& datagram) {
   recorded_.add(datagram.payload, datagram.received_ns, datagram.port);
   if (kind == DatagramKind::kPosition) return keep_position(datagram);
   if (kind == DatagramKind::kImu) return keep_imu(datagram);
-  if (kind != DatagramKind::kMalformed) {
-    if (kind != DatagramKind::kData) adopt(datagram, kind);
-    newcomer_.clear();
-    ++data_packets_;
-    // Malformed packets on the sensor's port have started an assembler for the default maker; this
-    // data packet shows the right one.
-    if (begun_for_ != nullptr && begun_for_ != &makers_.maker()) assembler_.reset();
+  if (kind == DatagramKind::kMalformed) {
+    return add_malformed(datagram.payload, datagram.received_ns);
   }
+  if (kind != DatagramKind::kData) adopt(datagram, kind);
+  newcomer_.clear();
+  ++data_packets_;
   add_data(datagram.payload, datagram.received_ns);
 }
 
 void PacketStream::add_data(std::span<const std::uint8_t> payload, std::int64_t received_ns) {
+  if (only_counts_) {
+    before_data_ = assembler_->counts();
+    assembler_.reset();
+    only_counts_ = false;
+  }
   if (assembler_) {
     assembler_->add(payload, received_ns);
     return;
   }
-  first_.emplace_back(payload.begin(), payload.end());
-  first_received_ns_.push_back(received_ns);
-  if (first_.size() >= makers_.maker().packets_to_know()) begin();
+  first_.push_back({{{payload.begin(), payload.end()}, received_ns}, true});
+  ++first_data_;
+  begin_if_known();
+}
+
+/// Anybody can send to the sensor's port. What is no packet of the sensor is only counted: the
+/// model is that of data packets alone.
+void PacketStream::add_malformed(std::span<const std::uint8_t> payload, std::int64_t received_ns) {
+  if (assembler_) {
+    assembler_->add(payload, received_ns);
+    return;
+  }
+  first_.push_back({{{payload.begin(), payload.end()}, received_ns}, false});
+  begin_if_known();
+}
+
+void PacketStream::begin_if_known() {
+  const std::size_t enough = makers_.maker().packets_to_know();
+  const std::size_t most = first_data_ == 0 ? enough : kMostFirst;
+  if (first_data_ >= enough || first_.size() >= most) begin();
 }
 
 void PacketStream::keep_newcomer(const Datagram& datagram) {
@@ -170,14 +193,16 @@ void PacketStream::adopt(const Datagram& datagram, DatagramKind kind) {
 
 /// Called once there are enough packets to determine the model.
 void PacketStream::begin() {
-  begun_for_ = &makers_.maker();
-  assembler_ =
-      std::make_unique<SweepAssembler>(begun_for_->decoder(first_, remarks_), config_.assembler);
-  for (std::size_t i = 0; i < first_.size(); ++i) {
-    assembler_->add(first_[i], first_received_ns_[i]);
+  FirstPackets data;
+  for (const First& first : first_) {
+    if (first.data) data.push_back(first.kept.payload);
   }
+  only_counts_ = data.empty();
+  assembler_ = std::make_unique<SweepAssembler>(makers_.maker().decoder(data, remarks_),
+                                                config_.assembler);
+  for (const First& first : first_) assembler_->add(first.kept.payload, first.kept.received_ns);
   first_.clear();
-  first_received_ns_.clear();
+  first_data_ = 0;
 }
 
 void PacketStream::keep_position(const Datagram& datagram) {
@@ -210,10 +235,10 @@ NamedCounts PacketStream::counts() const {
   NamedCounts all = {{"datagrams_foreign", filter_.foreign()},
                      {"position_packets_bad", bad_positions_},
                      {"packets_not_recorded", recorded_.left_out()}};
-  if (assembler_) {
-    const NamedCounts packets = assembler_->counts().named();
-    all.insert(all.end(), packets.begin(), packets.end());
-  }
+  const NamedCounts before = before_data_.named();
+  NamedCounts packets = (assembler_ ? assembler_->counts() : PacketCounts{}).named();
+  for (std::size_t i = 0; i < packets.size(); ++i) packets[i].second += before[i].second;
+  all.insert(all.end(), packets.begin(), packets.end());
   return all;
 }
 

@@ -121,8 +121,15 @@ class PacketStream {
     std::vector<std::uint8_t> payload;
     std::int64_t received_ns;
   };
+  struct First {
+    Kept kept;
+    /// a data packet of the sensor, not a malformed one
+    bool data;
+  };
 
   void add_data(std::span<const std::uint8_t> payload, std::int64_t received_ns);
+  void add_malformed(std::span<const std::uint8_t> payload, std::int64_t received_ns);
+  void begin_if_known();
   void keep_newcomer(const Datagram& datagram);
   void adopt(const Datagram& datagram, DatagramKind kind);
   void begin();
@@ -133,14 +140,16 @@ class PacketStream {
   Makers makers_;
   StreamFilter filter_;
   /// the first packets, until there are enough to know the model
-  FirstPackets first_;
-  std::vector<std::int64_t> first_received_ns_;
+  std::vector<First> first_;
+  std::size_t first_data_ = 0;
   /// packets of a sender that may be the sensor with another address, and that sender
   std::vector<Kept> newcomer_;
   std::uint32_t newcomer_sender_ = 0;
   std::unique_ptr<SweepAssembler> assembler_;
-  /// the maker whose decoder it has
-  const Maker* begun_for_ = nullptr;
+  /// it began with malformed packets only, and so for a model that is not known yet
+  bool only_counts_ = false;
+  /// of such assemblers, which are replaced at the first data packet
+  PacketCounts before_data_;
   std::vector<std::string> remarks_;
   PacketsForRecorder recorded_;
   std::vector<ReceivedPosition> positions_;
