@@ -444,7 +444,7 @@ void DriverStage::say_remarks() {
 
 /// Reports problems as they begin and end.
 void DriverStage::say_troubles() {
-  const std::vector<std::string> now = source_ ? source_->troubles() : std::vector<std::string>();
+  const std::vector<std::string> now = source_ ? source_->troubles() : stream_->troubles();
   const auto is_in = [](const std::vector<std::string>& all, const std::string& text) {
     return std::find(all.begin(), all.end(), text) != all.end();
   };

@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -178,6 +179,33 @@ TEST(PacketStream, AMalformedPacketHidesNoMislabelledModel) {
     DecodedSweep sweep;
     ASSERT_TRUE(stream.take(sweep));
     EXPECT_EQ(sweep.model, "vlp16");
+  }
+}
+
+// Robot and lidar are switched on together: the sensor's hour counts from then on until it has the
+// time of its receiver.
+TEST(PacketStream, SaysUntilTheEndThatTheSensorTookOverUtcTooLate) {
+  constexpr std::int64_t kTwentyToEleven = 1'700'001'600'000'000'000;  // 40 minutes past the hour
+  for (const ClockMode mode : {ClockMode::kUtc, ClockMode::kReceive}) {
+    PacketStreamConfig config;
+    config.assembler.clock_mode = mode;
+    PacketStream stream(config);
+    TurningSensor sensor;
+    sensor.time_us = 90e6;
+    for (std::int64_t i = 0; i < 900; ++i) {
+      if (i == 300) {
+        EXPECT_TRUE(stream.troubles().empty());
+        sensor.time_us += 2310e6;
+      }
+      const Payload payload = sensor.next();
+      stream.add({payload, kTwentyToEleven + kPacketNs * (i + 1), 2368, kFirst});
+    }
+    const std::vector<std::string> troubles = stream.troubles();
+    ASSERT_EQ(troubles.size(), mode == ClockMode::kUtc ? 1U : 0U);
+    // One minute and a half past the next hour is nearer than past this one: 21.5 minutes ahead.
+    for (const std::string& text : troubles) {
+      EXPECT_NE(text.find("ahead of the sensor's UTC by +1290.0 s"), std::string::npos) << text;
+    }
   }
 }
 

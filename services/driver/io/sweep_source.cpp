@@ -1,5 +1,9 @@
 #include "driver/io/sweep_source.hpp"
 
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+
 #include "driver/io/look_ahead.hpp"
 
 namespace zloam::driver {
@@ -13,6 +17,8 @@ constexpr std::size_t kMostOfNewcomer = 2048;
 // Packets, malformed ones among them, after which a stream begins with fewer data packets than
 // would make its model certain.
 constexpr std::size_t kMostFirst = 256;
+// UTC that is off by this much was not taken over by the sensor when the run began.
+constexpr std::int64_t kWrongUtcNs = 1'000'000'000;
 
 class PacketSweeps : public SweepSource {
  public:
@@ -52,6 +58,8 @@ class PacketSweeps : public SweepSource {
     std::vector<ImuReading> readings = packets_->take_imu();
     return readings.empty() ? stream_.take_imu() : readings;
   }
+
+  std::vector<std::string> troubles() const override { return stream_.troubles(); }
 
   NamedCounts counts() const override {
     NamedCounts all = packets_->counts();
@@ -198,8 +206,8 @@ void PacketStream::begin() {
     if (first.data) data.push_back(first.kept.payload);
   }
   only_counts_ = data.empty();
-  assembler_ = std::make_unique<SweepAssembler>(makers_.maker().decoder(data, remarks_),
-                                                config_.assembler);
+  assembler_ =
+      std::make_unique<SweepAssembler>(makers_.maker().decoder(data, remarks_), config_.assembler);
   for (const First& first : first_) assembler_->add(first.kept.payload, first.kept.received_ns);
   first_.clear();
   first_data_ = 0;
@@ -249,6 +257,17 @@ std::vector<std::string> PacketStream::remarks() const {
     all.insert(all.end(), more.begin(), more.end());
   }
   return all;
+}
+
+std::vector<std::string> PacketStream::troubles() const {
+  const std::int64_t ahead_ns = assembler_ ? assembler_->ahead_of_utc_ns() : 0;
+  if (std::abs(ahead_ns) < kWrongUtcNs) return {};
+  std::array<char, 200> text{};
+  std::snprintf(text.data(), text.size(),
+                "driver.clock is utc, but the stamps of this run are ahead of the sensor's UTC by "
+                "%+.1f s: its clock was set after the run had begun; start the driver again",
+                1e-9 * static_cast<double>(ahead_ns));
+  return {text.data()};
 }
 
 std::string counted(const NamedCounts& counts) {

@@ -112,6 +112,7 @@ class PacketStream {
   std::vector<ImuReading> take_imu() { return std::exchange(imu_, {}); }
   NamedCounts counts() const;
   std::vector<std::string> remarks() const;
+  std::vector<std::string> troubles() const;
   std::uint64_t data_packets() const { return data_packets_; }
   /// Another sender of data packets, which are skipped; 0: there is none.
   std::uint32_t other_sender() const { return filter_.other_sender(); }

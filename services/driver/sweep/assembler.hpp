@@ -85,6 +85,9 @@ class SweepAssembler {
   /// Epoch time of an instant of the sensor's time of the hour; nothing before the first packet is
   /// decoded.
   std::optional<std::int64_t> epoch_ns(std::int64_t toh_ns) const;
+  /// With ClockMode::kUtc, by how much the stamps are ahead of the sensor's UTC: the run keeps the
+  /// time that it began with when the sensor's clock is set.
+  std::int64_t ahead_of_utc_ns() const;
 
  private:
   struct Held {

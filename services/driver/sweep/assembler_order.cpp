@@ -216,6 +216,11 @@ std::optional<std::int64_t> SweepAssembler::epoch_ns(std::int64_t toh_ns) const 
   return clock_.to_epoch_ns(sensor_ns_ + ahead_ns) + config_.stamp_offset_ns;
 }
 
+std::int64_t SweepAssembler::ahead_of_utc_ns() const {
+  if (config_.clock_mode != ClockMode::kUtc || !started_ || last_received_ns_ == 0) return 0;
+  return clock_.to_epoch_ns(sensor_ns_) - resolve_hour_ns(last_toh_us_, last_received_ns_);
+}
+
 void SweepAssembler::release_contiguous() {
   while (!held_.empty()) {
     const Held held = held_.front();
