@@ -18,8 +18,9 @@ double advance_at(double rpm, double group_ns) { return rpm / 60.0 * kTurnCdeg *
 
 }  // namespace
 
-Motor::Motor(double group_ns)
+Motor::Motor(double group_ns, Stamp stamp)
     : group_ns_(group_ns),
+      stamp_(stamp),
       least_cdeg_(advance_at(kMinRpm, group_ns)),
       greatest_cdeg_(advance_at(kMaxRpm, group_ns)) {}
 
@@ -31,24 +32,33 @@ void Motor::measure(PacketPlan& plan) {
     measure_by_packets(plan);
     return;
   }
-  if (!measure_even(plan)) measure_uneven(plan);
+  if (const double even_cdeg = even_advance_cdeg(plan); even_cdeg > 0.0) {
+    keep(even_cdeg, plan);
+  } else {
+    measure_uneven(plan);
+  }
 }
 
-/// Fast path for nearly all packets: if the gaps are this even, all are plausible.
-bool Motor::measure_even(PacketPlan& plan) {
+std::int64_t Motor::view_gap_ns(const PacketPlan& plan) const {
+  if (plan.groups == 1 || smooth_advance_cdeg_ <= 0.0 || even_advance_cdeg(plan) > 0.0) return 0;
+  const Spread spread = spread_of(plan);
+  return spread.view_group > 0 ? passed_ns(spread.view_gap_cdeg) : 0;
+}
+
+/// Fast path for nearly all packets: if the gaps are this even, all are plausible. 0: they are not.
+double Motor::even_advance_cdeg(const PacketPlan& plan) const {
   int sum = 0;
   int least = kTurnCdeg;
   int greatest = 0;
   for (int g = 1; g < plan.groups; ++g) {
-    if (!plan.group[g - 1].valid || !plan.group[g].valid) return false;
+    if (!plan.group[g - 1].valid || !plan.group[g].valid) return 0.0;
     const int gap_cdeg = gap_between(plan.group[g - 1], plan.group[g]);
     sum += gap_cdeg;
     least = std::min(least, gap_cdeg);
     greatest = std::max(greatest, gap_cdeg);
   }
-  if (!plausible(least) || !plausible(greatest) || greatest > 2 * least) return false;
-  keep(static_cast<double>(sum) / (plan.groups - 1), plan);
-  return true;
+  if (!plausible(least) || !plausible(greatest) || greatest > 2 * least) return 0.0;
+  return static_cast<double>(sum) / (plan.groups - 1);
 }
 
 Motor::Gaps Motor::gaps_of(const PacketPlan& plan) {
@@ -61,35 +71,49 @@ Motor::Gaps Motor::gaps_of(const PacketPlan& plan) {
   return gaps;
 }
 
-void Motor::measure_uneven(PacketPlan& plan) {
-  const Gaps gaps = gaps_of(plan);
-  std::array<int, kMostGroups> sorted = gaps.cdeg;
-  const auto middle = sorted.begin() + gaps.count / 2;
-  std::nth_element(sorted.begin(), middle, sorted.begin() + gaps.count);
-  const int median = gaps.count > 0 ? *middle : 0;
-  if (!plausible(median)) {
-    plan.advance_cdeg = last_advance_cdeg_;
-    return;
-  }
-  int sum = 0;
-  int counted = 0;
-  int large = 0;
-  int large_at = 0;
+/// The median of the plausible gaps; 0 if most gaps are not. Of two gaps, one may be the view's.
+int Motor::typical_cdeg(const Gaps& gaps) const {
+  std::array<int, kMostGroups> good{};
+  int count = 0;
   for (int i = 0; i < gaps.count; ++i) {
+    if (plausible(gaps.cdeg[i])) good[count++] = gaps.cdeg[i];
+  }
+  if (count == 0 || 2 * count < gaps.count) return 0;
+  const auto middle = good.begin() + count / 2;
+  std::nth_element(good.begin(), middle, good.begin() + count);
+  return *middle;
+}
+
+Motor::Spread Motor::spread_of(const PacketPlan& plan) const {
+  Spread spread;
+  const Gaps gaps = gaps_of(plan);
+  const int typical = typical_cdeg(gaps);
+  int large = 0;
+  for (int i = 0; typical > 0 && i < gaps.count; ++i) {
     const int gap_cdeg = gaps.cdeg[i];
-    if (gap_cdeg > 0 && gap_cdeg <= 2 * median) {
-      sum += gap_cdeg;
-      ++counted;
-    } else if (gap_cdeg > 0 && gap_cdeg < kTurnCdeg - 2 * median) {
+    if (gap_cdeg > 0 && gap_cdeg <= 2 * typical) {
+      spread.sum_cdeg += gap_cdeg;
+      ++spread.counted;
+    } else if (gap_cdeg > 0 && gap_cdeg < kTurnCdeg - 2 * typical) {
       // A gap near a full revolution is a small step back by encoder jitter, and is excluded here.
       ++large;
-      large_at = i;
+      spread.view_group = gaps.group_after[i];
+      spread.view_gap_cdeg = gap_cdeg;
     }
   }
-  keep(static_cast<double>(sum) / counted, plan);
-  if (large == 1 && gaps.count >= 4) {
-    pass_view_gap(plan, gaps.group_after[large_at], gaps.cdeg[large_at]);
+  if (large > 1) spread.view_group = 0;
+  return spread;
+}
+
+void Motor::measure_uneven(PacketPlan& plan) {
+  const Spread spread = spread_of(plan);
+  // One gap alone is rounded by up to a twentieth, which would be milliseconds across a view's gap.
+  if (spread.counted > 1 || (spread.counted == 1 && smooth_advance_cdeg_ <= 0.0)) {
+    keep(static_cast<double>(spread.sum_cdeg) / spread.counted, plan);
+  } else {
+    plan.advance_cdeg = last_advance_cdeg_;
   }
+  if (spread.view_group > 0) pass_view_gap(plan, spread);
 }
 
 void Motor::keep(double advance_cdeg, PacketPlan& plan) {
@@ -100,34 +124,43 @@ void Motor::keep(double advance_cdeg, PacketPlan& plan) {
       follows ? smooth_advance_cdeg_ + (advance_cdeg - smooth_advance_cdeg_) / 32.0 : advance_cdeg;
 }
 
-// A packet of one group (128 beams, two returns) does not contain its own advance. The motor's
-// speed is computed from the stamps and azimuths of this packet and the one before; as a speed, it
-// is not affected by a lost packet between them.
+// A packet of one group (128 beams, two returns) does not contain its own advance. It is computed
+// from the stamps and azimuths of this packet and its neighbour; across lost packets, or the gap of
+// a restricted field of view, the number of revolutions between the two would be a guess.
 void Motor::measure_by_packets(PacketPlan& plan) {
   plan.advance_cdeg = last_advance_cdeg_;
   if (!plan.group[0].valid) return;
   const std::int64_t ahead_us =
       static_cast<std::int64_t>(plan.toh_us) - static_cast<std::int64_t>(last_toh_us_);
   const int turned_cdeg = (plan.group[0].azimuth_cdeg - last_azimuth_cdeg_ + kTurnCdeg) % kTurnCdeg;
-  const bool known = last_azimuth_cdeg_ >= 0 && ahead_us > 0;
+  const double ahead_ns = 1e3 * static_cast<double>(ahead_us);
+  const bool neighbours = last_azimuth_cdeg_ >= 0 && ahead_ns > 0.0 && ahead_ns < 2.0 * group_ns_;
   last_azimuth_cdeg_ = plan.group[0].azimuth_cdeg;
   last_toh_us_ = plan.toh_us;
-  if (!known) return;
-  const double advance_cdeg = turned_cdeg * group_ns_ / (1e3 * static_cast<double>(ahead_us));
-  const bool jump = last_advance_cdeg_ > 0.0 && advance_cdeg > 1.8 * last_advance_cdeg_;
-  if (!plausible(advance_cdeg) || jump) return;
+  if (!neighbours) return;
+  const double advance_cdeg = turned_cdeg * group_ns_ / ahead_ns;
+  if (!plausible(advance_cdeg)) return;
   plan.advance_cdeg = advance_cdeg;
   last_advance_cdeg_ = advance_cdeg;
 }
 
+/// The time in which the sensor rotates through a gap of the view, beyond that of one group.
+std::int64_t Motor::passed_ns(int gap_cdeg) const {
+  return std::llround((gap_cdeg / smooth_advance_cdeg_ - 1.0) * group_ns_);
+}
+
 // A restricted field of view shows as one large gap forward within a packet. The sensor rotates
-// through that gap, so the groups behind it are later by the time that takes.
-void Motor::pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const {
-  plan.gap_before_group = first_group;
-  const double skipped_groups = gap_cdeg / smooth_advance_cdeg_ - 1.0;
-  const std::int64_t skipped_ns = std::llround(skipped_groups * group_ns_);
-  for (int g = first_group; g < plan.groups; ++g) plan.group[g].offset_ns += skipped_ns;
-  plan.duration_ns += skipped_ns;
+// through that gap, so the groups behind it are later by the time that takes, or, if the stamp is
+// the last group's, those before it earlier.
+void Motor::pass_view_gap(PacketPlan& plan, const Spread& spread) const {
+  plan.gap_before_group = spread.view_group;
+  const std::int64_t passed = passed_ns(spread.view_gap_cdeg);
+  if (stamp_ == Stamp::kLastGroup) {
+    for (int g = 0; g < spread.view_group; ++g) plan.group[g].offset_ns -= passed;
+    return;
+  }
+  for (int g = spread.view_group; g < plan.groups; ++g) plan.group[g].offset_ns += passed;
+  plan.duration_ns += passed;
 }
 
 }  // namespace zloam::driver

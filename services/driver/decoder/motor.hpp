@@ -11,11 +11,18 @@ namespace zloam::driver {
 /// Keeps the last plausible motor speed of a stream.
 class Motor {
  public:
-  /// From one firing group to the next.
-  explicit Motor(double group_ns);
+  /// What a packet's stamp says the time of.
+  enum class Stamp : std::uint8_t { kFirstGroup, kLastGroup };
 
-  /// Sets the packet's advance; across a gap of the field of view also times and duration.
+  /// group_ns: from one firing group to the next.
+  explicit Motor(double group_ns, Stamp stamp = Stamp::kFirstGroup);
+
+  /// Sets the packet's advance; across a gap of the field of view also times and, of a packet whose
+  /// first group is stamped, the duration.
   void measure(PacketPlan& plan);
+
+  /// Time that a gap of the field of view within the packet takes; 0: there is none.
+  std::int64_t view_gap_ns(const PacketPlan& plan) const;
 
  private:
   /// Azimuth differences between neighbouring good groups.
@@ -24,18 +31,30 @@ class Motor {
     std::array<int, kMostGroups> group_after;
     int count = 0;
   };
+  /// What a packet's gaps say: the usual ones, and the only large one between them.
+  struct Spread {
+    int sum_cdeg = 0;
+    int counted = 0;
+    /// first group behind the gap of the field of view; 0: there is none
+    int view_group = 0;
+    int view_gap_cdeg = 0;
+  };
 
-  bool measure_even(PacketPlan& plan);
+  double even_advance_cdeg(const PacketPlan& plan) const;
   static Gaps gaps_of(const PacketPlan& plan);
+  int typical_cdeg(const Gaps& gaps) const;
+  Spread spread_of(const PacketPlan& plan) const;
   bool plausible(double advance_cdeg) const {
     return advance_cdeg >= least_cdeg_ && advance_cdeg <= greatest_cdeg_;
   }
   void measure_uneven(PacketPlan& plan);
   void measure_by_packets(PacketPlan& plan);
   void keep(double advance_cdeg, PacketPlan& plan);
-  void pass_view_gap(PacketPlan& plan, int first_group, int gap_cdeg) const;
+  std::int64_t passed_ns(int gap_cdeg) const;
+  void pass_view_gap(PacketPlan& plan, const Spread& spread) const;
 
   double group_ns_;
+  Stamp stamp_;
   double least_cdeg_;
   double greatest_cdeg_;
   double last_advance_cdeg_ = 0.0;

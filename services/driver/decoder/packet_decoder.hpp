@@ -49,13 +49,16 @@ struct PacketTail {
   std::uint32_t toh_us = 0;
   int first_azimuth_cdeg = 0;
   ReturnMode mode = ReturnMode::kUnknown;
+  /// of a sensor that stamps a packet's end: time that a gap of the field of view within the packet
+  /// takes, before the stamp
+  std::int64_t view_gap_ns = 0;
 };
 
 /// One firing group.
 struct Group {
   bool valid = false;
   int azimuth_cdeg = 0;
-  /// firing of the group's first channel after the packet's stamp
+  /// firing of the group's first channel after the packet's stamp; less than 0: before it
   std::int64_t offset_ns = 0;
 };
 

@@ -15,11 +15,11 @@ namespace {
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMmPerMetre = 1e3;
 
-int groups_of(ReturnMode mode) { return kBlocksPerPacket / static_cast<int>(returns_of(mode)); }
+int group_count(ReturnMode mode) { return kBlocksPerPacket / static_cast<int>(returns_of(mode)); }
 
 /// The packet is stamped with the time of the last group; PacketPlan needs that of the first.
 std::uint32_t first_group_toh_us(std::uint32_t toh_us, ReturnMode mode) {
-  const auto before_us = static_cast<std::uint32_t>((groups_of(mode) - 1) * kBlockNs / 1000);
+  const auto before_us = static_cast<std::uint32_t>((group_count(mode) - 1) * kBlockNs / 1000);
   return earlier_toh_us(toh_us, before_us);
 }
 
@@ -31,7 +31,7 @@ Decoder::Decoder(const Header& header, const std::vector<Beam>& beams,
                  const DecodingOptions& options)
     : header_(header),
       options_(options),
-      motor_(static_cast<double>(kBlockNs)),
+      motor_(static_cast<double>(kBlockNs), Motor::Stamp::kLastGroup),
       unit_m_(static_cast<float>(header.distance_unit_mm / kMmPerMetre)),
       limits_(raw_limits(options.min_range_m, options.max_range_m,
                          header.distance_unit_mm / kMmPerMetre)) {
@@ -108,6 +108,7 @@ PacketTail Decoder::tail(std::span<const std::uint8_t> payload) {
   } else {
     check_options(said);
     tail.toh_us = first_group_toh_us(*said.toh_us, said.mode);
+    tail.view_gap_ns = motor_.view_gap_ns(groups_of(payload, said.mode));
   }
   return tail;
 }
@@ -116,12 +117,13 @@ const std::uint8_t* Decoder::block(const std::uint8_t* payload, int index) const
   return payload + kHeaderBytes + header_.block_bytes() * static_cast<std::size_t>(index);
 }
 
-PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
+/// The plan but for the motor's part.
+PacketPlan Decoder::groups_of(std::span<const std::uint8_t> payload, ReturnMode mode) const {
   PacketPlan plan;
   plan.payload = payload.data();
   plan.mode = mode;
   plan.toh_us = first_group_toh_us(tail_of(payload.data(), header_).toh_us.value_or(0), mode);
-  plan.groups = groups_of(mode);
+  plan.groups = group_count(mode);
   plan.duration_ns = packet_period_ns(mode);
   const int blocks_per_group = kBlocksPerPacket / plan.groups;
   for (int g = 0; g < plan.groups; ++g) {
@@ -132,6 +134,11 @@ PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode)
     if (group.valid) group.azimuth_cdeg = azimuth_cdeg % kTurnCdeg;
     plan.bad_blocks += group.valid ? 0 : blocks_per_group;
   }
+  return plan;
+}
+
+PacketPlan Decoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
+  PacketPlan plan = groups_of(payload, mode);
   motor_.measure(plan);
   plan.next_ns = plan.duration_ns;
   follow(plan.advance_cdeg);

@@ -59,6 +59,7 @@ class Decoder final : public PacketDecoder {
   void shape_stream();
   void note_once(bool& noted, std::string text);
   void check_options(const Tail& tail);
+  PacketPlan groups_of(std::span<const std::uint8_t> payload, ReturnMode mode) const;
   void follow(double advance_cdeg);
   const std::uint8_t* block(const std::uint8_t* payload, int index) const;
   Point point_of(std::size_t laser, const std::uint8_t* cell, const Frame& frame,

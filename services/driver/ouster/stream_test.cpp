@@ -18,11 +18,13 @@ using test::Description;
 constexpr std::uint64_t kStartNs = 3'599'950'000'000;  // the hour ends after half a frame
 constexpr int kPacketsPerFrame = 64;
 
-/// Packets of this many frames; every pixel has a return.
-std::vector<Bytes> packets_of(const Metadata& metadata, int frames) {
+/// Packets of this many frames; every pixel has a return. slower: the motor, against its nominal
+/// speed.
+std::vector<Bytes> packets_of(const Metadata& metadata, int frames, double slower = 1.0) {
   std::vector<Bytes> packets;
   for (int p = 0; p < frames * kPacketsPerFrame; ++p) {
-    const auto after_ns = static_cast<std::uint64_t>(std::llround(16 * p * metadata.column_ns()));
+    const auto after_ns =
+        static_cast<std::uint64_t>(std::llround(16 * p * slower * metadata.column_ns()));
     const int first_column = 16 * (p % kPacketsPerFrame);
     if (!metadata.sees(first_column) && !metadata.sees(first_column + 15)) continue;
     packets.push_back(test::empty_packet(metadata, first_column, kStartNs + after_ns));
@@ -82,6 +84,18 @@ TEST(OusterStream, AWindowLosesNothing) {
   EXPECT_EQ(assembler.counts().lost, 1U);
   EXPECT_EQ(sweeps[1].packets_lost, 1U);
   EXPECT_TRUE(sweeps[2].complete && sweeps[3].complete);
+}
+
+// The time across the window's gap of 184 degrees is the motor's, not the nominal one.
+TEST(OusterStream, ASlowMotorIsNoLossBehindTheWindow) {
+  Description description;
+  description.window = "[200, 700]";
+  const Metadata metadata = description.metadata();
+  SweepAssembler assembler(decoder_of(metadata), {.seam_azimuth_deg = 180.0});
+  const std::vector<DecodedSweep> sweeps = sweeps_of(assembler, packets_of(metadata, 5, 1.02));
+  ASSERT_EQ(sweeps.size(), 5U);
+  EXPECT_EQ(assembler.counts().lost, 0U);
+  for (std::size_t i = 1; i + 1 < sweeps.size(); ++i) EXPECT_TRUE(sweeps[i].complete) << i;
 }
 
 TEST(OusterStream, DamagedPacketsBreakNoPromise) {

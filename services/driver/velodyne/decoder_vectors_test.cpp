@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "driver/velodyne/test_decoding.hpp"
 
@@ -244,6 +245,22 @@ TEST(Decoder, Vls128DualTakesItsSpeedFromTheLastPackets) {
   EXPECT_EQ(points[0].ring, points[1].ring);
   EXPECT_NEAR(points[0].position().norm(), 10.0, 0.01);
   EXPECT_NEAR(points[1].position().norm(), 40.0, 0.01);
+}
+
+TEST(Decoder, Vls128DualKeepsItsSpeedThroughAnOutage) {
+  Decoder decoder({});
+  for (int i = 0; i < 4000; ++i) {
+    // 150 ms, a turn and a half, or a third of the speed if the whole turn is not counted.
+    const int fired = i < 500 ? i : i + 2595;
+    const auto toh_us = static_cast<std::uint32_t>(1000.0 + 57.8 * fired);
+    const auto azimuth_cdeg = static_cast<int>(std::fmod(20.808 * fired, kTurnCdeg));
+    Payload payload = vls128_dual_payload(azimuth_cdeg, toh_us & 0xFFFF, {});
+    payload[1202] = static_cast<std::uint8_t>(toh_us >> 16);
+    const PacketPlan plan = decoder.plan(payload, decoder.tail(payload).mode);
+    if (i > 0) {
+      ASSERT_NEAR(plan.advance_cdeg, 20.808, 1.3) << i;
+    }
+  }
 }
 
 }  // namespace

@@ -74,7 +74,7 @@ Hdl64eDecoder::Hdl64eDecoder(const Hdl64eModel& model, const Calibration& calibr
     : model_(model),
       options_(options),
       unit_m_(calibration.distance_unit_m),
-      motor_(static_cast<double>(model.group_ns)) {
+      motor_(static_cast<double>(model.group_ns), Motor::Stamp::kLastGroup) {
   const std::vector<std::uint16_t> rings = rings_of(calibration);
   for (std::size_t i = 0; i < calibration.lasers.size(); ++i) {
     LaserCalibration laser = calibration.lasers[i];
@@ -133,12 +133,14 @@ PacketTail Hdl64eDecoder::tail(std::span<const std::uint8_t> payload) {
   const std::uint32_t stamp_us = read_u32(payload.data() + kTimeAt);
   tail.mode = mode_of(payload);
   tail.toh_us = begin_toh_us(stamp_us, tail.mode);
+  tail.view_gap_ns = motor_.view_gap_ns(groups_of(payload, tail.mode));
   tail.first_azimuth_cdeg = azimuth_of(payload.data());
   if (stamp_us > kMaxTohUs) tail.reject = Reject::kBadTime;
   return tail;
 }
 
-PacketPlan Hdl64eDecoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
+/// The plan but for the motor's part.
+PacketPlan Hdl64eDecoder::groups_of(std::span<const std::uint8_t> payload, ReturnMode mode) const {
   PacketPlan plan;
   plan.payload = payload.data();
   plan.mode = mode;
@@ -161,6 +163,11 @@ PacketPlan Hdl64eDecoder::plan(std::span<const std::uint8_t> payload, ReturnMode
       }
     }
   }
+  return plan;
+}
+
+PacketPlan Hdl64eDecoder::plan(std::span<const std::uint8_t> payload, ReturnMode mode) {
+  PacketPlan plan = groups_of(payload, mode);
   motor_.measure(plan);
   plan.next_ns = plan.duration_ns;
   return plan;

@@ -70,6 +70,7 @@ class Hdl64eDecoder final : public PacketDecoder {
 
   ReturnMode mode_of(std::span<const std::uint8_t> payload);
   std::uint32_t begin_toh_us(std::uint32_t stamp_us, ReturnMode mode) const;
+  PacketPlan groups_of(std::span<const std::uint8_t> payload, ReturnMode mode) const;
   Cell cell_of(const std::uint8_t* block, int channel, double azimuth_rad,
                std::uint32_t time_ns) const;
   void intensity_of(const Laser& laser, const std::uint8_t* cell, Point& point) const;
