@@ -17,6 +17,23 @@ constexpr double kToNearest = 0.5;
 // Points by which a sweep's buffers grow at least.
 constexpr std::size_t kRoomStep = 512;
 
+/// Of the packets lost before a sweep's first group, those that belong to it. One that contained the
+/// seam belongs to both sweeps.
+struct LostBehindSeam {
+  std::uint32_t wholly = 0;
+  std::uint32_t partly = 0;
+};
+
+LostBehindSeam lost_behind_seam(std::int64_t lost, int phase_cdeg, double advance_cdeg,
+                                double packet_cdeg) {
+  if (lost == 0 || packet_cdeg <= 0.0) return {0, static_cast<std::uint32_t>(lost)};
+  const auto most = static_cast<double>(lost);
+  const double wholly = std::floor(phase_cdeg / packet_cdeg);
+  const double partly = std::ceil((phase_cdeg - advance_cdeg) / packet_cdeg);
+  return {static_cast<std::uint32_t>(std::clamp(wholly, 0.0, most)),
+          static_cast<std::uint32_t>(std::clamp(partly, 0.0, most))};
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string_view, std::uint64_t>> PacketCounts::named() const {
@@ -87,7 +104,9 @@ void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t rec
 }
 
 void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
-  const std::int64_t missing = missing_before(packet, ahead_ns);
+  std::int64_t missing = missing_before(packet, ahead_ns);
+  if (missing > 0 && lost_again(packet.tail)) missing = 0;
+  lost_before_ = missing;
   counts_.lost += static_cast<std::uint64_t>(missing);
   if (open_) sweep_.packets_lost += static_cast<std::uint32_t>(missing);
   if (missing > 0) {
@@ -108,6 +127,8 @@ void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
   counts_.bad_blocks += static_cast<std::uint64_t>(plan.bad_blocks);
   ++counts_.decoded;
   expected_ahead_ns_ = plan.next_ns;
+  expected_gap_ns_ =
+      std::max<std::int64_t>(0, plan.next_ns - decoder_->packet_period_ns(plan.mode));
   packet_counted_ = false;
   decode_groups(plan, sensor_ns_, packet.received_ns);
 }
@@ -180,6 +201,7 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
       view_gap_to_cdeg_ = plan.group[g].azimuth_cdeg;
     }
     advance_to(plan, g, time_ns);
+    lost_before_ = 0;
     count_packet(plan);
     sweep_.return_mode = plan.mode;
     sweep_.last_packet_ns = received_ns;
@@ -193,8 +215,16 @@ void SweepAssembler::decode_groups(const PacketPlan& plan, std::int64_t packet_n
 void SweepAssembler::cut(const PacketPlan& plan, std::int64_t time_ns, int phase_cdeg,
                          bool at_seam) {
   append_placed(plan);
+  const std::int64_t lost = at_seam ? lost_before_ : 0;
+  const double advance_cdeg = plan.advance_cdeg;
+  const double packet_cdeg = advance_cdeg *
+                             static_cast<double>(decoder_->packet_period_ns(plan.mode)) /
+                             decoder_->shape().group_ns;
+  const LostBehindSeam behind = lost_behind_seam(lost, phase_cdeg, advance_cdeg, packet_cdeg);
+  sweep_.packets_lost -= behind.wholly;
   close(at_seam);
   open(time_ns, phase_cdeg, at_seam);
+  sweep_.packets_lost = behind.partly;
 }
 
 /// Makes room for this many more points, plus one. The capacity for a whole revolution is reserved

@@ -120,7 +120,9 @@ class SweepAssembler {
   void restart(const Packet& packet, std::int64_t ahead_ns);
   void process(const Packet& packet, std::int64_t ahead_ns);
   std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
+  std::int64_t due_ns(const PacketTail& tail) const;
   bool across_view_gap(const PacketTail& tail) const;
+  bool lost_again(const PacketTail& tail);
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void count_packet(const PacketPlan& plan);
   void advance_to(const PacketPlan& plan, int group, std::int64_t time_ns);
@@ -145,10 +147,17 @@ class SweepAssembler {
   std::int64_t sensor_ns_ = 0;
   std::int64_t last_received_ns_ = 0;
   std::int64_t expected_ahead_ns_ = 0;
+  /// the part of it in which the sensor rotates through a gap of the field of view
+  std::int64_t expected_gap_ns_ = 0;
   int last_azimuth_cdeg_ = 0;
   double last_advance_cdeg_ = 0.0;
   int view_gap_from_cdeg_ = -1;
   int view_gap_to_cdeg_ = -1;
+  /// edges of the last large gap between two packets
+  int lost_from_cdeg_ = -1;
+  int lost_to_cdeg_ = -1;
+  /// packets missing just before the packet's first group
+  std::int64_t lost_before_ = 0;
   std::vector<Held> held_;
   /// at most one: after the clock was set, or an outlier; the next packet decides
   std::vector<Held> suspect_;

@@ -22,6 +22,10 @@ constexpr int kLateInARow = 16;
 constexpr std::int64_t kLongestOutageNs = 86'400'000'000'000;
 // Azimuths this close to a known edge of a restricted field of view count as that edge.
 constexpr int kViewEdgeCdeg = 100;
+// The time across a view's gap may be longer than expected by one part in this.
+constexpr std::int64_t kViewGapTolerance = 32;
+// A smaller gap between packets is never taken for that of a restricted field of view.
+constexpr int kLeastViewGapCdeg = 1000;
 
 }  // namespace
 
@@ -170,15 +174,38 @@ SweepAssembler::Held SweepAssembler::held_copy(const Packet& packet) {
   return {{packet.payload.begin(), packet.payload.end()}, packet.tail, packet.received_ns};
 }
 
+/// Latest time from the packet before to this one, if none is missing between them. The time across
+/// a gap of the field of view is known only as well as the motor's speed.
+std::int64_t SweepAssembler::due_ns(const PacketTail& tail) const {
+  return expected_ahead_ns_ + tail.view_gap_ns +
+         (expected_gap_ns_ + tail.view_gap_ns) / kViewGapTolerance;
+}
+
 bool SweepAssembler::across_view_gap(const PacketTail& tail) const {
   if (view_gap_from_cdeg_ < 0) return false;
   return apart(last_azimuth_cdeg_, view_gap_from_cdeg_) < kViewEdgeCdeg &&
          apart(tail.first_azimuth_cdeg, view_gap_to_cdeg_) < kViewEdgeCdeg;
 }
 
+/// Whether packets seem to be missing at the same azimuths as the time before. That is no loss but
+/// the gap of a restricted field of view that lies between two packets; its edges are then known.
+bool SweepAssembler::lost_again(const PacketTail& tail) {
+  if (ahead(last_azimuth_cdeg_, tail.first_azimuth_cdeg) < kLeastViewGapCdeg) return false;
+  const bool again = lost_from_cdeg_ >= 0 &&
+                     apart(last_azimuth_cdeg_, lost_from_cdeg_) < kViewEdgeCdeg &&
+                     apart(tail.first_azimuth_cdeg, lost_to_cdeg_) < kViewEdgeCdeg;
+  lost_from_cdeg_ = last_azimuth_cdeg_;
+  lost_to_cdeg_ = tail.first_azimuth_cdeg;
+  if (again) {
+    view_gap_from_cdeg_ = lost_from_cdeg_;
+    view_gap_to_cdeg_ = lost_to_cdeg_;
+  }
+  return again;
+}
+
 bool SweepAssembler::contiguous(const Packet& packet) const {
   const std::int64_t ahead_ns = 1000 * stamped_after_us(packet);
-  return ahead_ns < expected_ahead_ns_ + decoder_->packet_period_ns(packet.tail.mode) / 2 ||
+  return ahead_ns < due_ns(packet.tail) + decoder_->packet_period_ns(packet.tail.mode) / 2 ||
          across_view_gap(packet.tail);
 }
 
@@ -234,15 +261,16 @@ void SweepAssembler::release_contiguous() {
 /// Starts a new sweep with this packet, ahead_ns after the packet before.
 void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
   close(false);
-  view_gap_from_cdeg_ = -1;
+  view_gap_from_cdeg_ = lost_from_cdeg_ = -1;
   gaps_ = {};
   expected_ahead_ns_ = ahead_ns;
+  expected_gap_ns_ = 0;
   process(packet, ahead_ns);
 }
 
 std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
   const std::int64_t period_ns = decoder_->packet_period_ns(packet.tail.mode);
-  const std::int64_t beyond_ns = ahead_ns - expected_ahead_ns_ + period_ns / 2;
+  const std::int64_t beyond_ns = ahead_ns - due_ns(packet.tail) + period_ns / 2;
   if (period_ns <= 0 || beyond_ns < period_ns || across_view_gap(packet.tail)) return 0;
   return beyond_ns / period_ns;
 }

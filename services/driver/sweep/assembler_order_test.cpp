@@ -34,6 +34,46 @@ TEST(Assembler, LostPacketsAreCountedAndFlagTheSweep) {
   EXPECT_GT(lost, 0U);
 }
 
+/// Without the packets that begin within these degrees, counted from the first packet on.
+std::vector<DecodedSweep> without(double from_deg, double to_deg) {
+  constexpr double kPacketDeg = 6.0 * 600.0 * 12 * 110.592e-6;
+  TurningSensor sensor;
+  std::vector<Payload> kept;
+  for (int i = 0; i < 500; ++i) {
+    const Payload packet = sensor.next();
+    if (kPacketDeg * i < from_deg || kPacketDeg * i >= to_deg) kept.push_back(packet);
+  }
+  return assemble(kept);
+}
+
+TEST(Assembler, BothSweepsThatLackPacketsAtTheSeamSaySo) {
+  // 60 degrees on either side of the fourth turn's beginning.
+  auto sweeps = without(1020.0, 1140.0);
+  ASSERT_GT(sweeps.size(), 5U);
+  EXPECT_FALSE(sweeps[2].complete);
+  EXPECT_FALSE(sweeps[3].complete);
+  EXPECT_TRUE(sweeps[4].complete);
+  // 4.78 degrees a packet; the one across the seam belongs to both.
+  EXPECT_NEAR(sweeps[2].packets_lost, 13.0, 1.0);
+  EXPECT_NEAR(sweeps[3].packets_lost, 13.0, 1.0);
+  // 460 degrees, from 100 degrees after the seam to 200 degrees after the next one.
+  sweeps = without(820.0, 1280.0);
+  ASSERT_GT(sweeps.size(), 5U);
+  EXPECT_FALSE(sweeps[2].complete);
+  EXPECT_FALSE(sweeps[3].complete);
+  EXPECT_TRUE(sweeps[4].complete);
+  EXPECT_NEAR(sweeps[3].packets_lost, 200.0 / 4.78, 1.5);
+}
+
+TEST(Assembler, ALossBeforeTheSeamIsNoneOfTheNextSweep) {
+  const auto sweeps = without(1020.0, 1070.0);
+  ASSERT_GT(sweeps.size(), 4U);
+  EXPECT_FALSE(sweeps[2].complete);
+  EXPECT_NEAR(sweeps[2].packets_lost, 10.5, 1.0);
+  EXPECT_TRUE(sweeps[3].complete);
+  EXPECT_EQ(sweeps[3].packets_lost, 0U);
+}
+
 TEST(Assembler, ALostPacketDoesNotMoveThePointsOfOthers) {
   TurningSensor sensor;
   const std::vector<Payload> packets = packets_of(sensor, 40);
