@@ -7,6 +7,7 @@
 
 #include "driver/decoder/label.hpp"
 #include "driver/decoder/return_pair.hpp"
+#include "driver/velodyne/model.hpp"
 
 namespace zloam::driver::velodyne {
 namespace {
@@ -25,6 +26,20 @@ const std::uint8_t* block_of(const std::uint8_t* payload, int index) {
 std::size_t laser_of(int bank, int channel) {
   const int laser = kCellsPerBlock * bank + channel;
   return static_cast<std::size_t>(laser);
+}
+
+/// Whether the blocks are of other banks than an HDL-64E's two: all of the first, or of a third. An
+/// unknown flag alone is damage.
+bool of_other_model(const std::uint8_t* payload) {
+  bool upper = false;
+  bool lower = false;
+  for (int k = 0; k < kBlocksPerPacket; ++k) {
+    const int bank = bank_of(block_of(payload, k));
+    if (bank > 1) return true;
+    upper = upper || bank == 0;
+    lower = lower || bank == 1;
+  }
+  return upper && !lower;
 }
 
 int azimuth_of(const std::uint8_t* block) { return read_u16(block + 2); }
@@ -128,6 +143,17 @@ PacketTail Hdl64eDecoder::tail(std::span<const std::uint8_t> payload) {
     const bool begins_well = payload.size() >= 2 && bank_of(payload.data()) >= 0;
     tail.reject =
         begins_well && payload.size() < kDataPacketBytes ? Reject::kShort : Reject::kForeign;
+    return tail;
+  }
+  if (of_other_model(payload.data())) {
+    if (!model_noted_) {
+      contradictions_.push_back("driver.model says " + std::string(model_.label) +
+                                ", but the packets are no HDL-64E's (their product byte says " +
+                                std::string(product_label(payload.back())) +
+                                "): they are dropped; set driver.model to the sensor's");
+    }
+    model_noted_ = true;
+    tail.reject = Reject::kModelMismatch;
     return tail;
   }
   const std::uint32_t stamp_us = read_u32(payload.data() + kTimeAt);

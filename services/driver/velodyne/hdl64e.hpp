@@ -83,6 +83,7 @@ class Hdl64eDecoder final : public PacketDecoder {
   Motor motor_;
   ReturnMode last_mode_ = ReturnMode::kStrongest;
   bool mode_noted_ = false;
+  bool model_noted_ = false;
 };
 
 }  // namespace zloam::driver::velodyne

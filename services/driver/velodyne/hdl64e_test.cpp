@@ -169,6 +169,24 @@ TEST(Hdl64e, WithoutModelOrCalibrationItIsSaid) {
                         "Ouster sensor's metadata (JSON), a Hesai sensor's angle corrections"));
 }
 
+TEST(Hdl64e, PacketsOfAnotherModelAreNamed) {
+  const auto decoder =
+      decoder_for(payload_of(0, 18, false, {}, tail_of(1'000'000)), options_of("HDL-64E S2"));
+  test::TurningSensor vlp16;
+  EXPECT_EQ(decoder->tail(vlp16.next()).reject, Reject::kModelMismatch);
+  EXPECT_EQ(decoder->tail(vlp16.next()).reject, Reject::kModelMismatch);
+  ASSERT_EQ(decoder->contradictions().size(), 1U);
+  EXPECT_THAT(decoder->contradictions()[0], HasSubstr("VLP-16"));
+  Payload vls128 = payload_of(0, 18, false, {}, tail_of(1'000'000));
+  vls128[201] = 0xCC;
+  vls128[301] = 0xBB;
+  EXPECT_EQ(decoder->tail(vls128).reject, Reject::kModelMismatch);
+  // A damaged flag does not make another sensor.
+  Payload damaged = payload_of(0, 18, false, {}, tail_of(1'000'000));
+  damaged[101] = 0x00;
+  EXPECT_EQ(decoder->tail(damaged).reject, Reject::kNone);
+}
+
 TEST(Hdl64e, TurnsBecomeSweeps) {
   // 10 revolutions per second: 0.1728 degrees from group to group.
   constexpr int kPackets = 348 * 3;
