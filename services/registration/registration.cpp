@@ -280,7 +280,8 @@ RegistrationResult extract_features(PointSpan sweep, const SweepInfo& info,
   result.health = health_of(sorted.points.size(), config);
   if (sorted.points.empty()) return result;
   if (info.rings == 0) {
-    result.less_flat = sorted.points;
+    const std::vector<std::uint8_t> all(sorted.points.size(), 1);
+    collect_less_flat(sorted, all, config.less_flat_leaf_m, result.less_flat);
     return result;
   }
   Curvature curvature = compute_curvature(sorted, config);

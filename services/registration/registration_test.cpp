@@ -370,6 +370,17 @@ TEST(Registration, TheOnlyReturnOfAFiringIsUsedWhateverItsType) {
   }
 }
 
+TEST(Registration, WithoutRingsTheVoxelFilterFiltersAsWell) {
+  RegistrationConfig config;
+  config.less_flat_leaf_m = 0.4;
+  const PointVector sweep = scan(wall_ahead(5.0, 40.0));
+  const RegistrationResult all = extract_features(sweep, {kPeriod_ns, 0}, {});
+  const RegistrationResult few = extract_features(sweep, {kPeriod_ns, 0}, config);
+  ASSERT_EQ(all.less_flat.size(), sweep.size());
+  EXPECT_LT(few.less_flat.size() * 8, all.less_flat.size());
+  for (const Point& p : few.less_flat) EXPECT_NEAR(p.x, 5.0F, 1e-4);
+}
+
 TEST(Registration, WithoutRingsTooFewPointsAreTooFew) {
   PointVector sweep = scan(square_room(7.0));
   sweep.resize(20);
