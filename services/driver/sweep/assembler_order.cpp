@@ -175,10 +175,14 @@ SweepAssembler::Held SweepAssembler::held_copy(const Packet& packet) {
 }
 
 /// Latest time from the packet before to this one, if none is missing between them. The time across
-/// a gap of the field of view is known only as well as the motor's speed.
+/// a gap of the field of view within one of them is known only as well as the motor's speed, but
+/// their azimuths show whether one follows the other.
 std::int64_t SweepAssembler::due_ns(const PacketTail& tail) const {
-  return expected_ahead_ns_ + tail.view_gap_ns +
-         (expected_gap_ns_ + tail.view_gap_ns) / kViewGapTolerance;
+  const std::int64_t expected_ns = expected_ahead_ns_ + tail.view_gap_ns;
+  const bool follows =
+      apart(last_azimuth_cdeg_, tail.first_azimuth_cdeg) < 2.0 * last_advance_cdeg_;
+  if (!follows) return expected_ns;
+  return expected_ns + (expected_gap_ns_ + tail.view_gap_ns) / kViewGapTolerance;
 }
 
 bool SweepAssembler::across_view_gap(const PacketTail& tail) const {

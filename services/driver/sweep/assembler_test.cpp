@@ -198,6 +198,27 @@ TEST(Assembler, ARestrictedViewLosesNothingAndKeepsTime) {
   }
 }
 
+TEST(Assembler, ALossBesideTheGapOfARestrictedViewIsCounted) {
+  TurningSensor sensor;
+  sensor.view_first_deg = 90.0;
+  sensor.view_last_deg = 180.0;
+  sensor.azimuth_deg = 130.0;
+  const std::vector<Payload> packets = packets_of(sensor, 300);
+  // A packet that contains the gap, after some turns: its azimuths go back to the view's begin.
+  const auto azimuth = [&](std::size_t packet, std::size_t block) {
+    return packets[packet][100 * block + 2] + 256 * packets[packet][100 * block + 3];
+  };
+  std::size_t gap = 200;
+  while (azimuth(gap, 11) > azimuth(gap, 0)) ++gap;
+  std::vector<Payload> kept = packets;
+  kept.erase(kept.begin() + static_cast<std::ptrdiff_t>(gap) + 1);
+  PacketCounts whole;
+  PacketCounts lossy;
+  assemble(packets, {}, &whole);
+  assemble(kept, {}, &lossy);
+  EXPECT_EQ(lossy.lost, whole.lost + 1);
+}
+
 TEST(Assembler, AStoppedMotorEndsSweepsByTheGuard) {
   TurningSensor sensor;
   sensor.rpm = 0.0;
