@@ -148,6 +148,11 @@ void truncate_file(const fs::path& path, std::uint64_t size) {
   if (::truncate(path.c_str(), static_cast<off_t>(size)) != 0) fail("can't cut", path);
 }
 
+void link_file(const fs::path& from, const fs::path& to) {
+  if (last_change()) die();
+  if (::link(from.c_str(), to.c_str()) != 0) fail("can't link", from);
+}
+
 void rename_file(const fs::path& from, const fs::path& to) {
   if (last_change()) die();
   if (::rename(from.c_str(), to.c_str()) != 0) fail("can't rename to", to);

@@ -71,6 +71,8 @@ class FolderLock {
 };
 
 void truncate_file(const std::filesystem::path& path, std::uint64_t size);
+/// Gives the file a second name (a hard link) on the same file system.
+void link_file(const std::filesystem::path& from, const std::filesystem::path& to);
 /// Renames within a folder, and syncs the folder.
 void rename_file(const std::filesystem::path& from, const std::filesystem::path& to);
 void remove_file(const std::filesystem::path& path);

@@ -25,18 +25,14 @@ bool Generations::is_current(std::uint64_t run, std::uint64_t map_id) const {
   return number_ > 0 && map_id == map_id_ && (map_id != 0 || run == run_);
 }
 
-std::uint64_t Generations::of(std::uint64_t run, std::uint64_t map_id) {
-  return is_current(run, map_id) ? number_ : begin(run, map_id);
-}
-
-std::uint64_t Generations::begin(std::uint64_t run, std::uint64_t map_id) {
+void Generations::begin(std::uint64_t run, std::uint64_t map_id) {
   StoredMessage record{kKey, "", {number_ + 1, 0, 0}, std::vector<std::uint8_t>(kSize)};
   std::memcpy(record.payload.data(), &run, sizeof run);
   std::memcpy(record.payload.data() + sizeof run, &map_id, sizeof map_id);
   store_.put(record);
   run_ = run;
   map_id_ = map_id;
-  return ++number_;
+  ++number_;
 }
 
 }  // namespace zloam::store

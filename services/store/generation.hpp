@@ -13,12 +13,10 @@ class Generations {
  public:
   /// Continues from the content of the store.
   explicit Generations(TileStore& store);
-  /// The number of that map; a new one is written to the store at once, which makes the old map
-  /// obsolete.
-  std::uint64_t of(std::uint64_t run, std::uint64_t map_id);
   /// Starts another map than the one before, even with the same name: a capture that is replayed
-  /// again has the same run.
-  std::uint64_t begin(std::uint64_t run, std::uint64_t map_id);
+  /// again has the same run. Its number is written to the store at once, which makes the old map
+  /// obsolete.
+  void begin(std::uint64_t run, std::uint64_t map_id);
   std::uint64_t current() const { return number_; }
   bool is_current(std::uint64_t run, std::uint64_t map_id) const;
 

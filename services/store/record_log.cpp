@@ -86,14 +86,24 @@ fs::path set_aside_name(const fs::path& path) {
   return name;
 }
 
-/// Keeps what is cut off a damaged segment: as evidence, and for whoever wants to rescue it.
-void set_aside(std::span<const std::uint8_t> rest, const fs::path& path) {
+/// Writes a file, which replaces one of that name at once.
+void write_whole(std::span<const std::uint8_t> bytes, const fs::path& path) {
   const fs::path temporary = path.parent_path() / kTemporary;
   AppendFile file(temporary);
-  file.append(rest);
+  file.append(bytes);
   file.sync();
   file.close();
-  rename_file(temporary, set_aside_name(path));
+  rename_file(temporary, path);
+}
+
+/// Leaves these first bytes of the file. An earlier map may have the file too (a hard link): there
+/// it stays as it is, so that its damage is said there as well.
+void cut_to(std::span<const std::uint8_t> good, const fs::path& path) {
+  if (fs::hard_link_count(path) == 1) {
+    truncate_file(path, good.size());
+  } else {
+    write_whole(good, path);
+  }
 }
 
 }  // namespace
@@ -202,8 +212,9 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
   const bool damaged = !is_torn_write(rest, limits_.record_bytes);
   recovery_.damaged = recovery_.damaged || damaged;
   if (access_ == Access::kRead) return false;
-  if (damaged) set_aside(rest, path);
-  truncate_file(path, at);
+  // As evidence, and for whoever wants to rescue it.
+  if (damaged) write_whole(rest, set_aside_name(path));
+  cut_to(std::span(bytes).first(at), path);
   return false;
 }
 
@@ -241,6 +252,17 @@ std::vector<std::uint8_t> RecordLog::read(const Place& place) const {
   return opened == opened_.end()
              ? ReadFile(path_of(place.file, place.base)).part(place.offset, place.size)
              : opened->second.part(place.offset, place.size);
+}
+
+std::vector<fs::path> RecordLog::close_files() {
+  if (segment_.is_open() && segment_.size() > 0) open_segment();
+  const Files found = files();
+  std::vector<fs::path> paths;
+  if (found.base > 0) paths.push_back(path_of(found.base, true));
+  for (const std::uint64_t n : found.segments) paths.push_back(path_of(n, false));
+  // The new segment, and those of starts after which nothing was stored.
+  while (!paths.empty() && fs::file_size(paths.back()) == 0) paths.pop_back();
+  return paths;
 }
 
 void RecordLog::remove_up_to(std::uint64_t number, bool bases) {

@@ -69,6 +69,10 @@ class RecordLog {
 
   std::vector<std::uint8_t> read(const Place& place) const;
 
+  /// Syncs, begins another segment, and returns the files that hold all records so far. Nothing is
+  /// written into them again: cutting off what is damaged or compacting makes other files.
+  std::vector<std::filesystem::path> close_files();
+
   /// Replaces everything by the records that `keep` passes to its argument, which returns their new
   /// places. Their old places are valid until remove_compacted().
   void compact(

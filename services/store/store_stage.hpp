@@ -65,10 +65,12 @@ class StoreStage {
   std::string lacks() const;
   void say_disk();
   std::optional<std::uint64_t> generation_of(const msg::Header& header, const std::string& key);
-  /// Copies a live run's map to a folder of its own before another map replaces it.
-  void keep_earlier();
-  bool has_live_map() const;
+  void begin(const msg::Header& header);
   void begin_again(const msg::Header& header);
+  /// Keeps a live run's map in a folder of its own before another map replaces it.
+  void keep_earlier();
+  void remove_oldest();
+  bool has_live_map();
   void not_stored(const std::string& key, const std::string& why);
   void say_recovery() const;
   void say_damage() const;
@@ -100,6 +102,10 @@ class StoreStage {
   /// keys of messages that could not be written, and why the last one could not
   std::set<std::string> unstored_;
   std::string disk_error_, sync_error_;
+  /// why the map before this one is not kept
+  std::string keep_error_;
+  /// a live run has a part in the current map; nothing: not looked yet
+  std::optional<bool> has_live_;
 
   runtime::Inlet* tiles_ = nullptr;
   runtime::Inlet* poses_ = nullptr;

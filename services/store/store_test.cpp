@@ -115,26 +115,6 @@ TEST_F(Store, ANewMapPutsTheOldOneAway) {
   EXPECT_EQ(again.recovery().records, 1U) << "the old map's records are gone from the disk";
 }
 
-TEST_F(Store, ACopyHasTheMapThatANewOneReplaces) {
-  TileStore store(root_, {});
-  store.put(message("a", 7));
-  store.put(message("b", 8));
-  // Of an attempt that was killed: its content does not count.
-  { TileStore(root_ / "earlier-1.tmp", {}).put(message("c", 9)); }
-  store.copy_to(root_ / "earlier-1");
-  store.put(message("a", 9));
-  store.copy_to(root_ / "earlier-1");
-  StoredMessage next = message("d", 1);
-  next.rank.map_id = 2;
-  store.put(next);
-  store.compact();
-  EXPECT_FALSE(fs::exists(root_ / "earlier-1.tmp"));
-  TileStore earlier(root_ / "earlier-1", {});
-  EXPECT_THAT(earlier.keys(), ElementsAre(message("a", 9).key, message("b", 8).key));
-  EXPECT_EQ(earlier.get(message("a", 9).key)->payload, message("a", 9).payload);
-  EXPECT_EQ(earlier.get(message("b", 8).key)->payload, message("b", 8).payload);
-}
-
 TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
   std::vector<std::uint64_t> ends = {0};
   {

@@ -7,11 +7,6 @@
 namespace zloam::store {
 namespace {
 
-namespace fs = std::filesystem;
-
-// Left free by copy_to(): each record's head, and what the store itself writes meanwhile.
-constexpr std::uint64_t kCopyReserve_bytes = 8U << 20;
-
 // Layout of a body: kind u8, map_id u64, term u32, version u64, lengths of key and encoding u16
 // each, key, encoding, payload. Little endian.
 constexpr std::uint8_t kMessage = 1;
@@ -153,25 +148,6 @@ void TileStore::compact() {
   entries_ = std::move(moved);
   log_.remove_compacted();
   if (lacks_only_older_) log_.forget_missing();
-}
-
-void TileStore::copy_to(const fs::path& folder) const {
-  // Asked first, so that an attempt on a full disk costs nothing and can be repeated.
-  if (fs::space(folder.parent_path()).available < live_bytes_ + kCopyReserve_bytes) {
-    throw std::system_error(std::make_error_code(std::errc::no_space_on_device),
-                            "can't copy the map to " + folder.string());
-  }
-  const fs::path begun = folder.string() + ".tmp";
-  fs::remove_all(begun);
-  {
-    TileStore copy(begun, limits_);
-    for (const std::string& key : keys()) {
-      if (const auto message = get(key)) copy.put(*message);
-    }
-    copy.sync();
-  }
-  fs::remove_all(folder);
-  rename_file(begun, folder);
 }
 
 }  // namespace zloam::store

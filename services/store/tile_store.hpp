@@ -61,9 +61,8 @@ class TileStore {
   /// would be missed at each start; true: done.
   bool compact_if_due();
   void compact();
-  /// Writes all messages into a new folder, which replaces one of that name. Throws
-  /// std::system_error when it can't be written; then nothing has changed.
-  void copy_to(const std::filesystem::path& folder) const;
+  /// The files that hold all messages so far; none of them changes any more (earlier_maps.hpp).
+  std::vector<std::filesystem::path> close_files() { return log_.close_files(); }
 
   std::uint64_t live_bytes() const { return live_bytes_; }
   std::uint64_t log_bytes() const { return log_.bytes(); }

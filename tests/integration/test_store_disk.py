@@ -61,7 +61,15 @@ def test_what_does_not_fit_on_the_disk_is_told_until_the_end(
 class Mapping:
     """Stands in for a mapping that has no time for those who ask for its tiles."""
 
-    def __init__(self, port: int, *, replay: bool = False, end_of_run: bool = False) -> None:
+    def __init__(
+        self,
+        port: int,
+        *,
+        replay: bool = False,
+        end_of_run: bool = False,
+        map_id: int = 0,
+        place: int = 0,
+    ) -> None:
         self.session, keys = open_session([], f"tcp/127.0.0.1:{port}"), Keys("robot")
         now_ns = time.time_ns()
         values = compose.HeaderValues(
@@ -71,12 +79,13 @@ class Mapping:
             stamp_ns=now_ns,
             frame="map",
             instance="mapping-1",
+            map_id=map_id,
             end_of_run=end_of_run,
             replay=replay,
         )
         points = np.zeros(3, messages.MAP_POINT)
-        self.tile = compose.tile(values, "plane", (0, 0, 0), points)
-        self.tile_key = keys.below("map/tile/plane/0/0/0")
+        self.tile = compose.tile(values, "plane", (place, 0, 0), points)
+        self.tile_key = keys.below(f"map/tile/plane/{place}/0/0")
         self.pose = compose.pose("MapPose", values, now_ns, (0, 0, 0), (0, 0, 0, 1))
         self.key, self.asked = keys.map_odometry, 0
         self._kept = [
@@ -115,19 +124,25 @@ def store_on(build: Path, tiles: Path, port: int) -> Iterator[subprocess.Popen[s
             store.terminate()
 
 
-def map_in(build: Path, tiles: Path, *, replay: bool = False) -> bytes:
+def until_stored(mapping: Mapping) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while mapping.tile not in mapping.stored() and time.monotonic() < deadline:
+        mapping.publish_tile()
+        # It has reached the store before the question about the tile does.
+        mapping.publish()
+        time.sleep(0.1)
+    assert mapping.tile in mapping.stored()
+
+
+def map_in(
+    build: Path, tiles: Path, *, replay: bool = False, map_id: int = 0, place: int = 0
+) -> bytes:
     """Lets a store take a map of one tile into this folder; returns the tile."""
     port = free_port()
-    mapping = Mapping(port, replay=replay)
+    mapping = Mapping(port, replay=replay, map_id=map_id, place=place)
     try:
         with store_on(build, tiles, port) as store:
-            deadline = time.monotonic() + PATIENCE_S
-            while mapping.tile not in mapping.stored() and time.monotonic() < deadline:
-                mapping.publish_tile()
-                # It has reached the store before the question about the tile does.
-                mapping.publish()
-                time.sleep(0.1)
-            assert mapping.tile in mapping.stored()
+            until_stored(mapping)
             store.terminate()
             assert store.wait(PATIENCE_S) == 0
     finally:
@@ -161,6 +176,45 @@ def test_the_map_of_a_live_run_is_kept_when_another_begins(build: Path, tmp_path
     assert kept_in(build, tiles / "earlier-1") == {monday}
     assert kept_in(build, tiles / "earlier-2") == {tuesday}
     assert kept_in(build, tiles) == {again}
+
+
+def test_the_newest_three_maps_of_live_runs_are_kept(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    maps = [map_in(build, tiles) for _ in range(5)]
+    kept = sorted(p.name for p in tiles.iterdir() if p.is_dir())
+    assert kept == ["earlier-2", "earlier-3", "earlier-4"]
+    assert kept_in(build, tiles / "earlier-2") == {maps[1]}
+    assert kept_in(build, tiles) == {maps[4]}
+
+
+def test_the_map_of_a_live_run_that_a_replay_extended_is_kept(build: Path, tmp_path: Path) -> None:
+    tiles, monday = tmp_path / "tiles", time.time_ns()
+    live = map_in(build, tiles, map_id=monday)
+    extension = map_in(build, tiles, map_id=monday, replay=True, place=1)
+    assert kept_in(build, tiles) == {live, extension}
+    map_in(build, tiles)
+    assert kept_in(build, tiles / "earlier-1") == {live, extension}
+
+
+def test_a_map_that_cant_be_read_is_replaced_by_the_next_one(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    monday = map_in(build, tiles)
+    port = free_port()
+    mapping = Mapping(port)
+    try:
+        with store_on(build, tiles, port) as store:
+            deadline = time.monotonic() + PATIENCE_S
+            while monday not in mapping.stored() and time.monotonic() < deadline:
+                time.sleep(0.1)
+            (tiles / "00000001.log").unlink()
+            until_stored(mapping)
+            store.terminate()
+            said = store.communicate()[1]
+    finally:
+        mapping.session.close()
+    assert store.returncode == 0, said
+    assert f"the files of the map in {tiles}" in said, "the reason why it is not kept"
+    assert not [p for p in tiles.iterdir() if p.is_dir()]
 
 
 def test_tiles_that_mapping_did_not_send_are_in_the_exit_code(build: Path, tmp_path: Path) -> None:
